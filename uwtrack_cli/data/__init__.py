@@ -1,0 +1,1 @@
+"""What flows through the chain: frozen containers of arrays, numpy only."""

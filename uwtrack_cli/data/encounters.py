@@ -1,0 +1,135 @@
+"""Closest approaches, and the positions that follow from them."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uwtrack_cli.data.base import (
+    BoolArray,
+    Container,
+    FloatArray,
+    IntArray,
+    TextArray,
+    column,
+    scalar,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Encounters(Container):
+    """One row per closest approach of a contact; nan is "cannot be told".
+
+    The covariance is over (time_s, range_over_speed_s, speed_mps, bearing_deg),
+    in this order, nan where a quantity is not known. Range over speed is the slant
+    range divided by the speed. ``reasons`` is a JSON object: why a value is missing.
+    """
+
+    NAME: ClassVar[str] = "encounters"
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("parameter", "parameter_too")
+
+    contact: IntArray = column("1", "Contact, from 1.", "encounter", dtype=np.int64)
+    sensor: TextArray = column("", "Identifier of the sensor.", "encounter", dtype="U")
+    status: TextArray = column(
+        "", "'ok', 'extrapolated', 'level-only' or 'not-a-passage'.", "encounter",
+        dtype="U",
+    )  # fmt: skip
+    time_s: FloatArray = column(
+        "s", "Geometric closest approach, counted from the first sample.", "encounter"
+    )
+    time_std_s: FloatArray = column("s", "Its standard deviation.", "encounter")
+    time_utc_ns: IntArray = column(
+        "ns", "The same since 1970-01-01 UTC; -1 if the start is unknown.",
+        "encounter", dtype=np.int64,
+    )  # fmt: skip
+    arrival_time_s: FloatArray = column(
+        "s", "Arrival of the sound made at closest approach.", "encounter"
+    )
+    speed_mps: FloatArray = column("m/s", "Speed of the vessel.", "encounter")
+    speed_std_mps: FloatArray = column("m/s", "Its standard deviation.", "encounter")
+    slant_range_m: FloatArray = column("m", "Range at closest approach.", "encounter")
+    slant_range_std_m: FloatArray = column("m", "Its standard deviation.", "encounter")
+    horizontal_range_m: FloatArray = column(
+        "m", "Horizontal part of the range; nan without a sensor depth.", "encounter"
+    )
+    range_over_speed_s: FloatArray = column(
+        "s", "Slant range divided by speed.", "encounter"
+    )
+    range_over_speed_std_s: FloatArray = column(
+        "s", "Its standard deviation.", "encounter"
+    )
+    course_deg: FloatArray = column("degree", "Compass course.", "encounter")
+    course_std_deg: FloatArray = column(
+        "degree", "Its standard deviation.", "encounter"
+    )
+    bearing_deg: FloatArray = column(
+        "degree", "Compass bearing, sensor to vessel, at closest approach.", "encounter"
+    )
+    bearing_std_deg: FloatArray = column(
+        "degree", "Its standard deviation.", "encounter"
+    )
+    side: TextArray = column(
+        "", "Side of the vessel on which the sensor lies; empty if unknown.",
+        "encounter", dtype="U",
+    )  # fmt: skip
+    sound_speed_mps: FloatArray = column("m/s", "Sound speed used.", "encounter")
+    received_level_db: FloatArray = column(
+        "dB", "Received level at closest approach (re the reference).", "encounter"
+    )
+    extrapolated: BoolArray = column(
+        "1", "Whether the closest approach lies outside the recording.", "encounter",
+        dtype=np.bool_,
+    )  # fmt: skip
+    covariance: FloatArray = column(
+        "1", "Covariance of time, range over speed, speed and bearing.",
+        "encounter", "parameter", "parameter_too",
+    )  # fmt: skip
+    ambiguities: TextArray = column(
+        "", "Other readings with weights, as a JSON array.", "encounter", dtype="U"
+    )
+    reasons: TextArray = column(
+        "", "Why a value is missing, as a JSON object by key.", "encounter", dtype="U"
+    )
+    rest_encounter: IntArray = column(
+        "1", "Row of the encounter that a rest frequency belongs to.", "rest_line",
+        dtype=np.int64,
+    )  # fmt: skip
+    rest_line_id: IntArray = column(
+        "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
+    )
+    rest_frequency_hz: FloatArray = column("Hz", "Rest frequency.", "rest_line")
+    rest_frequency_std_hz: FloatArray = column(
+        "Hz", "Its standard deviation.", "rest_line"
+    )
+    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fixes(Container):
+    """One row per position, time and mode; modes carry weights that sum to one."""
+
+    NAME: ClassVar[str] = "fixes"
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("coordinate", "coordinate_too")
+
+    contact: IntArray = column("1", "Contact, from 1.", "fix", dtype=np.int64)
+    mode: IntArray = column("1", "Mode, best first, from 1.", "fix", dtype=np.int64)
+    weight: FloatArray = column("1", "Probability of the mode.", "fix")
+    time_s: FloatArray = column("s", "Time from the first sample.", "fix")
+    time_utc_ns: IntArray = column(
+        "ns", "The same since 1970-01-01 UTC; -1 if unknown.", "fix", dtype=np.int64
+    )
+    east_m: FloatArray = column("m", "Position east of the origin.", "fix")
+    north_m: FloatArray = column("m", "Position north of the origin.", "fix")
+    latitude: FloatArray = column("degree", "Latitude; nan on a local grid.", "fix")
+    longitude: FloatArray = column("degree", "Longitude; nan on a local grid.", "fix")
+    covariance_m2: FloatArray = column(
+        "m^2", "Covariance of east and north.", "fix", "coordinate", "coordinate_too"
+    )
+    speed_mps: FloatArray = column("m/s", "Speed.", "fix")
+    course_deg: FloatArray = column("degree", "Compass course.", "fix")
+    sensors: TextArray = column(
+        "", "Sensors that contributed, comma separated.", "fix", dtype="U"
+    )
+    origin: str = scalar("", "What the grid is relative to: a sensor or 'grid'.")
+    origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
+    origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)

@@ -1,0 +1,70 @@
+"""Frames: when each spectral frame was, and how well it could hear."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container, FloatArray, IntArray, column, scalar
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Frames(Container):
+    """The time base of a recording's products; rows elsewhere refer to it by index.
+
+    The index of a frame counts from the first frame of the recording:
+    ``first_frame`` is the index of this block's first row.
+    """
+
+    NAME: ClassVar[str] = "frames"
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("band",)
+
+    start_sample: IntArray = column(
+        "1", "First sample of the frame in the recording.", "frame", dtype=np.int64
+    )
+    time_s: FloatArray = column(
+        "s", "Centre of the frame, counted from the first sample.", "frame"
+    )
+    effort: FloatArray = column(
+        "1", "Share of the frame's samples that are valid; 0 in a gap.", "frame",
+        dtype=np.float32,
+    )  # fmt: skip
+    band_low_hz: FloatArray = column("Hz", "Lower edge of a noise band.", "band")
+    band_high_hz: FloatArray = column("Hz", "Upper edge of a noise band.", "band")
+    noise_db: FloatArray = column(
+        "dB", "Noise density per band; nan before peaks were sought.", "frame", "band",
+        dtype=np.float32,
+    )  # fmt: skip
+    threshold_db: FloatArray = column(
+        "dB", "Detection threshold above the noise; nan before peaks were sought.",
+        "frame", dtype=np.float32,
+    )  # fmt: skip
+    sensor: str = scalar("", "Identifier of the sensor.")
+    sample_rate_hz: float = scalar("Hz", "Sample rate of the recording.")
+    window_samples: int = scalar("1", "Length of the analysis window.")
+    hop_samples: int = scalar("1", "Samples from one frame to the next.")
+    fft_length: int = scalar("1", "Length of the transform.")
+    first_frame: int = scalar("1", "Index of the first row.", 0)
+    start_utc_ns: int | None = scalar(
+        "ns", "Time of the first sample since 1970-01-01 UTC.", None
+    )
+
+    @property
+    def n_frames(self) -> int:
+        """Number of rows."""
+        return int(self.time_s.size)
+
+    @property
+    def hop_s(self) -> float:
+        """Time from one frame to the next, s."""
+        return self.hop_samples / self.sample_rate_hz
+
+    @property
+    def window_s(self) -> float:
+        """Length of the analysis window, s."""
+        return self.window_samples / self.sample_rate_hz
+
+    @property
+    def bin_hz(self) -> float:
+        """Distance of two spectral bins, Hz."""
+        return self.sample_rate_hz / self.fft_length

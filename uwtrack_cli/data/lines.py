@@ -1,0 +1,90 @@
+"""Tracked frequency lines: smoothed states beside the raw measurements."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uwtrack_cli.data.base import (
+    Container,
+    FloatArray,
+    IntArray,
+    TextArray,
+    column,
+    scalar,
+)
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.peaks import Families
+
+DETECTED, SUB_THRESHOLD, COASTED = 2, 1, 0
+"""Values of `Lines.association`."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Lines(Container):
+    """One row per point of a line, and one row per line.
+
+    The points are ordered by line and time. ``measured_*`` are the raw associated
+    measurements (nan where the line coasted): fits use these, never the smoothed
+    states, whose errors are correlated. In a stream, blocks carry the points that
+    are final; the table of lines comes with the last block.
+    """
+
+    NAME: ClassVar[str] = "lines"
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("state", "state_too")
+
+    frames: Frames
+    families: Families
+    line: IntArray = column("1", "Line of the point.", "point", dtype=np.int64)
+    frame: IntArray = column("1", "Frame of the point.", "point", dtype=np.int64)
+    time_s: FloatArray = column(
+        "s", "Centre of the frame, counted from the first sample.", "point"
+    )
+    frequency_hz: FloatArray = column("Hz", "Smoothed frequency.", "point")
+    frequency_rate_hzps: FloatArray = column("Hz/s", "Its rate of change.", "point")
+    frequency_covariance: FloatArray = column(
+        "Hz^2", "Covariance of frequency and rate (Hz, Hz/s).",
+        "point", "state", "state_too",
+    )  # fmt: skip
+    bearing_deg: FloatArray = column(
+        "degree", "Smoothed compass bearing; nan without direction.", "point"
+    )
+    bearing_rate_degps: FloatArray = column("degree/s", "Its rate of change.", "point")
+    bearing_covariance: FloatArray = column(
+        "degree^2", "Covariance of bearing and rate (degree, degree/s).",
+        "point", "state", "state_too",
+    )  # fmt: skip
+    association: IntArray = column(
+        "1", "2 detected, 1 below the threshold, 0 coasted.", "point", dtype=np.int8
+    )
+    measured_frequency_hz: FloatArray = column("Hz", "Raw frequency.", "point")
+    measured_frequency_std_hz: FloatArray = column(
+        "Hz", "Standard deviation of the raw frequency.", "point"
+    )
+    measured_bearing_deg: FloatArray = column("degree", "Raw bearing.", "point")
+    measured_bearing_std_deg: FloatArray = column(
+        "degree", "Standard deviation of the raw bearing.", "point"
+    )
+    measured_level_db: FloatArray = column("dB", "Raw level of the line.", "point")
+    measured_snr_db: FloatArray = column(
+        "dB", "Power of the line's cell over the noise in it.", "point"
+    )
+    line_id: IntArray = column("1", "Identifier of the line.", "line", dtype=np.int64)
+    line_contact: IntArray = column(
+        "1", "Contact that the line belongs to, from 1; 0 for none.", "line",
+        dtype=np.int64,
+    )  # fmt: skip
+    line_family: IntArray = column(
+        "1", "Harmonic family of the line; -1 for none.", "line", dtype=np.int64
+    )
+    line_status: TextArray = column(
+        "", "'moving', 'steady' or 'hum' (mains, no Doppler, no bearing change).",
+        "line", dtype=np.str_,
+    )  # fmt: skip
+    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+    false_lines_per_khz_hour: float = scalar(
+        "1/(kHz h)", "Expected rate of lines in noise alone."
+    )
+    weakest_line_snr_db: float = scalar(
+        "dB", "Cell SNR of the weakest steady line found with probability 0.5."
+    )

@@ -1,0 +1,43 @@
+"""A recording: samples that are read block by block, and never held as a whole."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.data.base import Container, scalar
+from uwtrack_cli.data.sensor import Sensor
+
+Samples = NDArray[np.float32]
+"""Samples in full-scale units, shape (sample, channel)."""
+
+Reader = Callable[[int], Iterator[Samples]]
+"""Opens the recording and yields consecutive blocks of at most so many samples."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recording(Container):
+    """What is known of a recording, and how to read its samples.
+
+    In a file only the facts are kept; ``reader`` is None when read back.
+    """
+
+    NAME: ClassVar[str] = "recording"
+
+    sensor: Sensor
+    name: str = scalar("", "File name of the source.")
+    sample_rate_hz: float = scalar("Hz", "Sample rate.")
+    n_samples: int = scalar("1", "Number of samples per channel.")
+    n_channels: int = scalar("1", "Number of channels.")
+    start_utc_ns: int | None = scalar(
+        "ns", "Time of the first sample since 1970-01-01 UTC.", None
+    )
+    digest: str = scalar("", "SHA-256 of the source file.", "")
+    reader: Reader | None = scalar("", "Opens the samples.", None)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the recording, s."""
+        return self.n_samples / self.sample_rate_hz

@@ -1,0 +1,75 @@
+"""The sensor: what it is, where it is, and how well its facts are known."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS
+from uwtrack_cli.data.base import Container, FloatArray, column, scalar
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Navigation(Container):
+    """Position, velocity and heading of a moving platform over time.
+
+    Local coordinates are metres east and north; where the source gave latitude
+    and longitude, these are kept and the grid's origin is the first position.
+    """
+
+    NAME: ClassVar[str] = "navigation"
+
+    time_s: FloatArray = column("s", "Time of the row.", "row")
+    east_m: FloatArray = column("m", "Position east of the origin.", "row")
+    north_m: FloatArray = column("m", "Position north of the origin.", "row")
+    heading_deg: FloatArray = column(
+        "degree", "Compass heading of the platform; nan if not given.", "row"
+    )
+    origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
+    origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)
+    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sensor(Container):
+    """One hydrophone or vector sensor; None is unknown and is never invented."""
+
+    NAME: ClassVar[str] = "sensor"
+
+    id: str = scalar("", "Identifier, unique in a deployment.")
+    kind: str = scalar("", "'omni' or 'difar'.", "omni")
+    channels: str = scalar("", "Channel names in file order, comma separated.", "omni")
+    latitude: float | None = scalar("degree", "Latitude.", None)
+    longitude: float | None = scalar("degree", "Longitude.", None)
+    east_m: float | None = scalar("m", "Position on a local grid.", None)
+    north_m: float | None = scalar("m", "Position on a local grid.", None)
+    position_std_m: float = scalar("m", "Deviation of each coordinate.", 0.0)
+    depth_m: float | None = scalar("m", "Depth below the surface.", None)
+    heading_deg: float = scalar("degree", "Heading of housing-fixed axes.", 0.0)
+    sound_speed_mps: float = scalar("m/s", "Sound speed.", SOUND_SPEED_WATER_MPS)
+    compass_offset_deg: float = scalar("degree", "Added once to every bearing.", 0.0)
+    compass_std_deg: float = scalar("degree", "Deviation of the compass.", 0.0)
+    clock_offset_s: float = scalar("s", "Added once to every time.", 0.0)
+    clock_std_s: float = scalar("s", "Deviation of the clock.", 0.0)
+    sensitivity_db_re_v_per_upa: float | None = scalar("dB", "Sensitivity.", None)
+    gain_db: float | None = scalar("dB", "Gain of the amplifier.", None)
+    adc_peak_v: float | None = scalar("V", "Input voltage at full scale.", None)
+    navigation: Navigation | None = None
+
+    @property
+    def has_direction(self) -> bool:
+        """Whether the sensor hears directions."""
+        return self.kind == "difar"
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Channel names in file order."""
+        return tuple(self.channels.split(","))
+
+    @property
+    def full_scale_upa(self) -> float | None:
+        """Sound pressure of a full-scale sample, uPa; None without calibration."""
+        if self.sensitivity_db_re_v_per_upa is None or self.adc_peak_v is None:
+            return None
+        total_db = self.sensitivity_db_re_v_per_upa + (self.gain_db or 0.0)
+        return float(self.adc_peak_v * np.power(10.0, -total_db / 20.0))

@@ -1,0 +1,26 @@
+"""What can go wrong, one class per kind of mistake.
+
+Each class is also the builtin that a Python user would expect to catch. The
+command line turns the two branches into exit codes: data errors end with 1 and
+usage errors with 2.
+"""
+
+
+class UwtrackError(Exception):
+    """Base of everything that uwtrack raises on purpose."""
+
+
+class DataError(UwtrackError, ValueError):
+    """An input is missing, damaged, of the wrong kind or contradicts itself."""
+
+
+class OutputError(UwtrackError, OSError):
+    """A result cannot be written: it exists already, or the target refuses."""
+
+
+class OptionError(UwtrackError, ValueError):
+    """An option has a value that the program does not accept."""
+
+
+class UwtrackWarning(UserWarning):
+    """Something was repaired or assumed; the message says what to do about it."""

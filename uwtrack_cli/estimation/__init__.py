@@ -1,0 +1,1 @@
+"""General numerics on arrays: noise floor, filters, assignment, fits."""

@@ -1,0 +1,1 @@
+"""The only floor that opens files: products, audio, tables, sensor files."""

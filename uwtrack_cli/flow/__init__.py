@@ -1,0 +1,1 @@
+"""The catalogue of stages, recipes and the runs made of them."""

@@ -1,0 +1,1 @@
+"""Closed forms on arrays: Doppler, propagation, sound speed, geometry."""

@@ -1,0 +1,1 @@
+"""Optional pictures: one function per container, takes an axis, returns it."""

@@ -1,0 +1,1 @@
+"""Truth to measurements, seeded; shares no formula with the estimators."""

@@ -1,0 +1,1 @@
+"""The arrows of the chain: one plain function per stage."""
