@@ -1,0 +1,214 @@
+"""Probabilistic data association: one target among false measurements.
+
+**Method.** Every measurement in the gate may be the target's, or none. The filter is
+corrected by the mean over these hypotheses, and its covariance grows by their spread.
+
+**Conventions.** The state interleaves each measured component with its rate (z_1, v_1,
+z_2, v_2 ...), so that observing is taking every second entry. Leading axes are runs,
+targets or motion models stepped together; measurements lie on the axis ``k`` and are
+padded, with a mask. Measurement noise has a ``k`` axis too, of length one when it is
+common to a scan. The gate's radius is in standard deviations.
+
+**References.** Bar-Shalom and Tse (1975); Fortmann, Bar-Shalom and Scheffe (1983); Choi,
+Kim and Hong (2001), equations 1-16 as corrected. Measurements of unequal accuracy follow
+from the same mixture with a gain of their own each.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """What a scan brings against a prediction, before any association."""
+
+    residual: FloatArray
+    """Measured minus predicted, ``(..., k, m)``; 0 where there is no measurement."""
+    covariance: FloatArray
+    """S of each measurement, ``(..., k or 1, m, m)``."""
+    gain: FloatArray
+    """Kalman gain W of each, ``(..., k or 1, n, m)``."""
+    distance2: FloatArray
+    """Squared Mahalanobis distance, ``(..., k)``; infinite without measurement."""
+    log_density_peak: FloatArray
+    """Logarithm of the Gaussian density at residual zero, ``(..., k or 1)``."""
+
+
+@dataclass(frozen=True)
+class Association:
+    """Probabilities of the hypotheses of one scan."""
+
+    miss: FloatArray
+    """Probability that no measurement is the target's, ``(...)``."""
+    weight: FloatArray
+    """Probability that a measurement is the target's, ``(..., k)``."""
+    log_likelihood_ratio: FloatArray
+    """ln p(scan | target) - ln p(scan | clutter alone), ``(...)``."""
+
+
+def constant_velocity(
+    interval_s: float, acceleration_variance: float, dimension: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return transition and noise of nearly constant velocity, per component alike.
+
+    Parameters
+    ----------
+    interval_s
+        Time step in s, 0 or more.
+    acceleration_variance
+        Variance of the acceleration, constant over the step, in unit^2/s^4.
+    dimension
+        Number of measured components, from 1.
+
+    Returns
+    -------
+    tuple of FloatArray
+        F and Q with the state in the order z_1, v_1, z_2, v_2 ...
+
+    Examples
+    --------
+    >>> constant_velocity(1.0, 10.0, 1)[1].tolist()
+    [[2.5, 5.0], [5.0, 10.0]]
+    """
+    shape = np.array([0.5 * interval_s**2, interval_s])
+    step = np.array([[1.0, interval_s], [0.0, 1.0]])
+    each = np.eye(dimension)
+    noise = acceleration_variance * np.multiply.outer(shape, shape)
+    return np.kron(each, step), np.kron(each, noise)
+
+
+def innovate(
+    mean: FloatArray,
+    covariance: FloatArray,
+    measured: FloatArray,
+    present: BoolArray,
+    noise: FloatArray,
+) -> Innovation:
+    """Compare a scan with a predicted state.
+
+    Parameters
+    ----------
+    mean
+        Predicted state, ``(..., n)``.
+    covariance
+        Its covariance, ``(..., n, n)``.
+    measured
+        Measurements, ``(..., k, m)``; any value where not present.
+    present
+        Which of them exist, ``(..., k)``.
+    noise
+        Covariance of the measurements, ``(..., k or 1, m, m)``.
+
+    Returns
+    -------
+    Innovation
+        Residuals, their covariance, gains and distances.
+    """
+    predicted = mean[..., None, ::2]
+    residual = np.where(present[..., None], measured - predicted, 0.0)
+    spread = covariance[..., None, ::2, ::2] + noise
+    inverse = np.linalg.inv(spread)
+    gain = covariance[..., None, :, ::2] @ inverse
+    whitened = (inverse @ residual[..., None])[..., 0]
+    distance2 = np.where(present, (residual * whitened).sum(axis=-1), np.inf)
+    log_determinant = np.log(np.linalg.det(spread))
+    dimension = spread.shape[-1]
+    peak = -0.5 * (log_determinant + dimension * math.log(2.0 * math.pi))
+    return Innovation(residual, spread, gain, distance2, peak)
+
+
+def associate(
+    innovation: Innovation,
+    allowed: BoolArray,
+    *,
+    clutter_density: FloatArray | float,
+    detection_probability: FloatArray | float,
+    gate_probability: float,
+) -> Association:
+    """Weigh the hypotheses: one of the allowed measurements, or none.
+
+    Parameters
+    ----------
+    innovation
+        The scan against the prediction.
+    allowed
+        Measurements in the gate and above the threshold, ``(..., k)``.
+    clutter_density
+        False measurements per unit of measurement space, ``(...)``, 0 or more.
+    detection_probability
+        Probability that the target crossed the threshold, ``(...)``, in (0, 1].
+    gate_probability
+        Probability that its measurement lies in the gate, in (0, 1].
+
+    Returns
+    -------
+    Association
+        Probabilities that sum to one over the measurements and the miss.
+
+    Notes
+    -----
+    beta_i = e_i / (b + sum e), beta_0 = b / (b + sum e), with e_i the Gaussian density of
+    the innovation and b = lambda (1 - P_D P_G) / P_D (Choi et al. 2001, eqs. 9-12).
+    """
+    exponent = innovation.log_density_peak - 0.5 * innovation.distance2
+    density = np.where(allowed, np.exp(np.where(allowed, exponent, 0.0)), 0.0)
+    missed = 1.0 - np.asarray(detection_probability) * gate_probability
+    none = np.asarray(clutter_density) * missed / detection_probability
+    total = none + density.sum(axis=-1)
+    certain_miss = total <= 0.0  # neither clutter nor a measurement
+    divisor = np.where(certain_miss, 1.0, total)
+    miss = np.where(certain_miss, 1.0, none / divisor)
+    weight = density / divisor[..., None]
+    # total / lambda * P_D; without clutter a gated measurement is surely the target.
+    reference = np.maximum(clutter_density, np.finfo(np.float64).tiny)
+    ratio = np.log(divisor) + np.log(detection_probability) - np.log(reference)
+    empty = np.log(np.maximum(missed, np.finfo(np.float64).tiny))
+    return Association(miss, weight, np.where(certain_miss, empty, ratio))
+
+
+def correct(
+    mean: FloatArray,
+    covariance: FloatArray,
+    innovation: Innovation,
+    association: Association,
+) -> tuple[FloatArray, FloatArray]:
+    """Correct a predicted state by the mean over the hypotheses.
+
+    Parameters
+    ----------
+    mean
+        Predicted state, ``(..., n)``.
+    covariance
+        Its covariance, ``(..., n, n)``.
+    innovation
+        The scan against the prediction.
+    association
+        The probabilities of the hypotheses.
+
+    Returns
+    -------
+    tuple of FloatArray
+        State and covariance after the scan.
+
+    Notes
+    -----
+    P = P_ - sum beta_i W_i S_i W_i' + sum beta_i W_i nu_i nu_i' W_i' - (W nu)(W nu)'
+    (Choi et al. 2001, eqs. 14-16; there with one gain for all).
+    """
+    weight, gain = association.weight, innovation.gain
+    moves = (gain @ innovation.residual[..., None])[..., 0]
+    weighted = weight[..., None] * moves
+    shift = weighted.sum(axis=-2)
+    spread = np.swapaxes(weighted, -1, -2) @ moves
+    spread -= shift[..., :, None] * shift[..., None, :]
+    reduction = gain @ innovation.covariance @ np.swapaxes(gain, -1, -2)
+    if gain.shape[-3] == 1:
+        shared = weight.sum(axis=-1)[..., None, None]
+        learnt = shared * reduction[..., 0, :, :]
+    else:
+        learnt = (weight[..., None, None] * reduction).sum(axis=-3)
+    return mean + shift, covariance - learnt + spread
