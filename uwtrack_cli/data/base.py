@@ -130,6 +130,8 @@ class Container:
     def join(cls, blocks: Sequence[Self]) -> Self:
         """Join consecutive blocks of a stream along every axis that grows.
 
+        Single values and fixed axes are those of the last block.
+
         Raises
         ------
         DataError
@@ -148,7 +150,7 @@ class Container:
             part = getattr(last, name)
             if part is not None:
                 changes[name] = type(part).join([getattr(b, name) for b in blocks])
-        return replace(blocks[0], **changes)
+        return replace(last, **changes)
 
     def equals(self, other: object) -> bool:
         """Tell whether all values are the same, bit for bit (nan equals nan)."""

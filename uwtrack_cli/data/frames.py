@@ -1,7 +1,8 @@
 """Frames: when each spectral frame was, and how well it could hear."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -48,6 +49,11 @@ class Frames(Container):
     start_utc_ns: int | None = scalar(
         "ns", "Time of the first sample since 1970-01-01 UTC.", None
     )
+
+    @classmethod
+    def join(cls, blocks: Sequence[Self]) -> Self:
+        """Join consecutive blocks; the index counts from the first one's."""
+        return replace(super().join(blocks), first_frame=blocks[0].first_frame)
 
     @property
     def n_frames(self) -> int:

@@ -1,0 +1,164 @@
+"""A robust noise density, and thresholds that keep a stated false-alarm rate.
+
+**Method.** The density is the median over tiles of 16 frames by 32 natural bins,
+interpolated along frequency, times the gain of the single frame (the median ratio of
+its own block medians to the tile's). Lines and short sounds move a median little, and
+a vessel that passes moves the whole floor. Tiles are fixed in absolute frame index,
+so how a recording is cut into blocks has no influence.
+
+A threshold above an *estimated* floor is exceeded more often than above the true one.
+For the median of n independent exponential cells the rate is known in closed form
+(order-statistic CFAR, Rohling 1983, eq. 33), and is solved for the factor; neighbouring
+cells are correlated, so n is the number of independent cells with the same variance.
+
+**References.** Rohling 1983, "Radar CFAR thresholding in clutter"; Lancaster 1958 for
+the expansion of correlated exponential variables in Laguerre polynomials.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.window import cell_correlation
+
+TILE_FRAMES = 16
+"""Frames in a tile; blocks of a stream hold whole tiles, except the last."""
+
+TILE_BINS = 32
+"""Natural bins in a tile."""
+
+LN2 = float(np.log(2.0))
+
+
+def noise_floor(
+    power_density: FloatArray, effort: FloatArray, *, zero_padding: int = 1
+) -> FloatArray:
+    """Estimate the noise density in every cell.
+
+    Parameters
+    ----------
+    power_density
+        Power density, shape (frame, frequency); the first frame starts a tile.
+    effort
+        Share of valid samples per frame; frames below one half are left out.
+    zero_padding
+        Cells per natural bin.
+
+    Returns
+    -------
+    FloatArray
+        Noise density, same shape, float32; nan where a tile has no valid frame.
+    """
+    floor = np.full(power_density.shape, np.nan, np.float32)
+    for start in range(0, power_density.shape[0], TILE_FRAMES):
+        rows = np.flatnonzero(effort[start : start + TILE_FRAMES] >= 0.5) + start
+        if rows.size:
+            floor[rows] = _tile_floor(power_density[rows], zero_padding)
+    return floor
+
+
+def _tile_floor(power: FloatArray, zero_padding: int) -> FloatArray:
+    n_frames, n_cells = power.shape
+    width = min(TILE_BINS * zero_padding, n_cells)
+    n_blocks = n_cells // width
+    used = n_blocks * width
+    blocks = power[:, :used].reshape(n_frames, n_blocks, width)
+    per_frame = _median(blocks)
+    whole = _median(blocks.transpose(1, 0, 2).reshape(n_blocks, -1))
+    whole = np.maximum(whole, np.float32(1e-37))
+    gain = _median(per_frame / whole)
+    centres = (np.arange(n_blocks) + 0.5) * width - 0.5
+    shape = np.exp(np.interp(np.arange(n_cells), centres, np.log(whole))) / LN2
+    normal = np.float32(_median(gain[None, :])[0])
+    relative = gain / normal if normal > 0 else np.ones_like(gain)
+    return (shape * relative[:, None]).astype(np.float32)
+
+
+def _median(values: FloatArray) -> FloatArray:
+    middle = values.shape[-1] // 2
+    return np.partition(values, middle, axis=-1)[..., middle]
+
+
+def independent_cells(
+    n_frames: int, n_cells: int, *, zero_padding: int, hop_windows: float
+) -> float:
+    """Return how many independent cells a tile's floor is worth.
+
+    Parameters
+    ----------
+    n_frames, n_cells
+        Frames in the tile and cells in the whole spectrum.
+    zero_padding
+        Cells per natural bin.
+    hop_windows
+        Distance of two frames in window lengths.
+
+    Notes
+    -----
+    The floor is a median over the tile times the frame's gain, a median over the
+    whole spectrum of one frame (1.57 is pi/2, the variance of a median of medians);
+    their variances add. Between two tiles the interpolation averages, which leaves
+    2/3 of the variance.
+    """
+    along_frequency = _correlation_sum(1.0 / zero_padding, 0.0)
+    along_time = _correlation_sum(0.0, hop_windows)
+    width = min(TILE_BINS * zero_padding, n_cells)
+    averaged = 1.5 if n_cells >= 2 * width else 1.0
+    tile = averaged * n_frames * width / (along_frequency * along_time)
+    frame = n_cells / (along_frequency * 1.57)
+    return 1.0 / (1.0 / tile + 1.0 / frame)
+
+
+@lru_cache(maxsize=32)
+def _correlation_sum(step_bins: float, step_windows: float) -> float:
+    """Sum the correlations of "the cell is below the median" over all lags."""
+    total = 1.0
+    for lag in range(1, 8):
+        squared = cell_correlation(lag * step_bins, lag * step_windows)
+        total += 2.0 * 4.0 * _median_covariance(squared)
+    return total
+
+
+def _median_covariance(squared_correlation: float) -> float:
+    """Covariance of two indicators of exponential cells (Lancaster 1958).
+
+    sum_k c^k [m e^-m L_(k-1)^(1)(m) / k]^2 with m = ln 2.
+    """
+    m, total = LN2, 0.0
+    before, now = 0.0, 1.0  # associated Laguerre polynomials of order 1
+    for k in range(1, 60):
+        total += squared_correlation**k * (m * np.exp(-m) * now / k) ** 2
+        before, now = now, ((2 * k - m) * now - k * before) / k
+    return float(total)
+
+
+@lru_cache(maxsize=256)
+def threshold_factor(probability: float, n_independent: float) -> float:
+    """Return the power over the estimated floor that noise exceeds so often.
+
+    Parameters
+    ----------
+    probability
+        Exceedance rate per cell, between 0 and 1.
+    n_independent
+        Independent cells behind the floor, from `independent_cells`.
+
+    Notes
+    -----
+    Solves prod_(j<k) (n-j)/(n-j+a) = P (Rohling 1983, eq. 33) at the median,
+    k = n/2, with gamma functions so that n need not be whole.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import gammaln
+
+    n, rest = n_independent, n_independent / 2.0
+
+    def log_rate(factor: float) -> float:
+        a = factor / LN2
+        return float(
+            gammaln(n + 1) - gammaln(rest + 1) + gammaln(rest + 1 + a)
+            - gammaln(n + 1 + a) - np.log(probability)
+        )  # fmt: skip
+
+    return float(brentq(log_rate, 1e-6, 1e4))
