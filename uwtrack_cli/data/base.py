@@ -118,12 +118,16 @@ class Container:
         }
 
     def take(self, axis: str, index: NDArray[Any] | slice) -> Self:
-        """Return a copy that keeps the rows ``index`` of every column on ``axis``."""
-        chosen = {
+        """Keep the rows ``index`` of every column on ``axis``, in the parts too."""
+        chosen: dict[str, Any] = {
             name: _take(getattr(self, name), spec.axes.index(axis), index)
             for name, spec in self.columns().items()
             if axis in spec.axes and getattr(self, name) is not None
         }
+        for name in self.parts():
+            part = getattr(self, name)
+            if part is not None and axis in part.sizes():
+                chosen[name] = part.take(axis, index)
         return replace(self, **chosen)
 
     @classmethod

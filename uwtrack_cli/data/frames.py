@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import Container, FloatArray, IntArray, column, scalar
 
@@ -54,6 +55,13 @@ class Frames(Container):
     def join(cls, blocks: Sequence[Self]) -> Self:
         """Join consecutive blocks; the index counts from the first one's."""
         return replace(super().join(blocks), first_frame=blocks[0].first_frame)
+
+    def take(self, axis: str, index: NDArray[Any] | slice) -> Self:
+        """Keep the rows ``index``; the index of the first one is adjusted."""
+        kept = super().take(axis, index)
+        if axis != "frame" or kept.n_frames == 0:
+            return kept
+        return replace(kept, first_frame=int(kept.start_sample[0]) // self.hop_samples)
 
     @property
     def n_frames(self) -> int:

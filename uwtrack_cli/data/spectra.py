@@ -49,7 +49,7 @@ class Overview(Container):
     """A small max-pooled picture of the spectrogram, for plots and reports."""
 
     NAME: ClassVar[str] = "overview"
-    FIXED_AXES: ClassVar[tuple[str, ...]] = ("row", "pixel_frequency")
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("pixel_frequency",)
 
     time_s: FloatArray = column("s", "Centre of a row.", "row")
     frequency_hz: FloatArray = column("Hz", "Centre of a column.", "pixel_frequency")

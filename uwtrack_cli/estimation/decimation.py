@@ -47,7 +47,8 @@ class Decimator:
             self._kept, self._taps.size, axis=0
         )[: n_out * self._factor : self._factor]
         # not a matrix product: its rounding depends on the number of rows
-        return np.multiply(view, self._taps).sum(axis=-1)
+        filtered: FloatArray = np.multiply(view, self._taps).sum(axis=-1)
+        return filtered
 
 
 def _low_pass(factor: int) -> FloatArray:

@@ -31,6 +31,7 @@ from uwtrack_cli.estimation.window import (
     NOISE_BANDWIDTH_BINS,
     frequency_std_hz,
     peak_offset_bins,
+    response,
 )
 
 N_NOISE_BANDS = 16
@@ -123,12 +124,12 @@ def _check(detection: float, kept: float, dipole_noise_ratio: float) -> None:
         raise OptionError(msg)
 
 
-def _chosen_cells(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> slice:
+def _chosen_cells(
+    frequency_hz: FloatArray, band_hz: tuple[float, float] | None
+) -> slice:
     if band_hz is None:
         return slice(0, frequency_hz.size)
-    inside = np.flatnonzero(
-        (frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1])
-    )
+    inside = np.flatnonzero((frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1]))
     if inside.size < 8:
         msg = (
             f"band_hz = {band_hz[0]:g} {band_hz[1]:g} holds {inside.size} cells of the "
@@ -156,7 +157,9 @@ def _thresholds(
     return factor
 
 
-def _maxima(ratio: FloatArray, keep: FloatArray, padding: int) -> tuple[IntArray, IntArray]:
+def _maxima(
+    ratio: FloatArray, keep: FloatArray, padding: int
+) -> tuple[IntArray, IntArray]:
     """Rows and cells that exceed and are the largest within one natural bin."""
     inner = ratio[:, padding:-padding]
     is_peak = inner > keep[:, None]
@@ -182,12 +185,15 @@ def _measure(
     offset_bins = peak_offset_bins(three[0], three[1], three[2], step_bins)
     first_hz = spectrogram.frequency_hz[chosen.start]
     natural_bin_hz = frames.bin_hz / step_bins
-    peak = _peak_power(three, offset_bins, step_bins)
+    peak = _peak_power(three[1], offset_bins, step_bins)
     bearing = np.full(row.size, np.nan)
     east, north = spectrogram.intensity_east, spectrogram.intensity_north
     if east is not None and north is not None:
         sums = [
-            sum(part[row, chosen.start + cell + k] for k in range(-padding // 2, padding // 2 + 1))
+            sum(
+                part[row, chosen.start + cell + k]
+                for k in range(-padding // 2, padding // 2 + 1)
+            )
             for part in (east, north)
         ]
         bearing = compass_deg(sums[0], sums[1])
@@ -200,12 +206,10 @@ def _measure(
 
 
 def _peak_power(
-    three: list[FloatArray], offset_bins: FloatArray, step_bins: float
+    centre: FloatArray, offset_bins: FloatArray, step_bins: float
 ) -> FloatArray:
     """Power at the interpolated maximum, from the window's own shape."""
-    from uwtrack_cli.estimation.window import response
-
-    return three[1] / response(np.clip(offset_bins, -step_bins, step_bins)) ** 2
+    return centre / response(np.clip(offset_bins, -step_bins, step_bins)) ** 2
 
 
 def _bearing_std_deg(
