@@ -54,7 +54,8 @@ class Frames(Container):
     @classmethod
     def join(cls, blocks: Sequence[Self]) -> Self:
         """Join consecutive blocks; the index counts from the first one's."""
-        return replace(super().join(blocks), first_frame=blocks[0].first_frame)
+        first = next((block for block in blocks if block.n_frames), blocks[0])
+        return replace(super().join(blocks), first_frame=first.first_frame)
 
     def take(self, axis: str, index: NDArray[Any] | slice) -> Self:
         """Keep the rows ``index``; the index of the first one is adjusted."""
