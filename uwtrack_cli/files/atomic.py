@@ -1,0 +1,136 @@
+"""Files that appear whole or not at all.
+
+**Method.** The result is written to a hidden temporary file beside its target,
+synced, and put in place by one rename (a link, where nothing may be overwritten).
+Whatever goes wrong before that, the target keeps what it had.
+"""
+
+import contextlib
+import os
+import secrets
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from uwtrack_cli.errors import OutputError
+
+
+@contextlib.contextmanager
+def atomic_target(
+    path: Path, *, overwrite: bool = False, inputs: Sequence[Path] = ()
+) -> Iterator[Path]:
+    """Give a temporary path to write to; put it in place when all went well.
+
+    Parameters
+    ----------
+    path
+        Where the result shall appear.
+    overwrite
+        Whether an existing file may be replaced.
+    inputs
+        Files that are being read: none of them may be the target.
+
+    Raises
+    ------
+    OutputError
+        The target exists, is an input, or cannot be written.
+    """
+    target = check_target(path, overwrite=overwrite, inputs=inputs)
+    temporary = target.with_name(f".{target.name[:200]}.{secrets.token_hex(4)}.part")
+    try:
+        _create(temporary)
+        yield temporary
+        _sync(temporary)
+        _put(temporary, target, overwrite=overwrite)
+    except OSError as error:
+        if isinstance(error, OutputError):
+            raise
+        msg = f"cannot write {path}: {error.strerror or error}."
+        raise OutputError(msg) from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def check_target(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -> Path:
+    """Return the real path of a target that may be written, before work begins.
+
+    Raises
+    ------
+    OutputError
+        The target exists, is an input, or its folder cannot take it.
+    """
+    path = Path(path)
+    try:
+        target = path.resolve()
+        _check_folder(path, target.parent)
+        _check_existing(path, target, overwrite=overwrite, inputs=inputs)
+    except (OSError, RuntimeError, ValueError) as error:
+        if isinstance(error, OutputError):
+            raise
+        msg = f"cannot write {path}: {getattr(error, 'strerror', None) or error}."
+        raise OutputError(msg) from error
+    return target
+
+
+def _check_folder(path: Path, folder: Path) -> None:
+    if not folder.exists():
+        msg = f"cannot write {path}: the folder {folder} does not exist; make it first."
+        raise OutputError(msg)
+    if not folder.is_dir():
+        msg = f"cannot write {path}: {folder} is a file, not a folder."
+        raise OutputError(msg)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        msg = f"cannot write {path}: no permission to write in {folder}."
+        raise OutputError(msg)
+
+
+def _check_existing(
+    path: Path, target: Path, *, overwrite: bool, inputs: Sequence[Path]
+) -> None:
+    if not target.exists():
+        return
+    if target.is_dir():
+        msg = f"cannot write {path}: it is a folder; name a file in it with -o."
+        raise OutputError(msg)
+    for source in inputs:
+        if Path(source).exists() and target.samefile(source):
+            msg = f"{path} is an input of this command and is never overwritten."
+            raise OutputError(msg)
+    if not target.is_file():
+        msg = f"cannot write {path}: it is a device or a pipe, not a regular file."
+        raise OutputError(msg)
+    if not overwrite:
+        msg = f"{path} exists already; give --overwrite to replace it."
+        raise OutputError(msg)
+
+
+def _create(temporary: Path) -> None:
+    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY
+    os.close(os.open(temporary, flags, 0o666))
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _put(temporary: Path, target: Path, *, overwrite: bool) -> None:
+    if overwrite:
+        temporary.replace(target)
+    else:
+        _link(temporary, target)
+    with contextlib.suppress(OSError):  # some file systems cannot sync a folder
+        _sync(target.parent)
+
+
+def _link(temporary: Path, target: Path) -> None:
+    try:
+        target.hardlink_to(temporary)
+    except FileExistsError as error:
+        msg = f"{target} appeared meanwhile; give --overwrite to replace it."
+        raise OutputError(msg) from error
+    except OSError:  # a file system without links
+        temporary.replace(target)

@@ -1,0 +1,240 @@
+"""What a product file must be before anything of it is believed or allocated.
+
+**Method.** Every link is looked at before it is followed: only plain (hard) links
+count, and an object met twice is refused, so that no link leads out of the file or
+in circles. A dataset's elements must lie in the file: products are stored without
+compression, so an array larger than its file is a lie. No attribute is read before
+its size is known. Nothing is ever unpickled.
+"""
+
+import contextlib
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from uwtrack_cli.data.base import Column
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.digest import structure_digest
+from uwtrack_cli.files.layout import FORMAT, SCHEMA_VERSION
+
+MAX_OBJECTS = 100_000
+MAX_ATTRIBUTE_BYTES = 1 << 20
+HDF5_ERRORS = (
+    OSError, RuntimeError, KeyError, ValueError, TypeError, UnicodeError,
+    AttributeError, IndexError, OverflowError, MemoryError,
+)  # fmt: skip
+
+
+@contextlib.contextmanager
+def reading(name: str) -> Iterator[None]:
+    """Turn what HDF5 says of a damaged file into an error of ours."""
+    try:
+        yield
+    except DataError:
+        raise
+    except HDF5_ERRORS as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        msg = f"{name} is damaged: {reason}. Make it again from its source."
+        raise DataError(msg) from error
+
+
+def open_file(source: Path | io.BytesIO, name: str) -> h5py.File:
+    """Open a product file for reading and check format, version and structure.
+
+    Raises
+    ------
+    DataError
+        The file is missing, no HDF5, damaged, foreign, incomplete or too new.
+    """
+    if isinstance(source, Path):
+        check_readable(source)
+    try:
+        file = h5py.File(source, "r", locking=False)
+    except (OSError, RuntimeError, ValueError) as error:
+        msg = (
+            f"{name} is no readable uwtrack product: it is not HDF5, or it was cut "
+            f"short ({' '.join(str(error).split())})."
+        )
+        raise DataError(msg) from error
+    try:
+        with reading(name):
+            _check_root(file, name)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def check_readable(path: Path) -> None:
+    """Refuse a path that is no readable regular file.
+
+    Raises
+    ------
+    DataError
+        The file is missing, a folder, a device, empty or not readable.
+    """
+    try:
+        if not path.exists():
+            msg = f"{path} does not exist."
+            raise DataError(msg)
+        if path.is_dir():
+            msg = f"{path} is a folder, not a file."
+            raise DataError(msg)
+        if not path.is_file():
+            msg = f"{path} is a device or a pipe, not a regular file."
+            raise DataError(msg)
+        with path.open("rb") as handle:
+            if not handle.read(1):
+                msg = f"{path} is empty."
+                raise DataError(msg)
+    except OSError as error:
+        msg = f"cannot read {path}: {error.strerror or error}."
+        raise DataError(msg) from error
+
+
+def attribute(item: Any, name: str) -> Any:
+    """Return a scalar attribute as str, bool, int or float.
+
+    Raises
+    ------
+    DataError
+        The attribute is missing, too large, an array, or of a foreign type.
+    """
+    key = name.encode()
+    if not h5py.h5a.exists(item.id, key):
+        msg = f"{item.name} lacks the attribute {name!r}"
+        raise DataError(msg)
+    handle = h5py.h5a.open(item.id, key)
+    type_class = handle.get_type().get_class()
+    known = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+    if handle.shape != () or type_class not in known:
+        msg = f"attribute {name!r} of {item.name} is no single number or text"
+        raise DataError(msg)
+    if handle.get_storage_size() > MAX_ATTRIBUTE_BYTES:
+        msg = f"attribute {name!r} of {item.name} is too large"
+        raise DataError(msg)
+    value = item.attrs[name]
+    if isinstance(value, bytes):
+        return value.decode()
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def safe_objects(file: h5py.File) -> dict[str, Any]:
+    """Return every object of a file by its path, without following foreign links.
+
+    Raises
+    ------
+    DataError
+        A link leads elsewhere, an object is met twice or is of a foreign kind.
+    """
+    found: dict[str, Any] = {"/": file}
+    seen = {_address(file)}
+    todo = [("", file)]
+    while todo:
+        prefix, group = todo.pop()
+        for name in group:
+            path = f"{prefix}/{name}"
+            item = _object(group, name, path)
+            if _address(item) in seen or len(found) > MAX_OBJECTS:
+                msg = f"{path} is linked twice, or there are too many objects"
+                raise DataError(msg)
+            seen.add(_address(item))
+            found[path] = item
+            if isinstance(item, h5py.Group):
+                todo.append((path, item))
+            else:
+                check_storage(item)
+    return found
+
+
+def check_storage(dataset: h5py.Dataset) -> None:
+    """Refuse a dataset whose elements do not lie, plainly, in the file itself.
+
+    Raises
+    ------
+    DataError
+        Elements elsewhere, a foreign filter, or more of them than the file holds.
+    """
+    name = dataset.name
+    if dataset.is_virtual or dataset.external:
+        msg = f"{name} keeps its elements in other files"
+        raise DataError(msg)
+    plist = dataset.id.get_create_plist()
+    filters = {plist.get_filter(i)[0] for i in range(plist.get_nfilters())}
+    if filters - {h5py.h5z.FILTER_FLETCHER32}:
+        msg = f"{name} uses a filter that products do not have"
+        raise DataError(msg)
+    if dataset.dtype.kind not in "iufS":
+        dtype = h5py.check_string_dtype(dataset.dtype)
+        if dtype is None or dtype.length is None:
+            msg = f"{name} has elements of a type that products do not have"
+            raise DataError(msg)
+    if dataset.is_scale:
+        return  # names an axis: holds no elements, and is never read
+    size = int(np.prod([float(n) for n in dataset.shape])) * dataset.dtype.itemsize
+    if size > dataset.id.get_storage_size() or size > dataset.file.id.get_filesize():
+        msg = f"{name} claims {size} bytes, more than the file holds"
+        raise DataError(msg)
+
+
+def check_column(dataset: Any, spec: Column) -> None:
+    """Refuse a dataset that is not of the type and rank of a column.
+
+    Raises
+    ------
+    DataError
+        No dataset, wrong rank or wrong element type.
+    """
+    if not isinstance(dataset, h5py.Dataset) or dataset.ndim != len(spec.axes):
+        msg = f"{dataset.name} is no array with the axes {spec.axes}"
+        raise DataError(msg)
+    kind = {"b": "i1", "U": "S"}.get(spec.dtype.kind, spec.dtype.str[1:])
+    stored = dataset.dtype.str[1:]
+    if not (dataset.dtype.kind == "S" if kind == "S" else stored == kind):
+        msg = f"{dataset.name} holds {dataset.dtype}, expected {spec.dtype}"
+        raise DataError(msg)
+
+
+def _check_root(file: h5py.File, name: str) -> None:
+    if "format" not in file.attrs or attribute(file, "format") != FORMAT:
+        msg = f"{name} is an HDF5 file of another program, not a uwtrack product."
+        raise DataError(msg)
+    version = attribute(file, "schema_version")
+    if not isinstance(version, int) or version > SCHEMA_VERSION:
+        program = attribute(file, "program_version")
+        msg = (
+            f"{name} has schema version {version}, written by uwtrack {program}; this "
+            f"program reads up to version {SCHEMA_VERSION}: install a newer uwtrack."
+        )
+        raise DataError(msg)
+    if version < 1:
+        msg = f"{name} has schema version {version}; the first one is 1."
+        raise DataError(msg)
+    if "complete" not in file.attrs or attribute(file, "complete") != 1:
+        msg = f"{name} is incomplete: the run that wrote it was stopped. Run it again."
+        raise DataError(msg)
+    objects = safe_objects(file)
+    if attribute(file, "structure_sha256") != structure_digest(objects):
+        msg = f"{name} was changed after it was written: its attributes or shapes "
+        msg += "do not match their digest. Make it again from its source."
+        raise DataError(msg)
+
+
+def _object(group: h5py.Group, name: str, path: str) -> Any:
+    link = group.get(name, getlink=True)
+    if not isinstance(link, h5py.HardLink):
+        msg = f"{path} is a link to elsewhere, which products do not have"
+        raise DataError(msg)
+    item = group[name]
+    if not isinstance(item, h5py.Group | h5py.Dataset):
+        msg = f"{path} is neither a group nor a dataset"
+        raise DataError(msg)
+    return item
+
+
+def _address(item: Any) -> int:
+    return int(h5py.h5o.get_info(item.id).addr)

@@ -1,0 +1,308 @@
+"""Writing a product: whole containers, or blocks of a stream, into one new file."""
+
+import contextlib
+import io
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+
+from uwtrack_cli import __version__
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.errors import DataError, OutputError, UwtrackError
+from uwtrack_cli.files.atomic import atomic_target
+from uwtrack_cli.files.digest import data_digest, root_digest, structure_digest
+from uwtrack_cli.files.growing import GrowingGroup, make_scale
+from uwtrack_cli.files.history import HistoryStep
+from uwtrack_cli.files.layout import (
+    FORMAT,
+    SCHEMA_VERSION,
+    encode,
+    group_path,
+    sensor_of,
+)
+from uwtrack_cli.files.registry import CONTAINERS, part_classes
+from uwtrack_cli.files.sharing import Slot, share_parts
+
+
+class ProductStore:
+    """An open, still incomplete product: takes containers, then is sealed."""
+
+    def __init__(self, file: h5py.File) -> None:
+        self.file = file
+        self.tops: dict[str, Slot] = {}
+        self.whole: set[str] = set()
+
+    def append(self, block: Container) -> None:
+        """Add the rows of a block to its container."""
+        sensor = sensor_of(block)
+        path = group_path(sensor, block.NAME)
+        if path in self.whole:
+            msg = f"{path} is written already and takes no further blocks."
+            raise DataError(msg)
+        if path not in self.tops:
+            self.tops[path] = self._open(path, block, sensor)
+        _append(self.tops[path], block)
+
+    def write(self, container: Container) -> None:
+        """Write a container that is complete."""
+        sensor = sensor_of(container)
+        path = group_path(sensor, container.NAME)
+        if path in self.tops:
+            where = "" if sensor is None else f" of sensor {sensor!r}"
+            msg = (
+                f"a file holds one container {container.NAME!r}{where}, got two; "
+                f"give the sensors different ids, or write two files."
+            )
+            raise DataError(msg)
+        self.append(container)
+        self.whole.add(path)
+
+    def seal(self, history: Sequence[HistoryStep]) -> None:
+        """Label, share, describe, digest, and mark the file as complete."""
+        digests: dict[str, str] = {}
+        for slot in self.tops.values():
+            _finish(slot)
+        share_parts(self.file, self.tops)
+        self._name_sensors()
+        self._describe(history)
+        objects = all_objects(self.file)
+        known = self._known_digests()
+        for path, item in objects.items():
+            if isinstance(item, h5py.Dataset) and not item.is_scale:
+                digests[path] = known.get(path) or data_digest(item)
+        structure = structure_digest(objects)
+        self.file.attrs["structure_sha256"] = structure
+        self.file.attrs["sha256"] = root_digest(structure, digests)
+        self.file.attrs["complete"] = np.int8(1)
+
+    def _open(self, path: str, block: Container, sensor: str | None) -> Slot:
+        kind = CONTAINERS.get(block.NAME)
+        if kind is not type(block):
+            msg = f"{type(block).__name__} is not a container that files can hold."
+            raise DataError(msg)
+        slot = Slot(GrowingGroup(self.file.create_group(path), kind), sensor)
+        for name in part_classes(kind):
+            part = getattr(block, name)
+            if part is None:
+                slot.absent_parts.add(name)
+            else:
+                own = sensor_of(part)
+                inner = sensor if own is None else own
+                slot.parts[name] = self._open(f"{path}/{name}", part, inner)
+        return slot
+
+    def _name_sensors(self) -> None:
+        for slot in list(_walk(self.tops.values())):
+            if slot.sensor is not None:
+                owner = self.file["/" + slot.path.split("/")[1]]
+                if "container" not in owner.attrs:
+                    owner.attrs["sensor"] = slot.sensor
+
+    def _describe(self, history: Sequence[HistoryStep]) -> None:
+        root = self.file.attrs
+        root["format"] = FORMAT
+        root["schema_version"] = np.int64(SCHEMA_VERSION)
+        root["program_version"] = __version__
+        root["created_utc"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        steps = encode(np.array([step.to_json() for step in history], dtype=np.str_))
+        dataset = self.file.create_dataset(
+            "history", data=steps, maxshape=(None,), chunks=(max(1, steps.size),),
+            fletcher32=True,
+        )  # fmt: skip
+        dataset.attrs["units"] = "1"
+        dataset.attrs["long_name"] = "What was done, one step per row, as JSON."
+        dataset.dims[0].attach_scale(make_scale(self.file, "step", steps.size))
+
+    def _known_digests(self) -> dict[str, str]:
+        return {
+            f"{slot.path}/{name}": digest
+            for slot in _walk(self.tops.values())
+            for name, digest in slot.growing.digests().items()
+        }
+
+
+class ProductWriter:
+    """Write a product block by block: `with ProductWriter(path) as writer`.
+
+    The file appears under its name when the block is left without an error, and
+    not at all otherwise.
+
+    Parameters
+    ----------
+    path
+        Where the product shall appear.
+    history
+        What was done, the last step included.
+    overwrite
+        Whether an existing file may be replaced.
+    inputs
+        Files being read: none of them may be the target.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        *,
+        history: Sequence[HistoryStep] = (),
+        overwrite: bool = False,
+        inputs: Sequence[Path] = (),
+    ) -> None:
+        self.path = Path(path)
+        self.history = list(history)
+        self._target = atomic_target(self.path, overwrite=overwrite, inputs=inputs)
+        self._store: ProductStore | None = None
+
+    def __enter__(self) -> Self:
+        """Open the temporary file."""
+        temporary = self._target.__enter__()
+        try:
+            self._store = ProductStore(h5py.File(temporary, "w"))
+        except BaseException as error:
+            self._target.__exit__(type(error), error, error.__traceback__)
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Seal and place the file, or remove it after an error."""
+        try:
+            if error is None:
+                with writing(self.path):
+                    self.store.seal(self.history)
+                    self.store.file.close()
+        except BaseException as failure:
+            self._discard(failure)
+            raise
+        if error is None:
+            self._target.__exit__(None, None, None)
+        else:
+            self._discard(error)
+
+    @property
+    def store(self) -> ProductStore:
+        """The open file."""
+        if self._store is None:
+            msg = "a ProductWriter is used in a with-statement."
+            raise TypeError(msg)
+        return self._store
+
+    def append(self, block: Container) -> None:
+        """Add a block of a stream: rows are added along every axis that grows."""
+        with writing(self.path):
+            self.store.append(block)
+
+    def write(self, container: Container) -> None:
+        """Write a whole container."""
+        with writing(self.path):
+            self.store.write(container)
+
+    def _discard(self, error: BaseException) -> None:
+        with contextlib.suppress(OSError, RuntimeError, ValueError):
+            self.store.file.close()
+        with contextlib.suppress(BaseException):
+            self._target.__exit__(type(error), error, error.__traceback__)
+
+
+def write_product(
+    path: Path | str,
+    containers: Sequence[Container],
+    *,
+    history: Sequence[HistoryStep] = (),
+    overwrite: bool = False,
+    inputs: Sequence[Path] = (),
+) -> None:
+    """Write containers into one new product file.
+
+    Parameters
+    ----------
+    path
+        Where the product shall appear.
+    containers
+        What it shall hold: at most one of a kind per sensor.
+    history
+        What was done, the last step included.
+    overwrite
+        Whether an existing file may be replaced.
+    inputs
+        Files that were read: none of them may be the target.
+
+    Raises
+    ------
+    OutputError
+        The target exists, is an input, or cannot be written.
+    DataError
+        Two containers of one kind and sensor.
+    """
+    with ProductWriter(
+        path, history=history, overwrite=overwrite, inputs=inputs
+    ) as writer:
+        for container in containers:
+            writer.write(container)
+
+
+def product_to_bytes(
+    containers: Sequence[Container], *, history: Sequence[HistoryStep] = ()
+) -> bytes:
+    """Return a product as bytes, for a pipe: HDF5 cannot be written to one."""
+    memory = io.BytesIO()
+    with h5py.File(memory, "w") as file:
+        store = ProductStore(file)
+        for container in containers:
+            store.write(container)
+        store.seal(history)
+    return memory.getvalue()
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what HDF5 says of a failed write into an error of ours."""
+    try:
+        yield
+    except UwtrackError:
+        raise
+    except (OSError, RuntimeError) as error:
+        msg = f"cannot write {path}: {error}. Is the disk full?"
+        raise OutputError(msg) from error
+
+
+def all_objects(file: h5py.File) -> dict[str, Any]:
+    """Return every group and dataset of a file that this program wrote."""
+    found: dict[str, Any] = {"/": file}
+
+    def keep(name: str, item: Any) -> None:
+        found[f"/{name}"] = item
+
+    file.visititems(keep)
+    return found
+
+
+def _append(slot: Slot, block: Container) -> None:
+    slot.growing.append(block)
+    for name in part_classes(slot.growing.kind):
+        part = getattr(block, name)
+        if (part is None) != (name in slot.absent_parts):
+            msg = f"some blocks of {slot.name} have {name}, others have not."
+            raise DataError(msg)
+        if part is not None:
+            _append(slot.parts[name], part)
+
+
+def _finish(slot: Slot) -> None:
+    slot.growing.finish()
+    for part in slot.parts.values():
+        _finish(part)
+
+
+def _walk(slots: Any) -> Iterator[Slot]:
+    for slot in slots:
+        yield slot
+        yield from _walk(slot.parts.values())
