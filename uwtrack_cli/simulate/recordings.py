@@ -1,0 +1,230 @@
+"""From a scenario to recordings: what each sensor would have stored.
+
+**Method.** Everything is made in tiles of fixed length, counted from the first
+sample; blocks are cut from tiles. So the block size changes no bit, and memory does
+not grow with the length of the recording.
+
+**Conventions.** Samples are float32 in full-scale units (a stronger sound exceeds 1
+and is clipped by whoever writes it). Channels are omni, east, north, or omni, x, y
+for axes fixed to the housing (y forward, x to starboard of it).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.recording import Recording, Samples
+from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.simulate.interference import ClickSound, HumSound
+from uwtrack_cli.simulate.motion import Array, sensor_motion
+from uwtrack_cli.simulate.noise import (
+    TILE,
+    ColouredNoise,
+    ambient_density,
+    shaping_filter,
+)
+from uwtrack_cli.simulate.scenario import Noise, Scenario, SensorPlan
+from uwtrack_cli.simulate.sound import VesselSound, vessel_sound
+from uwtrack_cli.simulate.wander import Drift, drift
+
+
+def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
+    """Return one recording per sensor; its samples are made when they are read.
+
+    Parameters
+    ----------
+    scenario
+        What is in the water.
+
+    Returns
+    -------
+    tuple of Recording
+        The recordings in the order of the sensors. ``reader(block_samples)`` yields
+        consecutive blocks of float32 samples, shape (sample, channel).
+
+    Raises
+    ------
+    OptionError
+        The scenario contradicts itself (a line above the band, a missing noise).
+    DataError
+        A vessel runs into a sensor.
+    """
+    return tuple(
+        _recording(scenario, number) for number in range(len(scenario.sensors))
+    )
+
+
+def _recording(scenario: Scenario, number: int) -> Recording:
+    plan = scenario.sensors[number]
+    start = scenario.start_utc_ns
+    if start is not None:
+        shift_s = plan.clock_error_s - plan.clock_offset_s
+        start += round(shift_s * NANOSECONDS)
+    return Recording(
+        sensor=known_sensor(scenario, plan),
+        name=f"{plan.id}.wav",
+        sample_rate_hz=scenario.sample_rate_hz,
+        n_samples=scenario.n_samples,
+        n_channels=_n_channels(plan),
+        start_utc_ns=start,
+        reader=ScenarioReader(scenario, number),
+    )
+
+
+def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
+    """Return a sensor as its owner describes it: without the errors."""
+    true_axes, moving = plan.axes == "true", plan.track is not None
+    directional = "omni,east,north" if true_axes else "omni,x,y"
+    on_grid = plan.latitude is None and not moving
+    return Sensor(
+        id=plan.id,
+        kind=plan.kind,
+        channels=directional if plan.kind == "difar" else "omni",
+        latitude=plan.latitude,
+        longitude=plan.longitude,
+        east_m=plan.east_m + plan.position_error_m[0] if on_grid else None,
+        north_m=plan.north_m + plan.position_error_m[1] if on_grid else None,
+        position_std_m=plan.position_std_m,
+        depth_m=plan.depth_m,
+        heading_deg=plan.heading_deg,
+        sound_speed_mps=scenario.sound_speed_mps,
+        compass_offset_deg=plan.compass_offset_deg,
+        compass_std_deg=plan.compass_std_deg,
+        clock_offset_s=plan.clock_offset_s,
+        clock_std_s=plan.clock_std_s,
+        sensitivity_db_re_v_per_upa=plan.sensitivity_db_re_v_per_upa,
+        gain_db=None if plan.sensitivity_db_re_v_per_upa is None else plan.gain_db,
+        adc_peak_v=plan.adc_peak_v,
+        navigation=_navigation(scenario, plan) if moving else None,
+    )
+
+
+def _navigation(scenario: Scenario, plan: SensorPlan) -> Navigation:
+    time_s = np.arange(np.floor(scenario.duration_s) + 2.0)
+    motion = sensor_motion(plan)
+    east, north, _, _ = motion.at(time_s)
+    return Navigation(
+        time_s=time_s,
+        east_m=east + plan.position_error_m[0],
+        north_m=north + plan.position_error_m[1],
+        heading_deg=np.degrees(motion.course_rad(time_s)) % 360.0,
+        start_utc_ns=scenario.start_utc_ns,
+    )
+
+
+def _n_channels(plan: SensorPlan) -> int:
+    return 3 if plan.kind == "difar" else 1
+
+
+@dataclass(frozen=True)
+class ScenarioReader:
+    """Makes the samples of one sensor, block by block; it can be pickled."""
+
+    scenario: Scenario
+    sensor_number: int
+
+    def __call__(self, block_samples: int) -> Iterator[Samples]:
+        """Yield consecutive blocks of at most so many samples."""
+        if block_samples < 1:
+            msg = f"block_samples must be 1 or more, got {block_samples}."
+            raise OptionError(msg)
+        pending: list[Samples] = []
+        held = 0
+        for tile in self._tiles():
+            pending.append(tile)
+            held += len(tile)
+            if held >= block_samples:
+                joined = np.concatenate(pending)
+                whole = held - held % block_samples
+                for begin in range(0, whole, block_samples):
+                    yield joined[begin : begin + block_samples].copy()
+                pending, held = [joined[whole:]], held - whole
+        if held:
+            yield np.concatenate(pending)
+
+    def _tiles(self) -> Iterator[Samples]:
+        studio = _Studio(self.scenario, self.sensor_number)
+        total = self.scenario.n_samples
+        for number in range(-(-total // TILE)):
+            yield studio.tile(number)[: total - number * TILE].astype(np.float32)
+
+
+class _Studio:
+    """Everything that sounds at one sensor, tile by tile in sequence."""
+
+    def __init__(self, scenario: Scenario, number: int) -> None:
+        plan = scenario.sensors[number]
+        self.plan, self.rate = plan, scenario.sample_rate_hz
+        self.n_channels = _n_channels(plan)
+        self.motion = sensor_motion(plan)
+        self.vessels: list[VesselSound] = [
+            vessel_sound(scenario, i, plan) for i in range(len(scenario.vessels))
+        ]
+        self.ambient: list[ColouredNoise] = []
+        self.others: list[HumSound | ClickSound] = []
+        if scenario.noise is not None:
+            self._add_noise(scenario, scenario.noise, number)
+
+    def _add_noise(self, scenario: Scenario, noise: Noise, number: int) -> None:
+        spectrum = shaping_filter(lambda f: ambient_density(noise, f), self.rate)
+        self.ambient = [
+            ColouredNoise(
+                scenario.seed, (100, number, channel), _share(channel) * spectrum
+            )
+            for channel in range(self.n_channels)
+        ]
+        if noise.hum is not None:
+            seed = (scenario.seed, 101, number)
+            wander = _hum_wander(scenario, noise)
+            hum = HumSound(noise.hum, seed, self.n_channels, self.rate, wander)
+            self.others.append(hum)
+        if noise.clicks is not None:
+            seed = (scenario.seed, 102, number)
+            self.others.append(
+                ClickSound(noise.clicks, seed, self.n_channels, self.rate)
+            )
+
+    def tile(self, number: int) -> Array:
+        """Return a tile of samples in full-scale units."""
+        total = np.zeros((TILE, self.n_channels))
+        for channel, ambient in enumerate(self.ambient):
+            total[:, channel] = ambient.tile(number)
+        for other in self.others:
+            total += other.tile(number)
+        turned = self._axes_rad(number)
+        for vessel in self.vessels:
+            for pressure, east, north in vessel.arrivals(number):
+                total[:, 0] += pressure
+                if self.n_channels == 3:
+                    cosine, sine = np.cos(turned), np.sin(turned)
+                    total[:, 1] += pressure * (east * cosine - north * sine)
+                    total[:, 2] += pressure * (east * sine + north * cosine)
+        return np.asarray(total / self.plan.full_scale_upa)
+
+    def _axes_rad(self, number: int) -> NDArray[np.float64]:
+        """Return the compass direction in which the second dipole points, rad."""
+        plan = self.plan
+        fixed = np.radians(plan.compass_offset_deg - plan.compass_error_deg)
+        if plan.axes == "true":
+            return np.full(1, fixed)
+        if plan.track is None:
+            return np.full(1, fixed + np.radians(plan.heading_deg))
+        time_s = np.arange(number * TILE, (number + 1) * TILE) / self.rate
+        return np.asarray(fixed + self.motion.course_rad(time_s))
+
+
+def _share(channel: int) -> float:
+    """Return a dipole's part of isotropic noise: a third of the power (3-D)."""
+    return 1.0 if channel == 0 else float(np.sqrt(1.0 / 3.0))
+
+
+def _hum_wander(scenario: Scenario, noise: Noise) -> Drift | None:
+    if noise.hum is None or noise.hum.fraction == 0.0:
+        return None
+    last_s = scenario.duration_s + TILE / scenario.sample_rate_hz
+    seed = (scenario.seed, 103)
+    return drift(seed, noise.hum.fraction, noise.hum.correlation_s, 0.0, last_s)
