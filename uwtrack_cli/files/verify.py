@@ -15,7 +15,7 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.checks import HDF5_ERRORS, attribute, open_file, safe_objects
 from uwtrack_cli.files.digest import data_digest, root_digest
 from uwtrack_cli.files.history import HistoryStep, Source
-from uwtrack_cli.files.product import Product, read_product
+from uwtrack_cli.files.reader import Product, read_product
 from uwtrack_cli.files.registry import CONTAINERS
 
 READ_WHOLE_BYTES = 1 << 26
