@@ -39,27 +39,30 @@ class GrowingGroup:
         self.pending_bytes = 0
         self.datasets: dict[str, h5py.Dataset] = {}
         self.hashes: dict[str, Any] = {}
-        self.started = False
+        self.first: Container | None = None
+        self.last: Container | None = None
 
     def append(self, block: Container) -> None:
-        """Take the columns (and, from the first block, the scalars) of a block."""
-        if not self.started:
-            self._write_scalars(block)
+        """Take the rows of a block; its single values count if it is the last."""
         for name, spec in self.kind.columns().items():
             values = getattr(block, name)
             self._check_presence(name, values)
-            if values is None or (self.started and not is_growing(self.kind, spec)):
+            if values is None or not is_growing(self.kind, spec):
                 continue
             self.pending.setdefault(name, []).append(values)
             if spec.dtype.kind != "U":
                 self.pending_bytes += values.nbytes
-        self.started = True
+        rowless = self.first is not None and not _has_rows(self.first)
+        if self.first is None or (rowless and _has_rows(block)):
+            self.first = block
+        self.last = block
         if self.pending_bytes > PENDING_BYTES:
             self._flush(final=False)
 
     def finish(self) -> None:
         """Write what is left, label every axis and list the absent fields."""
         self._flush(final=True)
+        self._write_facts()
         sizes: dict[str, int] = {}
         for name, dataset in self.datasets.items():
             for axis, size in zip(
@@ -74,7 +77,13 @@ class GrowingGroup:
         """Return the digest of every column."""
         return {name: total.hexdigest() for name, total in self.hashes.items()}
 
-    def _write_scalars(self, block: Container) -> None:
+    def _write_facts(self) -> None:
+        """Write what does not grow as `Container.join` has it."""
+        block = self._summary()
+        for name, spec in self.kind.columns().items():
+            values = getattr(block, name)
+            if values is not None and not is_growing(self.kind, spec):
+                self._write(name, spec, encode(values), final=True)
         self.group.attrs["container"] = self.kind.NAME
         for name, plain in scalar_types(self.kind).items():
             value = getattr(block, name)
@@ -88,8 +97,17 @@ class GrowingGroup:
                 msg = f"{self.kind.NAME}.{name} cannot be stored: {error}."
                 raise DataError(msg) from error
 
+    def _summary(self) -> Container:
+        """Return a container with the single values and fixed axes of all blocks."""
+        if self.first is None or self.last is None:
+            msg = f"no block of {self.kind.NAME} was written."
+            raise DataError(msg)
+        if self.first is self.last:
+            return self.last
+        return self.kind.join([self.first, self.last])
+
     def _check_presence(self, name: str, values: NDArray[Any] | None) -> None:
-        if not self.started and values is None:
+        if self.last is None and values is None:
             self.absent.add(name)
         elif (values is None) != (name in self.absent):
             msg = f"some blocks of {self.kind.NAME} have {name}, others have not."
@@ -153,6 +171,14 @@ class GrowingGroup:
             for position, own in enumerate(self.kind.columns()[column].axes):
                 if own == axis:
                     dataset.dims[position].attach_scale(scale)
+
+
+def _has_rows(block: Container) -> bool:
+    return any(
+        getattr(block, name).shape[0]
+        for name, spec in block.columns().items()
+        if getattr(block, name) is not None and is_growing(type(block), spec)
+    )
 
 
 def make_scale(group: h5py.Group, name: str, size: int) -> h5py.Dataset:
