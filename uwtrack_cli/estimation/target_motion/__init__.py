@@ -1,0 +1,1 @@
+"""Target motion from bearings and Doppler: model, solvers, modes, regions."""

@@ -1,0 +1,171 @@
+"""Fisher information: how well the data can tell the motion at best.
+
+**Method.** J^T W J of bearings and frequencies, kept apart, in the state and the
+rest frequencies; its inverse is the Cramer-Rao bound (Van Trees 1968, eq. 2.4.2).
+Under a robust loss, or the paper's mean over lines, bread and meat differ and the
+covariance is the sandwich B^-1 M B^-1 (Huber 1967).
+
+**Conventions.** Parameters p are (range, bearing, speed, course, rest frequencies)
+in SI; solver coordinates q likewise, rest frequencies after the motion.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.target_motion.coordinates import (
+    motion_jacobian,
+    state_jacobian,
+)
+from uwtrack_cli.estimation.target_motion.losses import loss_curvature, loss_weight
+from uwtrack_cli.estimation.target_motion.objective import Residuals, residuals
+from uwtrack_cli.estimation.target_motion.problem import Problem
+
+RANK_THRESHOLD = 1e-13
+"""Relative size of an eigenvalue of the unit-diagonal information that counts as 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Information of one motion: bread and meat in solver coordinates.
+
+    ``turn`` differentiates the parameters of people by the solver coordinates.
+    """
+
+    bread: FloatArray
+    meat: FloatArray
+    turn: FloatArray
+
+    def covariance(self, *, people: bool = True) -> FloatArray:
+        """Return the covariance of (R, bearing, speed, course, rest) or of q."""
+        inverse = _scaled_inverse(self.bread)
+        covariance = inverse @ self.meat @ inverse
+        return self.turn @ covariance @ self.turn.T if people else covariance
+
+    def unit_diagonal(self) -> tuple[FloatArray, FloatArray]:
+        """Return the information in p, scaled to unit diagonal, and the scales."""
+        back = np.linalg.inv(self.turn)
+        matrix = back.T @ self.bread @ back
+        scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+        return matrix / np.outer(scale, scale), scale
+
+    def eigenvalues(self) -> FloatArray:
+        """Return the eigenvalues of the unit-diagonal information, ascending."""
+        return np.asarray(np.linalg.eigvalsh(self.unit_diagonal()[0]))
+
+    @property
+    def rank(self) -> int:
+        """Number of parameter combinations that the data tell anything of."""
+        values = self.eigenvalues()
+        return int(np.count_nonzero(values > RANK_THRESHOLD * values[-1]))
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the unit-diagonal information; inf when singular."""
+        values = self.eigenvalues()
+        lost = values[0] <= RANK_THRESHOLD * values[-1]
+        return float("inf") if lost else float(values[-1] / values[0])
+
+
+def information(problem: Problem, q: FloatArray) -> Information:
+    """Return the information of the data about a motion.
+
+    Parameters
+    ----------
+    problem
+        One record.
+    q
+        The motion in solver coordinates.
+    """
+    trial = q[np.newaxis]
+    r = residuals(problem, trial)
+    bread, meat = _bread_and_meat(problem, r)
+    size = 4 + problem.n_lines
+    chain, turn = np.eye(size), np.eye(size)
+    chain[:4, :4] = state_jacobian(trial)[0]
+    turn[:4, :4] = motion_jacobian(trial)[0]
+    return Information(chain.T @ bread @ chain, chain.T @ meat @ chain, turn)
+
+
+def design_rows(problem: Problem, r: Residuals) -> FloatArray:
+    """Whitened Jacobian in state and rest frequencies (stream or line, row, p)."""
+    size = 4 + problem.n_lines
+    streams = problem.bearing_weight.shape[0]
+    rows = np.zeros((streams + problem.n_lines, problem.n_rows, size))
+    bearing = r.prediction.bearing_jacobian[0] * r.side[0]
+    rows[:streams, :, :4] = (
+        problem.bearing_weight[:, :, np.newaxis] * bearing.T[np.newaxis]
+    )
+    rate = r.prediction.rate_jacobian[0].T / problem.sound_speed_mps
+    for line in range(problem.n_lines):
+        weight = problem.frequency_weight[line]
+        rows[streams + line, :, :4] = -weight[:, np.newaxis] * r.rest_hz[0, line] * rate
+        rows[streams + line, :, 4 + line] = weight * r.factor[0]
+    return rows
+
+
+def _bread_and_meat(
+    problem: Problem, r: Residuals
+) -> tuple[FloatArray, FloatArray]:
+    rows = design_rows(problem, r)
+    z = np.concatenate([r.bearing[0], r.frequency[0]])
+    if problem.loss == "squares":
+        bread = np.einsum("skp,skq->pq", rows, rows, optimize=True)
+        return bread, bread
+    heard = np.concatenate([problem.bearing_weight, problem.frequency_weight]) > 0
+    curvature = loss_curvature(z, problem.loss)
+    influence = (loss_weight(z, problem.loss) * z) ** 2
+    # mean curvature and influence per kind: element-wise curvature can be negative
+    bread = meat = np.zeros((rows.shape[2],) * 2)
+    for stream, chosen in enumerate(heard):
+        if not chosen.any():
+            continue
+        part = rows[stream].T @ rows[stream]
+        bread = bread + curvature[stream][chosen].mean() * part
+        meat = meat + influence[stream][chosen].mean() * part
+    return bread, meat
+
+
+def _scaled_inverse(matrix: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    unit = matrix / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(unit)
+    kept = np.maximum(values, 1e-15 * values[-1])
+    return np.asarray((vectors / kept) @ vectors.T / np.outer(scale, scale))
+
+
+def criterion_probability(
+    covariance: FloatArray, half_widths: FloatArray, order: int = 48
+) -> float:
+    """Return the probability that three Gaussian errors stay within bounds at once.
+
+    Parameters
+    ----------
+    covariance
+        Covariance of the three errors.
+    half_widths
+        Largest error of each that is accepted.
+    order
+        Nodes of the quadrature per dimension.
+
+    Notes
+    -----
+    Genz 1992 (J. Comput. Graph. Stat. 1, 141), transformed to the unit square and
+    integrated with Gauss-Legendre nodes instead of random ones.
+    """
+    from scipy.special import ndtr, ndtri
+
+    scale = half_widths
+    root = np.linalg.cholesky(covariance / np.outer(scale, scale) + 1e-18 * np.eye(3))
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    u, w = (nodes + 1.0) / 2.0, weights / 2.0
+    high = ndtr(1.0 / root[0, 0])
+    first = high - ndtr(-1.0 / root[0, 0])
+    z1 = ndtri(1.0 - high + u * first)[:, np.newaxis]
+    low2 = ndtr((-1.0 - root[1, 0] * z1) / root[1, 1])
+    second = ndtr((1.0 - root[1, 0] * z1) / root[1, 1]) - low2
+    z2 = ndtri(np.clip(low2 + u * second, 1e-300, 1.0 - 1e-16))
+    shift = root[2, 0] * z1 + root[2, 1] * z2
+    third = ndtr((1.0 - shift) / root[2, 2]) - ndtr((-1.0 - shift) / root[2, 2])
+    return float(first * np.sum(w[:, np.newaxis] * w * second * third))

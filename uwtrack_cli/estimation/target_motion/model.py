@@ -1,0 +1,132 @@
+"""Forward model: bearing and range rate of a target on a straight track.
+
+**Method.** Chang et al. 2003, eqs 1-3, corrected: four-quadrant bearings; one-way
+Doppler, f = f0 (1 - rate / c), positive rate opening; the rate is the mean over the
+interval before the row, or that of the instant. With a propagation delay the
+vessel is seen where it was when the sound left: the range r solves
+r = |P(t - r/c)| and the bearing points there; f = f0 (1 - dr/dt / c) is then exact
+for a moving source and receiver.
+
+**Conventions.** ``state`` is (x, y, vx, vy) relative to own ship at time zero.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.target_motion.problem import Track
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Model values per trial and row; Jacobians (trial, state, row)."""
+
+    bearing_rad: FloatArray
+    rate_mps: FloatArray
+    bearing_jacobian: FloatArray
+    rate_jacobian: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """The line of sight at the nodes of a track (trial, node)."""
+
+    time_s: FloatArray
+    range_m: FloatArray
+    east: FloatArray
+    north: FloatArray
+    stretch: FloatArray
+
+    def at(self, index: np.ndarray) -> "_Sight":
+        return _Sight(
+            self.time_s[..., index],
+            self.range_m[:, index],
+            self.east[:, index],
+            self.north[:, index],
+            self.stretch[:, index] if self.stretch.shape[1] > 1 else self.stretch,
+        )
+
+    def range_jacobian(self) -> FloatArray:
+        east, north = self.east / self.stretch, self.north / self.stretch
+        return np.stack([east, north, self.time_s * east, self.time_s * north], 1)
+
+    def cross(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        return self.north * x - self.east * y
+
+
+def predict(track: Track, state: FloatArray, slowness_spm: float = 0.0) -> Prediction:
+    """Predict bearings and range rates with their derivatives.
+
+    Parameters
+    ----------
+    track
+        Own ship at the nodes.
+    state
+        Trial states (x, y, vx, vy), one per row, m and m/s.
+    slowness_spm
+        Inverse sound speed, s/m, for sound that takes its time; 0 for none.
+
+    Notes
+    -----
+    With u the unit vector along the line of sight, s the slowness and
+    D = 1 + s u.v: dr = u.dP / D and dtheta = (u x dP - s dr u x v) / r.
+    """
+    velocity_x, velocity_y = state[:, 2:3], state[:, 3:4]
+    nodes = _line_of_sight(track, state, slowness_spm)
+    now = nodes.at(track.now)
+    range_jacobian = now.range_jacobian()
+    north, east, time = now.north, now.east, now.time_s
+    turn = np.stack([north, -east, time * north, -time * east], 1)
+    if slowness_spm:
+        drift = slowness_spm * now.cross(velocity_x, velocity_y)
+        turn -= drift[:, np.newaxis] * range_jacobian
+    bearing_jacobian = turn / now.range_m[:, np.newaxis]
+    if track.before is not None:
+        before = nodes.at(track.before)
+        rate = (now.range_m - before.range_m) / track.interval_s
+        change = range_jacobian - before.range_jacobian()
+        rate_jacobian = change / track.interval_s
+    else:
+        rate, rate_jacobian = _rate_of_the_instant(
+            track, now, state, slowness_spm, bearing_jacobian
+        )
+    return Prediction(np.arctan2(east, north), rate, bearing_jacobian, rate_jacobian)
+
+
+def _line_of_sight(track: Track, state: FloatArray, slowness_spm: float) -> _Sight:
+    vx, vy = state[:, 2:3], state[:, 3:4]
+    time = track.time_s
+    east = state[:, 0:1] + vx * time - track.east_m
+    north = state[:, 1:2] + vy * time - track.north_m
+    squared = east**2 + north**2
+    if not slowness_spm:
+        distance = np.maximum(np.sqrt(squared), 1e-6)
+        stretch = np.ones((state.shape[0], 1))
+        return _Sight(time, distance, east / distance, north / distance, stretch)
+    opening = slowness_spm * (east * vx + north * vy)
+    scale = 1.0 - slowness_spm**2 * (vx**2 + vy**2)
+    distance = (np.sqrt(opening**2 + scale * squared) - opening) / scale
+    distance = np.maximum(distance, 1e-6)
+    delay = slowness_spm * distance
+    east, north = (east - vx * delay) / distance, (north - vy * delay) / distance
+    stretch = 1.0 + slowness_spm * (east * vx + north * vy)
+    return _Sight(time - delay, distance, east, north, stretch)
+
+
+def _rate_of_the_instant(
+    track: Track,
+    now: _Sight,
+    state: FloatArray,
+    slowness_spm: float,
+    bearing_jacobian: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    vx, vy = state[:, 2:3], state[:, 3:4]
+    relative_x, relative_y = vx - track.velocity_mps[0], vy - track.velocity_mps[1]
+    rate = (now.east * relative_x + now.north * relative_y) / now.stretch
+    late = slowness_spm * rate
+    swing = now.cross(relative_x, relative_y) - late * now.cross(vx, vy)
+    jacobian = bearing_jacobian * swing[:, np.newaxis]
+    jacobian[:, 2] += (1.0 - late) * now.east
+    jacobian[:, 3] += (1.0 - late) * now.north
+    return rate, jacobian / now.stretch[:, np.newaxis]
