@@ -1,7 +1,8 @@
 """Tracked frequency lines: smoothed states beside the raw measurements."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -31,6 +32,7 @@ class Lines(Container):
     """
 
     NAME: ClassVar[str] = "lines"
+    STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("state", "state_too")
 
     frames: Frames
@@ -88,3 +90,9 @@ class Lines(Container):
     weakest_line_snr_db: float = scalar(
         "dB", "Cell SNR of the weakest steady line found with probability 0.5."
     )
+
+    @classmethod
+    def join(cls, blocks: Sequence[Self]) -> Self:
+        """Join consecutive blocks of a stream; points by line, then by time."""
+        joined = super().join(blocks)
+        return joined.take("point", np.lexsort((joined.frame, joined.line)))

@@ -1,0 +1,97 @@
+"""One-to-one assignment of measurements to lines inside their gates.
+
+**Method.** Measurements are sorted by frequency, so the candidates of a line are a
+slice of them. Pairs whose line and measurement have no other candidate are taken
+at once; the rest goes through the exact rectangular assignment of scipy, which
+therefore only sees the few lines that compete.
+
+**Conventions.** Lines and measurements are given by index; the result lists pairs.
+As many pairs as possible are made; among those, the sum of costs is least.
+
+**References.** Crouse, "On implementing 2D rectangular assignment algorithms", IEEE
+Trans. AES 52(4), 1679-1696 (2016): the algorithm in scipy.
+"""
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+
+
+def candidate_pairs(
+    centres: FloatArray, half_widths: FloatArray, measured: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """List (line, measurement) pairs closer than the half width of the line's gate.
+
+    Parameters
+    ----------
+    centres
+        Predicted frequency of each line in Hz.
+    half_widths
+        Half width of each gate in Hz; the edge itself is outside.
+    measured
+        Measured frequencies in Hz, ascending.
+
+    Returns
+    -------
+    tuple of arrays
+        Line and measurement index of every pair, ordered by line.
+    """
+    first = np.searchsorted(measured, centres - half_widths, side="right")
+    last = np.searchsorted(measured, centres + half_widths, side="left")
+    counts = np.maximum(last - first, 0)
+    lines = np.repeat(np.arange(centres.size), counts)
+    starts = np.cumsum(counts) - counts
+    return lines, np.arange(lines.size) - np.repeat(starts - first, counts)
+
+
+def assign(
+    lines: IntArray, measurements: IntArray, costs: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Choose pairs so that each line and each measurement occurs at most once.
+
+    Parameters
+    ----------
+    lines
+        Line of each candidate pair.
+    measurements
+        Measurement of each candidate pair.
+    costs
+        Cost of each pair, any finite numbers.
+
+    Returns
+    -------
+    tuple of arrays
+        Lines and measurements of the chosen pairs.
+    """
+    if lines.size == 0:
+        return lines, measurements
+    is_free = _is_single(lines) & _is_single(measurements)
+    busy = ~is_free
+    if not busy.any():
+        return lines, measurements
+    chosen = _assign_busy(lines[busy], measurements[busy], costs[busy])
+    return (
+        np.concatenate([lines[is_free], chosen[0]]),
+        np.concatenate([measurements[is_free], chosen[1]]),
+    )
+
+
+def _is_single(index: IntArray) -> BoolArray:
+    return np.bincount(index)[index] == 1
+
+
+def _assign_busy(
+    lines: IntArray, measurements: IntArray, costs: FloatArray
+) -> tuple[IntArray, IntArray]:
+    from scipy.optimize import linear_sum_assignment
+
+    row_names, rows = np.unique(lines, return_inverse=True)
+    column_names, columns = np.unique(measurements, return_inverse=True)
+    cheapest = costs.min()
+    # more than any exchange of allowed pairs can gain, so that cardinality leads
+    forbidden = (costs.max() - cheapest + 1.0) * (min(row_names.size, 1_000_000) + 1)
+    table = np.full((row_names.size, column_names.size), forbidden)
+    table[rows, columns] = costs - cheapest
+    chosen_rows, chosen_columns = linear_sum_assignment(table)
+    allowed = table[chosen_rows, chosen_columns] < forbidden
+    return row_names[chosen_rows[allowed]], column_names[chosen_columns[allowed]]

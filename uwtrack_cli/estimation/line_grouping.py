@@ -1,0 +1,177 @@
+"""Which lines come from one source: shared Doppler and shared bearings.
+
+**Method.** For two lines with common times the logarithms of the frequencies are
+compared: the lines of one vessel shift by the same factor, so their difference is
+constant within its uncertainty, while the difference of unrelated lines varies as
+much as the lines do. The log-likelihood ratio of the two statements is the evidence;
+lines that do not vary give none. Bearings add the evidence of agreeing against being
+anywhere on the compass. Groups grow from the strongest pair on, as long as the
+evidence summed over all pairs of two groups is for the union.
+
+**Conventions.** Samples lie on common times: arrays of shape (line, time), nan where a
+line has no point. Evidence is in nepers.
+
+**References.** Kass & Raftery, "Bayes factors", JASA 90, 773-795 (1995), for the
+scale: 3 nepers is strong.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.estimation.kalman import wrap_deg
+
+_LEAST_COMMON = 4
+"""Common times below which two lines are not compared."""
+
+_LINE_WANDER = 2e-5
+"""Relative wander of one machine's lines against each other."""
+
+_BEARING_WANDER_DEG = 3.0
+"""Spread of the bearings of one vessel's lines, from multipath."""
+
+_VETO = -6.0
+"""Evidence against a pair that keeps their groups apart."""
+
+
+@dataclass(frozen=True)
+class LineSamples:
+    """Smoothed lines on common times, shape (line, time)."""
+
+    frequency_hz: FloatArray
+    frequency_variance: FloatArray
+    bearing_deg: FloatArray
+    bearing_variance: FloatArray
+    memory: float
+    """Samples over which the errors of a line are correlated, at least 1."""
+
+
+def pair_evidence(samples: LineSamples) -> FloatArray:
+    """Return the evidence that two lines have one source, for every pair."""
+    n_lines = samples.frequency_hz.shape[0]
+    log_f = np.log(samples.frequency_hz)
+    variance = samples.frequency_variance / samples.frequency_hz**2 + _LINE_WANDER**2
+    evidence = np.zeros((n_lines, n_lines))
+    for k in range(n_lines - 1):
+        at = np.flatnonzero(np.isfinite(log_f[k]))
+        rest = slice(k + 1, None)
+        row = _doppler_evidence(
+            log_f[k, at], variance[k, at], log_f[rest, at], variance[rest, at]
+        )
+        row += _bearing_evidence(
+            samples.bearing_deg[k, at] - samples.bearing_deg[rest, at],
+            samples.bearing_variance[k, at] + samples.bearing_variance[rest, at],
+        )
+        evidence[k, rest] = evidence[rest, k] = row / samples.memory
+    return evidence
+
+
+def _doppler_evidence(
+    one: FloatArray, one_variance: FloatArray, rest: FloatArray, variance: FloatArray
+) -> FloatArray:
+    is_common = np.isfinite(rest)
+    count = is_common.sum(axis=1)
+    own = _spread(np.where(is_common, one, np.nan)) + _spread(rest)
+    total = one_variance + variance
+    off = one - rest
+    weight = np.where(is_common, 1.0 / total, 0.0)
+    mean = _ratio((weight * np.where(is_common, off, 0.0)).sum(1), weight.sum(1))
+    square = (off - mean[:, None]) ** 2
+    apart = total + own[:, None]
+    terms = 0.5 * (np.log(apart / total) - square / total + square / apart)
+    terms = np.where(is_common, terms, 0.0)
+    return np.where(count >= _LEAST_COMMON, terms.sum(axis=1), 0.0)
+
+
+def _bearing_evidence(turn_deg: FloatArray, variance: FloatArray) -> FloatArray:
+    total = variance + _BEARING_WANDER_DEG**2
+    terms = np.log(360.0 / np.sqrt(2.0 * np.pi * total))
+    terms = terms - 0.5 * wrap_deg(turn_deg) ** 2 / total
+    is_common = np.isfinite(terms)
+    enough = is_common.sum(axis=1) >= _LEAST_COMMON
+    return np.where(enough, np.where(is_common, terms, 0.0).sum(axis=1), 0.0)
+
+
+def _spread(values: FloatArray) -> FloatArray:
+    """Variance along time without the missing values."""
+    is_known = np.isfinite(values)
+    count = is_known.sum(axis=1)
+    mean = _ratio(np.where(is_known, values, 0.0).sum(axis=1), count)
+    square = np.where(is_known, (values - mean[:, None]) ** 2, 0.0)
+    return _ratio(square.sum(axis=1), count)
+
+
+def _ratio(total: FloatArray, count: FloatArray | IntArray) -> FloatArray:
+    return np.divide(total, count, out=np.zeros(total.shape), where=count > 0)
+
+
+def group(evidence: FloatArray, least: float) -> IntArray:
+    """Join lines into groups by the sum of the evidence between groups.
+
+    Parameters
+    ----------
+    evidence
+        Symmetric table of evidence.
+    least
+        Evidence that a pair needs to start a union.
+
+    Returns
+    -------
+    IntArray
+        Number of the group of each line, from 0, in the order of their first line.
+    """
+    label = np.arange(evidence.shape[0])
+    low, high = np.nonzero(np.triu(evidence >= least, 1))
+    order = np.argsort(-evidence[low, high], kind="stable")
+    for a, b in zip(low[order], high[order], strict=True):
+        if label[a] == label[b]:
+            continue
+        one, two = label == label[a], label == label[b]
+        between = evidence[np.ix_(one, two)]
+        if between.sum() >= least and between.min() > _VETO:
+            label[two] = label[a]
+    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse]
+
+
+def has_doppler(samples: LineSamples) -> BoolArray:
+    """Tell which lines change their frequency beyond their uncertainty."""
+    noise = np.nanmean(samples.frequency_variance, axis=1)
+    floor = (_LINE_WANDER * np.nanmean(samples.frequency_hz, axis=1)) ** 2
+    return _spread(samples.frequency_hz) > 9.0 * (noise + floor)
+
+
+def has_turn(samples: LineSamples) -> BoolArray:
+    """Tell which lines change their bearing beyond their uncertainty."""
+    radians = np.radians(samples.bearing_deg)
+    is_known = np.isfinite(radians)
+    turned = np.where(is_known, radians, 0.0)
+    middle = np.degrees(
+        np.arctan2(
+            (np.sin(turned) * is_known).sum(axis=1),
+            (np.cos(turned) * is_known).sum(axis=1),
+        )
+    )
+    off = wrap_deg(samples.bearing_deg - middle[:, None])
+    variance = np.where(is_known, samples.bearing_variance, 0.0).sum(axis=1)
+    noise = _ratio(variance, is_known.sum(axis=1)) + _BEARING_WANDER_DEG**2
+    return _spread(off) > 9.0 * noise
+
+
+def mains_lines(frequency_hz: FloatArray, is_steady: BoolArray) -> BoolArray:
+    """Tell which steady lines are multiples of one mains frequency.
+
+    Notes
+    -----
+    50 and 60 Hz are tried; the one with more multiples among the lines is taken.
+    A grid holds its frequency within 0.1 %; half a hertz is the most allowed.
+    """
+    best = np.zeros(frequency_hz.size, dtype=bool)
+    for mains_hz in (50.0, 60.0):
+        order = np.maximum(np.rint(frequency_hz / mains_hz), 1.0)
+        miss = np.abs(frequency_hz - order * mains_hz)
+        is_hum = is_steady & (miss <= np.minimum(1e-3 * frequency_hz + 0.05, 0.5))
+        if is_hum.sum() > best.sum():
+            best = is_hum
+    return best

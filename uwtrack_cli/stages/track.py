@@ -1,0 +1,158 @@
+"""Peaks to tracked frequency lines.
+
+**Method.** Each line is a pair of Kalman filters, for frequency and for bearing, with a
+measurement variance from every peak's own SNR. Peaks inside a line's gate are
+assigned one to one. A line is confirmed and ended by its cumulative log-likelihood
+ratio, or by M hits of N as in Choi (2014), whose feedback from the harmonic
+classifier (weaker peaks, wider gates, longer windows) is a policy of its own. Points
+leave smoothed, beside the raw measurements that later fits use.
+
+**Conventions.** Frames without effort are missing time, not missed detections.
+
+**References.** Choi (2014), equations 1-11; Blackman & Popoli (1999), section 6.2;
+Rauch, Tung & Striebel (1965).
+"""
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.peaks import Families, Peaks
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.stages.line_output import join_points, no_table, to_lines
+from uwtrack_cli.stages.line_policies import (
+    CountLogic,
+    Feedback,
+    Gates,
+    Harmonics,
+    Motion,
+    ScoreLogic,
+)
+from uwtrack_cli.stages.line_tracker import (
+    LEAST_STD,
+    FramePeaks,
+    LineTracker,
+    Policies,
+)
+
+_SCORE, _COUNT, _FEEDBACK = ScoreLogic(), CountLogic(), Feedback()
+_GATES, _MOTION, _HARMONICS = Gates(), Motion(), Harmonics()
+
+
+def track_lines(
+    blocks: Iterator[Families | Peaks],
+    *,
+    initiation: Literal["score", "count"] = "score",
+    score: ScoreLogic = _SCORE,
+    count: CountLogic = _COUNT,
+    feedback: Feedback = _FEEDBACK,
+    gates: Gates = _GATES,
+    motion: Motion = _MOTION,
+    harmonics: Harmonics = _HARMONICS,
+) -> Iterator[Lines]:
+    """Follow spectral peaks from frame to frame as frequency lines.
+
+    A line is what one machine on one vessel emits; its frequency bends when the
+    vessel passes. Lines of one vessel share a contact.
+
+    Parameters
+    ----------
+    blocks
+        Peaks, or families that carry their peaks, block by block.
+    initiation
+        What starts and ends a line: its cumulative score, or counted hits (M of N).
+    score
+        Settings of the score.
+    count
+        Settings of the counted hits.
+    feedback
+        Lax parameters for lines that the harmonic classifier has recognised.
+    gates
+        Where a line looks for its next peak, and when two lines are one.
+    motion
+        How fast frequencies and bearings may change.
+    harmonics
+        What a harmonic family looks like.
+
+    Yields
+    ------
+    Lines
+        One block per input block with the points that are final, then the rest
+        with the table of lines.
+
+    Raises
+    ------
+    DataError
+        The families do not carry their peaks.
+
+    Notes
+    -----
+    State and covariances are Choi (2014), equations 1-8. A score starts a line at
+    ln(rate of noise peaks / wanted rate of false lines), which noise exceeds at most
+    at the wanted rate (Wald 1947). Smoothing has a fixed lag of at least 256 frames,
+    many times the memory of the filters.
+    """
+    policies = Policies(initiation, score, count, feedback, gates, motion, harmonics)
+    tracker: LineTracker | None = None
+    frames: Frames | None = None
+    for block in blocks:
+        peaks = _peaks_of(block)
+        frames = peaks.frames
+        if tracker is None:
+            tracker = LineTracker(policies, frames, peaks)
+        parts = []
+        for index, step in enumerate(_split(block, peaks)):
+            tracker.step(
+                frames.first_frame + index,
+                float(frames.time_s[index]),
+                float(frames.effort[index]),
+                step,
+            )
+            if tracker.bank.is_chunk_full:
+                parts.append(tracker.emit())
+        yield to_lines(frames, join_points(parts), no_table(), tracker.scalars())
+    if tracker is not None and frames is not None:
+        points = tracker.finish()
+        nothing = frames.take("frame", slice(0, 0))
+        yield to_lines(nothing, points, tracker.line_table(), tracker.scalars())
+
+
+def _peaks_of(block: Families | Peaks) -> Peaks:
+    if isinstance(block, Peaks):
+        return block
+    if block.peaks is None:
+        msg = (
+            "these families do not carry their peaks; give track the file that "
+            "'uwtrack classify' or 'uwtrack peaks' wrote."
+        )
+        raise DataError(msg)
+    return block.peaks
+
+
+def _split(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:
+    """Yield the peaks of each frame of a block."""
+    frames = peaks.frames
+    raw = np.stack([
+        np.asarray(column, dtype=float) for column in (
+            peaks.frequency_hz, peaks.frequency_std_hz, peaks.bearing_deg,
+            peaks.bearing_std_deg, peaks.level_db, peaks.snr_db,
+        )
+    ])  # fmt: skip
+    variance = np.maximum(raw[1], LEAST_STD / frames.window_s) ** 2
+    turn_variance = np.where(np.isnan(raw[2] + raw[3]), np.inf, raw[3] ** 2)
+    is_member = (
+        block.peak_family >= 0
+        if isinstance(block, Families)
+        else np.ones(peaks.frame.size, dtype=bool)
+    )
+    numbers = frames.first_frame + np.arange(frames.n_frames + 1)
+    edges = np.searchsorted(peaks.frame, numbers)
+    for k in range(frames.n_frames):
+        at = slice(edges[k], edges[k + 1])
+        yield FramePeaks(
+            raw[0, at], variance[at], raw[2, at], turn_variance[at], raw[:, at],
+            peaks.is_detection[at], is_member[at], float(frames.threshold_db[k]),
+        )  # fmt: skip
