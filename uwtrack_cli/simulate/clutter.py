@@ -82,7 +82,7 @@ def simulate_scan(
     runs = position.shape[0]
     width = 2.0 * scene.half_width
     cells = width**scene.dimension / scene.cell_volume
-    count = rng.poisson(scene.false_alarm * cells, runs)
+    count = np.asarray(rng.poisson(scene.false_alarm * cells, runs))
     size = (runs, int(count.max(initial=0)))
     places = position[:, None] + width * (rng.random((*size, scene.dimension)) - 0.5)
     # Noise given that it crossed: P(amplitude > a) is uniform below the false alarm rate.
@@ -105,14 +105,16 @@ def simulate_scan(
 def _target_amplitude(
     rng: np.random.Generator, runs: int, scene: ClutterScene
 ) -> FloatArray:
-    mean = np.sqrt(2.0 * scene.signal_to_noise)
     if scene.target == "fluctuating":
         power = rng.standard_exponential(runs)
-        return np.sqrt(2.0 * (1.0 + scene.signal_to_noise) * power)
-    in_phase = mean + rng.standard_normal(runs)
+        rayleigh: FloatArray = np.sqrt(2.0 * (1.0 + scene.signal_to_noise) * power)
+        return rayleigh
+    in_phase: FloatArray = rng.standard_normal(runs)
+    in_phase = in_phase + np.sqrt(2.0 * scene.signal_to_noise)
     if scene.target == "gaussian":
         return in_phase
-    return np.hypot(in_phase, rng.standard_normal(runs))
+    rician: FloatArray = np.hypot(in_phase, rng.standard_normal(runs))
+    return rician
 
 
 def constant_velocity_truth(

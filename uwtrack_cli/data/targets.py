@@ -1,0 +1,100 @@
+"""The track of one target through clutter."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uwtrack_cli.data.base import (
+    BoolArray,
+    Container,
+    FloatArray,
+    IntArray,
+    TextArray,
+    column,
+    scalar,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Target(Container):
+    """One row per scan: the estimate after it, and how it was come by.
+
+    The state interleaves each component with its rate: z_1, v_1, z_2, v_2 ... The
+    associations list every measurement that took part, with its probability.
+    """
+
+    NAME: ClassVar[str] = "target"
+    FIXED_AXES: ClassVar[tuple[str, ...]] = (
+        "dimension", "state", "state_too", "model",
+    )  # fmt: skip
+
+    scan: IntArray = column("1", "Number of the scan.", "scan", dtype=np.int64)
+    time_s: FloatArray = column("s", "Time of the scan.", "scan")
+    state: FloatArray = column(
+        "", "Components and their rates per second.", "scan", "state"
+    )
+    state_covariance: FloatArray = column(
+        "", "Covariance of the state.", "scan", "state", "state_too"
+    )
+    model_probability: FloatArray = column(
+        "1", "Probability of each motion model, quiet first.", "scan", "model"
+    )
+    false_alarm_probability: FloatArray = column(
+        "1", "Operating point of the detector, per cell.", "scan"
+    )
+    detection_probability: FloatArray = column(
+        "1", "Probability that the target crosses the threshold.", "scan"
+    )
+    threshold: FloatArray = column("1", "Threshold used on the amplitude.", "scan")
+    gate: FloatArray = column(
+        "1", "Radius of the validation region in standard deviations.", "scan"
+    )
+    gate_volume: FloatArray = column(
+        "", "Volume of the validation region, in the units of the components.", "scan"
+    )
+    expected_clutter: FloatArray = column(
+        "1", "Mean number of false measurements in the region.", "scan"
+    )
+    validated: IntArray = column(
+        "1", "Measurements in the region and above the threshold.", "scan",
+        dtype=np.int64,
+    )  # fmt: skip
+    miss_probability: FloatArray = column(
+        "1", "Probability that none of them was the target's.", "scan"
+    )
+    information_reduction: FloatArray = column(
+        "1", "Factor q2 that was expected of the scan.", "scan"
+    )
+    score: FloatArray = column(
+        "1", "Log likelihood ratio of the track against clutter alone, so far.", "scan"
+    )
+    lost: BoolArray = column(
+        "1", "Whether the score has fallen so far that the target is gone.", "scan",
+        dtype=np.bool_,
+    )  # fmt: skip
+    association_scan: IntArray = column(
+        "1", "Number of the scan of the association.", "association", dtype=np.int64
+    )
+    association_row: IntArray = column(
+        "1", "Row of its measurement in the table of scans, from 0.", "association",
+        dtype=np.int64,
+    )  # fmt: skip
+    association_probability: FloatArray = column(
+        "1", "Probability that the measurement was the target's.", "association"
+    )
+    component: TextArray = column(
+        "", "Name of each component.", "dimension", dtype=np.str_
+    )
+    component_unit: TextArray = column(
+        "", "Unit of each component; empty if not given.", "dimension", dtype=np.str_
+    )
+    threshold_rule: str = scalar("", "How the threshold was chosen.")
+    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+
+    @property
+    def state_std(self) -> FloatArray:
+        """Standard deviations of the state, ``(scan, state)``."""
+        variance = np.diagonal(self.state_covariance, axis1=-2, axis2=-1)
+        deviation: FloatArray = np.sqrt(variance)
+        return deviation

@@ -1,0 +1,197 @@
+"""Follow one target through false measurements, with an adaptive threshold.
+
+**Method.** A probabilistic data association filter with nearly constant velocity (two
+interacting motion models on request). Before or after each scan the detection threshold
+may be chosen so that the variance after the scan is least.
+
+**Conventions.** Components of a measurement are positions in any unit; rates are per
+second. The track's score is the log likelihood ratio of a target being there against
+clutter alone; a target is lost when the score falls far below its maximum.
+
+**References.** Bar-Shalom and Tse (1975); Gelfand, Fortmann and Bar-Shalom (1996); Choi,
+Kim and Hong (2001), corrected; Sittler (1964) for the score.
+"""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.scans import Roc, Scans
+from uwtrack_cli.data.targets import Target
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.estimation.clutter_filter import ClutterSetting, Outcome, step
+from uwtrack_cli.estimation.information_reduction import information_reduction
+from uwtrack_cli.estimation.pda import constant_velocity
+from uwtrack_cli.stages.pdaf_policies import Detector, TargetMotion, TargetStart
+from uwtrack_cli.stages.pdaf_scans import (
+    check_scans,
+    scan_arrays,
+    split_scans,
+    start_belief,
+)
+from uwtrack_cli.stages.pdaf_setting import clutter_setting, motion_models, switching
+
+
+def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
+    scans: Scans,
+    roc: Roc | None = None,
+    *,
+    threshold: Literal["fixed", "prior", "posterior", "region"] = "prior",
+    clutter: Literal["cells", "count"] = "cells",
+    gate: float = 4.0,
+    measured_std: list[float] | None = None,
+    loss_score: float = 10.0,
+    detector: Detector = Detector(),  # noqa: B008 - frozen
+    motion: TargetMotion = TargetMotion(),  # noqa: B008 - frozen
+    start: TargetStart = TargetStart(),  # noqa: B008 - frozen
+) -> Target:
+    """Follow one target through false measurements.
+
+    A scan brings many measurements and at most one of them is the vessel's. The filter
+    weighs all that are near enough, and the detection threshold may follow its need: low
+    while the track is sharp, high when the region to be searched has grown.
+
+    Parameters
+    ----------
+    scans
+        Measurements, scan by scan.
+    roc
+        Measured operating curve of the detector, in place of a model.
+    threshold
+        Rule for the detection threshold: "fixed"; "prior" (least expected variance,
+        chosen before each scan; loses fewest tracks); "posterior" (least variance after
+        looking; reports a variance that is too small and loses more tracks than prior);
+        "region" (the published two-step rule that also shrinks the validation region;
+        loses several times more tracks than prior).
+    clutter
+        Density of false measurements: "cells" (false alarm probability per resolution
+        cell) or "count" (number of measurements in the region over its volume).
+    gate
+        Radius of the validation region in standard deviations, in (0, 10].
+    measured_std
+        Standard deviation of each component in its unit, where the table has none.
+    loss_score
+        Fall of the track's score from its maximum at which the target counts as lost,
+        above 0.
+    detector
+        How the measurements were detected.
+    motion
+        How the target moves.
+    start
+        Where the track begins.
+
+    Returns
+    -------
+    Target
+        The track with covariances, associations and thresholds.
+
+    Raises
+    ------
+    DataError
+        The scans are out of order, hold no measurement, or lack what the rule needs.
+    OptionError
+        An option is out of range, or a needed one is missing.
+
+    Notes
+    -----
+    beta_i = e_i / (b + sum e_j), b = lambda (1 - P_D P_G) / P_D with the exact gate
+    probability P_G. A scan without measurements leaves the prediction as it is.
+    """
+    setting = clutter_setting(
+        detector, roc, scans.measured.shape[1], rule=threshold, gate=gate,
+        clutter=clutter,
+    )  # fmt: skip
+    models = motion_models(motion)
+    deviation = check_scans(scans, measured_std, adaptive=threshold != "fixed")
+    if not loss_score > 0.0:
+        msg = f"loss_score must be above 0, got {loss_score}."
+        raise OptionError(msg)
+    rows = split_scans(scans)
+    belief, first, time_s = start_belief(scans, deviation, rows, start, len(models))
+    outcomes = []
+    for index in rows[first:]:
+        interval = float(scans.time_s[index[0]]) - time_s
+        time_s += interval
+        steps = [
+            constant_velocity(interval, variance, setting.dimension)
+            for variance in models
+        ]
+        outcome = step(
+            belief, scan_arrays(scans, deviation, index), setting,
+            transition=steps[0][0], noise=np.stack([noise for _, noise in steps]),
+            switching=switching(motion),
+        )  # fmt: skip
+        outcomes.append(outcome)
+        belief = outcome.belief
+    return _target(scans, rows[first:], outcomes, setting, loss_score)
+
+
+def _target(
+    scans: Scans,
+    rows: list[IntArray],
+    outcomes: list[Outcome],
+    setting: ClutterSetting,
+    loss_score: float,
+) -> Target:
+    """Gather the scans into the container."""
+
+    def column(read: Callable[[Outcome], FloatArray]) -> FloatArray:
+        return np.stack([read(outcome)[0] for outcome in outcomes])
+
+    first = np.array([index[0] for index in rows])
+    false_alarm = column(lambda o: o.point.false_alarm)
+    detection = column(lambda o: o.point.detection)
+    gate, expected = column(lambda o: o.gate), column(lambda o: o.expected_clutter)
+    score = np.cumsum(column(lambda o: o.association.log_likelihood_ratio))
+    best = np.maximum.accumulate(np.maximum(score, 0.0))
+    members = [np.flatnonzero(o.point.allowed[0]) for o in outcomes]
+    counts = np.array([member.size for member in members])
+    return Target(
+        scan=scans.scan[first],
+        time_s=scans.time_s[first],
+        state=column(lambda o: o.mean),
+        state_covariance=column(lambda o: o.covariance),
+        model_probability=column(lambda o: o.belief.probability.T),
+        false_alarm_probability=false_alarm,
+        detection_probability=detection,
+        threshold=setting.curve.threshold(false_alarm),
+        gate=gate,
+        gate_volume=column(lambda o: o.gate_volume),
+        expected_clutter=expected,
+        validated=counts,
+        miss_probability=column(lambda o: o.association.miss),
+        information_reduction=_expected_reduction(
+            detection, expected, gate, setting.dimension
+        ),
+        score=score,
+        lost=best - score > loss_score,
+        association_scan=np.repeat(scans.scan[first], counts),
+        association_row=np.concatenate(
+            [index[member] for index, member in zip(rows, members, strict=True)]
+        ),
+        association_probability=np.concatenate(
+            [
+                o.association.weight[0][member]
+                for o, member in zip(outcomes, members, strict=True)
+            ]
+        ),
+        component=scans.component,
+        component_unit=scans.component_unit,
+        threshold_rule=setting.rule,
+        start_utc_ns=scans.start_utc_ns,
+    )
+
+
+def _expected_reduction(
+    detection: FloatArray, expected: FloatArray, gate: FloatArray, dimension: int
+) -> FloatArray:
+    """Return q2 of each scan; the region rule has a gate of its own per scan."""
+    reduction = np.empty_like(detection)
+    for radius in np.unique(gate):
+        same = gate == radius
+        reduction[same] = information_reduction(
+            detection[same], expected[same], dimension=dimension, gate=float(radius)
+        )
+    return reduction
