@@ -106,7 +106,7 @@ class Wander:
     """Fractional wander of the shaft speed, shared by all lines of a vessel."""
 
     fraction: float = fact(0.0, low=0.0, high=0.05)
-    correlation_s: float = fact(20.0, low=0.1, high=1e5)
+    correlation_s: float = fact(20.0, low=1.0, high=1e5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +213,7 @@ class Hum:
     mains_hz: float = fact(50.0, low=1.0, high=1000.0)
     levels_db: tuple[float, ...] = fact()
     fraction: float = fact(0.0, low=0.0, high=0.05)
-    correlation_s: float = fact(30.0, low=0.1, high=1e5)
+    correlation_s: float = fact(30.0, low=1.0, high=1e5)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,13 +28,15 @@ FORMAT = "uwtrack-truth"
 VERSION = 1
 
 
-def truth(scenario: Scenario) -> dict[str, Any]:
+def truth(scenario: Scenario, sensor: str | None = None) -> dict[str, Any]:
     """Return the truth of a scenario, ready for JSON.
 
     Parameters
     ----------
     scenario
         What is in the water.
+    sensor
+        Name of the one sensor to tell of; by default all of them.
 
     Returns
     -------
@@ -42,6 +44,7 @@ def truth(scenario: Scenario) -> dict[str, Any]:
         Facts of the recording, ``sensors`` with their hidden errors, ``vessels`` with
         their tracks, ``encounters``, and ``noise`` (None without noise).
     """
+    plans = [plan for plan in scenario.sensors if sensor in (None, plan.id)]
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -50,13 +53,13 @@ def truth(scenario: Scenario) -> dict[str, Any]:
         "sample_rate_hz": scenario.sample_rate_hz,
         "sound_speed_mps": scenario.sound_speed_mps,
         "start_utc": scenario.start_utc,
-        "sensors": [_sensor(scenario, plan) for plan in scenario.sensors],
+        "sensors": [_sensor(scenario, plan) for plan in plans],
         "vessels": [
             _vessel(scenario, vessel, i) for i, vessel in enumerate(scenario.vessels, 1)
         ],
         "encounters": [
             found
-            for plan in scenario.sensors
+            for plan in plans
             for i, vessel in enumerate(scenario.vessels, 1)
             for found in _encounter(scenario, plan, vessel, i)
         ],

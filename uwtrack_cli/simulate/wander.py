@@ -2,14 +2,15 @@
 
 **Method.** The fractional deviation is a stationary first-order Gauss-Markov process
 at knots a sixteenth of the correlation time apart, and linear between them; its
-integral, which the phase needs, is then exact. The knots come from one circular
-filtering of white noise, ten correlation times longer than needed.
+integral, which the phase needs, is then exact. A longer wander begins like a shorter
+one of the same seed.
 
 **References.** A. Papoulis, Probability, Random Variables and Stochastic Processes,
 section 10-3 (Gauss-Markov process).
 """
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +47,10 @@ def drift(
     """Draw a wander that covers the times from first to last."""
     step = correlation_s / 16.0
     count = int(np.ceil((last_s - first_s) / step)) + 2
-    size = count + 160
-    memory = np.exp(-step / correlation_s)
-    white = np.random.default_rng(seed).standard_normal(size)
-    angle = 2j * np.pi * np.arange(size // 2 + 1) / size
-    spectrum = np.fft.rfft(white) / (1.0 - memory * np.exp(-angle))
-    walk = np.fft.irfft(spectrum, size)[:count]
-    deviation = fraction * np.sqrt(1.0 - memory**2) * walk
+    memory = float(np.exp(-step / correlation_s))
+    white = np.random.default_rng(seed).standard_normal(count)
+    white[1:] *= np.sqrt(1.0 - memory**2)
+    walk = accumulate(white.tolist(), lambda last, new: memory * last + new)
+    deviation = fraction * np.fromiter(walk, np.float64, count)
     areas = 0.5 * step * (deviation[:-1] + deviation[1:])
     return Drift(first_s, step, deviation, np.concatenate([[0.0], np.cumsum(areas)]))
