@@ -76,6 +76,15 @@ class Encounters(Container):
     received_level_db: FloatArray = column(
         "dB", "Received level at closest approach (re the reference).", "encounter"
     )
+    received_level_std_db: FloatArray = column(
+        "dB", "Its standard deviation.", "encounter"
+    )
+    source_level_db: FloatArray = column(
+        "dB", "Source level at 1 m under the spreading law used.", "encounter"
+    )
+    source_level_std_db: FloatArray = column(
+        "dB", "Its standard deviation.", "encounter"
+    )
     extrapolated: BoolArray = column(
         "1", "Whether the closest approach lies outside the recording.", "encounter",
         dtype=np.bool_,
@@ -102,6 +111,16 @@ class Encounters(Container):
         "Hz", "Its standard deviation.", "rest_line"
     )
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+    band_low_hz: float | None = scalar("Hz", "Lower edge of the levels' band.", None)
+    band_high_hz: float | None = scalar("Hz", "Upper edge of the levels' band.", None)
+    spreading_db: float = scalar(
+        "dB", "Spreading law of the source level, per decade of range.", 20.0
+    )
+
+    @property
+    def n_encounters(self) -> int:
+        """Number of rows."""
+        return int(self.time_s.size)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -126,7 +145,9 @@ class Fixes(Container):
         "m^2", "Covariance of east and north.", "fix", "coordinate", "coordinate_too"
     )
     speed_mps: FloatArray = column("m/s", "Speed.", "fix")
+    speed_std_mps: FloatArray = column("m/s", "Its standard deviation.", "fix")
     course_deg: FloatArray = column("degree", "Compass course.", "fix")
+    course_std_deg: FloatArray = column("degree", "Its standard deviation.", "fix")
     sensors: TextArray = column(
         "", "Sensors that contributed, comma separated.", "fix", dtype="U"
     )

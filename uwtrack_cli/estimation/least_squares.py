@@ -1,0 +1,114 @@
+"""Levenberg-Marquardt steps for many small problems at once.
+
+**Method.** Every row of the batch has its own damping; a step is kept where it lowers
+that row's cost (Marquardt 1963, with the diagonal scaling of the normal matrix).
+
+**Conventions.** The first axis is the batch. The problem is given as a function that
+returns cost, gradient and Gauss-Newton matrix, so residuals need never be formed.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+
+Evaluation = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def damped_least_squares(
+    evaluate: Callable[[FloatArray], Evaluation],
+    start: FloatArray,
+    limit: Callable[[FloatArray, FloatArray], FloatArray],
+    *,
+    max_steps: int = 30,
+    tolerance: float = 1e-3,
+) -> FloatArray:
+    """Minimise every row's cost from its start.
+
+    Parameters
+    ----------
+    evaluate
+        Function of the unknowns (batch, p): cost (batch,), gradient (batch, p) and
+        Gauss-Newton matrix (batch, p, p).
+    start
+        Unknowns to start from, shape (batch, p).
+    limit
+        Function of (unknowns, step) that returns the step made acceptable.
+    max_steps
+        Largest number of steps.
+    tolerance
+        Stop when every row's expected gain in cost is below this; a cost is half
+        a chi-square, so 1e-3 is a thirtieth of a standard deviation.
+    """
+    theta = start
+    cost, gradient, matrix = evaluate(theta)
+    damping = np.full(cost.shape, 1e-3)
+    for _ in range(max_steps):
+        step = solve_step(matrix, gradient, damping)
+        step = limit(theta, step)
+        trial = theta + step
+        new_cost, new_gradient, new_matrix = evaluate(trial)
+        better = new_cost <= cost
+        gain = np.where(better, cost - new_cost, 0.0)
+        promised = -(gradient * step).sum(axis=-1)
+        theta = np.where(better[:, None], trial, theta)
+        cost = np.where(better, new_cost, cost)
+        gradient = np.where(better[:, None], new_gradient, gradient)
+        matrix = np.where(better[:, None, None], new_matrix, matrix)
+        damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-9, 1e9)
+        settled = np.where(better, gain, promised) < tolerance
+        if np.all(settled | (damping >= 1e9)):
+            break
+    return theta
+
+
+def solve_step(
+    matrix: FloatArray, gradient: FloatArray, damping: FloatArray
+) -> FloatArray:
+    """Solve the damped normal equations of every row.
+
+    Parameters
+    ----------
+    matrix
+        Gauss-Newton matrices, shape (batch, p, p).
+    gradient
+        Gradients of the cost, shape (batch, p).
+    damping
+        Marquardt's damping of each row.
+    """
+    scale = unit_scale(matrix)
+    scaled = matrix / (scale[:, :, None] * scale[:, None, :])
+    scaled = scaled + damping[:, None, None] * np.eye(matrix.shape[-1])
+    step: FloatArray = np.linalg.solve(scaled, -(gradient / scale)[..., None])[..., 0]
+    return step / scale
+
+
+def unit_scale(matrix: FloatArray) -> FloatArray:
+    """Return the root of the diagonal, one where it is zero.
+
+    Parameters
+    ----------
+    matrix
+        Symmetric matrices, shape (..., p, p).
+    """
+    diagonal = np.einsum("...ii->...i", matrix)
+    return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+
+
+def inverse_or_nan(matrix: FloatArray) -> FloatArray:
+    """Invert symmetric positive matrices; nan where they are singular.
+
+    Parameters
+    ----------
+    matrix
+        Symmetric matrices, shape (..., p, p).
+    """
+    scale = unit_scale(matrix)
+    outer = scale[..., :, None] * scale[..., None, :]
+    values, vectors = np.linalg.eigh(matrix / outer)
+    good = values > 1e-13
+    with np.errstate(divide="ignore"):
+        inverse = np.where(good, 1 / np.where(good, values, 1.0), np.nan)
+    full: FloatArray = (vectors * inverse[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return full / outer

@@ -1,0 +1,118 @@
+"""What a passage is fitted to: frequencies, bearings and levels on one time axis.
+
+**Conventions.** Dense arrays with nan for what was not measured. A row of the
+frequencies is a line, a row of the bearings a source of bearings (each line, and the
+broadband); leading axes are independent data sets of a batch. Inside a fit,
+frequencies are fractions of the line's mean, bearings are radians, and levels are
+natural logarithms of power, so that all weights are inverse variances without a unit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+
+NEPER_DB = 10 / np.log(10)
+"""Decibels in a natural-logarithm unit of power."""
+
+
+@dataclass(frozen=True)
+class PassageData:
+    """Raw measurements of one contact.
+
+    Shapes: ``time_s`` (n,), frequencies (..., lines, n), bearings (..., sources, n),
+    levels (..., 1, n). The correlations are those of neighbouring measurements.
+    """
+
+    time_s: FloatArray
+    frequency_hz: FloatArray
+    frequency_std_hz: FloatArray
+    bearing_deg: FloatArray
+    bearing_std_deg: FloatArray
+    level_db: FloatArray
+    level_std_db: FloatArray
+    frequency_correlation: float = 0.0
+    bearing_correlation: float = 0.0
+    level_correlation: float = 0.0
+
+    @property
+    def step_s(self) -> float:
+        """Typical distance of measurements, s."""
+        return float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else 1.0
+
+    @property
+    def span_s(self) -> float:
+        """Time covered, s."""
+        return float(self.time_s[-1] - self.time_s[0]) if self.time_s.size else 0.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """Values of one kind in fit units and their inverse variances (0: missing)."""
+
+    value: FloatArray
+    weight: FloatArray
+    correlation: float
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing of this kind was measured."""
+        return not bool(np.any(self.weight > 0))
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The three kinds, and the mean frequency that each line is divided by."""
+
+    time_s: FloatArray
+    shift: Block
+    bearing: Block
+    level: Block
+    mean_hz: FloatArray
+
+
+def make_blocks(data: PassageData) -> Blocks:
+    """Bring measurements into fit units.
+
+    Parameters
+    ----------
+    data
+        Raw measurements.
+    """
+    frequency = _batched(data.frequency_hz)
+    good = np.isfinite(frequency)
+    total = np.maximum(good.sum(axis=-1), 1)
+    mean = np.where(good, frequency, 0.0).sum(axis=-1) / total
+    mean = np.where(mean > 0, mean, 1.0)
+    return Blocks(
+        data.time_s,
+        _block(
+            frequency / mean[..., None] - 1,
+            _batched(data.frequency_std_hz) / mean[..., None],
+            data.frequency_correlation,
+        ),
+        _block(
+            np.deg2rad(_batched(data.bearing_deg)),
+            np.deg2rad(_batched(data.bearing_std_deg)),
+            data.bearing_correlation,
+        ),
+        _block(
+            _batched(data.level_db) / NEPER_DB,
+            _batched(data.level_std_db) / NEPER_DB,
+            data.level_correlation,
+        ),
+        mean,
+    )
+
+
+def _batched(values: FloatArray) -> FloatArray:
+    """Give the array one leading batch axis."""
+    return values[None] if values.ndim == 2 else values
+
+
+def _block(value: FloatArray, std: FloatArray, correlation: float) -> Block:
+    std = np.broadcast_to(std, value.shape)
+    good = np.isfinite(value) & (std > 0) & np.isfinite(std)
+    weight = np.where(good, 1 / np.where(good, std, 1.0) ** 2, 0.0)
+    return Block(np.where(good, value, 0.0), weight, correlation)
