@@ -1,0 +1,147 @@
+"""When a recording began: from an option, or from the name of its file.
+
+**Method.** Every preset that fits the file name is tried; the time counts only if
+all of them agree. A pattern of one's own is written as for `strptime` and may stand
+anywhere in the name.
+"""
+
+import re
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta, tzinfo
+from pathlib import Path
+
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.utc import epoch_ns, format_utc, parse_utc, time_zone
+
+PRESETS: dict[str, str] = {
+    "soundtrap": r"(?<!\d)\d{3,10}\.(?P<yy>\d\d)(?P<m>\d\d)(?P<d>\d\d)"
+    r"(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?!\d)",
+    "date_time": r"(?<!\d)(?P<Y>\d{4})(?P<m>\d\d)(?P<d>\d\d)[_-]"
+    r"(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?:[_.-](?P<f>\d{3}))?(?!\d)",
+    "short": r"(?<!\d)(?P<yy>\d\d)(?P<m>\d\d)(?P<d>\d\d)[_-]"
+    r"(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?!\d)",
+    "digits": r"(?<!\d)(?P<Y>(?:19|20)\d\d)(?P<m>\d\d)(?P<d>\d\d)"
+    r"(?P<H>\d\d)(?P<M>\d\d)(?P<S>\d\d)(?!\d)",
+    "separated": r"(?<!\d)(?P<Y>\d{4})[-_](?P<m>\d\d)[-_](?P<d>\d\d)[-_ ]"
+    r"(?P<H>\d\d)[-_:.](?P<M>\d\d)[-_:.](?P<S>\d\d)(?:\.(?P<f>\d{3,9}))?(?!\d)",
+    "iso": r"(?<!\d)(?P<Y>\d{4})-?(?P<m>\d\d)-?(?P<d>\d\d)T"
+    r"(?P<H>\d\d)[-_:]?(?P<M>\d\d)[-_:]?(?P<S>\d\d)(?:[.,](?P<f>\d{1,9}))?"
+    r"(?P<z>Z)?(?!\d)",
+}
+"""File names of the usual recorders: soundtrap is `serial.yymmddHHMMSS`, date_time
+`NAME_YYYYMMDD_HHMMSS[_mmm]`, short `NAME_yymmdd_HHMMSS`, digits `YYYYMMDDHHMMSS`,
+separated `YYYY-MM-DD_HH-MM-SS`, iso `YYYYMMDDTHHMMSSZ`."""
+
+DIRECTIVES = {
+    "Y": r"(?P<Y>\d{4})", "y": r"(?P<yy>\d\d)", "m": r"(?P<m>\d\d)",
+    "d": r"(?P<d>\d\d)", "j": r"(?P<j>\d{3})", "H": r"(?P<H>\d\d)",
+    "M": r"(?P<M>\d\d)", "S": r"(?P<S>\d\d)", "f": r"(?P<f>\d{1,9})",
+    "%": "%",
+}  # fmt: skip
+
+
+def start_time(
+    path: Path,
+    *,
+    start_utc: str | None = None,
+    time_pattern: str | None = None,
+    zone: str = "UTC",
+) -> int | None:
+    """Return the time of the first sample, ns since 1970-01-01 UTC.
+
+    Parameters
+    ----------
+    path
+        The recording; only its name is looked at.
+    start_utc
+        The time itself, ISO 8601.
+    time_pattern
+        Name of a preset, or a pattern such as ``H1_%Y%m%d-%H%M%S``.
+    zone
+        Time zone of the name (and of a time without zone): a name or an offset.
+
+    Returns
+    -------
+    int or None
+        None if neither says when the recording began.
+
+    Raises
+    ------
+    DataError
+        The name fits two different times, or not the pattern that was given.
+    OptionError
+        The pattern, the zone or the time cannot be understood.
+    """
+    clock = time_zone(zone)
+    if start_utc is not None:
+        try:
+            return parse_utc(start_utc, clock)
+        except DataError as error:
+            msg = f"the start time cannot be understood: {error}"
+            raise OptionError(msg) from error
+    patterns = PRESETS if time_pattern is None else _patterns(time_pattern)
+    found = {
+        time: name
+        for name, pattern in patterns.items()
+        for time in _times(path.name, pattern, clock)
+    }
+    if len(found) > 1:
+        listed = ", ".join(f"{format_utc(t)} ({found[t]})" for t in sorted(found))
+        msg = (
+            f"the name {path.name} fits several times: {listed}; "
+            f"give --time-pattern or --start-utc."
+        )
+        raise DataError(msg)
+    if not found and time_pattern is not None:
+        msg = f"the name {path.name} does not fit the pattern {time_pattern!r}."
+        raise DataError(msg)
+    return next(iter(found), None)
+
+
+def _patterns(text: str) -> dict[str, str]:
+    if text in PRESETS:
+        return {text: PRESETS[text]}
+    if "%" not in text:
+        msg = (
+            f"unknown time pattern {text!r}: give one such as '%Y%m%d_%H%M%S', "
+            f"or a preset: {', '.join(PRESETS)}."
+        )
+        raise OptionError(msg)
+    expression = ""
+    pieces = re.split(r"%(.)", text)
+    for literal, directive in zip(pieces[::2], [*pieces[1::2], ""], strict=True):
+        expression += re.escape(literal)
+        if directive and directive not in DIRECTIVES:
+            msg = (
+                f"time pattern {text!r}: %{directive} is not understood; "
+                f"accepted are {', '.join('%' + name for name in DIRECTIVES)}."
+            )
+            raise OptionError(msg)
+        expression += DIRECTIVES.get(directive, "")
+    try:
+        return {text: re.compile(expression).pattern}
+    except re.error as error:
+        msg = f"time pattern {text!r} uses a directive twice."
+        raise OptionError(msg) from error
+
+
+def _times(name: str, pattern: str, zone: tzinfo) -> Iterator[int]:
+    """Yield every time that a pattern finds in a name."""
+    for found in re.finditer(pattern, name):
+        fields = {k: v for k, v in found.groupdict().items() if v is not None}
+        try:
+            local = _local(fields)
+        except ValueError:
+            continue  # digits that are no date
+        fraction = int(fields.get("f", "").ljust(9, "0"))
+        yield epoch_ns(local, UTC if "z" in fields else zone) + fraction
+
+
+def _local(fields: dict[str, str]) -> datetime:
+    year = int(fields["Y"]) if "Y" in fields else 2000 + int(fields.get("yy", "x"))
+    hour, minute, second = (int(fields.get(key, "0")) for key in "HMS")
+    if "j" in fields:
+        new_year = datetime(year, 1, 1, hour, minute, second)  # noqa: DTZ001
+        return new_year + timedelta(days=int(fields["j"]) - 1)
+    month, day = int(fields.get("m", "x")), int(fields.get("d", "x"))
+    return datetime(year, month, day, hour, minute, second)  # noqa: DTZ001
