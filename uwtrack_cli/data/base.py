@@ -60,6 +60,9 @@ class Container:
     FIXED_AXES: ClassVar[tuple[str, ...]] = ()
     """Axes that do not grow when blocks of a stream are joined."""
 
+    STREAMS: ClassVar[bool] = False
+    """Whether the chain passes it on block by block."""
+
     def __post_init__(self) -> None:
         """Convert every column to its type, freeze it and check the axes."""
         sizes: dict[str, int] = {}

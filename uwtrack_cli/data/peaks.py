@@ -25,6 +25,7 @@ class Peaks(Container):
     """
 
     NAME: ClassVar[str] = "peaks"
+    STREAMS: ClassVar[bool] = True
 
     frames: Frames
     frame: IntArray = column(
@@ -68,6 +69,7 @@ class Families(Container):
     """
 
     NAME: ClassVar[str] = "families"
+    STREAMS: ClassVar[bool] = True
 
     family: IntArray = column(
         "1", "Identifier of the family.", "family", dtype=np.int64

@@ -20,6 +20,7 @@ class Spectrogram(Container):
     """One-sided power density; for a vector sensor also the active intensity."""
 
     NAME: ClassVar[str] = "spectrogram"
+    STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("frequency",)
 
     frames: Frames
@@ -49,6 +50,7 @@ class Overview(Container):
     """A small max-pooled picture of the spectrogram, for plots and reports."""
 
     NAME: ClassVar[str] = "overview"
+    STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("pixel_frequency",)
 
     time_s: FloatArray = column("s", "Centre of a row.", "row")
@@ -68,6 +70,7 @@ class Levels(Container):
     """Broadband level between the lines and broadband bearing, per frame."""
 
     NAME: ClassVar[str] = "levels"
+    STREAMS: ClassVar[bool] = True
 
     frames: Frames
     level_db: FloatArray = column(

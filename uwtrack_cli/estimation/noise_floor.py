@@ -1,6 +1,6 @@
 """A robust noise density, and thresholds that keep a stated false-alarm rate.
 
-**Method.** The density is the median over tiles of 16 frames by 32 natural bins,
+**Method.** The density is the median over tiles of 16 frames by 16 natural bins,
 interpolated along frequency, times the gain of the single frame (the median ratio of
 its own block medians to the tile's). Lines and short sounds move a median little, and
 a vessel that passes moves the whole floor. Tiles are fixed in absolute frame index,
@@ -25,7 +25,7 @@ from uwtrack_cli.estimation.window import cell_correlation
 TILE_FRAMES = 16
 """Frames in a tile; blocks of a stream hold whole tiles, except the last."""
 
-TILE_BINS = 32
+TILE_BINS = 16
 """Natural bins in a tile."""
 
 LN2 = float(np.log(2.0))

@@ -1,0 +1,168 @@
+"""The commands of the stages: each reads product files and writes one."""
+
+import inspect
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from uwtrack_cli.cli.doors import AsJson, Output, Overwrite, stage_command
+from uwtrack_cli.cli.results import is_shown, print_result
+from uwtrack_cli.cli.screen import progress_bar, say
+from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.flow.catalogue import STAGES
+from uwtrack_cli.flow.recipe import Step
+from uwtrack_cli.flow.stage import Stage
+
+Sound = Annotated[Path, typer.Argument(help="Recording: WAV, RF64, W64, FLAC or AIFF.")]
+OneFile = Annotated[Path, typer.Argument(help="Product file; - is standard input.")]
+Files = Annotated[
+    list[Path],
+    typer.Argument(help="Product files in any order, or a CSV table; - is standard input."),
+]  # fmt: skip
+OwnShip = Annotated[
+    Path | None,
+    typer.Option("--own-ship", help="CSV table of the sensor's own navigation."),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command of every stage that has one."""
+    for stage in STAGES:
+        if stage.kind == "source":
+            stage_command(app, stage, _source_body(stage), _source_parameters())
+        elif stage.kind == "whole":
+            stage_command(app, stage, _whole_body(stage), _whole_parameters(stage))
+        else:
+            stage_command(app, stage, _stream_body(stage), _stream_parameters())
+
+
+def _parameter(name: str, hint: Any, default: Any = inspect.Parameter.empty) -> Any:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, default=default, annotation=hint)
+
+
+def _ending_parameters() -> list[inspect.Parameter]:
+    return [
+        _parameter("output", Output, None),
+        _parameter("overwrite", Overwrite, default=False),
+    ]
+
+
+def _source_parameters() -> list[inspect.Parameter]:
+    return [_parameter("source", Sound), *SOURCE_PARAMETERS, *_ending_parameters()]
+
+
+def _stream_parameters() -> list[inspect.Parameter]:
+    return [_parameter("source", OneFile), *_ending_parameters()]
+
+
+def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
+    parameters = [_parameter("sources", Files)]
+    if any(kind.NAME == "navigation" for i in stage.inputs for kind in i.kinds):
+        parameters.append(_parameter("own_ship", OwnShip, None))
+    parameters += _ending_parameters()
+    return [*parameters, _parameter("json_output", AsJson, default=False)]
+
+
+def _source_body(stage: Stage) -> Any:
+    def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
+        from uwtrack_cli.cli.targets import product_name, writer_for
+        from uwtrack_cli.flow.products import history_of, source_of_recording
+
+        source: Path = own["source"]
+        step = Step(stage.name, options)
+        recording = open_source(source, own)
+        blocks = stage.function(recording, **options)
+        target = own["output"] or product_name(source, stage.suffix)
+        history = history_of([], step, [source_of_recording(recording)])
+        overwrite = bool(own["overwrite"])
+        with (
+            progress_bar(stage.name, recording.duration_s) as done,
+            writer_for(target, history, overwrite=overwrite, inputs=[source]) as writer,
+        ):
+            for container in _with_overview(blocks):
+                writer.append(container)
+                if isinstance(container, Spectrogram):
+                    done(float(container.frames.time_s[-1]))
+            writer.write(recording)
+            writer.write(recording.sensor)
+        say(f"wrote {target}")
+
+    return body
+
+
+def _with_overview(blocks: Any) -> Any:
+    """Pass blocks on, each followed by what the overview makes of it."""
+    from uwtrack_cli.flow.chain import StreamNode
+
+    node = StreamNode(Step("overview", {}))
+    for block in blocks:
+        yield block
+        yield node.push(block)
+    yield from node.finish()
+
+
+def _stream_body(stage: Stage) -> Any:
+    def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
+        from uwtrack_cli.cli.targets import open_product, target_for, writer_for
+        from uwtrack_cli.flow.products import (
+            history_of,
+            source_of_product,
+            stream_stage,
+        )
+
+        source: Path = own["source"]
+        step = Step(stage.name, options)
+        with open_product(source) as product:
+            target = target_for(own["output"], source, stage.suffix)
+            history = history_of([product], step, [source_of_product(product)])
+            overwrite = bool(own["overwrite"])
+            with writer_for(
+                target, history, overwrite=overwrite, inputs=[source]
+            ) as writer:
+                stream_stage(step, product, writer)
+        say(f"wrote {target}")
+
+    return body
+
+
+def _whole_body(stage: Stage) -> Any:
+    def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
+        from uwtrack_cli.cli.targets import target_for, write_containers
+        from uwtrack_cli.flow.products import history_of, whole_stage
+
+        sources: list[Path] = own["sources"]
+        step = Step(stage.name, options)
+        with ExitStack() as stack:
+            read = _read_sources(stage, sources, own.get("own_ship"), stack)
+            made = whole_stage(step, read.containers, read.products)
+            history = history_of(read.products, step, read.sources)
+        target = target_for(own["output"], sources[0], stage.suffix)
+        overwrite = bool(own["overwrite"])
+        write_containers(target, made, history, overwrite=overwrite, inputs=sources)
+        if is_shown(made[-1]):
+            print_result(made[-1], as_json=own["json_output"])
+        say(f"wrote {target}")
+
+    return body
+
+
+def _read_sources(
+    stage: Stage, sources: Sequence[Path], own_ship: Path | None, stack: ExitStack
+) -> Any:
+    from uwtrack_cli.cli.targets import Inputs
+
+    read = Inputs(stack)
+    wanted: tuple[type[Container], ...] = tuple(
+        kind for i in stage.inputs for kind in i.kinds
+    )
+    for source in sources:
+        read.add(source, wanted)
+    if own_ship is not None:
+        read.add_navigation(own_ship)
+    return read

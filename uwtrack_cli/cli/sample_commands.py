@@ -1,0 +1,54 @@
+"""Commands that make recordings to try things on: sample and simulate."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uwtrack_cli.cli.doors import Overwrite, command
+from uwtrack_cli.cli.screen import put, say
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the program."""
+    command(app, "simulate")(simulate)
+    command(app, "sample")(sample)
+
+
+def simulate(
+    *,
+    scenario: Annotated[Path, typer.Argument(help="Scenario: a TOML file.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Recording to write: a WAV file.")
+    ],
+    overwrite: Overwrite = False,
+) -> None:
+    """Simulate recordings with known truth: moving vessels, moving receivers, noise.
+
+    Writes pass.wav, pass.sensor.toml and pass.truth.json.
+    """
+    from uwtrack_cli.files.samples import write_simulation
+    from uwtrack_cli.files.scenario import read_scenario
+
+    for path in write_simulation(read_scenario(scenario), output, overwrite=overwrite):
+        say(f"wrote {path}")
+
+
+def sample(
+    *,
+    name: Annotated[
+        str | None, typer.Argument(help="Name of a sample; all names are listed.")
+    ] = None,
+    folder: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder to copy it to.")
+    ] = Path(),
+    overwrite: Overwrite = False,
+) -> None:
+    """Copy a sample recording with its sensor file and truth, or list the samples."""
+    from uwtrack_cli.flow.shipped import copy_sample, sample_names
+
+    if name is None:
+        put(sample_names())
+        return
+    for path in copy_sample(name, folder, overwrite=overwrite):
+        say(f"wrote {path}")

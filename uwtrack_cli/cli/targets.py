@@ -1,0 +1,143 @@
+"""Where products come from and go to: files, standard input and output."""
+
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.errors import DataError, OptionError
+
+if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
+    from uwtrack_cli.files.product import HistoryStep, Product, ProductWriter, Source
+
+PIPE = Path("-")
+"""Standard input or output."""
+
+
+def product_name(source: Path, suffix: str) -> Path:
+    """Return the default output beside a source: pass.wav -> pass.lines.h5.
+
+    Examples
+    --------
+    >>> product_name(Path("a/pass.peaks.h5"), ".lines.h5").as_posix()
+    'a/pass.lines.h5'
+    >>> product_name(Path("20.1.wav"), ".lines.h5").as_posix()
+    '20.1.lines.h5'
+    """
+    stem = source.stem
+    if source.suffix == ".h5" and "." in stem:
+        stem = stem.rpartition(".")[0]
+    return source.with_name(stem + suffix)
+
+
+def target_for(output: Path | None, source: Path, suffix: str) -> Path:
+    """Return the output: as asked for, else a pipe for a pipe, else by name."""
+    if output is not None:
+        return output
+    return PIPE if source == PIPE else product_name(source, suffix)
+
+
+def open_product(source: Path) -> "Product":
+    """Open a product file, or one that comes through standard input."""
+    from uwtrack_cli.files.product import read_product, read_product_bytes
+
+    if source == PIPE:
+        return read_product_bytes(sys.stdin.buffer.read())
+    return read_product(source)
+
+
+@contextmanager
+def writer_for(
+    target: Path,
+    history: "Sequence[HistoryStep]",
+    *,
+    overwrite: bool,
+    inputs: Sequence[Path] = (),
+) -> "Iterator[ProductWriter]":
+    """Write a product to a file, or by way of a temporary one to a pipe."""
+    from uwtrack_cli.files.product import ProductWriter
+
+    if target != PIPE:
+        real = [path for path in inputs if path != PIPE]
+        with ProductWriter(
+            target, history=history, overwrite=overwrite, inputs=real
+        ) as writer:
+            yield writer
+        return
+    if sys.stdout.isatty():
+        msg = "a product is binary and does not belong on a terminal; give -o FILE."
+        raise OptionError(msg)
+    with tempfile.TemporaryDirectory(prefix="uwtrack-") as folder:
+        path = Path(folder) / "product.h5"
+        with ProductWriter(path, history=history) as writer:
+            yield writer
+        with path.open("rb") as file:
+            shutil.copyfileobj(file, sys.stdout.buffer)
+        sys.stdout.buffer.flush()
+
+
+def write_containers(
+    target: Path,
+    containers: Sequence[Container],
+    history: "Sequence[HistoryStep]",
+    *,
+    overwrite: bool,
+    inputs: Sequence[Path] = (),
+) -> None:
+    """Write whole containers as one product."""
+    with writer_for(target, history, overwrite=overwrite, inputs=inputs) as writer:
+        for container in containers:
+            writer.write(container)
+
+
+class Inputs:
+    """What a whole stage reads: containers of products and of tables."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stack = stack
+        self.containers: list[Container] = []
+        self.products: list[Product] = []
+        self.sources: list[Source] = []
+
+    def add(self, path: Path, wanted: tuple[type[Container], ...]) -> None:
+        """Read a product, or a table of what the stage can read.
+
+        Raises
+        ------
+        DataError
+            The stage does not read tables, or the file is not readable.
+        """
+        from uwtrack_cli.files.product import source_of
+        from uwtrack_cli.flow.products import small_containers, source_of_product
+
+        if path.suffix.lower() in {".csv", ".txt", ".tsv"}:
+            self.containers.append(_read_table(path, wanted))
+            self.sources.append(source_of(path))
+            return
+        product = self._stack.enter_context(open_product(path))
+        self.products.append(product)
+        self.sources.append(source_of_product(product))
+        self.containers += small_containers(product)
+
+    def add_navigation(self, path: Path) -> None:
+        """Read the own ship's navigation."""
+        from uwtrack_cli.files.product import source_of
+        from uwtrack_cli.files.tables import read_navigation
+
+        self.containers.append(read_navigation(path))
+        self.sources.append(source_of(path))
+
+
+def _read_table(path: Path, wanted: tuple[type[Container], ...]) -> Container:
+    from uwtrack_cli.files.tables import read_series
+
+    if Series in wanted:
+        return read_series(path)
+    names = " or ".join(kind.NAME for kind in wanted)
+    msg = f"{path} is a table; what is wanted is a product file with {names}."
+    raise DataError(msg)
