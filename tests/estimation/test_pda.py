@@ -1,8 +1,6 @@
 """Probabilistic data association against recorded runs, a hand scan and limits."""
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +12,9 @@ from uwtrack_cli.estimation.pda import (
     correct,
     innovate,
 )
+from uwtrack_cli.flow.studies.table import load_reference
 
-GOLDEN = json.loads(
-    (Path(__file__).parents[1] / "data" / "pdaf_golden.json").read_text("utf-8")
-)
+GOLDEN = load_reference("clutter_golden")
 
 
 def _scan(mean, covariance, measured, noise, **points):

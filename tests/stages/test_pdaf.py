@@ -1,15 +1,14 @@
 """The clutter tracker: recorded runs, Stone Soup, laws, and what it refuses."""
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.flow.studies.table import load_reference
 from uwtrack_cli.simulate.clutter import (
     ClutterScene,
     constant_velocity_truth,
@@ -18,9 +17,7 @@ from uwtrack_cli.simulate.clutter import (
 from uwtrack_cli.stages.pdaf import track_in_clutter
 from uwtrack_cli.stages.pdaf_policies import Detector, TargetMotion, TargetStart
 
-GOLDEN = json.loads(
-    (Path(__file__).parents[1] / "data" / "pdaf_golden.json").read_text("utf-8")
-)
+GOLDEN = load_reference("clutter_golden")
 MOTION = TargetMotion(acceleration_std=math.sqrt(10.0))
 DETECTOR = Detector(
     snr_db=15.0, false_alarm_probability=GOLDEN["PF"],

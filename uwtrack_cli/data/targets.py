@@ -69,8 +69,11 @@ class Target(Container):
     score: FloatArray = column(
         "1", "Log likelihood ratio of the track against clutter alone, so far.", "scan"
     )
+    loss_evidence: FloatArray = column(
+        "1", "Evidence that the target is no longer followed, 0 or more.", "scan"
+    )
     lost: BoolArray = column(
-        "1", "Whether the score has fallen so far that the target is gone.", "scan",
+        "1", "Whether this evidence is above the limit.", "scan",
         dtype=np.bool_,
     )  # fmt: skip
     association_scan: IntArray = column(

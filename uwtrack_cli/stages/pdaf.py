@@ -6,7 +6,7 @@ may be chosen so that the variance after the scan is least.
 
 **Conventions.** Components of a measurement are positions in any unit; rates are per
 second. The track's score is the log likelihood ratio of a target being there against
-clutter alone; a target is lost when the score falls far below its maximum.
+clutter alone; a target is lost when the score no longer rises.
 
 **References.** Bar-Shalom and Tse (1975); Gelfand, Fortmann and Bar-Shalom (1996); Choi,
 Kim and Hong (2001), corrected; Sittler (1964) for the score.
@@ -24,6 +24,7 @@ from uwtrack_cli.errors import OptionError
 from uwtrack_cli.estimation.clutter_filter import ClutterSetting, Outcome, step
 from uwtrack_cli.estimation.information_reduction import information_reduction
 from uwtrack_cli.estimation.pda import constant_velocity
+from uwtrack_cli.estimation.track_score import track_score
 from uwtrack_cli.stages.pdaf_policies import Detector, TargetMotion, TargetStart
 from uwtrack_cli.stages.pdaf_scans import (
     check_scans,
@@ -73,8 +74,8 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
     measured_std
         Standard deviation of each component in its unit, where the table has none.
     loss_score
-        Fall of the track's score from its maximum at which the target counts as lost,
-        above 0.
+        Evidence at which the target counts as lost, above 0; the score's shortfall
+        against a rise of one half per scan.
     detector
         How the measurements were detected.
     motion
@@ -144,8 +145,7 @@ def _target(
     false_alarm = column(lambda o: o.point.false_alarm)
     detection = column(lambda o: o.point.detection)
     gate, expected = column(lambda o: o.gate), column(lambda o: o.expected_clutter)
-    score = np.cumsum(column(lambda o: o.association.log_likelihood_ratio))
-    best = np.maximum.accumulate(np.maximum(score, 0.0))
+    score, evidence = track_score(column(lambda o: o.association.log_likelihood_ratio))
     members = [np.flatnonzero(o.point.allowed[0]) for o in outcomes]
     counts = np.array([member.size for member in members])
     return Target(
@@ -166,7 +166,8 @@ def _target(
             detection, expected, gate, setting.dimension
         ),
         score=score,
-        lost=best - score > loss_score,
+        loss_evidence=evidence,
+        lost=evidence > loss_score,
         association_scan=np.repeat(scans.scan[first], counts),
         association_row=np.concatenate(
             [index[member] for index, member in zip(rows, members, strict=True)]
