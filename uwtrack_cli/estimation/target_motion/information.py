@@ -105,25 +105,29 @@ def design_rows(problem: Problem, r: Residuals) -> FloatArray:
     return rows
 
 
-def _bread_and_meat(
-    problem: Problem, r: Residuals
-) -> tuple[FloatArray, FloatArray]:
+def misfit_scale(problem: Problem, q: FloatArray) -> float:
+    """Return the scale of likelihood ratios under the loss: 1 for least squares."""
+    found = information(problem, q)
+    return float(np.trace(np.linalg.pinv(found.bread) @ found.meat) / len(found.bread))
+
+
+def _bread_and_meat(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatArray]:
     rows = design_rows(problem, r)
     z = np.concatenate([r.bearing[0], r.frequency[0]])
-    if problem.loss == "squares":
-        bread = np.einsum("skp,skq->pq", rows, rows, optimize=True)
-        return bread, bread
+    streams = problem.bearing_weight.shape[0]
+    share = np.where(np.arange(len(rows)) < streams, 1.0, problem.frequency_share)
     heard = np.concatenate([problem.bearing_weight, problem.frequency_weight]) > 0
     curvature = loss_curvature(z, problem.loss)
     influence = (loss_weight(z, problem.loss) * z) ** 2
-    # mean curvature and influence per kind: element-wise curvature can be negative
-    bread = meat = np.zeros((rows.shape[2],) * 2)
-    for stream, chosen in enumerate(heard):
-        if not chosen.any():
-            continue
-        part = rows[stream].T @ rows[stream]
-        bread = bread + curvature[stream][chosen].mean() * part
-        meat = meat + influence[stream][chosen].mean() * part
+    if problem.loss == "squares":
+        influence = np.ones_like(z)
+    # means per stream: the curvature of a single residual can be negative
+    count = np.maximum(np.count_nonzero(heard, axis=1), 1)
+    slope = np.sum(curvature * heard, axis=1) / count
+    power = np.sum(influence * heard, axis=1) / count
+    parts = np.swapaxes(rows, 1, 2) @ rows
+    bread = np.tensordot(slope, parts, axes=1)
+    meat = np.tensordot(power * share, parts, axes=1)
     return bread, meat
 
 
@@ -131,7 +135,8 @@ def _scaled_inverse(matrix: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
     unit = matrix / np.outer(scale, scale)
     values, vectors = np.linalg.eigh(unit)
-    kept = np.maximum(values, 1e-15 * values[-1])
+    # a singular direction is left out: the rest keeps its true deviation
+    kept = np.where(values > RANK_THRESHOLD * values[-1], values, np.inf)
     return np.asarray((vectors / kept) @ vectors.T / np.outer(scale, scale))
 
 

@@ -27,21 +27,21 @@ def loss_value(z: FloatArray, loss: Loss) -> FloatArray:
         size = np.abs(z)
         return np.where(size <= HUBER, z * z, HUBER * (2.0 * size - HUBER))
     if loss == "student":
-        return STUDENT * np.log1p(z * z / STUDENT)
+        return np.asarray(STUDENT * np.log1p(z * z / STUDENT))
     if loss == "tukey":
         rest = np.clip(1.0 - (z / TUKEY) ** 2, 0.0, None)
-        return TUKEY**2 / 3.0 * (1.0 - rest**3)
+        return np.asarray(TUKEY**2 / 3.0 * (1.0 - rest**3))
     return z * z
 
 
 def loss_weight(z: FloatArray, loss: Loss) -> FloatArray:
     """Return the weight of a residual, half the slope of its loss over itself."""
     if loss == "huber":
-        return HUBER / np.maximum(np.abs(z), HUBER)
+        return np.asarray(HUBER / np.maximum(np.abs(z), HUBER))
     if loss == "student":
         return STUDENT / (STUDENT + z * z)
     if loss == "tukey":
-        return np.clip(1.0 - (z / TUKEY) ** 2, 0.0, None) ** 2
+        return np.asarray(np.clip(1.0 - (z / TUKEY) ** 2, 0.0, None) ** 2)
     return np.ones_like(z)
 
 

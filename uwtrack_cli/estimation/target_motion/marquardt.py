@@ -35,6 +35,22 @@ class Fit:
     value: FloatArray
     matrix: FloatArray
 
+    def take(self, index: IntArray) -> "Fit":
+        """Choose trials, in the order of the index."""
+        return Fit(
+            self.q[index], self.rest_hz[index], self.value[index], self.matrix[index]
+        )
+
+    @staticmethod
+    def join(*parts: "Fit") -> "Fit":
+        """Put the trials of several fits one after the other."""
+        return Fit(
+            np.concatenate([part.q for part in parts]),
+            np.concatenate([part.rest_hz for part in parts]),
+            np.concatenate([part.value for part in parts]),
+            np.concatenate([part.matrix for part in parts]),
+        )
+
 
 def search_limits(range_m: tuple[float, float], speed_mps: float) -> Limits:
     """Return the bounds for a span of ranges and a largest speed per component."""

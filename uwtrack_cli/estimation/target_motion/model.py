@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.target_motion.problem import Track
 
 
@@ -38,7 +38,7 @@ class _Sight:
     north: FloatArray
     stretch: FloatArray
 
-    def at(self, index: np.ndarray) -> "_Sight":
+    def at(self, index: IntArray) -> "_Sight":
         return _Sight(
             self.time_s[..., index],
             self.range_m[:, index],
@@ -77,10 +77,10 @@ def predict(track: Track, state: FloatArray, slowness_spm: float = 0.0) -> Predi
     now = nodes.at(track.now)
     range_jacobian = now.range_jacobian()
     north, east, time = now.north, now.east, now.time_s
-    turn = np.stack([north, -east, time * north, -time * east], 1)
+    turn: FloatArray = np.stack([north, -east, time * north, -time * east], 1)
     if slowness_spm:
         drift = slowness_spm * now.cross(velocity_x, velocity_y)
-        turn -= drift[:, np.newaxis] * range_jacobian
+        turn = turn - drift[:, np.newaxis] * range_jacobian
     bearing_jacobian = turn / now.range_m[:, np.newaxis]
     if track.before is not None:
         before = nodes.at(track.before)

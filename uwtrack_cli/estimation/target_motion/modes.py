@@ -29,7 +29,9 @@ class Modes:
     weight: FloatArray
 
 
-def find_modes(problem: Problem, fit: Fit, threshold: float) -> Modes:
+def find_modes(
+    problem: Problem, fit: Fit, threshold: float, *, singular: bool = False
+) -> Modes:
     """Pick the distinct minima within a rise of the misfit.
 
     Parameters
@@ -40,12 +42,16 @@ def find_modes(problem: Problem, fit: Fit, threshold: float) -> Modes:
         Minima, best first.
     threshold
         Largest rise over the best.
+    singular
+        Whether a whole line of motions fits alike: then one of them stands for all
+        on its side of the array.
     """
     kept = [0]
     for index in range(1, len(fit.q)):
         if fit.value[index] - fit.value[0] > threshold:
             break
-        if all(_apart(problem, fit, index, other) for other in kept):
+        apart = _other_side if singular else _apart
+        if all(apart(problem, fit, index, other) for other in kept):
             kept.append(index)
     q = fit.q[kept].copy()
     q[:, 1] = np.mod(q[:, 1], 2.0 * np.pi)
@@ -67,8 +73,16 @@ def _apart(problem: Problem, fit: Fit, a: int, b: int) -> bool:
     return bool(between.value.max() > top + BARRIER)
 
 
+def _other_side(problem: Problem, fit: Fit, a: int, b: int) -> bool:
+    """Tell whether two motions start on different sides of a line array."""
+    if problem.array_heading_rad is None:
+        return False
+    off = wrap_rad(fit.q[[a, b], 1] - problem.array_heading_rad[0])
+    return bool(off[0] * off[1] < 0)
+
+
 def _log_volume(matrix: FloatArray) -> FloatArray:
     """Half-log volumes up to a constant; flat directions are cut at the bounds."""
     values = np.linalg.eigvalsh(matrix)
     # a direction flatter than this would reach beyond any search box
-    return -np.log(np.maximum(values, 1e-2)).sum(-1)
+    return np.asarray(-np.log(np.maximum(values, 1e-2)).sum(-1))

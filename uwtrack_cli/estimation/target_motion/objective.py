@@ -111,7 +111,7 @@ def _rest_frequencies(
             top = factor @ weighted[0].T
         else:
             top = (weighted @ factor[:, :, np.newaxis])[:, :, 0]
-        return top / np.maximum((factor**2) @ weight.T, 1e-300)
+        return np.asarray(top / np.maximum((factor**2) @ weight.T, 1e-300))
     rest = _median_rest(problem, factor, data_hz)
     for _ in range(REWEIGHTINGS):
         z = rest[:, :, np.newaxis] * factor[:, np.newaxis] - data_hz
@@ -168,7 +168,9 @@ def misfit(
     safe = np.where(blocks.rest_matrix > 0, blocks.rest_matrix, np.inf)
     cross = blocks.cross / safe[:, np.newaxis]
     matrix = blocks.matrix - cross @ np.swapaxes(blocks.cross, 1, 2)
-    gradient = blocks.gradient - (cross @ blocks.rest_gradient[:, :, np.newaxis])[..., 0]
+    gradient = (
+        blocks.gradient - (cross @ blocks.rest_gradient[:, :, np.newaxis])[..., 0]
+    )
     turned = np.swapaxes(chain, 1, 2)
     return Misfit(
         value,

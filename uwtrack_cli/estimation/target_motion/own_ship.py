@@ -114,4 +114,3 @@ def make_track(
         interval_s=np.full(count, interval_s),
         velocity_mps=(np.stack(ahead) - np.stack(behind)) / interval_s,
     )
-

@@ -58,7 +58,8 @@ class Problem:
 
     ``bearing_rad`` has axes (record, stream, row) and ``frequency_hz`` axes
     (record, line, row); with ``array_heading_rad`` a bearing tells only the angle
-    to that heading, not the side.
+    to that heading, not the side. ``frequency_share`` is the factor by which the
+    squared weights of frequencies were lowered below their inverse variances.
     """
 
     track: Track
@@ -70,6 +71,7 @@ class Problem:
     delayed: bool = False
     array_heading_rad: FloatArray | None = None
     loss: Loss = "squares"
+    frequency_share: float = 1.0
 
     @property
     def n_rows(self) -> int:

@@ -12,9 +12,9 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.target_motion.coordinates import from_motion
+from uwtrack_cli.estimation.target_motion.losses import loss_value
 from uwtrack_cli.estimation.target_motion.marquardt import Fit, Limits, minimise
 from uwtrack_cli.estimation.target_motion.objective import residuals
-from uwtrack_cli.estimation.target_motion.losses import loss_value
 from uwtrack_cli.estimation.target_motion.problem import Problem, wrap_rad
 
 BLOCKS = 40
@@ -58,10 +58,7 @@ def multistart(
     if extra is not None:
         starts = np.concatenate([starts, extra])
     final = minimise(problem, starts, limits)
-    order = np.argsort(final.value, kind="stable")
-    return Fit(
-        final.q[order], final.rest_hz[order], final.value[order], final.matrix[order]
-    )
+    return final.take(np.argsort(final.value, kind="stable"))
 
 
 def block_averages(problem: Problem, blocks: int = BLOCKS) -> Problem:
@@ -144,9 +141,7 @@ def start_grid(problem: Problem, limits: Limits) -> FloatArray:
     ranges = np.exp(low + (high - low) * (np.arange(RANGES) + 0.5) / RANGES)
     speeds = limits.upper[2] * (np.arange(SPEEDS) + 0.5) / SPEEDS
     courses = 2.0 * np.pi * np.arange(COURSES) / COURSES
-    axes = np.meshgrid(
-        ranges, first_bearings(problem), speeds, courses, indexing="ij"
-    )
+    axes = np.meshgrid(ranges, first_bearings(problem), speeds, courses, indexing="ij")
     return from_motion(*(axis.ravel() for axis in axes)).reshape(-1, 4)
 
 
@@ -169,7 +164,7 @@ def first_bearings(problem: Problem) -> FloatArray:
     offset = wrap_rad(angle - reference)
     middle = (weight * offset).sum(0) / weight.sum(0)
     if problem.loss == "squares":
-        slope, start = np.polyfit(problem.row_time_s[rows], middle, 1)
+        start = np.polyfit(problem.row_time_s[rows], middle, 1)[1]
     else:
         start = np.median(middle)
     guess = reference + start
@@ -178,9 +173,7 @@ def first_bearings(problem: Problem) -> FloatArray:
     return np.array([heading[rows[0]] + guess, heading[rows[0]] - guess])
 
 
-def _best_of_each_range(
-    problem: Problem, grid: FloatArray, count: int
-) -> FloatArray:
+def _best_of_each_range(problem: Problem, grid: FloatArray, count: int) -> FloatArray:
     """Choose good starts, but some from every range and bearing."""
     r = residuals(problem, grid)
     value = loss_value(r.bearing, problem.loss).sum((1, 2))
@@ -190,7 +183,8 @@ def _best_of_each_range(
     firsts = np.argsort(groups, axis=1)[:, :share]
     per_group = firsts + SPEEDS * COURSES * np.arange(groups.shape[0])[:, np.newaxis]
     overall = np.argsort(value)[: count // 2]
-    return grid[np.unique(np.concatenate([per_group.ravel(), overall]))]
+    chosen = np.unique(np.concatenate([per_group.ravel(), overall]))
+    return np.asarray(grid[chosen])
 
 
 def _distinct(fit: Fit, count: int) -> FloatArray:

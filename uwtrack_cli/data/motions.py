@@ -1,0 +1,143 @@
+"""Motions: what bearings and Doppler tell of a target's course and speed."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uwtrack_cli.data.base import (
+    BoolArray,
+    Container,
+    FloatArray,
+    IntArray,
+    TextArray,
+    column,
+    scalar,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Motions(Container):
+    """One row per contact and mode, best first; nan is "cannot be told".
+
+    The state is that at the contact's first measurement. Intervals (low, high) are
+    95 % likelihood-ratio intervals; nan is an open end. The covariance is over
+    (range_m, bearing_deg, speed_mps, course_deg), in this order. ``reasons`` is a
+    JSON object: why a value is missing. The rest frequencies are a table of their
+    own, and so are the estimates over time (``update_*``).
+    """
+
+    NAME: ClassVar[str] = "motions"
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("parameter", "parameter_too")
+
+    contact: IntArray = column("1", "Contact, from 1.", "motion", dtype=np.int64)
+    mode: IntArray = column("1", "Mode, best first, from 1.", "motion", dtype=np.int64)
+    weight: FloatArray = column("1", "Probability of the mode.", "motion")
+    time_s: FloatArray = column("s", "Time of the first measurement.", "motion")
+    time_utc_ns: IntArray = column(
+        "ns", "The same since 1970-01-01 UTC; -1 if unknown.", "motion", dtype=np.int64
+    )
+    range_m: FloatArray = column("m", "Range from own ship.", "motion")
+    range_std_m: FloatArray = column("m", "Its standard deviation.", "motion")
+    range_low_m: FloatArray = column("m", "Lower end of its interval.", "motion")
+    range_high_m: FloatArray = column("m", "Upper end of its interval.", "motion")
+    bearing_deg: FloatArray = column("degree", "Bearing from own ship.", "motion")
+    bearing_std_deg: FloatArray = column("degree", "Its standard deviation.", "motion")
+    speed_mps: FloatArray = column("m/s", "Speed.", "motion")
+    speed_std_mps: FloatArray = column("m/s", "Its standard deviation.", "motion")
+    speed_low_mps: FloatArray = column("m/s", "Lower end of its interval.", "motion")
+    speed_high_mps: FloatArray = column("m/s", "Upper end of its interval.", "motion")
+    course_deg: FloatArray = column("degree", "Compass course.", "motion")
+    course_std_deg: FloatArray = column("degree", "Its standard deviation.", "motion")
+    course_low_deg: FloatArray = column(
+        "degree", "Start of its interval, clockwise.", "motion"
+    )
+    course_high_deg: FloatArray = column("degree", "End of its interval.", "motion")
+    covariance: FloatArray = column(
+        "1", "Covariance of range, bearing, speed and course (m, degree, m/s).",
+        "motion", "parameter", "parameter_too",
+    )  # fmt: skip
+    now_time_s: FloatArray = column("s", "Time of the last measurement.", "motion")
+    now_range_m: FloatArray = column("m", "Range at that time.", "motion")
+    now_range_std_m: FloatArray = column("m", "Its standard deviation.", "motion")
+    now_bearing_deg: FloatArray = column("degree", "Bearing at that time.", "motion")
+    now_bearing_std_deg: FloatArray = column(
+        "degree", "Its standard deviation.", "motion"
+    )
+    observable: BoolArray = column(
+        "1", "Whether the data tell the range.", "motion", dtype=np.bool_
+    )
+    ellipse_trusted: BoolArray = column(
+        "1", "Whether the deviations agree with the intervals.", "motion",
+        dtype=np.bool_,
+    )  # fmt: skip
+    misfit: FloatArray = column("1", "Sum of the losses (chi-square).", "motion")
+    n_values: IntArray = column(
+        "1", "Number of measured values.", "motion", dtype=np.int64
+    )
+    rank: IntArray = column(
+        "1", "Number of parameter combinations that are told.", "motion", dtype=np.int64
+    )
+    n_parameters: IntArray = column(
+        "1", "Number of parameters sought.", "motion", dtype=np.int64
+    )
+    condition_number: FloatArray = column(
+        "1", "Condition of the scaled information; nan when singular.", "motion"
+    )
+    criterion_probability: FloatArray = column(
+        "1", "Probability that range is within 10 %, speed 3 kn and course 7 degrees.",
+        "motion",
+    )  # fmt: skip
+    range_per_sound_speed: FloatArray = column(
+        "1", "Relative change of range per relative change of sound speed.", "motion"
+    )
+    manoeuvre_needed: BoolArray = column(
+        "1", "Whether own ship must manoeuvre to learn the range.", "motion",
+        dtype=np.bool_,
+    )  # fmt: skip
+    weakest_direction: TextArray = column(
+        "", "What the data tell least, one sigma of it.", "motion", dtype="U"
+    )
+    report: TextArray = column(
+        "", "What the data can and cannot tell, in words.", "motion", dtype="U"
+    )
+    reasons: TextArray = column(
+        "", "Why a value is missing, as a JSON object by key.", "motion", dtype="U"
+    )
+    rest_motion: IntArray = column(
+        "1", "Row of the motion that a rest frequency belongs to.", "rest_line",
+        dtype=np.int64,
+    )  # fmt: skip
+    rest_line_id: IntArray = column(
+        "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
+    )
+    rest_frequency_hz: FloatArray = column("Hz", "Rest frequency.", "rest_line")
+    rest_frequency_std_hz: FloatArray = column(
+        "Hz", "Its standard deviation.", "rest_line"
+    )
+    update_contact: IntArray = column(
+        "1", "Contact of an estimate over time.", "update", dtype=np.int64
+    )
+    update_time_s: FloatArray = column(
+        "s", "Time of the newest measurement used.", "update"
+    )
+    update_range_m: FloatArray = column("m", "Range at the start.", "update")
+    update_range_std_m: FloatArray = column("m", "Its standard deviation.", "update")
+    update_bearing_deg: FloatArray = column("degree", "Initial bearing.", "update")
+    update_bearing_std_deg: FloatArray = column(
+        "degree", "Its standard deviation.", "update"
+    )
+    update_speed_mps: FloatArray = column("m/s", "Speed.", "update")
+    update_speed_std_mps: FloatArray = column(
+        "m/s", "Its standard deviation.", "update"
+    )
+    update_course_deg: FloatArray = column("degree", "Compass course.", "update")
+    update_course_std_deg: FloatArray = column(
+        "degree", "Its standard deviation.", "update"
+    )
+    solver: str = scalar("", "Solver: mle, recursive, genetic or annealing.")
+    loss: str = scalar("", "Loss: squares, huber, student or tukey.")
+    doppler: str = scalar("", "Doppler: instantaneous or interval.")
+    propagation: str = scalar("", "Propagation: instant or delayed.")
+    sound_speed_mps: float = scalar("m/s", "Sound speed that was assumed.")
+    statement: str = scalar("", "What no residual can reveal.")

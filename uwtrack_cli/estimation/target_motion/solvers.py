@@ -1,0 +1,45 @@
+"""The solvers behind one interface: growing records in, estimates out.
+
+**Conventions.** A solver takes the problem, the limits, the numbers of rows after
+which an estimate is wanted (ascending; the last is the whole record) and a seed. It
+returns one motion per such number, in solver coordinates.
+"""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.estimation.target_motion.marquardt import Limits
+from uwtrack_cli.estimation.target_motion.problem import Problem
+from uwtrack_cli.estimation.target_motion.starts import Effort, multistart
+
+SolverName = Literal["mle", "recursive", "genetic", "annealing"]
+Solver = Callable[[Problem, Limits, IntArray, int], FloatArray]
+
+WHILE_GROWING = Effort(on_blocks=12, on_all=2)
+"""Starts for the estimates before the last: the previous one helps."""
+
+
+def solve_mle(
+    problem: Problem, limits: Limits, ends: IntArray, seed: int
+) -> FloatArray:
+    """Maximise the likelihood at every length, by multi-start descent."""
+    del seed  # nothing is random here
+    found: list[FloatArray] = []
+    for end in ends:
+        last = end == ends[-1]
+        fit = multistart(
+            problem.rows(slice(0, int(end))),
+            limits,
+            effort=Effort() if last else WHILE_GROWING,
+            extra=found[-1][np.newaxis] if found else None,
+        )
+        found.append(fit.q[0])
+    return np.stack(found)
+
+
+def get_solver(name: SolverName) -> Solver:
+    """Return a solver by name."""
+    return {"mle": solve_mle}[name]

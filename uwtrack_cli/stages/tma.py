@@ -1,0 +1,165 @@
+"""Target motion from bearings and Doppler: range, course and speed of a contact.
+
+**Method.** The motion of a target on a straight track is fitted to raw bearings and
+frequencies by maximum likelihood (Chang et al. 2003, corrected; Nardone, Lindgren &
+Gong 1984), with rest frequencies projected out, from many starts. Every motion
+within the likelihood-ratio region is returned as a mode, and what the data cannot
+tell is said, with the reason.
+
+**Conventions.** The state is that at the contact's first measurement; bearings are
+compass degrees from own ship to the target. A platform without navigation stands
+still.
+
+**References.** Chang, Park, Kim, Ryu & Kim 2003, J. Acoust. Soc. Korea; Jauffret &
+Pillon 1996, IEEE Trans. Aerosp. Electron. Syst. 32; Golub & Pereyra 1973, SIAM J.
+Numer. Anal. 10.
+"""
+
+from typing import Literal
+
+from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.stages.tma_contact import analyse_contact
+from uwtrack_cli.stages.tma_inputs import (
+    Measurements,
+    measurements_from_lines,
+    measurements_from_series,
+)
+from uwtrack_cli.stages.tma_modes import Analysis
+from uwtrack_cli.stages.tma_policies import Misfit, MotionModel, Search
+from uwtrack_cli.stages.tma_table import motions_table
+
+DEFAULT_MODEL, DEFAULT_SEARCH, DEFAULT_MISFIT = MotionModel(), Search(), Misfit()
+
+
+def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
+    series: Series | None = None,
+    lines: Lines | None = None,
+    navigation: Navigation | None = None,
+    sensor: Sensor | None = None,
+    *,
+    solver: Literal["mle", "recursive", "genetic", "annealing"] = "mle",
+    array_heading: Literal["none", "course", "heading"] = "none",
+    sound_speed_mps: float | None = None,
+    updates: int = 20,
+    seed: int = 1,
+    misfit: Misfit = DEFAULT_MISFIT,
+    model: MotionModel = DEFAULT_MODEL,
+    search: Search = DEFAULT_SEARCH,
+) -> Motions:
+    """Estimate range, course and speed of contacts from bearings and Doppler.
+
+    A passive sonar hears where a contact is and how its tones shift, not how far
+    it is. Over time, and best with a manoeuvre of own ship, both together fix the
+    range. The answer lists every motion that fits about equally well, and says
+    what cannot be told from the data.
+
+    Parameters
+    ----------
+    series
+        Bearings and frequencies measured elsewhere.
+    lines
+        Tracked frequency lines; their raw measurements are fitted.
+    navigation
+        Own ship; by default that of the sensor, or a platform that stands still.
+    sensor
+        The sensor that heard the lines: its navigation, sound speed and compass.
+    solver
+        How the minimum is found: mle descends from many starts and is exact and
+        fastest; recursive updates the estimate with every row, at a twentieth of
+        the time per estimate; genetic and annealing are the paper's hybrids with a
+        simplex, no better and many times slower.
+    array_heading
+        Direction of a line array that cannot tell left from right: own course, the
+        heading of own ship (of a fixed sensor: its own), or none for bearings that
+        tell the side.
+    sound_speed_mps
+        Sound speed, m/s; by default that of the sensor, or 1500.
+    updates
+        Number of estimates over time, of growing parts of the record, from 1.
+    seed
+        Seed of the random solvers.
+    misfit
+        Deviations of the measurements and loss of residuals.
+    model
+        Model of Doppler and propagation.
+    search
+        Limits of the search and of the modes.
+
+    Returns
+    -------
+    Motions
+        One row per contact and mode, best first; estimates over time.
+
+    Raises
+    ------
+    DataError
+        There are no measurements, two kinds of them, or they cannot be right.
+    OptionError
+        An option is outside what is accepted.
+
+    Notes
+    -----
+    The misfit is the sum over rows and lines of the loss of
+    (theta_k(p) - theta_k) / sigma and (f_nk(p) - f_nk) / sigma with
+    f = f0 (1 - rate / c) (Chang et al. 2003, eqs 1-4, corrected).
+    """
+    _check_options(updates, sound_speed_mps)
+    contacts = _contacts(series, lines)
+    if navigation is None and sensor is not None:
+        navigation = sensor.navigation
+    speed = sound_speed_mps
+    if speed is None:
+        speed = SOUND_SPEED_WATER_MPS if sensor is None else sensor.sound_speed_mps
+    propagation = model.propagation
+    if propagation == "auto":
+        propagation = "instant" if lines is None else "delayed"
+    analysis = Analysis(
+        navigation=navigation,
+        solver=solver,
+        array_heading=array_heading,
+        fixed_heading_deg=None if sensor is None else sensor.heading_deg,
+        compass_std_deg=0.0 if sensor is None else sensor.compass_std_deg,
+        sound_speed_mps=speed,
+        delayed=propagation == "delayed",
+        updates=updates,
+        seed=seed,
+        misfit=misfit,
+        model=model,
+        search=search,
+    )
+    results = [analyse_contact(data, analysis) for data in contacts]
+    return motions_table(results, analysis)
+
+
+def _check_options(updates: int, sound_speed_mps: float | None) -> None:
+    if updates < 1:
+        msg = f"updates must be at least 1, got {updates}."
+        raise OptionError(msg)
+    if sound_speed_mps is not None and not 200.0 <= sound_speed_mps <= 2000.0:
+        msg = (
+            f"sound_speed_mps must lie in 200 to 2000 m/s, got {sound_speed_mps:g}; "
+            f"sea water has about 1500, air 340."
+        )
+        raise OptionError(msg)
+
+
+def _contacts(series: Series | None, lines: Lines | None) -> list[Measurements]:
+    if (series is None) == (lines is None):
+        found = "neither" if series is None else "both"
+        msg = (
+            f"target motion needs either a table of bearings and frequencies or "
+            f"tracked lines, got {found}; make lines with 'uwtrack track' or "
+            f"'uwtrack trace'."
+        )
+        raise DataError(msg)
+    if series is not None:
+        if series.time_s.size == 0:
+            msg = "the table of bearings and frequencies has no rows."
+            raise DataError(msg)
+        return measurements_from_series(series)
+    return [] if lines is None else measurements_from_lines(lines)
