@@ -57,7 +57,7 @@ class LineBank:
         self.age = np.zeros(capacity, dtype=np.int64)
         self.born = np.zeros(capacity, dtype=np.int64)
         self.emitted = np.zeros(capacity, dtype=np.int64)
-        self.last_hit = np.zeros(capacity, dtype=np.int64)
+        self.settled = np.zeros(capacity, dtype=np.int64)
         self.hold = np.zeros(capacity, dtype=np.int64)
         self.score = np.zeros(capacity)
         self.best_score = np.zeros(capacity)
@@ -96,7 +96,7 @@ class LineBank:
         self.age[slots] = 1
         self.hold[slots] = 0
         self.line[slots] = 0
-        self.born[slots] = self.emitted[slots] = self.last_hit[slots] = self.rows
+        self.born[slots] = self.emitted[slots] = self.settled[slots] = self.rows
         self.score[slots] = self.best_score[slots] = score
 
     def release(self, slots: IntArray) -> None:
@@ -120,8 +120,8 @@ class LineBank:
     def emit(self, lag: int) -> dict[str, FloatArray]:
         """Smooth and return the points at least ``lag`` frames old, by line and time.
 
-        Points after the last hit of a line are not its points yet; lines that
-        ended are returned to their last hit and leave the table.
+        Points after the frame up to which a line is settled are not its points
+        yet; lines that ended are returned up to there and leave the table.
         """
         slots = np.flatnonzero((self.stage == CONFIRMED) | (self.stage == ENDED))
         slots = slots[np.argsort(self.line[slots])]
@@ -129,7 +129,7 @@ class LineBank:
         first = np.maximum(np.maximum(self.emitted, self.born)[slots], start)
         is_over = self.stage[slots] == ENDED
         stop = np.where(is_over, self.rows, self.rows - lag)
-        stop = np.minimum(stop, self.last_hit[slots] + 1)
+        stop = np.minimum(stop, self.settled[slots] + 1)
         due = stop > first
         points = self._smoothed_points(slots[due], first[due], stop[due])
         self.emitted[slots[due]] = stop[due]
@@ -143,8 +143,8 @@ class LineBank:
         rows = np.arange(low, self.rows)
         at = rows % self.size
         copies = self.ring[at][:, :, slots]
-        # an ended line is smoothed from its last hit, a living one from now
-        end = np.where(self.stage[slots] == ENDED, self.last_hit[slots], self.rows - 1)
+        # an ended line is smoothed from its settled end, a living one from now
+        end = np.where(self.stage[slots] == ENDED, self.settled[slots], self.rows - 1)
         _smooth_back(copies, rows, end, self.row_step[at], self.noise_density[:, slots])
         member, row = np.nonzero(
             (rows[None, :] >= first[:, None]) & (rows[None, :] < stop[:, None])

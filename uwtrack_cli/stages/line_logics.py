@@ -26,6 +26,24 @@ NOISE_PEAKS_PER_CELL = 1.0
 """Noise peaks per resolution at threshold zero, extrapolated from high ones."""
 
 
+MOST_GAIN = 3.5
+"""Cap on the amplitude's gain: one loud transient must not make a line."""
+
+ESTABLISHED_MISS = float(np.log(0.5))
+"""Loss of a confirmed line per missed frame: it would be seen every other time."""
+
+
+ZONE_RESOLUTIONS = 64
+"""Width of the zones in which the density of noise peaks is followed."""
+
+ZONE_MEMORY_FRAMES = 128
+"""Frames over which that density is averaged."""
+
+
+MOMENT_MEMORY_FRAMES = 16
+"""Frames over which the usual number of free peaks in a frame is averaged."""
+
+
 class Logic(Protocol):
     """What the tracker asks of a logic."""
 
@@ -37,8 +55,8 @@ class Logic(Protocol):
         self,
         distance: FloatArray,
         variance: FloatArray,
-        bearing_variance: FloatArray,
         snr_db: FloatArray,
+        crowding: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Cost of each pair, and its gain of score."""
         ...
@@ -54,8 +72,20 @@ class Logic(Protocol):
         """Tell which lines are sure and which are lost."""
         ...
 
-    def first_score(self, snr_db: FloatArray) -> FloatArray:
+    def first_score(self, snr_db: FloatArray, crowding: FloatArray) -> FloatArray:
         """Score of a line that consists of one peak."""
+        ...
+
+    def crowding(self, frequency_hz: FloatArray, is_free: BoolArray) -> FloatArray:
+        """Logarithm of how much denser the noise peaks are than they should be."""
+        ...
+
+    def is_likely(self, bank: LineBank, slots: IntArray) -> BoolArray:
+        """Tell which lines are more likely lines than noise."""
+        ...
+
+    def watch(self, frequency_hz: FloatArray) -> None:
+        """Take note of a frame's peaks that belong to no confirmed line."""
         ...
 
 
@@ -73,8 +103,8 @@ class HitCounter:
         self,
         distance: FloatArray,
         variance: FloatArray,  # noqa: ARG002 - the score needs it
-        bearing_variance: FloatArray,  # noqa: ARG002
         snr_db: FloatArray,  # noqa: ARG002
+        crowding: FloatArray,  # noqa: ARG002
     ) -> tuple[FloatArray, FloatArray]:
         """Cost is the normalised distance; hits are equal."""
         return distance, np.zeros(distance.size)
@@ -97,14 +127,34 @@ class HitCounter:
         hits = initiation.count_hits(
             history, np.minimum(window, initiation.LONGEST_WINDOW)
         )
+        bank.settled[slots[is_hit]] = bank.rows
         is_sure = is_young & (hits >= rule.start_hits)
         cannot = hits + (rule.start_frames - age) < rule.start_hits
         is_lost = np.where(is_young, cannot, hits < rule.keep_hits)
         return is_sure, is_lost
 
-    def first_score(self, snr_db: FloatArray) -> FloatArray:
+    def first_score(
+        self,
+        snr_db: FloatArray,
+        crowding: FloatArray,  # noqa: ARG002
+    ) -> FloatArray:
         """Start from nothing."""
         return np.zeros(snr_db.size)
+
+    def crowding(
+        self,
+        frequency_hz: FloatArray,
+        is_free: BoolArray,  # noqa: ARG002
+    ) -> FloatArray:
+        """Return zeros: counts know no density."""
+        return np.zeros(frequency_hz.size)
+
+    def is_likely(self, bank: LineBank, slots: IntArray) -> BoolArray:
+        """Tell confirmed lines."""
+        return bank.stage[slots] == CONFIRMED
+
+    def watch(self, frequency_hz: FloatArray) -> None:
+        """Do nothing: counts know no density."""
 
 
 class ScoreKeeper:
@@ -128,6 +178,14 @@ class ScoreKeeper:
         self.sure = np.log(
             max(births_per_khz_hour / rule.false_lines_per_khz_hour, 1.0)
         )
+        self.lowest_hz = peaks.lowest_hz
+        self.zone_hz = ZONE_RESOLUTIONS / frames.window_s
+        n_zones = int((peaks.highest_hz - peaks.lowest_hz) / self.zone_hz) + 1
+        self.nominal_rate = (
+            ZONE_RESOLUTIONS * NOISE_PEAKS_PER_CELL * peaks.kept_probability
+        )
+        self.usual = 0.0
+        self.zone_rate = np.full(n_zones, self.nominal_rate)
         self.false_lines_per_khz_hour = rule.false_lines_per_khz_hour
         self.weakest_line_snr_db = np.nan
         self.miss = self.weight * np.log1p(-self.detection)
@@ -136,19 +194,19 @@ class ScoreKeeper:
         self,
         distance: FloatArray,
         variance: FloatArray,
-        bearing_variance: FloatArray,
         snr_db: FloatArray,
+        crowding: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Log-likelihood ratio of "this line's peak" against "noise"."""
-        # a peak anywhere on the compass: density 1/360 per degree
-        turn = np.minimum(bearing_variance, 360.0**2 / (2.0 * np.pi))
-        spread = -0.5 * np.log(2.0 * np.pi * turn / 360.0**2)
-        spread[~np.isfinite(bearing_variance)] = 0.0
+        """Log-likelihood ratio of "this line's peak" against "noise".
+
+        Agreeing bearings give no credit: a vessel's broadband noise comes from one
+        bearing, too.
+        """
         gain = (
-            initiation.amplitude_log_ratio(10.0 ** (snr_db / 10.0), self.design_snr)
+            self._amplitude_gain(snr_db)
             - 0.5 * distance
             - 0.5 * np.log(2.0 * np.pi * variance * self.cells_per_hz**2)
-            + spread
+            - crowding
         )
         return -gain, self.weight * gain
 
@@ -161,15 +219,56 @@ class ScoreKeeper:
         patience: FloatArray,
     ) -> tuple[BoolArray, BoolArray]:
         """Add the frame's evidence and compare with Wald's bounds."""
-        score = bank.score[slots] + np.where(is_hit, gain, self.miss)
+        is_confirmed = bank.stage[slots] == CONFIRMED
+        miss = np.where(is_confirmed, self.weight * ESTABLISHED_MISS, self.miss)
+        score = bank.score[slots] + np.where(is_hit, gain, miss)
         best = np.maximum(bank.best_score[slots], score)
         bank.score[slots], bank.best_score[slots] = score, best
-        is_confirmed = bank.stage[slots] == CONFIRMED
+        # where the evidence was greatest is where the line ended, if it did
+        bank.settled[slots[score >= best]] = bank.rows
         is_sure = ~is_confirmed & (score >= self.sure)
         fall = np.where(is_confirmed, self.rule.patience * patience, 4.0)
         return is_sure, best - score > fall
 
-    def first_score(self, snr_db: FloatArray) -> FloatArray:
+    def first_score(self, snr_db: FloatArray, crowding: FloatArray) -> FloatArray:
         """Amplitude alone, among the peaks that are kept."""
-        ratio = initiation.amplitude_log_ratio(10.0 ** (snr_db / 10.0), self.design_snr)
-        return self.weight * (ratio - self.threshold - np.log(self.detection))
+        gain = self._amplitude_gain(snr_db) - crowding
+        first: FloatArray = gain - self.threshold - np.log(self.detection)
+        return self.weight * first
+
+    def crowding(self, frequency_hz: FloatArray, is_free: BoolArray) -> FloatArray:
+        """Logarithm of the density of noise peaks over its nominal value.
+
+        Noise is not white everywhere: its peaks are denser beside a band edge, in
+        a whistle or in the frame of a click. Lasting density is known per zone of
+        frequency, and momentary density from the number of peaks in the frame.
+        """
+        count = float(is_free.sum())
+        usual = max(self.usual if self.usual > 0.0 else count, 1.0)
+        excess = count - usual
+        is_sudden = excess > 3.0 * np.sqrt(usual)
+        sudden = 1.0 + excess / usual if is_sudden else 1.0
+        zone = self.zone_rate[self._zones(frequency_hz)] / self.nominal_rate
+        return np.log(np.maximum(zone, 1.0) * sudden)
+
+    def is_likely(self, bank: LineBank, slots: IntArray) -> BoolArray:
+        """Tell lines that are half way to their confirmation, or confirmed."""
+        is_confirmed = bank.stage[slots] == CONFIRMED
+        return is_confirmed | (bank.score[slots] >= 0.5 * self.sure)
+
+    def watch(self, frequency_hz: FloatArray) -> None:
+        """Follow the density per zone with a memory of many frames."""
+        counts = np.bincount(self._zones(frequency_hz), minlength=self.zone_rate.size)
+        if self.usual == 0.0:
+            self.usual = float(frequency_hz.size)
+        self.usual += (frequency_hz.size - self.usual) / MOMENT_MEMORY_FRAMES
+        self.zone_rate += (counts - self.zone_rate) / ZONE_MEMORY_FRAMES
+
+    def _zones(self, frequency_hz: FloatArray) -> IntArray:
+        zone = (frequency_hz - self.lowest_hz) / self.zone_hz
+        return np.clip(zone.astype(np.int64), 0, self.zone_rate.size - 1)
+
+    def _amplitude_gain(self, snr_db: FloatArray) -> FloatArray:
+        power_ratio = 1.0 + 10.0 ** (snr_db / 10.0)
+        ratio = initiation.amplitude_log_ratio(power_ratio, self.design_snr)
+        return np.minimum(ratio, MOST_GAIN)

@@ -174,26 +174,31 @@ class LineTracker:
         bank = self.bank
         slots = bank.active()
         bank.table[ASSOCIATION, slots] = COASTED
+        is_claimed = self._is_claimed(peaks)
+        crowding = self.logic.crowding(peaks.frequency, ~is_claimed)
         is_free = np.ones(peaks.frequency.size, dtype=bool)
-        hit = np.zeros(slots.size, dtype=bool)
-        gain = np.zeros(slots.size)
         if slots.size:
-            chosen = self._associate(slots, peaks)
+            chosen = self._associate(slots, peaks, crowding)
             self._update(slots[chosen.line], chosen.peak, peaks)
             is_free[chosen.peak] = False
-            hit[chosen.line] = True
-            gain[chosen.line] = chosen.gain
-            self._decide(slots, hit, gain)
+            is_likely = self.logic.is_likely(bank, slots[chosen.line])
+            is_claimed[chosen.peak[is_likely]] = True
+            self._decide(slots, chosen)
             self._merge()
+            is_claimed |= self._is_claimed(peaks)
+        self.logic.watch(peaks.frequency[~is_claimed])
         self.frames_seen += 1
         if self.frames_seen % self.policies.feedback.every_frames == 0:
             self._classify(frame)
-        self._start(peaks, is_free)
+        self._start(peaks, is_free & ~is_claimed, crowding)
 
-    def _associate(self, slots: IntArray, peaks: FramePeaks) -> _Pairs:
+    def _associate(
+        self, slots: IntArray, peaks: FramePeaks, crowding: FloatArray
+    ) -> _Pairs:
         is_confirmed = self.bank.stage[slots] == CONFIRMED
         is_lax = is_confirmed & self._is_recognised(slots)
-        pairs = self._allowed(self._pairs(slots, is_lax, peaks), is_lax, peaks)
+        pairs = self._pairs(slots, is_lax, peaks, crowding)
+        pairs = self._allowed(pairs, is_lax, peaks)
         first = pairs.take(is_confirmed[pairs.line])
         first = first.take(_assigned(first))
         taken = np.zeros(peaks.frequency.size, dtype=bool)
@@ -211,7 +216,13 @@ class LineTracker:
             return np.ones(slots.size, dtype=bool)
         return self.bank.hold[slots] > 0
 
-    def _pairs(self, slots: IntArray, is_lax: BoolArray, peaks: FramePeaks) -> _Pairs:
+    def _pairs(
+        self,
+        slots: IntArray,
+        is_lax: BoolArray,
+        peaks: FramePeaks,
+        crowding: FloatArray,
+    ) -> _Pairs:
         gates, state = self.policies.gates, self.bank.state
         factor = np.where(is_lax, self.policies.feedback.beta, 1.0)
         centre, spread = state.position[:, slots], state.variance[:, slots]
@@ -236,7 +247,9 @@ class LineTracker:
         inside = (np.abs(off) < width * wide) & (np.abs(turn) < turn_width * wide)
         basic = (np.abs(off) < width) & (np.abs(turn) < turn_width)
         distance = off**2 / total + turn**2 / turn_total
-        cost, gain = self.logic.weigh(distance, total, turn_total, peaks.raw[5, peak])
+        cost, gain = self.logic.weigh(
+            distance, total, peaks.raw[5, peak], crowding[peak]
+        )
         return _Pairs(line, peak, basic, cost, gain).take(inside)
 
     def _allowed(self, pairs: _Pairs, is_lax: BoolArray, peaks: FramePeaks) -> _Pairs:
@@ -267,10 +280,12 @@ class LineTracker:
         table[ASSOCIATION, slots] = np.where(
             peaks.is_detection[peak], DETECTED, SUB_THRESHOLD
         )
-        self.bank.last_hit[slots] = self.bank.rows
 
-    def _decide(self, slots: IntArray, hit: BoolArray, gain: FloatArray) -> None:
+    def _decide(self, slots: IntArray, chosen: _Pairs) -> None:
         bank = self.bank
+        hit, gain = np.zeros(slots.size, dtype=bool), np.zeros(slots.size)
+        hit[chosen.line] = True
+        gain[chosen.line] = chosen.gain
         bank.age[slots] += 1
         patience = np.where(
             self._is_recognised(slots) & (bank.stage[slots] == CONFIRMED),
@@ -338,11 +353,12 @@ class LineTracker:
             bank.hold[slots[is_member]] = feedback.hold_frames
         self.families.note(frame, combs, bank.line[slots], frequency, sigma)
 
-    def _start(self, peaks: FramePeaks, is_free: BoolArray) -> None:
+    def _start(
+        self, peaks: FramePeaks, is_free: BoolArray, crowding: FloatArray
+    ) -> None:
         is_seed = is_free & (peaks.is_detection | self.logic.uses_all_peaks)
         if self.policies.feedback.births == "families":
             is_seed &= peaks.is_in_family
-        is_seed &= ~self._is_claimed(peaks)
         seeds = np.flatnonzero(is_seed)
         if not seeds.size:
             return
@@ -368,7 +384,7 @@ class LineTracker:
             motion.frequency_hz2ps3 + motion.doppler_ps3 * peaks.frequency[seeds] ** 2
         )
         bank.noise_density[1, slots] = motion.bearing_deg2ps3
-        bank.start(slots, self.logic.first_score(peaks.raw[5, seeds]))
+        bank.start(slots, self.logic.first_score(peaks.raw[5, seeds], crowding[seeds]))
 
     def _is_claimed(self, peaks: FramePeaks) -> BoolArray:
         """Peaks so near a confirmed line that they cannot be another line."""
