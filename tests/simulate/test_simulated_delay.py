@@ -6,7 +6,7 @@ import pytest
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.simulate.delay import FIRST_STEP, Path
 from uwtrack_cli.simulate.motion import Motion, fixed, track_motion
-from uwtrack_cli.simulate.scenario import Track, Turn
+from uwtrack_cli.simulate.ways import Track, Turn
 
 
 def straight_passage(time_s, speed, slant, c, t0):

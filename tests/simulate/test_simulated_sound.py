@@ -203,3 +203,16 @@ def test_range_law_follows_the_stated_spreading():
         constant = 10 * np.log10(power) + spreading * np.log10(distance)
         assert constant.mean() == pytest.approx(170.0, abs=0.02)
         assert np.std(constant) < 0.05
+
+
+def test_vessel_is_silent_outside_its_sounding_time():
+    always = listen(scene(vessel=[vessel()]))[:, 0]
+    hiss = {"band_hz": [50.0, 400.0], "source_level_db": 150.0}
+    heard = listen(scene(vessel=[vessel(sounding_s=[20.0, 40.0])]))[:, 0]
+    assert np.array_equal(heard[25_200:34_900], always[25_200:34_900])
+    assert not heard[:20_050].any()
+    assert not heard[40_200:].any()
+    late = vessel(sounding_s=[40.0, 60.0], broadband=hiss)
+    lasting = listen(scene(vessel=[vessel(broadband=hiss)]))[:, 0]
+    again = listen(scene(vessel=[late]))[:, 0]
+    assert np.array_equal(again[46_000:54_000], lasting[46_000:54_000])

@@ -152,6 +152,16 @@ def test_unclear_scenario_is_refused_with_its_place(changes, message):
     ],
 )
 def test_impossible_sound_is_refused_when_it_is_made(source, message):
-    recording = simulate_recordings(scene(vessel=[source]))[0]
     with pytest.raises(OptionError, match=message):
-        next(recording.reader(1000))
+        simulate_recordings(scene(vessel=[source]))
+
+
+def test_vessel_that_comes_back_has_an_encounter_each_time():
+    way = [[-300.0, 100.0], [150.0, 100.0], [150.0, -80.0], [-300.0, -80.0]]
+    track = {"waypoints_m": way, "speed_mps": 10.0, "turn_radius_m": 40.0}
+    source = vessel(closest_approach=None, track=track)
+    found = truth(scene(vessel=[source], duration_s=120.0))["encounters"]
+    assert [e["side"] for e in found] == ["starboard"] * 3
+    ranges = [e["horizontal_range_m"] for e in found]
+    assert ranges == pytest.approx([100.0, 150.0, 80.0])
+    assert [e["bearing_deg"] for e in found] == pytest.approx([0.0, 90.0, 180.0])

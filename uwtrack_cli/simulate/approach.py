@@ -2,7 +2,7 @@
 
 **Method.** The distance is tabled over three times the recording (one before, one
 after), and each dip is refined by bisection on the sign of the closing speed. A dip
-within the recording is preferred to a deeper one outside.
+outside the recording counts only if there is none within.
 
 **Conventions.** Geometric time: when the vessel is nearest, not when that is heard.
 The side is the side of the vessel on which the sensor lies.
@@ -14,7 +14,8 @@ import numpy as np
 
 from uwtrack_cli.simulate.delay import Path
 from uwtrack_cli.simulate.motion import Array, sensor_motion, vessel_motion
-from uwtrack_cli.simulate.scenario import Scenario, SensorPlan, Vessel
+from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
+from uwtrack_cli.simulate.sources import Vessel
 
 GRID = 60001
 """Times at which the distance is tabled."""
@@ -45,24 +46,23 @@ def direct_path(scenario: Scenario, vessel: Vessel, plan: SensorPlan) -> Path:
     )
 
 
-def closest_approach(path: Path, duration_s: float) -> Approach | None:
-    """Return the closest approach, or None if the distance has no dip."""
+def closest_approaches(path: Path, duration_s: float) -> tuple[Approach, ...]:
+    """Return every dip of the distance within the recording, or the least without."""
     time_s = np.linspace(-duration_s, 2.0 * duration_s, GRID)
     opening = _opening(path, time_s)
     dips = np.flatnonzero((opening[:-1] < 0.0) & (opening[1:] >= 0.0))
     moments = [_bisect(path, float(time_s[i]), float(time_s[i + 1])) for i in dips]
     inside = [t for t in moments if 0.0 <= t <= duration_s]
-    if not moments:
-        return None
-    best = min(inside or moments, key=lambda t: float(horizontal(path, np.array(t))))
-    return _describe(path, best)
+    if moments and not inside:
+        inside = [min(moments, key=lambda t: float(horizontal(path, np.array(t))))]
+    return tuple(_describe(path, t) for t in inside)
 
 
 def nearest_range_m(path: Path, duration_s: float) -> float:
     """Return the slant range at closest approach, or the least one heard."""
-    found = closest_approach(path, duration_s)
-    if found is not None:
-        return found.slant_range_m
+    found = closest_approaches(path, duration_s)
+    if found:
+        return min(approach.slant_range_m for approach in found)
     time_s = np.linspace(0.0, duration_s, 1001)
     return float(np.hypot(horizontal(path, time_s), _height(path)).min())
 

@@ -15,7 +15,8 @@ from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.approach import direct_path, nearest_range_m
 from uwtrack_cli.simulate.motion import Array, reference_sensor
 from uwtrack_cli.simulate.noise import Density, ambient_density
-from uwtrack_cli.simulate.scenario import Broadband, Line, Noise, Scenario, Vessel
+from uwtrack_cli.simulate.scenario import Noise, Scenario
+from uwtrack_cli.simulate.sources import Broadband, Line, Vessel
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.simulate.scenario import (
-    ClosestApproach,
-    Scenario,
-    SensorPlan,
-    Track,
-    Turn,
-    Vessel,
-)
+from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
+from uwtrack_cli.simulate.sources import Vessel
+from uwtrack_cli.simulate.ways import ClosestApproach, Track, Turn
 
 Array = NDArray[np.float64]
 Segment = tuple[float, float, float, float, float, float]

@@ -60,6 +60,7 @@ def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
 
 def _recording(scenario: Scenario, number: int) -> Recording:
     plan = scenario.sensors[number]
+    _Studio(scenario, number)  # refuses what cannot be made, before anybody reads
     start = scenario.start_utc_ns
     if start is not None:
         shift_s = plan.clock_error_s - plan.clock_offset_s

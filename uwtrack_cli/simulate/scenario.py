@@ -6,149 +6,14 @@ first sample. What a sensor's owner knows (positions, offsets, deviations) stand
 beside what he does not (the ``_error`` keys), which goes to the truth alone.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
-import numpy as np
-
-from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS, SOURCE_DEPTH_M
+from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.errors import OptionError
+from uwtrack_cli.simulate.sources import Vessel
 from uwtrack_cli.simulate.table import fact
-
-
-@dataclass(frozen=True, kw_only=True)
-class Turn:
-    """A change of course at a constant rate, the shorter way round."""
-
-    at_s: float = fact()
-    course_deg: float = fact(low=-360.0, high=360.0)
-    rate_deg_per_s: float = fact(1.0, low=1e-3, high=90.0)
-    speed_mps: float | None = fact(None, low=0.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Track:
-    """A course steered from a position, or a chain of waypoints at one speed."""
-
-    east_m: float = fact(0.0)
-    north_m: float = fact(0.0)
-    start_s: float = fact(0.0)
-    course_deg: float | None = fact(None, low=-360.0, high=360.0)
-    speed_mps: float | None = fact(None, low=0.0)
-    speed_kn: float | None = fact(None, low=0.0)
-    waypoints_m: tuple[tuple[float, float], ...] = fact(())
-    turn_radius_m: float = fact(50.0, low=0.0)
-    turns: tuple[Turn, ...] = fact((), key="turn")
-
-    def __post_init__(self) -> None:
-        """Refuse a track that leaves the course open or gives it twice."""
-        _one_of(self, "speed_mps", "speed_kn")
-        if (self.course_deg is None) == (len(self.waypoints_m) < 2):
-            msg = "give either course_deg or at least two waypoints_m."
-            raise OptionError(msg)
-        if self.waypoints_m and self.turns:
-            msg = "waypoints_m already turn; give either them or turn."
-            raise OptionError(msg)
-        _check_turns(self.turns, self.start_s)
-
-    @property
-    def speed(self) -> float:
-        """Speed, m/s."""
-        return _speed(self.speed_mps, self.speed_kn)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClosestApproach:
-    """A straight passage, stated by its closest approach to a sensor.
-
-    For a moving sensor it is the approach to the place of the sensor at ``time_s``.
-    """
-
-    time_s: float = fact()
-    course_deg: float = fact(low=-360.0, high=360.0)
-    side: str = fact(choices=("port", "starboard"))
-    sensor: str | None = fact(None)
-    horizontal_range_m: float | None = fact(None, low=0.0)
-    slant_range_m: float | None = fact(None, low=1.0)
-    speed_mps: float | None = fact(None, low=1e-3)
-    speed_kn: float | None = fact(None, low=1e-3)
-
-    def __post_init__(self) -> None:
-        """Refuse a passage without range or speed, or with two of one."""
-        _one_of(self, "speed_mps", "speed_kn")
-        _one_of(self, "horizontal_range_m", "slant_range_m")
-
-    @property
-    def speed(self) -> float:
-        """Speed, m/s."""
-        return _speed(self.speed_mps, self.speed_kn)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Line:
-    """A tone, or a fundamental with harmonics (each weaker by a fixed step)."""
-
-    frequency_hz: float | None = fact(None, low=0.1)
-    fundamental_hz: float | None = fact(None, low=0.1)
-    harmonics: int = fact(1, low=1, high=1000)
-    step_db: float = fact(0.0, low=-60.0, high=60.0)
-    cn0_db_hz: float | None = fact(None, low=-60.0, high=150.0)
-    source_level_db: float | None = fact(None, low=-100.0, high=300.0)
-
-    def __post_init__(self) -> None:
-        """Refuse a line without frequency or level, or with two of one."""
-        _one_of(self, "frequency_hz", "fundamental_hz")
-        _one_of(self, "cn0_db_hz", "source_level_db")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wander:
-    """Fractional wander of the shaft speed, shared by all lines of a vessel."""
-
-    fraction: float = fact(0.0, low=0.0, high=0.05)
-    correlation_s: float = fact(20.0, low=1.0, high=1e5)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Broadband:
-    """Gaussian noise of the vessel in a band, from its ratio or its source level."""
-
-    band_hz: tuple[float, float] = fact(low=0.0)
-    snr_db: float | None = fact(None, low=-100.0, high=100.0)
-    source_level_db: float | None = fact(None, low=-100.0, high=300.0)
-    slope_db_per_decade: float = fact(0.0, low=-60.0, high=60.0)
-
-    def __post_init__(self) -> None:
-        """Refuse an empty band and a level given twice or not at all."""
-        _one_of(self, "snr_db", "source_level_db")
-        if not self.band_hz[0] < self.band_hz[1]:
-            msg = f"band_hz must rise from low to high, got {list(self.band_hz)}."
-            raise OptionError(msg)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Vessel:
-    """A sound source on the move; ratios hold at its closest approach."""
-
-    name: str = fact("")
-    source_depth_m: float = fact(SOURCE_DEPTH_M, low=0.0, high=12e3)
-    surface_image: float = fact(0.0, low=0.0, high=1.0)
-    spreading_db_per_decade: float = fact(20.0, low=0.0, high=60.0)
-    closest_approach: ClosestApproach | None = None
-    track: Track | None = None
-    turns: tuple[Turn, ...] = fact((), key="turn")
-    lines: tuple[Line, ...] = fact((), key="line")
-    wander: Wander = field(default=Wander())
-    broadband: Broadband | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a vessel whose way is open or given twice."""
-        _one_of(self, "closest_approach", "track")
-        if self.closest_approach is None and self.turns:
-            msg = "turns of a vessel with a track belong into its track."
-            raise OptionError(msg)
-        if self.closest_approach is not None:
-            _check_turns(self.turns, self.closest_approach.time_s)
+from uwtrack_cli.simulate.ways import Track
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,21 +144,3 @@ def _epoch_ns(text: str) -> int:
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)
     seconds = since.days * 86400 + since.seconds
     return seconds * NANOSECONDS + since.microseconds * 1000
-
-
-def _speed(speed_mps: float | None, speed_kn: float | None) -> float:
-    return speed_mps if speed_mps is not None else (speed_kn or 0.0) * KNOT_MPS
-
-
-def _one_of(owner: object, *names: str) -> None:
-    given = [name for name in names if getattr(owner, name) is not None]
-    if len(given) != 1:
-        msg = f"give exactly one of {' and '.join(names)}, got {given or 'none'}."
-        raise OptionError(msg)
-
-
-def _check_turns(turns: tuple[Turn, ...], start_s: float) -> None:
-    times = [start_s, *(turn.at_s for turn in turns)]
-    if np.any(np.diff(times) < 0.0):
-        msg = f"turns must follow each other and {start_s:g} s, got at_s {times[1:]}."
-        raise OptionError(msg)

@@ -24,7 +24,8 @@ from uwtrack_cli.simulate.delay import Path
 from uwtrack_cli.simulate.levels import Hiss, Tone, hiss, tones
 from uwtrack_cli.simulate.motion import Array
 from uwtrack_cli.simulate.noise import TILE, ColouredNoise, shaping_filter
-from uwtrack_cli.simulate.scenario import Scenario, SensorPlan, Vessel
+from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
+from uwtrack_cli.simulate.sources import RAMP_S, Vessel
 from uwtrack_cli.simulate.wander import Drift, drift
 
 MULTIPLE = 4
@@ -81,20 +82,31 @@ class VesselSound:
     phases: Array
     wander: Drift | None
     broadband: SourceSound | None
+    sounding_s: tuple[float, float] | None
 
     def arrivals(self, tile: int) -> Iterator[Arrival]:
         """Yield what comes along each way during a tile."""
         first = tile * TILE
         heard_s = np.arange(first, first + TILE) / self.sample_rate_hz
         for factor, path in self.paths:
+            if self._is_silent(path, heard_s[[0, -1]]):
+                if self.broadband is not None:
+                    self.broadband.tiles = {}
+                continue
             delay, east, north = path.along(first, TILE, self.sample_rate_hz)
             distance = delay * path.sound_speed_mps
-            emitted_s = heard_s - delay
-            pressure = self._emitted(emitted_s)
             spread = (
                 1.0 / distance if self.exponent == 1.0 else distance**-self.exponent
             )
-            yield factor * spread * pressure, east, north
+            yield factor * spread * self._emitted(heard_s - delay), east, north
+
+    def _is_silent(self, path: Path, ends_s: Array) -> bool:
+        if self.sounding_s is None:
+            return False
+        emitted_s = ends_s - path.solve(ends_s)[0]
+        return bool(
+            emitted_s[1] < self.sounding_s[0] or emitted_s[0] > self.sounding_s[1]
+        )
 
     def _emitted(self, time_s: Array) -> Array:
         total = np.zeros(time_s.size)
@@ -108,6 +120,8 @@ class VesselSound:
             total += tone.amplitude_upa * np.cos(angle)
         if self.broadband is not None:
             total += self.broadband.at(time_s)
+        if self.sounding_s is not None:
+            total *= _ramp(time_s, self.sounding_s)
         return total
 
 
@@ -131,7 +145,13 @@ def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSou
         phases=phases,
         wander=vessel_wander(scenario, number, start_s),
         broadband=_source_sound(scenario, number, start_s, hiss(scenario, vessel)),
+        sounding_s=vessel.sounding_s,
     )
+
+
+def _ramp(time_s: Array, sounding_s: tuple[float, float]) -> Array:
+    inside = np.minimum(time_s - sounding_s[0], sounding_s[1] - time_s)
+    return np.asarray(np.sin(0.5 * np.pi * np.clip(inside / RAMP_S, 0.0, 1.0)) ** 2)
 
 
 def vessel_wander(scenario: Scenario, number: int, start_s: float) -> Drift | None:

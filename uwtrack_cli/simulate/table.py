@@ -118,3 +118,11 @@ def _number(value: Any, kind: type, spec: Field[Any], where: str) -> float | int
         msg = f"{where} must be {noun} in [{low:g}, {high:g}], got {value!r}."
         raise OptionError(msg)
     return kind(value)  # type: ignore[no-any-return]
+
+
+def exactly_one(owner: object, *names: str) -> None:
+    """Refuse an object of which none or several of the named facts are given."""
+    given = [name for name in names if getattr(owner, name) is not None]
+    if len(given) != 1:
+        msg = f"give exactly one of {' and '.join(names)}, got {given or 'none'}."
+        raise OptionError(msg)

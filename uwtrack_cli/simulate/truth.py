@@ -1,8 +1,9 @@
 """What really happened, as plain values for a JSON file.
 
 **Conventions.** Times in seconds from the first sample (true clock), angles in
-compass degrees; ``encounters`` holds one object per sensor and vessel that has a
-closest approach, under the names that results use; no vessel gives an empty list.
+compass degrees; ``encounters`` holds one object per sensor, vessel and closest
+approach, under the names that results use; no vessel gives an empty list. A closest
+approach before or after the recording has ``inside`` false.
 ``track`` is sampled each second (sparser beyond an hour: 3600 steps).
 """
 
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from uwtrack_cli.simulate.approach import closest_approach, direct_path
+from uwtrack_cli.simulate.approach import Approach, closest_approaches, direct_path
 from uwtrack_cli.simulate.levels import (
     Hiss,
     Tone,
@@ -22,7 +23,8 @@ from uwtrack_cli.simulate.levels import (
 )
 from uwtrack_cli.simulate.motion import Motion, sensor_motion, vessel_motion
 from uwtrack_cli.simulate.noise import ambient_density
-from uwtrack_cli.simulate.scenario import Noise, Scenario, SensorPlan, Vessel
+from uwtrack_cli.simulate.scenario import Noise, Scenario, SensorPlan
+from uwtrack_cli.simulate.sources import Vessel
 
 FORMAT = "uwtrack-truth"
 VERSION = 1
@@ -61,7 +63,7 @@ def truth(scenario: Scenario, sensor: str | None = None) -> dict[str, Any]:
             found
             for plan in plans
             for i, vessel in enumerate(scenario.vessels, 1)
-            for found in _encounter(scenario, plan, vessel, i)
+            for found in _encounters(scenario, plan, vessel, i)
         ],
         "noise": None if scenario.noise is None else asdict(scenario.noise),
     }
@@ -112,14 +114,10 @@ def _vessel(scenario: Scenario, vessel: Vessel, number: int) -> dict[str, Any]:
     }
 
 
-def _encounter(
+def _encounters(
     scenario: Scenario, plan: SensorPlan, vessel: Vessel, number: int
 ) -> list[dict[str, Any]]:
     path = direct_path(scenario, vessel, plan)
-    found = closest_approach(path, scenario.duration_s)
-    if found is None:
-        return []
-    loss_db = vessel.spreading_db_per_decade * np.log10(found.slant_range_m)
     lines, sound = tones(scenario, vessel), hiss(scenario, vessel)
     return [
         {
@@ -130,9 +128,14 @@ def _encounter(
             "inside": 0.0 <= found.time_s <= scenario.duration_s,
             "rest_frequencies_hz": [tone.frequency_hz for tone in lines],
             "sound_speed_mps": scenario.sound_speed_mps,
-            **_ratios(scenario.noise, lines, sound, float(loss_db)),
+            **_ratios(scenario.noise, lines, sound, _loss_db(vessel, found)),
         }
+        for found in closest_approaches(path, scenario.duration_s)
     ]
+
+
+def _loss_db(vessel: Vessel, found: Approach) -> float:
+    return float(vessel.spreading_db_per_decade * np.log10(found.slant_range_m))
 
 
 def _ratios(
