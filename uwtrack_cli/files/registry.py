@@ -7,14 +7,17 @@ and `diff` all work from this list.
 from typing import get_args, get_type_hints
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels, Overview, Spectrogram
+from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
 
 CONTAINERS: dict[str, type[Container]] = {
@@ -33,6 +36,10 @@ CONTAINERS: dict[str, type[Container]] = {
         Encounters,
         Fixes,
         Series,
+        Contacts,
+        Scans,
+        Roc,
+        Target,
     )
 }
 """Container classes by name, in the order of the chain."""

@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
 
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.files.utc import epoch_ns, format_utc, parse_utc, time_zone
+from uwtrack_cli.files.utc import epoch_ns, format_utc, named_zone, parse_utc
 
 PRESETS: dict[str, str] = {
     "soundtrap": r"(?<!\d)\d{3,10}\.(?P<yy>\d\d)(?P<m>\d\d)(?P<d>\d\d)"
@@ -40,12 +40,12 @@ DIRECTIVES = {
 }  # fmt: skip
 
 
-def start_time(
+def find_start_utc_ns(
     path: Path,
     *,
     start_utc: str | None = None,
     time_pattern: str | None = None,
-    zone: str = "UTC",
+    time_zone: str = "UTC",
 ) -> int | None:
     """Return the time of the first sample, ns since 1970-01-01 UTC.
 
@@ -57,7 +57,7 @@ def start_time(
         The time itself, ISO 8601.
     time_pattern
         Name of a preset, or a pattern such as ``H1_%Y%m%d-%H%M%S``.
-    zone
+    time_zone
         Time zone of the name (and of a time without zone): a name or an offset.
 
     Returns
@@ -72,7 +72,7 @@ def start_time(
     OptionError
         The pattern, the zone or the time cannot be understood.
     """
-    clock = time_zone(zone)
+    clock = named_zone(time_zone)
     if start_utc is not None:
         try:
             return parse_utc(start_utc, clock)

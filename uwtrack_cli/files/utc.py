@@ -47,7 +47,7 @@ def parse_utc(text: str, zone: tzinfo = UTC) -> int:
         msg = f"{text!r} is no time that exists: {error}."
         raise DataError(msg) from error
     if own is not None:
-        zone = UTC if own.upper() in {"Z", "UTC"} else time_zone(own)
+        zone = UTC if own.upper() in {"Z", "UTC"} else named_zone(own)
     return epoch_ns(day, zone) + int((fraction or "").ljust(9, "0"))
 
 
@@ -71,7 +71,7 @@ def epoch_ns(local: datetime, zone: tzinfo) -> int:
     return seconds * NANOSECONDS + span.microseconds * 1_000
 
 
-def time_zone(name: str) -> tzinfo:
+def named_zone(name: str) -> tzinfo:
     """Return a time zone by its name or offset from UTC.
 
     Parameters

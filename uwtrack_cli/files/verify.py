@@ -80,10 +80,10 @@ def _data_problems(product: Product) -> list[str]:
         try:
             digests[path] = data_digest(item)
         except HDF5_ERRORS as error:
-            problems.append(f"{product.name}: {path} is damaged: {error}.")
+            problems.append(f"{path} is damaged: {error}.")
     structure = str(attribute(product.file, "structure_sha256"))
     if not problems and root_digest(structure, digests) != product.digest:
-        problems.append(f"{product.name}: the data do not match their digest.")
+        problems.append("the data do not match their digest.")
     return problems
 
 
@@ -113,7 +113,7 @@ def _source_problems(path: Path, step: HistoryStep) -> list[str]:
             continue
         if now != source.digest:
             problems.append(
-                f"{path}: {beside.name} beside it is no longer the file that step "
+                f"{beside.name} beside it is no longer the file that step "
                 f"{step.stage!r} read."
             )
     return problems

@@ -1,0 +1,145 @@
+"""Containers as rows of plain values: what `--json` and `show` print.
+
+**Conventions.** What cannot be told is None (null), never nan; every such value of
+an encounter or a motion has its reason under its own key. The keys of encounters,
+fixes and motions are those of the command line's documentation.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.files.utc import format_utc
+
+Row = dict[str, Any]
+
+ENCOUNTER_KEYS = (
+    "contact", "sensor", "status", "time_utc", "time_s", "time_std_s",
+    "arrival_time_s", "speed_mps", "speed_std_mps", "slant_range_m",
+    "slant_range_std_m", "horizontal_range_m", "range_over_speed_s",
+    "range_over_speed_std_s", "course_deg", "course_std_deg", "bearing_deg",
+    "bearing_std_deg", "side", "rest_frequencies_hz", "rest_frequencies_std_hz",
+    "sound_speed_mps", "received_level_db", "extrapolated", "ambiguities", "reasons",
+)  # fmt: skip
+FIX_KEYS = (
+    "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
+    "latitude", "longitude", "east_std_m", "north_std_m", "covariance_m2",
+    "speed_mps", "course_deg", "sensors",
+)  # fmt: skip
+NO_START = "the start time of the recording is not known"
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON has it: nan and infinity are None."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def json_rows(container: Container) -> list[Row]:
+    """Return one object per row of a container's main axis.
+
+    Encounters, fixes and motions have their documented keys; any other container
+    has its columns, and one without columns is a single row of its single values.
+    """
+    if container.NAME in SPECIAL:
+        return list(SPECIAL[container.NAME][1](container))
+    if not container.columns():
+        return [facts(container)]
+    return list(axis_rows(container, main_axis(container)))
+
+
+def main_axis(container: Container) -> str:
+    """Return the axis of a container's first growing column."""
+    axes = [spec.axes[0] for spec in container.columns().values()]
+    growing = [axis for axis in axes if axis not in container.FIXED_AXES]
+    return (growing or axes)[0]
+
+
+def axes_of(container: Container) -> list[str]:
+    """Return the axes that have rows of their own, the main one first."""
+    first = [spec.axes[0] for spec in container.columns().values()]
+    main = main_axis(container) if first else ""
+    return sorted(dict.fromkeys(first), key=lambda axis: axis != main)
+
+
+def axis_rows(container: Container, axis: str) -> Iterator[Row]:
+    """Yield the rows of an axis: its columns by name, matrices as lists."""
+    columns = {
+        name: getattr(container, name)
+        for name, spec in container.columns().items()
+        if spec.axes[0] == axis and getattr(container, name) is not None
+    }
+    for row in range(container.sizes().get(axis, 0)):
+        yield {name: plain(values[row]) for name, values in columns.items()}
+
+
+def facts(container: Container) -> Row:
+    """Return the single values of a container."""
+    return {
+        name: plain(getattr(container, name))
+        for name in container.scalars()
+        if not callable(getattr(container, name))
+    }
+
+
+def _encounter_rows(container: Container) -> Iterator[Row]:
+    if not isinstance(container, Encounters):
+        return
+    for i, values in enumerate(axis_rows(container, "encounter")):
+        own = container.rest_encounter == i
+        values["time_utc"] = _utc(values["time_utc_ns"])
+        values["side"] = values["side"] or None
+        values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
+        values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
+        values["ambiguities"] = _parsed(values["ambiguities"], list)
+        values["reasons"] = _reasons(values)
+        yield {key: values[key] for key in ENCOUNTER_KEYS}
+
+
+def _fix_rows(container: Container) -> Iterator[Row]:
+    if not isinstance(container, Fixes):
+        return
+    with np.errstate(invalid="ignore"):
+        std = np.sqrt(np.diagonal(container.covariance_m2, axis1=1, axis2=2))
+    for i, values in enumerate(axis_rows(container, "fix")):
+        values["time_utc"] = _utc(values["time_utc_ns"])
+        values["east_std_m"], values["north_std_m"] = plain(std[i, :2])
+        values["sensors"] = [name for name in values["sensors"].split(",") if name]
+        yield {key: values[key] for key in FIX_KEYS}
+
+
+SPECIAL: dict[str, tuple[tuple[str, ...], Callable[[Container], Iterator[Row]]]] = {
+    "encounters": (ENCOUNTER_KEYS, _encounter_rows),
+    "fixes": (FIX_KEYS, _fix_rows),
+}
+"""Containers whose objects have documented keys, with how the rows are made."""
+
+
+def _utc(time_ns: int) -> str | None:
+    """Return a time to the millisecond, finer than any clock at sea."""
+    return None if time_ns < 0 else format_utc((time_ns + 500_000) // 10**6 * 10**6)
+
+
+def _parsed(text: str, kind: type) -> Any:
+    """Return stored JSON; text that is none is passed on as it is."""
+    try:
+        value = json.loads(text) if text else kind()
+    except (ValueError, RecursionError):
+        return text
+    return value
+
+
+def _reasons(values: Row) -> Any:
+    reasons = _parsed(values["reasons"], dict)
+    if isinstance(reasons, dict) and values["time_utc"] is None:
+        reasons.setdefault("time_utc", NO_START)
+    return reasons
