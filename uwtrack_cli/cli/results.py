@@ -78,7 +78,8 @@ def is_shown(container: Container) -> bool:
 
 def print_result(container: Container, *, as_json: bool) -> None:
     """Print a result as JSON on standard output, or as a summary for people."""
-    from uwtrack_cli.files.tables import json_rows, write_table
+    from uwtrack_cli.files.json_rows import json_rows
+    from uwtrack_cli.files.tables import write_table
 
     if as_json:
         put(write_table(container, "json"))

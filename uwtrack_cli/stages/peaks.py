@@ -25,6 +25,7 @@ from uwtrack_cli.estimation.noise_floor import (
     TILE_FRAMES,
     independent_cells,
     noise_floor,
+    own_share,
     threshold_factor,
 )
 from uwtrack_cli.estimation.window import (
@@ -146,14 +147,16 @@ def _thresholds(
     factor = np.empty(frames.n_frames)
     for start in range(0, frames.n_frames, TILE_FRAMES):
         tile = slice(start, start + TILE_FRAMES)
-        n_valid = int(np.sum(frames.effort[tile] >= 0.5))
+        n_valid = max(1, int(np.sum(frames.effort[tile] >= 0.5)))
         independent = independent_cells(
-            max(n_valid, 1),
+            n_valid,
             n_cells,
             zero_padding=padding,
             hop_windows=frames.hop_samples / frames.window_samples,
         )
-        factor[tile] = threshold_factor(probability, round(independent, 1))
+        factor[tile] = threshold_factor(
+            probability, round(independent, 1), own_share(n_valid)
+        )
     return factor
 
 

@@ -1,0 +1,59 @@
+# Everything that people, CI and the release do, by name: `make help`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO := demo
+# One thread per process: the suite runs its processes side by side.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: help install demo test long bench check format samples build clean
+
+help:  ## list the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
+
+$(BIN)/uwtrack: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[plot]'
+	@touch $@
+
+$(VENV)/.development: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	@touch $(BIN)/uwtrack $@
+
+install: $(VENV)/.development  ## make .venv with the development extra
+
+demo: $(BIN)/uwtrack  ## run the chain on a sample and draw a picture
+	$(BIN)/uwtrack sample pass --output $(DEMO) --overwrite
+	$(BIN)/uwtrack run $(DEMO)/pass.wav --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --output $(DEMO)/pass.png --overwrite
+
+test: $(VENV)/.development  ## the whole suite: style, types, tests, doctests, README
+	$(BIN)/python -m pytest --numprocesses 2
+
+long: $(VENV)/.development  ## the Monte-Carlo and stress runs that take long
+	$(BIN)/python -m pytest -m long --timeout 0
+
+bench: $(VENV)/.development  ## the benchmarks alone, with their figures
+	$(BIN)/python -m pytest tests/benchmarks -s
+
+check: $(VENV)/.development  ## style and types only
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+format: $(VENV)/.development  ## put the code into the house style
+	$(BIN)/ruff check --fix --quiet .
+	$(BIN)/ruff format .
+
+samples: $(VENV)/.development  ## make the sample recordings again
+	$(BIN)/python -c "from pathlib import Path; \
+	from uwtrack_cli.files.samples import remake_samples; \
+	remake_samples(Path('sample_data'))"
+
+build: $(VENV)/.development  ## wheel and source distribution
+	$(BIN)/python -m build
+
+clean:  ## remove what was made
+	rm -rf $(VENV) $(DEMO) dist build

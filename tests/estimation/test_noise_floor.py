@@ -1,0 +1,73 @@
+"""The noise floor: unbiased on noise, unmoved by lines, edges and gaps."""
+
+import numpy as np
+import pytest
+
+from uwtrack_cli.estimation.noise_floor import (
+    independent_cells,
+    noise_floor,
+    threshold_factor,
+)
+
+
+def cells(shape, seed=1):
+    return np.random.default_rng(seed).exponential(size=shape).astype(np.float32)
+
+
+def test_the_floor_of_noise_is_its_mean():
+    floor = noise_floor(cells((160, 1000)), np.ones(160))
+    assert floor.mean() == pytest.approx(1.0, abs=0.01)
+
+
+def test_strong_lines_move_the_floor_little():
+    power = cells((64, 1000))
+    power[:, 100:1000:16] *= 1000.0
+    power[:, 101:1000:16] *= 300.0
+    floor = noise_floor(power, np.ones(64))
+    assert 10 * np.log10(floor[:, 150:].mean()) == pytest.approx(0.0, abs=0.5)
+
+
+def test_a_loud_frame_has_its_own_floor():
+    power = cells((32, 2000))
+    power[5] *= 100.0
+    floor = noise_floor(power, np.ones(32))
+    assert floor[5].mean() == pytest.approx(100.0, rel=0.1)
+    assert floor[6].mean() == pytest.approx(1.0, rel=0.1)
+
+
+def test_frames_of_a_gap_neither_have_a_floor_nor_lower_it():
+    power, effort = cells((32, 500)), np.ones(32)
+    power[4:12], effort[4:12] = 0.0, 0.0
+    floor = noise_floor(power, effort)
+    assert np.isnan(floor[4:12]).all()
+    assert np.nanmean(floor) == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_gain_scales_the_floor_and_nothing_else():
+    power = cells((16, 300))
+    np.testing.assert_allclose(
+        noise_floor(power * 8.0, np.ones(16)), 8.0 * noise_floor(power, np.ones(16)),
+        rtol=1e-6,
+    )  # fmt: skip
+
+
+def test_the_threshold_over_a_known_floor_is_that_of_exponential_noise():
+    assert threshold_factor(1e-4, 1e7) == pytest.approx(-np.log(1e-4), rel=1e-3)
+
+
+@pytest.mark.parametrize("probability", [1e-1, 1e-2, 1e-3])
+def test_the_threshold_over_a_median_of_few_cells_keeps_the_rate(probability):
+    rng = np.random.default_rng(2)
+    n = 41
+    median = np.median(rng.exponential(size=(400_000, n)), axis=1)
+    factor = threshold_factor(probability, float(n))
+    rate = np.exp(-factor * median / np.log(2.0)).mean()
+    assert rate == pytest.approx(probability, rel=0.05)
+
+
+def test_overlap_and_padding_leave_fewer_independent_cells():
+    plain = independent_cells(16, 1000, zero_padding=1, hop_windows=1.0)
+    padded = independent_cells(16, 2000, zero_padding=2, hop_windows=1.0)
+    overlapped = independent_cells(16, 1000, zero_padding=1, hop_windows=0.25)
+    assert padded == pytest.approx(plain, rel=0.4)
+    assert overlapped < plain
