@@ -28,7 +28,7 @@ from uwtrack_cli.estimation.target_motion.scatter import (
     overlap_inflation,
     white_scatter,
 )
-from uwtrack_cli.estimation.target_motion.solvers import get_solver
+from uwtrack_cli.estimation.target_motion.solvers import SOLVERS
 from uwtrack_cli.estimation.target_motion.starts import multistart
 from uwtrack_cli.stages.tma_inputs import (
     Measurements,
@@ -62,8 +62,7 @@ def analyse_contact(data: Measurements, analysis: Analysis) -> ContactAnswer:
     if data.overlap_rows:
         problem = _allow_for_overlap(problem, limits, data.overlap_rows)
     ends = _growing(problem.n_rows, analysis.updates)
-    solve = get_solver(analysis.solver)
-    estimates = solve(problem, limits, ends, analysis.seed)
+    estimates = SOLVERS[analysis.solver](problem, limits, ends, analysis.seed)
     modes = _modes(problem, limits, estimates[-1], analysis)
     scale = misfit_scale(problem, modes.q[0])
     answers = [

@@ -86,12 +86,27 @@ def predict(track: Track, state: FloatArray, slowness_spm: float = 0.0) -> Predi
         before = nodes.at(track.before)
         rate = (now.range_m - before.range_m) / track.interval_s
         change = range_jacobian - before.range_jacobian()
-        rate_jacobian = change / track.interval_s
+        rate_jacobian: FloatArray = change / track.interval_s
     else:
         rate, rate_jacobian = _rate_of_the_instant(
             track, now, state, slowness_spm, bearing_jacobian
         )
     return Prediction(np.arctan2(east, north), rate, bearing_jacobian, rate_jacobian)
+
+
+def predict_values(
+    track: Track, state: FloatArray, slowness_spm: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Predict bearings and range rates alone, at a third of the cost."""
+    nodes = _line_of_sight(track, state, slowness_spm)
+    now = nodes.at(track.now)
+    bearing = np.arctan2(now.east, now.north)
+    if track.before is not None:
+        gone = now.range_m - nodes.range_m[:, track.before]
+        return bearing, np.asarray(gone / track.interval_s)
+    relative = state[:, 2:4, np.newaxis] - track.velocity_mps
+    rate = now.east * relative[:, 0] + now.north * relative[:, 1]
+    return bearing, np.asarray(rate / now.stretch)
 
 
 def _line_of_sight(track: Track, state: FloatArray, slowness_spm: float) -> _Sight:

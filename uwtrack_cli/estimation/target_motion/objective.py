@@ -17,7 +17,11 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.target_motion.coordinates import state_jacobian, to_state
 from uwtrack_cli.estimation.target_motion.losses import loss_value, loss_weight
-from uwtrack_cli.estimation.target_motion.model import Prediction, predict
+from uwtrack_cli.estimation.target_motion.model import (
+    Prediction,
+    predict,
+    predict_values,
+)
 from uwtrack_cli.estimation.target_motion.problem import Problem, wrap_rad
 
 REWEIGHTINGS = 3
@@ -220,3 +224,36 @@ def normal_blocks(problem: Problem, r: Residuals) -> NormalBlocks:
         gradient + (rate_jacobian @ pull[:, :, np.newaxis])[:, :, 0],
         (weight * r.frequency * r.factor[:, np.newaxis]).sum(-1),
     )
+
+
+def misfit_value(
+    problem: Problem, state: FloatArray, rest_hz: FloatArray, member: IntArray
+) -> FloatArray:
+    """Return the misfit of states and rest frequencies that are given.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    state
+        Trial states (x, y, vx, vy).
+    rest_hz
+        Rest frequencies (trial, line), Hz.
+    member
+        Record of each trial.
+    """
+    slowness = 1.0 / problem.sound_speed_mps if problem.delayed else 0.0
+    bearing, rate = predict_values(problem.track, state, slowness)
+    chosen = member if problem.bearing_rad.shape[0] > 1 else np.zeros(1, dtype=np.int64)
+    heading = problem.array_heading_rad
+    data = problem.bearing_rad[chosen]
+    if heading is None:
+        off = wrap_rad(bearing[:, np.newaxis] - data)
+    else:
+        folded = np.abs(wrap_rad(data - heading))
+        off = np.abs(wrap_rad(bearing - heading))[:, np.newaxis] - folded
+    factor = 1.0 - rate / problem.sound_speed_mps
+    shift = rest_hz[:, :, np.newaxis] * factor[:, np.newaxis]
+    shift = (shift - problem.frequency_hz[chosen]) * problem.frequency_weight
+    value = loss_value(off * problem.bearing_weight, problem.loss).sum((1, 2))
+    return np.asarray(value + loss_value(shift, problem.loss).sum((1, 2)))

@@ -11,8 +11,13 @@ from typing import Literal
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.estimation.target_motion.hybrid import (
+    solve_annealing,
+    solve_genetic,
+)
 from uwtrack_cli.estimation.target_motion.marquardt import Limits
 from uwtrack_cli.estimation.target_motion.problem import Problem
+from uwtrack_cli.estimation.target_motion.recursive import solve_recursive
 from uwtrack_cli.estimation.target_motion.starts import Effort, multistart
 
 SolverName = Literal["mle", "recursive", "genetic", "annealing"]
@@ -40,6 +45,9 @@ def solve_mle(
     return np.stack(found)
 
 
-def get_solver(name: SolverName) -> Solver:
-    """Return a solver by name."""
-    return {"mle": solve_mle}[name]
+SOLVERS: dict[SolverName, Solver] = {
+    "mle": solve_mle,
+    "recursive": solve_recursive,
+    "genetic": solve_genetic,
+    "annealing": solve_annealing,
+}
