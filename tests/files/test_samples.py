@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from uwtrack_cli.errors import DataError, OptionError, OutputError
+from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
 from uwtrack_cli.files.samples import remake_samples, sensor_text, write_simulation
 from uwtrack_cli.files.scenario import read_scenario
 from uwtrack_cli.simulate import simulate_recordings, truth
@@ -161,3 +161,25 @@ def test_scenario_file_that_cannot_be_used_is_refused(tmp_path):
         read_scenario(tmp_path / "typo.toml")
     with pytest.raises(DataError, match="holds no file"):
         remake_samples(tmp_path)
+
+
+def test_scenario_of_the_readme_is_accepted_and_can_be_heard(tmp_path):
+    prose = (SAMPLES / "README.md").read_text(encoding="utf-8")
+    text = prose.split("```toml\n")[1].split("```")[0]
+    (tmp_path / "readme.toml").write_text(text, encoding="utf-8")
+    scenario = read_scenario(tmp_path / "readme.toml")
+    (recording,) = simulate_recordings(scenario)
+    assert recording.reader is not None
+    loudest = max(abs(block).max() for block in recording.reader(65_536))
+    assert 0.01 < loudest < 1.0
+    assert {e["vessel"] for e in truth(scenario)["encounters"]} == {1, 2}
+
+
+def test_clipped_simulation_says_by_how_much(tmp_path):
+    text = MOVING.replace("full_scale_db = 150.0", "full_scale_db = 80.0")
+    (tmp_path / "loud.toml").write_text(text)
+    scenario = read_scenario(tmp_path / "loud.toml")
+    with pytest.warns(UwtrackWarning, match="raise full_scale_db"):
+        write_simulation(scenario, tmp_path / "loud.wav")
+    samples, _ = soundfile.read(tmp_path / "loud.wav", dtype="int16")
+    assert abs(samples.astype(int)).max() >= 2**15 - 1

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from scenes import DIFAR, OMNI, PASSAGE, scene, vessel
+from scenes import DIFAR, OMNI, PASSAGE, TONE, scene, vessel
 
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.errors import OptionError
@@ -122,6 +122,8 @@ MINIMAL = {"seed": 1, "duration_s": 5.0, "sample_rate_hz": 1000.0, "sensor": [OM
         ({"vessel": [vessel(turn=[{"at_s": 3.0, "course_deg": 0.0}])]}, "follow"),
         ({"vessel": ["ferry"]}, r"vessel\[1\] must be a table"),
         ({"start_utc": "noon"}, "like 2024"),
+        ({"vessel": [vessel(line=[TONE | {"harmonics": 2}])]}, "fundamental_hz"),
+        ({"vessel": [vessel(sounding_s=[3.0, 4.0])]}, "sounding_s must last"),
     ],
 )
 def test_unclear_scenario_is_refused_with_its_place(changes, message):
@@ -165,3 +167,13 @@ def test_vessel_that_comes_back_has_an_encounter_each_time():
     ranges = [e["horizontal_range_m"] for e in found]
     assert ranges == pytest.approx([100.0, 150.0, 80.0])
     assert [e["bearing_deg"] for e in found] == pytest.approx([0.0, 90.0, 180.0])
+
+
+def test_overlapping_turns_and_crowded_waypoints_are_refused():
+    turns = [{"at_s": t, "course_deg": c} for t, c in ((35.0, 200.0), (40.0, 0.0))]
+    with pytest.raises(OptionError, match="before the last one has ended"):
+        truth(scene(vessel=[vessel(turn=turns)]))
+    way = [[0.0, 50.0], [30.0, 50.0], [30.0, 90.0]]
+    crowded = {"waypoints_m": way, "turn_radius_m": 40.0, "speed_mps": 5.0}
+    with pytest.raises(OptionError, match="too close for turn_radius_m"):
+        truth(scene(vessel=[vessel(closest_approach=None, track=crowded)]))

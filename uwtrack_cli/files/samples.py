@@ -9,12 +9,13 @@ a moving platform has its positions in ``NAME.nav.csv``.
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.audio import write_wav
 from uwtrack_cli.files.scenario import read_scenario
@@ -58,6 +59,11 @@ def write_simulation(
     ------
     OutputError
         A file exists already or cannot be written.
+
+    Warns
+    -----
+    UwtrackWarning
+        Samples exceed full scale and are clipped (not in a FLOAT file).
     """
     recordings = simulate_recordings(scenario)
     several = len(recordings) > 1
@@ -67,7 +73,7 @@ def write_simulation(
         sound = path.with_name(f"{path.stem}{ending}{path.suffix}")
         write_wav(
             sound,
-            _blocks(recording),
+            _metered(recording, sound.name, subtype),
             recording.sample_rate_hz,
             subtype,
             overwrite=overwrite,
@@ -149,9 +155,21 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _blocks(recording: Recording) -> Iterator[np.ndarray]:
+def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]:
+    """Pass the blocks on; warn at the end if any sample exceeds full scale."""
     assert recording.reader is not None  # noqa: S101 - simulate_recordings gives one
-    return recording.reader(BLOCK_SAMPLES)
+    peak, clipped = 0.0, 0
+    for block in recording.reader(BLOCK_SAMPLES):
+        size = np.abs(block)
+        peak = max(peak, float(size.max()))
+        clipped += int(np.count_nonzero(size > 1.0))
+        yield block
+    if clipped and "PCM" in subtype:
+        msg = (
+            f"{name}: {clipped} samples exceed full scale and are clipped; raise "
+            f"full_scale_db (or lower gain_db) by {20.0 * np.log10(peak):.1f} dB."
+        )
+        warn(msg, UwtrackWarning, stacklevel=2)
 
 
 def _write_beside(

@@ -58,7 +58,7 @@ class ClickSound:
     def __post_init__(self) -> None:
         """Start with nothing left over from an earlier tile."""
         self._rest: Array = np.zeros((CLICK_SAMPLES, self.n_channels))
-        generator = np.random.default_rng(self.seed)
+        generator = np.random.default_rng([104, *self.seed])
         burst = generator.standard_normal(CLICK_SAMPLES)
         burst *= np.exp(-np.arange(CLICK_SAMPLES) / 32.0)
         self._burst = burst * 10.0 ** (self.plan.peak_db / 20.0) / abs(burst).max()

@@ -51,7 +51,17 @@ def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
     OptionError
         The scenario contradicts itself (a line above the band, a missing noise).
     DataError
-        A vessel runs into a sensor.
+        A vessel runs into a sensor (found when that moment is read).
+
+    Examples
+    --------
+    >>> from uwtrack_cli.simulate import Scenario, from_table
+    >>> sensor = {"id": "h1", "depth_m": 20.0, "full_scale_db": 140.0}
+    >>> table = {"seed": 1, "duration_s": 2.0, "sample_rate_hz": 500.0}
+    >>> table |= {"sensor": [sensor], "noise": {"density_db": 70.0}}
+    >>> (recording,) = simulate_recordings(from_table(Scenario, table))
+    >>> [block.shape for block in recording.reader(600)]
+    [(600, 1), (400, 1)]
     """
     return tuple(
         _recording(scenario, number) for number in range(len(scenario.sensors))

@@ -58,6 +58,9 @@ class SensorPlan:
         if (self.latitude is None) != (self.longitude is None):
             msg = "latitude and longitude go together."
             raise OptionError(msg)
+        if self.latitude is not None and self.position_error_m != (0.0, 0.0):
+            msg = "position_error_m goes with east_m and north_m, not with latitude."
+            raise OptionError(msg)
         if self.track is not None and (self.heading_deg or self.latitude is not None):
             msg = "a sensor with a track has neither heading_deg nor latitude."
             raise OptionError(msg)

@@ -32,6 +32,9 @@ class Line:
         """Refuse a line without frequency or level, or with two of one."""
         exactly_one(self, "frequency_hz", "fundamental_hz")
         exactly_one(self, "cn0_db_hz", "source_level_db")
+        if self.frequency_hz is not None and self.harmonics > 1:
+            msg = "harmonics go with fundamental_hz, not with frequency_hz."
+            raise OptionError(msg)
 
 
 @dataclass(frozen=True, kw_only=True)
