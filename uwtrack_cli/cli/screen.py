@@ -37,11 +37,11 @@ def put(lines: Iterable[str]) -> None:
         print(line)
 
 
-def show_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+def show_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Draw a table for people on standard error."""
     if _verbosity < 0:
         return
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False)
     for head in heads:
         table.add_column(head, justify="right", overflow="fold")
     for row in rows:
@@ -101,6 +101,12 @@ def guard(*, debug: bool) -> Iterator[None]:
             say(f"error: {_sentence(error)}", -1)
             code = USAGE if isinstance(error, OptionError) else FAILED
             raise typer.Exit(code) from None
+        except Exception as error:
+            if debug or isinstance(error, typer.Exit):
+                raise
+            kind = type(error).__name__
+            say(f"error: the program failed ({kind}: {error}); see --debug.", -1)
+            raise typer.Exit(FAILED) from None
 
 
 def _sentence(error: BaseException) -> str:

@@ -1,0 +1,142 @@
+"""One page per recording: lofargram, bearings, level, map."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.spectra import Levels, Overview
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.atomic import atomic_target
+from uwtrack_cli.plotting import encounters as fits
+from uwtrack_cli.plotting.chart import draw_map
+from uwtrack_cli.plotting.lines import draw_line_bearings, draw_lines
+from uwtrack_cli.plotting.spectra import draw_bearings, draw_levels, draw_overview
+from uwtrack_cli.plotting.style import say_nothing_there
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SUFFIXES = (".png", ".pdf", ".svg")
+C = TypeVar("C", bound=Container)
+
+
+def draw_page(
+    containers: Sequence[Container], output: Path, *, overwrite: bool = False
+) -> None:
+    """Draw what a product holds, on one page.
+
+    Parameters
+    ----------
+    containers
+        Small containers of one recording, in any order.
+    output
+        Picture to write: PNG, PDF or SVG.
+    overwrite
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    OptionError
+        The file name asks for another kind of picture.
+    DataError
+        There is nothing to draw.
+    """
+    if output.suffix.lower() not in SUFFIXES:
+        names = ", ".join(SUFFIXES)
+        msg = f"a picture is written as {names}, got {output.name!r}."
+        raise OptionError(msg)
+    drawable = (Overview, Levels, Lines, Encounters, Fixes)
+    if not any(isinstance(c, drawable) for c in containers):
+        held = ", ".join(sorted({c.NAME for c in containers})) or "nothing"
+        msg = f"there is nothing to draw; the files hold {held}."
+        raise DataError(msg)
+    mpl.use("Agg")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
+    panels = figure.subplot_mosaic(
+        [
+            ["spectra", "spectra"],
+            ["doppler", "map"],
+            ["bearing", "map"],
+            ["level", "map"],
+        ],
+        height_ratios=[1.6, 1.0, 1.0, 1.0],
+    )
+    _fill(containers, panels)
+    with (
+        atomic_target(output, overwrite=overwrite) as temporary,
+        temporary.open("wb") as file,
+    ):
+        figure.savefig(file, format=output.suffix[1:].lower(), dpi=110)
+
+
+def _fill(containers: Sequence[Container], panels: dict[str, "Axes"]) -> None:
+    overview, levels = _first(containers, Overview), _first(containers, Levels)
+    lines, encounters = _first(containers, Lines), _first(containers, Encounters)
+    _draw_measurements(overview, levels, lines, panels)
+    if encounters is not None and encounters.time_s.size:
+        time_s = _time_axis(overview, levels, lines, encounters)
+        fits.draw_fits(encounters, time_s, panels["spectra"])
+        fits.draw_shifts(encounters, lines, time_s, panels["doppler"])
+        fits.draw_bearing_fits(encounters, time_s, panels["bearing"])
+        for name in ("spectra", "doppler", "bearing", "level"):
+            fits.mark_times(encounters, panels[name])
+        sensors = [c for c in containers if isinstance(c, Sensor)]
+        draw_map(encounters, sensors, _first(containers, Fixes), panels["map"])
+    span = _span(overview, levels, lines)
+    for name, panel in panels.items():
+        if not panel.has_data():
+            say_nothing_there(panel, f"no {name}")
+        elif name != "map" and span is not None:
+            panel.set_xlim(*span)
+
+
+def _draw_measurements(
+    overview: Overview | None,
+    levels: Levels | None,
+    lines: Lines | None,
+    panels: dict[str, "Axes"],
+) -> None:
+    if overview is not None:
+        draw_overview(overview, panels["spectra"])
+    if lines is not None:
+        draw_lines(lines, panels["spectra"])
+        draw_line_bearings(lines, panels["bearing"])
+    if levels is not None:
+        draw_levels(levels, panels["level"])
+        if np.isfinite(levels.bearing_deg).any():
+            draw_bearings(levels, panels["bearing"])
+
+
+def _first(containers: Sequence[Container], kind: type[C]) -> C | None:
+    return next((c for c in containers if isinstance(c, kind)), None)
+
+
+def _span(*known: Any) -> tuple[float, float] | None:
+    times = [_times(c) for c in known if c is not None and _times(c).size]
+    if not times:
+        return None
+    return min(float(t.min()) for t in times), max(float(t.max()) for t in times)
+
+
+def _times(container: Any) -> Any:
+    frames = getattr(container, "frames", None)
+    return container.time_s if frames is None else frames.time_s
+
+
+def _time_axis(*known: Any) -> Any:
+    encounters = known[-1]
+    span = _span(*known[:-1])
+    if span is None:
+        reach = 5.0 * np.nan_to_num(encounters.range_over_speed_s, nan=10.0)
+        low = np.nanmin(encounters.time_s - reach, initial=0.0)
+        span = float(low), float(np.nanmax(encounters.time_s + reach, initial=1.0))
+    return np.linspace(*span, 800)
