@@ -8,7 +8,6 @@ its size is known. Nothing is ever unpickled.
 """
 
 import contextlib
-import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,6 @@ import numpy as np
 
 from uwtrack_cli.data.base import Column
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.digest import structure_digest
-from uwtrack_cli.files.layout import FORMAT, SCHEMA_VERSION
 
 MAX_OBJECTS = 100_000
 MAX_ATTRIBUTE_BYTES = 1 << 20
@@ -40,33 +37,6 @@ def reading(name: str) -> Iterator[None]:
         reason = " ".join(str(error).split()) or type(error).__name__
         msg = f"{name} is damaged: {reason}. Make it again from its source."
         raise DataError(msg) from error
-
-
-def open_file(source: Path | io.BytesIO, name: str) -> h5py.File:
-    """Open a product file for reading and check format, version and structure.
-
-    Raises
-    ------
-    DataError
-        The file is missing, no HDF5, damaged, foreign, incomplete or too new.
-    """
-    if isinstance(source, Path):
-        check_readable(source)
-    try:
-        file = h5py.File(source, "r", locking=False)
-    except (OSError, RuntimeError, ValueError) as error:
-        msg = (
-            f"{name} is no readable uwtrack product: it is not HDF5, or it was cut "
-            f"short ({' '.join(str(error).split())})."
-        )
-        raise DataError(msg) from error
-    try:
-        with reading(name):
-            _check_root(file, name)
-    except BaseException:
-        file.close()
-        raise
-    return file
 
 
 def check_readable(path: Path) -> None:
@@ -196,31 +166,6 @@ def check_column(dataset: Any, spec: Column) -> None:
     stored = dataset.dtype.str[1:]
     if not (dataset.dtype.kind == "S" if kind == "S" else stored == kind):
         msg = f"{dataset.name} holds {dataset.dtype}, expected {spec.dtype}"
-        raise DataError(msg)
-
-
-def _check_root(file: h5py.File, name: str) -> None:
-    if "format" not in file.attrs or attribute(file, "format") != FORMAT:
-        msg = f"{name} is an HDF5 file of another program, not a uwtrack product."
-        raise DataError(msg)
-    version = attribute(file, "schema_version")
-    if not isinstance(version, int) or version > SCHEMA_VERSION:
-        program = attribute(file, "program_version")
-        msg = (
-            f"{name} has schema version {version}, written by uwtrack {program}; this "
-            f"program reads up to version {SCHEMA_VERSION}: install a newer uwtrack."
-        )
-        raise DataError(msg)
-    if version < 1:
-        msg = f"{name} has schema version {version}; the first one is 1."
-        raise DataError(msg)
-    if "complete" not in file.attrs or attribute(file, "complete") != 1:
-        msg = f"{name} is incomplete: the run that wrote it was stopped. Run it again."
-        raise DataError(msg)
-    objects = safe_objects(file)
-    if attribute(file, "structure_sha256") != structure_digest(objects):
-        msg = f"{name} was changed after it was written: its attributes or shapes "
-        msg += "do not match their digest. Make it again from its source."
         raise DataError(msg)
 
 

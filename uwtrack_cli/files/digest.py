@@ -1,12 +1,12 @@
-"""Digests of a product: one over its structure, one over structure and data.
+"""The digest of what a product says: shapes, attributes and data.
 
 **Method.** The structure digest is SHA-256 over every object in the order of its
 path: kind, element type, shape, and every attribute in the order of its name. The
 root digest is SHA-256 over the structure digest and the digests of the datasets,
 which are taken over the stored elements in C order, block by block.
 
-**Conventions.** The two digests and the mark of completeness are left out, since
-they are written last; so is the bookkeeping of dimension scales.
+**Conventions.** The digest and the mark of completeness are left out, since they
+are written last; so is the bookkeeping of dimension scales.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ import numpy as np
 
 from uwtrack_cli.files.layout import BOOKKEEPING
 
-WRITTEN_LAST = frozenset({"sha256", "structure_sha256", "complete"})
+WRITTEN_LAST = frozenset({"sha256", "complete"})
 BLOCK_BYTES = 1 << 22
 
 

@@ -10,8 +10,9 @@ import h5py
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.checks import attribute, open_file, reading, safe_objects
+from uwtrack_cli.files.checks import attribute, reading, safe_objects
 from uwtrack_cli.files.history import HistoryStep
+from uwtrack_cli.files.opening import open_file
 from uwtrack_cli.files.reading import C, read_group
 from uwtrack_cli.files.registry import CONTAINERS
 from uwtrack_cli.files.streaming import stream_group
@@ -23,7 +24,7 @@ class Product:
     ::
 
         /                        format, schema_version, program_version,
-        |                        created_utc, complete, sha256, structure_sha256
+        |                        created_utc, complete, sha256
         +- history (step)        one JSON object per stage that was run
         +- encounters/           containers of the whole file
         |  +- time_s (encounter) units, long_name; fletcher32

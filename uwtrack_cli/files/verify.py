@@ -12,9 +12,10 @@ from pathlib import Path
 import h5py
 
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.checks import HDF5_ERRORS, attribute, open_file, safe_objects
-from uwtrack_cli.files.digest import data_digest, root_digest
+from uwtrack_cli.files.checks import HDF5_ERRORS, attribute, safe_objects
+from uwtrack_cli.files.digest import data_digest, root_digest, structure_digest
 from uwtrack_cli.files.history import HistoryStep, Source
+from uwtrack_cli.files.opening import open_file
 from uwtrack_cli.files.reader import Product, read_product
 from uwtrack_cli.files.registry import CONTAINERS
 
@@ -81,7 +82,7 @@ def _data_problems(product: Product) -> list[str]:
             digests[path] = data_digest(item)
         except HDF5_ERRORS as error:
             problems.append(f"{path} is damaged: {error}.")
-    structure = str(attribute(product.file, "structure_sha256"))
+    structure = structure_digest(safe_objects(product.file))
     if not problems and root_digest(structure, digests) != product.digest:
         problems.append("the data do not match their digest.")
     return problems

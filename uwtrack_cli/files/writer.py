@@ -26,6 +26,7 @@ from uwtrack_cli.files.layout import (
     sensor_of,
 )
 from uwtrack_cli.files.registry import CONTAINERS, part_classes
+from uwtrack_cli.files.seal import append_seal, sealed
 from uwtrack_cli.files.sharing import Slot, share_parts
 
 
@@ -75,9 +76,8 @@ class ProductStore:
         for path, item in objects.items():
             if isinstance(item, h5py.Dataset) and not item.is_scale:
                 digests[path] = known.get(path) or data_digest(item)
-        structure = structure_digest(objects)
-        self.file.attrs["structure_sha256"] = structure
-        self.file.attrs["sha256"] = root_digest(structure, digests)
+        total = root_digest(structure_digest(objects), digests)
+        self.file.attrs["sha256"] = total
         self.file.attrs["complete"] = np.int8(1)
 
     def _open(self, path: str, block: Container, sensor: str | None) -> Slot:
@@ -156,12 +156,13 @@ class ProductWriter:
         self.history = list(history)
         self._target = atomic_target(self.path, overwrite=overwrite, inputs=inputs)
         self._store: ProductStore | None = None
+        self._temporary = self.path
 
     def __enter__(self) -> Self:
         """Open the temporary file."""
-        temporary = self._target.__enter__()
+        self._temporary = self._target.__enter__()
         try:
-            self._store = ProductStore(h5py.File(temporary, "w"))
+            self._store = ProductStore(h5py.File(self._temporary, "w"))
         except BaseException as error:
             self._target.__exit__(type(error), error, error.__traceback__)
             raise
@@ -179,6 +180,7 @@ class ProductWriter:
                 with writing(self.path):
                     self.store.seal(self.history)
                     self.store.file.close()
+                    append_seal(self._temporary)
         except BaseException as failure:
             self._discard(failure)
             raise
@@ -259,7 +261,7 @@ def product_to_bytes(
         for container in containers:
             store.write(container)
         store.seal(history)
-    return memory.getvalue()
+    return sealed(memory.getvalue())
 
 
 @contextlib.contextmanager
