@@ -155,14 +155,16 @@ class Method:
         ratio = outcome.association.log_likelihood_ratio
         return outcome.mean, outcome.covariance, ratio
 
-    def step_nearest(self, measured: FloatArray, present: BoolArray) -> Estimate:
+    def step_nearest(
+        self, measured: FloatArray, present: BoolArray, gate: float = _GATE
+    ) -> Estimate:
         """Take the nearest measurement in the gate as the target's, for certain."""
         predicted = advance(self.belief, self.transition, self.noise)
         noise = _VARIANCE_M2 * np.eye(2)[None]
         each = innovate(predicted.mean, predicted.covariance, measured, present, noise)
         distance2 = each.distance2
         nearest = distance2 == distance2.min(axis=-1, keepdims=True)
-        weight = (nearest & (distance2 < _GATE**2)).astype(np.float64)
+        weight = (nearest & (distance2 < gate**2)).astype(np.float64)
         miss = 1.0 - weight.sum(axis=-1)
         certain = Association(miss, weight, np.zeros_like(miss))
         state, spread = correct(predicted.mean, predicted.covariance, each, certain)
@@ -206,12 +208,16 @@ def run_scene(scene: Scene, *, runs: int, seed: int) -> dict[str, Tally]:
         )
         for name, method in methods.items():
             if name == "KF-clean":
-                estimate = method.step_nearest(own, np.ones((runs, 1), dtype=bool))
+                estimate = method.step_nearest(own, np.ones((runs, 1), bool), np.inf)
             elif name in {"KF-detect", "NN.05"}:
                 part = _cut(scan, _NEAREST_FALSE_ALARM)
                 mine = scan.from_target[:, : part.present.shape[1]]
-                present = part.present & mine if name == "KF-detect" else part.present
-                estimate = method.step_nearest(part.measured, present)
+                clean = name == "KF-detect"
+                estimate = method.step_nearest(
+                    part.measured,
+                    part.present & mine if clean else part.present,
+                    np.inf if clean else _GATE,
+                )
             else:
                 estimate = method.step(scan)
             tallies[name].add(number, state, estimate)
