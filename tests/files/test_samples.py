@@ -9,8 +9,10 @@ import pytest
 import soundfile
 
 from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
+from uwtrack_cli.files.audio import open_recording
 from uwtrack_cli.files.samples import remake_samples, sensor_text, write_simulation
 from uwtrack_cli.files.scenario import read_scenario
+from uwtrack_cli.files.sensors import find_sensor, load_sensor
 from uwtrack_cli.simulate import simulate_recordings, truth
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
@@ -82,9 +84,6 @@ def test_samples_hold_the_passages_that_their_readme_tells_of():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_sample_opens_with_its_sensor_and_without_a_warning(name):
-    from uwtrack_cli.files.audio import open_recording
-    from uwtrack_cli.files.sensors import find_sensor
-
     sound = SAMPLES / f"{name}.wav"
     sensor = find_sensor(sound)
     assert sensor is not None
@@ -134,6 +133,13 @@ def test_moving_platform_is_written_with_its_navigation(tmp_path):
     assert np.hypot(rows["east_m"], rows["north_m"])[4] == pytest.approx(
         12.3467, abs=1e-3
     )
+    sensor = find_sensor(written[0])
+    assert sensor is not None
+    assert sensor.navigation is not None
+    exact = simulate_recordings(scenario)[0].sensor.navigation
+    assert exact is not None
+    np.testing.assert_allclose(sensor.navigation.east_m, exact.east_m, atol=1e-4)
+    np.testing.assert_allclose(sensor.navigation.time_s, exact.time_s, atol=1e-3)
     assert json.loads(written[2].read_text()) == json.loads(
         json.dumps(truth(scenario, "boat"))
     )
@@ -142,8 +148,6 @@ def test_moving_platform_is_written_with_its_navigation(tmp_path):
 
 
 def test_sensor_file_of_a_sample_reads_back_what_was_written(tmp_path):
-    from uwtrack_cli.files.sensors import load_sensor
-
     scenario = read_scenario(SAMPLES / "pass.scenario.toml")
     sensor = simulate_recordings(scenario)[0].sensor
     (tmp_path / "s.toml").write_text(sensor_text(sensor))
