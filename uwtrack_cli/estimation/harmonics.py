@@ -26,6 +26,9 @@ from uwtrack_cli.estimation.kalman import wrap_deg
 TOLERANCE_SIGMAS = 2.5
 """Half width of a tooth in standard deviations of a difference."""
 
+_RATIO = 1.02
+"""Step of the table of probabilities; rounding is upwards, to the safe side."""
+
 
 @dataclass(frozen=True)
 class CombRule:
@@ -79,12 +82,14 @@ def comb_tests(
     """
     lower, upper, spacings = _hypotheses(frequency_hz, bearing_deg, rule)
     hits = _interior_hits(frequency_hz, bearing_deg, rule, lower, upper, spacings)
-    has_bearing = bool(np.isfinite(bearing_deg).any())
-    share = min(1.0, 2.0 * rule.bearing_window_deg / 360.0) if has_bearing else 1.0
-    density = frequency_hz.size / rule.band_hz
-    hit_probability = 1.0 - np.exp(-2.0 * rule.tolerance_hz * density * share)
-    table = _log10_tail(rule.most_spacings, round(float(hit_probability), 12))
-    chance = table[spacings - 1, hits] + np.log10(max(lower.size, 1))
+    density = _density(frequency_hz, rule, lower, upper, hits)
+    share = min(1.0, 2.0 * rule.bearing_window_deg / 360.0)
+    if not np.isfinite(bearing_deg).any():
+        share = 1.0
+    probability = -np.expm1(-2.0 * rule.tolerance_hz * density * share)
+    step = np.ceil(np.log(np.maximum(probability, 1e-6) / 1e-6) / np.log(_RATIO))
+    chance = _log10_tail(rule.most_spacings)[step.astype(np.int64), spacings - 1, hits]
+    chance = chance + np.log10(max(lower.size, 1))
     return lower, upper, spacings, chance
 
 
@@ -120,19 +125,46 @@ def find_combs(
     keep = np.flatnonzero(chance < np.log10(greatest_chance))
     keep = keep[np.argsort(chance[keep], kind="stable")]
     combs: list[Comb] = []
-    is_used = np.zeros(frequency_hz.size, dtype=bool)
+    owner = np.full(frequency_hz.size, -1)
     for k in keep:
-        if is_used[lower[k]] and is_used[upper[k]]:
+        if owner[lower[k]] >= 0 and owner[upper[k]] >= 0:
             continue
         comb = _members(
             frequency_hz, bearing_deg, rule,
             (int(lower[k]), int(upper[k]), int(spacings[k])), float(chance[k]),
         )  # fmt: skip
         score[comb.members] = np.minimum(score[comb.members], chance[k])
-        if not is_used[comb.members].any():
+        known = owner[comb.members]
+        if (known < 0).all():
+            owner[comb.members] = len(combs)
             combs.append(comb)
-        is_used[comb.members] = True
+        elif (family := _continued(combs, comb, known)) is not None:
+            combs[family] = _joined(combs[family], comb, frequency_hz)
+            owner[combs[family].members] = family
     return combs, score
+
+
+def _continued(combs: list[Comb], comb: Comb, known: IntArray) -> int | None:
+    """Tell the family that a comb prolongs: two members and the spacing in common."""
+    names = np.unique(known[known >= 0])
+    if names.size != 1 or np.count_nonzero(known >= 0) < 2:
+        return None
+    family = int(names[0])
+    slip = abs(combs[family].spacing_hz / comb.spacing_hz - 1.0)
+    return family if slip * int(comb.teeth.max()) < 0.25 else None
+
+
+def _joined(family: Comb, comb: Comb, frequency_hz: FloatArray) -> Comb:
+    members = np.union1d(family.members, comb.members)
+    base = frequency_hz[family.members[0]] - family.teeth[0] * family.spacing_hz
+    teeth = np.rint((frequency_hz[members] - base) / family.spacing_hz).astype(np.int64)
+    # a second peak on a tooth stays outside
+    _, first = np.unique(teeth, return_index=True)
+    first.sort()
+    return Comb(
+        members[first], teeth[first] - teeth[first].min(), family.spacing_hz,
+        family.log10_chance,
+    )  # fmt: skip
 
 
 def _hypotheses(
@@ -166,43 +198,79 @@ def _interior_hits(
     upper: IntArray,
     spacings: IntArray,
 ) -> IntArray:
-    test = np.repeat(np.arange(lower.size), spacings - 1)
-    first = np.cumsum(spacings - 1) - (spacings - 1)
-    tooth = np.arange(test.size) - np.repeat(first, spacings - 1) + 1
-    spacing = (frequency_hz[upper] - frequency_hz[lower]) / spacings
-    place = frequency_hz[lower][test] + tooth * spacing[test]
-    is_hit = np.zeros(test.size, dtype=bool)
+    inner = spacings - 1
+    test = np.repeat(np.arange(lower.size, dtype=np.int32), inner)
+    first = np.cumsum(inner) - inner
+    tooth = np.arange(1, test.size + 1) - first[test]
+    base = frequency_hz[lower]
+    spacing = (frequency_hz[upper] - base) / spacings
+    lowest = base[test] + tooth * spacing[test] - rule.tolerance_hz
+    fence = np.append(frequency_hz, np.inf)
+    peak = _first_not_below(fence, lowest, rule.tolerance_hz)
+    near = np.flatnonzero(fence[peak] <= lowest + 2.0 * rule.tolerance_hz)
+    if not np.isfinite(bearing_deg).any():
+        return np.bincount(test[near], minlength=lower.size)
     pair_bearing = bearing_deg[lower] + 0.5 * wrap_deg(
         bearing_deg[upper] - bearing_deg[lower]
     )
-    candidate = np.searchsorted(frequency_hz, place - rule.tolerance_hz)
-    open_ = np.arange(test.size)
-    while open_.size:
-        inside = candidate[open_] < frequency_hz.size
-        open_ = open_[inside]
-        peak = candidate[open_]
-        near = frequency_hz[peak] <= place[open_] + rule.tolerance_hz
-        open_, peak = open_[near], peak[near]
-        same = _agree(
-            bearing_deg[peak], pair_bearing[test[open_]], rule.bearing_window_deg
-        )
-        is_hit[open_[same]] = True
-        open_ = open_[~same]
-        candidate[open_] += 1
-    return np.bincount(test[is_hit], minlength=lower.size)
+    hits = np.zeros(lower.size, dtype=np.int64)
+    while near.size:
+        at, owner = peak[near], test[near]
+        same = _agree(bearing_deg[at], pair_bearing[owner], rule.bearing_window_deg)
+        hits += np.bincount(owner[same], minlength=lower.size)
+        # a peak from elsewhere may hide the right one behind it
+        near = near[~same]
+        peak[near] += 1
+        near = near[fence[peak[near]] <= lowest[near] + 2.0 * rule.tolerance_hz]
+    return hits
 
 
-@lru_cache(maxsize=256)
-def _log10_tail(most_spacings: int, probability: float) -> FloatArray:
-    """log10 P(Bin(n, q) >= k) at [n, k] for n < ``most_spacings``."""
-    from scipy.stats import binom
+def _first_not_below(
+    fence: FloatArray, values: FloatArray, tolerance_hz: float
+) -> IntArray:
+    """Find like `numpy.searchsorted`, through a table: many values, few peaks."""
+    step = max(tolerance_hz, (fence[-2] - fence[0]) / 20_000.0)
+    edges = np.arange(fence[0] - 2.0 * tolerance_hz, fence[-2] + 2.0 * step, step)
+    table = np.searchsorted(fence, edges)
+    cell = ((values - edges[0]) * (1.0 / step)).astype(np.int32)
+    index = table[cell]
+    behind = np.flatnonzero(fence[index] < values)
+    while behind.size:
+        index[behind] += 1
+        behind = behind[fence[index[behind]] < values[behind]]
+    return index
 
-    n = np.arange(most_spacings)[:, None]
-    k = np.arange(most_spacings)[None, :]
-    with np.errstate(divide="ignore"):
-        table = np.asarray(binom.logsf(k - 1, n, probability)) / np.log(10.0)
-    table[:, 0] = 0.0
-    return table
+
+def _density(
+    frequency_hz: FloatArray,
+    rule: CombRule,
+    lower: IntArray,
+    upper: IntArray,
+    hits: IntArray,
+) -> FloatArray:
+    """Density of peaks, per Hz: of the band, or of the comb's own span if denser.
+
+    Real lines crowd at low frequencies. The hits themselves are not counted in the
+    span, or a complete comb would hide itself.
+    """
+    span = frequency_hz[upper] - frequency_hz[lower]
+    others = np.maximum(upper - lower - 1 - hits, 0)
+    return np.maximum(frequency_hz.size / rule.band_hz, others / span)
+
+
+@lru_cache(maxsize=8)
+def _log10_tail(most_spacings: int) -> FloatArray:
+    """log10 P(Bin(n, q) >= k) at [step of q, n, k] for n < ``most_spacings``."""
+    from scipy.special import betainc
+
+    steps = int(np.ceil(np.log(1e6) / np.log(_RATIO))) + 1
+    q = np.minimum(1e-6 * _RATIO ** np.arange(steps), 1.0)[:, None, None]
+    n = np.arange(most_spacings)[None, :, None]
+    k = np.arange(most_spacings)[None, None, :]
+    tail = betainc(np.maximum(k, 1), np.maximum(n - k + 1, 1), q)
+    table = np.log10(np.maximum(tail, 1e-300))
+    table[:, :, 0] = 0.0
+    return np.asarray(table)
 
 
 def _members(

@@ -82,8 +82,10 @@ class FamilyRegister:
             self._family_of[name] for name in names if name in self._family_of
         )
         for number, count in known.most_common():
-            same = abs(self.families[number].spacing_hz / spacing_hz - 1.0)
-            if count >= 2 and same < _SAME_SPACING:
+            ratio = self.families[number].spacing_hz / spacing_hz
+            # every second tooth of a family is that family, too
+            order = max(ratio, 1.0 / ratio)
+            if count >= 2 and abs(order / round(order) - 1.0) < _SAME_SPACING:
                 return number
         return None
 

@@ -33,6 +33,7 @@ from uwtrack_cli.estimation.line_bank import (
     LineBank,
 )
 from uwtrack_cli.stages.contacts import ContactSamples, group_lines
+from uwtrack_cli.stages.frame_peaks import FramePeaks
 from uwtrack_cli.stages.line_families import FamilyRegister
 from uwtrack_cli.stages.line_logics import HitCounter, Logic, ScoreKeeper
 from uwtrack_cli.stages.line_output import LineTable
@@ -50,9 +51,6 @@ _UNKNOWN_BEARING_VARIANCE = 1e8
 
 _GREATEST_STD = 1.5
 """Deviation of a prediction, in resolutions, beyond which a line has no identity."""
-
-LEAST_STD = 0.02
-"""Floor of a measurement's deviation in resolutions: interpolation has a bias."""
 
 
 _MEMORY_WINDOWS = 4.0
@@ -73,21 +71,6 @@ class Policies:
     gates: Gates
     motion: Motion
     harmonics: Harmonics
-
-
-@dataclass(frozen=True)
-class FramePeaks:
-    """The peaks of one frame, ascending in frequency, as plain arrays."""
-
-    frequency: FloatArray
-    variance: FloatArray
-    bearing: FloatArray
-    bearing_variance: FloatArray
-    raw: FloatArray
-    """Rows: frequency, its deviation, bearing, its deviation, level, SNR."""
-    is_detection: BoolArray
-    is_in_family: BoolArray
-    threshold_db: float
 
 
 @dataclass
@@ -330,13 +313,14 @@ class LineTracker:
         bank, feedback = self.bank, self.policies.feedback
         bank.hold = np.maximum(bank.hold - feedback.every_frames, 0)
         slots = np.flatnonzero(bank.stage == CONFIRMED)
+        # a line that coasts has no frequency to speak of
+        slots = slots[bank.rows - bank.settled[slots] <= feedback.hold_frames]
         if slots.size < 3:
             return
-        frequency = bank.table[0, slots]
-        slots = slots[np.argsort(frequency, kind="stable")]
+        slots = slots[np.argsort(bank.table[0, slots], kind="stable")]
         frequency = bank.table[0, slots]
         variance = bank.state.variance[:, slots]
-        sigma = float(np.sqrt(variance[0].mean()))
+        sigma = float(np.sqrt(np.median(variance[0])))
         sigma = max(sigma, _LEAST_JITTER * self.resolution_hz)
         bearing = np.where(
             variance[1] < 0.5 * _UNKNOWN_BEARING_VARIANCE,

@@ -16,12 +16,11 @@ Rauch, Tung & Striebel (1965).
 from collections.abc import Iterator
 from typing import Literal
 
-import numpy as np
-
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.stages.frame_peaks import split_frames
 from uwtrack_cli.stages.line_output import join_points, no_table, to_lines
 from uwtrack_cli.stages.line_policies import (
     CountLogic,
@@ -31,12 +30,7 @@ from uwtrack_cli.stages.line_policies import (
     Motion,
     ScoreLogic,
 )
-from uwtrack_cli.stages.line_tracker import (
-    LEAST_STD,
-    FramePeaks,
-    LineTracker,
-    Policies,
-)
+from uwtrack_cli.stages.line_tracker import LineTracker, Policies
 
 _SCORE, _COUNT, _FEEDBACK = ScoreLogic(), CountLogic(), Feedback()
 _GATES, _MOTION, _HARMONICS = Gates(), Motion(), Harmonics()
@@ -104,7 +98,7 @@ def track_lines(
         if tracker is None:
             tracker = LineTracker(policies, frames, peaks)
         parts = []
-        for index, step in enumerate(_split(block, peaks)):
+        for index, step in enumerate(split_frames(block, peaks)):
             tracker.step(
                 frames.first_frame + index,
                 float(frames.time_s[index]),
@@ -130,29 +124,3 @@ def _peaks_of(block: Families | Peaks) -> Peaks:
         )
         raise DataError(msg)
     return block.peaks
-
-
-def _split(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:
-    """Yield the peaks of each frame of a block."""
-    frames = peaks.frames
-    raw = np.stack([
-        np.asarray(column, dtype=float) for column in (
-            peaks.frequency_hz, peaks.frequency_std_hz, peaks.bearing_deg,
-            peaks.bearing_std_deg, peaks.level_db, peaks.snr_db,
-        )
-    ])  # fmt: skip
-    variance = np.maximum(raw[1], LEAST_STD / frames.window_s) ** 2
-    turn_variance = np.where(np.isnan(raw[2] + raw[3]), np.inf, raw[3] ** 2)
-    is_member = (
-        block.peak_family >= 0
-        if isinstance(block, Families)
-        else np.ones(peaks.frame.size, dtype=bool)
-    )
-    numbers = frames.first_frame + np.arange(frames.n_frames + 1)
-    edges = np.searchsorted(peaks.frame, numbers)
-    for k in range(frames.n_frames):
-        at = slice(edges[k], edges[k + 1])
-        yield FramePeaks(
-            raw[0, at], variance[at], raw[2, at], turn_variance[at], raw[:, at],
-            peaks.is_detection[at], is_member[at], float(frames.threshold_db[k]),
-        )  # fmt: skip
