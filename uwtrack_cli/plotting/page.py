@@ -109,7 +109,8 @@ def _draw_measurements(
         draw_overview(overview, panels["spectra"])
     if lines is not None:
         draw_lines(lines, panels["spectra"])
-        draw_line_bearings(lines, panels["bearing"])
+        if np.isfinite(lines.bearing_deg).any():
+            draw_line_bearings(lines, panels["bearing"])
     if levels is not None:
         draw_levels(levels, panels["level"])
         if np.isfinite(levels.bearing_deg).any():

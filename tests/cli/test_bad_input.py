@@ -1,0 +1,209 @@
+"""Bad input gets one clear sentence, the right exit code, and leaves no file."""
+
+import h5py
+import numpy as np
+import pytest
+import soundfile
+
+MAKERS = {}
+
+
+def case(code, text):
+    def keep(function):
+        MAKERS[function.__name__] = (function, code, text)
+        return function
+
+    return keep
+
+
+@case(1, "nowhere.wav does not exist")
+def missing_file(folder):
+    return ["run", "nowhere.wav"]
+
+
+@case(1, "is a folder, not a file")
+def a_directory(folder):
+    (folder / "sounds.wav").mkdir()
+    return ["run", "sounds.wav"]
+
+
+@case(1, "no recording that can be read")
+def a_text_named_wav(folder):
+    (folder / "letter.wav").write_text("Dear founder,\n")
+    return ["run", "letter.wav"]
+
+
+@case(1, "")
+def an_empty_wav(folder):
+    (folder / "empty.wav").write_bytes(b"")
+    return ["run", "empty.wav"]
+
+
+@case(1, "holds no samples")
+def a_wav_without_samples(folder):
+    soundfile.write(folder / "none.wav", np.zeros(0), 2000)
+    return ["run", "none.wav"]
+
+
+@case(1, "--allow-truncated")
+def a_truncated_wav(folder):
+    path = folder / "cut.wav"
+    soundfile.write(path, np.random.default_rng(1).normal(0, 0.1, 20_000), 2000)
+    path.write_bytes(path.read_bytes()[:20_000])
+    return ["run", "cut.wav"]
+
+
+@case(1, "less than one window")
+def a_recording_shorter_than_a_window(folder):
+    soundfile.write(folder / "short.wav", np.full(500, 0.1), 2000)
+    return ["run", "short.wav"]
+
+
+@case(1, "channel")
+def several_channels_and_no_sensor(folder):
+    noise = np.random.default_rng(1).normal(0, 0.1, (20_000, 3))
+    soundfile.write(folder / "three.wav", noise, 2000)
+    return ["run", "three.wav"]
+
+
+@case(1, "not an HDF5 file")
+def a_recording_given_as_a_product(folder):
+    soundfile.write(folder / "x.wav", np.zeros(2000), 2000)
+    return ["peaks", "x.wav"]
+
+
+@case(1, "newer")
+def a_product_of_a_newer_schema(folder):
+    _spectrogram(folder)
+    with h5py.File(folder / "s.spectrogram.h5", "r+") as file:
+        file.attrs["schema_version"] = np.int64(99)
+    return ["peaks", "s.spectrogram.h5"]
+
+
+@case(1, "need lines, levels or a series")
+def the_product_of_another_stage(folder):
+    _spectrogram(folder)
+    return ["cpa", "s.spectrogram.h5"]
+
+
+@case(1, "--overwrite")
+def an_existing_output(folder):
+    _wav(folder)
+    (folder / "s.run.h5").write_text("precious")
+    return ["run", "s.wav"]
+
+
+@case(1, "")
+def an_unwritable_target(folder):
+    _wav(folder)
+    return ["run", "s.wav", "-o", "/proc/nowhere/s.run.h5"]
+
+
+@case(1, "")
+def a_target_below_a_regular_file(folder):
+    _wav(folder)
+    return ["run", "s.wav", "-o", "s.wav/s.run.h5"]
+
+
+@case(2, "no recipe 'cruiser'")
+def an_unknown_recipe(folder):
+    _wav(folder)
+    return ["run", "s.wav", "--recipe", "cruiser"]
+
+
+@case(2, "has no option 'loudness'; it has: false_alarm_probability")
+def an_unknown_recipe_option(folder):
+    _wav(folder)
+    (folder / "r.toml").write_text("[spectrogram]\n[peaks]\nloudness = 3\n")
+    return ["run", "s.wav", "--recipe", "r.toml"]
+
+
+@case(2, "there is no stage 'speaks'")
+def an_unknown_recipe_stage(folder):
+    _wav(folder)
+    (folder / "r.toml").write_text("[spectrogram]\n[speaks]\n")
+    return ["run", "s.wav", "--recipe", "r.toml"]
+
+
+@case(2, "not readable as TOML")
+def a_recipe_that_is_no_toml(folder):
+    _wav(folder)
+    (folder / "r.toml").write_text("[spectrogram\n")
+    return ["run", "s.wav", "--recipe", "r.toml"]
+
+
+@case(2, "overlap must be at least 0 and below 1, got 1.5")
+def an_option_out_of_range(folder):
+    _wav(folder)
+    return ["spectrogram", "s.wav", "--overlap", "1.5"]
+
+
+@case(2, "must be of type float, got 'long'")
+def a_setting_of_the_wrong_type(folder):
+    _wav(folder)
+    return ["run", "s.wav", "--set", "spectrogram.window_s=long"]
+
+
+@case(2, "STAGE.OPTION=VALUE")
+def a_setting_without_a_value(folder):
+    _wav(folder)
+    return ["run", "s.wav", "--set", "spectrogram"]
+
+
+@case(2, "No such option")
+def an_unknown_option(folder):
+    _wav(folder)
+    return ["run", "s.wav", "--loudness", "3"]
+
+
+@case(2, "there is no container 'vessels'")
+def an_unknown_container(folder):
+    _spectrogram(folder)
+    return ["show", "s.spectrogram.h5", "vessels"]
+
+
+@case(2, "no sample 'whale'")
+def an_unknown_sample(folder):
+    return ["sample", "whale"]
+
+
+@case(2, "a picture is written as .png")
+def a_picture_of_an_unknown_kind(folder):
+    _spectrogram(folder)
+    return ["plot", "s.spectrogram.h5", "-o", "s.bmp"]
+
+
+def _wav(folder):
+    noise = np.random.default_rng(1).normal(0, 0.1, 20_000)
+    soundfile.write(folder / "s.wav", noise, 2000)
+
+
+def _spectrogram(folder):
+    from typer.testing import CliRunner
+
+    from uwtrack_cli.cli.app import app
+
+    _wav(folder)
+    assert CliRunner().invoke(app, ["spectrogram", "s.wav"]).exit_code == 0
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_bad_input_is_answered_in_one_sentence(uwtrack, tmp_path, name):
+    make, code, text = MAKERS[name]
+    words = make(tmp_path)
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    done = uwtrack(*words)
+    assert done.exit_code == code, done.output
+    assert "Traceback" not in done.output
+    said = " ".join(done.stderr.replace("│", " ").split())
+    assert text in said
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error:")]
+    assert len(errors) == 1 or "Usage:" in done.stderr
+    assert done.stdout == ""
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
+def test_the_traceback_comes_with_debug_only(uwtrack):
+    from uwtrack_cli.errors import DataError
+
+    assert isinstance(uwtrack("run", "nowhere.wav", "--debug").exception, DataError)

@@ -1,0 +1,148 @@
+"""The commands about files, as a shell pipeline uses them."""
+
+import csv
+import io
+import json
+
+import pytest
+
+
+@pytest.fixture
+def product(uwtrack, short_pass):
+    assert uwtrack("run", short_pass, "-o", "pass.run.h5", "-q").exit_code == 0
+    return "pass.run.h5"
+
+
+def test_the_encounters_as_json_have_the_promised_keys(uwtrack, product):
+    done = uwtrack("show", product, "encounters", "--format", "json")
+    (row,) = json.loads(done.stdout)
+    assert {
+        "contact", "sensor", "status", "time_utc", "time_s", "time_std_s",
+        "arrival_time_s", "speed_mps", "speed_std_mps", "slant_range_m",
+        "slant_range_std_m", "horizontal_range_m", "range_over_speed_s",
+        "range_over_speed_std_s", "course_deg", "course_std_deg", "bearing_deg",
+        "bearing_std_deg", "side", "rest_frequencies_hz", "rest_frequencies_std_hz",
+        "sound_speed_mps", "received_level_db", "extrapolated", "ambiguities", "reasons",
+    } <= set(row)  # fmt: skip
+    assert row["time_utc"] is None
+    assert "start time" in row["reasons"]["time_utc"]
+
+
+def test_the_sample_passage_is_found_within_the_bands_of_a_clean_recording(
+    uwtrack, samples, tmp_path
+):
+    done = uwtrack(
+        "run", samples / "pass.wav", "-o", "p.h5", "--json",
+        "--start-utc", "2024-05-01T12:00:00Z",
+    )  # fmt: skip
+    (row,) = json.loads(done.stdout)
+    truth = json.loads((samples / "pass.truth.json").read_text())["encounters"][0]
+    assert row["status"] == "ok"
+    assert row["side"] == truth["side"] == "port"
+    assert row["time_s"] == pytest.approx(truth["time_s"], abs=1.0)
+    assert row["speed_mps"] == pytest.approx(truth["speed_mps"], rel=0.015)
+    assert row["slant_range_m"] == pytest.approx(truth["slant_range_m"], rel=0.03)
+    assert row["course_deg"] == pytest.approx(truth["course_deg"], abs=1.5)
+    assert row["time_utc"].startswith("2024-05-01T12:02:28")
+    assert abs(row["speed_mps"] - truth["speed_mps"]) < 4 * row["speed_std_mps"]
+    assert (
+        abs(row["slant_range_m"] - truth["slant_range_m"])
+        < 4 * row["slant_range_std_m"]
+    )
+
+
+@pytest.mark.parametrize("form", ["csv", "json", "jsonl", "table"])
+@pytest.mark.parametrize("container", ["encounters", "lines", "levels", "sensor"])
+def test_every_container_is_shown_in_every_form(uwtrack, product, container, form):
+    done = uwtrack("show", product, container, "--format", form)
+    assert done.exit_code == 0
+    assert done.stderr == ""
+    if form == "csv":
+        rows = list(csv.reader(io.StringIO(done.stdout)))
+        assert len({len(row) for row in rows}) == 1
+    elif form == "jsonl":
+        assert [json.loads(line) for line in done.stdout.splitlines()]
+    elif form == "json":
+        json.loads(done.stdout)
+
+
+def test_info_names_containers_units_and_history(uwtrack, product):
+    text = uwtrack("info", product).stdout
+    assert "lines of h1" in text
+    assert "frequency_hz [Hz]" in text
+    assert "window_s=1.0" in text
+    facts = json.loads(uwtrack("info", product, "--json").stdout)
+    assert facts["history"][0]["sources"][0]["name"] == "pass.wav"
+    assert len(facts["sha256"]) == 64
+
+
+def test_verify_tells_a_sound_file_from_a_damaged_one(uwtrack, product, tmp_path):
+    assert uwtrack("verify", product).stdout == "pass.run.h5: ok\n"
+    damaged = bytearray((tmp_path / product).read_bytes())
+    middle = len(damaged) // 2
+    damaged[middle : middle + 64] = bytes(64)
+    (tmp_path / "damaged.h5").write_bytes(damaged)
+    done = uwtrack("verify", product, "damaged.h5")
+    assert done.exit_code == 1
+    assert "damaged.h5: ok" not in done.stdout
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
+def test_a_page_is_drawn(uwtrack, product, tmp_path, suffix):
+    assert uwtrack("plot", product, "-o", f"pass.{suffix}").exit_code == 0
+    assert (tmp_path / f"pass.{suffix}").stat().st_size > 20_000
+
+
+def test_a_product_comes_through_a_pipe_and_goes_on_through_one(
+    uwtrack, product, tmp_path
+):
+    data = (tmp_path / product).read_bytes()
+    done = uwtrack("cpa", "-", input=data)
+    assert done.exit_code == 0
+    (tmp_path / "piped.h5").write_bytes(done.stdout_bytes)
+    (tmp_path / "file.h5").write_bytes(data)
+    assert uwtrack("cpa", "file.h5", "-o", "filed.h5").exit_code == 0
+    piped, filed = (
+        uwtrack("show", name, "encounters", "--format", "json").stdout
+        for name in ("piped.h5", "filed.h5")
+    )
+    assert piped == filed
+
+
+def test_recipes_are_listed_and_shown_with_every_default(uwtrack):
+    assert "vessel" in uwtrack("recipes").stdout
+    text = uwtrack("recipes", "--show", "vessel").stdout
+    assert "false_alarm_probability = 0.0001" in text
+    assert "[track.feedback]" in text
+
+
+def test_samples_are_listed_and_copied(uwtrack, tmp_path):
+    assert "pass" in uwtrack("sample").stdout.split()
+    assert uwtrack("sample", "noise", "-o", "here").exit_code == 0
+    assert (tmp_path / "here" / "noise.wav").exists()
+    assert (tmp_path / "here" / "noise.truth.json").exists()
+    again = uwtrack("sample", "noise", "-o", "here")
+    assert again.exit_code == 1
+    assert "--overwrite" in again.stderr
+
+
+def test_a_scenario_is_simulated_with_its_truth(uwtrack, tmp_path):
+    (tmp_path / "s.toml").write_text(
+        "seed = 1\nduration_s = 5.0\nsample_rate_hz = 1000.0\n"
+        'sound_speed_mps = 1500.0\n[[sensor]]\nid = "a"\nfull_scale_db = 140.0\n'
+        "[noise]\ndensity_db = 60.0\n"
+    )
+    done = uwtrack("simulate", "s.toml", "-o", "s.wav")
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "s.truth.json").read_text())["encounters"] == []
+    assert (tmp_path / "s.sensor.toml").exists()
+
+
+def test_the_version_is_data(uwtrack):
+    assert uwtrack("--version").stdout.startswith("uwtrack 0.")
+
+
+def test_quiet_says_nothing(uwtrack, noise_wav):
+    done = uwtrack("run", noise_wav, "-q")
+    assert done.exit_code == 0
+    assert done.output == ""

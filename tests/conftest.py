@@ -1,0 +1,49 @@
+"""Fixtures that several folders of tests share."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from typer.testing import CliRunner
+
+from uwtrack_cli.files.shipped import shipped_folder
+
+
+@pytest.fixture
+def uwtrack(monkeypatch, tmp_path):
+    """Run a command line in an empty folder; the result has exit_code and texts."""
+    from uwtrack_cli.cli.app import app
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object, **options: object):
+        return CliRunner().invoke(app, [str(w) for w in words], **options)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def samples() -> Path:
+    """The folder of the shipped sample recordings."""
+    return shipped_folder("sample_data")
+
+
+@pytest.fixture(scope="session")
+def short_pass(tmp_path_factory, samples) -> Path:
+    """The middle of the sample passage: enough for every stage, and quick."""
+    folder = tmp_path_factory.mktemp("short")
+    sound, rate = soundfile.read(samples / "pass.wav", start=180_000, frames=240_000)
+    soundfile.write(folder / "pass.wav", sound, rate, subtype="PCM_16")
+    facts = (samples / "pass.sensor.toml").read_text()
+    (folder / "pass.sensor.toml").write_text(facts)
+    return folder / "pass.wav"
+
+
+@pytest.fixture
+def noise_wav(tmp_path) -> Path:
+    """Ten seconds of one channel of noise."""
+    rng = np.random.default_rng(1)
+    path = tmp_path / "noise.wav"
+    soundfile.write(path, 0.1 * rng.standard_normal(20_000), 2000, subtype="PCM_16")
+    return path

@@ -1,0 +1,132 @@
+"""Every stage is documented, bound and listed as the house promises."""
+
+import pickle
+import re
+import sys
+from pathlib import Path
+from subprocess import run
+from typing import get_args, get_origin
+
+import pytest
+
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.flow.catalogue import STAGES, find_stage
+from uwtrack_cli.flow.recipe import Recipe, Step
+from uwtrack_cli.flow.shipped import load_recipe, shipped_recipes
+
+NAMES = [stage.name for stage in STAGES]
+UNITS = {
+    "s", "hz", "db", "deg", "mps", "m", "hzps", "degps", "km", "khz", "hour", "kn",
+    "frames", "bins", "hits", "std", "scans", "runs", "pixels", "bands", "peaks",
+    "sigma", "upa",
+}  # fmt: skip
+UNITLESS = re.compile(
+    r"dimensionless|share|factor|probability|number|chance|whether|which|how many"
+    r"|policy|per |rate|count|logic|name|none|every|lines|cells|seed|ratio|expected"
+    r"|frames|hits|teeth|model|times|power|nepers|deviations",
+    re.IGNORECASE,
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_stage_has_a_summary_and_its_options_have_help(name):
+    stage = find_stage(name)
+    assert stage.summary.endswith(".")
+    assert stage.inputs
+    for option in stage.options:
+        assert option.help.endswith("."), (name, option.name)
+        assert len(option.help) > 10, (name, option.name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_option_has_a_unit_in_its_name_or_says_what_it_counts(name):
+    for option in find_stage(name).options:
+        kind = get_origin(option.type) or option.type
+        numeric = {float, int, tuple} & {kind, *get_args(option.type)}
+        if numeric and option.name.rsplit("_", 1)[-1] not in UNITS:
+            assert UNITLESS.search(option.help + option.name), (name, option.name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_defaults_of_a_stage_pass_its_own_check(name):
+    stage = find_stage(name)
+    assert stage.bind(stage.defaults) == stage.defaults
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_task_is_small(name):
+    step = Step(name, find_stage(name).bind({}))
+    assert len(pickle.dumps(step)) < 1500
+    assert pickle.loads(pickle.dumps(step)) == step
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_stage_is_in_a_recipe_or_stands_alone_and_is_in_the_readme(name):
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    assert f"uwtrack {name}" in readme
+    recipes = [load_recipe(r) for r in shipped_recipes()]
+    in_recipe = any(step.stage_name == name for r in recipes for step in r.steps)
+    assert in_recipe or name in {"tma", "pdaf", "discriminate"}
+
+
+def test_names_are_unique():
+    assert len(set(NAMES)) == len(NAMES)
+
+
+def test_a_name_that_is_no_stage_lists_the_stages():
+    with pytest.raises(OptionError, match="spectrogram, overview"):
+        find_stage("spectrograms")
+
+
+@pytest.mark.parametrize("name", shipped_recipes())
+def test_a_recipe_written_out_reads_back_with_the_same_values(name):
+    recipe = load_recipe(name)
+    again = Recipe.from_toml(name, recipe.to_toml())
+    assert [s.values() for s in again.steps] == [s.values() for s in recipe.steps]
+    assert recipe.description
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"overlap": "half"}, "must be of type float"),
+        ({"overlap": True}, "must be of type float"),
+        ({"band_hz": [1.0]}, "takes 2 values, got 1"),
+        ({"band_hz": 3.0}, "must be a list"),
+        ({"zero_padding": 2.5}, "must be of type int"),
+        ({"window": 1.0}, "it has: window_s"),
+    ],
+)
+def test_an_option_of_the_wrong_shape_is_refused(given, text):
+    with pytest.raises(OptionError, match=text):
+        find_stage("spectrogram").bind(given)
+
+
+def test_a_policy_is_a_table_in_a_recipe():
+    feedback = find_stage("track").bind({"feedback": {"alpha": 0.5}})["feedback"]
+    assert feedback.alpha == 0.5
+    with pytest.raises(OptionError, match=r"track\.feedback has no option 'alfa'"):
+        find_stage("track").bind({"feedback": {"alfa": 0.5}})
+
+
+def test_settings_override_options_and_fields_of_policies():
+    recipe = load_recipe("vessel").with_settings(
+        ["spectrogram.window_s=2", "track.feedback.alpha=0.6", "track.initiation=count"]
+    )
+    options = {step.stage_name: step.options for step in recipe.steps}
+    assert options["spectrogram"]["window_s"] == 2.0
+    assert options["track"]["feedback"].alpha == 0.6
+    assert options["track"]["initiation"] == "count"
+
+
+def test_help_imports_no_slow_module():
+    code = (
+        "import sys; sys.argv=['uwtrack','--help']\n"
+        "from uwtrack_cli.cli import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        "slow={'scipy','h5py','soundfile','matplotlib','pandas','distributed'}\n"
+        "found=slow & {m.split('.')[0] for m in sys.modules}\n"
+        "sys.exit(f'slow: {found}' if found else 0)\n"
+    )
+    done = run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
