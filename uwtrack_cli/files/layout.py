@@ -33,6 +33,9 @@ BOOKKEEPING = frozenset(
 
 CHUNK_BYTES = 1 << 17
 
+LEAST_TEXT_BYTES = 4
+"""Width of the shortest text; netCDF readers join texts of one byte into words."""
+
 
 def sensor_of(container: Container) -> str | None:
     """Return the sensor that a container belongs to, None for a whole file."""
@@ -104,7 +107,7 @@ def encode(array: NDArray[Any]) -> NDArray[Any]:
     except UnicodeEncodeError as error:
         msg = f"a text cannot be stored as UTF-8: {error}."
         raise DataError(msg) from error
-    width = max(1, int(encoded.dtype.itemsize)) if array.size else 1
+    width = max(LEAST_TEXT_BYTES, encoded.dtype.itemsize if array.size else 0)
     return encoded.astype(h5py.string_dtype("utf-8", width))
 
 

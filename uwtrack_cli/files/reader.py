@@ -10,10 +10,10 @@ import h5py
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.checks import attribute, reading, safe_objects
+from uwtrack_cli.files.checks import attribute, reading
 from uwtrack_cli.files.history import HistoryStep
 from uwtrack_cli.files.opening import open_file
-from uwtrack_cli.files.reading import C, read_group
+from uwtrack_cli.files.reading import C, read_whole
 from uwtrack_cli.files.registry import CONTAINERS
 from uwtrack_cli.files.streaming import stream_group
 
@@ -92,7 +92,7 @@ class Product:
         """
         path = self._path(kind, sensor)
         with reading(self.name):
-            return read_group(self.file, path, kind, {})
+            return read_whole(self.file, path, kind)
 
     def read_all(self, kind: type[C]) -> list[C]:
         """Read the containers of a kind of all sensors."""
@@ -174,18 +174,19 @@ def _opened(file: h5py.File, name: str) -> Product:
 
 def _container_paths(file: h5py.File) -> dict[tuple[str | None, str], str]:
     found: dict[tuple[str | None, str], str] = {}
-    for path, item in safe_objects(file).items():
-        if path == "/" or path.count("/") > 2 or not isinstance(item, h5py.Group):
+    for group in _groups(file):
+        if "container" in group.attrs:
+            found[None, str(attribute(group, "container"))] = group.name
             continue
-        if "container" not in item.attrs:
-            continue
-        sensor = None
-        if path.count("/") == 2:
-            sensor = str(attribute(item.parent, "sensor"))
-        name = str(attribute(item, "container"))
-        if name in CONTAINERS:
-            found[sensor, name] = path
-    return dict(sorted(found.items(), key=lambda row: (row[0][0] or "", row[0][1])))
+        sensor = str(attribute(group, "sensor"))
+        for inner in _groups(group):
+            found[sensor, str(attribute(inner, "container"))] = inner.name
+    known = {key: path for key, path in found.items() if key[1] in CONTAINERS}
+    return dict(sorted(known.items(), key=lambda row: (row[0][0] or "", row[0][1])))
+
+
+def _groups(group: h5py.Group) -> list[h5py.Group]:
+    return [item for item in group.values() if isinstance(item, h5py.Group)]
 
 
 def _history(file: h5py.File) -> list[HistoryStep]:

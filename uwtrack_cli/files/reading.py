@@ -7,13 +7,20 @@ import h5py
 
 from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.checks import attribute, check_column, check_storage
+from uwtrack_cli.files.checks import attribute, check_column
 from uwtrack_cli.files.layout import decode
 from uwtrack_cli.files.registry import part_classes, scalar_types
 
 C = TypeVar("C", bound=Container)
 Rows = Mapping[tuple[str, str], slice]
 """Rows to read, by container and axis; axes not named are read whole."""
+
+
+def read_whole(file: h5py.File, path: str, kind: type[C]) -> C:
+    """Read a container in the order that `Container.join` gives its rows."""
+    container = read_group(file, path, kind, {})
+    own_order = kind.join.__func__ is not Container.join.__func__  # type: ignore[attr-defined]
+    return kind.join([container]) if own_order else container
 
 
 def read_group(file: h5py.File, path: str, kind: type[C], rows: Rows) -> C:
@@ -63,7 +70,6 @@ def column_dataset(group: h5py.Group, name: str, spec: Column) -> h5py.Dataset:
         raise DataError(msg)
     dataset = group[name]
     check_column(dataset, spec)
-    check_storage(dataset)
     return dataset
 
 

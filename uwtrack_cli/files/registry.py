@@ -4,7 +4,8 @@ A new container is added here and nowhere else: the codec, `uwtrack info`, `show
 and `diff` all work from this list.
 """
 
-from typing import get_args, get_type_hints
+from functools import cache
+from typing import Any, get_args, get_type_hints
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.contacts import Contacts
@@ -64,18 +65,23 @@ def container_class(name: str) -> type[Container]:
 
 def part_classes(kind: type[Container]) -> dict[str, type[Container]]:
     """Return the class of every part of a container, by the name of its field."""
-    hints = get_type_hints(kind)
+    hints = _hints(kind.NAME)
     return {name: _container_in(hints[name]) for name in kind.parts()}
 
 
 def scalar_types(kind: type[Container]) -> dict[str, type]:
     """Return the plain type (str, bool, int or float) of every stored scalar."""
-    hints = get_type_hints(kind)
+    hints = _hints(kind.NAME)
     return {
         name: _plain(hints[name])
         for name in kind.scalars()
         if (kind.NAME, name) not in UNSTORED
     }
+
+
+@cache
+def _hints(name: str) -> dict[str, Any]:
+    return get_type_hints(container_class(name))
 
 
 def _container_in(hint: object) -> type[Container]:

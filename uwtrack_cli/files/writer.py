@@ -29,6 +29,9 @@ from uwtrack_cli.files.registry import CONTAINERS, part_classes
 from uwtrack_cli.files.seal import append_seal, sealed
 from uwtrack_cli.files.sharing import Slot, share_parts
 
+LIBVER = ("v110", "v110")
+"""HDF5 1.10 and later read the files: object headers carry checksums of their own."""
+
 
 class ProductStore:
     """An open, still incomplete product: takes containers, then is sealed."""
@@ -108,7 +111,7 @@ class ProductStore:
         root["format"] = FORMAT
         root["schema_version"] = np.int64(SCHEMA_VERSION)
         root["program_version"] = __version__
-        root["created_utc"] = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        root["created_utc"] = utc_now()
         steps = encode(np.array([step.to_json() for step in history], dtype=np.str_))
         dataset = self.file.create_dataset(
             "history", data=steps, maxshape=(None,), chunks=(max(1, steps.size),),
@@ -162,7 +165,7 @@ class ProductWriter:
         """Open the temporary file."""
         self._temporary = self._target.__enter__()
         try:
-            self._store = ProductStore(h5py.File(self._temporary, "w"))
+            self._store = ProductStore(h5py.File(self._temporary, "w", libver=LIBVER))
         except BaseException as error:
             self._target.__exit__(type(error), error, error.__traceback__)
             raise
@@ -256,7 +259,7 @@ def product_to_bytes(
 ) -> bytes:
     """Return a product as bytes, for a pipe: HDF5 cannot be written to one."""
     memory = io.BytesIO()
-    with h5py.File(memory, "w") as file:
+    with h5py.File(memory, "w", libver=LIBVER) as file:
         store = ProductStore(file)
         for container in containers:
             store.write(container)
@@ -274,6 +277,11 @@ def writing(path: Path) -> Iterator[None]:
     except (OSError, RuntimeError) as error:
         msg = f"cannot write {path}: {error}. Is the disk full?"
         raise OutputError(msg) from error
+
+
+def utc_now() -> str:
+    """Return the time of day as it is stored."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def all_objects(file: h5py.File) -> dict[str, Any]:
