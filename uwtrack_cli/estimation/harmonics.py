@@ -17,6 +17,7 @@ differences as the mark of a vessel.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,6 +26,12 @@ from uwtrack_cli.estimation.kalman import wrap_deg
 
 TOLERANCE_SIGMAS = 2.5
 """Half width of a tooth in standard deviations of a difference."""
+
+_MOST_TRIES = 2
+"""Combs that a free peak may try to found a family."""
+
+_MOST_PROLONGATIONS = 8
+"""Rounds in which a family grows beyond its first comb."""
 
 _RATIO = 1.02
 """Step of the table of probabilities; rounding is upwards, to the safe side."""
@@ -124,70 +131,101 @@ def find_combs(
     lower, upper, spacings, chance = comb_tests(frequency_hz, bearing_deg, rule)
     keep = np.flatnonzero(chance < np.log10(greatest_chance))
     keep = keep[np.argsort(chance[keep], kind="stable")]
+    np.minimum.at(score, lower[keep], chance[keep])
+    np.minimum.at(score, upper[keep], chance[keep])
     combs: list[Comb] = []
     owner = np.full(frequency_hz.size, -1)
-    for k in keep:
-        if owner[lower[k]] >= 0 and owner[upper[k]] >= 0:
-            continue
+    # every test marks its free ends, so few of the many tests are looked at
+    tries = np.zeros(frequency_hz.size, dtype=np.int64)
+    while keep.size:
+        k, keep = keep[0], keep[1:]
+        ends = np.array([lower[k], upper[k]])
+        tries[ends] += 1
         comb = _members(
             frequency_hz, bearing_deg, rule,
-            (int(lower[k]), int(upper[k]), int(spacings[k])), float(chance[k]),
+            (int(ends[0]), int(ends[1]), int(spacings[k])), float(chance[k]),
         )  # fmt: skip
-        score[comb.members] = np.minimum(score[comb.members], chance[k])
-        known = owner[comb.members]
-        if (known < 0).all():
+        if (owner[comb.members] < 0).all():
+            ends = np.concatenate([lower[keep], upper[keep]])
+            steps = np.tile(
+                (frequency_hz[upper[keep]] - frequency_hz[lower[keep]])
+                / spacings[keep], 2,
+            )  # fmt: skip
+            comb = _prolonged(comb, frequency_hz, ends[owner[ends] < 0],
+                              steps[owner[ends] < 0], rule)  # fmt: skip
             owner[comb.members] = len(combs)
             combs.append(comb)
-        elif (family := _continued(combs, comb, known)) is not None:
-            combs[family] = _joined(combs[family], comb, frequency_hz)
-            owner[combs[family].members] = family
+        is_open = (owner < 0) & (tries < _MOST_TRIES)
+        keep = keep[is_open[lower[keep]] | is_open[upper[keep]]]
+    for comb in combs:
+        score[comb.members] = np.minimum(score[comb.members], comb.log10_chance)
     return combs, score
 
 
-def _continued(combs: list[Comb], comb: Comb, known: IntArray) -> int | None:
-    """Tell the family that a comb prolongs: two members and the spacing in common."""
-    names = np.unique(known[known >= 0])
-    if names.size != 1 or np.count_nonzero(known >= 0) < 2:
-        return None
-    family = int(names[0])
-    slip = abs(combs[family].spacing_hz / comb.spacing_hz - 1.0)
-    return family if slip * int(comb.teeth.max()) < 0.25 else None
-
-
-def _joined(family: Comb, comb: Comb, frequency_hz: FloatArray) -> Comb:
-    members = np.union1d(family.members, comb.members)
-    base = frequency_hz[family.members[0]] - family.teeth[0] * family.spacing_hz
-    teeth = np.rint((frequency_hz[members] - base) / family.spacing_hz).astype(np.int64)
-    # a second peak on a tooth stays outside
-    _, first = np.unique(teeth, return_index=True)
-    first.sort()
+def _prolonged(
+    comb: Comb,
+    frequency_hz: FloatArray,
+    ends: IntArray,
+    spacing_hz: FloatArray,
+    rule: CombRule,
+) -> Comb:
+    """Add the ends of other significant combs that continue this one's teeth."""
+    for _ in range(_MOST_PROLONGATIONS):
+        spacing, _, _, _ = comb_fit(
+            frequency_hz[comb.members], comb.teeth, rule.sigma_hz
+        )
+        middle = frequency_hz[comb.members].mean() - comb.teeth.mean() * spacing
+        reach = (comb.teeth.max() - comb.teeth.min()) * 0.5 * spacing
+        tooth = np.rint((frequency_hz[ends] - middle) / spacing)
+        miss = np.abs(frequency_hz[ends] - middle - tooth * spacing)
+        is_same = np.abs(spacing_hz / spacing - 1.0) * rule.most_spacings < 0.5
+        centre = middle + comb.teeth.mean() * spacing
+        is_near = np.abs(frequency_hz[ends] - centre) < 2.0 * reach + spacing
+        fresh = np.flatnonzero(is_same & is_near & (miss <= rule.tolerance_hz))
+        teeth = np.append(comb.teeth, tooth[fresh].astype(np.int64))
+        members = np.append(comb.members, ends[fresh])
+        # the first on a tooth stays: members before newcomers
+        teeth, first = np.unique(teeth, return_index=True)
+        if teeth.size == comb.teeth.size:
+            break
+        comb = Comb(members[first], teeth, spacing, comb.log10_chance)
     return Comb(
-        members[first], teeth[first] - teeth[first].min(), family.spacing_hz,
-        family.log10_chance,
-    )  # fmt: skip
+        comb.members, comb.teeth - comb.teeth.min(), comb.spacing_hz, comb.log10_chance
+    )
 
 
 def _hypotheses(
     frequency_hz: FloatArray, bearing_deg: FloatArray, rule: CombRule
 ) -> tuple[IntArray, IntArray, IntArray]:
+    """List pairs and numbers of spacings, ordered by number of spacings."""
     lower, upper = np.triu_indices(frequency_hz.size, 1)
     span = frequency_hz[upper] - frequency_hz[lower]
     fits = (span >= 2.0 * rule.spacing_hz[0]) & (
         span <= rule.most_spacings * rule.spacing_hz[1]
     )
-    fits &= _agree(bearing_deg[lower], bearing_deg[upper], rule.bearing_window_deg)
+    if np.isfinite(bearing_deg).any():
+        fits &= _agree(bearing_deg[lower], bearing_deg[upper], rule.bearing_window_deg)
     lower, upper, span = lower[fits], upper[fits], span[fits]
     counts = np.arange(2, rule.most_spacings + 1)
-    spacing = span[:, None] / counts
-    pair, column = np.nonzero(
+    spacing = span / counts[:, None]
+    row, pair = np.nonzero(
         (spacing >= rule.spacing_hz[0]) & (spacing <= rule.spacing_hz[1])
     )
-    return lower[pair], upper[pair], counts[column]
+    return lower[pair], upper[pair], counts[row]
 
 
 def _agree(a_deg: FloatArray, b_deg: FloatArray, window_deg: float) -> BoolArray:
     # an unknown bearing agrees with every other
     return ~(np.abs(wrap_deg(a_deg - b_deg)) > window_deg)
+
+
+def _spread_deg(bearing_deg: FloatArray) -> float:
+    """Return the width of the sector that holds all known bearings."""
+    known = bearing_deg[np.isfinite(bearing_deg)]
+    if known.size == 0:
+        return 0.0
+    turn = wrap_deg(known - known[0])
+    return float(turn.max() - turn.min())
 
 
 def _interior_hits(
@@ -198,47 +236,73 @@ def _interior_hits(
     upper: IntArray,
     spacings: IntArray,
 ) -> IntArray:
-    inner = spacings - 1
-    test = np.repeat(np.arange(lower.size, dtype=np.int32), inner)
-    first = np.cumsum(inner) - inner
-    tooth = np.arange(1, test.size + 1) - first[test]
+    finder = _PeakFinder(frequency_hz, rule.tolerance_hz)
     base = frequency_hz[lower]
     spacing = (frequency_hz[upper] - base) / spacings
-    lowest = base[test] + tooth * spacing[test] - rule.tolerance_hz
-    fence = np.append(frequency_hz, np.inf)
-    peak = _first_not_below(fence, lowest, rule.tolerance_hz)
-    near = np.flatnonzero(fence[peak] <= lowest + 2.0 * rule.tolerance_hz)
-    if not np.isfinite(bearing_deg).any():
-        return np.bincount(test[near], minlength=lower.size)
-    pair_bearing = bearing_deg[lower] + 0.5 * wrap_deg(
+    base = base - rule.tolerance_hz
+    has_directions = _spread_deg(bearing_deg) > rule.bearing_window_deg
+    middle = bearing_deg[lower] + 0.5 * wrap_deg(
         bearing_deg[upper] - bearing_deg[lower]
     )
     hits = np.zeros(lower.size, dtype=np.int64)
-    while near.size:
-        at, owner = peak[near], test[near]
-        same = _agree(bearing_deg[at], pair_bearing[owner], rule.bearing_window_deg)
-        hits += np.bincount(owner[same], minlength=lower.size)
-        # a peak from elsewhere may hide the right one behind it
-        near = near[~same]
-        peak[near] += 1
-        near = near[fence[peak[near]] <= lowest[near] + 2.0 * rule.tolerance_hz]
+    edges = np.searchsorted(spacings, np.arange(2, rule.most_spacings + 2))
+    for inner, (start, stop) in enumerate(pairwise(edges), start=1):
+        at = slice(start, stop)
+        lowest = base[at, None] + spacing[at, None] * np.arange(1, inner + 1)
+        peak, is_near = finder.nearest_above(lowest)
+        if has_directions:
+            _keep_direction(
+                finder, lowest, peak, is_near, bearing_deg, middle[at],
+                rule.bearing_window_deg,
+            )  # fmt: skip
+        hits[at] = np.count_nonzero(is_near, axis=1)
     return hits
 
 
-def _first_not_below(
-    fence: FloatArray, values: FloatArray, tolerance_hz: float
-) -> IntArray:
-    """Find like `numpy.searchsorted`, through a table: many values, few peaks."""
-    step = max(tolerance_hz, (fence[-2] - fence[0]) / 20_000.0)
-    edges = np.arange(fence[0] - 2.0 * tolerance_hz, fence[-2] + 2.0 * step, step)
-    table = np.searchsorted(fence, edges)
-    cell = ((values - edges[0]) * (1.0 / step)).astype(np.int32)
-    index = table[cell]
-    behind = np.flatnonzero(fence[index] < values)
-    while behind.size:
-        index[behind] += 1
-        behind = behind[fence[index[behind]] < values[behind]]
-    return index
+class _PeakFinder:
+    """Finds, for many values, the first of few peaks that is not below."""
+
+    def __init__(self, frequency_hz: FloatArray, tolerance_hz: float) -> None:
+        low, high = float(frequency_hz[0]), float(frequency_hz[-1])
+        self.width = 2.0 * tolerance_hz
+        self.fence = np.append(frequency_hz, np.inf)
+        step = max(tolerance_hz, (high - low) / 20_000.0)
+        edges = np.arange(low - self.width, high + 2.0 * step, step)
+        self.table = np.searchsorted(self.fence, edges)
+        self.scale, self.origin = 1.0 / step, float(edges[0])
+
+    def nearest_above(self, lowest: FloatArray) -> tuple[IntArray, BoolArray]:
+        """Return the peak at or above each value, and whether it is in the tooth."""
+        cell = ((lowest - self.origin) * self.scale).astype(np.intp)
+        peak = self.table[cell]
+        found = self.fence[peak]
+        is_behind = found < lowest
+        while is_behind.any():
+            peak += is_behind
+            found = self.fence[peak]
+            is_behind = found < lowest
+        return peak, found <= lowest + self.width
+
+
+def _keep_direction(
+    finder: _PeakFinder,
+    lowest: FloatArray,
+    peak: IntArray,
+    is_near: BoolArray,
+    bearing_deg: FloatArray,
+    middle_deg: FloatArray,
+    window_deg: float,
+) -> None:
+    """Unmark teeth that no peak from the right direction hits."""
+    row, column = np.nonzero(is_near)
+    at = peak[row, column]
+    while row.size:
+        is_same = _agree(bearing_deg[at], middle_deg[row], window_deg)
+        row, column, at = row[~is_same], column[~is_same], at[~is_same] + 1
+        # a peak from elsewhere may hide the right one behind it
+        more = finder.fence[at] <= lowest[row, column] + finder.width
+        is_near[row[~more], column[~more]] = False
+        row, column, at = row[more], column[more], at[more]
 
 
 def _density(

@@ -19,7 +19,6 @@ from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.estimation.line_bank import ASSOCIATION, CONFIRMED, LineBank
 from uwtrack_cli.flow.studies.line_scene import (
     N_FRAMES,
-    N_LINES,
     Scene,
     SceneRule,
     simulate_scene,

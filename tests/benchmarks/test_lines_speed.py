@@ -1,0 +1,154 @@
+"""CPU-time ratios of the line tracker against peers in the same process."""
+
+import time
+from collections.abc import Callable
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+
+from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.flow.studies.line_scene import second_frames
+from uwtrack_cli.stages.classify import classify_peaks
+from uwtrack_cli.stages.line_policies import Feedback, Harmonics
+from uwtrack_cli.stages.track import track_lines
+
+N_LINES, N_CLUTTER, SPACING_HZ = 50, 20, 17.3
+pytestmark = pytest.mark.benchmark
+
+
+def line_load(n_frames: int, seed: int = 1) -> Peaks:
+    """Fifty lines seen nine times of ten, and twenty clutter peaks per frame."""
+    rng = np.random.default_rng(seed)
+    frame, line = np.nonzero(rng.random((n_frames, N_LINES)) < 0.9)
+    noise_frame = np.repeat(np.arange(n_frames), N_CLUTTER)
+    frequency = np.concatenate(
+        [
+            100.0 + SPACING_HZ * line + 0.3 * rng.standard_normal(line.size),
+            rng.uniform(50.0, 990.0, noise_frame.size),
+        ]
+    )
+    bearing = np.concatenate(
+        [
+            100.0 + rng.standard_normal(line.size),
+            rng.uniform(0.0, 360.0, noise_frame.size),
+        ]
+    )
+    snr = np.concatenate(
+        [np.full(line.size, 14.0), rng.uniform(9.5, 11.0, noise_frame.size)]
+    )
+    frames = np.concatenate([frame, noise_frame])
+    order = np.lexsort((frequency, frames))
+    return Peaks(
+        frames=second_frames(n_frames, 9.0),
+        frame=frames[order],
+        frequency_hz=frequency[order],
+        frequency_std_hz=np.full(frames.size, 0.3),
+        level_db=snr[order],
+        snr_db=snr[order],
+        bearing_deg=bearing[order] % 360.0,
+        bearing_std_deg=np.ones(frames.size),
+        is_detection=np.ones(frames.size, dtype=bool),
+        false_alarm_probability=1e-2,
+        kept_probability=1e-2,
+        reference="full scale",
+        lowest_hz=0.0,
+        highest_hz=1000.0,
+    )
+
+
+def cpu_s(work: Callable[[], object], repeats: int = 3) -> float:
+    """Least CPU time of a few repetitions."""
+    times = []
+    for _ in range(repeats):
+        start = time.process_time()
+        work()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def stonesoup_frame_s(peaks: Peaks, n_warm: int, n_frames: int) -> float:
+    """CPU time per frame of Stone Soup's Kalman filter with global assignment.
+
+    Every detection carries its own variances, as every peak of ours does.
+    """
+    from stonesoup.dataassociator.neighbour import GNNWith2DAssignment
+    from stonesoup.hypothesiser.distance import DistanceHypothesiser
+    from stonesoup.measures import Mahalanobis
+    from stonesoup.models.measurement.linear import LinearGaussian
+    from stonesoup.models.transition.linear import (
+        CombinedLinearGaussianTransitionModel,
+        ConstantVelocity,
+    )
+    from stonesoup.predictor.kalman import KalmanPredictor
+    from stonesoup.types.detection import Detection
+    from stonesoup.types.state import GaussianState
+    from stonesoup.types.track import Track
+    from stonesoup.updater.kalman import KalmanUpdater
+
+    motion = CombinedLinearGaussianTransitionModel(
+        [ConstantVelocity(1e-2), ConstantVelocity(1e-4)]
+    )
+    sensor = LinearGaussian(4, (0, 2), np.diag([1.0, 0.09]))
+    predictor, updater = KalmanPredictor(motion), KalmanUpdater(sensor)
+    associator = GNNWith2DAssignment(
+        DistanceHypothesiser(predictor, updater, Mahalanobis(), missed_distance=4.0)
+    )
+    epoch = datetime(2024, 5, 1)  # noqa: DTZ001 - Stone Soup wants naive times
+    tracks = {
+        Track([GaussianState(
+            [[100.0], [0.0], [100.0 + SPACING_HZ * k], [0.0]],
+            np.diag([1.0, 0.01, 0.09, 0.001]), timestamp=epoch,
+        )])
+        for k in range(N_LINES)
+    }  # fmt: skip
+    start = 0.0
+    for frame in range(n_warm + n_frames):
+        if frame == n_warm:
+            start = time.process_time()
+        now = epoch + timedelta(seconds=frame + 1)
+        rows = np.flatnonzero(peaks.frame == frame)
+        detections = {
+            Detection(
+                [[peaks.bearing_deg[k]], [peaks.frequency_hz[k]]],
+                timestamp=now,
+                measurement_model=LinearGaussian(
+                    4, (0, 2), np.diag([
+                        float(peaks.bearing_std_deg[k]) ** 2,
+                        float(peaks.frequency_std_hz[k]) ** 2,
+                    ]),
+                ),
+            )
+            for k in rows
+        }  # fmt: skip
+        for track, choice in associator.associate(tracks, detections, now).items():
+            track.append(updater.update(choice) if choice else choice.prediction)
+    return (time.process_time() - start) / n_frames
+
+
+def test_tracking_is_at_least_300_times_faster_than_stone_soup() -> None:
+    n_frames = 300
+    peaks = line_load(n_frames)
+    alone = Feedback(classifier="none", every_frames=n_frames, hold_frames=n_frames)
+    ours = cpu_s(lambda: list(track_lines(iter([peaks]), feedback=alone))) / n_frames
+    theirs = stonesoup_frame_s(peaks, n_warm=1, n_frames=4)
+    print(f"track {1e3 * ours:.2f} ms, Stone Soup {1e3 * theirs:.0f} ms per frame")
+    assert theirs / ours >= 300.0
+
+
+def test_tracking_with_feedback_is_at_least_50_times_faster_than_stone_soup() -> None:
+    n_frames = 100
+    peaks = line_load(n_frames)
+    every = Feedback(births="families", every_frames=1)
+    comb = Harmonics(spacing_hz=(15.0, 60.0), teeth=14)
+
+    def work() -> None:
+        families = classify_peaks(
+            peaks, spacing_hz=(15.0, 60.0), teeth=14, most_peaks=100
+        )
+        list(track_lines(iter([families]), feedback=every, harmonics=comb))
+
+    ours = cpu_s(work, repeats=2) / n_frames
+    theirs = stonesoup_frame_s(peaks, n_warm=1, n_frames=4)
+    print(f"feedback {1e3 * ours:.2f} ms, Stone Soup {1e3 * theirs:.0f} ms per frame")
+    assert theirs / ours >= 50.0
