@@ -2,14 +2,16 @@
 
 **Method.** Chang et al. 2003, section IV and eq. 9 (Kirkpatrick et al. 1983): all
 parameters are perturbed within a window that narrows with the temperature; a worse
-point is accepted with probability exp(-dF / T). The best point so far is kept.
+point is accepted with probability exp(-dF / T). The best point so far is kept. Trials
+stay in the box, for the temperature would carry them far outside; periodic parameters
+are free.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.target_motion.simplex import Minima, Objective
 
 
@@ -39,6 +41,7 @@ def annealing_search(
     rng: np.random.Generator,
     *,
     policy: AnnealingPolicy,
+    periodic: BoolArray | None = None,
     feedback: FloatArray | None = None,
 ) -> Minima:
     """Search a box for the minima of several problems.
@@ -55,11 +58,15 @@ def annealing_search(
         Source of randomness.
     policy
         How to cool.
+    periodic
+        Parameters that the box does not bound; none by default.
     feedback
         Earlier solutions (problem, parameter) to start from, one per problem.
     """
     lower, upper = box
     size, rows = lower.size, np.arange(count)
+    free = np.zeros(size, dtype=bool) if periodic is None else periodic
+    floor, ceiling = np.where(free, -np.inf, lower), np.where(free, np.inf, upper)
     draws = lower + (upper - lower) * rng.random((count, 10, size))
     values = objective(draws.reshape(-1, size), np.repeat(rows, 10)).reshape(count, 10)
     heat = values.std(1)
@@ -72,6 +79,7 @@ def annealing_search(
         for _ in range(policy.perturbations):
             window = 0.5 * (upper - lower) * shrink
             trial = place + window * rng.uniform(-1.0, 1.0, place.shape)
+            trial = np.clip(trial, floor, ceiling)
             found = objective(trial, rows)
             rise = np.maximum(found - value, 0.0) / np.maximum(heat * shrink, 1e-300)
             taken = np.exp(-rise) > rng.random(count)

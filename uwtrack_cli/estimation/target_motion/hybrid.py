@@ -143,7 +143,7 @@ def hybrid_search(
         else:
             found = annealing_search(
                 objective, bounds, count, rng, policy=AnnealingPolicy(),
-                feedback=feedback,
+                periodic=~objective.bounded, feedback=feedback,
             )  # fmt: skip
         start, spent = found.point, found.evaluations
         if feedback is not None:  # not quantised, it may be the better start

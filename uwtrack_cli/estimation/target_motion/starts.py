@@ -18,6 +18,12 @@ from uwtrack_cli.estimation.target_motion.objective import residuals
 from uwtrack_cli.estimation.target_motion.problem import Problem, wrap_rad
 
 BLOCKS = 40
+HOPELESS = 60.0
+"""Rise of the misfit on blocks beyond which a minimum is not followed."""
+
+SAME = np.array([0.02, 0.01, 0.05, 0.05])
+"""Distance in solver coordinates within which two minima of the blocks are one."""
+
 RANGES, SPEEDS, COURSES, BEARINGS = 10, 4, 16, 8
 
 
@@ -188,13 +194,19 @@ def _best_of_each_range(problem: Problem, grid: FloatArray, count: int) -> Float
 
 
 def _distinct(fit: Fit, count: int) -> FloatArray:
-    """Keep the best of those minima that lie apart."""
+    """Keep the best of those minima that lie apart and could matter.
+
+    A minimum of the blocks far above the best is no mode of all data either; the
+    margin grows where even the best fits the blocks badly.
+    """
     kept: list[int] = []
+    margin = fit.value.min() + HOPELESS
     for index in np.argsort(fit.value):
+        if fit.value[index] > fit.value.min() + margin:
+            break
         apart = fit.q[kept] - fit.q[index]
         apart[:, 1] = wrap_rad(apart[:, 1])
-        scale = np.array([0.02, 0.01, 0.05, 0.05])
-        if not np.any(np.all(np.abs(apart) < scale, axis=1)):
+        if not np.any(np.all(np.abs(apart) < SAME, axis=1)):
             kept.append(int(index))
         if len(kept) == count:
             break
