@@ -58,18 +58,21 @@ def block_noise(
         Times in seconds.
     memory_s
         Longest memory of slow noise to allow for, seconds; None treats the common
-        part as independent from instant to instant.
+        part as independent from instant to instant, and zero leaves slow noise out
+        of the weights (for a fit that knows its covariance).
     """
     nominal = np.broadcast_to(block.weight, residual.shape)
     scale = neighbour_scale(residual, nominal, block.correlation)
     precision = nominal / scale[..., None] ** 2
-    clipped = _clip(residual, precision)
+    clipped = clip_wild(residual, precision)
     total = precision.sum(axis=1)
     mean = (precision * clipped).sum(axis=1) / np.where(total > 0, total, 1.0)
     common = long_run_excess(mean, total, time_s, None)
-    slow = (
-        common if memory_s is None else long_run_excess(mean, total, time_s, memory_s)
-    )
+    slow = common
+    if memory_s is not None:
+        slow = (
+            long_run_excess(mean, total, time_s, memory_s) if memory_s else 0 * common
+        )
     deviation, variance = _deviation(residual, precision, common)
     typical = np.maximum(median_scale(deviation, precision), 1.0)
     share = bisquare_weight(deviation / typical[..., None])
@@ -81,8 +84,16 @@ def block_noise(
     )  # fmt: skip
 
 
-def _clip(residual: FloatArray, precision: FloatArray) -> FloatArray:
-    """Hold wild values at four scales for the estimate of variances."""
+def clip_wild(residual: FloatArray, precision: FloatArray) -> FloatArray:
+    """Hold wild values at four scales, for estimates of variances.
+
+    Parameters
+    ----------
+    residual
+        Residuals, shape (..., n).
+    precision
+        Inverse variances expected; zero is missing.
+    """
     deviation = residual * np.sqrt(precision)
     bound = 4 * np.maximum(median_scale(deviation, precision), 1e-9)[..., None]
     reach = bound / np.sqrt(np.where(precision > 0, precision, 1.0))

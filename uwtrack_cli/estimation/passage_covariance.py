@@ -11,9 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.least_squares import inverse_or_nan
-from uwtrack_cli.estimation.passage_normal import Medium, Weighted, normal_equations
+from uwtrack_cli.estimation.passage_doppler import DopplerSums, doppler_sums
+from uwtrack_cli.estimation.passage_normal import (
+    Medium,
+    Weighted,
+    information_times,
+    normal_equations,
+)
 from uwtrack_cli.physics.passage import Passage
 
 
@@ -42,12 +48,14 @@ def passage_covariance(
         The passage at the optimum.
     """
     inner = inverse_or_nan(normal_equations(theta, data, medium).matrix)[:, :3, :3]
-    bearing_size = data.bearing_weight.sum(axis=-1)
+    ones = np.ones_like(data.bearing)[..., None]
+    constant = information_times(data.bearing_weight, data.losses[1], ones)[..., 0]
+    bearing_size = constant.sum(axis=-1)
     has_bearing = bearing_size > 0
     size = np.where(has_bearing, bearing_size, 1.0)
     follow = (
-        -data.turn[:, None]
-        * np.einsum("bn,bnp->bp", data.bearing_weight, law.angle_d)
+        data.turn[:, None]
+        * -np.einsum("bn,bnp->bp", constant, law.angle_d)
         / size[:, None]
     )
     full = np.full((theta.shape[0], 4, 4), np.nan)
@@ -55,13 +63,14 @@ def passage_covariance(
     cross = np.einsum("bpq,bq->bp", inner, follow)
     full[:, :3, 3] = full[:, 3, :3] = cross
     full[:, 3, 3] = 1 / size + (cross * follow).sum(axis=-1)
+    doppler = doppler_sums(law, data.shift, data.shift_weight, data.losses[0])
     return Spread(
-        _in_units(full, theta, data, has_bearing), _rest_std(data, law, inner)
+        _in_units(full, theta, data, has_bearing), _rest_std(data, doppler, inner)
     )
 
 
 def _in_units(
-    full: FloatArray, theta: FloatArray, data: Weighted, has_bearing: FloatArray
+    full: FloatArray, theta: FloatArray, data: Weighted, has_bearing: BoolArray
 ) -> FloatArray:
     ones = np.ones(theta.shape[0])
     unit = np.stack(
@@ -77,11 +86,9 @@ def _in_units(
     return scaled
 
 
-def _rest_std(data: Weighted, law: Passage, inner: FloatArray) -> FloatArray:
-    q = (1 + law.shift)[:, None, :]
-    size = (data.shift_weight * q**2).sum(axis=-1)
-    size = np.where(size > 0, size, np.nan)
-    follow = (data.shift_weight * q) @ law.shift_d / size[..., None]
-    variance = 1 / size + np.einsum("bkp,bpq,bkq->bk", follow, inner, follow)
-    deviation: FloatArray = np.sqrt(variance)
-    return deviation
+def _rest_std(data: Weighted, doppler: DopplerSums, inner: FloatArray) -> FloatArray:
+    measured = data.shift_weight.sum(axis=-1) > 0
+    own = np.einsum("bkk->bk", doppler.inverse)
+    moved = np.einsum("bkp,bpq,bkq->bk", doppler.follow, inner, doppler.follow)
+    variance: FloatArray = np.where(measured, own + moved, np.nan)
+    return np.sqrt(variance)

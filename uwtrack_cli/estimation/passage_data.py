@@ -16,6 +16,9 @@ from uwtrack_cli.data.base import FloatArray
 NEPER_DB = 10 / np.log(10)
 """Decibels in a natural-logarithm unit of power."""
 
+WINDOW_WIDTHS = 25.0
+"""Of a long series, so many d/v on either side of the closest approach are kept."""
+
 
 @dataclass(frozen=True)
 class PassageData:
@@ -45,6 +48,53 @@ class PassageData:
     def span_s(self) -> float:
         """Time covered, s."""
         return float(self.time_s[-1] - self.time_s[0]) if self.time_s.size else 0.0
+
+
+def condense(
+    data: PassageData, time_s: float, width_s: float, most: int = 1500
+) -> PassageData:
+    """Keep what matters to a passage of a long series, averaged if need be.
+
+    Parameters
+    ----------
+    data
+        Raw measurements of one contact.
+    time_s
+        Time of closest approach, seconds, about.
+    width_s
+        Range over speed, seconds, about.
+    most
+        Instants to keep at most, about.
+    """
+    near = np.flatnonzero(np.abs(data.time_s - time_s) <= WINDOW_WIDTHS * width_s)
+    if data.time_s.size <= most or near.size < 8:
+        return data
+    factor = -(-near.size // most)
+    starts = np.arange(0, near.size, factor)
+
+    def mean(
+        value: FloatArray, std: FloatArray, period: float | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        value, std = value[..., near], std[..., near]
+        good = np.isfinite(value) & (std > 0)
+        weight = np.where(good, 1 / np.where(good, std, 1.0) ** 2, 0.0)
+        size = np.add.reduceat(weight, starts, axis=-1)
+        some = np.where(size > 0, size, np.nan)
+        if period is None:
+            total = np.add.reduceat(weight * np.where(good, value, 0), starts, axis=-1)
+            return total / some, 1 / np.sqrt(some)
+        turn = np.exp(2j * np.pi / period * np.where(good, value, 0))
+        vector = np.add.reduceat(weight * turn, starts, axis=-1)
+        angle = np.angle(vector) * period / (2 * np.pi) % period
+        return np.where(size > 0, angle, np.nan), 1 / np.sqrt(some)
+
+    count = np.diff(np.append(starts, near.size))
+    return PassageData(
+        np.add.reduceat(data.time_s[near], starts) / count,
+        *mean(data.frequency_hz, data.frequency_std_hz),
+        *mean(data.bearing_deg, data.bearing_std_deg, 360.0),
+        *mean(data.level_db, data.level_std_db),
+    )
 
 
 @dataclass(frozen=True)

@@ -1,40 +1,50 @@
 """Joint maximum likelihood of a passage from all that a contact offers.
 
-**Method.** Rounds of Levenberg-Marquardt steps with fixed weights, and of weights
-from the residuals: a robust loss, scales from the data, and the long-run variance of
-noise with a memory. All rows of the batch go at once, be they starts of one data set
-or data sets of a study.
+**Method.** Rounds of Levenberg-Marquardt steps with fixed weights, and of weights from
+the residuals: a robust loss, scales from the data, and the long-run variance of noise
+with a memory. All rows of the batch go at once, be they starts of one data set or data
+sets of a study. A single data set whose noise has a memory is then fitted again with
+the covariance of that noise (`fit_with_memory`).
 
-**Conventions.** As in `passage_normal`; the covariance that leaves this module is
-over (t0 in s, d/v in s, v in m/s, bearing in degrees).
+**Conventions.** As in `passage_normal`; the covariance that leaves this module is over
+(t0 in s, d/v in s, v in m/s, bearing in degrees).
 
-**References.** papers: Choi et al. (2014), eqs. 4-6 with free rest frequency, level
-and floor; Nielsen, Madsen and Tingleff (2004) for the damping.
+**References.** Choi et al. (2014), eqs. 4-6 with free rest frequency, level and floor.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.block_noise import BlockNoise, block_noise
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.least_squares import Evaluation, damped_least_squares
 from uwtrack_cli.estimation.passage_covariance import passage_covariance
 from uwtrack_cli.estimation.passage_data import NEPER_DB, Blocks
+from uwtrack_cli.estimation.passage_memory import slow_noises
 from uwtrack_cli.estimation.passage_normal import (
+    Losses,
     Medium,
     Weighted,
-    combine_bearings,
     free_unknowns,
     normal_equations,
-    rest_shift,
 )
-from uwtrack_cli.physics.geometry import wrap_rad
-from uwtrack_cli.physics.passage import Passage, passage_law
+from uwtrack_cli.estimation.passage_state import (
+    Fixed,
+    Noises,
+    passage_noises,
+    passage_state,
+    weigh,
+)
+from uwtrack_cli.estimation.slow_noise import SlowNoise
 
 MEMORY_IN_PASSAGES = 1.5
 """Bartlett's window in units of d/v: 60 s where d/v is 40 s."""
+
+NO_LOSS: Losses = (None, None, None)
+
+LONGEST_SERIES = 1500
+"""Instants beyond which the covariance of slow noise is not written out."""
 
 
 @dataclass(frozen=True)
@@ -49,23 +59,14 @@ class PassageFit:
     level_db: FloatArray
     covariance: FloatArray
     cost: FloatArray
-    frequency_noise: BlockNoise
-    bearing_noise: BlockNoise
-    level_noise: BlockNoise
+    noises: Noises
+    losses: Losses = NO_LOSS
+    slow: tuple[SlowNoise, ...] = ()
 
     @property
     def range_over_speed_s(self) -> FloatArray:
         """Slant range over speed, s."""
         return np.exp(self.theta[:, 1])
-
-
-@dataclass(frozen=True)
-class _State:
-    law: Passage
-    bearing: FloatArray
-    residuals: tuple[FloatArray, FloatArray, FloatArray]
-    rest: FloatArray
-    level: FloatArray
 
 
 def fit_passage(
@@ -95,22 +96,92 @@ def fit_passage(
         Whether noise with a memory is looked for.
     """
     theta = start
-    free = free_unknowns(blocks, start.shape[0])
-    floor = start[:, 3]
+    fixed = Fixed(turn, start[:, 3], free_unknowns(blocks, start.shape[0]))
+    noises: Noises | None = None
     for number in range(rounds):
         memory = _memory(theta, blocks) if is_slow_noise and number > 0 else None
-        state = _state(theta, turn, blocks, medium, None)
-        noises = _noises(state, blocks, memory)
-        data = _weigh(state, noises, blocks, (turn, floor, free))
-        theta = damped_least_squares(
-            _evaluator(data, medium),
+        state = passage_state(theta, fixed, blocks, medium, noises)
+        noises = passage_noises(state, blocks, memory)
+        theta = _descend(
             theta,
-            _limiter(medium),
-            max_steps=25 if number == rounds - 1 else 6,
+            weigh(state, noises, blocks, fixed),
+            medium,
+            25 if number == rounds - 1 else 6,
         )
-    state = _state(theta, turn, blocks, medium, noises)
     memory = _memory(theta, blocks) if is_slow_noise else None
-    return _result(theta, turn, blocks, medium, (floor, free, memory, state))
+    return _result(theta, fixed, blocks, medium, (noises, memory))
+
+
+def take_row(fit: PassageFit, row: int) -> PassageFit:
+    """Return one row of a batch.
+
+    Parameters
+    ----------
+    fit
+        Fit of a batch.
+    row
+        Row that is wanted.
+    """
+    one = slice(row, row + 1)
+    noises = tuple(
+        type(noise)(*(getattr(noise, f.name)[one] for f in fields(noise)))
+        for noise in fit.noises
+    )
+    return PassageFit(
+        fit.theta[one],
+        fit.turn[one],
+        fit.bearing_deg[one],
+        fit.rest_hz[one],
+        fit.rest_std_hz[one],
+        fit.level_db[one],
+        fit.covariance[one],
+        fit.cost[one],
+        (noises[0], noises[1], noises[2]),
+    )
+
+
+def fit_with_memory(
+    fit: PassageFit, blocks: Blocks, medium: Medium, *, rounds: int = 3
+) -> PassageFit:
+    """Fit one data set again with the covariance of its slow noise.
+
+    Returned as it is where the noise has no memory.
+
+    Parameters
+    ----------
+    fit
+        Fit of one row.
+    blocks
+        Measurements in fit units, one row.
+    medium
+        Sound speed and depth difference.
+    rounds
+        Rounds of noise and fit.
+    """
+    if blocks.time_s.size > LONGEST_SERIES:
+        return fit
+    theta, noises = fit.theta, fit.noises
+    free = free_unknowns(blocks, 1)
+    fixed = Fixed(fit.turn, theta[:, 3], free)
+    slow: tuple[SlowNoise, ...] = ()
+    losses = NO_LOSS
+    for _ in range(rounds):
+        state = passage_state(theta, fixed, blocks, medium, noises)
+        noises = passage_noises(state, blocks, 0.0)
+        data = weigh(state, noises, blocks, fixed)
+        slow, losses = slow_noises(theta, state, data)
+        if all(noise.is_white for noise in slow):
+            return fit
+        theta = _descend(theta, weigh(state, noises, blocks, fixed, losses), medium, 15)
+    return _result(theta, fixed, blocks, medium, (noises, 0.0), (losses, slow))
+
+
+def _descend(
+    theta: FloatArray, data: Weighted, medium: Medium, max_steps: int
+) -> FloatArray:
+    return damped_least_squares(
+        _evaluator(data, medium), theta, _limiter(medium), max_steps=max_steps
+    )
 
 
 def _memory(theta: FloatArray, blocks: Blocks) -> float:
@@ -119,102 +190,6 @@ def _memory(theta: FloatArray, blocks: Blocks) -> float:
     passage = float(np.exp(np.median(theta[:, 1])))
     longest = max(MEMORY_IN_PASSAGES * passage, 6 * step)
     return min(longest, span / 3)
-
-
-def _state(
-    theta: FloatArray,
-    turn: FloatArray,
-    blocks: Blocks,
-    medium: Medium,
-    noises: tuple[BlockNoise, BlockNoise, BlockNoise] | None,
-) -> _State:
-    law = passage_law(
-        blocks.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
-    )
-    weights = (
-        (noises[0].weight, noises[1].weight, noises[2].weight)
-        if noises
-        else (blocks.shift.weight, blocks.bearing.weight, blocks.level.weight)
-    )
-    rest = rest_shift(law, blocks.shift.value, weights[0])
-    shift = law.shift[:, None, :]
-    doppler = blocks.shift.value - shift - rest[..., None] * (1 + shift)
-    around = blocks.bearing.value - (turn[:, None] * law.angle)[:, None, :]
-    centre = _circular_centre(around, weights[1])
-    total = np.logaddexp(law.spread, theta[:, 3:4])[:, None, :]
-    above = blocks.level.value - total
-    level = _centre(above, weights[2], noises is None)
-    return _State(
-        law,
-        centre,
-        (
-            doppler,
-            wrap_rad(around - centre[:, None, None]),
-            above - level[:, None, None],
-        ),
-        rest,
-        level,
-    )
-
-
-def _circular_centre(angle: FloatArray, weight: FloatArray) -> FloatArray:
-    """Weighted mean direction, with one Newton step to the least-squares one."""
-    vector = (weight * np.exp(1j * angle)).sum(axis=(1, 2))
-    centre = np.angle(vector)
-    size = np.broadcast_to(weight, angle.shape).sum(axis=(1, 2))
-    near = wrap_rad(angle - centre[:, None, None])
-    mean = (weight * near).sum(axis=(1, 2)) / np.where(size > 0, size, 1.0)
-    turned: FloatArray = centre + mean
-    return turned
-
-
-def _centre(value: FloatArray, weight: FloatArray, is_rough: bool) -> FloatArray:
-    size = np.broadcast_to(weight, value.shape).sum(axis=(1, 2))
-    if is_rough and bool(np.any(size > 0)):
-        known = np.where(np.broadcast_to(weight, value.shape) > 0, value, np.nan)
-        middle: FloatArray = np.nanmedian(known, axis=(1, 2))
-        return middle
-    mean: FloatArray = (weight * value).sum(axis=(1, 2)) / np.where(size > 0, size, 1.0)
-    return mean
-
-
-def _noises(
-    state: _State, blocks: Blocks, memory_s: float | None
-) -> tuple[BlockNoise, BlockNoise, BlockNoise]:
-    kinds = (blocks.shift, blocks.bearing, blocks.level)
-    first, second, third = (
-        block_noise(residual, block, blocks.time_s, memory_s)
-        for residual, block in zip(state.residuals, kinds, strict=True)
-    )
-    return first, second, third
-
-
-def _weigh(
-    state: _State,
-    noises: tuple[BlockNoise, BlockNoise, BlockNoise],
-    blocks: Blocks,
-    fixed: tuple[FloatArray, FloatArray, BoolArray],
-) -> Weighted:
-    turn, floor, free = fixed
-    batch = turn.size
-    predicted = state.bearing[:, None] + turn[:, None] * state.law.angle
-    bearing, size = combine_bearings(
-        np.broadcast_to(blocks.bearing.value, noises[1].weight.shape),
-        noises[1].weight,
-        predicted,
-    )
-    return Weighted(
-        blocks.time_s,
-        np.broadcast_to(blocks.shift.value, (batch, *blocks.shift.value.shape[1:])),
-        noises[0].weight,
-        bearing,
-        size,
-        np.broadcast_to(blocks.level.value, (batch, 1, blocks.time_s.size))[:, 0],
-        noises[2].weight[:, 0],
-        floor,
-        turn,
-        free,
-    )
 
 
 def _evaluator(data: Weighted, medium: Medium) -> Callable[[FloatArray], Evaluation]:
@@ -247,24 +222,28 @@ def _limiter(medium: Medium) -> Callable[[FloatArray, FloatArray], FloatArray]:
 
 def _result(
     theta: FloatArray,
-    turn: FloatArray,
+    fixed: Fixed,
     blocks: Blocks,
     medium: Medium,
-    parts: tuple[FloatArray, BoolArray, float | None, _State],
+    weights: tuple[Noises | None, float | None],
+    slow: tuple[Losses, tuple[SlowNoise, ...]] = (NO_LOSS, ()),
 ) -> PassageFit:
-    floor, free, memory, state = parts
-    noises = _noises(state, blocks, memory)
-    data = _weigh(state, noises, blocks, (turn, floor, free))
+    noises, memory = weights
+    state = passage_state(theta, fixed, blocks, medium, noises)
+    noises = passage_noises(state, blocks, memory)
+    data = weigh(state, noises, blocks, fixed, slow[0])
     spread = passage_covariance(theta, data, medium, state.law)
     rest = blocks.mean_hz * (1 + state.rest)
     return PassageFit(
         theta,
-        turn,
+        fixed.turn,
         np.rad2deg(state.bearing) % 360.0,
         rest,
         np.broadcast_to(blocks.mean_hz, rest.shape) * spread.rest_std,
         NEPER_DB * state.level,
         spread.covariance,
         noises[0].cost + noises[1].cost + noises[2].cost,
-        *noises,
+        noises,
+        slow[0],
+        slow[1],
     )

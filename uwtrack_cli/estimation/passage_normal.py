@@ -2,8 +2,7 @@
 
 **Method.** Rest frequencies, the bearing at closest approach and the level are linear
 in the model, so they are projected out (Golub and Pereyra 1973; Kaufman 1975): four
-unknowns remain however many lines there are. Lines share the law, so one product of
-the weights with fifteen functions of time gives every sum of every line at once.
+unknowns remain however many lines there are.
 
 **Conventions.** Unknowns, in this order: t0 (s), ln(d/v in s), v (m/s) and the
 natural logarithm of the floor relative to the level at closest approach. The first
@@ -16,12 +15,17 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.passage_data import Blocks
+from uwtrack_cli.estimation.passage_doppler import doppler_sums
 from uwtrack_cli.physics.geometry import wrap_rad
 from uwtrack_cli.physics.passage import Passage, passage_law
 
 N_UNKNOWNS = 4
 FLOOR_PRIOR_DEVIATION = 4.0
 """Weak prior of ln floor about its start, so that an invisible floor is no trouble."""
+
+
+Losses = tuple[FloatArray | None, FloatArray | None, FloatArray | None]
+"""Matrices (n, n) for frequencies, bearings and levels; None is white noise."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,8 @@ class Medium:
 class Weighted:
     """Blocks with the weights of one round, for every row of the batch.
 
-    ``bearing`` holds one unwrapped combined bearing per time.
+    ``bearing`` holds one unwrapped combined bearing per time. The losses are what slow
+    noise takes from the information of an instant's frequencies, bearing and level.
     """
 
     time_s: FloatArray
@@ -49,6 +54,7 @@ class Weighted:
     floor_start: FloatArray
     turn: FloatArray
     is_free: BoolArray
+    losses: Losses = (None, None, None)
 
 
 @dataclass(frozen=True)
@@ -91,10 +97,13 @@ def normal_equations(theta: FloatArray, data: Weighted, medium: Medium) -> Norma
     law = passage_law(
         data.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
     )
+    doppler = doppler_sums(law, data.shift, data.shift_weight, data.losses[0])
+    bearing, bearing_slope = bearing_residual(law, data)
+    level, level_slope = level_residual(theta, law, data)
     parts = [
-        _doppler(law, data),
-        _reduced(*_bearing_residual(law, data), data.bearing_weight),
-        _reduced(*_level_residual(theta, law, data), data.level_weight),
+        Normal(doppler.cost, _pad(doppler.gradient, 1), _pad(doppler.matrix, 2)),
+        _reduced(bearing, bearing_slope, data.bearing_weight, data.losses[1]),
+        _reduced(level, level_slope, data.level_weight, data.losses[2]),
     ]
     offset = (theta[:, 3] - data.floor_start) / FLOOR_PRIOR_DEVIATION
     cost = sum(part.cost for part in parts) + 0.5 * offset**2
@@ -108,63 +117,16 @@ def normal_equations(theta: FloatArray, data: Weighted, medium: Medium) -> Norma
     return Normal(np.asarray(cost), gradient, matrix)
 
 
-def rest_shift(law: Passage, shift: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return f0 / mean - 1 of every line, the linear unknown of its row.
+def bearing_residual(law: Passage, data: Weighted) -> tuple[FloatArray, FloatArray]:
+    """Return bearings less the model without its constant, and their partials.
 
     Parameters
     ----------
     law
         The passage at the times of the measurements.
-    shift
-        Measured frequencies as fractions of the mean, less one.
-    weight
-        Inverse variances.
+    data
+        Measurements and weights.
     """
-    q = 1 + law.shift[..., None, :]
-    above = (weight * q * (shift - law.shift[..., None, :])).sum(axis=-1)
-    below = (weight * q**2).sum(axis=-1)
-    rest: FloatArray = above / np.where(below > 0, below, 1.0)
-    return rest
-
-
-def _doppler(law: Passage, data: Weighted) -> Normal:
-    e, q = law.shift, 1 + law.shift
-    d = law.shift_d
-    pairs = d[..., :, None] * d[..., None, :]
-    functions = np.concatenate(
-        [
-            np.stack([q * q, q * e, e * e], axis=-1),
-            q[..., None] * d,
-            e[..., None] * d,
-            pairs.reshape(*pairs.shape[:-2], 9),
-        ],
-        axis=-1,
-    )
-    sums = data.shift_weight @ functions
-    weighted = data.shift_weight * data.shift
-    by_value = weighted @ np.concatenate([np.stack([q, e], axis=-1), d], axis=-1)
-    square = (weighted * data.shift).sum(axis=-1)
-    return _eliminate(sums, by_value, square)
-
-
-def _eliminate(sums: FloatArray, by_value: FloatArray, square: FloatArray) -> Normal:
-    """Project every line's rest frequency out of the sums over time."""
-    qq, qd = sums[..., 0], sums[..., 3:6]
-    qq = np.where(qq > 0, qq, 1.0)
-    qe = by_value[..., 0] - sums[..., 1]
-    ee = square - 2 * by_value[..., 1] + sums[..., 2]
-    ed = by_value[..., 2:5] - sums[..., 6:9]
-    dd = sums[..., 9:18].reshape(*qq.shape, 3, 3)
-    rest = qe / qq
-    factor = (1 + rest)[..., None]
-    cost = 0.5 * (ee - rest * qe).sum(axis=-1)
-    gradient = -(factor * (ed - rest[..., None] * qd)).sum(axis=-2)
-    projected = dd - qd[..., :, None] * qd[..., None, :] / qq[..., None, None]
-    matrix = (factor[..., None] ** 2 * projected).sum(axis=-3)
-    return Normal(cost, _pad(gradient, 1), _pad(matrix, 2))
-
-
-def _bearing_residual(law: Passage, data: Weighted) -> tuple[FloatArray, FloatArray]:
     turn = data.turn[:, None]
     residual = data.bearing - turn * law.angle
     slope = np.zeros((*residual.shape, N_UNKNOWNS))
@@ -172,9 +134,20 @@ def _bearing_residual(law: Passage, data: Weighted) -> tuple[FloatArray, FloatAr
     return residual, slope
 
 
-def _level_residual(
+def level_residual(
     theta: FloatArray, law: Passage, data: Weighted
 ) -> tuple[FloatArray, FloatArray]:
+    """Return levels less the model without its constant, and their partials.
+
+    Parameters
+    ----------
+    theta
+        Unknowns, shape (batch, 4).
+    law
+        The passage at the times of the measurements.
+    data
+        Measurements and weights.
+    """
     floor = theta[:, 3:4]
     total = np.logaddexp(law.spread, floor)
     share = np.exp(law.spread - total)
@@ -184,19 +157,41 @@ def _level_residual(
     return data.level - total, slope
 
 
-def _reduced(residual: FloatArray, slope: FloatArray, weight: FloatArray) -> Normal:
+def _reduced(
+    residual: FloatArray,
+    slope: FloatArray,
+    weight: FloatArray,
+    loss: FloatArray | None,
+) -> Normal:
     """Build normal equations with a free constant projected out."""
-    size = weight.sum(axis=-1, keepdims=True)
+    constant = information_times(weight, loss, np.ones_like(residual)[..., None])[
+        ..., 0
+    ]
+    size = constant.sum(axis=-1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
-    centred = residual - (weight * residual).sum(axis=-1, keepdims=True) / size
-    mean = np.einsum("bn,bnp->bp", weight, slope) / size
-    centred_slope = slope - mean[:, None, :]
-    scaled = weight[..., None] * centred_slope
-    return Normal(
-        0.5 * (weight * centred**2).sum(axis=-1),
-        np.einsum("bnp,bn->bp", scaled, centred),
-        np.swapaxes(scaled, 1, 2) @ centred_slope,
-    )
+    centred = residual - (constant * residual).sum(axis=-1, keepdims=True) / size
+    mean = np.einsum("bn,bnp->bp", constant, slope) / size
+    columns = np.concatenate([slope - mean[:, None, :], centred[..., None]], axis=-1)
+    full = np.swapaxes(columns, 1, 2) @ information_times(weight, loss, columns)
+    return Normal(0.5 * full[:, -1, -1], full[:, :-1, -1], full[:, :-1, :-1])
+
+
+def information_times(
+    weight: FloatArray, loss: FloatArray | None, columns: FloatArray
+) -> FloatArray:
+    """Multiply columns (batch, n, p) by the information of the measurements.
+
+    Parameters
+    ----------
+    weight
+        Inverse variances of the white part, shape (batch, n).
+    loss
+        What slow noise takes away, shape (n, n), or None.
+    columns
+        Values to multiply.
+    """
+    product: FloatArray = weight[..., None] * columns
+    return product if loss is None else product - loss @ columns
 
 
 def _pad(values: FloatArray, n_axes: int) -> FloatArray:

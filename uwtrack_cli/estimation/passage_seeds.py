@@ -84,7 +84,7 @@ def find_starts(
             better = 1.0 if turns[0][cell] >= turns[1][cell] else -1.0
             picks.append((int(cell), turn or better, float(both[0][cell])))
     chosen = list(dict.fromkeys((cell, turn) for cell, turn, _ in picks))
-    cells = np.array([cell for cell, _ in chosen])
+    cells = np.array([cell for cell, _ in chosen], dtype=np.int64)
     turn_of = np.array([turn for _, turn in chosen])
     theta = np.stack(
         [

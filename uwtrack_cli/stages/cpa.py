@@ -24,8 +24,18 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.passage_data import Blocks, PassageData, make_blocks
-from uwtrack_cli.estimation.passage_fit import PassageFit, fit_passage
+from uwtrack_cli.estimation.passage_data import (
+    Blocks,
+    PassageData,
+    condense,
+    make_blocks,
+)
+from uwtrack_cli.estimation.passage_fit import (
+    PassageFit,
+    fit_passage,
+    fit_with_memory,
+    take_row,
+)
 from uwtrack_cli.estimation.passage_normal import Medium
 from uwtrack_cli.estimation.passage_seeds import find_starts
 from uwtrack_cli.stages.cpa_decision import (
@@ -221,16 +231,21 @@ def _examine(
     if used.sum() < FEWEST_MEASUREMENTS:
         return None
     medium = Medium(setting.sound_speed_mps, setting.height_m)
-    fit, other = best_fit(blocks, medium)
-    if fit is None:
+    rough, other = best_start(blocks, medium)
+    if rough is None:
         return None
+    short = condense(data, float(rough.theta[0, 0]), float(rough.range_over_speed_s[0]))
+    if short is not data:
+        blocks = make_blocks(short)
+    fit = fit_passage(blocks, rough.theta, rough.turn, medium)
+    fit = fit_with_memory(fit, blocks, medium)
     evidence = passage_evidence(fit, blocks, medium, probability)
     if not evidence.is_passage:
         return None
     return _Candidate(contact, line_ids, blocks, fit, evidence, other)
 
 
-def best_fit(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float]:
+def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float]:
     """Fit one data set from many starts, and weigh the opposite turn.
 
     Parameters
@@ -243,18 +258,15 @@ def best_fit(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float]:
     starts = find_starts(blocks, medium.sound_speed_mps)
     if not starts.turn.size:
         return None, 0.0
-    rough = fit_passage(blocks, starts.theta, starts.turn, medium, is_slow_noise=False)
-    cost = np.where(_is_sane(rough, blocks), rough.cost, np.inf)
+    fits = fit_passage(blocks, starts.theta, starts.turn, medium, is_slow_noise=False)
+    cost = np.where(_is_sane(fits, blocks), fits.cost, np.inf)
     if not np.isfinite(cost).any():
         return None, 0.0
     best = int(np.argmin(cost))
     opposite = cost[starts.turn != starts.turn[best]]
     behind = float(opposite.min() - cost[best]) if opposite.size else np.inf
-    fit = fit_passage(blocks, rough.theta[[best]], rough.turn[[best]], medium)
-    weight = (
-        0.0 if blocks.bearing.is_empty else float(1 / (1 + np.exp(min(behind, 50))))
-    )
-    return fit, weight
+    weight = 0.0 if blocks.bearing.is_empty else 1 / (1 + np.exp(min(behind, 50.0)))
+    return take_row(fits, best), float(weight)
 
 
 def _is_sane(fit: PassageFit, blocks: Blocks) -> FloatArray:

@@ -1,12 +1,12 @@
 """Is it a passage? Evidence of a fit against "nothing passes".
 
-**Method.** With the weights of the fit (robust, slow noise included) every kind of
-measurement is fitted by a constant and by a straight line in time as well; the gain is
-the difference of half chi-squares. A hum has no gain; a slow drift none over the
-line. The threshold follows from the false-alarm probability and the number of
-independent places that the search could have hit.
+**Method.** A generalised likelihood ratio: every kind of measurement is read as a
+passage, as a constant and as a straight line in time, each with white noise and slow
+noise of its own best strength and memory. A hum has no gain; a slow drift none over
+the line; a line that wanders none over its own wander. The threshold follows from
+the false-alarm probability and the number of places that the search could have hit.
 
-**Conventions.** Gains are in units of half a chi-square, per data set.
+**Conventions.** Gains are differences of log-likelihood.
 
 **References.** Davies (1987), Biometrika 74, 33: a search over a nuisance parameter.
 """
@@ -16,14 +16,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.block_noise import clip_wild
 from uwtrack_cli.estimation.passage_data import Blocks
 from uwtrack_cli.estimation.passage_fit import PassageFit
 from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.estimation.robust import median_scale
+from uwtrack_cli.estimation.slow_noise import slow_likelihoods
 from uwtrack_cli.physics.geometry import wrap_rad
 from uwtrack_cli.physics.passage import passage_law
 
 LARGEST_RELATIVE_DEVIATION = 0.5
 """A quantity less certain than this is not given."""
+
+WIDEST_SCATTER_RAD = 1.2
+"""Bearings that scatter more than this (69 degrees) are no evidence: they wrap."""
 
 SMALLEST_SPEED_DEVIATIONS = 3.0
 """A speed within so many deviations of zero is not given."""
@@ -69,15 +75,36 @@ def passage_evidence(
     law = passage_law(
         blocks.time_s, fit.theta[:, :3], medium.sound_speed_mps, medium.height_m
     )
+    time_s, width_s = blocks.time_s, float(fit.range_over_speed_s[0])
     angle = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
-    bearing = wrap_rad(blocks.bearing.value[0] - angle) + angle
+    bearing = blocks.bearing.value[0]
     level = np.logaddexp(law.spread[0], fit.theta[0, 3])
     gains = [
-        _gains(values, weight[0], model, blocks.time_s)
-        for values, weight, model in (
-            (blocks.shift.value[0], fit.frequency_noise.weight, law.shift[0]),
-            (bearing, fit.bearing_noise.weight, angle),
-            (blocks.level.value[0], fit.level_noise.weight, level),
+        _gains(
+            passing, resting, block.weight[0], noise.scale[0], time_s, (widest, width_s)
+        )
+        for passing, resting, block, noise, widest in (
+            (
+                blocks.shift.value[0] - law.shift[0],
+                blocks.shift.value[0],
+                blocks.shift,
+                fit.noises[0],
+                np.inf,
+            ),
+            (
+                wrap_rad(bearing - angle),
+                wrap_rad(bearing - _mean_direction(bearing, blocks.bearing.weight[0])),
+                blocks.bearing,
+                fit.noises[1],
+                WIDEST_SCATTER_RAD,
+            ),
+            (
+                blocks.level.value[0] - level,
+                blocks.level.value[0],
+                blocks.level,
+                fit.noises[2],
+                np.inf,
+            ),
         )
     ]
     places = _independent_places(blocks)
@@ -90,31 +117,58 @@ def passage_evidence(
     )
 
 
+def _mean_direction(bearing: FloatArray, weight: FloatArray) -> float:
+    return float(np.angle((weight * np.exp(1j * bearing)).sum()))
+
+
 def _gains(
-    value: FloatArray, weight: FloatArray, model: FloatArray, time_s: FloatArray
+    passing: FloatArray,
+    resting: FloatArray,
+    weight: FloatArray,
+    scale: FloatArray,
+    time_s: FloatArray,
+    limits: tuple[float, float],
 ) -> tuple[float, float]:
-    """Gain of the model over a constant, and over a line, summed over the rows."""
-    lag = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-300)
-    residual = value - model
-    own, _ = _cost(residual, weight, lag)
-    constant, line = _cost(value, weight, lag)
-    return float((constant - own).sum()), float((line - own).sum())
+    """Compute the gain of "passes" over a constant per row, and over a line.
+
+    All rows are condensed to one value per instant; a row's constant enters it
+    with the row's share of the weight.
+    """
+    widest, width_s = limits
+    if float(np.min(median_scale(passing, weight), initial=np.inf)) > widest:
+        return 0.0, 0.0
+    precision = weight / scale[:, None] ** 2
+    total = precision.sum(axis=0)
+    used = total > 0
+    if not used.any():
+        return 0.0, 0.0
+    share = precision[:, used] / total[used]
+    series = [
+        (share * clip_wild(centred, precision)[:, used]).sum(axis=0)
+        for centred in (_centred(passing, weight), _centred(resting, weight))
+    ]
+    lag = (time_s[used] - time_s[used].mean()) / max(float(np.ptp(time_s)), 1e-300)
+    constants = share.T
+    line = np.concatenate([constants, lag[:, None]], axis=1)
+    likelihood = slow_likelihoods(
+        [(series[0], constants), (series[1], constants), (series[1], line)],
+        total[used],
+        time_s[used],
+        width_s,
+    )
+    return (
+        float(likelihood[0] - likelihood[1]),
+        float(likelihood[0] - likelihood[2]),
+    )
 
 
-def _cost(
-    value: FloatArray, weight: FloatArray, lag: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Half the weighted square sum about a constant per row, and a shared slope."""
-    size = weight.sum(axis=-1, keepdims=True)
-    size = np.where(size > 0, size, 1.0)
-    centred = value - (weight * value).sum(axis=-1, keepdims=True) / size
-    centred_lag = lag - (weight * lag).sum(axis=-1, keepdims=True) / size
-    square = 0.5 * (weight * centred**2).sum(axis=-1)
-    along = (weight * centred_lag * centred).sum()
-    length = (weight * centred_lag**2).sum()
-    saved = 0.5 * along**2 / length if length > 0 else 0.0
-    share = np.full(square.shape, saved / max(square.size, 1))
-    return square, square - share
+def _centred(value: FloatArray, weight: FloatArray) -> FloatArray:
+    """Take the median of every row from it."""
+    known = np.where(weight > 0, value, np.nan)
+    measured = np.isfinite(known).any(axis=-1, keepdims=True)
+    middle = np.nanmedian(np.where(measured, known, 0.0), axis=-1, keepdims=True)
+    centred: FloatArray = np.where(weight > 0, value - middle, 0.0)
+    return centred
 
 
 def _independent_places(blocks: Blocks) -> float:

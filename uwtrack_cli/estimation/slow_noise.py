@@ -1,0 +1,258 @@
+"""Noise with a memory: its strength and memory from the residuals of a fit.
+
+**Method.** Residuals are white noise (of known variance, or stronger) plus slow noise
+whose correlation falls exponentially (an Ornstein-Uhlenbeck process). Strengths and
+memory maximise the restricted likelihood, which knows that the fit has absorbed some of
+the slow noise; so the error bars hold though a fit always looks better than it is.
+
+**Conventions.** One series; zero precision is a missing value; time in seconds.
+
+**References.** Patterson and Thompson (1971), Biometrika 58, 545 (REML).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+
+N_MEMORIES = 9
+FEWEST_CELLS, MOST_CELLS = 60, 160
+CELLS_PER_WIDTH = 12.0
+"""Noise that forgets within such a share of d/v acts as white noise."""
+
+SMALLEST_GAIN = 2.0
+"""Gain in log-likelihood below which the noise counts as white."""
+
+
+@dataclass(frozen=True)
+class SlowNoise:
+    """Strength and memory of the slow part, and inflation of the white part.
+
+    The covariance is ``inflation`` times (white + ``variance`` times exponential).
+    """
+
+    variance: float
+    memory_s: float
+    inflation: float = 1.0
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the noise is as expected: white and not stronger."""
+        return self.variance <= 0 and self.inflation <= 1
+
+
+WHITE = SlowNoise(0.0, 1.0)
+
+
+def fit_slow_noise(
+    residual: FloatArray,
+    precision: FloatArray,
+    time_s: FloatArray,
+    design: FloatArray,
+    width_s: float,
+) -> SlowNoise:
+    """Find strength and memory of slow noise in the residuals of a fit.
+
+    Parameters
+    ----------
+    residual
+        Residuals, shape (n,).
+    precision
+        Inverse variances of the white part.
+    time_s
+        Times in seconds.
+    design
+        Partials of the model that was fitted, shape (n, p): what it could absorb.
+    width_s
+        Range over speed in seconds: the time that matters to a passage.
+
+    Notes
+    -----
+    With C = V + s^2 K(memory) the restricted log-likelihood is
+    -(ln|C| + ln|X' C^-1 X| + e' P e) / 2; V whitens, and the eigenvectors of K give it
+    for every s^2 at once.
+    """
+    cells = _condense(residual, precision, time_s, design, width_s)
+    if cells is None:
+        return WHITE
+    value, columns, size, time = cells
+    freedom = value.size - columns.shape[1]
+    plain, inflated, inflation = _white_likelihood(value, columns, freedom)
+    best = (plain + SMALLEST_GAIN, WHITE)
+    if inflated > best[0]:
+        best = (inflated, SlowNoise(0.0, 1.0, inflation))
+    best = (best[0] + SMALLEST_GAIN, best[1])
+    for memory in _memories(time):
+        values, vectors = _spectrum(size, time, memory)
+        found = _best_variance(
+            vectors.T @ value, vectors.T @ columns, values, size, freedom
+        )
+        if found[0] > best[0]:
+            best = (found[0], SlowNoise(found[1], float(memory), found[2]))
+    return best[1]
+
+
+def slow_likelihoods(
+    series: list[tuple[FloatArray, FloatArray]],
+    precision: FloatArray,
+    time_s: FloatArray,
+    width_s: float,
+) -> FloatArray:
+    """Return the best log-likelihood of rival readings of one series.
+
+    Every reading may have slow noise of its own strength and memory: what drifts by
+    itself is not taken for a signal.
+
+    Parameters
+    ----------
+    series
+        For each reading the residuals (n,) and the columns (n, p) that are free.
+    precision
+        Inverse variances of the white part.
+    time_s
+        Times in seconds.
+    width_s
+        Range over speed in seconds: the time that matters to a passage.
+    """
+    cells = [_condense(e, precision, time_s, x, width_s) for e, x in series]
+    if any(cell is None for cell in cells):
+        return np.zeros(len(series))
+    known = [cell for cell in cells if cell is not None]
+    root, time = known[0][2], known[0][3]
+    best = np.array([_white_likelihood(e, x, None)[1] for e, x, _, _ in known])
+    for memory in _memories(time):
+        values, vectors = _spectrum(root, time, memory)
+        for row, (value, columns, _, _) in enumerate(known):
+            found = _best_variance(
+                vectors.T @ value, vectors.T @ columns, values, root, None
+            )
+            best[row] = max(best[row], found[0])
+    return best
+
+
+def slow_inverse(
+    weight: FloatArray, time_s: FloatArray, noise: SlowNoise
+) -> FloatArray:
+    """Return the inverse covariance of white plus slow noise.
+
+    Parameters
+    ----------
+    weight
+        Inverse variances of the white part, shape (n,); zero is missing.
+    time_s
+        Times in seconds.
+    noise
+        Strength and memory of the slow part.
+    """
+    root = np.sqrt(weight)
+    kernel = np.exp(-np.abs(time_s[:, None] - time_s[None, :]) / noise.memory_s)
+    inner = noise.variance * root[:, None] * kernel * root[None, :]
+    inner[np.diag_indices_from(inner)] += 1.0
+    full: FloatArray = root[:, None] * np.linalg.inv(inner) * root[None, :]
+    return full / noise.inflation
+
+
+def _condense(
+    residual: FloatArray,
+    precision: FloatArray,
+    time_s: FloatArray,
+    design: FloatArray,
+    width_s: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
+    """Whitened means of cells of measurements: value, design, root size, time."""
+    used = np.flatnonzero(precision > 0)
+    if used.size < design.shape[1] + 8:
+        return None
+    wanted = CELLS_PER_WIDTH * float(np.ptp(time_s)) / width_s
+    count = int(np.clip(wanted, FEWEST_CELLS, MOST_CELLS))
+    starts = np.unique(np.linspace(0, used.size, count, endpoint=False).astype(int))
+    weight = precision[used]
+    size = np.add.reduceat(weight, starts)
+    root = np.sqrt(size)
+    value = np.add.reduceat(weight * residual[used], starts) / root
+    columns = np.add.reduceat(weight[:, None] * design[used], starts, axis=0)
+    columns = columns / root[:, None]
+    time = np.add.reduceat(weight * time_s[used], starts) / size
+    basis, singular, _ = np.linalg.svd(columns / _column_scale(columns), False)
+    return value, basis[:, singular > 1e-8 * singular[0]], root, time
+
+
+def _column_scale(columns: FloatArray) -> FloatArray:
+    scale = np.sqrt((columns**2).sum(axis=0))
+    return np.where(scale > 0, scale, 1.0)
+
+
+def _white_likelihood(
+    value: FloatArray, columns: FloatArray, freedom: int | None
+) -> tuple[float, float, float]:
+    """Log-likelihood of white noise as expected, and with its best inflation."""
+    left = value - columns @ (columns.T @ value)
+    square = np.array([left @ left])
+    likelihood, inflation = _with_inflation(square, value.size, freedom)
+    return float(-0.5 * square[0]), float(likelihood[0]), float(inflation[0])
+
+
+def _with_inflation(
+    square: FloatArray, size: int, freedom: int | None
+) -> tuple[FloatArray, FloatArray]:
+    """Maximise over a common factor of the covariance that is not below one."""
+    count = size if freedom is None else freedom
+    inflation = np.maximum(square / count, 1.0)
+    return -0.5 * (square / inflation + count * np.log(inflation)), inflation
+
+
+def _memories(time: FloatArray) -> FloatArray:
+    span = float(time[-1] - time[0])
+    step = span / max(time.size - 1, 1)
+    return np.geomspace(2 * step, max(span, 3 * step), N_MEMORIES)
+
+
+def _spectrum(
+    root: FloatArray, time: FloatArray, memory_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and vectors of the slow noise, relative to the white noise."""
+    kernel = np.exp(-np.abs(time[:, None] - time[None, :]) / memory_s)
+    values, vectors = np.linalg.eigh(root[:, None] * kernel * root[None, :])
+    return np.maximum(values, 0.0), vectors
+
+
+def _best_variance(
+    turned: FloatArray,
+    design: FloatArray,
+    values: FloatArray,
+    root: FloatArray,
+    freedom: int | None,
+) -> tuple[float, float, float]:
+    """Maximise the likelihood over the variances, for one memory.
+
+    The likelihood is restricted if the degrees of freedom are given.
+    """
+    unit = float(np.mean(root**-2.0))
+    variances = unit * np.geomspace(1e-3, 1e6, 46)
+    likelihood = _likelihood(turned, design, values, variances, freedom)[0]
+    middle = int(np.argmax(likelihood))
+    fine = variances[middle] * np.geomspace(0.65, 1.55, 9)
+    likelihood, inflation = _likelihood(turned, design, values, fine, freedom)
+    best = int(np.argmax(likelihood))
+    return float(likelihood[best]), float(fine[best]), float(inflation[best])
+
+
+def _likelihood(
+    value: FloatArray,
+    design: FloatArray,
+    eigen: FloatArray,
+    variances: FloatArray,
+    freedom: int | None,
+) -> tuple[FloatArray, FloatArray]:
+    spread = 1 + variances[:, None] * eigen[None, :]
+    weighted = design[None] / spread[..., None]
+    normal = np.swapaxes(weighted, 1, 2) @ design
+    right = np.einsum("vnp,n->vp", weighted, value)
+    solved = np.linalg.solve(normal, right[..., None])[..., 0]
+    square = (value**2 / spread).sum(axis=-1) - (right * solved).sum(axis=-1)
+    likelihood, inflation = _with_inflation(square, value.size, freedom)
+    likelihood = likelihood - 0.5 * np.log(spread).sum(axis=-1)
+    if freedom is not None:
+        likelihood = likelihood - 0.5 * np.linalg.slogdet(normal)[1]
+    return likelihood, inflation
