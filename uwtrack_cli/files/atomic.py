@@ -42,7 +42,8 @@ def atomic_target(
         _sync(temporary)
         _put(temporary, target, overwrite=overwrite)
     except OSError as error:
-        if isinstance(error, OutputError):
+        is_ours = error.filename in {None, str(temporary)}
+        if isinstance(error, OutputError) or not is_ours:
             raise
         msg = f"cannot write {path}: {error.strerror or error}."
         raise OutputError(msg) from error

@@ -27,11 +27,12 @@ MEMORY_BYTES = 1 << 30
 FACTS = ("format", "schema_version", "program_version", "complete")
 
 
-def append_seal(path: Path) -> None:
-    """Seal a product file that is complete and closed."""
-    with path.open("r+b") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-        file.write(_seal(digest))
+def append_seal(file: Any) -> None:
+    """Seal a product that is complete; the file is open for reading and writing."""
+    file.seek(0)
+    digest = hashlib.file_digest(file, "sha256").hexdigest()
+    file.seek(0, 2)
+    file.write(_seal(digest))
 
 
 def sealed(content: bytes) -> bytes:

@@ -17,6 +17,7 @@ from uwtrack_cli.errors import DataError, OutputError, UwtrackError
 from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.digest import data_digest, root_digest, structure_digest
 from uwtrack_cli.files.growing import GrowingGroup, make_scale
+from uwtrack_cli.files.guarded import GuardedFile
 from uwtrack_cli.files.history import HistoryStep
 from uwtrack_cli.files.layout import (
     FORMAT,
@@ -159,16 +160,14 @@ class ProductWriter:
         self.history = list(history)
         self._target = atomic_target(self.path, overwrite=overwrite, inputs=inputs)
         self._store: ProductStore | None = None
-        self._temporary = self.path
 
     def __enter__(self) -> Self:
         """Open the temporary file."""
-        self._temporary = self._target.__enter__()
-        try:
-            self._store = ProductStore(h5py.File(self._temporary, "w", libver=LIBVER))
-        except BaseException as error:
-            self._target.__exit__(type(error), error, error.__traceback__)
-            raise
+        with contextlib.ExitStack() as stack:
+            temporary = stack.enter_context(self._target)
+            file = stack.enter_context(GuardedFile(temporary, "r+"))
+            stack.enter_context(self._sealing(file))
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
@@ -178,19 +177,7 @@ class ProductWriter:
         trace: TracebackType | None,
     ) -> None:
         """Seal and place the file, or remove it after an error."""
-        try:
-            if error is None:
-                with writing(self.path):
-                    self.store.seal(self.history)
-                    self.store.file.close()
-                    append_seal(self._temporary)
-        except BaseException as failure:
-            self._discard(failure)
-            raise
-        if error is None:
-            self._target.__exit__(None, None, None)
-        else:
-            self._discard(error)
+        self._stack.__exit__(kind, error, trace)
 
     @property
     def store(self) -> ProductStore:
@@ -202,19 +189,47 @@ class ProductWriter:
 
     def append(self, block: Container) -> None:
         """Add a block of a stream: rows are added along every axis that grows."""
-        with writing(self.path):
+        with self._writing():
             self.store.append(block)
 
     def write(self, container: Container) -> None:
         """Write a whole container."""
-        with writing(self.path):
+        with self._writing():
             self.store.write(container)
 
-    def _discard(self, error: BaseException) -> None:
-        with contextlib.suppress(OSError, RuntimeError, ValueError):
-            self.store.file.close()
-        with contextlib.suppress(BaseException):
-            self._target.__exit__(type(error), error, error.__traceback__)
+    @contextlib.contextmanager
+    def _sealing(self, file: GuardedFile) -> Iterator[None]:
+        """Keep the HDF5 file open; seal it in the end, or just close it."""
+        self._file = file
+        with self._writing():
+            store = ProductStore(h5py.File(file, "w", libver=LIBVER))
+        self._store = store
+        try:
+            yield
+            with self._writing():
+                store.seal(self.history)
+                store.file.close()
+                append_seal(file)
+        except BaseException:
+            with contextlib.suppress(OSError, RuntimeError, ValueError):
+                store.file.close()
+            raise
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Turn a failed write into an error of ours, whoever noticed it."""
+        noticed: Exception | None = None
+        try:
+            yield
+        except UwtrackError:
+            raise
+        except (OSError, RuntimeError) as error:
+            noticed = error
+        failure = self._file.failure or noticed
+        if failure is not None:
+            reason = getattr(failure, "strerror", None) or failure
+            msg = f"cannot write {self.path}: {reason}."
+            raise OutputError(msg) from failure
 
 
 def write_product(
@@ -265,18 +280,6 @@ def product_to_bytes(
             store.write(container)
         store.seal(history)
     return sealed(memory.getvalue())
-
-
-@contextlib.contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turn what HDF5 says of a failed write into an error of ours."""
-    try:
-        yield
-    except UwtrackError:
-        raise
-    except (OSError, RuntimeError) as error:
-        msg = f"cannot write {path}: {error}. Is the disk full?"
-        raise OutputError(msg) from error
 
 
 def utc_now() -> str:
