@@ -22,7 +22,7 @@ UNKNOWN_SIZES = frozenset({0, 0xFFFFFFFF})
 
 W64_RIFF = bytes.fromhex("726966662e91cf11a5d628db04c10000")
 W64_TAIL = bytes.fromhex("f3acd3118cd100c04f8edb8a")
-DECODE_SAMPLES = 4096
+DECODE_SAMPLES = 512
 MAX_CHUNKS = 10_000
 
 
@@ -128,5 +128,9 @@ def _chunk(file: BinaryIO, position: int, layout: str) -> tuple[bytes, int]:
 
 
 def _exact(file: BinaryIO, position: int, count: int) -> bytes:
-    file.seek(position, os.SEEK_SET)
+    """Return bytes at a place that a damaged header may have made up."""
+    try:
+        file.seek(position, os.SEEK_SET)
+    except (OSError, OverflowError):
+        return bytes(count)
     return file.read(count).ljust(count, b"\0")
