@@ -4,19 +4,21 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.estimation.contact_filters import (
-    Drift,
     Observation,
     _observe,
-    predict_drift,
     predict_moving,
-    start_drift,
     start_moving,
-    update_drift,
     update_moving,
     velocity_noise,
     wrap,
 )
 from uwtrack_cli.estimation.contact_pair import consistency
+from uwtrack_cli.estimation.drift_filter import (
+    Drift,
+    predict_drift,
+    start_drift,
+    update_drift,
+)
 from uwtrack_cli.estimation.imm import Belief
 
 VARIANCE = np.array([25.0, 0.035**2, 1.0])

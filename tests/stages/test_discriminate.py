@@ -211,9 +211,9 @@ def test_data_that_cannot_be_used_are_refused_with_the_reason():
     with pytest.raises(DataError, match="share 1 complete scans"):
         _decide(contacts.take("row", rows[contacts.time_s <= 60.0]), navigation)
     negative = replace(contacts, range_std_m=-contacts.range_std_m)
-    with pytest.raises(DataError, match="row 1 .* range_std_m is -5.0"):
+    with pytest.raises(DataError, match=r"row 1 .* range_std_m is -5\.0"):
         _decide(negative, navigation)
-    with pytest.raises(DataError, match="row 1 .* range_m is -"):
+    with pytest.raises(DataError, match=r"row 1 .* range_m is -"):
         _decide(replace(contacts, range_m=-contacts.range_m), navigation)
     twice = Contacts.join([contacts, contacts])
     with pytest.raises(DataError, match="two measurements at"):

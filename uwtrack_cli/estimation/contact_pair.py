@@ -16,15 +16,17 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.contact_filters import (
-    Drift,
     Fit,
     Observation,
-    predict_drift,
     predict_moving,
-    start_drift,
     start_moving,
-    update_drift,
     update_moving,
+)
+from uwtrack_cli.estimation.drift_filter import (
+    Drift,
+    predict_drift,
+    start_drift,
+    update_drift,
 )
 from uwtrack_cli.estimation.imm import Belief
 

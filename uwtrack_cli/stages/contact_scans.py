@@ -77,9 +77,10 @@ def arrange_contacts(
     for number in numbers:
         rows = np.flatnonzero(contacts.contact == number)
         at = np.searchsorted(times, contacts.time_s[rows])
-        if np.unique(at).size != at.size:
-            twice = contacts.time_s[rows][np.flatnonzero(np.diff(at) == 0)[0]]
-            msg = f"contact {number} has two measurements at {twice:g} s."
+        again = np.flatnonzero(np.diff(np.sort(at)) == 0)
+        if again.size:
+            when = times[np.sort(at)[again[0]]]
+            msg = f"contact {number} has two measurements at {when:g} s."
             raise DataError(msg)
         table = np.full((times.size, 3), np.nan)
         spread = np.ones((times.size, 3))
