@@ -129,7 +129,7 @@ def test_samples_are_listed_and_copied(uwtrack, tmp_path):
 def test_a_scenario_is_simulated_with_its_truth(uwtrack, tmp_path):
     (tmp_path / "s.toml").write_text(
         "seed = 1\nduration_s = 5.0\nsample_rate_hz = 1000.0\n"
-        'sound_speed_mps = 1500.0\n[[sensor]]\nid = "a"\nfull_scale_db = 140.0\n'
+        'sound_speed_mps = 1500.0\n[[sensor]]\nid = "a"\ndepth_m = 10.0\nfull_scale_db = 140.0\n'
         "[noise]\ndensity_db = 60.0\n"
     )
     done = uwtrack("simulate", "s.toml", "-o", "s.wav")

@@ -1,20 +1,71 @@
-"""The program: every command, in the order of the chain."""
+"""The program: every command, in the order of the chain.
 
-from typing import Annotated
+**Method.** A command is imported when it is called; for the list of all commands only
+the first line of its docstring is read. So `uwtrack --help` answers at once.
+"""
+
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from uwtrack_cli import __version__
-from uwtrack_cli.cli import (
-    chain_commands,
-    file_commands,
-    run_commands,
-    sample_commands,
-)
-from uwtrack_cli.cli.screen import say, set_verbosity
+from uwtrack_cli.cli.screen import set_verbosity
+from uwtrack_cli.flow.catalogue import STAGES, summary_of
+
+COMMANDS: dict[str, str] = {
+    "run": "run_commands:run",
+    "recipes": "run_commands:recipes",
+    **dict.fromkeys(STAGES, "chain_commands"),
+    "info": "file_commands:info",
+    "show": "file_commands:show",
+    "verify": "file_commands:verify",
+    "plot": "file_commands:plot",
+    "simulate": "sample_commands:simulate",
+    "sample": "sample_commands:sample",
+}
+"""Module of each command and the function that documents it, a stage's its own."""
+
+
+class CommandList(TyperGroup):
+    """Lists the commands without importing them."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - Typer's signature
+        """Return the names in the order of the help."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        """Return what the list shows of a command: its name and summary."""
+        if cmd_name not in COMMANDS:
+            return None
+        return TyperCommand(cmd_name, help=_summary(cmd_name))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that is called, and import it."""
+        if args and args[0] in COMMANDS:
+            return args[0], _load(args[0]), args[1:]
+        return super().resolve_command(ctx, args)
+
+
+def _summary(name: str) -> str:
+    if name in STAGES:
+        return summary_of(STAGES[name])
+    return summary_of(f"uwtrack_cli.cli.{COMMANDS[name]}")
+
+
+def _load(name: str) -> Any:
+    """Import the module of a command and build it."""
+    module = import_module(f"uwtrack_cli.cli.{COMMANDS[name].partition(':')[0]}")
+    own = typer.Typer()
+    own.callback()(lambda: None)
+    module.register(own, name)
+    return typer.main.get_group(own).commands[name]
+
 
 app = typer.Typer(
     name="uwtrack",
+    cls=CommandList,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -44,14 +95,7 @@ def program(
 ) -> None:
     """Turn hydrophone recordings into vessel tracks.
 
-    The whole chain in one pass: uwtrack run pass.wav. Try it: uwtrack sample pass,
-    then uwtrack run pass.wav, uwtrack plot pass.run.h5 -o pass.png.
+    The whole chain in one pass: uwtrack run pass.wav. To try it, uwtrack sample pass
+    copies a recording; uwtrack plot pass.run.h5 -o pass.png draws what was found.
     """
     set_verbosity(-1 if quiet else verbose)
-    say("details are shown", 2)
-
-
-run_commands.register(app)
-chain_commands.register(app)
-file_commands.register(app)
-sample_commands.register(app)

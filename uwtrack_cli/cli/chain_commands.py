@@ -1,10 +1,10 @@
 """The commands of the stages: each reads product files and writes one."""
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,9 +14,12 @@ from uwtrack_cli.cli.screen import progress_bar, say
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.flow.catalogue import STAGES
+from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.recipe import Step
 from uwtrack_cli.flow.stage import Stage
+
+if TYPE_CHECKING:
+    from uwtrack_cli.cli.targets import Inputs
 
 Sound = Annotated[Path, typer.Argument(help="Recording: WAV, RF64, W64, FLAC or AIFF.")]
 OneFile = Annotated[Path, typer.Argument(help="Product file; - is standard input.")]
@@ -24,21 +27,34 @@ Files = Annotated[
     list[Path],
     typer.Argument(help="Product files in any order, or a CSV table; - is standard input."),
 ]  # fmt: skip
-OwnShip = Annotated[
-    Path | None,
-    typer.Option("--own-ship", help="CSV table of the sensor's own navigation."),
-]
+SIDE_TABLES: dict[str, tuple[str, Any]] = {
+    "navigation": (
+        "own_ship",
+        Annotated[
+            Path | None,
+            typer.Option("--own-ship", help="CSV table of own ship's navigation."),
+        ],
+    ),
+    "roc": (
+        "roc",
+        Annotated[
+            Path | None,
+            typer.Option("--roc", help="CSV table of a measured operating curve."),
+        ],
+    ),
+}
+"""Tables that have an option of their own, by the container they hold."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command of every stage that has one."""
-    for stage in STAGES:
-        if stage.kind == "source":
-            stage_command(app, stage, _source_body(stage), _source_parameters())
-        elif stage.kind == "whole":
-            stage_command(app, stage, _whole_body(stage), _whole_parameters(stage))
-        else:
-            stage_command(app, stage, _stream_body(stage), _stream_parameters())
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a stage."""
+    stage = find_stage(name)
+    if stage.kind == "source":
+        stage_command(app, stage, _source_body(stage), _source_parameters())
+    elif stage.kind == "whole":
+        stage_command(app, stage, _whole_body(stage), _whole_parameters(stage))
+    else:
+        stage_command(app, stage, _stream_body(stage), _stream_parameters())
 
 
 def _parameter(name: str, hint: Any, default: Any = inspect.Parameter.empty) -> Any:
@@ -63,8 +79,8 @@ def _stream_parameters() -> list[inspect.Parameter]:
 
 def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
     parameters = [_parameter("sources", Files)]
-    if any(kind.NAME == "navigation" for i in stage.inputs for kind in i.kinds):
-        parameters.append(_parameter("own_ship", OwnShip, None))
+    names = {kind.NAME for kind in _wanted(stage)}
+    parameters += [_parameter(*SIDE_TABLES[n], None) for n in SIDE_TABLES if n in names]
     parameters += _ending_parameters()
     return [*parameters, _parameter("json_output", AsJson, default=False)]
 
@@ -139,7 +155,7 @@ def _whole_body(stage: Stage) -> Any:
         sources: list[Path] = own["sources"]
         step = Step(stage.name, options)
         with ExitStack() as stack:
-            read = _read_sources(stage, sources, own.get("own_ship"), stack)
+            read = _read_sources(stage, own, stack)
             made = whole_stage(step, read.containers, read.products)
             history = history_of(read.products, step, read.sources)
         target = target_for(own["output"], sources[0], stage.suffix)
@@ -152,17 +168,18 @@ def _whole_body(stage: Stage) -> Any:
     return body
 
 
-def _read_sources(
-    stage: Stage, sources: Sequence[Path], own_ship: Path | None, stack: ExitStack
-) -> Any:
+def _wanted(stage: Stage) -> tuple[type[Container], ...]:
+    return tuple(kind for i in stage.inputs for kind in i.kinds)
+
+
+def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "Inputs":
     from uwtrack_cli.cli.targets import Inputs
 
     read = Inputs(stack)
-    wanted: tuple[type[Container], ...] = tuple(
-        kind for i in stage.inputs for kind in i.kinds
-    )
-    for source in sources:
-        read.add(source, wanted)
-    if own_ship is not None:
-        read.add_navigation(own_ship)
+    for source in own["sources"]:
+        read.add(source, _wanted(stage))
+    for kind in _wanted(stage):
+        name, _ = SIDE_TABLES.get(kind.NAME, ("", None))
+        if own.get(name) is not None:
+            read.add_table(own[name], kind)
     return read

@@ -14,12 +14,11 @@ from uwtrack_cli.errors import DataError, OptionError
 ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    command(app, "info")(info)
-    command(app, "show")(show)
-    command(app, "verify")(verify)
-    command(app, "plot")(plot)
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a name."""
+    command(app, name)(
+        {"info": info, "show": show, "verify": verify, "plot": plot}[name]
+    )
 
 
 def info(*, file: ProductFile, json_output: AsJson = False) -> None:

@@ -27,10 +27,10 @@ Settings = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    command(app, "run")(with_parameters(run, SOURCE_PARAMETERS))
-    command(app, "recipes")(recipes)
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a name."""
+    named = {"run": with_parameters(run, SOURCE_PARAMETERS), "recipes": recipes}
+    command(app, name)(named[name])
 
 
 def run(

@@ -1,5 +1,6 @@
 """Commands that make recordings to try things on: sample and simulate."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -9,10 +10,10 @@ from uwtrack_cli.cli.doors import Overwrite, command
 from uwtrack_cli.cli.screen import put, say
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the program."""
-    command(app, "simulate")(simulate)
-    command(app, "sample")(sample)
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a name."""
+    named: dict[str, Callable[..., None]] = {"simulate": simulate, "sample": sample}
+    command(app, name)(named[name])
 
 
 def simulate(

@@ -3,13 +3,12 @@
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
 
 if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
@@ -124,20 +123,29 @@ class Inputs:
         self.sources.append(source_of_product(product))
         self.containers += small_containers(product)
 
-    def add_navigation(self, path: Path) -> None:
-        """Read the own ship's navigation."""
+    def add_table(self, path: Path, kind: type[Container]) -> None:
+        """Read a table that was given by an option of its own."""
         from uwtrack_cli.files.product import source_of
-        from uwtrack_cli.files.tables import read_navigation
 
-        self.containers.append(read_navigation(path))
+        self.containers.append(_read_table(path, (kind,)))
         self.sources.append(source_of(path))
 
 
 def _read_table(path: Path, wanted: tuple[type[Container], ...]) -> Container:
-    from uwtrack_cli.files.tables import read_series
+    """Read a CSV table as the first container that has a table and is wanted."""
+    from uwtrack_cli.files.scan_tables import read_contacts, read_roc, read_scans
+    from uwtrack_cli.files.tables import read_navigation, read_series
 
-    if Series in wanted:
-        return read_series(path)
+    readers: dict[str, Callable[[Path], Container]] = {
+        "series": read_series,
+        "scans": read_scans,
+        "contacts": read_contacts,
+        "navigation": read_navigation,
+        "roc": read_roc,
+    }
+    for name, reader in readers.items():
+        if name in {kind.NAME for kind in wanted}:
+            return reader(path)
     names = " or ".join(kind.NAME for kind in wanted)
     msg = f"{path} is a table; what is wanted is a product file with {names}."
     raise DataError(msg)

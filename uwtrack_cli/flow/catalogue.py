@@ -1,31 +1,33 @@
 """The stages of the program, on one screen.
 
 Commands, recipe steps, tasks, history and the tests of every stage derive from this
-list: to add a stage, write its function and add a line here.
+list: to add a stage, write its function and add a line here. The functions are named,
+not imported, so that listing them costs nothing.
 """
 
+from typing import TYPE_CHECKING
+
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.flow.stage import Stage
-from uwtrack_cli.stages.classify import classify_peaks
-from uwtrack_cli.stages.cpa import find_encounters
-from uwtrack_cli.stages.levels import measure_levels
-from uwtrack_cli.stages.overview import pool_overview
-from uwtrack_cli.stages.peaks import find_peaks
-from uwtrack_cli.stages.spectrogram import compute_spectrogram
-from uwtrack_cli.stages.track import track_lines
 
-STAGES: tuple[Stage, ...] = (
-    Stage("spectrogram", compute_spectrogram),
-    Stage("overview", pool_overview),
-    Stage("levels", measure_levels),
-    Stage("peaks", find_peaks),
-    Stage("classify", classify_peaks),
-    Stage("track", track_lines),
-    Stage("cpa", find_encounters),
-)
+if TYPE_CHECKING:
+    from uwtrack_cli.flow.stage import Stage
+
+STAGES: dict[str, str] = {
+    "spectrogram": "uwtrack_cli.stages.spectrogram:compute_spectrogram",
+    "overview": "uwtrack_cli.stages.overview:pool_overview",
+    "levels": "uwtrack_cli.stages.levels:measure_levels",
+    "peaks": "uwtrack_cli.stages.peaks:find_peaks",
+    "classify": "uwtrack_cli.stages.classify:classify_peaks",
+    "track": "uwtrack_cli.stages.track:track_lines",
+    "cpa": "uwtrack_cli.stages.cpa:find_encounters",
+    "locate": "uwtrack_cli.stages.locate:locate_vessels",
+    "tma": "uwtrack_cli.stages.tma:estimate_motion",
+    "pdaf": "uwtrack_cli.stages.pdaf:track_in_clutter",
+}
+"""Where the function of each stage is, in the order of the chain."""
 
 
-def find_stage(name: str) -> Stage:
+def find_stage(name: str) -> "Stage":
     """Return the stage of a name.
 
     Raises
@@ -33,9 +35,37 @@ def find_stage(name: str) -> Stage:
     OptionError
         There is no such stage; the names of all are listed.
     """
-    for stage in STAGES:
-        if stage.name == name:
-            return stage
-    names = ", ".join(stage.name for stage in STAGES)
-    msg = f"there is no stage {name!r}; the stages are: {names}."
-    raise OptionError(msg)
+    from uwtrack_cli.flow.stage import Stage
+
+    if name not in STAGES:
+        msg = f"there is no stage {name!r}; the stages are: {', '.join(STAGES)}."
+        raise OptionError(msg)
+    return Stage(name, STAGES[name])
+
+
+def summary_of(target: str) -> str:
+    """Return the first line of a function's docstring without importing it.
+
+    Parameters
+    ----------
+    target
+        Module and function as ``package.module:function``.
+
+    Examples
+    --------
+    >>> summary_of("uwtrack_cli.flow.catalogue:find_stage")
+    'Return the stage of a name.'
+    """
+    import re
+    from importlib.util import find_spec
+    from pathlib import Path
+
+    module, _, function = target.partition(":")
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        return ""
+    text = Path(spec.origin).read_text(encoding="utf-8")
+    found = re.search(
+        rf'^def {function}\(.*?"""(.*?)(?:"""|\n)', text, re.MULTILINE | re.DOTALL
+    )
+    return found.group(1) if found else ""

@@ -112,7 +112,7 @@ def plain(value: Any) -> Any:
 
 def _step(name: str, table: Any) -> Step:
     if not isinstance(table, Mapping):
-        names = ", ".join(stage.name for stage in STAGES)
+        names = ", ".join(STAGES)
         msg = f"a recipe holds one table per stage ({names}), not {name} = {table!r}."
         raise OptionError(msg)
     return Step(name, find_stage(name).bind(table))

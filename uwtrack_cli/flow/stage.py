@@ -14,6 +14,7 @@ import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
+from importlib import import_module
 from inspect import Parameter, getdoc, signature
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -55,14 +56,20 @@ class Stage:
     """One arrow of the chain: its name on the command line and its function."""
 
     name: str
-    function: Callable[..., Any]
-    product: str = ""
-    """Name in the output file's ending; the container's unless given."""
+    target: str
+
+    @cached_property
+    def function(self) -> Callable[..., Any]:
+        """The function itself, imported when it is needed."""
+        module, _, function = self.target.partition(":")
+        found: Callable[..., Any] = getattr(import_module(module), function)
+        return found
 
     @property
     def suffix(self) -> str:
-        """Ending of the output file, such as ``.lines.h5``."""
-        return f".{self.product or self.output.NAME}.h5"
+        """Ending of the output file: ``.lines.h5``, or ``.trace.h5`` for `trace`."""
+        product = "trace" if self.name == "trace" else self.output.NAME
+        return f".{product}.h5"
 
     @cached_property
     def _hints(self) -> dict[str, Any]:

@@ -191,7 +191,8 @@ def _block(
 ) -> Spectrogram:
     sensor = recording.sensor
     frames = _frames(recording, layout, samples, first_frame, n_frames)
-    clean = np.nan_to_num(samples) if (frames.effort < 1).any() else samples
+    whole = bool((frames.effort == 1.0).all())
+    clean = samples if whole else np.nan_to_num(samples)
     names = sensor.channel_names
     omni = names.index("omni") if "omni" in names else 0
     if not sensor.has_direction:
@@ -237,17 +238,13 @@ def _frames(
     index = np.arange(first_frame, first_frame + n_frames, dtype=np.int64)
     start = index * (layout.hop * layout.decimation)
     length = layout.window * layout.decimation
-    invalid = np.isnan(samples).any(axis=1)
-    before = np.concatenate([[0], np.cumsum(invalid)])
-    local = np.arange(n_frames) * layout.hop
-    lost = (before[local + layout.window] - before[local]) / layout.window
     start_utc_ns = recording.start_utc_ns
     if start_utc_ns is not None:
         start_utc_ns += round(recording.sensor.clock_offset_s * 1e9)
     return Frames(
         start_sample=start,
         time_s=(start + length / 2) / recording.sample_rate_hz,
-        effort=1.0 - lost,
+        effort=_effort(samples, layout, n_frames),
         band_low_hz=np.zeros(0),
         band_high_hz=np.zeros(0),
         noise_db=np.full((n_frames, 0), np.nan),
@@ -260,6 +257,16 @@ def _frames(
         first_frame=first_frame,
         start_utc_ns=start_utc_ns,
     )
+
+
+def _effort(samples: FloatArray, layout: _Layout, n_frames: int) -> FloatArray:
+    """Share of valid samples per frame."""
+    if not np.isnan(np.min(samples)):  # quick, and nearly always so
+        return np.ones(n_frames)
+    before = np.concatenate([[0], np.cumsum(np.isnan(samples).any(axis=1))])
+    first = np.arange(n_frames) * layout.hop
+    lost: FloatArray = before[first + layout.window] - before[first]
+    return 1.0 - lost / layout.window
 
 
 def _turn_deg(sensor: Sensor, turns: bool, frames: Frames) -> FloatArray:
@@ -281,10 +288,8 @@ def _power(channel: FloatArray, layout: _Layout, n_frames: int) -> FloatArray:
     out = np.empty((n_frames, layout.frequency_hz.size), np.float32)
     for rows, spectrum in _spectra(channel, layout, n_frames):
         kept = spectrum[:, layout.kept]
-        np.multiply(kept.real, kept.real, out=out[rows])
-        out[rows] += kept.imag**2
-        out[rows] *= _scale(layout)
-    return out
+        np.add(kept.real**2, kept.imag**2, out=out[rows])
+    return _one_sided(out, layout)
 
 
 def _intensity(
@@ -297,9 +302,9 @@ def _intensity(
         first = omni[:, layout.kept]
         for k, (_, spectrum) in enumerate([(rows, omni), *dipoles]):
             other = spectrum[:, layout.kept]
-            out[k][rows] = first.real * other.real + first.imag * other.imag
-            out[k][rows] *= _scale(layout)
-    return out[0], out[1], out[2]
+            np.add(first.real * other.real, first.imag * other.imag, out=out[k][rows])
+    power, across, along = (_one_sided(part, layout) for part in out)
+    return power, across, along
 
 
 def _spectra(
@@ -307,7 +312,7 @@ def _spectra(
 ) -> Iterator[tuple[slice, FloatArray]]:
     from scipy.fft import rfft
 
-    window = hann(layout.window).astype(np.float32)
+    window = _scaled_window(layout)
     view = np.lib.stride_tricks.sliding_window_view(channel, layout.window)
     step = max(1, CACHED_SAMPLES // layout.fft_length)
     for first in range(0, n_frames, step):
@@ -316,11 +321,17 @@ def _spectra(
         yield rows, rfft(frames[: rows.stop - rows.start] * window, layout.fft_length)
 
 
-def _scale(layout: _Layout) -> FloatArray:
-    """Factor from squared magnitude to one-sided density, per kept cell."""
-    power_sum = float(np.sum(hann(layout.window) ** 2))
-    scale = np.full(layout.fft_length // 2 + 1, 2.0 / (layout.rate_hz * power_sum))
-    scale[0] /= 2.0
-    if layout.fft_length % 2 == 0:
-        scale[-1] /= 2.0
-    return scale[layout.kept].astype(np.float32)
+def _scaled_window(layout: _Layout) -> FloatArray:
+    """Return the window with the factor to one-sided density in it."""
+    window = hann(layout.window)
+    scale = 2.0 / (layout.rate_hz * float(np.sum(window**2)))
+    return (window * np.sqrt(scale)).astype(np.float32)
+
+
+def _one_sided(density: FloatArray, layout: _Layout) -> FloatArray:
+    """Halve what has no mirror image: zero and the Nyquist frequency."""
+    if layout.kept.start == 0:
+        density[:, 0] *= np.float32(0.5)
+    if layout.kept.stop == layout.fft_length // 2 + 1 and layout.fft_length % 2 == 0:
+        density[:, -1] *= np.float32(0.5)
+    return density

@@ -1,0 +1,148 @@
+"""Speed and memory of the chain, as ratios of CPU time in one process."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from tests.support import recording_of, white_noise
+
+from uwtrack_cli.flow.chain import run_recipe
+from uwtrack_cli.flow.shipped import load_recipe
+from uwtrack_cli.stages.spectrogram import compute_spectrogram
+
+pytestmark = pytest.mark.benchmark
+RATE_HZ = 4000.0
+
+
+def cpu_s(function, repeats=5):
+    """Smallest CPU time of several runs: the least disturbed one."""
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        function()
+        times.append(time.process_time() - begin)
+    return min(times)
+
+
+def bare_transform(samples, window=4000, hop=2000, fft_length=8000, step=16):
+    """Window, transform and square the same frames, and nothing else."""
+    from scipy.fft import rfft
+
+    view = np.lib.stride_tricks.sliding_window_view(samples, window)[::hop]
+    taper = np.hanning(window + 1)[:-1].astype(np.float32)
+    for first in range(0, len(view), step):
+        spectrum = rfft(view[first : first + step] * taper, fft_length)
+        spectrum.real**2 + spectrum.imag**2
+
+
+def seconds_of_sound(n_seconds):
+    samples = white_noise(int(RATE_HZ) * n_seconds, 1).astype(np.float32)
+    t = np.arange(samples.size, dtype=np.float32) / np.float32(RATE_HZ)
+    for frequency in (63.0, 126.0, 189.0, 310.0, 700.0):
+        samples += np.float32(5.0) * np.sin(2 * np.pi * frequency * t)
+    return samples
+
+
+def test_the_spectrogram_costs_little_more_than_its_transforms(capsys):
+    samples = seconds_of_sound(600)
+    recording = recording_of(samples, RATE_HZ)
+
+    def ours():
+        for _ in compute_spectrogram(recording):
+            pass
+
+    ratio = cpu_s(ours) / cpu_s(lambda: bare_transform(samples))
+    with capsys.disabled():
+        print(f"\nspectrogram: {ratio:.2f} times its bare transforms")
+    assert ratio < 1.6
+
+
+def test_a_run_costs_at_most_forty_bare_transforms(capsys):
+    samples = seconds_of_sound(900)
+    recording, recipe = recording_of(samples, RATE_HZ), load_recipe("vessel")
+    run_recipe(recording, recipe)  # imports and tables
+    run_s = cpu_s(lambda: run_recipe(recording, recipe), repeats=2)
+    ratio = run_s / cpu_s(lambda: bare_transform(samples))
+    with capsys.disabled():
+        print(f"\nrun: {ratio:.1f} times, {900 / run_s:.0f} times real time")
+    assert ratio < 40.0
+
+
+MEMORY = """
+import resource, sys
+import numpy as np
+from tests.support import recording_of
+from tests.benchmarks.test_chain_speed import RATE_HZ, repeated_sound
+from uwtrack_cli.flow.chain import run_recipe
+from uwtrack_cli.flow.shipped import load_recipe
+run_recipe(repeated_sound(int(sys.argv[1])), load_recipe("vessel"))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+def repeated_sound(n_seconds):
+    """A recording of any length that holds one minute in memory."""
+    minute = seconds_of_sound(60).reshape(-1, 1)
+    n_samples = n_seconds * int(RATE_HZ)
+
+    def reader(block):
+        for start in range(0, n_samples, block):
+            index = np.arange(start, min(start + block, n_samples)) % len(minute)
+            yield minute[index]
+
+    recording = recording_of(minute, RATE_HZ)
+    return type(recording)(
+        sensor=recording.sensor, name="long", sample_rate_hz=RATE_HZ,
+        n_samples=n_samples, n_channels=1, reader=reader,
+    )  # fmt: skip
+
+
+def peak_memory_mb(n_seconds):
+    words = [sys.executable, "-c", MEMORY, str(n_seconds)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+@pytest.mark.parametrize(
+    ("short_s", "long_s"),
+    [(600, 3600), pytest.param(3600, 6 * 3600, marks=pytest.mark.long)],
+    ids=["ten minutes and an hour", "one hour and six"],
+)
+def test_memory_does_not_grow_with_the_recording(capsys, short_s, long_s):
+    short, long = peak_memory_mb(short_s), peak_memory_mb(long_s)
+    with capsys.disabled():
+        print(f"\npeak memory: {short:.0f} MB and {long:.0f} MB")
+    assert long < 300.0
+    assert long < 1.1 * short
+
+
+def test_help_takes_under_three_times_the_import_of_typer_and_rich(capsys):
+    def best(code):
+        words = [sys.executable, "-c", code]
+        times = []
+        for _ in range(5):
+            begin = children_cpu_s()
+            subprocess.run(words, capture_output=True, check=True)
+            times.append(children_cpu_s() - begin)
+        return min(times)
+
+    program = (
+        "import sys; sys.argv=['uwtrack','--help']\n"
+        "from uwtrack_cli.cli import main\n"
+        "try: main()\nexcept SystemExit: pass"
+    )
+    ratio = best(program) / best("import typer, rich")
+    with capsys.disabled():
+        print(f"\n--help: {ratio:.2f} times the import of typer and rich")
+    assert ratio < 3.0
+
+
+def children_cpu_s():
+    import resource
+
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
