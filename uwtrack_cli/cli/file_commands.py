@@ -16,9 +16,10 @@ ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.
 
 def register(app: typer.Typer, name: str) -> None:
     """Add the command of a name."""
-    command(app, name)(
-        {"info": info, "show": show, "verify": verify, "plot": plot}[name]
-    )
+    named: dict[str, Callable[..., None]] = {
+        "info": info, "show": show, "verify": verify, "plot": plot,
+    }  # fmt: skip
+    command(app, name)(named[name])
 
 
 def info(*, file: ProductFile, json_output: AsJson = False) -> None:

@@ -55,7 +55,7 @@ def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
     """
     used = [sensor for sensor in sensors if sensor.id in wanted]
     missing = wanted - {sensor.id for sensor in used}
-    if len(wanted) <= 1 and (missing or not _is_placed(used)):
+    if len(wanted) <= 1 and not (used and _is_placed(used)):
         name = next(iter(wanted), "sensor")
         return Grid(f"sensor {name}", None, {name: (0.0, 0.0)})
     if missing:
