@@ -1,0 +1,102 @@
+"""Pictures of a target in clutter: the track, and how the threshold followed it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from uwtrack_cli.data.scans import Scans
+from uwtrack_cli.data.targets import Target
+from uwtrack_cli.plotting.style import NO_CONTACT, contact_color, say_nothing_there
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_COLOR = contact_color(1)
+_RADIUS_95 = 2.448
+"""Radius of the 95 % ellipse of two Gaussian components, in deviations."""
+
+
+def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
+    """Draw the track with its 95 % regions, and the measurements where given.
+
+    Two or more components are drawn as a map of the first two, one over time.
+    """
+    if not target.scan.size:
+        return say_nothing(ax)
+    if target.component.size == 1:
+        return _draw_over_time(target, scans, ax)
+    if scans is not None:
+        x, y = scans.measured[:, 0], scans.measured[:, 1]
+        ax.plot(x, y, ".", markersize=1.5, color=NO_CONTACT, zorder=1)
+    ax.plot(target.state[:, 0], target.state[:, 2], "-o", markersize=2, color=_COLOR)
+    _draw_ellipses(target, ax)
+    lost = target.lost
+    ax.plot(target.state[lost, 0], target.state[lost, 2], "kx", label="lost")
+    _fit_view(target, ax)
+    ax.set(xlabel=_label(target, 0), ylabel=_label(target, 1))
+    ax.grid(alpha=0.3)
+    return ax
+
+
+def draw_threshold(target: Target, ax: "Axes") -> "Axes":
+    """Draw the threshold used at each scan, and the evidence of a loss."""
+    if not target.scan.size:
+        return say_nothing(ax)
+    ax.step(target.time_s, target.threshold, where="mid", color=_COLOR)
+    ax.set(xlabel="time (s)", ylabel=f"threshold ({target.threshold_rule})")
+    other = ax.twinx()
+    other.fill_between(
+        target.time_s, target.loss_evidence, step="mid", alpha=0.2, color="k"
+    )
+    other.set(ylabel="evidence of loss", ylim=(0.0, None))
+    ax.grid(alpha=0.3)
+    return ax
+
+
+def say_nothing(ax: "Axes") -> "Axes":
+    """Say that the track holds no scan."""
+    say_nothing_there(ax, "the track holds no scan")
+    return ax
+
+
+def _draw_over_time(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
+    if scans is not None:
+        ax.plot(
+            scans.time_s, scans.measured[:, 0], ".", markersize=1.5, color=NO_CONTACT
+        )
+    middle, half = target.state[:, 0], 1.96 * target.state_std[:, 0]
+    ax.plot(target.time_s, middle, color=_COLOR)
+    ax.fill_between(
+        target.time_s, middle - half, middle + half, alpha=0.25, color=_COLOR
+    )
+    ax.plot(target.time_s[target.lost], middle[target.lost], "kx", label="lost")
+    ax.set(xlabel="time (s)", ylabel=_label(target, 0))
+    ax.grid(alpha=0.3)
+    return ax
+
+
+def _draw_ellipses(target: Target, ax: "Axes") -> None:
+    from matplotlib.patches import Ellipse
+
+    for mean, covariance in zip(target.state, target.state_covariance, strict=True):
+        spread, axes = np.linalg.eigh(covariance[np.ix_([0, 2], [0, 2])])
+        width, height = 2.0 * _RADIUS_95 * np.sqrt(np.maximum(spread, 0.0))
+        angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
+        place = (float(mean[0]), float(mean[2]))
+        ax.add_patch(
+            Ellipse(place, width, height, angle=angle, fill=False, color=_COLOR, lw=0.6)
+        )
+
+
+def _fit_view(target: Target, ax: "Axes") -> None:
+    """Show the track: clutter may fill a window many times its size."""
+    reach = 4.0 * np.sqrt(np.nanmedian(target.state_std[:, [0, 2]] ** 2, axis=0))
+    low = target.state[:, [0, 2]].min(axis=0) - reach
+    high = target.state[:, [0, 2]].max(axis=0) + reach
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+
+
+def _label(target: Target, index: int) -> str:
+    unit = str(target.component_unit[index])
+    name = str(target.component[index])
+    return f"{name} ({unit})" if unit else name
