@@ -1,6 +1,7 @@
 """Commands about files: info, show, verify, plot."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
