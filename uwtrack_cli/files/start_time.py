@@ -119,10 +119,17 @@ def _patterns(text: str) -> dict[str, str]:
             raise OptionError(msg)
         expression += DIRECTIVES.get(directive, "")
     try:
-        return {text: re.compile(expression).pattern}
+        fields = set(re.compile(expression).groupindex)
     except re.error as error:
         msg = f"time pattern {text!r} uses a directive twice."
         raise OptionError(msg) from error
+    if not fields & {"Y", "yy"} or not ("j" in fields or {"m", "d"} <= fields):
+        msg = (
+            f"time pattern {text!r} names no day: it needs %Y or %y, and %m with %d "
+            f"or %j."
+        )
+        raise OptionError(msg)
+    return {text: expression}
 
 
 def _times(name: str, pattern: str, zone: tzinfo) -> Iterator[int]:
@@ -138,10 +145,10 @@ def _times(name: str, pattern: str, zone: tzinfo) -> Iterator[int]:
 
 
 def _local(fields: dict[str, str]) -> datetime:
-    year = int(fields["Y"]) if "Y" in fields else 2000 + int(fields.get("yy", "x"))
+    year = int(fields["Y"]) if "Y" in fields else 2000 + int(fields["yy"])
     hour, minute, second = (int(fields.get(key, "0")) for key in "HMS")
     if "j" in fields:
         new_year = datetime(year, 1, 1, hour, minute, second)  # noqa: DTZ001
         return new_year + timedelta(days=int(fields["j"]) - 1)
-    month, day = int(fields.get("m", "x")), int(fields.get("d", "x"))
+    month, day = int(fields["m"]), int(fields["d"])
     return datetime(year, month, day, hour, minute, second)  # noqa: DTZ001
