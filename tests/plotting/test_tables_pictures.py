@@ -19,7 +19,8 @@ def ax():
 
 def _target(scans=4, dimension=2):
     ones = np.ones(scans)
-    state = np.arange(scans * 2 * dimension, dtype=float).reshape(scans, -1)
+    size = (scans, 2 * dimension)
+    state = np.arange(float(np.prod(size))).reshape(size)
     return Target(
         scan=np.arange(scans), time_s=np.arange(float(scans)), state=state,
         state_covariance=np.tile(np.eye(2 * dimension), (scans, 1, 1)),
