@@ -12,43 +12,21 @@ reason under its key.
 the sign of eq. 5; the side from the bearing trend.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS, SOURCE_DEPTH_M
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.passage_data import (
-    Blocks,
-    PassageData,
-    condense,
-    make_blocks,
-)
-from uwtrack_cli.estimation.passage_fit import (
-    PassageFit,
-    fit_passage,
-    fit_with_memory,
-    take_row,
-)
 from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.estimation.passage_seeds import find_starts
-from uwtrack_cli.stages.cpa_decision import (
-    Evidence,
-    not_a_passage,
-    passage_evidence,
-)
-from uwtrack_cli.stages.cpa_measurements import (
-    contact_data,
-    contact_ids,
-    lines_of,
-    series_data,
-)
+from uwtrack_cli.stages.cpa_contacts import Candidate, examine, examine_recording
+from uwtrack_cli.stages.cpa_decision import Limits, not_a_passage
+from uwtrack_cli.stages.cpa_measurements import series_data
 from uwtrack_cli.stages.cpa_report import (
     EXTRAPOLATED,
     Row,
@@ -58,18 +36,8 @@ from uwtrack_cli.stages.cpa_report import (
     passage_row,
 )
 
-FEWEST_MEASUREMENTS = 8
-"""Instants with a measurement below which nothing is fitted."""
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    contact: int
-    line_ids: IntArray
-    blocks: Blocks
-    fit: PassageFit
-    evidence: Evidence
-    other_turn: float
+LASTING_SHARE = 0.5
+"""A contact heard for less of the recording is not reported without a passage."""
 
 
 def find_encounters(
@@ -136,18 +104,13 @@ def find_encounters(
     setting = _setting(
         (lines, levels, series), sensor, sound_speed_mps, source_depth_m, spreading_db
     )
+    medium = Medium(setting.sound_speed_mps, setting.height_m)
     if series is not None:
-        found = [
-            _examine(
-                series_data(series, int(contact)), int(contact),
-                np.arange(series.frequency_hz.shape[1]), setting,
-                false_alarm_probability,
-            )
-            for contact in np.unique(series.contact)
-        ]  # fmt: skip
+        found = _from_series(series, medium, false_alarm_probability)
     else:
-        found = _from_recording(lines, levels, setting, false_alarm_probability)
-    rows = [_row(item, setting) for item in found if item is not None]
+        found = examine_recording(lines, levels, medium, false_alarm_probability)
+    limits = _limits(lines, levels, series)
+    rows = [row for item in found if (row := _row(item, setting, limits)) is not None]
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     return make_encounters(rows, setting)
 
@@ -181,108 +144,48 @@ def _setting(
     name = frames.sensor if frames else "series"
     known = sensor if sensor is not None else Sensor(id=name or "sensor")
     start = frames.start_utc_ns if frames else series.start_utc_ns if series else None
-    c = sound_speed_mps or known.sound_speed_mps or SOUND_SPEED_WATER_MPS
+    c = sound_speed_mps or known.sound_speed_mps
     band = (levels.band_low_hz, levels.band_high_hz) if levels else None
     source = levels or lines
     reference = source.reference if source else FULL_SCALE
     return Setting(known, c, source_depth_m, start, reference, band, spreading_db)
 
 
-def _from_recording(
-    lines: Lines | None,
-    levels: Levels | None,
-    setting: Setting,
-    probability: float,
-) -> list[_Candidate | None]:
-    """Examine every contact; the broadband goes to the only one that passes."""
-    found: list[_Candidate] = []
-    for contact in contact_ids(lines) if lines is not None else []:
-        data = contact_data(lines, None, (contact,))
-        ids = (
-            lines_of(lines, (contact,)) if lines is not None else np.empty(0, np.int64)
-        )
-        candidate = _examine(data, contact, ids, setting, probability)
-        if candidate is not None:
-            found.append(candidate)
-    if levels is None or len(found) > 1:
-        return list(found)
-    if not found:
-        data = contact_data(None, levels, ())
-        alone = _examine(data, 1, np.empty(0, np.int64), setting, probability)
-        return [alone]
-    only = found[0]
-    data = contact_data(lines, levels, (only.contact,))
-    joint = _examine(data, only.contact, only.line_ids, setting, probability)
-    return [joint or only]
+def _from_series(series: Series, medium: Medium, probability: float) -> list[Candidate]:
+    found = []
+    for contact in np.unique(series.contact):
+        columns = np.arange(1, series.frequency_hz.shape[1] + 1)
+        one = examine(
+            series_data(series, int(contact)), (int(contact),), columns, medium,
+            probability,
+        )  # fmt: skip
+        found += [one] if one else []
+    return found
 
 
-def _examine(
-    data: PassageData,
-    contact: int,
-    line_ids: IntArray,
-    setting: Setting,
-    probability: float,
-) -> _Candidate | None:
-    """Fit one contact and keep it if it is significant."""
-    blocks = make_blocks(data)
-    used = np.zeros(data.time_s.size, np.bool_)
-    for block in (blocks.shift, blocks.bearing, blocks.level):
-        used |= (block.weight[0] > 0).any(axis=0)
-    if used.sum() < FEWEST_MEASUREMENTS:
-        return None
-    medium = Medium(setting.sound_speed_mps, setting.height_m)
-    rough, other = best_start(blocks, medium)
-    if rough is None:
-        return None
-    short = condense(data, float(rough.theta[0, 0]), float(rough.range_over_speed_s[0]))
-    if short is not data:
-        blocks = make_blocks(short)
-    fit = fit_passage(blocks, rough.theta, rough.turn, medium)
-    fit = fit_with_memory(fit, blocks, medium)
-    evidence = passage_evidence(fit, blocks, medium, probability)
-    if not evidence.is_passage:
-        return None
-    return _Candidate(contact, line_ids, blocks, fit, evidence, other)
+def _limits(
+    lines: Lines | None, levels: Levels | None, series: Series | None
+) -> Limits:
+    frames = levels.frames if levels else lines.frames if lines else None
+    if frames is None:
+        time = series.time_s if series is not None else np.zeros(1)
+        return Limits(0.0, float(time.min()), float(time.max()))
+    if not frames.n_frames:
+        return Limits(frames.window_s, 0.0, 0.0)
+    return Limits(frames.window_s, float(frames.time_s[0]), float(frames.time_s[-1]))
 
 
-def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float]:
-    """Fit one data set from many starts, and weigh the opposite turn.
-
-    Parameters
-    ----------
-    blocks
-        Measurements in fit units.
-    medium
-        Sound speed and depth difference.
-    """
-    starts = find_starts(blocks, medium.sound_speed_mps)
-    if not starts.turn.size:
-        return None, 0.0
-    fits = fit_passage(blocks, starts.theta, starts.turn, medium, is_slow_noise=False)
-    cost = np.where(_is_sane(fits, blocks), fits.cost, np.inf)
-    if not np.isfinite(cost).any():
-        return None, 0.0
-    best = int(np.argmin(cost))
-    opposite = cost[starts.turn != starts.turn[best]]
-    behind = float(opposite.min() - cost[best]) if opposite.size else np.inf
-    weight = 0.0 if blocks.bearing.is_empty else 1 / (1 + np.exp(min(behind, 50.0)))
-    return take_row(fits, best), float(weight)
-
-
-def _is_sane(fit: PassageFit, blocks: Blocks) -> FloatArray:
-    sane = np.isfinite(fit.cost)
-    if not blocks.shift.is_empty:
-        sane &= fit.theta[:, 2] > 0
-    return sane
-
-
-def _row(candidate: _Candidate, setting: Setting) -> Row:
+def _row(candidate: Candidate, setting: Setting, limits: Limits) -> Row | None:
+    """Turn a candidate into a row; None if it is a mere fragment."""
+    contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
-    reason = not_a_passage(candidate.fit, time)
+    reason = not_a_passage(fit, candidate.blocks, limits)
     if reason is not None:
-        return empty_row(candidate.contact, reason)
-    row = passage_row(candidate.contact, candidate.fit, setting, candidate.line_ids)
-    if not time[0] <= candidate.fit.theta[0, 0] <= time[-1]:
+        whole = limits.last_s - limits.first_s
+        is_lasting = float(np.ptp(time)) > LASTING_SHARE * whole
+        return empty_row(contact, reason) if is_lasting else None
+    row = passage_row(contact, fit, setting, candidate.line_ids)
+    if not time[0] <= fit.theta[0, 0] <= time[-1]:
         row = replace(row, status=EXTRAPOLATED, extrapolated=True)
     if row.side and candidate.other_turn > 1e-3:
         other = "port" if row.side == "starboard" else "starboard"

@@ -11,11 +11,11 @@ the false-alarm probability and the number of places that the search could have 
 **References.** Davies (1987), Biometrika 74, 33: a search over a nuisance parameter.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.block_noise import clip_wild
 from uwtrack_cli.estimation.passage_data import Blocks
 from uwtrack_cli.estimation.passage_fit import PassageFit
@@ -33,6 +33,19 @@ WIDEST_SCATTER_RAD = 1.2
 
 SMALLEST_SPEED_DEVIATIONS = 3.0
 """A speed within so many deviations of zero is not given."""
+
+
+ONE_SIDE = 0.3
+"""Share of d/v that must be heard on either side of the closest approach."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Length of the frames, and first and last instant of the recording, s."""
+
+    window_s: float
+    first_s: float
+    last_s: float
 
 
 @dataclass(frozen=True)
@@ -72,41 +85,28 @@ def passage_evidence(
     false_alarm_probability
         Probability of a passage in noise alone.
     """
-    law = passage_law(
-        blocks.time_s, fit.theta[:, :3], medium.sound_speed_mps, medium.height_m
+    width_s = float(fit.range_over_speed_s[0])
+    passing = _readings(fit, blocks, medium)
+    resting = (
+        blocks.shift.value[0],
+        wrap_rad(
+            blocks.bearing.value[0]
+            - _mean_direction(blocks.bearing.value[0], blocks.bearing.weight[0])
+        ),
+        blocks.level.value[0],
     )
-    time_s, width_s = blocks.time_s, float(fit.range_over_speed_s[0])
-    angle = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
-    bearing = blocks.bearing.value[0]
-    level = np.logaddexp(law.spread[0], fit.theta[0, 3])
     gains = [
-        _gains(
-            passing, resting, block.weight[0], noise.scale[0], time_s, (widest, width_s)
-        )
-        for passing, resting, block, noise, widest in (
-            (
-                blocks.shift.value[0] - law.shift[0],
-                blocks.shift.value[0],
-                blocks.shift,
-                fit.noises[0],
-                np.inf,
-            ),
-            (
-                wrap_rad(bearing - angle),
-                wrap_rad(bearing - _mean_direction(bearing, blocks.bearing.weight[0])),
-                blocks.bearing,
-                fit.noises[1],
-                WIDEST_SCATTER_RAD,
-            ),
-            (
-                blocks.level.value[0] - level,
-                blocks.level.value[0],
-                blocks.level,
-                fit.noises[2],
-                np.inf,
-            ),
+        _gains(one, other, block.weight[0], noise.scale[0], blocks.time_s, width_s)
+        for one, other, block, noise in zip(
+            passing,
+            resting,
+            (blocks.shift, blocks.bearing, blocks.level),
+            fit.noises,
+            strict=True,
         )
     ]
+    if _is_wrapped(passing[1], blocks.bearing.weight[0]):
+        gains[1] = (0.0, 0.0)
     places = _independent_places(blocks)
     return Evidence(
         gains[0][0],
@@ -117,8 +117,85 @@ def passage_evidence(
     )
 
 
+def motion_likelihood(
+    blocks: Blocks, own: PassageFit, motion: PassageFit, medium: Medium
+) -> float:
+    """Return the log-likelihood of measurements under a given motion.
+
+    Rest frequencies, level and the bearing at closest approach are free; bearings
+    count only if both motions have them.
+
+    Parameters
+    ----------
+    blocks
+        Measurements of one contact.
+    own
+        Its own fit: floor, bearing and scales of the noise.
+    motion
+        The fit whose time, width, speed and turn are tried.
+    medium
+        Sound speed and depth difference.
+    """
+    width_s = float(own.range_over_speed_s[0])
+    theta = np.concatenate([motion.theta[:, :3], own.theta[:, 3:]], axis=1)
+    tried = replace(own, theta=theta, turn=motion.turn, bearing_deg=motion.bearing_deg)
+    if not np.isfinite(motion.covariance[0, 3, 3]):
+        tried = replace(tried, turn=own.turn, bearing_deg=own.bearing_deg)
+    total = 0.0
+    kinds = (blocks.shift, blocks.bearing, blocks.level)
+    for reading, block, noise in zip(
+        _readings(tried, blocks, medium), kinds, own.noises, strict=True
+    ):
+        series, constants, precision, used = _series(
+            reading, block.weight[0], noise.scale[0]
+        )
+        if used.any():
+            total += float(
+                slow_likelihoods(
+                    [(series, constants)], precision, blocks.time_s[used], width_s
+                )[0]
+            )
+    return total
+
+
+def _readings(
+    fit: PassageFit, blocks: Blocks, medium: Medium
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Subtract the passage from the measurements, but for its constants."""
+    law = passage_law(
+        blocks.time_s, fit.theta[:, :3], medium.sound_speed_mps, medium.height_m
+    )
+    angle = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
+    return (
+        blocks.shift.value[0] - law.shift[0],
+        wrap_rad(blocks.bearing.value[0] - angle),
+        blocks.level.value[0] - np.logaddexp(law.spread[0], fit.theta[0, 3]),
+    )
+
+
 def _mean_direction(bearing: FloatArray, weight: FloatArray) -> float:
     return float(np.angle((weight * np.exp(1j * bearing)).sum()))
+
+
+def _is_wrapped(residual: FloatArray, weight: FloatArray) -> bool:
+    """Tell whether bearings scatter all round: then they are no evidence."""
+    scatter = median_scale(residual, weight)
+    return float(np.min(scatter, initial=np.inf)) > WIDEST_SCATTER_RAD
+
+
+def _series(
+    reading: FloatArray, weight: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Condense rows to one value per instant; a constant per row stays free.
+
+    A row's constant enters an instant with the row's share of the weight.
+    """
+    precision = weight / scale[:, None] ** 2
+    total = precision.sum(axis=0)
+    used = total > 0
+    share = precision[:, used] / total[used]
+    clipped = clip_wild(_centred(reading, weight), precision)
+    return (share * clipped[:, used]).sum(axis=0), share.T, total[used], used
 
 
 def _gains(
@@ -127,32 +204,18 @@ def _gains(
     weight: FloatArray,
     scale: FloatArray,
     time_s: FloatArray,
-    limits: tuple[float, float],
+    width_s: float,
 ) -> tuple[float, float]:
-    """Compute the gain of "passes" over a constant per row, and over a line.
-
-    All rows are condensed to one value per instant; a row's constant enters it
-    with the row's share of the weight.
-    """
-    widest, width_s = limits
-    if float(np.min(median_scale(passing, weight), initial=np.inf)) > widest:
-        return 0.0, 0.0
-    precision = weight / scale[:, None] ** 2
-    total = precision.sum(axis=0)
-    used = total > 0
+    """Compute the gain of "passes" over a constant per row, and over a line."""
+    moving, constants, precision, used = _series(passing, weight, scale)
     if not used.any():
         return 0.0, 0.0
-    share = precision[:, used] / total[used]
-    series = [
-        (share * clip_wild(centred, precision)[:, used]).sum(axis=0)
-        for centred in (_centred(passing, weight), _centred(resting, weight))
-    ]
+    still = _series(resting, weight, scale)[0]
     lag = (time_s[used] - time_s[used].mean()) / max(float(np.ptp(time_s)), 1e-300)
-    constants = share.T
     line = np.concatenate([constants, lag[:, None]], axis=1)
     likelihood = slow_likelihoods(
-        [(series[0], constants), (series[1], constants), (series[1], line)],
-        total[used],
+        [(moving, constants), (still, constants), (still, line)],
+        precision,
         time_s[used],
         width_s,
     )
@@ -185,23 +248,50 @@ def _independent_places(blocks: Blocks) -> float:
     return 2.0 * max(int(used.sum()), 2)
 
 
-def not_a_passage(fit: PassageFit, time_s: FloatArray) -> str | None:
+def not_a_passage(fit: PassageFit, blocks: Blocks, limits: Limits) -> str | None:
     """Return why a fit that moves has no closest approach to give, or None.
 
     Parameters
     ----------
     fit
         Fit of one row.
-    time_s
-        Times of the measurements in seconds.
+    blocks
+        The measurements.
+    limits
+        Length of the frames and ends of the recording.
     """
     width = float(fit.range_over_speed_s[0])
+    closest = float(fit.theta[0, 0])
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance[0])[:2], 0.0))
     if not np.all(np.isfinite(deviation)):
         return "the measurements do not tell time and width of a passage apart"
+    if width < limits.window_s:
+        return (
+            f"the change within {width:.3g} s is shorter than the frames "
+            f"({limits.window_s:.3g} s): use a shorter window_s"
+        )
     if deviation[1] > LARGEST_RELATIVE_DEVIATION * width or deviation[0] > width:
         return "too little of the passage is in the recording"
-    first, last = float(time_s[0]), float(time_s[-1])
-    if not first - width < float(fit.theta[0, 0]) < last + width:
+    return _one_sided(closest, width, _extent(blocks), limits)
+
+
+def _one_sided(
+    closest: float, width: float, extent: tuple[float, float], limits: Limits
+) -> str | None:
+    first, last = extent
+    if not first - width < closest < last + width:
         return "the closest approach lies far outside the recording"
+    slack = 0.1 * (limits.last_s - limits.first_s) + 2 * limits.window_s
+    if closest - ONE_SIDE * width < first and first > limits.first_s + slack:
+        return "what was heard begins at the closest approach"
+    if closest + ONE_SIDE * width > last and last < limits.last_s - slack:
+        return "what was heard ends at the closest approach"
     return None
+
+
+def _extent(blocks: Blocks) -> tuple[float, float]:
+    used = np.zeros(blocks.time_s.size, np.bool_)
+    for block in (blocks.shift, blocks.bearing, blocks.level):
+        used |= (block.weight[0] > 0).any(axis=0)
+    times = blocks.time_s[used]
+    return float(times[0]), float(times[-1])

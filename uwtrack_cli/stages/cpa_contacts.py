@@ -1,0 +1,217 @@
+"""From the measurements of a contact to a candidate passage; contacts that are one.
+
+**Method.** A contact is fitted by itself. Contacts whose measurements agree with the
+motion of a stronger one are taken for parts of the same vessel (a tracker may split
+its lines) and are fitted together. The broadband belongs to nobody in particular: it
+is given to the only contact that passes, if it agrees with its lines.
+
+**Conventions.** Agreement is a difference of log-likelihoods, robust against slow
+noise; see `cpa_decision`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import IntArray
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.estimation.passage_data import (
+    Blocks,
+    PassageData,
+    condense,
+    make_blocks,
+)
+from uwtrack_cli.estimation.passage_fit import (
+    PassageFit,
+    fit_passage,
+    fit_with_memory,
+    take_row,
+)
+from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.estimation.passage_seeds import find_starts
+from uwtrack_cli.stages.cpa_decision import (
+    Evidence,
+    motion_likelihood,
+    passage_evidence,
+)
+from uwtrack_cli.stages.cpa_measurements import contact_data, contact_ids, lines_of
+
+FEWEST_MEASUREMENTS = 8
+"""Instants with a measurement below which nothing is fitted."""
+
+AGREEMENT = 9.2
+"""Loss of log-likelihood that another contact's motion may cost: 99.9 % of the true
+ones cost less (chi-square with four degrees of freedom)."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A significant fit of one vessel's measurements."""
+
+    contacts: tuple[int, ...]
+    line_ids: IntArray
+    data: PassageData
+    blocks: Blocks
+    fit: PassageFit
+    evidence: Evidence
+    other_turn: float
+
+
+def examine(
+    data: PassageData,
+    contacts: tuple[int, ...],
+    line_ids: IntArray,
+    medium: Medium,
+    false_alarm_probability: float,
+) -> Candidate | None:
+    """Fit one contact and keep it if it is significant.
+
+    Parameters
+    ----------
+    data
+        Its measurements.
+    contacts
+        Contact numbers that they came from.
+    line_ids
+        Lines in the order of the rows of frequencies.
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    """
+    blocks = make_blocks(data)
+    used = np.zeros(data.time_s.size, np.bool_)
+    for block in (blocks.shift, blocks.bearing, blocks.level):
+        used |= (block.weight[0] > 0).any(axis=0)
+    if used.sum() < FEWEST_MEASUREMENTS:
+        return None
+    rough, other = best_start(blocks, medium)
+    if rough is None:
+        return None
+    short = condense(data, float(rough.theta[0, 0]), float(rough.range_over_speed_s[0]))
+    if short is not data:
+        blocks = make_blocks(short)
+    fit = fit_passage(blocks, rough.theta, rough.turn, medium)
+    fit = fit_with_memory(fit, blocks, medium)
+    evidence = passage_evidence(fit, blocks, medium, false_alarm_probability)
+    if not evidence.is_passage:
+        return None
+    return Candidate(contacts, line_ids, short, blocks, fit, evidence, other)
+
+
+def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float]:
+    """Fit one data set from many starts, and weigh the opposite turn.
+
+    Parameters
+    ----------
+    blocks
+        Measurements in fit units.
+    medium
+        Sound speed and depth difference.
+    """
+    starts = find_starts(blocks, medium.sound_speed_mps)
+    if not starts.turn.size:
+        return None, 0.0
+    fits = fit_passage(blocks, starts.theta, starts.turn, medium, is_slow_noise=False)
+    sane = np.isfinite(fits.cost)
+    if not blocks.shift.is_empty:
+        sane &= fits.theta[:, 2] > 0
+    cost = np.where(sane, fits.cost, np.inf)
+    if not np.isfinite(cost).any():
+        return None, 0.0
+    best = int(np.argmin(cost))
+    opposite = cost[starts.turn != starts.turn[best]]
+    behind = float(opposite.min() - cost[best]) if opposite.size else np.inf
+    weight = 0.0 if blocks.bearing.is_empty else 1 / (1 + np.exp(min(behind, 50.0)))
+    return take_row(fits, best), float(weight)
+
+
+def examine_recording(
+    lines: Lines | None,
+    levels: Levels | None,
+    medium: Medium,
+    false_alarm_probability: float,
+) -> list[Candidate]:
+    """Examine every contact of a recording, and its broadband.
+
+    Parameters
+    ----------
+    lines
+        Tracked lines, or None.
+    levels
+        Broadband levels and bearings, or None.
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    """
+    found: list[Candidate] = []
+    if lines is not None:
+        for contact in contact_ids(lines):
+            part = (contact,)
+            one = examine(
+                contact_data(lines, None, part), part, lines_of(lines, part),
+                medium, false_alarm_probability,
+            )  # fmt: skip
+            found += [one] if one else []
+        found = _merge(found, lines, medium, false_alarm_probability)
+    if levels is None or len(found) > 1:
+        return found
+    if not found:
+        data = contact_data(None, levels, ())
+        none = np.empty(0, np.int64)
+        alone = examine(data, (1,), none, medium, false_alarm_probability)
+        return [alone] if alone else []
+    return [_with_broadband(found[0], lines, levels, medium, false_alarm_probability)]
+
+
+def _merge(
+    found: list[Candidate], lines: Lines, medium: Medium, probability: float
+) -> list[Candidate]:
+    """Join contacts that agree with the motion of a stronger one."""
+    left = sorted(found, key=lambda item: -item.evidence.total)
+    kept: list[Candidate] = []
+    while left:
+        leader, *left = left
+        same = [item for item in left if _agrees(item, leader, medium)]
+        if same:
+            contacts = tuple(
+                number for item in (leader, *same) for number in item.contacts
+            )
+            joint = examine(
+                contact_data(lines, None, contacts), contacts,
+                lines_of(lines, contacts), medium, probability,
+            )  # fmt: skip
+            leader = joint or leader
+            left = [item for item in left if item not in same]
+        kept.append(leader)
+    return kept
+
+
+def _agrees(item: Candidate, leader: Candidate, medium: Medium) -> bool:
+    own = motion_likelihood(item.blocks, item.fit, item.fit, medium)
+    other = motion_likelihood(item.blocks, item.fit, leader.fit, medium)
+    return own - other < AGREEMENT
+
+
+def _with_broadband(
+    only: Candidate,
+    lines: Lines | None,
+    levels: Levels,
+    medium: Medium,
+    probability: float,
+) -> Candidate:
+    """Fit the lines with the broadband, unless the two tell of different motions."""
+    wide = contact_data(None, levels, ())
+    alone = examine(wide, only.contacts, np.empty(0, np.int64), medium, probability)
+    if alone is not None and not _agrees(alone, only, medium):
+        alone_shape = motion_likelihood(alone.blocks, alone.fit, alone.fit, medium)
+        flat = alone_shape - alone.evidence.total
+        if motion_likelihood(alone.blocks, alone.fit, only.fit, medium) < flat:
+            return only
+    joint = examine(
+        contact_data(lines, levels, only.contacts), only.contacts, only.line_ids,
+        medium, probability,
+    )  # fmt: skip
+    return joint or only
