@@ -1,0 +1,212 @@
+"""Find all lines in a window: best paths one after another, each masked when found.
+
+**Method.** Paths are sought by the Viterbi recursion. Those above the threshold that
+share nothing are accepted together; their cells are masked as wide as they leak, and
+the search is repeated until nothing is left. The part of a path that holds the line
+is the interval with the greatest sum of scores above half their mean.
+
+**Conventions.** Scores in nepers, shape (frame, cell); paths are cells by frame.
+
+**References.** Streit & Barrett (1990) for the recursion; Rice (1945) for the
+amplitude of a steady line in noise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.estimation.viterbi import Steps, best_scores, trace_back
+
+DESIGN_SNR = 1.5
+"""Power ratio of the line looked for, in its cell (specification D.2)."""
+
+MOVE_PENALTY = float(np.log(8.0))
+"""Cost of a move by one cell, in nepers (specification D.2)."""
+
+MOST_SCORE = 4.0
+"""Cap on a cell's score: a click in two overlapping frames must not be a line."""
+
+_MOST_PASSES = 12
+_MOST_ENDS = 256
+_MASKED = -2.0
+"""Score of masked cells: paths may cross them, and do not gain by it."""
+
+_STRONG = 20.0
+"""Power ratio above which the loudest cell is surely the line's."""
+
+_LOUD = 6.0
+"""Power ratio to which cells are limited when the noise's shape is sought."""
+
+_SHAPE_BINS = 8
+"""Bins to either side over which the noise's shape is a median."""
+
+_SHARED = 0.2
+"""Share of common frames beyond which two paths are one."""
+
+
+@dataclass(frozen=True)
+class FoundPath:
+    """A path and the interval of frames in which the line was."""
+
+    cells: IntArray
+    first: int
+    stop: int
+    score: float
+
+
+def cell_scores(power_ratio: FloatArray) -> FloatArray:
+    """Return ln I0(2 sqrt(d y)) - d for power over noise; nan scores 0.
+
+    Beyond the cap the score grows with its logarithm only, just enough for a path to
+    stay in the middle of a strong line.
+    """
+    from scipy.special import i0e
+
+    argument = 2.0 * np.sqrt(np.float32(DESIGN_SNR) * power_ratio)
+    score = np.log(i0e(argument)) + argument - np.float32(DESIGN_SNR)
+    above = np.maximum(score - np.float32(MOST_SCORE), np.float32(0.0))
+    score = np.minimum(score, np.float32(MOST_SCORE)) + 0.5 * np.log1p(above)
+    return np.nan_to_num(score, copy=False, nan=0.0).astype(np.float32)
+
+
+def whiten(power_ratio: FloatArray, cells_per_bin: int) -> FloatArray:
+    """Divide by what is left of the noise's shape over a whole window.
+
+    The floor behind ``power_ratio`` is smooth over tens of bins. What a window shows
+    beyond it, broader than a line, is divided out: the running median along frequency
+    of the cells' mean, loud cells limited.
+    """
+    limited = np.minimum(power_ratio, np.float32(_LOUD))
+    mean = np.nanmean(limited, axis=0, dtype=np.float64)
+    half = _SHAPE_BINS * cells_per_bin
+    padded = np.pad(mean, half, mode="reflect")
+    rows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    shape = np.median(rows, axis=1)
+    return power_ratio / np.clip(shape, 0.5, 10.0).astype(np.float32)
+
+
+def find_paths(
+    scores: FloatArray,
+    power_ratio: FloatArray,
+    threshold: float,
+    lax_threshold: float,
+    expected: IntArray,
+    cells_per_bin: int,
+) -> list[FoundPath]:
+    """Find the paths that noise does not explain, strongest first.
+
+    Parameters
+    ----------
+    scores
+        Score of each cell.
+    power_ratio
+        Power over noise of each cell, same shape.
+    threshold
+        Score that a new line must exceed.
+    lax_threshold
+        Score that suffices near an expected line.
+    expected
+        Cells in the first frame where lines are expected, from the window before.
+    cells_per_bin
+        Cells per natural bin.
+    """
+    left = scores.copy()
+    found: list[FoundPath] = []
+    for _ in range(_MOST_PASSES):
+        total, moves = best_scores(left, MOVE_PENALTY)
+        fresh = _accepted(
+            total, moves, (threshold, lax_threshold), expected, cells_per_bin
+        )
+        if not fresh:
+            break
+        for path, score in fresh:
+            cells = _centred(path, power_ratio, cells_per_bin)
+            first, stop = line_interval(
+                np.take_along_axis(scores, cells[:, None], axis=1)[:, 0]
+            )
+            found.append(FoundPath(cells, first, stop, score))
+            _mask(left, power_ratio, cells, cells_per_bin)
+    return found
+
+
+def _centred(path: IntArray, power_ratio: FloatArray, cells_per_bin: int) -> IntArray:
+    """Move a strong line's path to the loudest cell within a bin of it."""
+    offset = np.arange(-cells_per_bin, cells_per_bin + 1)
+    near = np.clip(path[:, None] + offset, 0, power_ratio.shape[1] - 1)
+    power = np.nan_to_num(np.take_along_axis(power_ratio, near, axis=1))
+    best = np.take_along_axis(near, power.argmax(axis=1)[:, None], axis=1)[:, 0]
+    return np.where(power.max(axis=1) > _STRONG, best, path)
+
+
+def _accepted(
+    total: FloatArray,
+    moves: Steps,
+    thresholds: tuple[float, float],
+    expected: IntArray,
+    cells_per_bin: int,
+) -> list[tuple[IntArray, float]]:
+    """Choose paths above their threshold that share no frames, best first."""
+    is_top = np.ones(total.size, dtype=bool)
+    is_top[1:] &= total[1:] > total[:-1]
+    is_top[:-1] &= total[:-1] >= total[1:]
+    ends = np.flatnonzero(is_top & (total > min(thresholds)))
+    ends = ends[np.argsort(-total[ends], kind="stable")][:_MOST_ENDS]
+    paths = trace_back(moves, ends)
+    scores = total[ends]
+    is_good = scores > thresholds[0]
+    if expected.size:
+        away = np.abs(paths[:, :1] - expected[None, :]).min(axis=1)
+        is_good |= (scores > thresholds[1]) & (away <= 2 * cells_per_bin)
+    paths, scores = paths[is_good], scores[is_good]
+    accepted = []
+    while scores.size:
+        best = paths[0]
+        accepted.append((best, float(scores[0])))
+        shared = (np.abs(paths - best) <= 2 * cells_per_bin).mean(axis=1)
+        apart = shared <= _SHARED
+        paths, scores = paths[apart], scores[apart]
+    return accepted
+
+
+def _mask(
+    scores: FloatArray, power_ratio: FloatArray, cells: IntArray, cells_per_bin: int
+) -> None:
+    """Take a line and what it leaks out of the scores.
+
+    Hann's main lobe is two bins to either side; side lobes fall by 18 dB per octave
+    from -31 dB at 2.4 bins on (Harris 1978), so a strong line is masked wider.
+    """
+    at = np.take_along_axis(power_ratio, cells[:, None], axis=1)
+    strength = float(np.nanmean(at)) if np.isfinite(at).any() else 1.0
+    bins = max(2.5, 2.4 * (strength * 10.0**-3.1) ** (1.0 / 3.0))
+    half = int(np.ceil(bins * cells_per_bin))
+    offset = np.arange(-half, half + 1)
+    columns = np.clip(cells[:, None] + offset, 0, scores.shape[1] - 1)
+    np.put_along_axis(scores, columns, np.float32(_MASKED), axis=1)
+
+
+def line_interval(score: FloatArray) -> tuple[int, int]:
+    """Return the frames [first, stop) in which a path's score stands out."""
+    first, stop = 0, score.size
+    for _ in range(3):
+        level = 0.5 * max(float(score[first:stop].mean()), 0.0)
+        first, stop = _greatest_sum(score - level)
+    return first, stop
+
+
+def _greatest_sum(values: FloatArray) -> tuple[int, int]:
+    total = np.concatenate([[0.0], np.cumsum(values, dtype=float)])
+    lowest = np.minimum.accumulate(total)
+    stop = int(np.argmax(total[1:] - lowest[:-1])) + 1
+    return int(np.argmin(total[:stop])), stop
+
+
+def is_same_line(
+    cells: IntArray, other: IntArray, is_common: BoolArray, cells_per_bin: int
+) -> bool:
+    """Tell whether two paths over the same frames are one line."""
+    if np.count_nonzero(is_common) < 4:
+        return False
+    away = np.abs(cells - other)[is_common]
+    return bool(np.median(away) <= cells_per_bin)
