@@ -35,9 +35,18 @@ class Recording(Container):
         "ns", "Time of the first sample since 1970-01-01 UTC.", None
     )
     digest: str = scalar("", "SHA-256 of the source file.", "")
+    first_sample: int = scalar("1", "Sample of the file that is the first here.", 0)
+    file_channels: str = scalar(
+        "", "Channels taken of the file, from 1, comma separated; empty if unknown.", ""
+    )
     reader: Reader | None = scalar("", "Opens the samples.", None)
 
     @property
     def duration_s(self) -> float:
         """Length of the recording, s."""
         return self.n_samples / self.sample_rate_hz
+
+    @property
+    def first_s(self) -> float:
+        """Where in the file the recording begins, s."""
+        return self.first_sample / self.sample_rate_hz

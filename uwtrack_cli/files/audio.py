@@ -90,6 +90,8 @@ def open_recording(
         n_channels=len(columns),
         start_utc_ns=start_utc_ns,
         digest=file_digest(path),
+        first_sample=first,
+        file_channels=",".join(str(column + 1) for column in columns),
         reader=AudioReader(path, columns, first, last),
     )
 
