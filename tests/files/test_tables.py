@@ -12,6 +12,7 @@ from synthetic_containers import synthetic
 
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackError, UwtrackWarning
 from uwtrack_cli.files.registry import CONTAINERS
@@ -295,6 +296,27 @@ def test_fix_has_the_documented_keys_and_order():
     assert list(row) == list(documented)
     expected = documented | {"time_utc": None}
     assert row == expected
+
+
+MOTION = """
+    {"contact": 1, "mode": 1, "weight": 0.98, "time_utc": "...Z", "range_m": 20010.0,
+     "range_std_m": 99.0, "bearing_deg": 45.0, "bearing_std_deg": 0.08,
+     "speed_mps": 4.11, "speed_std_mps": 0.03, "course_deg": 270.1,
+     "course_std_deg": 0.17, "rest_frequencies_hz": [650.0], "observable": true,
+     "reasons": {}}"""
+
+
+def test_motion_has_the_documented_keys_and_order():
+    documented = json.loads(MOTION)
+    direct = {k: [v] for k, v in documented.items() if k in Motions.columns()}
+    direct |= {"time_utc_ns": [1_577_836_800_000_000_000], "reasons": ["{}"]}
+    container = synthetic(
+        Motions, 1, **direct, rest_motion=[0], rest_line_id=[4],
+        rest_frequency_hz=[650.0], rest_frequency_std_hz=[0.1],
+    )  # fmt: skip
+    (row,) = json_rows(container)
+    assert list(row) == list(documented)
+    assert row == documented | {"time_utc": "2020-01-01T00:00:00.000Z"}
 
 
 def test_rows_of_another_axis_can_be_asked_for():

@@ -13,6 +13,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.files.utc import format_utc
 
 Row = dict[str, Any]
@@ -29,6 +30,11 @@ FIX_KEYS = (
     "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
     "latitude", "longitude", "east_std_m", "north_std_m", "covariance_m2",
     "speed_mps", "course_deg", "sensors",
+)  # fmt: skip
+MOTION_KEYS = (
+    "contact", "mode", "weight", "time_utc", "range_m", "range_std_m", "bearing_deg",
+    "bearing_std_deg", "speed_mps", "speed_std_mps", "course_deg", "course_std_deg",
+    "rest_frequencies_hz", "observable", "reasons",
 )  # fmt: skip
 NO_START = "the start time of the recording is not known"
 
@@ -117,9 +123,21 @@ def _fix_rows(container: Container) -> Iterator[Row]:
         yield {key: values[key] for key in FIX_KEYS}
 
 
+def _motion_rows(container: Container) -> Iterator[Row]:
+    if not isinstance(container, Motions):
+        return
+    for i, values in enumerate(axis_rows(container, "motion")):
+        own = container.rest_motion == i
+        values["time_utc"] = _utc(values["time_utc_ns"])
+        values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
+        values["reasons"] = _reasons(values)
+        yield {key: values[key] for key in MOTION_KEYS}
+
+
 SPECIAL: dict[str, tuple[tuple[str, ...], Callable[[Container], Iterator[Row]]]] = {
     "encounters": (ENCOUNTER_KEYS, _encounter_rows),
     "fixes": (FIX_KEYS, _fix_rows),
+    "motions": (MOTION_KEYS, _motion_rows),
 }
 """Containers whose objects have documented keys, with how the rows are made."""
 

@@ -9,9 +9,11 @@ from typing import Any, get_args, get_type_hints
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.contacts import Contacts
+from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.scans import Roc, Scans
@@ -36,11 +38,13 @@ CONTAINERS: dict[str, type[Container]] = {
         Lines,
         Encounters,
         Fixes,
+        Motions,
         Series,
         Contacts,
         Scans,
         Roc,
         Target,
+        Decision,
     )
 }
 """Container classes by name, in the order of the chain."""
