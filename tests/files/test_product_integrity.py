@@ -385,12 +385,16 @@ def kill_a_writer(target, delay_s):
         process.send_signal(signal.SIGKILL)
 
 
+LEFT_BY_A_KILL = {"p.h5"}
+
+
 def check_after_kills(tmp_path, delays):
     target = tmp_path / "p.h5"
     for delay_s in delays:
         kill_a_writer(target, delay_s)
         if target.exists():
             assert verify_product(target) == []
+        assert {p.name for p in tmp_path.iterdir()} <= LEFT_BY_A_KILL
     old = synthetic(Levels, 3)
     write_product(target, [old], overwrite=True)
     for delay_s in delays[: len(delays) // 2]:
@@ -441,6 +445,26 @@ def test_full_disk_is_an_error_of_one_sentence_and_leaves_nothing(tmp_path, limi
     assert done.stdout.startswith(f"cannot write {target}")
     assert "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("nameless", [True, False])
+@pytest.mark.parametrize("overwrite", [True, False])
+def test_file_appears_whole_where_files_need_names_too(
+    tmp_path, monkeypatch, nameless, overwrite
+):
+    if not nameless:
+        monkeypatch.setattr("uwtrack_cli.files.atomic.NAMELESS", tmp_path / "none")
+    target = tmp_path / "p.h5"
+    levels = synthetic(Levels, 3)
+    with ProductWriter(target, overwrite=overwrite) as writer:
+        writer.write(levels)
+        assert not target.exists()
+        assert len(list(tmp_path.iterdir())) == (0 if nameless else 1)
+    assert [p.name for p in tmp_path.iterdir()] == ["p.h5"]
+    assert verify_product(target) == []
+    plain = tmp_path / "plain"
+    plain.touch()
+    assert target.stat().st_mode == plain.stat().st_mode
 
 
 def test_two_writers_of_one_target_do_not_mix(tmp_path):

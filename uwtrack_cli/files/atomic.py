@@ -1,8 +1,9 @@
 """Files that appear whole or not at all.
 
-**Method.** The result is written to a hidden temporary file beside its target,
-synced, and put in place by one rename (a link, where nothing may be overwritten).
-Whatever goes wrong before that, the target keeps what it had.
+**Method.** The result is written to a file without a name in the folder of its
+target (Linux; elsewhere to a hidden one beside it), synced, and put in place by one
+link, or one rename where a file is replaced. Whatever goes wrong before that, the
+target keeps what it had; a killed program leaves nothing at all.
 """
 
 import contextlib
@@ -12,6 +13,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from uwtrack_cli.errors import OutputError
+
+NAMELESS = Path("/proc/self/fd")
+"""Where Linux shows open files, those without a name included."""
 
 
 @contextlib.contextmanager
@@ -35,21 +39,23 @@ def atomic_target(
         The target exists, is an input, or cannot be written.
     """
     target = check_target(path, overwrite=overwrite, inputs=inputs)
-    temporary = target.with_name(f".{target.name[:200]}.{secrets.token_hex(4)}.part")
+    temporary: Path | None = None
     try:
-        _create(temporary)
-        yield temporary
-        _sync(temporary)
-        _put(temporary, target, overwrite=overwrite)
+        handle, temporary = _scratch(target)
+        try:
+            yield temporary
+            os.fsync(handle)
+            _put(temporary, target, overwrite=overwrite)
+        finally:
+            os.close(handle)
+            if temporary.parent != NAMELESS:
+                temporary.unlink(missing_ok=True)
     except OSError as error:
-        is_ours = error.filename in {None, str(temporary)}
+        is_ours = temporary is None or error.filename in {None, str(temporary)}
         if isinstance(error, OutputError) or not is_ours:
             raise
         msg = f"cannot write {path}: {error.strerror or error}."
         raise OutputError(msg) from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def check_target(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -> Path:
@@ -105,33 +111,44 @@ def _check_existing(
         raise OutputError(msg)
 
 
-def _create(temporary: Path) -> None:
-    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY
-    os.close(os.open(temporary, flags, 0o666))
+def _hidden(target: Path) -> Path:
+    return target.with_name(f".{target.name[:200]}.{secrets.token_hex(4)}.part")
 
 
-def _sync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+def _scratch(target: Path) -> tuple[int, Path]:
+    """Open a file to write to, without a name where the system has such files."""
+    if hasattr(os, "O_TMPFILE") and NAMELESS.is_dir():
+        with contextlib.suppress(OSError):  # a file system that lacks them
+            handle = os.open(target.parent, os.O_TMPFILE | os.O_RDWR, 0o666)
+            return handle, NAMELESS / str(handle)
+    path = _hidden(target)
+    return os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666), path
 
 
 def _put(temporary: Path, target: Path, *, overwrite: bool) -> None:
-    if overwrite:
-        temporary.replace(target)
-    else:
-        _link(temporary, target)
-    with contextlib.suppress(OSError):  # some file systems cannot sync a folder
-        _sync(target.parent)
-
-
-def _link(temporary: Path, target: Path) -> None:
+    folder = os.open(target.parent, os.O_RDONLY)
     try:
-        target.hardlink_to(temporary)
+        if not overwrite:
+            _link(temporary, target, folder)
+        elif temporary.parent == NAMELESS:
+            named = _hidden(target)
+            _link(temporary, named, folder)
+            named.replace(target)
+        else:
+            temporary.replace(target)
+        with contextlib.suppress(OSError):  # some file systems cannot sync a folder
+            os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _link(temporary: Path, target: Path, folder: int) -> None:
+    try:
+        os.link(temporary, target.name, dst_dir_fd=folder, follow_symlinks=True)
     except FileExistsError as error:
         msg = f"{target} appeared meanwhile; give --overwrite to replace it."
         raise OutputError(msg) from error
-    except OSError:  # a file system without links
-        temporary.replace(target)
+    except OSError:
+        if temporary.parent == NAMELESS:
+            raise
+        temporary.replace(target)  # a file system without links
