@@ -22,6 +22,8 @@ COMMANDS: dict[str, str] = {
     "show": "file_commands:show",
     "verify": "file_commands:verify",
     "plot": "file_commands:plot",
+    "score": "score_commands:score",
+    "diff": "score_commands:diff",
     "simulate": "sample_commands:simulate",
     "sample": "sample_commands:sample",
 }
