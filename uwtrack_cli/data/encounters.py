@@ -1,7 +1,8 @@
 """Closest approaches, and the positions that follow from them."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -116,6 +117,14 @@ class Encounters(Container):
     spreading_db: float = scalar(
         "dB", "Spreading law of the source level, per decade of range.", 20.0
     )
+
+    @classmethod
+    def join(cls, blocks: Sequence[Self]) -> Self:
+        """Join the encounters of several sensors; rest frequencies keep their rows."""
+        joined = super().join(blocks)
+        before = np.cumsum([0, *(block.n_encounters for block in blocks[:-1])])
+        rows = [b.rest_encounter + n for b, n in zip(blocks, before, strict=True)]
+        return replace(joined, rest_encounter=np.concatenate(rows))
 
     @property
     def n_encounters(self) -> int:

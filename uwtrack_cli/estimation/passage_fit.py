@@ -141,7 +141,7 @@ def take_row(fit: PassageFit, row: int) -> PassageFit:
 
 
 def fit_with_memory(
-    fit: PassageFit, blocks: Blocks, medium: Medium, *, rounds: int = 3
+    fit: PassageFit, blocks: Blocks, medium: Medium, *, rounds: int = 2
 ) -> PassageFit:
     """Fit one data set again with the covariance of its slow noise.
 

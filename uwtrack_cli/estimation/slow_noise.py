@@ -145,11 +145,13 @@ def slow_inverse(
     noise
         Strength and memory of the slow part.
     """
-    root = np.sqrt(weight)
-    kernel = np.exp(-np.abs(time_s[:, None] - time_s[None, :]) / noise.memory_s)
+    used = np.flatnonzero(weight > 0)
+    root, time = np.sqrt(weight[used]), time_s[used]
+    kernel = np.exp(-np.abs(time[:, None] - time[None, :]) / noise.memory_s)
     inner = noise.variance * root[:, None] * kernel * root[None, :]
     inner[np.diag_indices_from(inner)] += 1.0
-    full: FloatArray = root[:, None] * np.linalg.inv(inner) * root[None, :]
+    full = np.zeros((weight.size, weight.size))
+    full[np.ix_(used, used)] = root[:, None] * np.linalg.inv(inner) * root[None, :]
     return full / noise.inflation
 
 
