@@ -26,7 +26,7 @@ def test_the_commands_run_in_an_empty_folder(tmp_path):
     assert (tmp_path / "two-sensors-h1.fixes.h5").exists()
 
 
-def test_the_python_runs(tmp_path, samples, monkeypatch):
+def test_the_python_runs(samples, monkeypatch):
     monkeypatch.chdir(samples)
     for block in blocks("python"):
         exec(compile(block, "README.md", "exec"), {})

@@ -18,7 +18,7 @@ NAMES = list(STAGES)
 UNITS = {
     "s", "hz", "db", "deg", "mps", "m", "hzps", "degps", "km", "khz", "hour", "kn",
     "frames", "bins", "hits", "std", "scans", "runs", "pixels", "bands", "peaks",
-    "sigma", "upa",
+    "sigma", "upa", "mps2", "ps3", "hz2ps3", "deg2ps3",
 }  # fmt: skip
 UNITLESS = re.compile(
     r"dimensionless|share|factor|probability|number|chance|whether|which|how many"
@@ -129,5 +129,7 @@ def test_help_imports_no_slow_module():
         "found=slow & {m.split('.')[0] for m in sys.modules}\n"
         "sys.exit(f'slow: {found}' if found else 0)\n"
     )
-    done = run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr

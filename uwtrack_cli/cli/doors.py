@@ -8,13 +8,13 @@ builds the rest, so a command can have no default of its own.
 import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_origin
+from typing import Annotated, Any
 
 import typer
 
 from uwtrack_cli.cli.screen import guard, set_verbosity
-from uwtrack_cli.errors import OptionError
-from uwtrack_cli.flow.stage import Option, Stage
+from uwtrack_cli.flow.options import Option
+from uwtrack_cli.flow.stage import Stage
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
 Verbose = Annotated[
@@ -85,9 +85,7 @@ def stage_command(
     own
         Parameters of the command beside the stage's options.
     """
-    parameters = {_flat_name(option): option for option in stage.options}
-    flat = [_parameter(name, option) for name, option in parameters.items()]
-    flat += [_policy_choice(n, c) for n, c in _choices(stage).items()]
+    flat = [_parameter(option) for option in stage.options]
 
     def run(**values: Any) -> None:
         given = {n: values.pop(n) for n in [p.name for p in flat]}
@@ -99,81 +97,23 @@ def stage_command(
 
 
 def nest(stage: Stage, flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn the flat options of a command into the stage's own, policies nested.
-
-    Raises
-    ------
-    OptionError
-        An option belongs to a policy that was not chosen.
-    """
+    """Turn the flat options of a command into the stage's own, policies nested."""
     options: dict[str, Any] = {}
     for option in stage.options:
-        value = flat[_flat_name(option)]
+        value = flat[option.flat_name]
         if option.owner is None:
             options[option.name] = value
-            continue
-        table = options.setdefault(option.owner, {})
-        if option.choice is None:
-            table[option.name] = value
-            continue
-        chosen = flat[option.owner]
-        table["kind"] = chosen
-        if option.choice == chosen and value is not None:
-            table[option.name] = value
-        elif value is not None and not _is_shared(stage, option, chosen):
-            flag = "--" + _flat_name(option).replace("_", "-")
-            msg = (
-                f"{flag} goes with --{option.owner.replace('_', '-')} {option.choice}."
-            )
-            raise OptionError(msg)
+        else:
+            options.setdefault(option.owner, {})[option.name] = value
     return stage.bind(options)
 
 
-def _is_shared(stage: Stage, option: Option, chosen: str) -> bool:
-    return any(
-        other.owner == option.owner
-        and other.choice == chosen
-        and other.name == option.name
-        for other in stage.options
-    )
-
-
-def _flat_name(option: Option) -> str:
-    return option.name if option.owner is None else f"{option.owner}_{option.name}"
-
-
-def _choices(stage: Stage) -> dict[str, tuple[list[str], str]]:
-    """Policies of several classes: the class names and the default one."""
-    found: dict[str, tuple[list[str], str]] = {}
-    for option in stage.options:
-        if option.owner is not None and option.choice is not None:
-            default = type(stage.defaults[option.owner]).__name__
-            names, _ = found.setdefault(option.owner, ([], default))
-            if option.choice not in names:
-                names.append(option.choice)
-    return found
-
-
-def _policy_choice(owner: str, choices: tuple[list[str], str]) -> inspect.Parameter:
-    names, default = choices
-    hint: Any = Literal[tuple(names)]
-    text = f"Which policy: {' or '.join(names)}."
-    return _keyword(owner, Annotated[hint, typer.Option(help=text)], default)
-
-
-def _parameter(name: str, option: Option) -> inspect.Parameter:
-    hint, default, text = option.type, option.default, option.help
-    if option.choice is not None:  # None is "not given": it may not be meant
-        text = f"{text} [{option.choice}: {default}]"
-        hint, default = hint | None, None
-    if get_origin(hint) is list and default is None:
-        default = []
-    return _keyword(name, Annotated[hint, typer.Option(help=text)], default)
-
-
-def _keyword(name: str, hint: Any, default: Any) -> inspect.Parameter:
+def _parameter(option: Option) -> inspect.Parameter:
     return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint
+        option.flat_name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=option.default,
+        annotation=Annotated[option.type, typer.Option(help=option.help)],
     )
 
 

@@ -19,10 +19,13 @@ STAGES: dict[str, str] = {
     "peaks": "uwtrack_cli.stages.peaks:find_peaks",
     "classify": "uwtrack_cli.stages.classify:classify_peaks",
     "track": "uwtrack_cli.stages.track:track_lines",
+    "track-pda": "uwtrack_cli.stages.track_pda:track_lines_pda",
+    "trace": "uwtrack_cli.stages.trace:trace_lines",
     "cpa": "uwtrack_cli.stages.cpa:find_encounters",
     "locate": "uwtrack_cli.stages.locate:locate_vessels",
     "tma": "uwtrack_cli.stages.tma:estimate_motion",
     "pdaf": "uwtrack_cli.stages.pdaf:track_in_clutter",
+    "discriminate": "uwtrack_cli.stages.discriminate:discriminate_contacts",
 }
 """Where the function of each stage is, in the order of the chain."""
 

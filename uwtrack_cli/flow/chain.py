@@ -59,6 +59,7 @@ def run_recipe(
     if not streamed or streamed[0].stage.kind != "source":
         msg = f"recipe {recipe.name} must begin with a [spectrogram] table."
         raise OptionError(msg)
+    _check_outputs(recipe)
     kept = _Kept(keep)
     nodes = [StreamNode(step) for step in streamed[1:]]
     source = streamed[0]
@@ -74,6 +75,19 @@ def run_recipe(
         if step.stage.kind == "whole":
             made.append(apply_whole(step, made))
     return made
+
+
+def _check_outputs(recipe: Recipe) -> None:
+    """Refuse two stages that make the same: their rows would be mixed."""
+    makers: dict[type[Container], str] = {}
+    for step in recipe.steps:
+        first = makers.setdefault(step.stage.output, step.stage_name)
+        if first != step.stage_name:
+            msg = (
+                f"recipe {recipe.name} has two stages that make "
+                f"{step.stage.output.NAME}, {first} and {step.stage_name}; keep one."
+            )
+            raise OptionError(msg)
 
 
 def apply_stream(step: Step, blocks: Iterator[Container]) -> Iterator[Container]:

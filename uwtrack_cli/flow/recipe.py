@@ -104,7 +104,7 @@ class Recipe:
 def plain(value: Any) -> Any:
     """Return a value as JSON and TOML know it; a policy becomes a table."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {"kind": type(value).__name__, **asdict(value)}
+        return asdict(value)
     if isinstance(value, tuple):
         return list(value)
     return value

@@ -11,7 +11,6 @@ conjugate of the dipole channels, turned to east and north.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,14 +22,11 @@ from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.angles import interpolate_deg
 from uwtrack_cli.estimation.decimation import Decimator
+from uwtrack_cli.estimation.frame_transform import FrameTransform
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
-from uwtrack_cli.estimation.window import hann
 
 READ_SAMPLES = 1 << 18
 """Samples per channel read at once."""
-
-CACHED_SAMPLES = 1 << 16
-"""Samples transformed at once: they and their spectra stay in the cache."""
 
 
 def compute_spectrogram(
@@ -80,27 +76,6 @@ def compute_spectrogram(
     return _blocks(recording, layout)
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Everything about the frames that the options decide; lengths in samples."""
-
-    rate_hz: float
-    decimation: int
-    window: int
-    hop: int
-    fft_length: int
-    kept: slice
-
-    @property
-    def frequency_hz(self) -> FloatArray:
-        return np.fft.rfftfreq(self.fft_length, 1.0 / self.rate_hz)[self.kept]
-
-    @property
-    def block_frames(self) -> int:
-        tiles = max(1, READ_SAMPLES // (self.hop * TILE_FRAMES))
-        return min(tiles, 16) * TILE_FRAMES
-
-
 def _plan(
     recording: Recording,
     window_s: float,
@@ -108,7 +83,7 @@ def _plan(
     zero_padding: int,
     band_hz: tuple[float, float] | None,
     decimation: int,
-) -> _Layout:
+) -> FrameTransform:
     if recording.reader is None:
         msg = f"{recording.name} was not opened for reading; open the sound file again."
         raise DataError(msg)
@@ -130,7 +105,7 @@ def _plan(
     hop = max(1, round(window * (1.0 - overlap)))
     fft_length = window * zero_padding
     frequency_hz = np.fft.rfftfreq(fft_length, 1.0 / rate_hz)
-    return _Layout(
+    return FrameTransform(
         rate_hz, decimation, window, hop, fft_length, _kept(frequency_hz, band_hz)
     )
 
@@ -161,7 +136,7 @@ def _kept(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> slic
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
-def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
+def _blocks(recording: Recording, layout: FrameTransform) -> Iterator[Spectrogram]:
     assert recording.reader is not None  # noqa: S101 - checked in _plan
     sensor = recording.sensor
     decimator = Decimator(layout.decimation)
@@ -171,7 +146,7 @@ def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
     for samples in recording.reader(READ_SAMPLES):
         thinned = decimator.feed(samples * scale_to_upa)
         pending = np.concatenate([pending, thinned])
-        wanted = layout.block_frames
+        wanted = _block_frames(layout)
         while pending.shape[0] >= layout.window + (wanted - 1) * layout.hop:
             yield _block(recording, layout, pending, next_frame, wanted)
             next_frame += wanted
@@ -182,9 +157,15 @@ def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
         yield _block(recording, layout, pending, next_frame, rest)
 
 
+def _block_frames(layout: FrameTransform) -> int:
+    """Frames in a block: whole tiles of the noise floor."""
+    tiles = READ_SAMPLES // (layout.hop * TILE_FRAMES)
+    return min(max(1, tiles), 16) * TILE_FRAMES
+
+
 def _block(
     recording: Recording,
-    layout: _Layout,
+    layout: FrameTransform,
     samples: FloatArray,
     first_frame: int,
     n_frames: int,
@@ -197,11 +178,11 @@ def _block(
     omni = names.index("omni") if "omni" in names else 0
     if not sensor.has_direction:
         return _spectrogram(
-            sensor, layout, frames, _power(clean[:, omni], layout, n_frames)
+            sensor, layout, frames, layout.power(clean[:, omni], n_frames)
         )
     axes = ("east", "north") if "east" in names else ("x", "y")
     chosen = [omni, *(names.index(axis) for axis in axes)]
-    power, across, along = _intensity(clean[:, chosen], layout, n_frames)
+    power, across, along = layout.intensity(clean[:, chosen], n_frames)
     turn = np.radians(_turn_deg(sensor, axes[0] == "x", frames))[:, None]
     cos, sin = np.cos(turn).astype(np.float32), np.sin(turn).astype(np.float32)
     return _spectrogram(
@@ -212,7 +193,7 @@ def _block(
 
 def _spectrogram(
     sensor: Sensor,
-    layout: _Layout,
+    layout: FrameTransform,
     frames: Frames,
     power: FloatArray,
     east: FloatArray | None = None,
@@ -230,7 +211,7 @@ def _spectrogram(
 
 def _frames(
     recording: Recording,
-    layout: _Layout,
+    layout: FrameTransform,
     samples: FloatArray,
     first_frame: int,
     n_frames: int,
@@ -259,7 +240,7 @@ def _frames(
     )
 
 
-def _effort(samples: FloatArray, layout: _Layout, n_frames: int) -> FloatArray:
+def _effort(samples: FloatArray, layout: FrameTransform, n_frames: int) -> FloatArray:
     """Share of valid samples per frame."""
     if not np.isnan(np.min(samples)):  # quick, and nearly always so
         return np.ones(n_frames)
@@ -282,56 +263,3 @@ def _turn_deg(sensor: Sensor, turns: bool, frames: Frames) -> FloatArray:
         time_s = time_s + (frames.start_utc_ns - navigation.start_utc_ns) / 1e9
     heading = interpolate_deg(time_s, navigation.time_s, navigation.heading_deg)
     return offset + sensor.heading_deg + heading
-
-
-def _power(channel: FloatArray, layout: _Layout, n_frames: int) -> FloatArray:
-    out = np.empty((n_frames, layout.frequency_hz.size), np.float32)
-    for rows, spectrum in _spectra(channel, layout, n_frames):
-        kept = spectrum[:, layout.kept]
-        np.add(kept.real**2, kept.imag**2, out=out[rows])
-    return _one_sided(out, layout)
-
-
-def _intensity(
-    channels: FloatArray, layout: _Layout, n_frames: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    shape = (n_frames, layout.frequency_hz.size)
-    out = tuple(np.empty(shape, np.float32) for _ in range(3))
-    parts = [_spectra(channels[:, k], layout, n_frames) for k in range(3)]
-    for (rows, omni), *dipoles in zip(*parts, strict=True):
-        first = omni[:, layout.kept]
-        for k, (_, spectrum) in enumerate([(rows, omni), *dipoles]):
-            other = spectrum[:, layout.kept]
-            np.add(first.real * other.real, first.imag * other.imag, out=out[k][rows])
-    power, across, along = (_one_sided(part, layout) for part in out)
-    return power, across, along
-
-
-def _spectra(
-    channel: FloatArray, layout: _Layout, n_frames: int
-) -> Iterator[tuple[slice, FloatArray]]:
-    from scipy.fft import rfft
-
-    window = _scaled_window(layout)
-    view = np.lib.stride_tricks.sliding_window_view(channel, layout.window)
-    step = max(1, CACHED_SAMPLES // layout.fft_length)
-    for first in range(0, n_frames, step):
-        rows = slice(first, min(first + step, n_frames))
-        frames = view[rows.start * layout.hop : rows.stop * layout.hop : layout.hop]
-        yield rows, rfft(frames[: rows.stop - rows.start] * window, layout.fft_length)
-
-
-def _scaled_window(layout: _Layout) -> FloatArray:
-    """Return the window with the factor to one-sided density in it."""
-    window = hann(layout.window)
-    scale = 2.0 / (layout.rate_hz * float(np.sum(window**2)))
-    return (window * np.sqrt(scale)).astype(np.float32)
-
-
-def _one_sided(density: FloatArray, layout: _Layout) -> FloatArray:
-    """Halve what has no mirror image: zero and the Nyquist frequency."""
-    if layout.kept.start == 0:
-        density[:, 0] *= np.float32(0.5)
-    if layout.kept.stop == layout.fft_length // 2 + 1 and layout.fft_length % 2 == 0:
-        density[:, -1] *= np.float32(0.5)
-    return density

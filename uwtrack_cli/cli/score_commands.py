@@ -1,0 +1,169 @@
+"""`diff` and `score`: is it the same, and is it right."""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from uwtrack_cli.cli.doors import AsJson, command
+from uwtrack_cli.cli.screen import OUTSIDE, put, say, show_table
+from uwtrack_cli.cli.targets import open_product
+from uwtrack_cli.errors import OptionError
+
+if TYPE_CHECKING:
+    from uwtrack_cli.flow.comparison import Difference
+    from uwtrack_cli.flow.score_product import ProductScore
+
+ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
+Tolerance = Annotated[
+    Path | None,
+    typer.Option("--tolerance", help="TOML file with limits per quantity."),
+]
+
+
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a name."""
+    named: dict[str, Callable[..., None]] = {"score": score, "diff": diff}
+    command(app, name)(named[name])
+
+
+def diff(
+    *,
+    first: ProductFile,
+    second: ProductFile,
+    rtol: Annotated[
+        float, typer.Option(help="Allowed difference relative to the larger value.")
+    ] = 0.0,
+    atol: Annotated[
+        float, typer.Option(help="Allowed difference in the unit of the quantity.")
+    ] = 0.0,
+    tolerance: Tolerance = None,
+    json_output: AsJson = False,
+) -> None:
+    """Compare two products by their numbers; exit code 4 when they differ.
+
+    What made them, and when, does not count. A tolerance file overrides --rtol and
+    --atol per quantity: [encounters] speed_mps = { rtol = 1e-3, atol = 0.01 }.
+    """
+    from uwtrack_cli.flow.comparison import compare_products
+    from uwtrack_cli.flow.tolerances import read_closeness
+
+    if not (rtol >= 0.0 and atol >= 0.0):
+        msg = f"--rtol and --atol must be 0 or more, got {rtol} and {atol}."
+        raise OptionError(msg)
+    tolerances = read_closeness(tolerance) if tolerance else {}
+    with open_product(first) as one, open_product(second) as other:
+        found = compare_products(
+            one, other, rtol=rtol, atol=atol, tolerances=tolerances
+        )
+    if json_output:
+        put([json.dumps([_plain(asdict(item)) for item in found])])
+    else:
+        put(map(_difference_line, found))
+    if found:
+        raise typer.Exit(OUTSIDE)
+    say("the numbers are the same", 0 if rtol == atol == 0.0 else 1)
+
+
+def _difference_line(item: "Difference") -> str:
+    of = f" of {item.sensor}" if item.sensor else ""
+    name = f"{item.container}.{item.quantity}" if item.quantity else item.container
+    line = f"{name}{of} {item.reason}"
+    if item.n_different:
+        line += f": {item.n_different} of {item.n_values} values"
+    if math.isfinite(item.largest):
+        line += f", by {item.largest:.4g} ({item.largest_relative:.2g} relative)"
+    return line
+
+
+def score(
+    *,
+    file: ProductFile,
+    truth: Annotated[
+        Path, typer.Option("--truth", help="Truth: NAME.truth.json, or an AIS table.")
+    ],
+    tolerance: Tolerance = None,
+    within_m: Annotated[
+        float, typer.Option(help="Range in m within which AIS vessels must be found.")
+    ] = 2000.0,
+    cutoff_m: Annotated[
+        float, typer.Option(help="Cut-off of GOSPA and OSPA in m.")
+    ] = 500.0,
+    json_output: AsJson = False,
+) -> None:
+    """Compare a result with truth: errors in units, percent and deviations.
+
+    Tells which vessel each encounter was, with probabilities. With a tolerance file,
+    exit code 4 when an error is outside its limit, such as
+    [encounters] speed_mps = { percent = 2.0, sigmas = 4.0 }.
+    """
+    from uwtrack_cli.flow.score_product import read_any_truth, score_product
+    from uwtrack_cli.flow.tolerances import read_requirements
+
+    wanted = read_requirements(tolerance) if tolerance else None
+    known = read_any_truth(truth)
+    with open_product(file) as product:
+        found = score_product(
+            product, known, wanted, within_m=within_m, cutoff_m=cutoff_m
+        )
+    if json_output:
+        put([json.dumps(_plain(asdict(found)), ensure_ascii=False)])
+    else:
+        _show(found)
+    for problem in found.problems:
+        say(f"outside: {problem}", -1)
+    if found.problems:
+        raise typer.Exit(OUTSIDE)
+
+
+HEADS = ("contact", "sensor", "vessel", "quantity", "estimate", "truth", "error", "%",
+         "std", "sigmas", "")  # fmt: skip
+
+
+def _show(found: "ProductScore") -> None:
+    if found.scores:
+        show_table(HEADS, [_cells(item) for item in found.scores])
+    for who in found.identities:
+        chances = ", ".join(f"{name} {p:.3f}" for name, p in who.candidates)
+        say(
+            f"contact {who.contact} of {who.sensor}: {chances or 'no vessel known'}, "
+            f"unlisted {who.unlisted:.3f}"
+        )
+    for text in found.missed:
+        say(f"missed: {text}")
+    for text in found.false:
+        say(f"not in the truth: {text}")
+    if found.gospa_m is not None:
+        say(
+            f"GOSPA {found.gospa_m:.1f} m, OSPA {found.ospa_m:.1f} m (mean of "
+            f"{found.n_times} times)"
+        )
+
+
+def _cells(item: Any) -> Sequence[str]:
+    numbers = (item.error, item.percent, item.std, item.sigmas)
+    return (
+        str(item.contact), item.sensor, item.vessel, item.quantity,
+        _number(item.estimate), _number(item.truth), *map(_number, numbers),
+        item.outside,
+    )  # fmt: skip
+
+
+def _number(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return "-" if math.isnan(value) else f"{value:.4g}"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
