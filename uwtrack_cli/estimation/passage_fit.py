@@ -32,6 +32,7 @@ from uwtrack_cli.estimation.passage_normal import (
 from uwtrack_cli.estimation.passage_state import (
     Fixed,
     Noises,
+    State,
     passage_noises,
     passage_state,
     weigh,
@@ -109,7 +110,9 @@ def fit_passage(
             25 if number == rounds - 1 else 6,
         )
     memory = _memory(theta, blocks) if is_slow_noise else None
-    return _result(theta, fixed, blocks, medium, (noises, memory))
+    state = passage_state(theta, fixed, blocks, medium, noises)
+    noises = passage_noises(state, blocks, memory)
+    return _result(theta, fixed, blocks, medium, (state, noises))
 
 
 def take_row(fit: PassageFit, row: int) -> PassageFit:
@@ -173,7 +176,8 @@ def fit_with_memory(
         if all(noise.is_white for noise in slow):
             return fit
         theta = _descend(theta, weigh(state, noises, blocks, fixed, losses), medium, 15)
-    return _result(theta, fixed, blocks, medium, (noises, 0.0), (losses, slow))
+    state = passage_state(theta, fixed, blocks, medium, noises)
+    return _result(theta, fixed, blocks, medium, (state, noises), (losses, slow))
 
 
 def _descend(
@@ -225,12 +229,10 @@ def _result(
     fixed: Fixed,
     blocks: Blocks,
     medium: Medium,
-    weights: tuple[Noises | None, float | None],
+    last: tuple[State, Noises],
     slow: tuple[Losses, tuple[SlowNoise, ...]] = (NO_LOSS, ()),
 ) -> PassageFit:
-    noises, memory = weights
-    state = passage_state(theta, fixed, blocks, medium, noises)
-    noises = passage_noises(state, blocks, memory)
+    state, noises = last
     data = weigh(state, noises, blocks, fixed, slow[0])
     spread = passage_covariance(theta, data, medium, state.law)
     rest = blocks.mean_hz * (1 + state.rest)
