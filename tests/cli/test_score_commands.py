@@ -1,0 +1,99 @@
+"""`score` and `diff` at the shell: what CI relies on."""
+
+import json
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory, samples):
+    """The sample passage, run once for the module."""
+    from typer.testing import CliRunner
+
+    from uwtrack_cli.cli.app import app
+
+    folder = tmp_path_factory.mktemp("runs")
+    words = ["run", str(samples / "pass.wav"), "-q"]
+    for name, extra in {"one": [], "depth": ["--set", "cpa.source_depth_m=4"]}.items():
+        output = ["-o", str(folder / f"{name}.h5")]
+        done = CliRunner().invoke(app, [*words, *output, *extra])
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+def test_a_sample_passes_its_score(uwtrack, runs, samples, tmp_path):
+    (tmp_path / "t.toml").write_text(
+        "[encounters]\nmissed = 0\nfalse = 0\nside = {}\n"
+        "time_s = { error = 1.0, sigmas = 4 }\n"
+        "speed_mps = { percent = 1.5, sigmas = 4 }\n"
+        "slant_range_m = { percent = 3.0, sigmas = 4 }\n"
+        "course_deg = { error = 1.5 }\n"
+        "rest_frequency_hz = { error = 0.05 }\n"
+        "[fixes]\ngospa_m = { error = 20 }\nposition_m = { sigmas = 4 }\n"
+    )
+    words = ["score", runs / "one.h5", "--truth", samples / "pass.truth.json"]
+    done = uwtrack(*words, "--tolerance", "t.toml", "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert {row["quantity"] for row in found["scores"]} >= {
+        "time_s", "speed_mps", "slant_range_m", "course_deg", "bearing_deg", "side",
+        "rest_frequency_hz[63]", "position_m",
+    }  # fmt: skip
+    assert found["identities"][0]["vessel"] == "ferry (1)"
+    table = uwtrack(*words)
+    assert table.stdout == ""
+    assert "sigmas" in table.stderr
+    assert "GOSPA" in table.stderr
+
+
+def test_a_score_outside_its_limits_ends_with_four(uwtrack, runs, samples, tmp_path):
+    (tmp_path / "t.toml").write_text("[encounters]\nspeed_mps = { error = 1e-9 }\n")
+    done = uwtrack(
+        "score", runs / "one.h5", "--truth", samples / "pass.truth.json",
+        "--tolerance", "t.toml", "-q",
+    )  # fmt: skip
+    assert done.exit_code == 4
+    assert "outside: contact 1 of h1, speed_mps: error" in done.stderr
+
+
+def test_a_missed_vessel_ends_with_four(uwtrack, runs, samples, tmp_path):
+    truth = json.loads((samples / "pass.truth.json").read_text())
+    truth["encounters"][0]["time_s"] = 20.0
+    (tmp_path / "other.truth.json").write_text(json.dumps(truth))
+    (tmp_path / "t.toml").write_text("[encounters]\nmissed = 0\nfalse = 0\n")
+    done = uwtrack(
+        "score", runs / "one.h5", "--truth", "other.truth.json", "--tolerance", "t.toml"
+    )
+    assert done.exit_code == 4
+    assert "missed: ferry (1)" in done.stderr
+    assert "1 encounters false, 0 accepted" in done.stderr
+
+
+def test_the_same_run_has_the_same_numbers(uwtrack, runs):
+    done = uwtrack("diff", runs / "one.h5", runs / "one.h5")
+    assert done.exit_code == 0
+    assert done.stdout == ""
+
+
+def test_a_changed_option_shows_in_the_numbers(uwtrack, runs, tmp_path):
+    done = uwtrack("diff", runs / "one.h5", runs / "depth.h5")
+    assert done.exit_code == 4
+    assert "encounters.slant_range_m" in done.stdout
+    rows = json.loads(
+        uwtrack("diff", runs / "one.h5", runs / "depth.h5", "--json").stdout
+    )
+    assert {row["container"] for row in rows} == {"encounters", "fixes"}
+    near = uwtrack("diff", runs / "one.h5", runs / "depth.h5", "--atol", 1, "--rtol", 1)
+    assert near.exit_code == 0
+
+
+@pytest.mark.parametrize("wrong", [["--rtol", "-1"], ["--atol", "nan"]], ids=str)
+def test_a_tolerance_below_zero_is_a_usage_error(uwtrack, runs, wrong):
+    assert uwtrack("diff", runs / "one.h5", runs / "one.h5", *wrong).exit_code == 2
+
+
+def test_a_truth_that_is_none_is_refused(uwtrack, runs, tmp_path):
+    (tmp_path / "x.json").write_text("[1, 2]")
+    done = uwtrack("score", runs / "one.h5", "--truth", "x.json")
+    assert done.exit_code == 1
+    assert "no truth file" in done.stderr

@@ -1,0 +1,137 @@
+"""Everything in a product that truth can be held against."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.truth import Truth
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.ais import read_ais
+from uwtrack_cli.files.product import Product
+from uwtrack_cli.files.truth import read_truth
+from uwtrack_cli.flow.scoring import (
+    EncounterScores,
+    Heard,
+    Identity,
+    Score,
+    apply_limits,
+    score_encounters,
+)
+from uwtrack_cli.flow.tolerances import Requirements
+from uwtrack_cli.flow.track_scores import TrackScores, score_fixes
+
+
+@dataclass(frozen=True)
+class ProductScore:
+    """Scores of a product, and the limits that it does not meet."""
+
+    scores: tuple[Score, ...]
+    identities: tuple[Identity, ...]
+    missed: tuple[str, ...]
+    false: tuple[str, ...]
+    gospa_m: float | None
+    ospa_m: float | None
+    n_times: int
+    problems: tuple[str, ...]
+
+
+def read_any_truth(path: Path) -> Truth:
+    """Read a truth file, or a table of AIS messages, by the ending of its name."""
+    return read_truth(path) if path.suffix.lower() == ".json" else read_ais(path)
+
+
+def score_product(
+    product: Product,
+    truth: Truth,
+    wanted: Requirements | None = None,
+    *,
+    within_m: float = 2000.0,
+    cutoff_m: float = 500.0,
+) -> ProductScore:
+    """Score the encounters and positions of a product.
+
+    Parameters
+    ----------
+    product
+        The result, open for reading.
+    truth
+        What happened.
+    wanted
+        Limits that the result must meet.
+    within_m
+        Largest range at which AIS vessels are expected to be heard, m.
+    cutoff_m
+        Cut-off of GOSPA and OSPA, m.
+
+    Raises
+    ------
+    DataError
+        The product holds neither encounters nor fixes, or nothing tells the clock.
+    """
+    recordings = product.read_all(Recording)
+    heard = Heard(product.read_all(Sensor), recordings)
+    encounters, fixes = product.read_all(Encounters), product.read_all(Fixes)
+    if not encounters and not fixes:
+        msg = f"{product.name} holds neither encounters nor fixes to score."
+        raise DataError(msg)
+    passed = EncounterScores((), (), (), ())
+    if encounters:
+        passed = score_encounters(encounters[0], truth, heard, within_m=within_m)
+    tracks: TrackScores | None = None
+    if fixes and fixes[0].time_s.size:
+        start = _start_utc_ns(fixes[0], recordings)
+        tracks = score_fixes(fixes[0], truth, start, cutoff_m=cutoff_m)
+    scores = (*passed.scores, *(tracks.scores if tracks else ()))
+    if wanted is not None:
+        scores = apply_limits(scores, wanted)
+    return ProductScore(
+        scores,
+        passed.identities,
+        passed.missed,
+        passed.false,
+        tracks.gospa_m if tracks else None,
+        tracks.ospa_m if tracks else None,
+        tracks.n_times if tracks else 0,
+        tuple(_problems(scores, passed, tracks, wanted)) if wanted else (),
+    )
+
+
+def _problems(
+    scores: tuple[Score, ...],
+    passed: EncounterScores,
+    tracks: TrackScores | None,
+    wanted: Requirements,
+) -> list[str]:
+    found = [
+        f"contact {s.contact} of {s.sensor}, {s.quantity}: {s.outside}"
+        for s in scores
+        if s.outside
+    ]
+    counts = {
+        "missed": (passed.missed, wanted.missed),
+        "false": (passed.false, wanted.false),
+    }
+    for word, (items, most) in counts.items():
+        if most is not None and len(items) > most:
+            found.append(f"{len(items)} encounters {word}, {most} accepted")
+    for key in ("gospa_m", "ospa_m"):
+        limits = wanted.limits.get("fixes", {}).get(key)
+        value = getattr(tracks, key) if tracks else np.nan
+        excess = limits.excess(value, 0.0, 0.0) if limits else ""
+        if excess:
+            found.append(f"{key}: {excess}")
+    return found
+
+
+def _start_utc_ns(fixes: Fixes, recordings: list[Recording]) -> int | None:
+    """Return the UTC of the time zero of fixes: their own times tell it."""
+    known = np.flatnonzero(fixes.time_utc_ns >= 0)
+    if known.size:
+        row = int(known[0])
+        return int(fixes.time_utc_ns[row]) - round(float(fixes.time_s[row]) * 1e9)
+    starts = [r.start_utc_ns for r in recordings if r.start_utc_ns is not None]
+    return min(starts) if starts else None
