@@ -26,6 +26,7 @@ COMMANDS: dict[str, str] = {
     "diff": "score_commands:diff",
     "simulate": "sample_commands:simulate",
     "sample": "sample_commands:sample",
+    "study": "study_commands:study",
 }
 """Module of each command and the function that documents it, a stage's its own."""
 

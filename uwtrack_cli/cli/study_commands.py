@@ -1,0 +1,71 @@
+"""`study`: a paper's experiment again, its figures beside ours."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from importlib import import_module
+from typing import Annotated
+
+import typer
+
+from uwtrack_cli.cli.doors import AsJson, command
+from uwtrack_cli.cli.screen import put, say
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.flow.catalogue import summary_of
+from uwtrack_cli.flow.studies.catalogue import STUDIES
+from uwtrack_cli.flow.studies.table import Study
+
+
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command."""
+    command(app, name)(study)
+
+
+def study(
+    *,
+    name: Annotated[
+        str | None, typer.Argument(help="Name of the study; all names are listed.")
+    ] = None,
+    runs: Annotated[
+        int | None, typer.Option("--runs", help="Number of simulated runs per case.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the simulation.")] = 1,
+    json_output: AsJson = False,
+) -> None:
+    """Repeat a published experiment; print its figures beside ours with intervals."""
+    if name is None:
+        width = max(map(len, STUDIES))
+        put(f"{key:{width}}  {summary_of(place)}" for key, place in STUDIES.items())
+        return
+    if name not in STUDIES:
+        msg = f"there is no study {name!r}; there are {', '.join(STUDIES)}."
+        raise OptionError(msg)
+    if runs is not None and runs < 1:
+        msg = f"--runs must be at least 1, got {runs}."
+        raise OptionError(msg)
+    module, _, function = STUDIES[name].partition(":")
+    chosen = {} if runs is None else {"runs": runs}
+    done: Study = getattr(import_module(module), function)(seed=seed, **chosen)
+    if json_output:
+        put([json.dumps(asdict(done), ensure_ascii=False)])
+        return
+    put(_lines(done))
+    for remark in done.remarks:
+        say(remark)
+
+
+def _lines(done: Study) -> Iterator[str]:
+    yield f"{done.name}: {done.source}; {done.runs} runs, seed {done.seed}"
+    cases = max((len(row.case) for row in done.rows), default=4)
+    names = max((len(row.quantity) for row in done.rows), default=8)
+    yield (
+        f"{'case':{cases}}  {'quantity':{names}}  {'reference':>10}  {'ours':>10}"
+        f"  {'95 % interval':>23}"
+    )
+    for row in done.rows:
+        reference = "-" if row.reference is None else f"{row.reference:.4g}"
+        interval = f"{row.low:.4g} to {row.high:.4g}"
+        yield (
+            f"{row.case:{cases}}  {row.quantity:{names}}  {reference:>10}"
+            f"  {row.ours:>10.4g}  {interval:>23}"
+        )

@@ -1,0 +1,9 @@
+"""The studies by name: which function makes each, and what it repeats."""
+
+STUDIES: dict[str, str] = {
+    "tma": "uwtrack_cli.flow.studies.tma:study_tma",
+    "optimisers": "uwtrack_cli.flow.studies.optimisers:study_optimisers",
+    "clutter": "uwtrack_cli.flow.studies.clutter:study_clutter",
+    "discriminate": "uwtrack_cli.flow.studies.discriminate:study_discriminate",
+}
+"""Function of each study; it takes ``runs`` and ``seed`` and returns a `Study`."""
