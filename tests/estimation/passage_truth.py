@@ -152,9 +152,7 @@ def measure(scene, rng, runs):
 
     n = len(scene.rest_hz)
     shift = _wander(scene, rng, runs, lines)[:, None, :]
-    tones = frequency * (1 + shift) + sigma_f * rng.normal(
-        size=(runs, n, lines.size)
-    )
+    tones = frequency * (1 + shift) + sigma_f * rng.normal(size=(runs, n, lines.size))
     angles = np.rad2deg(bearing) + sigma_b * rng.normal(size=(runs, 1, seconds.size))
     levels = level + scene.level_std_db * rng.normal(size=(runs, 1, seconds.size))
     return PassageData(

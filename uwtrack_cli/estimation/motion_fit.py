@@ -27,6 +27,7 @@ from uwtrack_cli.physics.geometry import wrap_rad
 class Approaches:
     """Closest approaches as numbers, one row each; nan is not measured.
 
+    In a study, ``measured`` and ``sensor`` may have a leading axis of runs.
     ``delay`` is 1/c where the time is that of arrival (no speed known), else 0.
     ``turn`` is 0 where the side is not known.
     """
@@ -98,8 +99,8 @@ def fit_motion(
 
     state = damped_least_squares(evaluate, start, limit, max_steps=60, tolerance=1e-9)
     cost, _, matrix = evaluate(state)
-    unknowns = int(np.isfinite(approaches.measured).sum()) - 4
-    return MotionFit(state, inverse_or_nan(matrix), 2 * cost, unknowns)
+    count = np.isfinite(approaches.measured).sum(axis=(-2, -1))
+    return MotionFit(state, inverse_or_nan(matrix), 2 * cost, int(np.max(count)) - 4)
 
 
 def predict_approaches(
@@ -169,11 +170,11 @@ def _slopes(
 def _information(approaches: Approaches, slope: FloatArray) -> FloatArray:
     """Inverse covariances, the sensors' own positions included."""
     known = np.isfinite(approaches.measured)
-    both = known[:, :, None] & known[:, None, :]
+    both = known[..., :, None] & known[..., None, :]
     inner = np.where(both, approaches.covariance, 0.0)
-    by_position = slope[..., :2] * approaches.position_std_m[:, None, None]
+    by_position = slope[..., :2] * approaches.position_std_m[..., None, None]
     moved = np.where(both, by_position @ np.swapaxes(by_position, -1, -2), 0.0)
-    filled = inner + moved + np.where(known[:, :, None], 0.0, np.eye(4))
+    filled = inner + moved + np.where(known[..., :, None], 0.0, np.eye(4))
     scale = np.sqrt(np.einsum("...ii->...i", filled))
     outer = scale[..., :, None] * scale[..., None, :]
     inverse = np.linalg.inv(filled / outer) / outer
