@@ -84,7 +84,7 @@ def predict(track: Track, state: FloatArray, slowness_spm: float = 0.0) -> Predi
     bearing_jacobian = turn / now.range_m[:, np.newaxis]
     if track.before is not None:
         before = nodes.at(track.before)
-        rate = (now.range_m - before.range_m) / track.interval_s
+        rate: FloatArray = (now.range_m - before.range_m) / track.interval_s
         change = range_jacobian - before.range_jacobian()
         rate_jacobian: FloatArray = change / track.interval_s
     else:

@@ -18,6 +18,8 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 Objective = Callable[[FloatArray, IntArray], FloatArray]
 
 EXPANSION, CONTRACTION, SHRINKAGE = 2.0, 0.5, 0.5
+COLLAPSED = 1e-10
+"""Share of its first size below which a simplex rests."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,9 @@ def nelder_mead(
     simplex
         Starting simplices (problem, vertex, parameter).
     tolerance
-        Relative spread of the values at the vertices at which a simplex rests.
+        Relative spread of the values at the vertices at which a simplex rests; it
+        also rests when it has shrunk to 1e-10 of its first size, for then values
+        differ by rounding alone.
     iterations
         Largest number of steps.
     """
@@ -72,11 +76,15 @@ def nelder_mead(
     value = objective(simplex.reshape(-1, size), member).reshape(count, vertices)
     walk = _Walk(objective, simplex.copy(), value, np.full(count, vertices))
     active = np.arange(count)
+    first_size = np.abs(simplex[:, 1:] - simplex[:, :1]).max(1)
     for _ in range(iterations):
         walk.order(active)
         best, worst = walk.value[active, 0], walk.value[active, -1]
         spread = 2.0 * np.abs(worst - best)
         moving = spread > tolerance * (np.abs(worst) + np.abs(best) + 1e-10)
+        place = walk.simplex[active]
+        size = np.abs(place[:, 1:] - place[:, :1]).max(1)
+        moving &= np.any(size > COLLAPSED * first_size[active], axis=1)
         active = active[moving]
         if active.size == 0:
             break

@@ -82,11 +82,11 @@ def study_tma(*, runs: int = 1000, seed: int = 1) -> Study:
     for name in TARGETS:
         for noise in NOISES:
             rows += _accuracy_rows(reference, name, noise, runs, seed)
-            rows += _length_rows(reference, name, noise, max(runs // 25, 4), seed)
-            rows += _hybrid_rows(reference, name, noise, max(runs // 20, 4), seed)
+            rows += _length_rows(reference, name, noise, max(runs // 25, 2), seed)
+            rows += _hybrid_rows(reference, name, noise, max(runs // 20, 2), seed)
     for name, noise in PEER_CASES:
         rows += _peer_rows(reference, name, noise, max(runs // 300, 1), seed)
-    rows += _outlier_rows(reference, max(runs // 25, 4), seed)
+    rows += _outlier_rows(reference, max(runs // 25, 2), seed)
     return Study("tma", reference["source"], runs, seed, tuple(rows), REMARKS)
 
 
