@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.information_reduction import gate_probability
 from uwtrack_cli.estimation.pda import (
     associate,
@@ -137,3 +138,15 @@ def test_the_more_accurate_of_two_measurements_is_believed_more():
         clutter_density=0.01, detection_probability=0.9, gate_probability=1.0,
     )  # fmt: skip
     assert association.weight[0] > 3.0 * association.weight[1]
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [np.diag([-9.0, 1.0, 4.0, 1.0]), np.diag([-9.0, 1.0, -9.0, 1.0]),
+     np.array([[4.0, 0, 9.0, 0], [0, 1, 0, 0], [9.0, 0, 4.0, 0], [0, 0, 0, 1]])],
+    ids=["one negative", "two negative", "indefinite"],
+)  # fmt: skip
+def test_a_covariance_that_is_not_positive_definite_is_refused(covariance):
+    present = np.ones(1, dtype=bool)
+    with pytest.raises(DataError, match="not positive definite"):
+        innovate(np.zeros(4), covariance, np.zeros((1, 2)), present, np.eye(2)[None])

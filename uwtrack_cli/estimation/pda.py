@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.errors import DataError
 
 
 @dataclass(frozen=True)
@@ -107,17 +108,29 @@ def innovate(
     -------
     Innovation
         Residuals, their covariance, gains and distances.
+
+    Raises
+    ------
+    DataError
+        A covariance of the innovation is not positive definite.
     """
     predicted = mean[..., None, ::2]
     residual = np.where(present[..., None], measured - predicted, 0.0)
     spread = covariance[..., None, ::2, ::2] + noise
+    determinant = np.linalg.det(spread)
+    variances = np.diagonal(spread, axis1=-2, axis2=-1)
+    if not (np.all(determinant > 0.0) and np.all(variances > 0.0)):
+        msg = (
+            "the covariance of an innovation is not positive definite: check the "
+            "covariances of the state and of the measurements."
+        )
+        raise DataError(msg)
     inverse = np.linalg.inv(spread)
     gain = covariance[..., None, :, ::2] @ inverse
     whitened = (inverse @ residual[..., None])[..., 0]
     distance2 = np.where(present, (residual * whitened).sum(axis=-1), np.inf)
-    log_determinant = np.log(np.linalg.det(spread))
     dimension = spread.shape[-1]
-    peak = -0.5 * (log_determinant + dimension * math.log(2.0 * math.pi))
+    peak = -0.5 * (np.log(determinant) + dimension * math.log(2.0 * math.pi))
     return Innovation(residual, spread, gain, distance2, peak)
 
 
