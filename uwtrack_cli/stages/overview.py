@@ -61,9 +61,13 @@ def pool_overview(
 
 
 def _pool_columns(power: FloatArray, max_pixels: int) -> FloatArray:
+    """Maximum over groups of columns; by strides, which is faster than reduceat."""
     group = -(-power.shape[1] // max_pixels)
-    starts = np.arange(0, power.shape[1], group)
-    return np.maximum.reduceat(power, starts, axis=1)
+    pooled = power[:, ::group].copy()
+    for shift in range(1, group):
+        other = power[:, shift::group]
+        np.maximum(pooled[:, : other.shape[1]], other, out=pooled[:, : other.shape[1]])
+    return pooled
 
 
 def _add(

@@ -169,7 +169,7 @@ def _maxima(
     for shift in range(1, padding + 1):
         is_peak &= inner >= ratio[:, padding - shift : -padding - shift]
         is_peak &= inner > ratio[:, padding + shift : ratio.shape[1] - padding + shift]
-    row, cell = np.nonzero(is_peak)
+    row, cell = np.divmod(np.flatnonzero(is_peak), inner.shape[1])
     return row, cell + padding
 
 
