@@ -407,6 +407,7 @@ def test_kill_while_writing_leaves_no_half_file_under_the_name(tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(3600)
 def test_hundred_kills_while_writing_leave_no_half_file(tmp_path):
     rng = np.random.default_rng(11)
     check_after_kills(tmp_path, list(rng.uniform(0.0, 1.0, 100)))
@@ -520,5 +521,6 @@ def test_damaged_copies_are_refused_without_a_crash(path):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(3600)
 def test_two_thousand_damaged_copies_are_refused_without_a_crash(path):
     assert check_mutants(path, 2000, 2) > 1900
