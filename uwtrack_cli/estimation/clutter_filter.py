@@ -165,7 +165,9 @@ def step(
 
 def _region_size(covariance: FloatArray, scan: Scan) -> FloatArray:
     """Return |S|^(1/2) with the mean noise of the scan's measurements."""
-    spread = covariance[..., ::2, ::2] + scan.noise.mean(axis=-3)
+    shared = scan.noise.shape[-3] == 1
+    noise = scan.noise[..., 0, :, :] if shared else scan.noise.mean(axis=-3)
+    spread = covariance[..., ::2, ::2] + noise
     size: FloatArray = np.sqrt(np.linalg.det(spread))
     return size
 

@@ -44,6 +44,7 @@ def unit_ball_volume(dimension: int) -> float:
     return float(math.pi ** (dimension / 2.0) / math.gamma(dimension / 2.0 + 1.0))
 
 
+@lru_cache(maxsize=32)
 def gate_probability(gate: float, dimension: int) -> float:
     """Return the probability that the target's own measurement lies in the gate.
 

@@ -22,6 +22,8 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.errors import DataError
 
+_TINY = float(np.finfo(np.float64).tiny)
+
 
 @dataclass(frozen=True)
 class Innovation:
@@ -177,9 +179,9 @@ def associate(
     miss = np.where(certain_miss, 1.0, none / divisor)
     weight = density / divisor[..., None]
     # total / lambda * P_D; without clutter a gated measurement is surely the target.
-    reference = np.maximum(clutter_density, np.finfo(np.float64).tiny)
+    reference = np.maximum(clutter_density, _TINY)
     ratio = np.log(divisor) + np.log(detection_probability) - np.log(reference)
-    empty = np.log(np.maximum(missed, np.finfo(np.float64).tiny))
+    empty = np.log(np.maximum(missed, _TINY))
     return Association(miss, weight, np.where(certain_miss, empty, ratio))
 
 
