@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from passage_truth import ROWS, Scene, bound, measure, true_motion
 
+from tests.estimation.passage_truth import ROWS, Scene, bound, measure, true_motion
 from uwtrack_cli.estimation.passage_data import make_blocks
 from uwtrack_cli.estimation.passage_fit import fit_passage, fit_with_memory
 from uwtrack_cli.estimation.passage_normal import Medium

@@ -26,9 +26,11 @@ from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.passage_normal import Medium
 from uwtrack_cli.stages.cpa_contacts import Candidate, examine, examine_recording
 from uwtrack_cli.stages.cpa_decision import Limits, not_a_passage
+from uwtrack_cli.stages.cpa_levels import add_levels
 from uwtrack_cli.stages.cpa_measurements import series_data
 from uwtrack_cli.stages.cpa_report import (
     EXTRAPOLATED,
+    NOT_A_PASSAGE,
     Row,
     Setting,
     empty_row,
@@ -110,7 +112,14 @@ def find_encounters(
     else:
         found = examine_recording(lines, levels, medium, false_alarm_probability)
     limits = _limits(lines, levels, series)
-    rows = [row for item in found if (row := _row(item, setting, limits)) is not None]
+    rows = []
+    for item in found:
+        row = _row(item, setting, limits)
+        if row is None:
+            continue
+        if row.status != NOT_A_PASSAGE:
+            add_levels(row, levels, item.fit, setting, len(found))
+        rows.append(row)
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     return make_encounters(rows, setting)
 
