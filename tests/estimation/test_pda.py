@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.information_reduction import gate_probability
@@ -150,3 +152,27 @@ def test_a_covariance_that_is_not_positive_definite_is_refused(covariance):
     present = np.ones(1, dtype=bool)
     with pytest.raises(DataError, match="not positive definite"):
         innovate(np.zeros(4), covariance, np.zeros((1, 2)), present, np.eye(2)[None])
+
+
+@given(
+    seed=st.integers(0, 10_000), count=st.integers(0, 12), dimension=st.integers(1, 4),
+    detection=st.floats(0.01, 1.0), density=st.floats(0.0, 10.0),
+)  # fmt: skip
+def test_probabilities_sum_to_one_and_covariances_stay_positive(
+    seed, count, dimension, detection, density
+):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(2 * dimension, 2 * dimension))
+    covariance = root @ root.T + 0.01 * np.eye(2 * dimension)
+    noise = (rng.uniform(0.1, 3.0, (count or 1, dimension)) ** 2)[..., None]
+    mean, after, association = _scan(
+        rng.normal(size=2 * dimension), covariance, rng.normal(0, 3, (count, dimension)),
+        noise * np.eye(dimension), clutter_density=density,
+        detection_probability=detection,
+        gate_probability=gate_probability(4.0, dimension),
+    )  # fmt: skip
+    total = association.miss + association.weight.sum()
+    assert total == pytest.approx(1.0, abs=1e-12)
+    assert np.linalg.eigvalsh(0.5 * (after + after.T)).min() > 0.0
+    assert np.isfinite(mean).all()
+    assert np.isfinite(association.log_likelihood_ratio)
