@@ -90,7 +90,7 @@ def _fit_level(
     loudest = float(np.median(level[near])) if near.any() else float(level.max())
     theta: FloatArray = np.array([max(loudest, background + 1.0), background])
     weight: FloatArray = np.ones(level.size)
-    slope = np.empty((level.size, 2))
+    slope: FloatArray = np.empty((level.size, 2))
     for _ in range(30):
         total, slope = _level_model(theta, spread)
         residual = level - total

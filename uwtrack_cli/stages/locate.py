@@ -20,7 +20,7 @@ from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.physics.geodesy import to_latitude_longitude
-from uwtrack_cli.stages.locate_pairing import Mode, find_modes, group_encounters
+from uwtrack_cli.stages.locate_pairing import Mode, group_encounters, list_modes
 from uwtrack_cli.stages.locate_sites import Passages, gather_passages
 from uwtrack_cli.stages.locate_times import fix_times, to_utc_ns
 
@@ -78,8 +78,9 @@ def locate_vessels(
     passages = gather_passages(encounters, sensors)
     parts: list[dict[str, FloatArray | list[str]]] = []
     vessel = 0
-    for members in group_encounters(passages, gate_probability):
-        modes = find_modes(passages, members)
+    groups = group_encounters(passages, gate_probability)
+    listed = list_modes(passages, groups, gate_probability)
+    for members, modes in zip(groups, listed, strict=True):
         if not modes:
             names = ", ".join(passages.sensor[row] for row in members)
             msg = (

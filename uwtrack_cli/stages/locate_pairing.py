@@ -9,7 +9,7 @@ frequencies agree. A partition's rivals that pass the gate too are kept as modes
 **References.** Bar-Shalom, Willett and Tian (2011), section 8.4 (track association).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -113,6 +113,74 @@ def group_encounters(
         _, first, second = best
         groups = [g for g in groups if g not in {first, second}]
         groups.append(tuple(sorted(first + second)))
+
+
+def list_modes(
+    passages: Passages, groups: list[tuple[int, ...]], gate_probability: float
+) -> list[list[Mode]]:
+    """List the modes of every vessel: its motions, and rival pairings.
+
+    Parameters
+    ----------
+    passages
+        All encounters.
+    groups
+        Encounters of each vessel, as joined.
+    gate_probability
+        Probability that encounters of one vessel pass the gate.
+    """
+    own = {group: find_modes(passages, group) for group in groups}
+    listed: list[list[Mode]] = []
+    for group in groups:
+        modes = own[group]
+        for rival, chosen in _rivals(passages, group, groups):
+            if _passes(passages, rival, gate_probability):
+                modes = _mix(modes, find_modes(passages, rival), own[chosen], group)
+        listed.append(sorted(modes, key=lambda mode: -mode.weight))
+    return listed
+
+
+def _rivals(
+    passages: Passages, group: tuple[int, ...], groups: list[tuple[int, ...]]
+) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Pair groups with one member exchanged with the group that was joined instead."""
+    found = []
+    for other in groups:
+        if other == group:
+            continue
+        for mine in group:
+            for theirs in other:
+                if passages.sensor[mine] != passages.sensor[theirs]:
+                    continue
+                if len(group) > 1:
+                    swapped = tuple(sorted({*group, theirs} - {mine}))
+                    found.append((swapped, group))
+                elif len(other) > 1:
+                    swapped = tuple(sorted({*other, mine} - {theirs}))
+                    found.append((swapped, other))
+    return found
+
+
+def _passes(passages: Passages, members: tuple[int, ...], probability: float) -> bool:
+    first, rest = members[:1], members[1:]
+    return joint_probability(passages, first, rest) > 1 - probability
+
+
+def _mix(
+    modes: list[Mode],
+    rivals: list[Mode],
+    chosen: list[Mode],
+    group: tuple[int, ...],
+) -> list[Mode]:
+    """Weigh the rival pairing against the chosen one by their likelihoods."""
+    if not rivals or not chosen:
+        return modes
+    odds = float(np.exp(0.5 * (chosen[0].chi_square - rivals[0].chi_square)))
+    share = odds / (1 + odds)
+    if share < SMALLEST_WEIGHT or (len(group) == 1 and not modes):
+        return modes
+    kept = [replace(mode, weight=mode.weight * (1 - share)) for mode in modes]
+    return kept + [replace(mode, weight=mode.weight * share) for mode in rivals]
 
 
 def joint_probability(
