@@ -13,7 +13,7 @@ Kim and Hong (2001), corrected; Sittler (1964) for the score.
 """
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -146,8 +146,6 @@ def _target(
     detection = column(lambda o: o.point.detection)
     gate, expected = column(lambda o: o.gate), column(lambda o: o.expected_clutter)
     score, evidence = track_score(column(lambda o: o.association.log_likelihood_ratio))
-    members = [np.flatnonzero(o.point.allowed[0]) for o in outcomes]
-    counts = np.array([member.size for member in members])
     return Target(
         scan=scans.scan[first],
         time_s=scans.time_s[first],
@@ -160,7 +158,7 @@ def _target(
         gate=gate,
         gate_volume=column(lambda o: o.gate_volume),
         expected_clutter=expected,
-        validated=counts,
+        validated=column(lambda o: o.point.allowed.sum(axis=-1)),
         miss_probability=column(lambda o: o.association.miss),
         information_reduction=_expected_reduction(
             detection, expected, gate, setting.dimension
@@ -168,21 +166,30 @@ def _target(
         score=score,
         loss_evidence=evidence,
         lost=evidence > loss_score,
-        association_scan=np.repeat(scans.scan[first], counts),
-        association_row=np.concatenate(
-            [index[member] for index, member in zip(rows, members, strict=True)]
-        ),
-        association_probability=np.concatenate(
-            [
-                o.association.weight[0][member]
-                for o, member in zip(outcomes, members, strict=True)
-            ]
-        ),
+        **_associations(scans, rows, outcomes),
         component=scans.component,
         component_unit=scans.component_unit,
         threshold_rule=setting.rule,
         start_utc_ns=scans.start_utc_ns,
     )
+
+
+def _associations(
+    scans: Scans, rows: list[IntArray], outcomes: list[Outcome]
+) -> dict[str, Any]:
+    """Return the columns that list every measurement that took part."""
+    members = [np.flatnonzero(outcome.point.allowed[0]) for outcome in outcomes]
+    taken = [index[member] for index, member in zip(rows, members, strict=True)]
+    weights = [
+        outcome.association.weight[0][member]
+        for outcome, member in zip(outcomes, members, strict=True)
+    ]
+    row = np.concatenate(taken)
+    return {
+        "association_scan": scans.scan[row],
+        "association_row": row,
+        "association_probability": np.concatenate(weights),
+    }
 
 
 def _expected_reduction(
