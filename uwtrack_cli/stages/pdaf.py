@@ -158,7 +158,7 @@ def _target(
         gate=gate,
         gate_volume=column(lambda o: o.gate_volume),
         expected_clutter=expected,
-        validated=column(lambda o: o.point.allowed.sum(axis=-1)),
+        validated=np.array([o.point.allowed[0].sum() for o in outcomes]),
         miss_probability=column(lambda o: o.association.miss),
         information_reduction=_expected_reduction(
             detection, expected, gate, setting.dimension
