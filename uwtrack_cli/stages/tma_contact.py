@@ -25,7 +25,7 @@ from uwtrack_cli.estimation.target_motion.observability import assess, is_manoeu
 from uwtrack_cli.estimation.target_motion.own_ship import OwnPath, make_track
 from uwtrack_cli.estimation.target_motion.problem import Problem
 from uwtrack_cli.estimation.target_motion.scatter import (
-    overlap_inflation,
+    correlation_inflation,
     white_scatter,
 )
 from uwtrack_cli.estimation.target_motion.solvers import SOLVERS
@@ -178,8 +178,8 @@ def _growing(rows: int, updates: int) -> IntArray:
 def _allow_for_overlap(problem: Problem, limits: Limits, lags: int) -> Problem:
     first = multistart(problem, limits)
     r = residuals(problem, first.q[:1])
-    bearing = overlap_inflation(r.bearing[0], problem.bearing_weight, lags)
-    frequency = overlap_inflation(r.frequency[0], problem.frequency_weight, lags)
+    bearing = correlation_inflation(r.bearing[0], problem.bearing_weight, lags)
+    frequency = correlation_inflation(r.frequency[0], problem.frequency_weight, lags)
     return replace(
         problem,
         bearing_weight=problem.bearing_weight / np.sqrt(bearing),

@@ -34,31 +34,44 @@ def white_scatter(values: FloatArray, *, circular: bool = False) -> float:
     return float(np.median(np.abs(second)) / (0.6745 * np.sqrt(6.0)))
 
 
-def overlap_inflation(z: FloatArray, heard: FloatArray, lags: int) -> float:
-    """Return the variance factor that overlapping measurements need, at least 1.
+def correlation_inflation(z: FloatArray, heard: FloatArray, fewest_lags: int) -> float:
+    """Return the variance factor that correlated measurements need, at least 1.
+
+    Measurements of overlapping windows share samples, and all lines of a vessel
+    wander with the speed of its shaft: neither is independent.
 
     Parameters
     ----------
     z
         Whitened residuals (stream, row).
     heard
-        Which of them were measured.
-    lags
-        Largest distance in rows at which measurements still overlap.
+        Weights; zero where nothing was measured.
+    fewest_lags
+        Distance in rows at which measurements still overlap; further lags count as
+        long as the correlation stays positive.
 
     Notes
     -----
-    s^2 (1 + 2 sum rho_l): the variance of a mean of correlated errors
-    (Bayley & Hammersley 1946), with s^2 the mean square of the residuals.
+    s^2 (1 + 2 sum rho_l), the variance of a mean of correlated errors (Bayley &
+    Hammersley 1946), for the sum over streams: correlation between streams counts
+    as well. The sum ends where rho falls below zero (Geyer 1992).
     """
     valid = heard > 0
-    if np.count_nonzero(valid) < FEWEST:
+    count = np.count_nonzero(valid, axis=0)
+    known = count > 0
+    if np.count_nonzero(known) < FEWEST:
         return 1.0
-    z = np.clip(np.where(valid, z, 0.0), -5.0, 5.0)
-    power = float((z**2).sum() / np.count_nonzero(valid))
+    # outliers are for the loss to weigh, not for the deviations
+    pooled = np.where(valid, np.clip(z, -5.0, 5.0), 0.0).sum(0)
+    pooled = pooled / np.sqrt(np.maximum(count, 1))
+    power = float((pooled**2).sum() / np.count_nonzero(known))
     total = power
-    for lag in range(1, min(lags, z.shape[1] - 1) + 1):
-        pairs = np.count_nonzero(valid[:, lag:] & valid[:, :-lag])
-        if pairs >= FEWEST:
-            total += 2.0 * float((z[:, lag:] * z[:, :-lag]).sum() / pairs)
+    for lag in range(1, max(fewest_lags, known.size // 10) + 1):
+        pairs = np.count_nonzero(known[lag:] & known[:-lag])
+        if pairs < FEWEST:
+            break
+        shared = float((pooled[lag:] * pooled[:-lag]).sum() / pairs)
+        if lag > fewest_lags and shared <= 0.0:
+            break
+        total += 2.0 * shared
     return max(total, power, 1.0)
