@@ -366,7 +366,7 @@ def test_history_carries_options_versions_and_digests(tmp_path):
 
 def test_same_contents_have_the_same_digest_whatever_the_order(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "uwtrack_cli.files.writer.utc_now", lambda: "2026-01-01T00:00:00Z"
+        "uwtrack_cli.files.store.utc_now", lambda: "2026-01-01T00:00:00Z"
     )
     a, b = synthetic(Encounters, 2), synthetic(Series, 3)
     digests = []
