@@ -16,7 +16,9 @@ from uwtrack_cli.flow.catalogue import STAGES, summary_of
 
 COMMANDS: dict[str, str] = {
     "run": "run_commands:run",
+    "batch": "batch_commands:batch",
     "recipes": "run_commands:recipes",
+    "rerun": "batch_commands:rerun",
     **dict.fromkeys(STAGES, "chain_commands"),
     "info": "file_commands:info",
     "show": "file_commands:show",

@@ -2,7 +2,6 @@
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +9,6 @@ import typer
 
 from uwtrack_cli.cli.screen import say
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import OptionError
 
 
 def _option(hint: Any, flag: str, text: str) -> Any:
@@ -80,34 +78,11 @@ def open_source(path: Path, options: Mapping[str, Any]) -> Recording:
     OptionError
         The sound speed is not positive, or an option does not fit the recording.
     """
-    from uwtrack_cli.files.audio import open_recording
-    from uwtrack_cli.files.sensors import find_sensor
-    from uwtrack_cli.files.start_time import find_start_utc_ns
+    from uwtrack_cli.flow.sources import open_with_options
 
-    start_utc_ns = find_start_utc_ns(
-        path,
-        start_utc=options["start_utc"],
-        time_pattern=options["time_pattern"],
-        time_zone=options["time_zone"],
-    )
-    recording = open_recording(
-        path,
-        sensor=find_sensor(path, options["sensor"]),
-        start_utc_ns=start_utc_ns,
-        channel=options["channel"],
-        start_s=options["start_s"],
-        stop_s=options["stop_s"],
-        allow_truncated=options["allow_truncated"],
-    )
+    recording = open_with_options(path, options)
     say(_assumptions(recording), 1)
-    speed_mps = options["sensor_sound_speed_mps"]
-    if speed_mps is None:
-        return recording
-    if not speed_mps > 0.0:
-        msg = f"--sound-speed-mps must be positive, got {speed_mps}."
-        raise OptionError(msg)
-    sensor = replace(recording.sensor, sound_speed_mps=speed_mps)
-    return replace(recording, sensor=sensor)
+    return recording
 
 
 def _assumptions(recording: Recording) -> str:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from uwtrack_cli.data.base import Container, scalar
+from uwtrack_cli.data.base import Container, IntArray, TextArray, column, scalar
 from uwtrack_cli.data.sensor import Sensor
 
 Samples = NDArray[np.float32]
@@ -50,3 +50,23 @@ class Recording(Container):
     def first_s(self) -> float:
         """Where in the file the recording begins, s."""
         return self.first_sample / self.sample_rate_hz
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordedFiles(Container):
+    """Files that were joined to one recording, in order of time; gaps lie between."""
+
+    NAME: ClassVar[str] = "files"
+
+    name: TextArray = column("", "File name.", "file", dtype=np.str_)
+    digest: TextArray = column("", "SHA-256 of the file.", "file", dtype=np.str_)
+    start_sample: IntArray = column(
+        "1", "First sample of the file in the joined recording.", "file", dtype=np.int64
+    )
+    n_samples: IntArray = column(
+        "1", "Its samples per channel.", "file", dtype=np.int64
+    )
+    start_utc_ns: IntArray = column(
+        "ns", "Time of its first sample since 1970-01-01 UTC.", "file", dtype=np.int64
+    )
+    sensor: str = scalar("", "Identifier of the sensor.")

@@ -18,7 +18,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio_header import decodable_samples, sample_bytes
-from uwtrack_cli.files.audio_reader import AudioReader
+from uwtrack_cli.files.audio_reader import AudioReader, file_stamp
 from uwtrack_cli.files.audio_writer import write_wav
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.verify import file_digest
@@ -76,6 +76,7 @@ def open_recording(
     """
     path = Path(path)
     check_readable(path)
+    stamp = file_stamp(path)
     info = _sound_info(path)
     n_samples = _usable_samples(path, info, allow_truncated=allow_truncated)
     sensor, columns = _select_channels(path, info.channels, sensor, channel)
@@ -92,7 +93,7 @@ def open_recording(
         digest=file_digest(path),
         first_sample=first,
         file_channels=",".join(str(column + 1) for column in columns),
-        reader=AudioReader(path, columns, first, last),
+        reader=AudioReader(path, columns, first, last, stamp),
     )
 
 

@@ -26,6 +26,22 @@ READ_VALUES = 1 << 22
 """Most values (samples times channels) that are decoded at once."""
 
 
+def file_stamp(path: Path) -> tuple[int, int]:
+    """Return size and time of change of a file: whether it is still the same.
+
+    Raises
+    ------
+    DataError
+        The file is gone.
+    """
+    try:
+        facts = path.stat()
+    except OSError as error:
+        msg = f"cannot read {path}: {error.strerror or error}."
+        raise DataError(msg) from error
+    return facts.st_size, facts.st_mtime_ns
+
+
 @dataclass
 class AudioReader:
     """Open the recording and yield its blocks: `reader(block_samples)`.
@@ -40,12 +56,15 @@ class AudioReader:
         First sample to yield.
     last
         Sample after the last one.
+    stamp
+        Size and time of change when the file was opened; None is not checked.
     """
 
     path: Path
     columns: tuple[int, ...]
     first: int
     last: int
+    stamp: tuple[int, int] | None = None
     has_warned: bool = field(default=False, repr=False)
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
@@ -68,6 +87,9 @@ class AudioReader:
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
             msg = f"{self.path} cannot be read further: {error}."
             raise DataError(msg) from error
+        if self.stamp is not None and file_stamp(self.path) != self.stamp:
+            msg = f"{self.path} changed while it was read; run again when it is whole."
+            raise DataError(msg)
         if not self.has_warned:
             self.has_warned = True
             for msg in tally.problems(self.path.name, self.columns):

@@ -15,7 +15,7 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Families, Peaks
-from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
@@ -27,6 +27,7 @@ CONTAINERS: dict[str, type[Container]] = {
     kind.NAME: kind
     for kind in (
         Recording,
+        RecordedFiles,
         Sensor,
         Navigation,
         Frames,

@@ -132,8 +132,16 @@ def _keys(product: Product) -> Iterator[tuple[str | None, str]]:
                 yield sensor, name
 
 
-def _is_large(product: Product, key: tuple[str | None, str]) -> bool:
-    """Tell whether a container is read in blocks of frames."""
+def is_streamed(product: Product, key: tuple[str | None, str]) -> bool:
+    """Tell whether a container passes by in blocks of frames, and is no small table.
+
+    Parameters
+    ----------
+    product
+        The product that holds it.
+    key
+        Its sensor and its name.
+    """
     kind = CONTAINERS[key[1]]
     if kind is not Families:
         return kind in PASSING
@@ -146,7 +154,7 @@ def _compare_streams(
 ) -> list[Difference]:
     sensor, name = key
     kind = CONTAINERS[name]
-    if not (_is_large(first, key) and _is_large(second, key)):
+    if not (is_streamed(first, key) and is_streamed(second, key)):
         pair = first.read(kind, sensor), second.read(kind, sensor)
         return list(compare_containers(*pair, wanted, sensor))
     merged: dict[str, Difference] = {}

@@ -1,0 +1,191 @@
+"""`batch` and `rerun`: many recordings at once, and a product once more."""
+
+import inspect
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from uwtrack_cli.cli.doors import AsJson, Output, Overwrite, command
+from uwtrack_cli.cli.run_commands import DEFAULT_RECIPE, RecipeName, Settings
+from uwtrack_cli.cli.screen import SOME_FAILED, progress_bar, put, say, show_table
+from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, with_parameters
+from uwtrack_cli.errors import OptionError
+
+if TYPE_CHECKING:
+    from uwtrack_cli.flow.batch import Job, Outcome
+    from uwtrack_cli.flow.batch_sources import Joining
+
+PER_FILE = ("start_utc", "start_s", "stop_s")
+"""Options of one recording, which mean nothing for many."""
+
+OWN: dict[str, tuple[Any, Any, str]] = {
+    "jobs": (int | None, None, "Processes; as many as processors if not given."),
+    "scheduler": (str | None, None, "Dask scheduler to run on: tcp://HOST:PORT."),
+    "join": (bool, False, "Join consecutive files of a recorder by their UTC times."),
+    "join_gap_s": (
+        float | None, None, "Longest gap in s within a joined recording; 600 if unset."
+    ),
+    "join_slack_s": (
+        float | None, None, "How exact the start times are, in s; 1 if unset."
+    ),
+}  # fmt: skip
+OWN_PARAMETERS = [
+    inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[
+            hint, typer.Option(f"--{name.replace('_', '-')}", help=text)
+        ],
+    )
+    for name, (hint, default, text) in OWN.items()
+]
+"""Options of running many: where, and what belongs together."""
+
+BATCH_PARAMETERS = [
+    *OWN_PARAMETERS,
+    *(p for p in SOURCE_PARAMETERS if p.name not in PER_FILE),
+]
+
+
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a name."""
+    named: dict[str, Callable[..., None]] = {
+        "batch": with_parameters(batch, BATCH_PARAMETERS),
+        "rerun": rerun,
+    }
+    command(app, name)(named[name])
+
+
+def batch(
+    *,
+    sources: Annotated[
+        list[Path],
+        typer.Argument(help="Recordings, folders with them, or patterns in quotes."),
+    ],
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Folder of the products, as the sources lie."
+        ),
+    ],
+    recipe: RecipeName = DEFAULT_RECIPE,
+    settings: Settings = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep what is complete and up to date.")
+    ] = False,
+    overwrite: Overwrite = False,
+    json_output: AsJson = False,
+    **options: Any,
+) -> None:
+    """Run a recipe over many recordings; one bad file is a row of the report.
+
+    Writes the products, batch.csv and batch.jsonl into the folder. Exit code 3 when
+    some failed; after an interrupt, --resume goes on where it ended.
+    """
+    from uwtrack_cli.flow.batch_sources import find_recordings, make_jobs
+    from uwtrack_cli.flow.shipped import load_recipe
+
+    own = {parameter.name: options.pop(parameter.name) for parameter in OWN_PARAMETERS}
+    made = make_jobs(
+        find_recordings(sources),
+        folder,
+        load_recipe(recipe).with_settings(settings or []),
+        options,
+        resume=resume,
+        overwrite=overwrite,
+        joining=_joining(own),
+    )
+    outcomes = _run(made, folder, own["jobs"], own["scheduler"])
+    _tell(outcomes, folder, as_json=json_output)
+    if any(outcome.status == "failed" for outcome in outcomes):
+        raise typer.Exit(SOME_FAILED)
+
+
+def _joining(own: Mapping[str, Any]) -> "Joining | None":
+    from uwtrack_cli.flow.batch_sources import Joining
+
+    if not own["join"]:
+        return None
+    given = {
+        "max_gap_s": own["join_gap_s"],
+        "slack_s": own["join_slack_s"],
+    }
+    for name, value in given.items():
+        if value is not None and not value >= 0.0:
+            msg = f"{name} of --join must be 0 or more, got {value}."
+            raise OptionError(msg)
+    return Joining(**{k: v for k, v in given.items() if v is not None})
+
+
+def _run(
+    made: "Sequence[Job]", folder: Path, jobs: int | None, scheduler: str | None
+) -> "list[Outcome]":
+    from uwtrack_cli.flow.batch_report import write_report
+    from uwtrack_cli.flow.executors import available_processors, run_jobs
+
+    found: dict[int, Outcome] = {}
+    wanted = available_processors() if jobs is None else jobs
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with progress_bar("batch", len(made)) as done:
+            n_workers = min(wanted, len(made))
+            for k, outcome in run_jobs(made, n_workers=n_workers, scheduler=scheduler):
+                found[k] = outcome
+                done(len(found))
+                if outcome.status == "failed":
+                    say(f"failed: {outcome.source}: {outcome.message}", 1)
+    finally:
+        outcomes = [found[k] for k in sorted(found)]
+        for path in write_report(outcomes, folder):
+            say(f"wrote {path}", 1)
+    return outcomes
+
+
+def _tell(outcomes: "Sequence[Outcome]", folder: Path, *, as_json: bool) -> None:
+    from uwtrack_cli.flow.batch_report import report_rows
+
+    rows = report_rows(outcomes, folder)
+    if as_json:
+        put([json.dumps(rows, ensure_ascii=False)])
+        return
+    heads = ("source", "status", "encounters", "message")
+    shown = [
+        (Path(r["source"]).name, r["status"], str(r["n_encounters"]), r["message"])
+        for r in rows
+    ]
+    show_table(heads, shown)
+    counts = {
+        s: sum(r["status"] == s for r in rows) for s in ("done", "resumed", "failed")
+    }
+    say(", ".join(f"{n} {status}" for status, n in counts.items() if n))
+
+
+def rerun(
+    *,
+    file: Annotated[Path, typer.Argument(help="Product to make once more.")],
+    source: Annotated[
+        list[Path] | None,
+        typer.Option("--source", help="What it was made of, if not beside it."),
+    ] = None,
+    output: Output = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a product again from its own history.
+
+    The sources are looked for beside the product and must be the same to the bit.
+    Without --output, pass.run.h5 becomes pass.rerun.run.h5.
+    """
+    from uwtrack_cli.flow.rerun import rerun_product
+
+    target = output or file.with_name(_again(file.name))
+    rerun_product(file, target, sources=source or [], overwrite=overwrite)
+    say(f"wrote {target}; uwtrack diff {file} {target} tells whether it is the same")
+
+
+def _again(name: str) -> str:
+    stem, _, rest = name.partition(".")
+    return f"{stem}.rerun.{rest}" if rest else f"{name}.rerun"

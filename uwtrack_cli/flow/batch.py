@@ -1,0 +1,146 @@
+"""One recipe over many recordings: what is done for each of them.
+
+**Method.** A job reads its source, runs the recipe and writes one product, exactly as
+`uwtrack run` does; it returns what became of it instead of raising, so that one bad
+file is a row of the report. A product counts as complete when it is undamaged and
+its own history names this source, recipe and program: there is no other bookkeeping.
+"""
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.errors import DataError, OutputError, UwtrackWarning
+from uwtrack_cli.files.json_rows import json_rows
+from uwtrack_cli.files.product import (
+    HistoryStep,
+    Source,
+    read_product,
+    verify_product,
+    write_product,
+)
+from uwtrack_cli.flow.chain import run_recipe
+from uwtrack_cli.flow.joining import SLACK_S, join_recordings
+from uwtrack_cli.flow.products import source_of_recording
+from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.sources import open_with_options
+
+DONE, RESUMED, FAILED = "done", "resumed", "failed"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One product to make; picklable, about a kilobyte."""
+
+    sources: tuple[Path, ...]
+    target: Path
+    recipe: Recipe
+    options: Mapping[str, Any] = field(default_factory=dict)
+    resume: bool = False
+    overwrite: bool = False
+    slack_s: float = SLACK_S
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job: a row of the report."""
+
+    source: str
+    target: str
+    status: str
+    message: str = ""
+    n_sources: int = 1
+    duration_s: float | None = None
+    cpu_s: float | None = None
+    encounters: tuple[dict[str, Any], ...] = ()
+
+
+def run_job(job: Job) -> Outcome:
+    """Make a product, and tell how it went.
+
+    Parameters
+    ----------
+    job
+        What to make.
+    """
+    begin = time.process_time()
+    blank = Outcome(
+        str(job.sources[0]), str(job.target), FAILED, n_sources=len(job.sources)
+    )
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UwtrackWarning)
+        try:
+            outcome = _make(job, blank)
+        except (DataError, OutputError, ValueError) as error:
+            outcome = replace(blank, message=str(error))
+        except OSError as error:
+            outcome = replace(blank, message=f"{error.strerror or error}")
+        except MemoryError:
+            outcome = replace(blank, message="there is not enough memory for this.")
+        except Exception as error:  # noqa: BLE001 - a row, whatever happened
+            reason = f"the program failed ({type(error).__name__}: {error})."
+            outcome = replace(blank, message=reason)
+    heard = [str(w.message) for w in said if issubclass(w.category, UwtrackWarning)]
+    if outcome.status != FAILED and heard:
+        outcome = replace(outcome, message=" ".join(dict.fromkeys(heard)))
+    return replace(outcome, cpu_s=round(time.process_time() - begin, 3))
+
+
+def _make(job: Job, blank: Outcome) -> Outcome:
+    opened = [open_with_options(path, job.options) for path in job.sources]
+    recording, beside = opened[0], list[Container]()
+    if len(opened) > 1:
+        recording, files = join_recordings(opened, slack_s=job.slack_s)
+        beside.append(files)
+    history = history_of_job(job.recipe, [source_of_recording(r) for r in opened])
+    begun = replace(blank, duration_s=recording.duration_s)
+    if job.target.exists() and job.resume:
+        found = _complete(job.target, recording, history)
+        if found is not None:
+            return replace(begun, status=RESUMED, encounters=found)
+    elif job.target.exists() and not job.overwrite:
+        msg = f"{job.target} exists already; give --resume or --overwrite."
+        raise OutputError(msg)
+    job.target.parent.mkdir(parents=True, exist_ok=True)
+    made = run_recipe(recording, job.recipe)
+    write_product(
+        job.target,
+        [*made, *beside],
+        history=history,
+        overwrite=job.resume or job.overwrite,
+        inputs=job.sources,
+    )
+    rows = [row for c in made if isinstance(c, Encounters) for row in json_rows(c)]
+    return replace(begun, status=DONE, encounters=tuple(rows))
+
+
+def history_of_job(recipe: Recipe, sources: list[Source]) -> list[HistoryStep]:
+    """Return one step per stage of a recipe; the first names what was read."""
+    return [
+        HistoryStep.now(step.stage_name, step.values(), sources if k == 0 else [])
+        for k, step in enumerate(recipe.steps)
+    ]
+
+
+def _complete(
+    target: Path, recording: Recording, history: list[HistoryStep]
+) -> tuple[dict[str, Any], ...] | None:
+    """Return the encounters of a product that need not be made again."""
+    if not target.is_file() or verify_product(target):
+        return None
+    with read_product(target) as product:
+        before = [step.to_json() for step in product.history]
+        if before != [step.to_json() for step in history]:
+            return None
+        stored = product.read(Recording)
+        if not stored.equals(replace(recording, reader=None)):
+            return None
+        found = product.read_all(Encounters)
+        return tuple(row for item in found for row in json_rows(item))

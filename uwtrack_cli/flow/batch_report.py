@@ -1,0 +1,65 @@
+"""The report of a batch: CSV and JSON Lines beside the products.
+
+**Conventions.** One row per job, in the order of the jobs; paths are relative to the
+folder of the report where they lie in it. The file appears whole, after every run.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from uwtrack_cli.files.atomic import atomic_target
+from uwtrack_cli.flow.batch import Outcome
+
+NAMES = ("batch.csv", "batch.jsonl")
+HEADS = (
+    "source", "target", "status", "n_sources", "duration_s", "cpu_s", "n_encounters",
+    "message",
+)  # fmt: skip
+
+
+def report_rows(outcomes: Sequence[Outcome], folder: Path) -> list[dict[str, Any]]:
+    """Return the rows of a report as plain values."""
+    rows = []
+    for outcome in outcomes:
+        row = asdict(outcome)
+        row["encounters"] = list(outcome.encounters)
+        row["n_encounters"] = len(outcome.encounters)
+        target = Path(outcome.target)
+        if target.is_relative_to(folder.absolute()):
+            row["target"] = str(target.relative_to(folder.absolute()))
+        rows.append(row)
+    return rows
+
+
+def write_report(outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, Path]:
+    """Write the report into the folder of the products.
+
+    Parameters
+    ----------
+    outcomes
+        What became of the jobs.
+    folder
+        Folder of the products; made if it does not exist.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = report_rows(outcomes, folder)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, HEADS, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows)
+    written = folder / NAMES[0], folder / NAMES[1]
+    for path, content in zip(written, (text.getvalue(), lines), strict=True):
+        with atomic_target(path, overwrite=True) as temporary:
+            temporary.write_text(content, encoding="utf-8")
+    return written

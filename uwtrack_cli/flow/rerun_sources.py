@@ -1,0 +1,174 @@
+"""The sources that a history names: found, checked, opened as they were."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.recording import RecordedFiles, Recording
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError, UwtrackError
+from uwtrack_cli.files.audio import open_recording
+from uwtrack_cli.files.audio_facts import sound_facts
+from uwtrack_cli.files.product import HistoryStep, Product, Source, source_of
+from uwtrack_cli.files.scan_tables import read_contacts, read_roc, read_scans
+from uwtrack_cli.files.tables import read_navigation, read_series
+from uwtrack_cli.flow.catalogue import find_stage
+from uwtrack_cli.flow.joining import join_recordings
+
+TABLES = (".csv", ".txt", ".tsv")
+READERS: dict[str, Callable[[Path], Container]] = {
+    "series": read_series,
+    "scans": read_scans,
+    "contacts": read_contacts,
+    "navigation": read_navigation,
+    "roc": read_roc,
+}
+
+
+@dataclass
+class SourceFinder:
+    """Looks for sources beside a product, or where the user says they are."""
+
+    product: Path
+    given: tuple[Path, ...]
+    found: list[Path] = field(default_factory=list)
+
+    def find(self, source: Source) -> Path:
+        """Return the file that a history names, the same to the bit.
+
+        Raises
+        ------
+        DataError
+            There is none, or it has changed.
+        """
+        name = Path(source.name).name  # a history may not lead elsewhere
+        folders = [p for p in self.given if p.is_dir()] or [self.product.parent]
+        places = [p for p in self.given if p.is_file()]
+        places += [folder / name for folder in folders]
+        there = [place for place in places if place.is_file()]
+        for place in there:
+            if source_of(place).digest == source.digest:
+                self.found.append(place)
+                return place
+        if there:
+            msg = (
+                f"{there[-1]} is not the file that the product was made of: its "
+                f"digest differs; give the right one with --source."
+            )
+            raise DataError(msg)
+        msg = (
+            f"{name}, of which {self.product.name} was made, is not in {folders[0]}; "
+            f"give it, or the folder it lies in, with --source."
+        )
+        raise DataError(msg)
+
+
+def reopen(
+    product: Product, step: HistoryStep, finder: SourceFinder
+) -> tuple[Recording, list[Container]]:
+    """Open the recording of a step as it was opened for the product.
+
+    Raises
+    ------
+    DataError
+        A source is missing or has changed, or the product does not carry its facts.
+    """
+    paths = [finder.find(source) for source in step.sources]
+    stored = _stored(product, step)
+    if len(paths) == 1:
+        return _reopen_one(paths[0], stored), []
+    files = product.read(RecordedFiles, stored.sensor.id)
+    if len(paths) != files.name.size:
+        msg = f"{product.name} does not say how its {len(paths)} sources were joined."
+        raise DataError(msg)
+    opened = [
+        _reopen_one(
+            path,
+            replace(stored, n_samples=int(n), start_utc_ns=int(start), first_sample=0),
+        )
+        for path, n, start in zip(
+            paths, files.n_samples, files.start_utc_ns, strict=True
+        )
+    ]
+    slack_s = _slack_s(files, stored.sample_rate_hz)
+    joined, again = join_recordings(opened, slack_s=slack_s)
+    return joined, [again]
+
+
+def read_tables(
+    history: Sequence[HistoryStep], finder: SourceFinder
+) -> list[Container]:
+    """Read the tables that the steps of a history read."""
+    tables: list[Container] = []
+    for step in history:
+        stage = find_stage(step.stage)
+        left = [k.NAME for i in stage.inputs for k in i.kinds if k.NAME in READERS]
+        tables += [
+            _read_table(finder.find(source), left)
+            for source in step.sources
+            if Path(source.name).suffix.lower() in TABLES
+        ]
+    return tables
+
+
+def _read_table(path: Path, left: list[str]) -> Container:
+    """Read a table as the first kind that it can be and that is still missing."""
+    reason = "the stage reads no table"
+    for name in left:
+        try:
+            table = READERS[name](path)
+        except UwtrackError as error:
+            reason = str(error)
+        else:
+            left.remove(name)
+            return table
+    msg = f"{path} cannot be read again: {reason}"
+    raise DataError(msg)
+
+
+def _stored(product: Product, step: HistoryStep) -> Recording:
+    named = {source.name for source in step.sources}
+    for recording in product.read_all(Recording):
+        if recording.name in named:
+            return recording
+    msg = f"{product.name} does not carry the facts of {', '.join(sorted(named))}."
+    raise DataError(msg)
+
+
+def _reopen_one(path: Path, stored: Recording) -> Recording:
+    rate = int(stored.sample_rate_hz)
+    start_utc_ns = stored.start_utc_ns
+    if start_utc_ns is not None:
+        start_utc_ns -= (stored.first_sample * NANOSECONDS + rate // 2) // rate
+    return open_recording(
+        path,
+        sensor=_sensor_of_file(path, stored),
+        start_utc_ns=start_utc_ns,
+        start_s=stored.first_s,
+        stop_s=(stored.first_sample + stored.n_samples) / stored.sample_rate_hz,
+        allow_truncated=True,
+    )
+
+
+def _sensor_of_file(path: Path, stored: Recording) -> Sensor:
+    """Return the sensor with its channels in the order of the file."""
+    names = ["-"] * sound_facts(path).n_channels
+    columns = [int(text) for text in stored.file_channels.split(",") if text.isdigit()]
+    kept = stored.sensor.channel_names
+    if len(columns) != len(kept) or not all(1 <= c <= len(names) for c in columns):
+        msg = f"the product does not say which channels of {path} it was made of."
+        raise DataError(msg)
+    for name, column in zip(kept, columns, strict=True):
+        names[column - 1] = name
+    return replace(stored.sensor, channels=",".join(names))
+
+
+def _slack_s(files: RecordedFiles, rate_hz: float) -> float:
+    """Return the slack that puts the files where they were."""
+    ends = files.start_sample[:-1] + files.n_samples[:-1]
+    follows = files.start_sample[1:] == ends
+    expected = (files.start_utc_ns[1:] - files.start_utc_ns[0]) / NANOSECONDS
+    off_s = abs(expected - files.start_sample[1:] / rate_hz)
+    return float(off_s[follows].max(initial=0.0)) + 1.0 / rate_hz

@@ -1,0 +1,60 @@
+"""Open a recording as the options of a command or a batch say."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.files.audio import open_recording
+from uwtrack_cli.files.sensors import find_sensor
+from uwtrack_cli.files.start_time import find_start_utc_ns
+
+NO_OPTIONS: dict[str, Any] = {
+    "sensor": None, "sensor_sound_speed_mps": None, "start_utc": None,
+    "time_zone": "UTC", "time_pattern": None, "channel": None, "start_s": None,
+    "stop_s": None, "allow_truncated": False,
+}  # fmt: skip
+"""Options of opening, when nothing is asked for."""
+
+
+def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
+    """Open a recording with its sensor and start time.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    options
+        Those of ``NO_OPTIONS``; what is not there keeps its value from there.
+
+    Raises
+    ------
+    OptionError
+        The sound speed is not positive, or an option does not fit the recording.
+    """
+    chosen = {**NO_OPTIONS, **options}
+    start_utc_ns = find_start_utc_ns(
+        path,
+        start_utc=chosen["start_utc"],
+        time_pattern=chosen["time_pattern"],
+        time_zone=chosen["time_zone"],
+    )
+    recording = open_recording(
+        path,
+        sensor=find_sensor(path, chosen["sensor"]),
+        start_utc_ns=start_utc_ns,
+        channel=chosen["channel"],
+        start_s=chosen["start_s"],
+        stop_s=chosen["stop_s"],
+        allow_truncated=chosen["allow_truncated"],
+    )
+    speed_mps = chosen["sensor_sound_speed_mps"]
+    if speed_mps is None:
+        return recording
+    if not speed_mps > 0.0:
+        msg = f"--sound-speed-mps must be positive, got {speed_mps}."
+        raise OptionError(msg)
+    sensor = replace(recording.sensor, sound_speed_mps=speed_mps)
+    return replace(recording, sensor=sensor)
