@@ -47,10 +47,11 @@ format: $(VENV)/.development  ## put the code into the house style
 	$(BIN)/ruff check --fix --quiet .
 	$(BIN)/ruff format .
 
-samples: $(VENV)/.development  ## make the sample recordings again
+samples: $(VENV)/.development  ## make the sample recordings and tables again
 	$(BIN)/python -c "from pathlib import Path; \
+	from uwtrack_cli.files.sample_tables import write_sample_tables; \
 	from uwtrack_cli.files.samples import remake_samples; \
-	remake_samples(Path('sample_data'))"
+	remake_samples(Path('sample_data')); write_sample_tables(Path('sample_data'))"
 
 build: $(VENV)/.development  ## wheel and source distribution
 	$(BIN)/python -m build

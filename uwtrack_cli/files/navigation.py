@@ -1,8 +1,9 @@
 """Tables of a platform's positions: a Navigation series from CSV.
 
 **Method.** Latitude and longitude become metres east and north of the first position
-along geodesics of the WGS 84 ellipsoid (azimuthal equidistant). Speed and course are
-integrated by the trapezoidal rule from the first row.
+along geodesics of the WGS 84 ellipsoid (azimuthal equidistant). Speed and course
+hold from their row to the next, so that a table of legs and one of samples both mean
+what they say.
 
 **References.** Karney, Algorithms for geodesics, J. Geodesy 87 (2013).
 """
@@ -102,5 +103,4 @@ def _integrated(table: Table, time_s: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _integral(time_s: FloatArray, rate: FloatArray) -> FloatArray:
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(time_s))])

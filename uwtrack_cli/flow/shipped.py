@@ -8,6 +8,9 @@ from uwtrack_cli.files.shipped import shipped_folder
 from uwtrack_cli.flow.recipe import Recipe
 
 
+SAMPLE_SUFFIXES = (".wav", ".csv")
+
+
 def shipped_recipes() -> list[str]:
     """Return the names of the shipped recipes."""
     return sorted(path.stem for path in shipped_folder("pipelines").glob("*.toml"))
@@ -34,8 +37,9 @@ def load_recipe(name: str) -> Recipe:
 
 
 def sample_names() -> list[str]:
-    """Return the names of the sample recordings."""
-    return sorted(path.stem for path in shipped_folder("sample_data").glob("*.wav"))
+    """Return the names of the sample recordings and tables."""
+    found = shipped_folder("sample_data").iterdir()
+    return sorted(path.stem for path in found if path.suffix in SAMPLE_SUFFIXES)
 
 
 def copy_sample(name: str, folder: Path, *, overwrite: bool = False) -> list[Path]:
@@ -63,7 +67,7 @@ def copy_sample(name: str, folder: Path, *, overwrite: bool = False) -> list[Pat
         for path in source.iterdir()
         if path.name.startswith((f"{name}.", f"{name}-"))
     )
-    if not any(path.suffix == ".wav" for path in found):
+    if not any(path.suffix in SAMPLE_SUFFIXES for path in found):
         msg = f"there is no sample {name!r}; there are {', '.join(sample_names())}."
         raise OptionError(msg)
     folder.mkdir(parents=True, exist_ok=True)
