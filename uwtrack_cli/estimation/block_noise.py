@@ -84,6 +84,26 @@ def block_noise(
     )  # fmt: skip
 
 
+def rough_weight(residual: FloatArray, block: Block) -> FloatArray:
+    """Return weights for the way to the optimum: one scale per row, wild ones out.
+
+    Parameters
+    ----------
+    residual
+        Measured less modelled, shape (batch, rows, n).
+    block
+        The measurements with their nominal inverse variances.
+    """
+    if block.is_empty:
+        return np.zeros(residual.shape)
+    deviation = residual * np.sqrt(block.weight)
+    weight = np.broadcast_to(block.weight, residual.shape)
+    square = np.maximum(median_scale(deviation, weight), 1e-9)[..., None] ** 2
+    share = np.maximum(1 - deviation**2 / (CONSTANT**2 * square), 0.0)
+    rough: FloatArray = weight * share**2 / square
+    return rough
+
+
 def clip_wild(residual: FloatArray, precision: FloatArray) -> FloatArray:
     """Hold wild values at four scales, for estimates of variances.
 

@@ -92,6 +92,8 @@ def long_run_excess(
         relative = _relative_deviation(a**2 * variance, starts, taper)
         significant = quadratic - white > relative * white
         excess = np.where(significant, (quadratic - white) / size, 0.0)
+        if not excess.any():
+            break
     return excess
 
 

@@ -33,14 +33,20 @@ from uwtrack_cli.estimation.passage_state import (
     Fixed,
     Noises,
     State,
+    Weights,
     passage_noises,
     passage_state,
+    rough_weights,
     weigh,
+    weights_of,
 )
 from uwtrack_cli.estimation.slow_noise import SlowNoise
 
 MEMORY_IN_PASSAGES = 1.5
 """Bartlett's window in units of d/v: 60 s where d/v is 40 s."""
+
+ROUGH_ROUNDS = 2
+"""Rounds with simple robust weights before those that judge the noise in full."""
 
 NO_LOSS: Losses = (None, None, None)
 
@@ -76,7 +82,7 @@ def fit_passage(
     turn: FloatArray,
     medium: Medium,
     *,
-    rounds: int = 4,
+    rounds: int = 1,
     is_slow_noise: bool = True,
 ) -> PassageFit:
     """Fit a straight passage to every row of a batch.
@@ -92,25 +98,24 @@ def fit_passage(
     medium
         Sound speed and depth difference.
     rounds
-        Rounds of weights.
+        Rounds of full weights, after those that find the way.
     is_slow_noise
         Whether noise with a memory is looked for.
     """
     theta = start
     fixed = Fixed(turn, start[:, 3], free_unknowns(blocks, start.shape[0]))
-    noises: Noises | None = None
-    for number in range(rounds):
-        memory = _memory(theta, blocks) if is_slow_noise and number > 0 else None
-        state = passage_state(theta, fixed, blocks, medium, noises)
-        noises = passage_noises(state, blocks, memory)
-        theta = _descend(
-            theta,
-            weigh(state, noises, blocks, fixed),
-            medium,
-            25 if number == rounds - 1 else 6,
-        )
+    weights: Weights | None = None
+    for _ in range(ROUGH_ROUNDS):
+        state = passage_state(theta, fixed, blocks, medium, weights)
+        weights = rough_weights(state, blocks)
+        theta = _descend(theta, weigh(state, weights, blocks, fixed), medium, 8)
+    for _ in range(rounds):
+        memory = _memory(theta, blocks) if is_slow_noise else None
+        state = passage_state(theta, fixed, blocks, medium, weights)
+        weights = weights_of(passage_noises(state, blocks, memory))
+        theta = _descend(theta, weigh(state, weights, blocks, fixed), medium, 25)
     memory = _memory(theta, blocks) if is_slow_noise else None
-    state = passage_state(theta, fixed, blocks, medium, noises)
+    state = passage_state(theta, fixed, blocks, medium, weights)
     noises = passage_noises(state, blocks, memory)
     return _result(theta, fixed, blocks, medium, (state, noises))
 
@@ -169,14 +174,17 @@ def fit_with_memory(
     slow: tuple[SlowNoise, ...] = ()
     losses = NO_LOSS
     for _ in range(rounds):
-        state = passage_state(theta, fixed, blocks, medium, noises)
+        state = passage_state(theta, fixed, blocks, medium, weights_of(noises))
         noises = passage_noises(state, blocks, 0.0)
-        data = weigh(state, noises, blocks, fixed)
+        weights = weights_of(noises)
+        data = weigh(state, weights, blocks, fixed)
         slow, losses = slow_noises(theta, state, data)
         if all(noise.is_white for noise in slow):
             return fit
-        theta = _descend(theta, weigh(state, noises, blocks, fixed, losses), medium, 15)
-    state = passage_state(theta, fixed, blocks, medium, noises)
+        theta = _descend(
+            theta, weigh(state, weights, blocks, fixed, losses), medium, 15
+        )
+    state = passage_state(theta, fixed, blocks, medium, weights_of(noises))
     return _result(theta, fixed, blocks, medium, (state, noises), (losses, slow))
 
 
@@ -233,7 +241,7 @@ def _result(
     slow: tuple[Losses, tuple[SlowNoise, ...]] = (NO_LOSS, ()),
 ) -> PassageFit:
     state, noises = last
-    data = weigh(state, noises, blocks, fixed, slow[0])
+    data = weigh(state, weights_of(noises), blocks, fixed, slow[0])
     spread = passage_covariance(theta, data, medium, state.law)
     rest = blocks.mean_hz * (1 + state.rest)
     return PassageFit(

@@ -15,7 +15,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.passage_data import Blocks
-from uwtrack_cli.estimation.passage_doppler import doppler_sums
+from uwtrack_cli.estimation.passage_doppler import DopplerSums, doppler_sums
 from uwtrack_cli.physics.geometry import wrap_rad
 from uwtrack_cli.physics.passage import Passage, passage_law
 
@@ -101,7 +101,7 @@ def normal_equations(theta: FloatArray, data: Weighted, medium: Medium) -> Norma
     bearing, bearing_slope = bearing_residual(law, data)
     level, level_slope = level_residual(theta, law, data)
     parts = [
-        Normal(doppler.cost, _pad(doppler.gradient, 1), _pad(doppler.matrix, 2)),
+        _with_floor(doppler),
         _reduced(bearing, bearing_slope, data.bearing_weight, data.losses[1]),
         _reduced(level, level_slope, data.level_weight, data.losses[2]),
     ]
@@ -194,10 +194,13 @@ def information_times(
     return product if loss is None else product - loss @ columns
 
 
-def _pad(values: FloatArray, n_axes: int) -> FloatArray:
+def _with_floor(doppler: DopplerSums) -> Normal:
     """Add the row of the floor, which frequencies know nothing about."""
-    width = [(0, 0)] * (values.ndim - n_axes) + [(0, 1)] * n_axes
-    return np.pad(values, width)
+    batch = doppler.cost.size
+    gradient = np.zeros((batch, N_UNKNOWNS))
+    matrix = np.zeros((batch, N_UNKNOWNS, N_UNKNOWNS))
+    gradient[:, :3], matrix[:, :3, :3] = doppler.gradient, doppler.matrix
+    return Normal(doppler.cost, gradient, matrix)
 
 
 def combine_bearings(

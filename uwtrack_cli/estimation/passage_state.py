@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.block_noise import BlockNoise, block_noise
+from uwtrack_cli.estimation.block_noise import BlockNoise, block_noise, rough_weight
 from uwtrack_cli.estimation.passage_data import Blocks
 from uwtrack_cli.estimation.passage_normal import (
     Losses,
@@ -19,10 +19,11 @@ from uwtrack_cli.estimation.passage_normal import (
 from uwtrack_cli.physics.geometry import wrap_rad
 from uwtrack_cli.physics.passage import Passage, passage_law
 
+Weights = tuple[FloatArray, FloatArray, FloatArray]
+"""Inverse variances of the frequencies, the bearings and the levels."""
+
 Noises = tuple[BlockNoise, BlockNoise, BlockNoise]
 """Noise of the frequencies, the bearings and the levels."""
-
-Weights = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def passage_state(
     fixed: Fixed,
     blocks: Blocks,
     medium: Medium,
-    noises: Noises | None,
+    weights: Weights | None,
 ) -> State:
     """Evaluate the model, and its linear unknowns by weighted means.
 
@@ -64,24 +65,22 @@ def passage_state(
         Measurements in fit units.
     medium
         Sound speed and depth difference.
-    noises
+    weights
         Weights of the last round; None takes the nominal ones.
     """
     law = passage_law(
         blocks.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
     )
-    weights = (
-        (noises[0].weight, noises[1].weight, noises[2].weight)
-        if noises
-        else (blocks.shift.weight, blocks.bearing.weight, blocks.level.weight)
-    )
+    is_rough = weights is None
+    if weights is None:
+        weights = (blocks.shift.weight, blocks.bearing.weight, blocks.level.weight)
     shift = law.shift[:, None, :]
     rest = _mean_ratio(blocks.shift.value - shift, 1 + shift, weights[0])
     around = blocks.bearing.value - (fixed.turn[:, None] * law.angle)[:, None, :]
     centre = _circular_centre(around, weights[1])
     total = np.logaddexp(law.spread, theta[:, 3:4])[:, None, :]
     above = blocks.level.value - total
-    level = _level_centre(above, weights[2], noises is None)
+    level = _level_centre(above, weights[2], is_rough)
     residuals = (
         blocks.shift.value - shift - rest[..., None] * (1 + shift),
         wrap_rad(around - centre[:, None, None]),
@@ -110,9 +109,39 @@ def passage_noises(state: State, blocks: Blocks, memory_s: float | None) -> Nois
     return first, second, third
 
 
+def rough_weights(state: State, blocks: Blocks) -> Weights:
+    """Weigh the three kinds for the way to the optimum.
+
+    Parameters
+    ----------
+    state
+        Residuals.
+    blocks
+        Measurements with their nominal weights.
+    """
+    first, second, third = (
+        rough_weight(residual, block)
+        for residual, block in zip(
+            state.residuals, (blocks.shift, blocks.bearing, blocks.level), strict=True
+        )
+    )
+    return first, second, third
+
+
+def weights_of(noises: Noises) -> Weights:
+    """Return the weights that follow from the noise.
+
+    Parameters
+    ----------
+    noises
+        Noise of the three kinds.
+    """
+    return noises[0].weight, noises[1].weight, noises[2].weight
+
+
 def weigh(
     state: State,
-    noises: Noises,
+    weights: Weights,
     blocks: Blocks,
     fixed: Fixed,
     losses: Losses = (None, None, None),
@@ -123,8 +152,8 @@ def weigh(
     ----------
     state
         The model at the present unknowns.
-    noises
-        Noise of the three kinds.
+    weights
+        Inverse variances of the three kinds.
     blocks
         Measurements in fit units.
     fixed
@@ -135,18 +164,18 @@ def weigh(
     batch = fixed.turn.size
     predicted = state.bearing[:, None] + fixed.turn[:, None] * state.law.angle
     bearing, size = combine_bearings(
-        np.broadcast_to(blocks.bearing.value, noises[1].weight.shape),
-        noises[1].weight,
+        np.broadcast_to(blocks.bearing.value, weights[1].shape),
+        weights[1],
         predicted,
     )
     return Weighted(
         blocks.time_s,
         np.broadcast_to(blocks.shift.value, (batch, *blocks.shift.value.shape[1:])),
-        noises[0].weight,
+        weights[0],
         bearing,
         size,
         np.broadcast_to(blocks.level.value, (batch, 1, blocks.time_s.size))[:, 0],
-        noises[2].weight[:, 0],
+        weights[2][:, 0],
         fixed.floor,
         fixed.turn,
         fixed.free,

@@ -40,8 +40,11 @@ def median_scale(residual: FloatArray, weight: FloatArray) -> FloatArray:
     1.4826
     """
     valid = weight > 0
+    size = np.abs(residual)
+    if valid.all() and size.shape[-1]:
+        return 1.4826 * np.asarray(np.median(size, axis=-1))
     count = valid.sum(axis=-1)
-    ordered = np.sort(np.where(valid, np.abs(residual), np.inf), axis=-1)
+    ordered = np.sort(np.where(valid, size, np.inf), axis=-1)
     middle = np.maximum(count - 1, 0)
     low = np.take_along_axis(ordered, (middle // 2)[..., None], axis=-1)[..., 0]
     high = np.take_along_axis(ordered, ((middle + 1) // 2)[..., None], axis=-1)[..., 0]
@@ -71,9 +74,12 @@ def neighbour_scale(
     Mean square successive difference (von Neumann 1941) over its expectation,
     with bisquare weights about the median; missing values are stepped over.
     """
-    order = np.argsort(weight <= 0, axis=-1, kind="stable")
-    packed = np.take_along_axis(residual, order, axis=-1)
-    precision = np.take_along_axis(weight, order, axis=-1)
+    packed, precision = residual, weight
+    missing = weight <= 0
+    if missing.any():
+        order = np.argsort(missing, axis=-1, kind="stable")
+        packed = np.take_along_axis(residual, order, axis=-1)
+        precision = np.take_along_axis(weight, order, axis=-1)
     both = (precision[..., 1:] > 0) & (precision[..., :-1] > 0)
     with np.errstate(divide="ignore"):
         variance = (1 / precision[..., 1:] + 1 / precision[..., :-1]) * (
