@@ -202,6 +202,83 @@ def test_an_empty_table_of_contacts_gives_an_empty_answer():
     assert isinstance(empty, Motions)
 
 
+@pytest.mark.parametrize("solver", ["recursive", "genetic", "annealing"])
+def test_every_solver_finds_what_the_descent_finds(solver):
+    ours = analyse("S1-T3", options={"solver": solver, "updates": 5})
+    exact = analyse("S1-T3", options={"updates": 5})
+    assert ours.solver == solver
+    # a thousandth of a deviation is far below what the misfit can tell
+    slack = 0.02 * exact.range_std_m[0]
+    assert ours.range_m[0] == pytest.approx(exact.range_m[0], abs=slack)
+    assert ours.misfit[0] == pytest.approx(exact.misfit[0], abs=2e-3)
+    late = slice(2, None)
+    off = ours.update_range_m[late] - exact.update_range_m[late]
+    assert np.all(np.abs(off) < 0.1 * exact.update_range_std_m[late])
+
+
+def test_a_robust_loss_keeps_the_answer_when_a_tenth_of_the_values_are_wrong():
+    series = heard("S3")
+    rng = np.random.default_rng(3)
+    wrong = rng.random(1000) < 0.1
+    spoilt = replace(
+        series,
+        bearing_deg=np.where(wrong, rng.uniform(0, 360, 1000), series.bearing_deg),
+    )
+    ship = own_ship("S3")
+    plain = estimate_motion(spoilt, None, ship, **PAPER)
+    assert "misfit is" in plain.report[0]
+    for loss in ("student", "tukey"):
+        robust = estimate_motion(spoilt, None, ship, **PAPER, misfit=Misfit(loss=loss))
+        assert off_in_sigmas(robust, "S3") < 18.5
+        assert robust.range_std_m[0] < 150.0
+
+
+@pytest.mark.parametrize("rows", [1, 2, 4])
+def test_a_handful_of_rows_gives_an_answer_that_admits_its_ignorance(rows):
+    motions = analyse("S3", rows=rows)
+    assert not motions.observable.any()
+    assert json.loads(motions.reasons[0])["range_m"]
+
+
+def test_a_search_that_is_too_narrow_says_so():
+    motions = analyse("S1-T3", options={"search": Search(range_limits_m=(100, 5000))})
+    assert "widen range_limits_m" in json.loads(motions.reasons[0])["range_m"]
+    assert "misfit is" in motions.report[0]
+
+
+def test_instantaneous_doppler_differs_from_interval_doppler_by_little():
+    mean = analyse("S3")
+    instant = analyse("S3", options={"model": MotionModel()})
+    off = abs(mean.range_m[0] - instant.range_m[0])
+    assert 0.0 < off < 0.12 * mean.range_std_m[0]  # published: 0.11 sigma
+
+
+def test_a_mirrored_scene_has_a_mirrored_answer():
+    series, ship = heard("S1-T3"), own_ship("S1-T3")
+    mirrored = estimate_motion(
+        replace(series, bearing_deg=-series.bearing_deg % 360.0),
+        None,
+        replace(ship, east_m=-ship.east_m),
+        **PAPER,
+    )
+    motions = analyse("S1-T3")
+    assert mirrored.range_m == pytest.approx(motions.range_m, rel=1e-6)
+    assert mirrored.course_deg + motions.course_deg == pytest.approx(360.0, abs=1e-4)
+
+
+def test_a_later_clock_changes_nothing_but_the_time():
+    series, ship = heard("S1-T3"), own_ship("S1-T3")
+    late = estimate_motion(
+        replace(series, time_s=series.time_s + 5e4),
+        None,
+        replace(ship, time_s=ship.time_s + 5e4),
+        **PAPER,
+    )
+    motions = analyse("S1-T3")
+    assert late.range_m == pytest.approx(motions.range_m, rel=1e-6)
+    assert late.time_s[0] == motions.time_s[0] + 5e4
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

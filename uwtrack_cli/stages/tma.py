@@ -69,10 +69,10 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     sensor
         The sensor that heard the lines: its navigation, sound speed and compass.
     solver
-        How the minimum is found: mle descends from many starts and is exact and
-        fastest; recursive updates the estimate with every row, at a twentieth of
-        the time per estimate; genetic and annealing are the paper's hybrids with a
-        simplex, no better and many times slower.
+        How the minimum is found: mle descends from many starts, is exact and the
+        fastest; recursive updates the estimate with every row and is the fastest for
+        an estimate after each; genetic and annealing are the paper's hybrids with a
+        simplex, which find the same, several times slower, and now and then miss it.
     array_heading
         Direction of a line array that cannot tell left from right: own course, the
         heading of own ship (of a fixed sensor: its own), or none for bearings that

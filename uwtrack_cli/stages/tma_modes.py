@@ -45,7 +45,10 @@ class Analysis:
 
 @dataclass(frozen=True, eq=False)
 class ModeAnswer:
-    """What is known of one mode; the covariance is that of people's parameters."""
+    """What is known of one mode; the covariance is that of people's parameters.
+
+    ``at_limit_m`` is the limit of the search that stopped the range, if one did.
+    """
 
     q: FloatArray
     rest_hz: FloatArray
@@ -58,6 +61,7 @@ class ModeAnswer:
     observability: Observability
     intervals: dict[str, Interval]
     range_per_sound_speed: float
+    at_limit_m: float | None
 
 
 def describe_mode(
@@ -107,7 +111,16 @@ def describe_mode(
         observability=assess(found, to_motion(q)),
         intervals=_intervals(problem, q, covariance, limits, rise),
         range_per_sound_speed=_sound_speed_effect(problem, q, limits),
+        at_limit_m=_limit_met(q, limits),
     )
+
+
+def _limit_met(q: FloatArray, limits: Limits) -> float | None:
+    """Return the limit of the range that stopped the fit, m; None if none did."""
+    for limit in (limits.lower[0], limits.upper[0]):
+        if abs(q[0] - limit) < 1e-6:
+            return float(np.exp(limit))
+    return None
 
 
 def _compass_share(

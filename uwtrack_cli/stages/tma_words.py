@@ -30,6 +30,11 @@ def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
     elif spans["range"].open_high or std[0] > LARGEST_LOG_RANGE_STD * motion[0]:
         low = "" if spans["range"].open_low else _at_least(np.exp(spans["range"].low))
         reasons["range_m"] = f"the data do not bound the range yet{low}; {cause}"
+    if "range_m" in reasons and mode.at_limit_m is not None and told[0]:
+        reasons["range_m"] = (
+            f"the best fit lies on the limit of the search, {mode.at_limit_m:.0f} m: "
+            f"widen range_limits_m, or the data do not bound the range"
+        )
     if not told[1]:
         reasons["bearing_deg"] = "no bearings: only the shape of the pass is told"
     reasons |= {
@@ -52,8 +57,11 @@ def _at_least(range_m: float) -> str:
 def _cause(mode: ModeAnswer, answer: ContactAnswer) -> str:
     """Name what is missing for the range to be told."""
     weakest = mode.observability.weakest
+    n_parameters = mode.observability.n_parameters
+    if answer.n_values < n_parameters:
+        return f"{answer.n_values} values cannot fix {n_parameters} parameters"
     no_bearings = bool(np.isnan(answer.data.bearing_deg).all())
-    singular = mode.observability.rank < mode.observability.n_parameters
+    singular = mode.observability.rank < n_parameters
     if no_bearings:
         return f"frequencies alone do not fix the motion: {weakest} fits alike"
     if singular and not answer.manoeuvring:
@@ -119,6 +127,7 @@ def report_of(
         f"chance of range within 10 %, speed within 3 kn and course within 7 deg: "
         f"{seen.probability:.3f}"
     )
+    parts += _complaints(mode, answer)
     if "range_m" in reasons:
         return "; ".join(parts) + "."
     parts.append(
@@ -128,3 +137,18 @@ def report_of(
     if not ellipse_agrees(mode):
         parts.append("the deviations mislead here: use the intervals")
     return "; ".join(parts) + "."
+
+
+def _complaints(mode: ModeAnswer, answer: ContactAnswer) -> list[str]:
+    """Say when the residuals are larger than the deviations allow."""
+    freedom = answer.n_values - mode.observability.n_parameters
+    if freedom < 1:
+        return []
+    ratio = mode.value / freedom
+    if ratio < 1.0 + 5.0 * np.sqrt(2.0 / freedom):
+        return []
+    words = (
+        f"the misfit is {ratio:.3g} times what the deviations explain: outliers (try a "
+        f"robust loss), a manoeuvre of the target, or deviations that are too small"
+    )
+    return [words]

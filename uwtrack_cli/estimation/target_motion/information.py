@@ -161,8 +161,11 @@ def criterion_probability(
     """
     from scipy.special import ndtr, ndtri
 
-    scale = half_widths
-    root = np.linalg.cholesky(covariance / np.outer(scale, scale) + 1e-18 * np.eye(3))
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
+    # errors that hang together completely would make the root fail
+    values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
+    correlation = (vectors * np.maximum(values, 1e-9)) @ vectors.T
+    root = np.linalg.cholesky(correlation) * (std / half_widths)[:, np.newaxis]
     nodes, weights = np.polynomial.legendre.leggauss(order)
     u, w = (nodes + 1.0) / 2.0, weights / 2.0
     high = ndtr(1.0 / root[0, 0])

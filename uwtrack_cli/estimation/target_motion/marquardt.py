@@ -168,12 +168,14 @@ def _solve(
 ) -> FloatArray:
     """Solve the damped equations with some components of the step given."""
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
-    scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-30))
+    # a coordinate that the data do not touch stays where it is
+    touched = diagonal > 1e-30
+    scale = np.where(touched, 1.0 / np.sqrt(np.where(touched, diagonal, 1.0)), 0.0)
     unit = matrix * scale[:, :, np.newaxis] * scale[:, np.newaxis]
     identity = np.eye(matrix.shape[1])
     unit = unit + damping[:, np.newaxis, np.newaxis] * identity
     # ridge: an unobservable direction must not make the equations singular
     unit = unit + 1e-14 * identity
     unit = np.where(fixed[:, :, np.newaxis], identity, unit)
-    right = np.where(fixed, wanted / scale, -gradient * scale)
+    right = np.where(fixed, wanted / np.where(touched, scale, 1.0), -gradient * scale)
     return np.linalg.solve(unit, right[:, :, np.newaxis])[:, :, 0] * scale
