@@ -77,7 +77,7 @@ def assign(
 
 
 def _is_single(index: IntArray) -> BoolArray:
-    return np.bincount(index)[index] == 1
+    return np.asarray(np.bincount(index)[index] == 1)
 
 
 def _assign_busy(

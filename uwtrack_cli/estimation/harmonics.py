@@ -64,7 +64,7 @@ class CombRule:
     @property
     def tolerance_hz(self) -> float:
         """Half width of a tooth."""
-        return TOLERANCE_SIGMAS * np.sqrt(2.0) * self.sigma_hz
+        return float(TOLERANCE_SIGMAS * np.sqrt(2.0) * self.sigma_hz)
 
 
 @dataclass(frozen=True)
@@ -319,7 +319,7 @@ def _density(
     """
     span = frequency_hz[upper] - frequency_hz[lower]
     others = np.maximum(upper - lower - 1 - hits, 0)
-    return np.maximum(frequency_hz.size / rule.band_hz, others / span)
+    return np.asarray(np.maximum(frequency_hz.size / rule.band_hz, others / span))
 
 
 @lru_cache(maxsize=8)

@@ -52,7 +52,9 @@ def _count_bits(words: IntArray) -> IntArray:
     return (words & u(0x7F)).astype(np.int64)
 
 
-def amplitude_log_ratio(power_ratio: FloatArray, design_snr: float) -> FloatArray:
+def amplitude_log_ratio(
+    power_ratio: FloatArray, design_snr: float | FloatArray
+) -> FloatArray:
     """Logarithm of the amplitude's likelihood, steady line against noise.
 
     Parameters

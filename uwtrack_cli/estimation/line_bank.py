@@ -16,10 +16,16 @@ slot until its points are out.
 **References.** Rauch, Tung & Striebel, AIAA J. 3(8), 1445-1450 (1965).
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.kalman import State, smooth
+
+Points = dict[str, NDArray[Any]]
+"""Points of lines: their rows of the table, line, frame and time."""
 
 FREE, TENTATIVE, CONFIRMED, ENDED = 0, 1, 2, 3
 """Values of `LineBank.stage`."""
@@ -117,7 +123,7 @@ class LineBank:
         """Whether points are due."""
         return self.rows % CHUNK_FRAMES == 0
 
-    def emit(self, lag: int) -> dict[str, FloatArray]:
+    def emit(self, lag: int) -> Points:
         """Smooth and return the points at least ``lag`` frames old, by line and time.
 
         Points after the frame up to which a line is settled are not its points
@@ -138,7 +144,7 @@ class LineBank:
 
     def _smoothed_points(
         self, slots: IntArray, first: IntArray, stop: IntArray
-    ) -> dict[str, FloatArray]:
+    ) -> Points:
         low = int(first.min()) if slots.size else self.rows
         rows = np.arange(low, self.rows)
         at = rows % self.size

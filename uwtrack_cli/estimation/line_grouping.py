@@ -28,6 +28,9 @@ _LEAST_COMMON = 4
 _LINE_WANDER = 2e-5
 """Relative wander of one machine's lines against each other."""
 
+_SHAPE_SHARE = 0.2
+"""Difference of the Doppler curves of one vessel, relative to their spread."""
+
 _BEARING_WANDER_DEG = 3.0
 """Spread of the bearings of one vessel's lines, from multipath."""
 
@@ -72,8 +75,11 @@ def _doppler_evidence(
 ) -> FloatArray:
     is_common = np.isfinite(rest)
     count = is_common.sum(axis=1)
-    own = _spread(np.where(is_common, one, np.nan)) + _spread(rest)
-    total = one_variance + variance
+    own = _spread(np.where(is_common, one, np.nan)) + _spread(
+        np.where(np.isfinite(one), rest, np.nan)
+    )
+    # smoothed lines lag, and horns waver: shapes agree within a share of their size
+    total = one_variance + variance + (_SHAPE_SHARE**2 * own)[:, None]
     off = one - rest
     weight = np.where(is_common, 1.0 / total, 0.0)
     mean = _ratio((weight * np.where(is_common, off, 0.0)).sum(1), weight.sum(1))
@@ -139,7 +145,7 @@ def has_doppler(samples: LineSamples) -> BoolArray:
     """Tell which lines change their frequency beyond their uncertainty."""
     noise = np.nanmean(samples.frequency_variance, axis=1)
     floor = (_LINE_WANDER * np.nanmean(samples.frequency_hz, axis=1)) ** 2
-    return _spread(samples.frequency_hz) > 9.0 * (noise + floor)
+    return np.asarray(_spread(samples.frequency_hz) > 9.0 * (noise + floor))
 
 
 def has_turn(samples: LineSamples) -> BoolArray:

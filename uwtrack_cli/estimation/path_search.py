@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.estimation.initiation import amplitude_log_ratio
 from uwtrack_cli.estimation.viterbi import Steps, best_scores, trace_back
 
 DESIGN_SNR = 1.5
@@ -38,8 +39,14 @@ _STRONG = 20.0
 _LOUD = 6.0
 """Power ratio to which cells are limited when the noise's shape is sought."""
 
-_SHAPE_BINS = 8
+_SHAPE_BINS = 16
 """Bins to either side over which the noise's shape is a median."""
+
+_TRIAL_SNRS = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0, 50.0)
+"""Power ratios tried when the ends of a line are sought."""
+
+_INTERVAL_GAIN = 8.0
+"""Gain of likelihood that two free ends must bring, in nepers."""
 
 _SHARED = 0.2
 """Share of common frames beyond which two paths are one."""
@@ -67,7 +74,7 @@ def cell_scores(power_ratio: FloatArray) -> FloatArray:
     score = np.log(i0e(argument)) + argument - np.float32(DESIGN_SNR)
     above = np.maximum(score - np.float32(MOST_SCORE), np.float32(0.0))
     score = np.minimum(score, np.float32(MOST_SCORE)) + 0.5 * np.log1p(above)
-    return np.nan_to_num(score, copy=False, nan=0.0).astype(np.float32)
+    return np.where(np.isfinite(score), score, np.float32(0.0)).astype(np.float32)
 
 
 def whiten(power_ratio: FloatArray, cells_per_bin: int) -> FloatArray:
@@ -78,12 +85,14 @@ def whiten(power_ratio: FloatArray, cells_per_bin: int) -> FloatArray:
     of the cells' mean, loud cells limited.
     """
     limited = np.minimum(power_ratio, np.float32(_LOUD))
-    mean = np.nanmean(limited, axis=0, dtype=np.float64)
+    is_known = np.isfinite(limited)
+    total = np.where(is_known, limited, 0.0).sum(axis=0, dtype=np.float64)
+    mean = total / np.maximum(is_known.sum(axis=0), 1)
     half = _SHAPE_BINS * cells_per_bin
     padded = np.pad(mean, half, mode="reflect")
     rows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
     shape = np.median(rows, axis=1)
-    return power_ratio / np.clip(shape, 0.5, 10.0).astype(np.float32)
+    return np.asarray(power_ratio / np.clip(shape, 0.5, 10.0).astype(np.float32))
 
 
 def find_paths(
@@ -123,7 +132,7 @@ def find_paths(
         for path, score in fresh:
             cells = _centred(path, power_ratio, cells_per_bin)
             first, stop = line_interval(
-                np.take_along_axis(scores, cells[:, None], axis=1)[:, 0]
+                np.take_along_axis(power_ratio, cells[:, None], axis=1)[:, 0]
             )
             found.append(FoundPath(cells, first, stop, score))
             _mask(left, power_ratio, cells, cells_per_bin)
@@ -186,13 +195,30 @@ def _mask(
     np.put_along_axis(scores, columns, np.float32(_MASKED), axis=1)
 
 
-def line_interval(score: FloatArray) -> tuple[int, int]:
-    """Return the frames [first, stop) in which a path's score stands out."""
-    first, stop = 0, score.size
-    for _ in range(3):
-        level = 0.5 * max(float(score[first:stop].mean()), 0.0)
-        first, stop = _greatest_sum(score - level)
-    return first, stop
+def line_interval(power_ratio: FloatArray) -> tuple[int, int]:
+    """Return the frames [first, stop) in which a path holds a line.
+
+    Parameters
+    ----------
+    power_ratio
+        Power over noise along the path; nan in a gap.
+
+    Notes
+    -----
+    A line of power ratio d in some frames and none in the others is compared with one
+    of another ratio in all frames, both by their greatest likelihood. The interval is
+    taken when it is better by more than its freedom of two ends explains.
+    """
+    trials = np.array(_TRIAL_SNRS)[:, None]
+    gain = amplitude_log_ratio(power_ratio[None, :], trials)
+    gain = np.nan_to_num(gain, nan=0.0)
+    whole = float(gain.sum(axis=1).max())
+    ends = [_greatest_sum(row) for row in gain]
+    sums = [float(row[a:b].sum()) for row, (a, b) in zip(gain, ends, strict=True)]
+    best = int(np.argmax(sums))
+    if sums[best] - whole > _INTERVAL_GAIN:
+        return ends[best]
+    return 0, power_ratio.size
 
 
 def _greatest_sum(values: FloatArray) -> tuple[int, int]:

@@ -151,12 +151,12 @@ def _table(
     return Families(
         family=number,
         frame=number // _MOST_FAMILIES,
-        spacing_hz=[fit[0] for _, _, fit in rows],
-        spacing_std_hz=[fit[1] for _, _, fit in rows],
-        offset_hz=[fit[2] for _, _, fit in rows],
-        is_harmonic=[fit[3] for _, _, fit in rows],
-        n_members=[comb.members.size for _, comb, _ in rows],
-        log10_chance=[comb.log10_chance for _, comb, _ in rows],
+        spacing_hz=np.array([fit[0] for _, _, fit in rows]),
+        spacing_std_hz=np.array([fit[1] for _, _, fit in rows]),
+        offset_hz=np.array([fit[2] for _, _, fit in rows]),
+        is_harmonic=np.array([fit[3] for _, _, fit in rows], dtype=bool),
+        n_members=np.array([comb.members.size for _, comb, _ in rows]),
+        log10_chance=np.array([comb.log10_chance for _, comb, _ in rows]),
         peak_family=peak_family,
         peaks=peaks,
     )

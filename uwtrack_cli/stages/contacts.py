@@ -11,9 +11,12 @@ one harmonic family count as one source unless the comparison contradicts.
 **References.** See `line_grouping`.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
+from uwtrack_cli.data.base import BoolArray, IntArray, TextArray
+from uwtrack_cli.estimation.line_bank import Points
 from uwtrack_cli.estimation.line_grouping import (
     LineSamples,
     group,
@@ -49,7 +52,7 @@ class ContactSamples:
         """Return the numbers of all lines that have points, ascending."""
         return np.array(sorted(self._seen), dtype=np.int64)
 
-    def add(self, points: dict[str, FloatArray]) -> None:
+    def add(self, points: Points) -> None:
         """Keep the points on the grid."""
         self._seen.update(np.unique(points["line"]).tolist())
         on_grid = points["frame"] % self.stride == 0
@@ -72,7 +75,10 @@ class ContactSamples:
         row = np.searchsorted(lines, self.line)
         table = np.full((4, lines.size, max(times.size, 1)), np.nan)
         table[:, row, column] = self.values.T
-        return LineSamples(*table, memory=max(1.0, memory_frames / self.stride))
+        return LineSamples(
+            table[0], table[1], table[2], table[3],
+            memory=max(1.0, memory_frames / self.stride),
+        )  # fmt: skip
 
 
 def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextArray]:
@@ -92,7 +98,7 @@ def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextA
     """
     if family.size == 0:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype="U6")
-    is_sampled = np.isfinite(samples.frequency_hz).any(axis=1)
+    is_sampled = np.asarray(np.isfinite(samples.frequency_hz).any(axis=1))
     safe = _with_samples(samples, is_sampled)
     is_moving = (has_doppler(safe) | has_turn(safe)) & is_sampled
     is_hum = _hum(safe, family, ~is_moving & is_sampled)
@@ -115,13 +121,10 @@ def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextA
 
 def _with_samples(samples: LineSamples, is_sampled: BoolArray) -> LineSamples:
     """Give lines too short for the grid a dummy that compares with nothing."""
-    tables = [
-        samples.frequency_hz.copy(), samples.frequency_variance.copy(),
-        samples.bearing_deg, samples.bearing_variance,
-    ]  # fmt: skip
+    tables = [samples.frequency_hz.copy(), samples.frequency_variance.copy()]
     tables[0][~is_sampled, 0] = 1.0
     tables[1][~is_sampled, 0] = 1.0
-    return LineSamples(*tables, memory=samples.memory)
+    return replace(samples, frequency_hz=tables[0], frequency_variance=tables[1])
 
 
 def _hum(samples: LineSamples, family: IntArray, is_steady: BoolArray) -> BoolArray:

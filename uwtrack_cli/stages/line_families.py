@@ -105,19 +105,22 @@ class FamilyRegister:
         }
         chosen = {number: names for number, names in chosen.items() if len(names) >= 3}
         best = self._best_family(chosen)
-        rows = list(chosen)
+        size = Counter(best.values())
+        # a family whose lines belong to another one for most of the time is that one
+        best = {name: number for name, number in best.items() if size[number] >= 3}
+        rows = [number for number in chosen if size[number] >= 3]
         table = [self.families[number] for number in rows]
         count = np.log10(max(self.looks, 1))
         families = Families(
-            family=rows,
-            frame=[f.first_frame for f in table],
-            spacing_hz=[f.spacing_hz for f in table],
-            spacing_std_hz=[f.spacing_std_hz for f in table],
-            offset_hz=[f.offset_hz for f in table],
-            is_harmonic=[f.harmonic_votes > 0 for f in table],
-            n_members=[sum(b == number for b in best.values()) for number in rows],
-            log10_chance=[f.log10_chance + count for f in table],
-            peak_family=[],
+            family=np.array(rows, dtype=np.int64),
+            frame=np.array([f.first_frame for f in table]),
+            spacing_hz=np.array([f.spacing_hz for f in table]),
+            spacing_std_hz=np.array([f.spacing_std_hz for f in table]),
+            offset_hz=np.array([f.offset_hz for f in table]),
+            is_harmonic=np.array([f.harmonic_votes > 0 for f in table]),
+            n_members=np.array([size[number] for number in rows], dtype=np.int64),
+            log10_chance=np.array([f.log10_chance + count for f in table]),
+            peak_family=np.zeros(0, dtype=np.int64),
         )
         return families, np.array([best.get(int(n), -1) for n in lines], dtype=np.int64)
 
@@ -135,7 +138,9 @@ class FamilyRegister:
 
 def no_families() -> Families:
     """Return a table of families without rows."""
+    none, nothing = np.zeros(0), np.zeros(0, dtype=np.int64)
     return Families(
-        family=[], frame=[], spacing_hz=[], spacing_std_hz=[], offset_hz=[],
-        is_harmonic=[], n_members=[], log10_chance=[], peak_family=[],
+        family=nothing, frame=nothing, spacing_hz=none, spacing_std_hz=none,
+        offset_hz=none, is_harmonic=nothing.astype(bool), n_members=nothing,
+        log10_chance=none, peak_family=nothing,
     )  # fmt: skip

@@ -29,16 +29,24 @@ NOISE_PEAKS_PER_CELL = 1.0
 MOST_GAIN = 3.5
 """Cap on the amplitude's gain: one loud transient must not make a line."""
 
-ESTABLISHED_MISS = float(np.log(0.5))
-"""Loss of a confirmed line per missed frame: it would be seen every other time."""
+OWN_RATE = (0.3, 0.65)
+"""Bounds of a confirmed line's own hit rate: what a miss then costs is limited."""
 
+DISMISSED = -2.5
+"""Score in nepers at which a tentative line is given up."""
 
-ZONE_RESOLUTIONS = 64
+SETTLED_WITHIN = 2.0
+"""Fall of the score, in nepers, within which a hit still belongs to the line."""
+
+ZONE_RESOLUTIONS = 32
 """Width of the zones in which the density of noise peaks is followed."""
 
 ZONE_MEMORY_FRAMES = 128
 """Frames over which that density is averaged."""
 
+
+ZONE_PRIOR_FRAMES = 24
+"""Frames that the nominal density is worth at the start."""
 
 MOMENT_MEMORY_FRAMES = 16
 """Frames over which the usual number of free peaks in a frame is averaged."""
@@ -151,7 +159,7 @@ class HitCounter:
 
     def is_likely(self, bank: LineBank, slots: IntArray) -> BoolArray:
         """Tell confirmed lines."""
-        return bank.stage[slots] == CONFIRMED
+        return np.asarray(bank.stage[slots] == CONFIRMED)
 
     def watch(self, frequency_hz: FloatArray) -> None:
         """Do nothing: counts know no density."""
@@ -185,6 +193,7 @@ class ScoreKeeper:
             ZONE_RESOLUTIONS * NOISE_PEAKS_PER_CELL * peaks.kept_probability
         )
         self.usual = 0.0
+        self.watched = 0
         self.zone_rate = np.full(n_zones, self.nominal_rate)
         self.false_lines_per_khz_hour = rule.false_lines_per_khz_hour
         self.weakest_line_snr_db = np.nan
@@ -220,15 +229,27 @@ class ScoreKeeper:
     ) -> tuple[BoolArray, BoolArray]:
         """Add the frame's evidence and compare with Wald's bounds."""
         is_confirmed = bank.stage[slots] == CONFIRMED
-        miss = np.where(is_confirmed, self.weight * ESTABLISHED_MISS, self.miss)
+        bank.history[slots] = initiation.push_hits(bank.history[slots], is_hit)
+        miss = np.where(is_confirmed, self._own_miss(bank, slots), self.miss)
         score = bank.score[slots] + np.where(is_hit, gain, miss)
         best = np.maximum(bank.best_score[slots], score)
         bank.score[slots], bank.best_score[slots] = score, best
         # where the evidence was greatest is where the line ended, if it did
-        bank.settled[slots[score >= best]] = bank.rows
+        is_own = is_hit & (score >= best - SETTLED_WITHIN)
+        bank.settled[slots[is_own]] = bank.rows
         is_sure = ~is_confirmed & (score >= self.sure)
-        fall = np.where(is_confirmed, self.rule.patience * patience, 4.0)
-        return is_sure, best - score > fall
+        is_lost = best - score > self.rule.patience * patience
+        # Wald's other bound: what is this unlikely is not worth waiting for
+        is_lost |= ~is_confirmed & (score < DISMISSED)
+        return is_sure, is_lost
+
+    def _own_miss(self, bank: LineBank, slots: IntArray) -> FloatArray:
+        """Loss per missed frame: a line that is always heard is missed sooner."""
+        window = np.minimum(bank.age[slots], initiation.LONGEST_WINDOW)
+        hits = initiation.count_hits(bank.history[slots], window)
+        low, high = max(self.detection, OWN_RATE[0]), max(self.detection, OWN_RATE[1])
+        rate = np.clip(hits / np.maximum(window, 1), low, high)
+        return self.weight * np.log1p(-rate)
 
     def first_score(self, snr_db: FloatArray, crowding: FloatArray) -> FloatArray:
         """Amplitude alone, among the peaks that are kept."""
@@ -253,8 +274,8 @@ class ScoreKeeper:
 
     def is_likely(self, bank: LineBank, slots: IntArray) -> BoolArray:
         """Tell lines that are half way to their confirmation, or confirmed."""
-        is_confirmed = bank.stage[slots] == CONFIRMED
-        return is_confirmed | (bank.score[slots] >= 0.5 * self.sure)
+        is_confirmed = np.asarray(bank.stage[slots] == CONFIRMED)
+        return np.asarray(is_confirmed | (bank.score[slots] >= 0.5 * self.sure))
 
     def watch(self, frequency_hz: FloatArray) -> None:
         """Follow the density per zone with a memory of many frames."""
@@ -262,7 +283,9 @@ class ScoreKeeper:
         if self.usual == 0.0:
             self.usual = float(frequency_hz.size)
         self.usual += (frequency_hz.size - self.usual) / MOMENT_MEMORY_FRAMES
-        self.zone_rate += (counts - self.zone_rate) / ZONE_MEMORY_FRAMES
+        self.watched += 1
+        memory = min(ZONE_PRIOR_FRAMES + self.watched, ZONE_MEMORY_FRAMES)
+        self.zone_rate += (counts - self.zone_rate) / memory
 
     def _zones(self, frequency_hz: FloatArray) -> IntArray:
         zone = (frequency_hz - self.lowest_hz) / self.zone_hz

@@ -13,7 +13,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray, TextArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families
-from uwtrack_cli.estimation.line_bank import N_ROWS
+from uwtrack_cli.estimation.line_bank import N_ROWS, Points
 from uwtrack_cli.stages.line_families import no_families
 
 _BEARING_KNOWN_BELOW_DEG2 = 1e6
@@ -36,7 +36,7 @@ def no_table() -> LineTable:
     return LineTable(none, none, none, np.zeros(0, dtype="U6"), no_families())
 
 
-def join_points(parts: list[dict[str, FloatArray]]) -> dict[str, FloatArray]:
+def join_points(parts: list[Points]) -> Points:
     """Put the points of several emissions behind each other."""
     empty = {
         "values": np.zeros((0, N_ROWS)),
@@ -50,7 +50,7 @@ def join_points(parts: list[dict[str, FloatArray]]) -> dict[str, FloatArray]:
 
 def to_lines(
     frames: Frames,
-    points: dict[str, FloatArray],
+    points: Points,
     table: LineTable,
     scalars: dict[str, Any],
 ) -> Lines:

@@ -11,8 +11,12 @@ section 6.2, for the score.
 from dataclasses import dataclass
 from typing import Literal
 
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.estimation.initiation import LONGEST_WINDOW
+
+_USUAL_DRIFT = 1e-4
+"""Drift of a line in resolutions^2 per window^3."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +164,8 @@ class Motion:
     Parameters
     ----------
     frequency_hz2ps3
-        Spectral density of the machinery's own drift, Hz^2/s^3.
+        Spectral density of the machinery's own drift in Hz^2/s^3; None: 1e-4 for
+        frames of one second, inversely with the fifth power of their length.
     doppler_ps3
         Spectral density of the relative Doppler's acceleration, 1/s^3.
     bearing_deg2ps3
@@ -172,8 +177,8 @@ class Motion:
         Standard deviation of a new line's bearing rate in degree/s.
     """
 
-    frequency_hz2ps3: float = 1e-4
-    doppler_ps3: float = 1e-8
+    frequency_hz2ps3: float | None = None
+    doppler_ps3: float = 2e-8
     bearing_deg2ps3: float = 1e-2
     frequency_rate_hzps: float | None = None
     bearing_rate_degps: float = 1.0
@@ -181,9 +186,23 @@ class Motion:
     def __post_init__(self) -> None:
         """Refuse densities that are negative."""
         for name in ("frequency_hz2ps3", "doppler_ps3", "bearing_deg2ps3"):
-            if getattr(self, name) < 0.0:
-                msg = f"{name} must not be negative, got {getattr(self, name)}."
+            value = getattr(self, name)
+            if value is not None and value < 0.0:
+                msg = f"{name} must not be negative, got {value}."
                 raise OptionError(msg)
+
+    def frequency_density(
+        self, frequency_hz: FloatArray, window_s: float
+    ) -> FloatArray:
+        """Return the process noise of lines at some frequencies, Hz^2/s^3."""
+        own = self.frequency_hz2ps3
+        if own is None:
+            own = _USUAL_DRIFT / window_s**5
+        return own + self.doppler_ps3 * frequency_hz**2
+
+    def rate_std_hzps(self, window_s: float, hop_s: float) -> float:
+        """Return the deviation of a new line's rate, Hz/s."""
+        return self.frequency_rate_hzps or 0.25 / (window_s * hop_s)
 
 
 @dataclass(frozen=True)

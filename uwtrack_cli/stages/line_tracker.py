@@ -31,6 +31,7 @@ from uwtrack_cli.estimation.line_bank import (
     STATE_ROWS,
     TENTATIVE,
     LineBank,
+    Points,
 )
 from uwtrack_cli.stages.contacts import ContactSamples, group_lines
 from uwtrack_cli.stages.frame_peaks import FramePeaks
@@ -123,16 +124,16 @@ class LineTracker:
             self._observe(peaks, frame)
         bank.keep_frame(frame, time_s, step_s)
 
-    def emit(self) -> dict[str, FloatArray]:
+    def emit(self) -> Points:
         """Return the points that have become final."""
         return self._emit(LAG_FRAMES)
 
-    def finish(self) -> dict[str, FloatArray]:
+    def finish(self) -> Points:
         """End all lines and return the points still held."""
         self.bank.release(self.bank.active())
         return self._emit(0)
 
-    def _emit(self, lag: int) -> dict[str, FloatArray]:
+    def _emit(self, lag: int) -> Points:
         points = self.bank.emit(lag)
         self.samples.add(points)
         return points
@@ -349,7 +350,8 @@ class LineTracker:
         bank, motion = self.bank, self.policies.motion
         slots = bank.free_slots(seeds.size)
         has_bearing = np.isfinite(peaks.bearing[seeds])
-        rate = motion.frequency_rate_hzps or 0.25 * self.resolution_hz / self.hop_s
+        window_s = 1.0 / self.resolution_hz
+        rate = motion.rate_std_hzps(window_s, self.hop_s)
         table = bank.table
         table[:, slots] = 0.0
         table[0, slots] = peaks.frequency[seeds]
@@ -364,8 +366,8 @@ class LineTracker:
         table[ASSOCIATION, slots] = np.where(
             peaks.is_detection[seeds], DETECTED, SUB_THRESHOLD
         )
-        bank.noise_density[0, slots] = (
-            motion.frequency_hz2ps3 + motion.doppler_ps3 * peaks.frequency[seeds] ** 2
+        bank.noise_density[0, slots] = motion.frequency_density(
+            peaks.frequency[seeds], window_s
         )
         bank.noise_density[1, slots] = motion.bearing_deg2ps3
         bank.start(slots, self.logic.first_score(peaks.raw[5, seeds], crowding[seeds]))

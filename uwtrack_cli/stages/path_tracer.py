@@ -19,7 +19,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation.harmonics import CombRule, find_combs
-from uwtrack_cli.estimation.line_bank import N_ROWS
+from uwtrack_cli.estimation.line_bank import N_ROWS, Points
 from uwtrack_cli.estimation.noise_floor import noise_floor
 from uwtrack_cli.estimation.path_search import (
     FoundPath,
@@ -67,7 +67,7 @@ class _Living:
     cells: IntArray
     out_to: int
     """First frame whose point is not out yet."""
-    pending: dict[str, FloatArray]
+    pending: Points
 
 
 class PathTracer:
@@ -91,7 +91,7 @@ class PathTracer:
         self.samples = ContactSamples(max(1, round(1.0 / (resolution * self.hop_s))))
         self.families = FamilyRegister()
 
-    def push(self, block: Spectrogram) -> list[dict[str, FloatArray]]:
+    def push(self, block: Spectrogram) -> list[Points]:
         """Take a block; return the points that have become final."""
         power = block.power_density[:, self.chosen]
         padding = max(1, round(block.frames.fft_length / block.frames.window_samples))
@@ -106,7 +106,7 @@ class PathTracer:
             self.held, self.n_held = [rest], rest.frame.size
         return points
 
-    def finish(self) -> dict[str, FloatArray]:
+    def finish(self) -> Points:
         """Search what is left and return all points still held."""
         half = self.rule.window_frames // 2
         points = []
@@ -117,7 +117,7 @@ class PathTracer:
         self.living = []
         return self._noted(points)
 
-    def _window(self, data: WindowData, last_stop: int | None) -> dict[str, FloatArray]:
+    def _window(self, data: WindowData, last_stop: int | None) -> Points:
         """Find the lines of a window; ``last_stop`` is given for the last one."""
         n_frames = data.frame.size
         strict, lax = self.rule.threshold.scores(n_frames)
@@ -138,7 +138,7 @@ class PathTracer:
         self.is_first = False
         return join_points(parts) if last_stop else self._noted(parts)
 
-    def _noted(self, parts: list[dict[str, FloatArray]]) -> dict[str, FloatArray]:
+    def _noted(self, parts: list[Points]) -> Points:
         points = join_points(parts)
         order = np.lexsort((points["frame"], points["line"]))
         points = {name: values[order] for name, values in points.items()}
@@ -152,7 +152,7 @@ class PathTracer:
         final: tuple[int, int],
         *,
         is_last: bool,
-    ) -> list[dict[str, FloatArray]]:
+    ) -> list[Points]:
         """Name the paths, let their final points out, and keep the rest pending."""
         if not paths:
             ended, self.living = self.living, []
@@ -163,7 +163,7 @@ class PathTracer:
         rows = np.arange(data.frame.size)[:, None]
         is_line = (rows >= first) & (rows < stop) & data.is_valid[:, None]
         values = self._values(data, cells, is_line)
-        parts: list[dict[str, FloatArray]] = []
+        parts: list[Points] = []
         living: list[_Living] = []
         lines = self._named(data, paths)
         old = {line.line: line for line in self.living}
@@ -225,10 +225,10 @@ class PathTracer:
         measured = measure(data, cells, is_line)
         middle = data.frequency_hz[cells].mean(axis=0)
         density = np.stack([
-            motion.frequency_hz2ps3 + motion.doppler_ps3 * middle**2,
+            motion.frequency_density(middle, data.window_s),
             np.full(middle.size, motion.bearing_deg2ps3),
         ])  # fmt: skip
-        rate = motion.frequency_rate_hzps or 0.25 * self.resolution_hz / self.hop_s
+        rate = motion.rate_std_hzps(data.window_s, self.hop_s)
         values = np.full((N_ROWS, *cells.shape), np.nan)
         values[:10] = smooth_window(measured, data.time_s, density, rate)
         values[10:16] = measured.raw
@@ -278,7 +278,7 @@ class PathTracer:
 
 def _points(
     data: WindowData, values: FloatArray, line: int, column: int, rows: slice
-) -> dict[str, FloatArray]:
+) -> Points:
     """Points of one line in some frames; frames without sound have none."""
     index = np.arange(rows.start, max(rows.stop, rows.start))
     index = index[data.is_valid[index]]

@@ -2,7 +2,7 @@
 
 **Method.** Along each path the frequency is that of the peak beside the path's cell, if
 the line is strong enough for a peak to be its own, and otherwise the cell itself:
-below some 4 dB noise peaks win. Measurements are smoothed forth and back over the
+below some 2 dB in the cell noise peaks win. Measurements are smoothed forth and back over the
 window by the filters of `estimation.kalman`, all lines at once.
 
 **Conventions.** Arrays have the shape (frame of the window, line).
@@ -24,8 +24,8 @@ from uwtrack_cli.estimation.window import (
     peak_offset_bins,
 )
 
-_PEAK_SNR = 2.5
-"""Mean power ratio of a line above which its peaks are interpolated (4 dB)."""
+_PEAK_SNR = 1.6
+"""Mean power ratio of a line above which its peaks are interpolated (2 dB)."""
 
 _UNKNOWN_BEARING_VARIANCE = 1e8
 
@@ -117,7 +117,7 @@ def measure(data: WindowData, cells: IntArray, is_line: BoolArray) -> Measured:
     known = is_line & np.isfinite(ratio)
     mean = np.where(known, ratio, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     strength = np.maximum(mean - 1.0, 0.1)
-    frequency, std = _frequency(data, cells, ratio, strength)
+    frequency, std = _frequency(data, cells, strength)
     bearing, bearing_std = _bearing(data, cells, strength)
     snr = np.maximum(ratio - 1.0, 0.1 * ratio)
     bin_hz = 1.0 / data.window_s
@@ -136,7 +136,7 @@ def _along(values: FloatArray, cells: IntArray) -> FloatArray:
 
 
 def _frequency(
-    data: WindowData, cells: IntArray, ratio: FloatArray, strength: FloatArray
+    data: WindowData, cells: IntArray, strength: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Frequency and deviation: of the peak nearby, or of the cell itself."""
     step = 1.0 / data.cells_per_bin
@@ -153,8 +153,8 @@ def _frequency(
     offset = peak_offset_bins(three[0], three[1], three[2], step)
     bin_hz = 1.0 / data.window_s
     interpolated = data.frequency_hz[peak] + offset * bin_hz
-    own = np.maximum(_along(data.power_ratio, peak) - 1.0, 0.1 * ratio)
-    std = frequency_std_hz(np.maximum(own, 0.1), data.window_s)
+    # by the line's own strength: single peaks owe theirs to the noise
+    std = np.broadcast_to(frequency_std_hz(strength, data.window_s), shape)
     # a cell's error: its width, and the noise that pulls the path (simulated)
     cell_std = bin_hz * np.hypot(0.29 * step, 0.31 / strength)
     is_strong = strength > _PEAK_SNR

@@ -40,6 +40,12 @@ MATCH_HZ, MATCH_DEG, MISSED_HZ = 3.0, 8.0, 3.0
 Setting = Literal["conventional", "feedback", "lax"]
 """The paper's two trackers, and lax parameters for all without a classifier."""
 
+CLASSIFIERS: dict[Setting, Literal["families", "all", "none"]] = {
+    "conventional": "none",
+    "feedback": "families",
+    "lax": "all",
+}
+
 
 @dataclass(frozen=True)
 class RunFigures:
@@ -58,9 +64,7 @@ class RunFigures:
 def paper_policies(setting: Setting) -> Policies:
     """Return the settings of the paper's trackers (specification A.3 and A.4)."""
     feedback = Feedback(
-        classifier={"conventional": "none", "feedback": "families", "lax": "all"}[
-            setting
-        ],
+        classifier=CLASSIFIERS[setting],
         births="families" if setting == "feedback" else "all",
         chance=1e-2, hold_frames=10, every_frames=1,
     )  # fmt: skip

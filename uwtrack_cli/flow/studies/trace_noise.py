@@ -4,7 +4,7 @@
 path search exactly as sound does. The best score per window and 250 Hz is noted; its
 upper tail is fitted by an exponential, whose two numbers stand in
 ``stages/trace_threshold.py``. Run ``python -m uwtrack_cli.flow.studies.trace_noise``
-to make them again (about ten minutes).
+to make them again (about five minutes).
 
 **Conventions.** Exceedances are per window and kHz of band.
 
@@ -12,6 +12,7 @@ to make them again (about ten minutes).
 """
 
 import json
+import sys
 from collections.abc import Iterator
 from itertools import product
 
@@ -20,6 +21,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.estimation.line_bank import Points
 from uwtrack_cli.estimation.path_search import (
     MOVE_PENALTY,
     cell_scores,
@@ -33,6 +35,7 @@ from uwtrack_cli.stages.trace_window import WindowData
 
 RATE_HZ, BAND_HZ = 4096.0, 250.0
 LENGTHS = (32, 60, 120, 240)
+HOURS = 2.0
 
 
 class _BestScores(PathTracer):
@@ -46,7 +49,7 @@ class _BestScores(PathTracer):
         self,
         data: WindowData,
         last_stop: int | None,  # noqa: ARG002 - the signature of the base
-    ) -> dict[str, FloatArray]:
+    ) -> Points:
         ratio = whiten(data.power_ratio, data.cells_per_bin)
         total, _ = best_scores(cell_scores(ratio), MOVE_PENALTY)
         width = round(BAND_HZ * data.window_s * data.cells_per_bin)
@@ -93,20 +96,18 @@ def measure_tail(
     return float(best[count] + slope * np.log(per_khz)), slope
 
 
-def main() -> dict[str, list[list[float]]]:
-    """Measure all tails of the table."""
-    table = {}
-    for overlap, padding in product((0.5, 0.75), (1, 2)):
-        tails = [
-            measure_tail(overlap, padding, n, hours=4.0, seed=100 + n) for n in LENGTHS
-        ]
-        table[f"{overlap} {padding}"] = [
-            list(column) for column in zip(*tails, strict=True)
-        ]
-    return table
+def main() -> None:
+    """Measure all tails of the table and print them as they come."""
+    for overlap, padding in product((0.5, 0.75), (2, 1)):
+        for n_frames in LENGTHS:
+            tail = measure_tail(
+                overlap, padding, n_frames, hours=HOURS, seed=100 + n_frames
+            )
+            row = {"overlap": overlap, "padding": padding, "frames": n_frames}
+            row |= {"offset": round(tail[0], 2), "slope": round(tail[1], 3)}
+            sys.stdout.write(json.dumps(row) + "\n")
+            sys.stdout.flush()
 
 
 if __name__ == "__main__":
-    import sys
-
-    sys.stdout.write(json.dumps(main(), indent=1) + "\n")
+    main()
