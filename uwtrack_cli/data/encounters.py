@@ -126,6 +126,13 @@ class Encounters(Container):
         rows = [b.rest_encounter + n for b, n in zip(blocks, before, strict=True)]
         return replace(joined, rest_encounter=np.concatenate(rows))
 
+    def of_sensor(self, sensor: str) -> Self:
+        """Return the encounters of one sensor; rest frequencies keep their rows."""
+        rows = np.flatnonzero(self.sensor == sensor)
+        own = np.isin(self.rest_encounter, rows)
+        kept = self.take("encounter", rows).take("rest_line", own)
+        return replace(kept, rest_encounter=np.searchsorted(rows, kept.rest_encounter))
+
     @property
     def n_encounters(self) -> int:
         """Number of rows."""

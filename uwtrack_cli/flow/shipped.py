@@ -7,7 +7,6 @@ from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.shipped import shipped_folder
 from uwtrack_cli.flow.recipe import Recipe
 
-
 SAMPLE_SUFFIXES = (".wav", ".csv")
 
 

@@ -88,6 +88,9 @@ QUANTITIES = {
 }
 """What can be drawn over time: unit and label."""
 
+WIDEST_DEG = 90.0
+"""Half the band of an angle above which it says nothing."""
+
 
 def draw_updates(motions: Motions, ax: "Axes", quantity: str = "range") -> "Axes":
     """Draw estimates over time with a band of two deviations.
@@ -106,17 +109,16 @@ def draw_updates(motions: Motions, ax: "Axes", quantity: str = "range") -> "Axes
     spread = 2.0 * getattr(motions, f"update_{quantity}_std_{unit}")
     for name in np.unique(motions.update_contact):
         own = motions.update_contact == name
-        # far outside any picture: before the range is observable
-        sure = own & np.isfinite(spread) & (spread < 4.0 * np.abs(values) + 1e-9)
+        # before the range is observable the band would fill the picture
+        widest = WIDEST_DEG if unit == "deg" else 2.0 * np.abs(values)
+        sure = own & np.isfinite(spread) & (spread < widest)
+        middle = values[sure]
+        if unit == "deg":
+            middle = np.unwrap(middle, period=360.0)
         color = contact_color(int(name))
-        ax.plot(motions.update_time_s[sure], values[sure], ".-", color=color)
-        ax.fill_between(
-            motions.update_time_s[sure],
-            (values - spread)[sure],
-            (values + spread)[sure],
-            alpha=0.2,
-            color=color,
-        )
+        time_s, half = motions.update_time_s[sure], spread[sure]
+        ax.plot(time_s, middle, ".-", color=color)
+        ax.fill_between(time_s, middle - half, middle + half, alpha=0.2, color=color)
     if not any(np.size(line.get_xdata()) for line in ax.lines):
         say_nothing_there(ax, f"the {quantity} could not be told")
     ax.set(xlabel="time (s)", ylabel=label)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
@@ -19,12 +19,13 @@ from uwtrack_cli.plotting.chart import draw_map
 from uwtrack_cli.plotting.lines import draw_line_bearings, draw_lines
 from uwtrack_cli.plotting.spectra import draw_bearings, draw_levels, draw_overview
 from uwtrack_cli.plotting.style import say_nothing_there
+from uwtrack_cli.plotting.table_pages import TABLE_PAGES, first
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 SUFFIXES = (".png", ".pdf", ".svg")
-C = TypeVar("C", bound=Container)
 
 
 def draw_page(
@@ -52,15 +53,29 @@ def draw_page(
         names = ", ".join(SUFFIXES)
         msg = f"a picture is written as {names}, got {output.name!r}."
         raise OptionError(msg)
+    mpl.use("Agg")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
+    _draw(containers, figure)
+    with (
+        atomic_target(output, overwrite=overwrite) as temporary,
+        temporary.open("wb") as file,
+    ):
+        figure.savefig(file, format=output.suffix[1:].lower(), dpi=110)
+
+
+def _draw(containers: Sequence[Container], figure: "Figure") -> None:
+    """Choose the page by the last thing that was made."""
+    for kind, draw in TABLE_PAGES.items():
+        if any(isinstance(c, kind) for c in containers):
+            draw(containers, figure)
+            return
     drawable = (Overview, Levels, Lines, Encounters, Fixes)
     if not any(isinstance(c, drawable) for c in containers):
         held = ", ".join(sorted({c.NAME for c in containers})) or "nothing"
         msg = f"there is nothing to draw; the files hold {held}."
         raise DataError(msg)
-    mpl.use("Agg")
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
     panels = figure.subplot_mosaic(
         [
             ["spectra", "spectra"],
@@ -71,26 +86,24 @@ def draw_page(
         height_ratios=[1.6, 1.0, 1.0, 1.0],
     )
     _fill(containers, panels)
-    with (
-        atomic_target(output, overwrite=overwrite) as temporary,
-        temporary.open("wb") as file,
-    ):
-        figure.savefig(file, format=output.suffix[1:].lower(), dpi=110)
 
 
 def _fill(containers: Sequence[Container], panels: dict[str, "Axes"]) -> None:
-    overview, levels = _first(containers, Overview), _first(containers, Levels)
-    lines, encounters = _first(containers, Lines), _first(containers, Encounters)
+    overview, levels = first(containers, Overview), first(containers, Levels)
+    lines, encounters = first(containers, Lines), first(containers, Encounters)
     _draw_measurements(overview, levels, lines, panels)
     if encounters is not None and encounters.time_s.size:
-        time_s = _time_axis(overview, levels, lines, encounters)
-        fits.draw_fits(encounters, time_s, panels["spectra"])
-        fits.draw_shifts(encounters, lines, time_s, panels["doppler"])
-        fits.draw_bearing_fits(encounters, time_s, panels["bearing"])
+        heard = (
+            encounters if overview is None else encounters.of_sensor(overview.sensor)
+        )
+        time_s = _time_axis(overview, levels, lines, heard)
+        fits.draw_fits(heard, time_s, panels["spectra"])
+        fits.draw_shifts(heard, lines, time_s, panels["doppler"])
+        fits.draw_bearing_fits(heard, time_s, panels["bearing"])
         for name in ("spectra", "doppler", "bearing", "level"):
-            fits.mark_times(encounters, panels[name])
+            fits.mark_times(heard, panels[name])
         sensors = [c for c in containers if isinstance(c, Sensor)]
-        draw_map(encounters, sensors, _first(containers, Fixes), panels["map"])
+        draw_map(encounters, sensors, first(containers, Fixes), panels["map"])
     span = _span(overview, levels, lines)
     for name, panel in panels.items():
         if not panel.has_data():
@@ -115,10 +128,6 @@ def _draw_measurements(
         draw_levels(levels, panels["level"])
         if np.isfinite(levels.bearing_deg).any():
             draw_bearings(levels, panels["bearing"])
-
-
-def _first(containers: Sequence[Container], kind: type[C]) -> C | None:
-    return next((c for c in containers if isinstance(c, kind)), None)
 
 
 def _span(*known: Any) -> tuple[float, float] | None:

@@ -4,6 +4,9 @@ STUDIES: dict[str, str] = {
     "tma": "uwtrack_cli.flow.studies.tma:study_tma",
     "optimisers": "uwtrack_cli.flow.studies.optimisers:study_optimisers",
     "clutter": "uwtrack_cli.flow.studies.clutter:study_clutter",
+    "line-association": (
+        "uwtrack_cli.flow.studies.line_association:study_line_association"
+    ),
     "discriminate": "uwtrack_cli.flow.studies.discriminate:study_discriminate",
 }
 """Function of each study; it takes ``runs`` and ``seed`` and returns a `Study`."""
