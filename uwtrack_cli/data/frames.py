@@ -62,7 +62,8 @@ class Frames(Container):
         kept = super().take(axis, index)
         if axis != "frame" or kept.n_frames == 0:
             return kept
-        return replace(kept, first_frame=int(kept.start_sample[0]) // self.hop_samples)
+        first = int(np.arange(self.n_frames)[index][0])
+        return replace(kept, first_frame=self.first_frame + first)
 
     @property
     def n_frames(self) -> int:
