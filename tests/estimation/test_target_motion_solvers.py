@@ -163,14 +163,32 @@ def test_every_scenario_meets_the_criterion_where_an_efficient_estimator_does(ro
 
 
 def test_hybrids_reach_the_minimum_as_often_as_published_and_always_with_feedback():
-    genetic = single_shots("S1-T3", 1, 50, 5, "genetic")[1].mean()
-    annealing = single_shots("S1-T3", 1, 50, 5, "annealing")[1].mean()
-    alone = single_shots("S1-T4", 5, 50, 5, "none")[1].mean()
-    assert 0.8 <= genetic <= 1.0
-    assert 0.8 <= annealing <= 1.0
-    assert 0.7 <= alone <= 0.96
+    runs = 30
+    genetic = single_shots("S1-T3", 1, runs, 5, "genetic")[1].mean()
+    annealing = single_shots("S1-T3", 1, runs, 5, "annealing")[1].mean()
+    alone = single_shots("S1-T4", 5, runs, 5, "none")[1].mean()
+    # the bands 0.80-1.00 and 0.70-0.95, widened by a deviation of 30 runs
+    assert genetic >= 0.73
+    assert annealing >= 0.73
+    assert 0.62 <= alone <= 0.99
     for search in ("genetic", "annealing"):
-        assert with_feedback("S1-T3", 1, 5, 5, search).all()
+        assert with_feedback("S1-T3", 1, 3, 5, search).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("noise", [1, 5])
+@pytest.mark.parametrize("name", TARGETS)
+def test_hybrids_meet_the_published_bands_in_every_scenario(name, noise):
+    runs = 100
+    fitted = accuracy(name, noise, 1000, runs, seed=5).success.mean()
+    for search in ("genetic", "annealing"):
+        reached = single_shots(name, noise, runs, 5, search)[1].mean()
+        assert 0.8 <= reached <= 1.0
+        fed = with_feedback(name, noise, 20, 5, search).mean()
+        # a share of 20 runs near 0.9 has a deviation of 0.07
+        assert fed >= fitted - 0.05 - 0.14
+    alone = single_shots(name, noise, runs, 5, "none")[1].mean()
+    assert 0.65 <= alone <= 0.98
 
 
 @pytest.mark.parametrize("loss", ["huber", "student", "tukey"])

@@ -344,3 +344,10 @@ def test_nothing_and_two_kinds_of_measurements_are_refused():
 def test_an_option_outside_its_range_is_refused(make):
     with pytest.raises(OptionError, match="must"):
         make()
+
+
+def test_estimates_over_time_stay_on_one_side_of_a_line_array():
+    options = {"array_heading": "course", "updates": 12}
+    motions = analyse("S3", options=options)
+    side = np.sign(np.sin(np.radians(motions.update_bearing_deg - 90.0)))
+    assert np.all(side == side[0])

@@ -16,7 +16,7 @@ from uwtrack_cli.estimation.target_motion.hybrid import (
     solve_genetic,
 )
 from uwtrack_cli.estimation.target_motion.marquardt import Limits
-from uwtrack_cli.estimation.target_motion.problem import Problem
+from uwtrack_cli.estimation.target_motion.problem import Problem, wrap_rad
 from uwtrack_cli.estimation.target_motion.recursive import solve_recursive
 from uwtrack_cli.estimation.target_motion.starts import Effort, multistart
 
@@ -25,6 +25,9 @@ Solver = Callable[[Problem, Limits, IntArray, int], FloatArray]
 
 WHILE_GROWING = Effort(on_blocks=12, on_all=2)
 """Starts for the estimates before the last: the previous one helps."""
+
+TIE = 1e-3
+"""Difference of the misfit that tells nothing: the ghosts of an array are equal."""
 
 
 def solve_mle(
@@ -41,8 +44,16 @@ def solve_mle(
             effort=Effort() if last else WHILE_GROWING,
             extra=found[-1][np.newaxis] if found else None,
         )
-        found.append(fit.q[0])
+        equal = fit.q[fit.value < fit.value[0] + TIE]
+        found.append(_nearest(equal, found[-1]) if found else equal[0])
     return np.stack(found)
+
+
+def _nearest(q: FloatArray, last: FloatArray) -> FloatArray:
+    """Choose among equal minima the one that continues the last estimate."""
+    apart = q - last
+    apart[:, 1] = wrap_rad(apart[:, 1])
+    return np.asarray(q[np.abs(apart[:, 1]).argmin()])
 
 
 SOLVERS: dict[SolverName, Solver] = {
