@@ -89,6 +89,8 @@ def long_run_excess(
         quadratic = _quadratic(a * residual, starts, taper)
         size = np.maximum((a**2).sum(axis=-1), 1e-300)
         white = (a**2 * variance).sum(axis=-1)
+        if not np.any(quadratic > white):
+            return np.zeros(white.shape)
         relative = _relative_deviation(a**2 * variance, starts, taper)
         significant = quadratic - white > relative * white
         excess = np.where(significant, (quadratic - white) / size, 0.0)

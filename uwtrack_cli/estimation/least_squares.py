@@ -38,28 +38,25 @@ def damped_least_squares(
     max_steps
         Largest number of steps.
     tolerance
-        Stop when every row's expected gain in cost is below this; a cost is half
-        a chi-square, so 1e-3 is a thirtieth of a standard deviation.
+        The last step is taken when every row's expected gain in cost is below
+        this; a cost is half a chi-square, so 1e-3 is a thirtieth of a deviation.
     """
     theta = start
     cost, gradient, matrix = evaluate(theta)
-    damping = np.full(cost.shape, 1e-3)
+    damping = np.full(cost.shape, 1e-4)
     for _ in range(max_steps):
-        step = solve_step(matrix, gradient, damping)
-        step = limit(theta, step)
+        step = limit(theta, solve_step(matrix, gradient, damping))
+        promised = -(gradient * step).sum(axis=-1)
+        if np.all((promised < tolerance) | (damping >= 1e9)):
+            return np.where((damping < 1e9)[:, None], theta + step, theta)
         trial = theta + step
         new_cost, new_gradient, new_matrix = evaluate(trial)
         better = new_cost <= cost
-        gain = np.where(better, cost - new_cost, 0.0)
-        promised = -(gradient * step).sum(axis=-1)
         theta = np.where(better[:, None], trial, theta)
         cost = np.where(better, new_cost, cost)
         gradient = np.where(better[:, None], new_gradient, gradient)
         matrix = np.where(better[:, None, None], new_matrix, matrix)
         damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-9, 1e9)
-        settled = np.where(better, gain, promised) < tolerance
-        if np.all(settled | (damping >= 1e9)):
-            break
     return theta
 
 
@@ -106,7 +103,14 @@ def inverse_or_nan(matrix: FloatArray) -> FloatArray:
     """
     scale = unit_scale(matrix)
     outer = scale[..., :, None] * scale[..., None, :]
-    values, vectors = np.linalg.eigh(matrix / outer)
+    unit = matrix / outer
+    try:
+        factor = np.linalg.cholesky(unit)
+        if np.all(np.einsum("...ii->...i", factor) > 1e-6):
+            return np.asarray(np.linalg.inv(unit) / outer)
+    except np.linalg.LinAlgError:
+        pass
+    values, vectors = np.linalg.eigh(unit)
     good = values > 1e-13
     with np.errstate(divide="ignore"):
         inverse = np.where(good, 1 / np.where(good, values, 1.0), np.nan)

@@ -2,7 +2,7 @@
 
 **Method.** Each line's rest frequency is linear and is projected out (Golub and
 Pereyra 1973; Kaufman 1975). All lines share the law, so one product of the weights
-with eighteen functions of time gives every sum of every line at once. Slow noise
+with five functions of time gives every sum of every line at once. Slow noise
 common to the lines takes information away: ``loss`` is what an instant's combined
 measurement loses (diagonal of its weights less the inverse covariance).
 
@@ -66,28 +66,22 @@ def doppler_sums(
 
 
 def _sums(law: Passage, shift: FloatArray, weight: FloatArray) -> _Sums:
-    e, q, d = law.shift, 1 + law.shift, law.shift_d
-    pairs = d[..., :, None] * d[..., None, :]
-    functions = np.concatenate(
-        [
-            np.stack([q * q, q * e, e * e], axis=-1),
-            q[..., None] * d,
-            e[..., None] * d,
-            pairs.reshape(*pairs.shape[:-2], 9),
-        ],
-        axis=-1,
-    )
-    sums = weight @ functions
-    weighted = weight * shift
-    values = weighted @ np.concatenate([np.stack([q, e], axis=-1), d], axis=-1)
-    square = (weighted * shift).sum(axis=-1)
+    columns = np.empty((*law.shift.shape, 5))
+    columns[..., 0], columns[..., 1], columns[..., 2:] = 1.0, law.shift, law.shift_d
+    columns = columns[:, None]
+    weighted = weight[..., None] * columns
+    moments = np.swapaxes(weighted, -1, -2) @ columns
+    values = (shift[..., None, :] @ weighted)[..., 0, :]
+    square = (weight * shift**2).sum(axis=-1)
+    both = moments[..., 0, :] + moments[..., 1, :]
+    qq = both[..., 0] + both[..., 1]
     return _Sums(
-        np.where(sums[..., 0] > 0, sums[..., 0], 1.0),
-        values[..., 0] - sums[..., 1],
-        square - 2 * values[..., 1] + sums[..., 2],
-        sums[..., 3:6],
-        values[..., 2:5] - sums[..., 6:9],
-        sums[..., 9:18].reshape(*sums.shape[:-1], 3, 3),
+        np.where(qq > 0, qq, 1.0),
+        values[..., 0] + values[..., 1] - both[..., 1],
+        square - 2 * values[..., 1] + moments[..., 1, 1],
+        both[..., 2:],
+        values[..., 2:] - moments[..., 1, 2:],
+        moments[..., 2:, 2:],
     )
 
 

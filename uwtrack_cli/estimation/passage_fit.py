@@ -48,6 +48,9 @@ MEMORY_IN_PASSAGES = 1.5
 ROUGH_ROUNDS = 2
 """Rounds with simple robust weights before those that judge the noise in full."""
 
+ROUGH_TOLERANCE = 0.1
+"""Gain in log-likelihood at which a rough round ends."""
+
 NO_LOSS: Losses = (None, None, None)
 
 LONGEST_SERIES = 1500
@@ -108,15 +111,15 @@ def fit_passage(
     for _ in range(ROUGH_ROUNDS):
         state = passage_state(theta, fixed, blocks, medium, weights)
         weights = rough_weights(state, blocks)
-        theta = _descend(theta, weigh(state, weights, blocks, fixed), medium, 8)
+        data = weigh(state, weights, blocks, fixed)
+        theta = _descend(theta, data, medium, 8, ROUGH_TOLERANCE)
     for _ in range(rounds):
         memory = _memory(theta, blocks) if is_slow_noise else None
         state = passage_state(theta, fixed, blocks, medium, weights)
-        weights = weights_of(passage_noises(state, blocks, memory))
+        noises = passage_noises(state, blocks, memory)
+        weights = weights_of(noises)
         theta = _descend(theta, weigh(state, weights, blocks, fixed), medium, 25)
-    memory = _memory(theta, blocks) if is_slow_noise else None
     state = passage_state(theta, fixed, blocks, medium, weights)
-    noises = passage_noises(state, blocks, memory)
     return _result(theta, fixed, blocks, medium, (state, noises))
 
 
@@ -189,10 +192,18 @@ def fit_with_memory(
 
 
 def _descend(
-    theta: FloatArray, data: Weighted, medium: Medium, max_steps: int
+    theta: FloatArray,
+    data: Weighted,
+    medium: Medium,
+    max_steps: int,
+    tolerance: float = 1e-3,
 ) -> FloatArray:
     return damped_least_squares(
-        _evaluator(data, medium), theta, _limiter(medium), max_steps=max_steps
+        _evaluator(data, medium),
+        theta,
+        _limiter(medium),
+        max_steps=max_steps,
+        tolerance=tolerance,
     )
 
 

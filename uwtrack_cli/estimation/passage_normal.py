@@ -164,16 +164,13 @@ def _reduced(
     loss: FloatArray | None,
 ) -> Normal:
     """Build normal equations with a free constant projected out."""
-    constant = information_times(weight, loss, np.ones_like(residual)[..., None])[
-        ..., 0
-    ]
-    size = constant.sum(axis=-1, keepdims=True)
-    size = np.where(size > 0, size, 1.0)
-    centred = residual - (constant * residual).sum(axis=-1, keepdims=True) / size
-    mean = np.einsum("bn,bnp->bp", constant, slope) / size
-    columns = np.concatenate([slope - mean[:, None, :], centred[..., None]], axis=-1)
+    columns = np.empty((*slope.shape[:-1], slope.shape[-1] + 2))
+    columns[..., 0], columns[..., 1], columns[..., 2:] = 1.0, residual, slope
     full = np.swapaxes(columns, 1, 2) @ information_times(weight, loss, columns)
-    return Normal(0.5 * full[:, -1, -1], full[:, :-1, -1], full[:, :-1, :-1])
+    size = np.where(full[:, 0, 0] > 0, full[:, 0, 0], 1.0)
+    first = full[:, 0, 1:]
+    full = full[:, 1:, 1:] - first[:, :, None] * first[:, None, :] / size[:, None, None]
+    return Normal(0.5 * full[:, 0, 0], full[:, 1:, 0], full[:, 1:, 1:])
 
 
 def information_times(

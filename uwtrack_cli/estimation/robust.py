@@ -42,7 +42,10 @@ def median_scale(residual: FloatArray, weight: FloatArray) -> FloatArray:
     valid = weight > 0
     size = np.abs(residual)
     if valid.all() and size.shape[-1]:
-        return 1.4826 * np.asarray(np.median(size, axis=-1))
+        half = size.shape[-1] // 2
+        low = size.shape[-1] - 1 - half
+        ordered = np.partition(size, (low, half), axis=-1)
+        return 0.7413 * np.asarray(ordered[..., low] + ordered[..., half])
     count = valid.sum(axis=-1)
     ordered = np.sort(np.where(valid, size, np.inf), axis=-1)
     middle = np.maximum(count - 1, 0)

@@ -85,18 +85,14 @@ def _shift(
     mach: FloatArray, gamma: FloatArray, h: FloatArray, ratio: FloatArray, c: float
 ) -> tuple[FloatArray, FloatArray]:
     across = 1 - ratio**2
-    by_ratio = -mach / gamma
-    shift = mach * (mach - ratio) / gamma
-    shift_d = np.stack(
-        [
-            -by_ratio * across / h,
-            -by_ratio * ratio * across,
-            by_ratio * ratio * across * mach / (c * gamma)
-            + (2 * mach - ratio * (1 + mach**2)) / (c * gamma**2),
-        ],
-        axis=-1,
-    )
-    return shift, shift_d
+    slope = mach / gamma * across
+    shift_d = np.empty((*h.shape, 3))
+    shift_d[..., 0] = slope / h
+    shift_d[..., 1] = slope * ratio
+    shift_d[..., 2] = (
+        2 * mach / gamma - ratio * ((1 + mach**2) / gamma + mach * slope)
+    ) / (c * gamma)
+    return mach * (mach - ratio) / gamma, shift_d
 
 
 def _angle(
@@ -113,17 +109,15 @@ def _angle(
     slow = np.where(v > 0, v, np.inf)
     # a source can be no nearer than the depth difference: keep the root real
     flat = np.sqrt(np.maximum(r**2 - (height / slow) ** 2, 1e-4 * r**2))
-    u_d = (
-        -(1 - mach * lag / h) / gamma,
-        -mach * r**2 / h,
-        ((2 * mach * u - h) + mach**2 * r**2 / h) / (c * gamma),
-    )
-    flat_d = (0.0, r**2 / flat, height**2 / (slow**3 * flat))
-    norm = u**2 + flat**2
-    angle_d = np.stack(
-        [(flat * du - u * dflat) / norm for du, dflat in zip(u_d, flat_d, strict=True)],
-        axis=-1,
-    )
+    over = 1 / (u**2 + flat**2)
+    by_u, by_flat = flat * over, u * over
+    pull = mach * r**2 / h
+    angle_d = np.empty((*h.shape, 3))
+    angle_d[..., 0] = by_u * (mach * lag / h - 1) / gamma
+    angle_d[..., 1] = -by_u * pull - by_flat * (r**2 / flat)
+    angle_d[..., 2] = by_u * (2 * mach * u - h + mach * pull) / (
+        c * gamma
+    ) - by_flat * (height**2 / (slow**3 * flat))
     return np.arctan2(u, flat), angle_d
 
 
@@ -131,17 +125,13 @@ def _spread(
     lag: FloatArray, h: FloatArray, r: FloatArray, mach: FloatArray, c: float
 ) -> tuple[FloatArray, FloatArray]:
     gamma = 1 - mach**2
-    reach = h - mach * lag
-    spread = 2 * np.log(r * gamma / reach)
-    spread_d = np.stack(
-        [
-            -2 * (mach - lag / h) / reach,
-            2 - 2 * gamma * r**2 / (h * reach),
-            2 * (mach * r**2 / h + lag) / (c * reach) - 4 * mach / (c * gamma),
-        ],
-        axis=-1,
-    )
-    return spread, spread_d
+    over = 1 / (h - mach * lag)
+    pull = r**2 / h
+    spread_d = np.empty((*h.shape, 3))
+    spread_d[..., 0] = 2 * over * (lag / h - mach)
+    spread_d[..., 1] = 2 - 2 * gamma * pull * over
+    spread_d[..., 2] = (2 * over * (mach * pull + lag) - 4 * mach / gamma) / c
+    return 2 * np.log(r * gamma * over), spread_d
 
 
 def straight_shift(
