@@ -75,8 +75,8 @@ def find_peaks(
     Notes
     -----
     The rate of *peaks* is below the rate of *cells*, since a peak is the largest of
-    its neighbourhood: with zero padding 2 about 0.4 of it. A bearing's deviation is
-    sqrt(k (1 + 1/SNR) / (2 SNR)), k the dipole noise ratio.
+    its neighbourhood: half of it at 1e-2 and two thirds at 1e-4, with zero padding 2.
+    A bearing's deviation is sqrt(k (1 + 1/SNR) / (2 SNR)), k the dipole noise ratio.
     """
     _check(false_alarm_probability, kept_probability, dipole_noise_ratio)
     chosen = _chosen_cells(spectrogram.frequency_hz, band_hz)
