@@ -351,3 +351,13 @@ def test_estimates_over_time_stay_on_one_side_of_a_line_array():
     motions = analyse("S3", options=options)
     side = np.sign(np.sin(np.radians(motions.update_bearing_deg - 90.0)))
     assert np.all(side == side[0])
+
+
+def test_legs_of_own_ship_that_end_too_early_are_refused():
+    ship = own_ship("S1-T3")
+    legs = ship.take("row", np.array([1, 251, 751]))
+    with pytest.raises(DataError, match="row at its end"):
+        estimate_motion(heard("S1-T3"), None, legs, **PAPER)
+    whole = ship.take("row", np.array([1, 251, 751, 1000]))
+    motions = estimate_motion(heard("S1-T3"), None, whole, **PAPER)
+    assert motions.range_m == pytest.approx(analyse("S1-T3").range_m, rel=1e-3)

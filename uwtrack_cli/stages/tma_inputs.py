@@ -13,6 +13,9 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.target_motion.own_ship import OwnPath
 from uwtrack_cli.estimation.target_motion.scatter import FEWEST, white_scatter
 
+LONGEST_EXTRAPOLATION_S = 60.0
+"""Beyond the last row of navigation own ship may have turned."""
+
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
@@ -210,13 +213,14 @@ def _check_navigation(
     if time.size == 0 or np.any(~(steps > 0)):
         msg = "the times of the navigation must increase from row to row."
         raise DataError(msg)
-    slack = float(steps.max()) if time.size > 1 else np.inf
     first, last = float(data.time_s[0]), float(data.time_s[-1])
+    slack = _extrapolation(steps, data.time_s)
     if first < time[0] - slack or last > time[-1] + slack:
         msg = (
             f"the navigation covers {time[0]:.6g} to {time[-1]:.6g} s, but contact "
             f"{data.contact} was measured from {first:.6g} to {last:.6g} s: do both "
-            f"count from the same start? Give both time_utc, or one clock."
+            f"count from the same start (give both time_utc, or one clock)? The last "
+            f"leg needs a row at its end."
         )
         raise DataError(msg)
     if time.size < 2:
@@ -229,3 +233,11 @@ def _check_navigation(
             f"unit of their column (speed_mps or speed_kn)?"
         )
         raise DataError(msg)
+
+
+def _extrapolation(steps: FloatArray, measured_s: FloatArray) -> float:
+    """Return how far own ship may be taken straight on beyond its last row, s."""
+    if steps.size == 0:
+        return np.inf
+    spacing = float(np.median(np.diff(measured_s))) if measured_s.size > 1 else 0.0
+    return max(2.0 * spacing, min(float(steps.max()), LONGEST_EXTRAPOLATION_S))
