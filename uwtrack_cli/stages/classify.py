@@ -17,13 +17,8 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.estimation.harmonics import (
-    TOLERANCE_SIGMAS,
-    Comb,
-    CombRule,
-    comb_fit,
-    find_combs,
-)
+from uwtrack_cli.estimation.comb_test import TOLERANCE_SIGMAS, CombRule
+from uwtrack_cli.estimation.harmonics import Comb, comb_fit, find_combs
 
 _MOST_FAMILIES = 64
 """Families that a frame may have; their numbers are frame * this + rank."""

@@ -12,8 +12,7 @@ cut into blocks.
 **References.** Choi (2014); Blackman & Popoli (1999), section 6.2.
 """
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +21,8 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import COASTED, DETECTED, SUB_THRESHOLD
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation import kalman
-from uwtrack_cli.estimation.assignment import assign, candidate_pairs
-from uwtrack_cli.estimation.harmonics import CombRule, find_combs
+from uwtrack_cli.estimation.comb_test import CombRule
+from uwtrack_cli.estimation.harmonics import find_combs
 from uwtrack_cli.estimation.line_bank import (
     ASSOCIATION,
     CONFIRMED,
@@ -35,17 +34,11 @@ from uwtrack_cli.estimation.line_bank import (
 )
 from uwtrack_cli.stages.contacts import ContactSamples, group_lines
 from uwtrack_cli.stages.frame_peaks import FramePeaks
+from uwtrack_cli.stages.line_association import Associator, Pairs, Policies
 from uwtrack_cli.stages.line_families import FamilyRegister
-from uwtrack_cli.stages.line_logics import HitCounter, Logic, ScoreKeeper
+from uwtrack_cli.stages.line_logics import HitCounter, Logic
 from uwtrack_cli.stages.line_output import LineTable
-from uwtrack_cli.stages.line_policies import (
-    CountLogic,
-    Feedback,
-    Gates,
-    Harmonics,
-    Motion,
-    ScoreLogic,
-)
+from uwtrack_cli.stages.line_scores import ScoreKeeper
 
 _UNKNOWN_BEARING_VARIANCE = 1e8
 """Variance in degree^2 of a bearing that was never measured."""
@@ -61,36 +54,6 @@ _LEAST_JITTER = 0.1
 """Floor of a line's deviation in the comb test, in resolutions (Choi 2014, A.4)."""
 
 
-@dataclass(frozen=True)
-class Policies:
-    """All settings of the tracker in one place."""
-
-    initiation: Literal["score", "count"]
-    score: ScoreLogic
-    count: CountLogic
-    feedback: Feedback
-    gates: Gates
-    motion: Motion
-    harmonics: Harmonics
-
-
-@dataclass
-class _Pairs:
-    """Candidate pairs of a frame: line (position in ``slots``), peak, fit."""
-
-    line: IntArray
-    peak: IntArray
-    is_basic: BoolArray
-    cost: FloatArray
-    gain: FloatArray
-
-    def take(self, keep: BoolArray | IntArray) -> "_Pairs":
-        return _Pairs(
-            self.line[keep], self.peak[keep], self.is_basic[keep],
-            self.cost[keep], self.gain[keep],
-        )  # fmt: skip
-
-
 class LineTracker:
     """Carries the lines from frame to frame."""
 
@@ -102,7 +65,10 @@ class LineTracker:
         self.logic: Logic = (
             ScoreKeeper(policies.score, frames, peaks)
             if policies.initiation == "score"
-            else HitCounter(policies.count)
+            else HitCounter(policies.count, frames, peaks)
+        )
+        self.associator = Associator(
+            self.bank, policies, self.logic, self.resolution_hz
         )
         self.hop_s = frames.hop_s
         self.reference = peaks.reference
@@ -158,7 +124,7 @@ class LineTracker:
         bank = self.bank
         slots = bank.active()
         bank.table[ASSOCIATION, slots] = COASTED
-        is_claimed = self._is_claimed(peaks)
+        is_claimed = self.associator.is_claimed(peaks)
         crowding = self.logic.crowding(peaks.frequency, ~is_claimed)
         is_free = np.ones(peaks.frequency.size, dtype=bool)
         if slots.size:
@@ -169,7 +135,7 @@ class LineTracker:
             is_claimed[chosen.peak[is_likely]] = True
             self._decide(slots, chosen)
             self._merge()
-            is_claimed |= self._is_claimed(peaks)
+            is_claimed |= self.associator.is_claimed(peaks)
         self.logic.watch(peaks.frequency[~is_claimed])
         self.frames_seen += 1
         if self.frames_seen % self.policies.feedback.every_frames == 0:
@@ -178,76 +144,8 @@ class LineTracker:
 
     def _associate(
         self, slots: IntArray, peaks: FramePeaks, crowding: FloatArray
-    ) -> _Pairs:
-        is_confirmed = self.bank.stage[slots] == CONFIRMED
-        is_lax = is_confirmed & self._is_recognised(slots)
-        pairs = self._pairs(slots, is_lax, peaks, crowding)
-        pairs = self._allowed(pairs, is_lax, peaks)
-        first = pairs.take(is_confirmed[pairs.line])
-        first = first.take(_assigned(first))
-        taken = np.zeros(peaks.frequency.size, dtype=bool)
-        taken[first.peak] = True
-        second = pairs.take(~is_confirmed[pairs.line] & ~taken[pairs.peak])
-        second = second.take(_assigned(second))
-        return _Pairs(*(
-            np.concatenate([getattr(first, name), getattr(second, name)])
-            for name in ("line", "peak", "is_basic", "cost", "gain")
-        ))  # fmt: skip
-
-    def _is_recognised(self, slots: IntArray) -> BoolArray:
-        classifier = self.policies.feedback.classifier
-        if classifier == "all":
-            return np.ones(slots.size, dtype=bool)
-        return self.bank.hold[slots] > 0
-
-    def _pairs(
-        self,
-        slots: IntArray,
-        is_lax: BoolArray,
-        peaks: FramePeaks,
-        crowding: FloatArray,
-    ) -> _Pairs:
-        gates, state = self.policies.gates, self.bank.state
-        factor = np.where(is_lax, self.policies.feedback.beta, 1.0)
-        centre, spread = state.position[:, slots], state.variance[:, slots]
-        if gates.frequency_hz is None:
-            widest = peaks.variance.max(initial=0.0)
-            reach = gates.sigmas * np.sqrt(spread[0] + widest) * factor
-        else:
-            reach = gates.frequency_hz * factor
-        line, peak = candidate_pairs(centre[0], reach, peaks.frequency)
-        off = peaks.frequency[peak] - centre[0][line]
-        turn = kalman.wrap_deg(peaks.bearing[peak] - centre[1][line])
-        turn[np.isnan(turn)] = 0.0
-        total = spread[0][line] + peaks.variance[peak]
-        turn_total = spread[1][line] + peaks.bearing_variance[peak]
-        width, turn_width = (
-            gates.sigmas * np.sqrt(total) if gates.frequency_hz is None
-            else gates.frequency_hz,
-            gates.sigmas * np.sqrt(turn_total) if gates.bearing_deg is None
-            else gates.bearing_deg,
-        )  # fmt: skip
-        wide = factor[line]
-        inside = (np.abs(off) < width * wide) & (np.abs(turn) < turn_width * wide)
-        basic = (np.abs(off) < width) & (np.abs(turn) < turn_width)
-        distance = off**2 / total + turn**2 / turn_total
-        cost, gain = self.logic.weigh(
-            distance, total, peaks.raw[5, peak], crowding[peak]
-        )
-        return _Pairs(line, peak, basic, cost, gain).take(inside)
-
-    def _allowed(self, pairs: _Pairs, is_lax: BoolArray, peaks: FramePeaks) -> _Pairs:
-        """Drop sub-threshold peaks, but for lax lines with nothing else in reach."""
-        if self.logic.uses_all_peaks or not pairs.line.size:
-            return pairs
-        is_detection = peaks.is_detection[pairs.peak]
-        has_normal = np.bincount(pairs.line[is_detection], minlength=is_lax.size) > 0
-        alpha_db = 20.0 * np.log10(self.policies.feedback.alpha)
-        cell_db = 10.0 * np.log10(1.0 + 10.0 ** (peaks.raw[5, pairs.peak] / 10.0))
-        is_loud = cell_db > peaks.threshold_db + alpha_db
-        is_spare = is_lax[pairs.line] & ~has_normal[pairs.line] & is_loud
-        pairs.cost = pairs.cost + 500.0 * ~is_detection
-        return pairs.take(is_detection | is_spare)
+    ) -> Pairs:
+        return self.associator.associate(slots, peaks, crowding)
 
     def _update(self, slots: IntArray, peak: IntArray, peaks: FramePeaks) -> None:
         table, state = self.bank.table, self.bank.state
@@ -265,14 +163,14 @@ class LineTracker:
             peaks.is_detection[peak], DETECTED, SUB_THRESHOLD
         )
 
-    def _decide(self, slots: IntArray, chosen: _Pairs) -> None:
+    def _decide(self, slots: IntArray, chosen: Pairs) -> None:
         bank = self.bank
         hit, gain = np.zeros(slots.size, dtype=bool), np.zeros(slots.size)
         hit[chosen.line] = True
         gain[chosen.line] = chosen.gain
         bank.age[slots] += 1
         patience = np.where(
-            self._is_recognised(slots) & (bank.stage[slots] == CONFIRMED),
+            self.associator.is_recognised(slots) & (bank.stage[slots] == CONFIRMED),
             self.policies.feedback.gamma, 1.0,
         )  # fmt: skip
         is_sure, is_lost = self.logic.judge(bank, slots, hit, gain, patience)
@@ -371,26 +269,6 @@ class LineTracker:
         )
         bank.noise_density[1, slots] = motion.bearing_deg2ps3
         bank.start(slots, self.logic.first_score(peaks.raw[5, seeds], crowding[seeds]))
-
-    def _is_claimed(self, peaks: FramePeaks) -> BoolArray:
-        """Peaks so near a confirmed line that they cannot be another line."""
-        bank, gates = self.bank, self.policies.gates
-        slots = np.flatnonzero(bank.stage == CONFIRMED)
-        reach = np.full(slots.size, gates.frequency_hz or self.resolution_hz)
-        line, peak = candidate_pairs(bank.table[0, slots], reach, peaks.frequency)
-        if gates.bearing_deg is not None:
-            turn = kalman.wrap_deg(peaks.bearing[peak] - bank.table[1, slots[line]])
-            peak = peak[~(np.abs(turn) >= gates.bearing_deg)]
-        is_claimed = np.zeros(peaks.frequency.size, dtype=bool)
-        is_claimed[peak] = True
-        return is_claimed
-
-
-def _assigned(pairs: _Pairs) -> IntArray:
-    """Positions of the pairs of the best one-to-one assignment."""
-    line, peak = assign(pairs.line, pairs.peak, pairs.cost)
-    width = pairs.peak.max(initial=0) + 1
-    return np.flatnonzero(np.isin(pairs.line * width + pairs.peak, line * width + peak))
 
 
 def _younger(bank: LineBank, low: IntArray, high: IntArray) -> IntArray:

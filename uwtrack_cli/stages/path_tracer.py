@@ -18,7 +18,8 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.estimation.harmonics import CombRule, find_combs
+from uwtrack_cli.estimation.comb_test import CombRule
+from uwtrack_cli.estimation.harmonics import find_combs
 from uwtrack_cli.estimation.line_bank import N_ROWS, Points
 from uwtrack_cli.estimation.noise_floor import noise_floor
 from uwtrack_cli.estimation.path_search import (

@@ -26,8 +26,9 @@ from uwtrack_cli.estimation.information_reduction import gate_probability
 from uwtrack_cli.estimation.line_bank import ASSOCIATION, CONFIRMED, STATE_ROWS
 from uwtrack_cli.estimation.operating_curve import OperatingCurve, model_curve
 from uwtrack_cli.stages.frame_peaks import FramePeaks
+from uwtrack_cli.stages.line_association import Pairs, Policies, assigned
 from uwtrack_cli.stages.line_logics import NOISE_PEAKS_PER_CELL
-from uwtrack_cli.stages.line_tracker import LineTracker, Policies, _assigned, _Pairs
+from uwtrack_cli.stages.line_tracker import LineTracker
 
 _TURN_DEG = 360.0
 _ALL_BEARINGS_STD_DEG = 60.0
@@ -68,9 +69,11 @@ class PdaLineTracker(LineTracker):
 
     def _associate(
         self, slots: IntArray, peaks: FramePeaks, crowding: FloatArray
-    ) -> _Pairs:
+    ) -> Pairs:
         is_confirmed = self.bank.stage[slots] == CONFIRMED
-        pairs = self._pairs(slots, np.zeros(slots.size, bool), peaks, crowding)
+        pairs = self.associator.pairs(
+            slots, np.zeros(slots.size, bool), peaks, crowding
+        )
         sure = pairs.take(is_confirmed[pairs.line])
         weight, gain, allowed = self._weigh(slots, sure, peaks)
         self.mixture = Mixture(
@@ -85,14 +88,14 @@ class PdaLineTracker(LineTracker):
         taken = np.zeros(peaks.frequency.size, dtype=bool)
         taken[sure.peak[weight >= 0.5]] = True
         rest = pairs.take(~is_confirmed[pairs.line] & ~taken[pairs.peak])
-        rest = rest.take(_assigned(rest))
-        return _Pairs(*(
+        rest = rest.take(assigned(rest))
+        return Pairs(*(
             np.concatenate([getattr(chosen, name), getattr(rest, name)])
             for name in ("line", "peak", "is_basic", "cost", "gain")
         ))  # fmt: skip
 
     def _weigh(
-        self, slots: IntArray, pairs: _Pairs, peaks: FramePeaks
+        self, slots: IntArray, pairs: Pairs, peaks: FramePeaks
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return probability and gain of each pair, and which of them take part."""
         state, count = self.bank.state, slots.size

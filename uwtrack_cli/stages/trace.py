@@ -141,7 +141,9 @@ def trace_rule(
     overlap = 1.0 - frames.hop_samples / frames.window_samples
     padding = round(frames.fft_length / frames.window_samples)
     key = tail_key(overlap, padding)
-    threshold = TraceThreshold(false_lines_per_khz_hour, key[0], key[1], frames.hop_s)
+    threshold = TraceThreshold(
+        false_lines_per_khz_hour, key[0], key[1], frames.hop_s, window_frames
+    )
     band = band_hz or (0.0, float(block.frequency_hz[-1]))
     inside = (block.frequency_hz >= band[0]) & (block.frequency_hz <= band[1])
     if np.count_nonzero(inside) < 64 * padding:

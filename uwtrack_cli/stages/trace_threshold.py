@@ -3,7 +3,7 @@
 **Method.** The best path's score in noise has an exponential tail: the number of
 windows per kHz of band that exceed a score T is exp(-(T - a)/b). The two numbers
 depend on the length of the window, the overlap of its frames and the zero padding, and
-were found by simulating noise through the whole stage (`study_trace_noise`).
+were found by simulating noise through the whole stage (`flow.studies.trace_noise`).
 
 **Conventions.** Scores in nepers, rates per kHz of band and hour.
 
@@ -15,14 +15,34 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.errors import OptionError
+from uwtrack_cli.stages.line_sensitivity import weakest_by_path
 
 TAILS = {
-    (0.5, 2): ((32, 60, 120, 240), (-2.0, -5.5, -15.6, -30.0), (1.7, 1.9, 2.0, 2.1)),
-    (0.5, 1): ((32, 60, 120, 240), (-2.0, -5.5, -15.6, -30.0), (1.7, 1.9, 2.0, 2.1)),
-    (0.75, 2): ((32, 60, 120, 240), (-2.0, -5.5, -15.6, -30.0), (1.7, 1.9, 2.0, 2.1)),
-    (0.75, 1): ((32, 60, 120, 240), (-2.0, -5.5, -15.6, -30.0), (1.7, 1.9, 2.0, 2.1)),
+    (0.5, 2): (
+        (32, 60, 120, 240),
+        (3.45, -3.44, -17.0, -51.63),
+        (1.611, 2.362, 2.401, 4.211),
+    ),
+    (0.5, 1): (
+        (32, 60, 120, 240),
+        (4.54, -0.08, -7.53, -29.81),
+        (1.722, 2.437, 2.097, 3.384),
+    ),
+    (0.75, 2): (
+        (32, 60, 120, 240),
+        (11.71, 9.69, 2.7, -14.11),
+        (2.719, 3.345, 4.096, 4.893),
+    ),
+    (0.75, 1): (
+        (32, 60, 120, 240),
+        (14.43, 16.48, 18.88, 17.28),
+        (2.671, 3.153, 3.615, 5.991),
+    ),
 }
 """By overlap and padding: frames in the window, a and b in nepers."""
+
+_PATH_GAIN = 0.05
+"""Gain per frame of a path that may choose its cells, from simulated lines."""
 
 _CONTINUATION = 1e3
 """Factor on the rate where a line is expected: few places, not all of the band."""
@@ -36,6 +56,7 @@ class TraceThreshold:
     overlap: float
     padding: int
     hop_s: float
+    window_frames: int
 
     def scores(self, n_frames: int) -> tuple[float, float]:
         """Scores for a new line and for one that continues, for a window."""
@@ -50,7 +71,8 @@ class TraceThreshold:
     @property
     def weakest_line_snr_db(self) -> float:
         """Cell SNR of the weakest steady line found with probability one half."""
-        return float("nan")
+        n_frames = self.window_frames
+        return weakest_by_path(self.scores(n_frames)[0], n_frames, _PATH_GAIN)
 
 
 def tail_key(overlap: float, padding: int) -> tuple[float, int]:

@@ -12,7 +12,7 @@ threshold that noise exceeds once in a hundred sets, as in the reference.
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.harmonics import CombRule, comb_tests
+from uwtrack_cli.estimation.comb_test import CombRule, comb_tests
 
 LOW_HZ, BAND_HZ = 400.0, 600.0
 JITTER_HZ, SEEN = 0.25, 0.75

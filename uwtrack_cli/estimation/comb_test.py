@@ -1,0 +1,227 @@
+"""The a-contrario comb test: how unlikely by chance a row of equidistant peaks is.
+
+**Method.** Every pair of peaks (i, j) is taken as the ends of a comb of m spacings,
+D = (f_j - f_i)/m. An interior tooth is hit when a peak lies within tau of it (and in
+the pair's direction). Under the null hypothesis peaks are Poisson and the number of
+hits is binomial, so that the number of tests times the tail probability is the
+expected number of such combs by chance (NFA): NFA < eps needs no calibration.
+Teeth are interpolated between the pair, never extrapolated, so the error of the
+spacing does not grow with the tooth.
+
+**Conventions.** Peaks ascend in frequency. An unknown bearing (nan) agrees with every
+other.
+
+**References.** Desolneux, Moisan & Morel, "From Gestalt Theory to Image Analysis: A
+Probabilistic Approach" (2008).
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.estimation.kalman import wrap_deg
+
+TOLERANCE_SIGMAS = 2.5
+"""Half width of a tooth in standard deviations of a difference."""
+
+_RATIO = 1.02
+"""Step of the table of probabilities; rounding is upwards, to the safe side."""
+
+
+@dataclass(frozen=True)
+class CombRule:
+    """What counts as a comb.
+
+    Attributes
+    ----------
+    spacing_hz
+        Least and greatest distance of two teeth.
+    most_spacings
+        Greatest number of spacings between the ends of a comb.
+    sigma_hz
+        Standard deviation of a peak's frequency.
+    bearing_window_deg
+        Greatest difference of bearings in a family.
+    band_hz
+        Width of the band in which the peaks were sought.
+    """
+
+    spacing_hz: tuple[float, float]
+    most_spacings: int
+    sigma_hz: float
+    bearing_window_deg: float
+    band_hz: float
+
+    @property
+    def tolerance_hz(self) -> float:
+        """Half width of a tooth."""
+        return float(TOLERANCE_SIGMAS * np.sqrt(2.0) * self.sigma_hz)
+
+
+def comb_tests(
+    frequency_hz: FloatArray, bearing_deg: FloatArray, rule: CombRule
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Test every pair of peaks and number of spacings as the ends of a comb.
+
+    Returns
+    -------
+    tuple of arrays
+        Lower peak, upper peak, spacings and log10 of the chance of every test.
+    """
+    lower, upper, spacings = _hypotheses(frequency_hz, bearing_deg, rule)
+    hits = _interior_hits(frequency_hz, bearing_deg, rule, lower, upper, spacings)
+    density = _density(frequency_hz, rule, lower, upper, hits)
+    share = min(1.0, 2.0 * rule.bearing_window_deg / 360.0)
+    if not np.isfinite(bearing_deg).any():
+        share = 1.0
+    probability = -np.expm1(-2.0 * rule.tolerance_hz * density * share)
+    step = np.ceil(np.log(np.maximum(probability, 1e-6) / 1e-6) / np.log(_RATIO))
+    chance = _log10_tail(rule.most_spacings)[step.astype(np.int64), spacings - 1, hits]
+    chance = chance + np.log10(max(lower.size, 1))
+    return lower, upper, spacings, chance
+
+
+def _hypotheses(
+    frequency_hz: FloatArray, bearing_deg: FloatArray, rule: CombRule
+) -> tuple[IntArray, IntArray, IntArray]:
+    """List pairs and numbers of spacings, ordered by number of spacings."""
+    lower, upper = np.triu_indices(frequency_hz.size, 1)
+    span = frequency_hz[upper] - frequency_hz[lower]
+    fits = (span >= 2.0 * rule.spacing_hz[0]) & (
+        span <= rule.most_spacings * rule.spacing_hz[1]
+    )
+    if np.isfinite(bearing_deg).any():
+        fits &= agree(bearing_deg[lower], bearing_deg[upper], rule.bearing_window_deg)
+    lower, upper, span = lower[fits], upper[fits], span[fits]
+    counts = np.arange(2, rule.most_spacings + 1)
+    spacing = span / counts[:, None]
+    row, pair = np.nonzero(
+        (spacing >= rule.spacing_hz[0]) & (spacing <= rule.spacing_hz[1])
+    )
+    return lower[pair], upper[pair], counts[row]
+
+
+def agree(a_deg: FloatArray, b_deg: FloatArray, window_deg: float) -> BoolArray:
+    """Tell which bearings agree; an unknown one agrees with every other."""
+    return ~(np.abs(wrap_deg(a_deg - b_deg)) > window_deg)
+
+
+def _spread_deg(bearing_deg: FloatArray) -> float:
+    """Return the width of the sector that holds all known bearings."""
+    known = bearing_deg[np.isfinite(bearing_deg)]
+    if known.size == 0:
+        return 0.0
+    turn = wrap_deg(known - known[0])
+    return float(turn.max() - turn.min())
+
+
+def _interior_hits(
+    frequency_hz: FloatArray,
+    bearing_deg: FloatArray,
+    rule: CombRule,
+    lower: IntArray,
+    upper: IntArray,
+    spacings: IntArray,
+) -> IntArray:
+    finder = _PeakFinder(frequency_hz, rule.tolerance_hz)
+    base = frequency_hz[lower]
+    spacing = (frequency_hz[upper] - base) / spacings
+    base = base - rule.tolerance_hz
+    has_directions = _spread_deg(bearing_deg) > rule.bearing_window_deg
+    middle = bearing_deg[lower] + 0.5 * wrap_deg(
+        bearing_deg[upper] - bearing_deg[lower]
+    )
+    hits = np.zeros(lower.size, dtype=np.int64)
+    edges = np.searchsorted(spacings, np.arange(2, rule.most_spacings + 2))
+    for inner, (start, stop) in enumerate(pairwise(edges), start=1):
+        at = slice(start, stop)
+        lowest = base[at, None] + spacing[at, None] * np.arange(1, inner + 1)
+        peak, is_near = finder.nearest_above(lowest)
+        if has_directions:
+            _keep_direction(
+                finder, lowest, peak, is_near, bearing_deg, middle[at],
+                rule.bearing_window_deg,
+            )  # fmt: skip
+        hits[at] = np.count_nonzero(is_near, axis=1)
+    return hits
+
+
+class _PeakFinder:
+    """Finds, for many values, the first of few peaks that is not below."""
+
+    def __init__(self, frequency_hz: FloatArray, tolerance_hz: float) -> None:
+        low, high = float(frequency_hz[0]), float(frequency_hz[-1])
+        self.width = 2.0 * tolerance_hz
+        self.fence = np.append(frequency_hz, np.inf)
+        step = max(tolerance_hz, (high - low) / 20_000.0)
+        edges = np.arange(low - self.width, high + 2.0 * step, step)
+        self.table = np.searchsorted(self.fence, edges)
+        self.scale, self.origin = 1.0 / step, float(edges[0])
+
+    def nearest_above(self, lowest: FloatArray) -> tuple[IntArray, BoolArray]:
+        """Return the peak at or above each value, and whether it is in the tooth."""
+        cell = ((lowest - self.origin) * self.scale).astype(np.intp)
+        peak = self.table[cell]
+        found = self.fence[peak]
+        is_behind = found < lowest
+        while is_behind.any():
+            peak += is_behind
+            found = self.fence[peak]
+            is_behind = found < lowest
+        return peak, found <= lowest + self.width
+
+
+def _keep_direction(
+    finder: _PeakFinder,
+    lowest: FloatArray,
+    peak: IntArray,
+    is_near: BoolArray,
+    bearing_deg: FloatArray,
+    middle_deg: FloatArray,
+    window_deg: float,
+) -> None:
+    """Unmark teeth that no peak from the right direction hits."""
+    row, column = np.nonzero(is_near)
+    at = peak[row, column]
+    while row.size:
+        is_same = agree(bearing_deg[at], middle_deg[row], window_deg)
+        row, column, at = row[~is_same], column[~is_same], at[~is_same] + 1
+        # a peak from elsewhere may hide the right one behind it
+        more = finder.fence[at] <= lowest[row, column] + finder.width
+        is_near[row[~more], column[~more]] = False
+        row, column, at = row[more], column[more], at[more]
+
+
+def _density(
+    frequency_hz: FloatArray,
+    rule: CombRule,
+    lower: IntArray,
+    upper: IntArray,
+    hits: IntArray,
+) -> FloatArray:
+    """Density of peaks, per Hz: of the band, or of the comb's own span if denser.
+
+    Real lines crowd at low frequencies. The hits themselves are not counted in the
+    span, or a complete comb would hide itself.
+    """
+    span = frequency_hz[upper] - frequency_hz[lower]
+    others = np.maximum(upper - lower - 1 - hits, 0)
+    return np.asarray(np.maximum(frequency_hz.size / rule.band_hz, others / span))
+
+
+@lru_cache(maxsize=8)
+def _log10_tail(most_spacings: int) -> FloatArray:
+    """log10 P(Bin(n, q) >= k) at [step of q, n, k] for n < ``most_spacings``."""
+    from scipy.special import betainc
+
+    steps = int(np.ceil(np.log(1e6) / np.log(_RATIO))) + 1
+    q = np.minimum(1e-6 * _RATIO ** np.arange(steps), 1.0)[:, None, None]
+    n = np.arange(most_spacings)[None, :, None]
+    k = np.arange(most_spacings)[None, None, :]
+    tail = betainc(np.maximum(k, 1), np.maximum(n - k + 1, 1), q)
+    table = np.log10(np.maximum(tail, 1e-300))
+    table[:, :, 0] = 0.0
+    return np.asarray(table)

@@ -1,0 +1,120 @@
+"""What a run of the line stages could have found, told before it finds anything.
+
+**Method.** The weakest line is the steady one that is started with probability one
+half within a minute: where its expected score reaches the threshold, or where M of N
+hits come about every other time. False lines of counted hits follow from the rate of
+noise peaks and the size of a young line's gate.
+
+**Conventions.** SNRs are power over noise in the line's cell; times are in seconds.
+
+**References.** Rice (1945) for the amplitude of a line in noise; Wald (1947).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.initiation import amplitude_log_ratio
+
+MINUTE_S = 60.0
+
+_GRID_DB = np.arange(-8.0, 25.0, 0.1)
+_YOUNG_GATE = 2.2
+"""Full width of a young line's gate in resolutions, with the usual gates."""
+
+_SPATIAL_LOSS = 1.0
+"""Mean loss of a hit by its distance, in nepers: half of chi-square, and tails."""
+
+
+def line_power_density(snr: FloatArray, power_ratio: FloatArray) -> FloatArray:
+    """Return p(y) of a line's power ratio y, shape (snr, y).
+
+    Notes
+    -----
+    exp(-y - d) I0(2 sqrt(d y)) (Rice 1945), from the likelihood ratio.
+    """
+    ratio = amplitude_log_ratio(power_ratio[None, :], snr[:, None])
+    return np.exp(ratio - power_ratio[None, :])
+
+
+def weakest_by_score(
+    gain: Callable[[FloatArray], FloatArray],
+    threshold: float,
+    miss: float,
+    sure: float,
+    n_frames: float,
+) -> float:
+    """Return the SNR in dB at which the expected score comes up in a minute.
+
+    Parameters
+    ----------
+    gain
+        Gain of a hit from its power ratio, in nepers.
+    threshold
+        Power ratio above which peaks are kept.
+    miss
+        Loss of a missed frame (negative), in nepers.
+    sure
+        Score that starts a line, in nepers.
+    n_frames
+        Independent frames in a minute.
+    """
+    power = np.linspace(threshold, threshold + 60.0, 1500)
+    density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)
+    step = power[1] - power[0]
+    seen = density.sum(axis=1) * step
+    gained = (density * (gain(power) - _SPATIAL_LOSS)).sum(axis=1) * step
+    drift = gained + (1.0 - np.minimum(seen, 1.0)) * miss
+    return _first_above(drift * n_frames, sure)
+
+
+def weakest_by_count(
+    threshold: float, hits: int, frames: int, n_frames: float
+) -> float:
+    """Return the SNR in dB at which M of N hits come in a minute every other time."""
+    from scipy.stats import binom, ncx2
+
+    snr = 10.0 ** (_GRID_DB / 10.0)
+    seen = ncx2.sf(2.0 * threshold, 2, 2.0 * snr)
+    started = seen * binom.sf(hits - 2, frames - 1, seen)
+    return _first_above(-np.log1p(-np.minimum(started, 1 - 1e-12)) * n_frames, LN2)
+
+
+def false_lines_by_count(
+    peaks_per_frame_khz: float, resolution_hz: float, hits: int, frames: int,
+    hop_s: float,
+) -> float:  # fmt: skip
+    """Return the expected rate of false lines by M of N, per kHz and hour."""
+    from scipy.stats import binom
+
+    in_gate = -np.expm1(-peaks_per_frame_khz * 1e-3 * _YOUNG_GATE * resolution_hz)
+    births_per_hour = peaks_per_frame_khz * 3600.0 / hop_s
+    return float(births_per_hour * binom.sf(hits - 2, frames - 1, in_gate))
+
+
+def weakest_by_path(sure: float, n_frames: int, path_gain: float) -> float:
+    """Return the SNR in dB at which the expected score of a path comes up.
+
+    Parameters
+    ----------
+    sure
+        Score that a path must exceed, in nepers.
+    n_frames
+        Frames of the path.
+    path_gain
+        What a path gains per frame by its choice among cells, in nepers.
+    """
+    power = np.linspace(1e-3, 80.0, 4000)
+    density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)
+    score = np.minimum(amplitude_log_ratio(power, 1.5), 4.0)
+    mean = (density * score).sum(axis=1) * (power[1] - power[0])
+    return _first_above(n_frames * (mean + path_gain), sure)
+
+
+LN2 = float(np.log(2.0))
+
+
+def _first_above(values: FloatArray, level: float) -> float:
+    above = np.flatnonzero(values > level)
+    return float(_GRID_DB[above[0]]) if above.size else float(_GRID_DB[-1])
