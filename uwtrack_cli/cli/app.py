@@ -24,6 +24,8 @@ COMMANDS: dict[str, str] = {
     "show": "file_commands:show",
     "verify": "file_commands:verify",
     "plot": "file_commands:plot",
+    "report": "export_commands:report",
+    "export": "export_commands:export",
     "score": "score_commands:score",
     "diff": "score_commands:diff",
     "simulate": "sample_commands:simulate",

@@ -1,0 +1,100 @@
+"""Export a product: CSV, GeoJSON, KML, Raven selection table, NetCDF."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.atomic import atomic_target, check_target
+from uwtrack_cli.files.netcdf import write_netcdf
+from uwtrack_cli.files.product import Product
+from uwtrack_cli.files.registry import container_class
+from uwtrack_cli.files.tables import write_table
+from uwtrack_cli.flow.exports.features import geographic_features
+from uwtrack_cli.flow.exports.geojson import geojson_text
+from uwtrack_cli.flow.exports.kml import kml_text
+from uwtrack_cli.flow.exports.raven import raven_text
+from uwtrack_cli.flow.products import small_containers
+
+Form = Literal["csv", "geojson", "kml", "raven", "netcdf"]
+ENDINGS: dict[Form, str] = {
+    "csv": ".csv", "geojson": ".geojson", "kml": ".kml",
+    "raven": ".selections.txt", "netcdf": ".nc",
+}  # fmt: skip
+SUMMARIES = ("fixes", "encounters", "motions", "target", "decision", "lines", "levels")
+"""Containers that a CSV holds, the first one there is."""
+
+
+def export_product(
+    product: Product,
+    form: Form,
+    target: Path,
+    *,
+    container: str | None = None,
+    sensor: str | None = None,
+    overwrite: bool = False,
+    inputs: tuple[Path, ...] = (),
+) -> None:
+    """Write what a product found in the format of another program.
+
+    Parameters
+    ----------
+    product
+        The product, open for reading.
+    form
+        The format.
+    target
+        File to write.
+    container
+        Container that a CSV holds.
+    sensor
+        Sensor, where there are several.
+    overwrite
+        Whether an existing file may be replaced.
+    inputs
+        Files being read: none of them may be the target.
+
+    Raises
+    ------
+    DataError
+        The product does not hold what the format needs.
+    OutputError
+        The target exists, is an input, or cannot be written.
+    """
+    check_target(target, overwrite=overwrite, inputs=inputs)
+    if form == "csv":
+        text = "\n".join(write_table(_chosen(product, container, sensor), "csv")) + "\n"
+    elif form == "netcdf":
+        with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
+            history = [step.to_json() for step in product.history]
+            write_netcdf(temporary, list(small_containers(product)), history)
+        return
+    else:
+        text = TEXTS[form](list(small_containers(product)), product.name)
+    with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _geojson(containers: list[Container], name: str) -> str:
+    return geojson_text(geographic_features(containers, name))
+
+
+def _kml(containers: list[Container], name: str) -> str:
+    return kml_text(geographic_features(containers, name), Path(name).name)
+
+
+TEXTS: dict[str, Callable[[list[Container], str], str]] = {
+    "geojson": _geojson,
+    "kml": _kml,
+    "raven": raven_text,
+}
+
+
+def _chosen(product: Product, container: str | None, sensor: str | None) -> Container:
+    held = {name for _, name in product.paths}
+    name = container or next((name for name in SUMMARIES if name in held), None)
+    if name is None:
+        msg = f"{product.name} holds no table; name one with --container."
+        raise DataError(msg)
+    return product.read(container_class(name), sensor)

@@ -1,0 +1,143 @@
+"""Results as geographic features: sensors, closest approaches, tracks, positions.
+
+**Method.** Places are taken from the sensor along geodesics. An uncertainty is the
+ellipse that holds the true position with 95 % probability, as a polygon.
+
+**Conventions.** Coordinates are (longitude, latitude) in degrees, WGS 84; polygons
+are closed and run counter-clockwise. A track reaches three ranges before and after
+its closest approach. Longitudes of one feature do not jump at the date line.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container, FloatArray
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.json_rows import json_rows
+from uwtrack_cli.physics.geodesy import Origin, to_latitude_longitude
+
+SCALE_95 = 2.4477468306808166
+"""Square root of the 95 % quantile of chi-square with two degrees of freedom."""
+
+CORNERS = 72
+TRACK_RANGES = 3.0
+C = TypeVar("C", bound=Container)
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One thing on the map."""
+
+    kind: Literal["sensor", "encounter", "track", "fix", "ellipse"]
+    shape: Literal["Point", "LineString", "Polygon"]
+    name: str
+    places: tuple[tuple[float, float], ...]
+    properties: dict[str, Any] = field(default_factory=dict)
+
+
+def geographic_features(containers: Sequence[Container], name: str) -> list[Feature]:
+    """Return everything in a product that has a place on Earth.
+
+    Parameters
+    ----------
+    containers
+        Small containers of a product.
+    name
+        Name of the product, for messages.
+
+    Raises
+    ------
+    DataError
+        Nothing has a latitude and longitude.
+    """
+    sensors = {s.id: s for s in _of(containers, Sensor) if s.latitude is not None}
+    found = [_sensor(sensor) for sensor in sensors.values()]
+    for encounters in _of(containers, Encounters):
+        found += _encounters(encounters, sensors)
+    for fixes in _of(containers, Fixes):
+        found += _fixes(fixes)
+    if not found:
+        msg = (
+            f"{name} has nothing with latitude and longitude: give them in the sensor "
+            f"file and run again, or export to csv."
+        )
+        raise DataError(msg)
+    return found
+
+
+def _of(containers: Sequence[Container], kind: type[C]) -> list[C]:
+    return [c for c in containers if isinstance(c, kind)]
+
+
+def _sensor(sensor: Sensor) -> Feature:
+    place = (float(sensor.longitude or 0.0), float(sensor.latitude or 0.0))
+    facts = {"id": sensor.id, "sensor_kind": sensor.kind, "depth_m": sensor.depth_m,
+             "position_std_m": sensor.position_std_m}  # fmt: skip
+    return Feature("sensor", "Point", sensor.id, (place,), facts)
+
+
+def _encounters(
+    encounters: Encounters, sensors: dict[str, Sensor]
+) -> Iterator[Feature]:
+    for row, values in enumerate(json_rows(encounters)):
+        sensor = sensors.get(values["sensor"])
+        range_m = values["horizontal_range_m"] or values["slant_range_m"]
+        if sensor is None or range_m is None or values["bearing_deg"] is None:
+            continue
+        origin = Origin(float(sensor.latitude or 0), float(sensor.longitude or 0))
+        bearing = np.radians(values["bearing_deg"])
+        east, north = range_m * np.sin(bearing), range_m * np.cos(bearing)
+        name = f"contact {values['contact']} at {values['sensor']}"
+        place = _places(np.array([east]), np.array([north]), origin)
+        yield Feature("encounter", "Point", name, place, values)
+        if values["course_deg"] is None:
+            continue
+        course = np.radians(encounters.course_deg[row])
+        along = np.linspace(-TRACK_RANGES, TRACK_RANGES, 25) * range_m
+        track = _places(
+            east + along * np.sin(course), north + along * np.cos(course), origin
+        )
+        known = {key: values[key] for key in ("contact", "sensor", "speed_mps")}
+        yield Feature("track", "LineString", f"track of {name}", track, known)
+
+
+def _fixes(fixes: Fixes) -> Iterator[Feature]:
+    for row, values in enumerate(json_rows(fixes)):
+        if values["latitude"] is None or values["longitude"] is None:
+            continue
+        name = f"contact {values['contact']}, mode {values['mode']}"
+        place = (values["longitude"], values["latitude"])
+        yield Feature("fix", "Point", name, (place,), values)
+        covariance = fixes.covariance_m2[row]
+        if np.isfinite(covariance).all():
+            origin = Origin(values["latitude"], values["longitude"])
+            known = {key: values[key] for key in ("contact", "mode", "time_s")}
+            ring = _ellipse(covariance, origin)
+            yield Feature("ellipse", "Polygon", f"95 % region of {name}", ring,
+                          {**known, "probability": 0.95})  # fmt: skip
+
+
+def _ellipse(covariance: FloatArray, origin: Origin) -> tuple[tuple[float, float], ...]:
+    spread, axes = np.linalg.eigh(covariance)
+    angle = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    if np.linalg.det(axes) < 0.0:  # a mirrored circle would run clockwise
+        axes = axes * np.array([1.0, -1.0])
+    radii = SCALE_95 * np.sqrt(np.maximum(spread, 0.0))
+    east, north = axes @ (radii[:, None] * circle)
+    ring = _places(east, north, origin)
+    return (*ring, ring[0])
+
+
+def _places(
+    east: FloatArray, north: FloatArray, origin: Origin
+) -> tuple[tuple[float, float], ...]:
+    latitude, longitude = to_latitude_longitude(east, north, origin)
+    smooth = longitude + 360.0 * np.round((origin.longitude - longitude) / 360.0)
+    pairs = zip(smooth.tolist(), latitude.tolist(), strict=True)
+    return tuple((round(x, 8), round(y, 8)) for x, y in pairs)

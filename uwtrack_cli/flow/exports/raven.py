@@ -1,0 +1,108 @@
+"""Tracked lines as a Raven selection table.
+
+**Conventions.** One selection per line: its times and the band that it moves through.
+`Begin Time (s)` is cumulative over the files in the order in which Raven opens them,
+without the gaps between them; `File Offset (s)` counts from the begin of `Begin File`.
+
+**References.** Raven Pro 1.6 User's Manual (Cornell Lab of Ornithology, 2023),
+chapter 6: selection tables are tab-separated text.
+"""
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.recording import RecordedFiles, Recording
+from uwtrack_cli.errors import DataError
+
+HEADS = (
+    "Selection", "View", "Channel", "Begin Time (s)", "End Time (s)", "Low Freq (Hz)",
+    "High Freq (Hz)", "Begin File", "File Offset (s)", "Sensor", "Contact", "Line",
+    "Status",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Clock:
+    """From seconds of a recording to files, offsets and cumulative time."""
+
+    recording: Recording
+    files: RecordedFiles | None
+
+    def place(self, time_s: float) -> tuple[str, float, float]:
+        """Return file, offset in it and cumulative time, s."""
+        at_s = time_s + self.recording.first_s
+        if self.files is None:
+            return self.recording.name, at_s, at_s
+        rate = self.recording.sample_rate_hz
+        sample = at_s * rate
+        starts, counts = self.files.start_sample, self.files.n_samples
+        k = max(0, int(np.searchsorted(starts, sample, side="right")) - 1)
+        offset_s = min(sample - float(starts[k]), float(counts[k])) / rate
+        before_s = float(counts[:k].sum()) / rate
+        return str(self.files.name[k]), offset_s, before_s + offset_s
+
+
+def raven_text(containers: Sequence[Container], name: str) -> str:
+    """Return the lines of a product as a selection table.
+
+    Parameters
+    ----------
+    containers
+        Small containers of a product.
+    name
+        Name of the product, for messages.
+
+    Raises
+    ------
+    DataError
+        The product has no lines, or does not carry the facts of its recording.
+    """
+    lines = [c for c in containers if isinstance(c, Lines)]
+    if not lines:
+        msg = f"{name} holds no lines, which a selection table is made of."
+        raise DataError(msg)
+    rows = [row for item in lines for row in _rows(item, containers, name)]
+    rows.sort(key=lambda row: float(row[3]))
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter="\t", lineterminator="\n")
+    writer.writerow(HEADS)
+    writer.writerows((number, *row[1:]) for number, row in enumerate(rows, 1))
+    return text.getvalue()
+
+
+def _rows(
+    lines: Lines, containers: Sequence[Container], name: str
+) -> Iterator[tuple[str, ...]]:
+    sensor = lines.frames.sensor
+    clock = _clock(containers, sensor, name)
+    half_s, half_hz = 0.5 * lines.frames.window_s, 0.5 * lines.frames.bin_hz
+    for k, line in enumerate(lines.line_id):
+        points = lines.line == line
+        if not points.any():
+            continue
+        time_s, frequency = lines.time_s[points], lines.frequency_hz[points]
+        begin = clock.place(max(0.0, float(time_s.min()) - half_s))
+        end = clock.place(float(time_s.max()) + half_s)
+        yield (
+            "", "Spectrogram 1", "1", f"{begin[2]:.6f}", f"{end[2]:.6f}",
+            f"{max(0.0, float(frequency.min()) - half_hz):.4f}",
+            f"{float(frequency.max()) + half_hz:.4f}",
+            begin[0], f"{begin[1]:.6f}", sensor, str(lines.line_contact[k]), str(line),
+            str(lines.line_status[k]),
+        )  # fmt: skip
+
+
+def _clock(containers: Sequence[Container], sensor: str, name: str) -> Clock:
+    files = [c for c in containers if isinstance(c, RecordedFiles)]
+    own = next((item for item in files if item.sensor == sensor), None)
+    for container in containers:
+        if isinstance(container, Recording) and container.sensor.id == sensor:
+            return Clock(container, own)
+    msg = f"{name} does not say which recording the lines of {sensor} are from."
+    raise DataError(msg)
