@@ -5,7 +5,7 @@ import pytest
 
 from uwtrack_cli.estimation.target_motion.coordinates import to_state
 from uwtrack_cli.estimation.target_motion.marquardt import minimise, search_limits
-from uwtrack_cli.estimation.target_motion.model import predict
+from uwtrack_cli.estimation.target_motion.model import Medium, predict
 from uwtrack_cli.estimation.target_motion.own_ship import OwnPath, make_track
 from uwtrack_cli.flow.studies.table import load_reference
 from uwtrack_cli.flow.studies.tma_scenarios import (
@@ -36,7 +36,7 @@ def track_of(name, doppler):
 def test_the_model_gives_the_published_bearings_ranges_and_frequencies(row):
     state = to_state(make_scenario(row["case"]).solution())
     track = track_of(row["case"], "interval")
-    model = predict(track, state[np.newaxis])
+    model = predict(track, state[np.newaxis], Medium())
     bearing = np.degrees(model.bearing_rad[0, [0, 249, 499, 749, 999]])
     off = (bearing - row["bearing_deg"] + 180.0) % 360.0 - 180.0
     frequency = REST_HZ * (1.0 - model.rate_mps[0] / SOUND_SPEED_MPS)
@@ -57,22 +57,27 @@ def test_the_model_gives_the_published_bearings_ranges_and_frequencies(row):
 def test_the_truth_of_the_scenarios_is_what_the_model_predicts(name):
     scenario = make_scenario(name)
     bearing, _, frequency = scenario.truth()
-    model = predict(track_of(name, "interval"), to_state(scenario.solution())[None])
+    model = predict(
+        track_of(name, "interval"), to_state(scenario.solution())[None], Medium()
+    )
     assert np.allclose(np.sin(model.bearing_rad[0] - bearing), 0.0, atol=1e-12)
     factor = 1.0 - model.rate_mps[0] / SOUND_SPEED_MPS
     assert np.allclose(REST_HZ * factor, frequency, rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.parametrize("height_m", [0.0, 4000.0])
 @pytest.mark.parametrize("delayed", [False, True], ids=["instant", "delayed"])
 @pytest.mark.parametrize("doppler", ["interval", "instantaneous"])
-def test_the_analytic_jacobian_agrees_with_central_differences(doppler, delayed):
+def test_the_analytic_jacobian_agrees_with_central_differences(
+    doppler, delayed, height_m
+):
     track = track_of("S2", doppler)
-    slowness = 1.0 / SOUND_SPEED_MPS if delayed else 0.0
+    medium = Medium(1.0 / SOUND_SPEED_MPS if delayed else 0.0, height_m)
     state = to_state(make_scenario("S2").solution())
-    model = predict(track, state[np.newaxis], slowness)
+    model = predict(track, state[np.newaxis], medium)
     for j, step in enumerate((1.0, 1.0, 1e-3, 1e-3)):
         shift = step * np.eye(4)[j]
-        pair = predict(track, np.stack([state + shift, state - shift]), slowness)
+        pair = predict(track, np.stack([state + shift, state - shift]), medium)
         bearing = np.sin(pair.bearing_rad[0] - pair.bearing_rad[1]) / (2.0 * step)
         rate = (pair.rate_mps[0] - pair.rate_mps[1]) / (2.0 * step)
         for ours, other in (
@@ -85,17 +90,28 @@ def test_the_analytic_jacobian_agrees_with_central_differences(doppler, delayed)
 def test_an_opening_range_lowers_the_frequency_and_a_closing_one_raises_it():
     track = track_of("S3", "instantaneous")
     away = np.array([[0.0, 10_000.0, 0.0, 10.0], [0.0, 10_000.0, 0.0, -10.0]])
-    rate = predict(track, away).rate_mps[:, 0]
+    rate = predict(track, away, Medium()).rate_mps[:, 0]
     factor = 1.0 - rate / SOUND_SPEED_MPS
     assert factor[0] == pytest.approx(1.0 - 10.0 / SOUND_SPEED_MPS, abs=1e-5)
     assert factor[1] == pytest.approx(1.0 + 10.0 / SOUND_SPEED_MPS, abs=1e-5)
 
 
+def test_a_vessel_overhead_of_a_deep_sensor_has_no_range_rate():
+    track = track_of("S3", "instantaneous")
+    own = track.velocity_mps[:, 0]
+    beside = np.array([[300.0, 0.0, own[0], own[1] + 5.0]])  # passes abeam now
+    deep = predict(track, beside, Medium(0.0, 400.0))
+    assert deep.rate_mps[0, 0] == pytest.approx(0.0, abs=1e-9)
+    later = 60.0 * 5.0  # a minute on, along its way
+    slant = np.sqrt(300.0**2 + 400.0**2 + later**2)
+    assert deep.rate_mps[0, 10] == pytest.approx(5.0 * later / slant, rel=1e-6)
+
+
 def test_delayed_sound_points_to_where_the_vessel_was_when_it_was_made():
     track = track_of("S3", "instantaneous")
     state = to_state(make_scenario("S3").solution())
-    model = predict(track, state[np.newaxis], 1.0 / SOUND_SPEED_MPS)
-    time = track.row_time if hasattr(track, "row_time") else track.time_s[track.now]
+    model = predict(track, state[np.newaxis], Medium(1.0 / SOUND_SPEED_MPS))
+    time = track.time_s[track.now]
     emitted = time.copy()
     for _ in range(30):  # fixed point of r = |P(t - r/c)|, an oracle of its own
         east = state[0] + state[2] * emitted - track.east_m[track.now]

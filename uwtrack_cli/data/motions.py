@@ -37,7 +37,7 @@ class Motions(Container):
     time_utc_ns: IntArray = column(
         "ns", "The same since 1970-01-01 UTC; -1 if unknown.", "motion", dtype=np.int64
     )
-    range_m: FloatArray = column("m", "Range from own ship.", "motion")
+    range_m: FloatArray = column("m", "Horizontal range from own ship.", "motion")
     range_std_m: FloatArray = column("m", "Its standard deviation.", "motion")
     range_low_m: FloatArray = column("m", "Lower end of its interval.", "motion")
     range_high_m: FloatArray = column("m", "Upper end of its interval.", "motion")

@@ -7,8 +7,9 @@ within the likelihood-ratio region is returned as a mode, and what the data cann
 tell is said, with the reason.
 
 **Conventions.** The state is that at the contact's first measurement; bearings are
-compass degrees from own ship to the target. A platform without navigation stands
-still.
+compass degrees from own ship to the target, ranges horizontal. A platform without
+navigation stands still. A sensor of known depth hears a source at the depth of a
+surface vessel's propeller.
 
 **References.** Chang, Park, Kim, Ryu & Kim 2003, J. Acoust. Soc. Korea; Jauffret &
 Pillon 1996, IEEE Trans. Aerosp. Electron. Syst. 32; Golub & Pereyra 1973, SIAM J.
@@ -17,7 +18,7 @@ Numer. Anal. 10.
 
 from typing import Literal
 
-from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS
+from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS, SOURCE_DEPTH_M
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Navigation, Sensor
@@ -124,6 +125,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         array_heading=array_heading,
         fixed_heading_deg=None if sensor is None else sensor.heading_deg,
         compass_std_deg=0.0 if sensor is None else sensor.compass_std_deg,
+        height_m=_height(sensor),
         sound_speed_mps=speed,
         delayed=propagation == "delayed",
         updates=updates,
@@ -146,6 +148,13 @@ def _check_options(updates: int, sound_speed_mps: float | None) -> None:
             f"sea water has about 1500, air 340."
         )
         raise OptionError(msg)
+
+
+def _height(sensor: Sensor | None) -> float:
+    """Depth between the sensor and a surface vessel; 0 when unknown."""
+    if sensor is None or sensor.depth_m is None:
+        return 0.0
+    return sensor.depth_m - SOURCE_DEPTH_M
 
 
 def _contacts(series: Series | None, lines: Lines | None) -> list[Measurements]:

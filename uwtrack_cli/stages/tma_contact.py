@@ -115,6 +115,7 @@ def build_problem(data: Measurements, path: OwnPath, analysis: Analysis) -> Prob
         array_heading_rad=_array_heading(path, data.time_s, interval, analysis),
         loss=weights.loss,
         frequency_share=share,
+        height_m=analysis.height_m,
     )
 
 

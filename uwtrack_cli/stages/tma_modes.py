@@ -34,6 +34,7 @@ class Analysis:
     array_heading: str
     fixed_heading_deg: float | None
     compass_std_deg: float
+    height_m: float
     sound_speed_mps: float
     delayed: bool
     updates: int

@@ -5,7 +5,8 @@ Doppler, f = f0 (1 - rate / c), positive rate opening; the rate is the mean over
 interval before the row, or that of the instant. With a propagation delay the
 vessel is seen where it was when the sound left: the range r solves
 r = |P(t - r/c)| and the bearing points there; f = f0 (1 - dr/dt / c) is then exact
-for a moving source and receiver.
+for a moving source and receiver. The range is the slant range when sensor and source
+lie at different depths.
 
 **Conventions.** ``state`` is (x, y, vx, vy) relative to own ship at time zero.
 """
@@ -28,9 +29,24 @@ class Prediction:
     rate_jacobian: FloatArray
 
 
+@dataclass(frozen=True)
+class Medium:
+    """What the sound does on its way.
+
+    ``slowness_spm`` is the inverse sound speed, s/m, for sound that takes its time,
+    or 0; ``height_m`` is the depth between sensor and source.
+    """
+
+    slowness_spm: float = 0.0
+    height_m: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class _Sight:
-    """The line of sight at the nodes of a track (trial, node)."""
+    """The line of sight at the nodes of a track (trial, node).
+
+    ``east`` and ``north`` are the horizontal parts of its unit vector.
+    """
 
     time_s: FloatArray
     range_m: FloatArray
@@ -51,11 +67,8 @@ class _Sight:
         east, north = self.east / self.stretch, self.north / self.stretch
         return np.stack([east, north, self.time_s * east, self.time_s * north], 1)
 
-    def cross(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        return self.north * x - self.east * y
 
-
-def predict(track: Track, state: FloatArray, slowness_spm: float = 0.0) -> Prediction:
+def predict(track: Track, state: FloatArray, medium: Medium) -> Prediction:
     """Predict bearings and range rates with their derivatives.
 
     Parameters
@@ -64,24 +77,25 @@ def predict(track: Track, state: FloatArray, slowness_spm: float = 0.0) -> Predi
         Own ship at the nodes.
     state
         Trial states (x, y, vx, vy), one per row, m and m/s.
-    slowness_spm
-        Inverse sound speed, s/m, for sound that takes its time; 0 for none.
+    medium
+        Sound speed and depth.
 
     Notes
     -----
     With u the unit vector along the line of sight, s the slowness and
-    D = 1 + s u.v: dr = u.dP / D and dtheta = (u x dP - s dr u x v) / r.
+    D = 1 + s u.v: dr = u.dP / D, the vessel is seen at dP - s v dr, and the bearing
+    changes by the part of that across the line of sight, over the horizontal range.
     """
-    velocity_x, velocity_y = state[:, 2:3], state[:, 3:4]
-    nodes = _line_of_sight(track, state, slowness_spm)
+    nodes = _line_of_sight(track, state, medium)
     now = nodes.at(track.now)
     range_jacobian = now.range_jacobian()
     north, east, time = now.north, now.east, now.time_s
     turn: FloatArray = np.stack([north, -east, time * north, -time * east], 1)
-    if slowness_spm:
-        drift = slowness_spm * now.cross(velocity_x, velocity_y)
+    if medium.slowness_spm:
+        drift = medium.slowness_spm * (north * state[:, 2:3] - east * state[:, 3:4])
         turn = turn - drift[:, np.newaxis] * range_jacobian
-    bearing_jacobian = turn / now.range_m[:, np.newaxis]
+    level = now.range_m * (east**2 + north**2) if medium.height_m else now.range_m
+    bearing_jacobian = turn / level[:, np.newaxis]
     if track.before is not None:
         before = nodes.at(track.before)
         rate: FloatArray = (now.range_m - before.range_m) / track.interval_s
@@ -89,16 +103,16 @@ def predict(track: Track, state: FloatArray, slowness_spm: float = 0.0) -> Predi
         rate_jacobian: FloatArray = change / track.interval_s
     else:
         rate, rate_jacobian = _rate_of_the_instant(
-            track, now, state, slowness_spm, bearing_jacobian
+            track, now, state, medium.slowness_spm, range_jacobian
         )
     return Prediction(np.arctan2(east, north), rate, bearing_jacobian, rate_jacobian)
 
 
 def predict_values(
-    track: Track, state: FloatArray, slowness_spm: float = 0.0
+    track: Track, state: FloatArray, medium: Medium
 ) -> tuple[FloatArray, FloatArray]:
     """Predict bearings and range rates alone, at a third of the cost."""
-    nodes = _line_of_sight(track, state, slowness_spm)
+    nodes = _line_of_sight(track, state, medium)
     now = nodes.at(track.now)
     bearing = np.arctan2(now.east, now.north)
     if track.before is not None:
@@ -109,23 +123,24 @@ def predict_values(
     return bearing, np.asarray(rate / now.stretch)
 
 
-def _line_of_sight(track: Track, state: FloatArray, slowness_spm: float) -> _Sight:
+def _line_of_sight(track: Track, state: FloatArray, medium: Medium) -> _Sight:
     vx, vy = state[:, 2:3], state[:, 3:4]
     time = track.time_s
     east = state[:, 0:1] + vx * time - track.east_m
     north = state[:, 1:2] + vy * time - track.north_m
-    squared = east**2 + north**2
-    if not slowness_spm:
+    squared = east**2 + north**2 + medium.height_m**2
+    slowness = medium.slowness_spm
+    if not slowness:
         distance = np.maximum(np.sqrt(squared), 1e-6)
         stretch = np.ones((state.shape[0], 1))
         return _Sight(time, distance, east / distance, north / distance, stretch)
-    opening = slowness_spm * (east * vx + north * vy)
-    scale = 1.0 - slowness_spm**2 * (vx**2 + vy**2)
+    opening = slowness * (east * vx + north * vy)
+    scale = 1.0 - slowness**2 * (vx**2 + vy**2)
     distance = (np.sqrt(opening**2 + scale * squared) - opening) / scale
     distance = np.maximum(distance, 1e-6)
-    delay = slowness_spm * distance
+    delay = slowness * distance
     east, north = (east - vx * delay) / distance, (north - vy * delay) / distance
-    stretch = 1.0 + slowness_spm * (east * vx + north * vy)
+    stretch = 1.0 + slowness * (east * vx + north * vy)
     return _Sight(time - delay, distance, east, north, stretch)
 
 
@@ -134,14 +149,22 @@ def _rate_of_the_instant(
     now: _Sight,
     state: FloatArray,
     slowness_spm: float,
-    bearing_jacobian: FloatArray,
+    range_jacobian: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
+    """Range rate u.w / D of the relative velocity w, with its derivatives.
+
+    With c = w - s rate v: d(rate) = (du.c + (1 - s rate) u.dv) / D, where
+    du = (dP - s v dr - u dr) / r.
+    """
     vx, vy = state[:, 2:3], state[:, 3:4]
     relative_x, relative_y = vx - track.velocity_mps[0], vy - track.velocity_mps[1]
     rate = (now.east * relative_x + now.north * relative_y) / now.stretch
     late = slowness_spm * rate
-    swing = now.cross(relative_x, relative_y) - late * now.cross(vx, vy)
-    jacobian = bearing_jacobian * swing[:, np.newaxis]
+    x, y = relative_x - late * vx, relative_y - late * vy
+    along = slowness_spm * (vx * x + vy * y) + now.east * x + now.north * y
+    jacobian = np.stack([x, y, now.time_s * x, now.time_s * y], 1)
+    jacobian -= range_jacobian * along[:, np.newaxis]
+    jacobian /= now.range_m[:, np.newaxis]
     jacobian[:, 2] += (1.0 - late) * now.east
     jacobian[:, 3] += (1.0 - late) * now.north
     return rate, jacobian / now.stretch[:, np.newaxis]

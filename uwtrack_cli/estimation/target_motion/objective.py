@@ -18,6 +18,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.target_motion.coordinates import state_jacobian, to_state
 from uwtrack_cli.estimation.target_motion.losses import loss_value, loss_weight
 from uwtrack_cli.estimation.target_motion.model import (
+    Medium,
     Prediction,
     predict,
     predict_values,
@@ -76,8 +77,8 @@ def residuals(
     rest_hz
         Rest frequencies (trial, line), Hz; None for the best ones.
     """
-    slowness = 1.0 / problem.sound_speed_mps if problem.delayed else 0.0
-    prediction = predict(problem.track, to_state(q, polar=polar), slowness)
+    state = to_state(q, polar=polar)
+    prediction = predict(problem.track, state, medium_of(problem))
     bearing_data, frequency_data = problem.bearing_rad, problem.frequency_hz
     if member is not None and bearing_data.shape[0] > 1:
         bearing_data, frequency_data = bearing_data[member], frequency_data[member]
@@ -102,6 +103,12 @@ def residuals(
         rest_hz,
         prediction,
     )
+
+
+def medium_of(problem: Problem) -> Medium:
+    """Return what the sound does on its way."""
+    slowness = 1.0 / problem.sound_speed_mps if problem.delayed else 0.0
+    return Medium(slowness, problem.height_m)
 
 
 def _rest_frequencies(
@@ -242,8 +249,7 @@ def misfit_value(
     member
         Record of each trial.
     """
-    slowness = 1.0 / problem.sound_speed_mps if problem.delayed else 0.0
-    bearing, rate = predict_values(problem.track, state, slowness)
+    bearing, rate = predict_values(problem.track, state, medium_of(problem))
     chosen = member if problem.bearing_rad.shape[0] > 1 else np.zeros(1, dtype=np.int64)
     heading = problem.array_heading_rad
     data = problem.bearing_rad[chosen]

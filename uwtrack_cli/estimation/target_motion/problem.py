@@ -59,7 +59,8 @@ class Problem:
     ``bearing_rad`` has axes (record, stream, row) and ``frequency_hz`` axes
     (record, line, row); with ``array_heading_rad`` a bearing tells only the angle
     to that heading, not the side. ``frequency_share`` is the factor by which the
-    squared weights of frequencies were lowered below their inverse variances.
+    squared weights of frequencies were lowered below their inverse variances;
+    ``height_m`` is the depth between sensor and source.
     """
 
     track: Track
@@ -72,6 +73,7 @@ class Problem:
     array_heading_rad: FloatArray | None = None
     loss: Loss = "squares"
     frequency_share: float = 1.0
+    height_m: float = 0.0
 
     @property
     def n_rows(self) -> int:

@@ -5,6 +5,9 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.target_motion.problem import wrap_rad
 
+FITTED = 4
+"""Parameters of a motion, that the residuals were fitted with."""
+
 FEWEST = 6
 """Values from which a scatter can be estimated."""
 
@@ -47,14 +50,15 @@ def correlation_inflation(z: FloatArray, heard: FloatArray, fewest_lags: int) ->
     heard
         Weights; zero where nothing was measured.
     fewest_lags
-        Distance in rows at which measurements still overlap; further lags count as
-        long as the correlation stays positive.
+        Distance in rows at which measurements still overlap.
 
     Notes
     -----
-    s^2 (1 + 2 sum rho_l), the variance of a mean of correlated errors (Bayley &
-    Hammersley 1946), for the sum over streams: correlation between streams counts
-    as well. The sum ends where rho falls below zero (Geyer 1992).
+    Power of the residuals at zero frequency, s^2 (1 + 2 sum (1 - l/L) rho_l), with
+    Bartlett's window over an eighth of the record (Newey & West 1987), for the sum
+    over streams: correlation between streams counts as well. The window holds
+    m = 1.5 n / L independent values of that power, and the fit of a motion has taken
+    four of them away: the sum is raised by m / (m - 4).
     """
     valid = heard > 0
     count = np.count_nonzero(valid, axis=0)
@@ -66,12 +70,12 @@ def correlation_inflation(z: FloatArray, heard: FloatArray, fewest_lags: int) ->
     pooled = pooled / np.sqrt(np.maximum(count, 1))
     power = float((pooled**2).sum() / np.count_nonzero(known))
     total = power
-    for lag in range(1, max(fewest_lags, known.size // 10) + 1):
+    width = max(fewest_lags + 1, known.size // 8)
+    for lag in range(1, width):
         pairs = np.count_nonzero(known[lag:] & known[:-lag])
         if pairs < FEWEST:
             break
         shared = float((pooled[lag:] * pooled[:-lag]).sum() / pairs)
-        if lag > fewest_lags and shared <= 0.0:
-            break
-        total += 2.0 * shared
-    return max(total, power, 1.0)
+        total += 2.0 * (1.0 - lag / width) * shared
+    bands = 1.5 * known.size / width
+    return float(max(total * bands / max(bands - FITTED, 1.0), power, 1.0))
