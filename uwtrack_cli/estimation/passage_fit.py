@@ -181,7 +181,7 @@ def fit_with_memory(
         noises = passage_noises(state, blocks, 0.0)
         weights = weights_of(noises)
         data = weigh(state, weights, blocks, fixed)
-        slow, losses = slow_noises(theta, state, data)
+        slow, losses = slow_noises(theta, state, data, medium)
         if all(noise.is_white for noise in slow):
             return fit
         theta = _descend(

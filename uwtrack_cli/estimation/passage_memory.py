@@ -9,11 +9,14 @@ with the partials of the passage as the design.
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.passage_normal import (
     Losses,
+    Medium,
+    Normal,
     Weighted,
     bearing_residual,
+    block_normals,
     level_residual,
 )
 from uwtrack_cli.estimation.passage_state import State
@@ -21,7 +24,7 @@ from uwtrack_cli.estimation.slow_noise import SlowNoise, fit_slow_noise, slow_in
 
 
 def slow_noises(
-    theta: FloatArray, state: State, data: Weighted
+    theta: FloatArray, state: State, data: Weighted, medium: Medium
 ) -> tuple[tuple[SlowNoise, ...], Losses]:
     """Find the slow noise of every kind, and what it takes from the information.
 
@@ -33,22 +36,31 @@ def slow_noises(
         Residuals at these unknowns.
     data
         Measurements with the weights of their white noise.
+    medium
+        Sound speed and depth difference.
     """
-    bearing_slope = bearing_residual(state.law, data)[1][0]
-    level_slope = level_residual(theta, state.law, data)[1][0]
     series = (
-        (state.residuals[0][0], data.shift_weight[0], state.law.shift_d[0]),
-        (data.bearing[0] - _bearing_model(state, data), data.bearing_weight, None),
-        (state.residuals[2][0], data.level_weight, None),
+        (state.residuals[0][0], data.shift_weight[0], -state.law.shift_d[0]),
+        (
+            data.bearing - _bearing_model(state, data),
+            data.bearing_weight,
+            bearing_residual(state.law, data)[1][0, :, :3],
+        ),
+        (
+            state.residuals[2][0],
+            data.level_weight,
+            level_residual(theta, state.law, data)[1][0],
+        ),
     )
-    designs = (series[0][2], bearing_slope[:, :3], level_slope)
+    normals = block_normals(theta, data, medium)
     width = float(np.exp(theta[0, 1]))
     found: list[SlowNoise] = []
     losses: list[FloatArray | None] = []
-    for (residual, weight, _), design in zip(series, designs, strict=True):
-        mean, size = _combine(np.atleast_2d(residual), np.atleast_2d(weight))
+    for number, (residual, weight, design) in enumerate(series):
+        mean, size = _combine(residual, weight)
         columns = np.concatenate([design, np.ones((size.size, 1))], axis=1)
-        noise = fit_slow_noise(mean, size, data.time_s, columns, width)
+        others = _others(normals, number, columns.shape[1], data.is_free[0])
+        noise = fit_slow_noise(mean, size, data.time_s, columns, width, others)
         found.append(noise)
         losses.append(
             None
@@ -58,6 +70,30 @@ def slow_noises(
     return tuple(found), (losses[0], losses[1], losses[2])
 
 
+def _others(
+    normals: list[Normal], number: int, n_columns: int, free: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Say what the other kinds tell of the unknowns, as rows of unit variance."""
+    rest = [normal for k, normal in enumerate(normals) if k != number]
+    matrix = np.sum([normal.matrix[0] for normal in rest], axis=0)
+    gradient = np.sum([normal.gradient[0] for normal in rest], axis=0)
+    keep = np.flatnonzero(free[:3])
+    if matrix[3, 3] > 0:  # the floor is the levels' own unknown: eliminate it
+        gradient = gradient - matrix[:, 3] * gradient[3] / matrix[3, 3]
+        matrix = matrix - np.outer(matrix[:, 3], matrix[3]) / matrix[3, 3]
+    matrix, gradient = matrix[np.ix_(keep, keep)], gradient[keep]
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    good = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-12)
+    values, vectors = values[good], vectors[:, good]
+    rows = np.zeros((values.size, n_columns))
+    rows[:, keep] = np.sqrt(values)[:, None] * vectors.T * scale
+    # the kinds' gradients cancel at the optimum: the others' own optimum is off it;
+    # designs are partials of residuals, hence the sign of the rows
+    shift = -(vectors.T @ (gradient / scale)) / np.sqrt(values)
+    return shift, -rows
+
+
 def _bearing_model(state: State, data: Weighted) -> FloatArray:
     model: FloatArray = state.bearing[0] + data.turn[0] * state.law.angle[0]
     return model
@@ -65,6 +101,7 @@ def _bearing_model(state: State, data: Weighted) -> FloatArray:
 
 def _combine(residual: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """One residual per instant from all rows, and its inverse variance."""
+    residual, weight = np.atleast_2d(residual), np.atleast_2d(weight)
     size = weight.sum(axis=0)
     mean = (weight * residual).sum(axis=0) / np.where(size > 0, size, 1.0)
     return mean, size

@@ -94,17 +94,7 @@ def normal_equations(theta: FloatArray, data: Weighted, medium: Medium) -> Norma
     medium
         Sound speed and depth difference.
     """
-    law = passage_law(
-        data.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
-    )
-    doppler = doppler_sums(law, data.shift, data.shift_weight, data.losses[0])
-    bearing, bearing_slope = bearing_residual(law, data)
-    level, level_slope = level_residual(theta, law, data)
-    parts = [
-        _with_floor(doppler),
-        _reduced(bearing, bearing_slope, data.bearing_weight, data.losses[1]),
-        _reduced(level, level_slope, data.level_weight, data.losses[2]),
-    ]
+    parts = block_normals(theta, data, medium)
     offset = (theta[:, 3] - data.floor_start) / FLOOR_PRIOR_DEVIATION
     cost = sum(part.cost for part in parts) + 0.5 * offset**2
     gradient = np.sum([part.gradient for part in parts], axis=0)
@@ -115,6 +105,31 @@ def normal_equations(theta: FloatArray, data: Weighted, medium: Medium) -> Norma
     gradient = np.where(free, gradient, 0.0)
     matrix = np.where(free[:, :, None] & free[:, None, :], matrix, np.eye(N_UNKNOWNS))
     return Normal(np.asarray(cost), gradient, matrix)
+
+
+def block_normals(theta: FloatArray, data: Weighted, medium: Medium) -> list[Normal]:
+    """Return the normal equations of frequencies, bearings and levels apart.
+
+    Parameters
+    ----------
+    theta
+        Unknowns, shape (batch, 4).
+    data
+        Measurements and weights.
+    medium
+        Sound speed and depth difference.
+    """
+    law = passage_law(
+        data.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
+    )
+    doppler = doppler_sums(law, data.shift, data.shift_weight, data.losses[0])
+    bearing, bearing_slope = bearing_residual(law, data)
+    level, level_slope = level_residual(theta, law, data)
+    return [
+        _with_floor(doppler),
+        _reduced(bearing, bearing_slope, data.bearing_weight, data.losses[1]),
+        _reduced(level, level_slope, data.level_weight, data.losses[2]),
+    ]
 
 
 def bearing_residual(law: Passage, data: Weighted) -> tuple[FloatArray, FloatArray]:

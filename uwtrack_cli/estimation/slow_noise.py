@@ -51,8 +51,12 @@ def fit_slow_noise(
     time_s: FloatArray,
     design: FloatArray,
     width_s: float,
+    others: tuple[FloatArray, FloatArray],
 ) -> SlowNoise:
     """Find strength and memory of slow noise in the residuals of a fit.
+
+    What other measurements hold in place, the fit cannot absorb: their information
+    enters as measurements of the unknowns themselves.
 
     Parameters
     ----------
@@ -66,6 +70,9 @@ def fit_slow_noise(
         Partials of the model that was fitted, shape (n, p): what it could absorb.
     width_s
         Range over speed in seconds: the time that matters to a passage.
+    others
+        What other measurements say of the columns of the design: values and rows
+        (unit variance).
 
     Notes
     -----
@@ -77,8 +84,11 @@ def fit_slow_noise(
     if cells is None:
         return WHITE
     value, columns, size, time = cells
-    freedom = value.size - columns.shape[1]
-    plain, inflated, inflation = _white_likelihood(value, columns, freedom)
+    columns = np.concatenate([columns, others[1]])
+    basis = _orthonormal(columns)
+    value = np.concatenate([value, others[0]])
+    freedom = value.size - basis.shape[1]
+    plain, inflated, inflation = _white_likelihood(value, basis, freedom)
     best = (plain + SMALLEST_GAIN, WHITE)
     if inflated > best[0]:
         best = (inflated, SlowNoise(0.0, 1.0, inflation))
@@ -86,11 +96,26 @@ def fit_slow_noise(
     for memory in _memories(time):
         values, vectors = _spectrum(size, time, memory)
         found = _best_variance(
-            vectors.T @ value, vectors.T @ columns, values, size, freedom
+            _turn(vectors, value),
+            _turn(vectors, basis),
+            np.concatenate([values, np.zeros(others[0].size)]),
+            size,
+            freedom,
         )
         if found[0] > best[0]:
             best = (found[0], SlowNoise(found[1], float(memory), found[2]))
     return best[1]
+
+
+def _turn(vectors: FloatArray, rows: FloatArray) -> FloatArray:
+    """Turn the rows of the series into its eigenvectors; the others stay."""
+    count = vectors.shape[0]
+    return np.concatenate([vectors.T @ rows[:count], rows[count:]])
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    basis, singular, _ = np.linalg.svd(columns / _column_scale(columns), False)
+    return np.asarray(basis[:, singular > 1e-8 * singular[0]])
 
 
 def slow_likelihoods(
@@ -120,10 +145,11 @@ def slow_likelihoods(
         return np.zeros(len(series))
     known = [cell for cell in cells if cell is not None]
     root, time = known[0][2], known[0][3]
-    best = np.array([_white_likelihood(e, x, None)[1] for e, x, _, _ in known])
+    rivals = [(value, _orthonormal(columns)) for value, columns, _, _ in known]
+    best = np.array([_white_likelihood(e, x, None)[1] for e, x in rivals])
     for memory in _memories(time):
         values, vectors = _spectrum(root, time, memory)
-        for row, (value, columns, _, _) in enumerate(known):
+        for row, (value, columns) in enumerate(rivals):
             found = _best_variance(
                 vectors.T @ value, vectors.T @ columns, values, root, None
             )
@@ -176,8 +202,7 @@ def _condense(
     columns = np.add.reduceat(weight[:, None] * design[used], starts, axis=0)
     columns = columns / root[:, None]
     time = np.add.reduceat(weight * time_s[used], starts) / size
-    basis, singular, _ = np.linalg.svd(columns / _column_scale(columns), False)
-    return value, basis[:, singular > 1e-8 * singular[0]], root, time
+    return value, columns, root, time
 
 
 def _column_scale(columns: FloatArray) -> FloatArray:

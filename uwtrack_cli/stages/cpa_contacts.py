@@ -9,7 +9,7 @@ is given to the only contact that passes, if it agrees with its lines.
 noise; see `cpa_decision`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,10 @@ from uwtrack_cli.stages.cpa_measurements import contact_data, contact_ids, lines
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""
+
+LARGEST_LEVEL_MISFIT = 4.0
+"""Variance of level residuals, slow ones as sums, over what is expected: beyond it
+the levels are left out where lines or bearings tell the passage."""
 
 AGREEMENT = 9.2
 """Loss of log-likelihood that another contact's motion may cost: 99.9 % of the true
@@ -93,11 +97,25 @@ def examine(
     if short is not data:
         blocks = make_blocks(short)
     fit = fit_passage(blocks, rough.theta, rough.turn, medium)
+    if _is_misfit(fit, blocks):
+        short = replace(short, level_db=np.full_like(short.level_db, np.nan))
+        blocks = make_blocks(short)
+        fit = fit_passage(blocks, fit.theta, fit.turn, medium)
     fit = fit_with_memory(fit, blocks, medium)
     evidence = passage_evidence(fit, blocks, medium, false_alarm_probability)
     if not evidence.is_passage:
         return None
     return Candidate(contacts, line_ids, short, blocks, fit, evidence, other)
+
+
+def _is_misfit(fit: PassageFit, blocks: Blocks) -> bool:
+    """Tell whether levels follow another law, and others know the passage.
+
+    Fringes of the surface image and other spreading laws leave slow residuals.
+    """
+    known = not blocks.shift.is_empty or not blocks.bearing.is_empty
+    misfit = float(fit.noises[2].inflation[0] * fit.noises[2].scale[0, 0] ** 2)
+    return known and not blocks.level.is_empty and misfit > LARGEST_LEVEL_MISFIT
 
 
 def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float]:
