@@ -12,25 +12,31 @@ from uwtrack_cli.stages.spectrogram import compute_spectrogram
 from uwtrack_cli.stages.tma import estimate_motion
 from uwtrack_cli.stages.track import track_lines
 
-EAST_M, NORTH_M, SPEED_MPS, COURSE_DEG = 700.0, 500.0, 6.0, 290.0
+SPEED_MPS, COURSE_DEG = 6.0, 290.0
+PLACES_M = {"far": (700.0, 500.0), "wandering": (700.0, 500.0), "deep": (400.0, 250.0)}
+"""Where the vessel starts, east and north of the sensor's start."""
 CHI_SQUARE_4 = {0.95: 9.488, 0.999: 18.467}
 
 
-def recording(seed):
+def recording(seed, scene="far"):
     """Return what a DIFAR sensor hears on a platform that turns twice."""
+    east_m, north_m = PLACES_M[scene]
     turns = [
         {"at_s": 100.0, "course_deg": 80.0, "rate_deg_per_s": 3.0},
         {"at_s": 200.0, "course_deg": 330.0, "rate_deg_per_s": 3.0},
     ]
     sensor = {
-        "id": "tow", "kind": "difar", "depth_m": 10.0, "full_scale_db": 150.0,
+        "id": "tow", "kind": "difar",
+        "depth_m": 60.0 if scene == "deep" else 10.0, "full_scale_db": 150.0,
         "track": {"course_deg": 0.0, "speed_mps": 4.0, "turn": turns},
         "compass_std_deg": 1.0,
         "compass_error_deg": float(np.random.default_rng(seed).normal()),
     }  # fmt: skip
     vessel = {
-        "track": {"east_m": EAST_M, "north_m": NORTH_M, "speed_mps": SPEED_MPS,
+        "track": {"east_m": east_m, "north_m": north_m, "speed_mps": SPEED_MPS,
                   "course_deg": COURSE_DEG},
+        "wander": {"fraction": 1e-4 if scene == "wandering" else 0.0,
+                   "correlation_s": 20.0},
         "line": [{"frequency_hz": 126.0, "source_level_db": 140.0}],
     }  # fmt: skip
     table = {"seed": seed, "duration_s": 300.0, "sample_rate_hz": 400.0,
@@ -45,12 +51,12 @@ def tracked(sound):
     return Lines.join(list(track_lines(families)))
 
 
-def squared_sigmas(motions, ship):
+def squared_sigmas(motions, ship, scene):
     """Squared distance of the truth from the estimate, in sigmas."""
     at = motions.time_s[0]
     course = np.radians(COURSE_DEG)
-    east = EAST_M + SPEED_MPS * np.sin(course) * at
-    north = NORTH_M + SPEED_MPS * np.cos(course) * at
+    east = PLACES_M[scene][0] + SPEED_MPS * np.sin(course) * at
+    north = PLACES_M[scene][1] + SPEED_MPS * np.cos(course) * at
     east -= np.interp(at, ship.time_s, ship.east_m)
     north -= np.interp(at, ship.time_s, ship.north_m)
     truth = [np.hypot(east, north), np.degrees(np.arctan2(east, north)), SPEED_MPS,
@@ -61,24 +67,28 @@ def squared_sigmas(motions, ship):
     return error @ np.linalg.solve(motions.covariance[0], error)
 
 
-def distance_of(seed):
-    sound = recording(seed)
+def distance_of(seed, scene):
+    sound = recording(seed, scene)
     motions = estimate_motion(None, tracked(sound), None, sound.sensor, updates=1)
     assert motions.propagation == "delayed"
     assert motions.contact.tolist() == [1]
     assert motions.observable[0]
-    return squared_sigmas(motions, sound.sensor.navigation)
+    return squared_sigmas(motions, sound.sensor.navigation, scene)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_truth_lies_in_the_stated_region(seed):
-    assert distance_of(seed) < CHI_SQUARE_4[0.999]
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("scene", PLACES_M)
+def test_the_truth_lies_in_the_stated_region(scene, seed):
+    assert distance_of(seed, scene) < CHI_SQUARE_4[0.999]
 
 
 @pytest.mark.long
-def test_nineteen_of_twenty_truths_lie_in_the_95_percent_region():
-    distances = np.array([distance_of(seed) for seed in range(20)])
-    assert np.count_nonzero(distances < CHI_SQUARE_4[0.95]) >= 19
+@pytest.mark.parametrize("scene", PLACES_M)
+def test_nineteen_of_twenty_truths_lie_in_the_95_percent_region(scene):
+    distances = np.array([distance_of(seed, scene) for seed in range(20)])
+    # a wandering shaft leaves a dozen independent values to tell the deviations from
+    enough = 18 if scene == "wandering" else 19
+    assert np.count_nonzero(distances < CHI_SQUARE_4[0.95]) >= enough
     # wide error bars are wrong, too: the median of a chi-square of 4 is 3.36
     assert 0.3 < np.median(distances) / 3.357 < 2.0
 
