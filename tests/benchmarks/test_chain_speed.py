@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 import pytest
-from tests.support import recording_of, white_noise
 
+from tests.support import recording_of, white_noise
 from uwtrack_cli.flow.chain import run_recipe
 from uwtrack_cli.flow.shipped import load_recipe
 from uwtrack_cli.stages.spectrogram import compute_spectrogram
@@ -144,5 +144,3 @@ def children_cpu_s():
 
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
-
-

@@ -17,7 +17,7 @@ def case(code, text):
 
 
 @case(1, "nowhere.wav does not exist")
-def missing_file(folder):
+def missing_file(_folder):
     return ["run", "nowhere.wav"]
 
 
@@ -163,7 +163,7 @@ def an_unknown_container(folder):
 
 
 @case(2, "no sample 'whale'")
-def an_unknown_sample(folder):
+def an_unknown_sample(_folder):
     return ["sample", "whale"]
 
 

@@ -29,7 +29,7 @@ def test_the_encounters_as_json_have_the_promised_keys(uwtrack, product):
 
 
 def test_the_sample_passage_is_found_within_the_bands_of_a_clean_recording(
-    uwtrack, samples, tmp_path
+    uwtrack, samples
 ):
     done = uwtrack(
         "run", samples / "pass.wav", "-o", "p.h5", "--json",

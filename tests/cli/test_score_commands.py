@@ -75,7 +75,7 @@ def test_the_same_run_has_the_same_numbers(uwtrack, runs):
     assert done.stdout == ""
 
 
-def test_a_changed_option_shows_in_the_numbers(uwtrack, runs, tmp_path):
+def test_a_changed_option_shows_in_the_numbers(uwtrack, runs):
     done = uwtrack("diff", runs / "one.h5", runs / "depth.h5")
     assert done.exit_code == 4
     assert "encounters.slant_range_m" in done.stdout

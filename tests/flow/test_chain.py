@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.support import recording_of, white_noise
 
+from tests.support import recording_of, white_noise
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
@@ -60,9 +60,7 @@ def by_library(short_pass):
 
 
 def test_a_run_is_the_library(short_pass, by_library):
-    made = run_recipe(
-        opened(short_pass), load_recipe("vessel"), keep=[Peaks, Families]
-    )
+    made = run_recipe(opened(short_pass), load_recipe("vessel"), keep=[Peaks, Families])
     for kind, expected in by_library.items():
         (found,) = [c for c in made if type(c) is kind]
         assert found.equals(expected), kind.__name__

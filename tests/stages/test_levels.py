@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.support import DIFAR, OMNI, recording_of, white_noise
 
+from tests.support import DIFAR, OMNI, recording_of, white_noise
 from uwtrack_cli.data.spectra import Levels, Spectrogram
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.stages.levels import measure_levels

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.support import recording_of, white_noise
 
+from tests.support import recording_of, white_noise
 from uwtrack_cli.data.spectra import Overview, Spectrogram
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.stages.overview import pool_overview
@@ -48,7 +48,9 @@ def test_blocks_change_no_bit(n_frames):
     n = whole.frames.n_frames
     cut = [whole.take("frame", slice(k, k + n_frames)) for k in range(0, n, n_frames)]
     first = Overview.join(list(pool_overview(iter(cut), max_pixels=32)))
-    assert first.equals(Overview.join(list(pool_overview(iter([whole]), max_pixels=32))))
+    assert first.equals(
+        Overview.join(list(pool_overview(iter([whole]), max_pixels=32)))
+    )
 
 
 def test_too_many_pixels_are_refused():

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.support import DIFAR, recording_of, white_noise
 
+from tests.support import DIFAR, recording_of, white_noise
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import OptionError
@@ -54,7 +54,9 @@ def test_frequency_error_is_within_five_percent_of_the_best_hann_estimator(cn0_d
     for _ in range(n_trials // 500):
         frequency = 200 + rng.uniform(0, 1, 500)
         phase = rng.uniform(0, 2 * np.pi, 500)
-        tones = amplitude * np.cos(2 * np.pi * frequency[:, None] * time + phase[:, None])
+        tones = amplitude * np.cos(
+            2 * np.pi * frequency[:, None] * time + phase[:, None]
+        )
         noise = rng.standard_normal(tones.shape) * np.sqrt(rate / 2)
         (block,) = [
             Spectrogram.join(
@@ -85,9 +87,7 @@ def test_level_and_snr_of_a_tone_are_those_it_was_made_with():
     samples = tone + white_noise(time.size, 3, density=1e-2, rate_hz=rate)
     peaks = Peaks.join([find_peaks(b) for b in blocks_of(samples, rate)])
     line = np.abs(peaks.frequency_hz - 300.3) < 1
-    assert np.median(peaks.level_db[line]) == pytest.approx(
-        10 * np.log10(4.5), abs=0.1
-    )
+    assert np.median(peaks.level_db[line]) == pytest.approx(10 * np.log10(4.5), abs=0.1)
     assert np.median(peaks.snr_db[line]) == pytest.approx(
         10 * np.log10(4.5 / 1.5e-2), abs=0.3
     )

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from scipy.signal import welch
-from tests.support import DIFAR, recording_of, white_noise
 
+from tests.support import DIFAR, recording_of, white_noise
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import DataError, OptionError
