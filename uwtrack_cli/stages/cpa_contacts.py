@@ -40,6 +40,10 @@ from uwtrack_cli.stages.cpa_measurements import contact_data, contact_ids, lines
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""
 
+SMALLEST_LINE_GAIN = 5.0
+"""Gain in log-likelihood by which the lines of a contact must follow a passage that
+the broadband has shown."""
+
 LARGEST_LEVEL_MISFIT = 4.0
 """Variance of level residuals, slow ones as sums, over what is expected: beyond it
 the levels are left out where lines or bearings tell the passage."""
@@ -177,11 +181,32 @@ def examine_recording(
     if levels is None or len(found) > 1:
         return found
     if not found:
-        data = contact_data(None, levels, ())
-        none = np.empty(0, np.int64)
-        alone = examine(data, (1,), none, medium, false_alarm_probability)
-        return [alone] if alone else []
+        return _broadband_first(lines, levels, medium, false_alarm_probability)
     return [_with_broadband(found[0], lines, levels, medium, false_alarm_probability)]
+
+
+def _broadband_first(
+    lines: Lines | None, levels: Levels, medium: Medium, probability: float
+) -> list[Candidate]:
+    """Examine the broadband, with the lines that fit it if any do.
+
+    Lines too weak to show a passage by themselves can still tell its speed.
+    """
+    none = np.empty(0, np.int64)
+    data = contact_data(None, levels, ())
+    alone = examine(data, (1,), none, medium, probability)
+    if alone is None or lines is None:
+        return [alone] if alone else []
+    best, gain = alone, SMALLEST_LINE_GAIN
+    for contact in contact_ids(lines):
+        part = (contact,)
+        joint = examine(
+            contact_data(lines, levels, part), part, lines_of(lines, part),
+            medium, probability,
+        )  # fmt: skip
+        if joint is not None and joint.evidence.doppler > gain:
+            best, gain = joint, joint.evidence.doppler
+    return [best]
 
 
 def _merge(
