@@ -64,6 +64,7 @@ class LineBank:
         self.born = np.zeros(capacity, dtype=np.int64)
         self.emitted = np.zeros(capacity, dtype=np.int64)
         self.settled = np.zeros(capacity, dtype=np.int64)
+        self.doubled = np.zeros(capacity, dtype=np.int64)
         self.hold = np.zeros(capacity, dtype=np.int64)
         self.score = np.zeros(capacity)
         self.best_score = np.zeros(capacity)
@@ -101,6 +102,7 @@ class LineBank:
         self.history[slots] = 1
         self.age[slots] = 1
         self.hold[slots] = 0
+        self.doubled[slots] = 0
         self.line[slots] = 0
         self.born[slots] = self.emitted[slots] = self.settled[slots] = self.rows
         self.score[slots] = self.best_score[slots] = score

@@ -140,6 +140,8 @@ class Gates:
         Difference of bearings below which two lines may be one, in degrees.
     merge_rate_sigmas
         Difference of rates below which two lines may be one, in deviations.
+    merge_frames
+        Frames that two confirmed lines must be one for the younger to end.
     """
 
     sigmas: float = 4.0
@@ -148,6 +150,7 @@ class Gates:
     merge_hz: float | None = None
     merge_deg: float = 20.0
     merge_rate_sigmas: float = 3.0
+    merge_frames: int = 60
 
     def __post_init__(self) -> None:
         """Refuse gates without an inside."""
@@ -155,6 +158,9 @@ class Gates:
             value = getattr(self, name)
             if value is not None:
                 _check_positive(name, value)
+        if self.merge_frames < 1:
+            msg = f"merge_frames must be at least 1, got {self.merge_frames}."
+            raise OptionError(msg)
 
 
 @dataclass(frozen=True)

@@ -188,6 +188,8 @@ class LineTracker:
         bank, gates = self.bank, self.policies.gates
         near_hz = gates.merge_hz or 0.5 * self.resolution_hz
         slots = bank.active()
+        # two up in a frame together, one down in every frame
+        bank.doubled[slots] = np.maximum(bank.doubled[slots] - 1, 0)
         state = bank.state
         slots = slots[np.argsort(state.position[0, slots], kind="stable")]
         for gap in (1, 2):
@@ -204,8 +206,19 @@ class LineTracker:
                 > 0.5 * _UNKNOWN_BEARING_VARIANCE
             )
             is_one &= slip < gates.merge_rate_sigmas * doubt
-            low, high = low[is_one], high[is_one]
-            bank.release(np.unique(_younger(bank, low, high)))
+            self._end_doubles(low[is_one], high[is_one])
+
+    def _end_doubles(self, low: IntArray, high: IntArray) -> None:
+        """End doubles: tentative ones at once, confirmed ones if they stay together.
+
+        Two vessels' lines that cross are close for a while, and go on as two.
+        """
+        bank = self.bank
+        younger = np.unique(_younger(bank, low, high))
+        bank.doubled[younger] += 2
+        is_confirmed = bank.stage[younger] == CONFIRMED
+        lasting = bank.doubled[younger] >= self.policies.gates.merge_frames
+        bank.release(younger[~is_confirmed | lasting])
 
     def _classify(self, frame: int) -> None:
         """Mark the confirmed lines that belong to harmonic families."""

@@ -76,7 +76,7 @@ def paper_policies(setting: Setting) -> Policies:
         feedback=feedback,
         gates=Gates(
             frequency_hz=2.0, bearing_deg=4.0, merge_hz=1.0, merge_deg=3.0,
-            merge_rate_sigmas=np.inf,
+            merge_rate_sigmas=np.inf, merge_frames=1,
         ),
         motion=Motion(
             frequency_hz2ps3=1e-4, doppler_ps3=0.0, bearing_deg2ps3=1e-2,

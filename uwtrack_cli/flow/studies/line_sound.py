@@ -27,6 +27,11 @@ from uwtrack_cli.stages.track import track_lines
 
 RATE_HZ, LENGTH_S = 1024.0, 60.5
 FALSE_LINES_PER_KHZ_HOUR = 2.4
+"""One false line in a hundred minutes of 250 Hz, as in the reference."""
+
+TRACE_FALSE_LINES = 4.8
+"""The same for `trace`, whose windows overlap by half: a minute is one of two."""
+
 NEAR_HZ = 1.5
 _STEADY = Motion(frequency_hz2ps3=2e-4, doppler_ps3=0.0, frequency_rate_hzps=0.2)
 _ALONE = Feedback(classifier="none")
@@ -43,7 +48,7 @@ class Heard:
 def trace(blocks: list[Spectrogram]) -> Lines:
     """Track before detect."""
     return Lines.join(list(trace_lines(
-        iter(blocks), false_lines_per_khz_hour=FALSE_LINES_PER_KHZ_HOUR,
+        iter(blocks), false_lines_per_khz_hour=TRACE_FALSE_LINES,
         motion=_STEADY,
     )))  # fmt: skip
 
