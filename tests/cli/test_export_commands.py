@@ -1,0 +1,223 @@
+"""What is exported is read back by another program's reader, with the same numbers."""
+
+import json
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from geographiclib.geodesic import Geodesic
+
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.files.product import read_product
+
+KML = "{http://www.opengis.net/kml/2.2}"
+
+
+@pytest.fixture(scope="module")
+def product(tmp_path_factory, samples):
+    """The sample passage with its start time, run once for the module."""
+    from typer.testing import CliRunner
+
+    from uwtrack_cli.cli.app import app
+
+    path = tmp_path_factory.mktemp("export") / "pass.run.h5"
+    words = ["run", str(samples / "pass.wav"), "-o", str(path), "-q"]
+    done = CliRunner().invoke(app, [*words, "--start-utc", "2024-05-01T12:00:00Z"])
+    assert done.exit_code == 0, done.output
+    return path
+
+
+@pytest.fixture
+def exported(uwtrack, product, tmp_path):
+    """Export the passage, and return the file."""
+
+    def export(form, *words):
+        path = tmp_path / f"out.{form}"
+        done = uwtrack("export", product, "--to", form, "-o", path, *words)
+        assert done.exit_code == 0, done.output
+        assert done.stdout == ""
+        return path
+
+    return export
+
+
+@pytest.fixture
+def found(product):
+    with read_product(product) as opened:
+        return opened.read(Encounters), opened.read(Fixes)
+
+
+def test_csv_is_read_by_pandas(exported, found):
+    table = pd.read_csv(exported("csv"))
+    assert table["latitude"].to_numpy() == pytest.approx(found[1].latitude)
+    lines = pd.read_csv(exported("csv", "--container", "lines", "--overwrite"))
+    assert {"line", "time_s", "frequency_hz"} <= set(lines.columns)
+
+
+def ring_area(ring):
+    x, y = np.array(ring).T
+    return 0.5 * float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+
+
+def test_geojson_follows_its_standard(exported, found):
+    content = json.loads(exported("geojson").read_text())
+    assert set(content) == {"type", "features"}
+    assert content["type"] == "FeatureCollection"
+    by_kind = {}
+    for feature in content["features"]:
+        assert set(feature) == {"type", "geometry", "properties"}
+        geometry = feature["geometry"]
+        assert set(geometry) == {"type", "coordinates"}
+        by_kind.setdefault(feature["properties"]["kind"], []).append(geometry)
+        if geometry["type"] == "Polygon":
+            (ring,) = geometry["coordinates"]
+            assert len(ring) >= 4
+            assert ring[0] == ring[-1]
+            assert ring_area(ring) > 0.0  # right-hand rule, RFC 7946 section 3.1.6
+    assert set(by_kind) == {"sensor", "encounter", "track", "fix", "ellipse"}
+    longitude, latitude = by_kind["encounter"][0]["coordinates"]
+    line = Geodesic.WGS84.Inverse(35.0, 128.5, latitude, longitude)
+    assert line["s12"] == pytest.approx(found[0].horizontal_range_m[0], abs=0.01)
+    assert line["azi1"] % 360 == pytest.approx(found[0].bearing_deg[0], abs=0.01)
+
+
+def test_the_ellipse_is_that_of_the_covariance(exported, found):
+    content = json.loads(exported("geojson").read_text())
+    (ellipse,) = [
+        f for f in content["features"] if f["properties"]["kind"] == "ellipse"
+    ]
+    fixes = found[1]
+    inverse = np.linalg.inv(fixes.covariance_m2[0])
+    for longitude, latitude in ellipse["geometry"]["coordinates"][0]:
+        line = Geodesic.WGS84.Inverse(
+            fixes.latitude[0], fixes.longitude[0], latitude, longitude
+        )
+        angle = np.radians(line["azi1"])
+        off = line["s12"] * np.array([np.sin(angle), np.cos(angle)])
+        assert off @ inverse @ off == pytest.approx(5.991, rel=2e-3)  # chi2, 95 %
+
+
+def test_kml_is_a_document_of_placemarks(exported, found):
+    root = ET.parse(exported("kml")).getroot()  # noqa: S314 - our own file
+    assert root.tag == f"{KML}kml"
+    marks = root.findall(f".//{KML}Placemark")
+    points = {m.findtext(f"{KML}name"): m.find(f"{KML}Point") for m in marks}
+    x, y = points["contact 1, mode 1"].findtext(f"{KML}coordinates").split(",")
+    assert float(x) == pytest.approx(found[1].longitude[0])
+    assert float(y) == pytest.approx(found[1].latitude[0])
+    assert root.findtext(f".//{KML}when").startswith("2024-05-01T12:02:2")
+
+
+def test_a_raven_selection_table_is_read_by_pandas(exported):
+    table = pd.read_csv(exported("raven"), sep="\t")
+    assert list(table["Selection"]) == list(range(1, len(table) + 1))
+    assert (table["End Time (s)"] > table["Begin Time (s)"]).all()
+    assert (table["High Freq (Hz)"] > table["Low Freq (Hz)"]).all()
+    assert set(table["Begin File"]) == {"pass.wav"}
+    assert table["File Offset (s)"].to_numpy() == pytest.approx(
+        table["Begin Time (s)"].to_numpy()
+    )
+    for rest_hz in (63.0, 126.0, 189.0, 310.0):
+        inside = (table["Low Freq (Hz)"] < rest_hz) & (
+            table["High Freq (Hz)"] > rest_hz
+        )
+        assert inside.any()
+
+
+def test_netcdf_is_opened_by_xarray_with_its_times(exported, found):
+    with xr.open_dataset(exported("netcdf"), engine="h5netcdf") as data:
+        assert data.attrs["Conventions"].startswith("CF-")
+        expected = np.array(found[1].time_utc_ns, "datetime64[ns]")
+        apart = np.abs(data["fixes_time_s"].to_numpy() - expected)
+        assert (apart < np.timedelta64(1, "us")).all()
+        np.testing.assert_array_equal(data["fixes_latitude"], found[1].latitude)
+        assert data["fixes_latitude"].attrs["units"] == "degrees_north"
+        np.testing.assert_array_equal(data["encounters_status"], found[0].status)
+        assert data["h1_sensor"].attrs["depth_m"] == 22.0
+        assert "h1_lines_frequency_hz" in data
+
+
+@pytest.mark.parametrize("form", ["geojson", "kml"])
+def test_a_map_needs_a_place_on_earth(uwtrack, noise_wav, form):
+    assert uwtrack("run", noise_wav, "-q", "-o", "n.h5").exit_code == 0
+    done = uwtrack("export", "n.h5", "--to", form)
+    assert done.exit_code == 1
+    assert "latitude and longitude" in done.stderr
+
+
+def test_an_export_never_replaces_a_file_unasked(uwtrack, product, tmp_path):
+    (tmp_path / "mine.csv").write_text("mine")
+    done = uwtrack("export", product, "--to", "csv", "-o", "mine.csv")
+    assert done.exit_code == 1
+    assert "--overwrite" in done.stderr
+    assert (tmp_path / "mine.csv").read_text() == "mine"
+    words = ["export", product, "--to", "csv", "-o", product, "--overwrite"]
+    assert uwtrack(*words).exit_code == 1
+
+
+class Page(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.addresses, self.text = [], [], ""
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        names = {"src", "href", "action", "data", "srcset", "poster", "background"}
+        self.addresses += [value for name, value in attrs if name in names]
+
+    def handle_data(self, data):
+        self.text += data
+
+
+@pytest.fixture
+def page(uwtrack, product, tmp_path):
+    assert uwtrack("report", product, "-o", "page.html").exit_code == 0
+    return (tmp_path / "page.html").read_text()
+
+
+def test_a_report_refers_to_no_address(page):
+    parsed = Page()
+    parsed.feed(page)
+    assert parsed.addresses
+    assert all(a.startswith("data:image/png;base64,") for a in parsed.addresses)
+    assert "://" not in page
+    assert "@import" not in page
+    assert "url(" not in page
+    assert not set(parsed.tags) & {"script", "link", "iframe", "object", "embed"}
+
+
+def test_a_report_tells_results_facts_and_history(page, found):
+    parsed = Page()
+    parsed.feed(page)
+    for word in ("pass.wav", "2000 Hz", "Closest approaches", "port", "track", "SHA-256",
+                 f"{found[0].speed_mps[0]:.5g}"):  # fmt: skip
+        assert word in parsed.text
+
+
+def test_names_in_a_report_are_text_and_nothing_more(uwtrack, noise_wav, tmp_path):
+    noise_wav.rename(tmp_path / "<script>alert(1)<.wav")
+    assert uwtrack("run", "<script>alert(1)<.wav", "-q", "-o", "n.h5").exit_code == 0
+    assert uwtrack("report", "n.h5", "-o", "n.html").exit_code == 0
+    text = (tmp_path / "n.html").read_text()
+    assert "<script>" not in text
+    assert "&lt;script&gt;" in text
+
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+@pytest.mark.usefixtures("page")
+def test_a_report_is_drawn_by_a_browser(tmp_path):
+    done = subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu",
+         f"--screenshot={tmp_path / 'page.png'}", tmp_path / "page.html"],
+        capture_output=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert (tmp_path / "page.png").stat().st_size > 10_000
