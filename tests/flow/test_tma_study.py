@@ -14,6 +14,11 @@ from uwtrack_cli.flow.studies.optimisers import (
     study_optimisers,
 )
 from uwtrack_cli.flow.studies.tma import study_tma
+from uwtrack_cli.flow.studies.tma_runs import (
+    accuracy,
+    convergence_index,
+    rows_until,
+)
 
 
 def test_the_study_sets_every_solver_beside_the_published_figures(monkeypatch):
@@ -36,9 +41,15 @@ def test_the_study_sets_every_solver_beside_the_published_figures(monkeypatch):
     assert len(outliers) == 4 * 4 * 2
 
 
-def test_another_seed_changes_the_figures():
-    from uwtrack_cli.flow.studies.tma_runs import accuracy
+def test_the_convergence_index_is_where_success_begins_for_good():
+    ends = np.array([10, 20, 30])
+    met = np.array([[1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=bool)
+    assert convergence_index(ends, met).tolist() == [30.0, 20.0, np.inf]
+    assert rows_until(ends, met, share=0.6) == 30.0
+    assert np.isnan(rows_until(ends, met, share=0.9))
 
+
+def test_another_seed_changes_the_figures():
     first, second = (accuracy("S3", 1, 1000, 5, seed).ratio for seed in (1, 2))
     assert np.all(first != second)
 

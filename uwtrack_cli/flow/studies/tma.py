@@ -20,14 +20,16 @@ from typing import Any
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.target_motion.hybrid import Global
+from uwtrack_cli.estimation.target_motion.hybrid import Global, hybrid_search
 from uwtrack_cli.estimation.target_motion.problem import Loss
 from uwtrack_cli.estimation.target_motion.recursive import estimate_recursively
 from uwtrack_cli.flow.studies.table import Study, StudyRow, load_reference
 from uwtrack_cli.flow.studies.tma_outliers import robust_fits
 from uwtrack_cli.flow.studies.tma_runs import (
     PAPER,
+    PAPER_BOX,
     accuracy,
+    convergence_index,
     cpu_of,
     follow,
     motion_errors,
@@ -46,6 +48,7 @@ PARAMETERS = ("range", "bearing", "speed", "course", "rest frequency")
 PUBLISHED_ORDER = (0, 3, 1, 2, 4)
 PEER_CASES = (("S1-T2", 5), ("S1-T3", 1), ("S3", 1))
 LOSSES: tuple[Loss, ...] = ("squares", "huber", "student", "tukey")
+SEARCHES: tuple[Global, ...] = ("genetic", "annealing")
 CHI_SQUARE_95 = 11.070  # five degrees of freedom
 
 REMARKS = (
@@ -103,7 +106,8 @@ def share_row(
     """Return the share of runs that met something, with Wilson's interval."""
     n, share, z = met.size, float(met.mean()), 1.96
     middle = (share + z**2 / (2 * n)) / (1.0 + z**2 / n)
-    half = z / (1 + z**2 / n) * np.sqrt(share * (1 - share) / n + (z / (2 * n)) ** 2)
+    spread = np.sqrt(share * (1 - share) / n + (z / (2 * n)) ** 2)
+    half = z / (1.0 + z**2 / n) * float(spread)
     return StudyRow(case, quantity, reference, share, middle - half, middle + half)
 
 
@@ -158,6 +162,15 @@ def _length_rows(
     low, high = (rows_until(ends, met, share) for share in (0.8, 0.97))
     quantity = "rows until 90 % of runs meet the criterion for good"
     yield StudyRow(case, quantity, published["n90"], reached, low, high)
+    index = convergence_index(ends, met)
+    # the 95 % interval of a median, by the binomial law of the ranks
+    half = 0.98 / np.sqrt(index.size)
+    low, middle, high = (
+        float(np.quantile(index, np.clip(0.5 + q, 0.0, 1.0), method="nearest"))
+        for q in (-half, 0.0, half)
+    )
+    theirs = published["index"][0]
+    yield StudyRow(case, "convergence index, median", theirs, middle, low, high)
 
 
 def _hybrid_rows(
@@ -196,6 +209,13 @@ def _peer_rows(
     yield _mean_row(case, "descent: CPU, s", None, np.array(own))
     steps = [cpu_of(partial(estimate_recursively, r, PAPER)) for r in records]
     yield _mean_row(case, "recursive, 1000 updates: CPU, s", None, np.array(steps))
+    for search in SEARCHES:
+        rng = np.random.default_rng(seed)
+        spent = [
+            cpu_of(partial(hybrid_search, r, PAPER_BOX, 1, rng, search=search))
+            for r in records
+        ]
+        yield _mean_row(case, f"{search} + simplex: CPU, s", None, np.array(spent))
     for peer in ("differential_evolution", "dual_annealing"):
         found, spent = [], []
         for record in records:

@@ -204,6 +204,16 @@ def rows_until(ends: IntArray, met: BoolArray, share: float = 0.9) -> float:
     return float(ends[lasting.argmax()]) if lasting.any() else float("nan")
 
 
+def convergence_index(ends: IntArray, met: BoolArray) -> FloatArray:
+    """Return the length from which each run meets the criterion to its end.
+
+    A run that ends outside has the index infinity.
+    """
+    lasting = np.flip(np.logical_and.accumulate(np.flip(met, 0), axis=0), 0)
+    first = ends[lasting.argmax(0)].astype(np.float64)
+    return np.asarray(np.where(lasting.any(0), first, np.inf))
+
+
 def single_shots(
     name: str, noise: float, runs: int, seed: int, search: Global
 ) -> tuple[BoolArray, BoolArray, float]:
