@@ -361,3 +361,27 @@ def test_legs_of_own_ship_that_end_too_early_are_refused():
     whole = ship.take("row", np.array([1, 251, 751, 1000]))
     motions = estimate_motion(heard("S1-T3"), None, whole, **PAPER)
     assert motions.range_m == pytest.approx(analyse("S1-T3").range_m, rel=1e-3)
+
+
+def test_a_second_line_with_gaps_sharpens_the_range_and_has_its_own_rest_frequency():
+    series = heard("S3")
+    noise = np.random.default_rng(5).standard_normal(1000)
+    frequency = make_scenario("S3").truth()[2] * 320.0 / 650.0 + 0.125 * noise
+    frequency[300:500] = np.nan
+    both = replace(
+        series,
+        frequency_hz=np.column_stack([series.frequency_hz[:, 0], frequency]),
+        frequency_std_hz=np.column_stack([np.full(1000, 0.25), np.full(1000, 0.125)]),
+    )
+    ship = own_ship("S3")
+    motions = estimate_motion(both, None, ship, **PAPER)
+    assert motions.range_std_m[0] < 0.85 * analyse("S3").range_std_m[0]
+    assert off_in_sigmas(motions, "S3") < 18.5
+    assert motions.rest_line_id.tolist() == [1, 2]
+    off = (motions.rest_frequency_hz - [650.0, 320.0]) / motions.rest_frequency_std_hz
+    assert np.abs(off).max() < 4.0
+    mean = estimate_motion(
+        both, None, ship, **PAPER, misfit=Misfit(line_weighting="mean")
+    )
+    assert mean.range_std_m[0] > motions.range_std_m[0]
+    assert off_in_sigmas(mean, "S3") < 18.5
