@@ -76,7 +76,7 @@ def classify_peaks(
     peak_family = np.full(peaks.frame.size, -1, dtype=np.int64)
     loud = np.flatnonzero(peaks.is_detection)
     frames, starts = np.unique(peaks.frame[loud], return_index=True)
-    for frame, members in zip(frames, np.split(loud, starts[1:]), strict=True):
+    for frame, members in zip(frames, np.split(loud, starts)[1:], strict=True):
         chosen = _loudest(peaks, members, most_peaks)
         rule = _rule(peaks, chosen, spacing_hz, teeth, bearing_window_deg)
         frequency = peaks.frequency_hz[chosen]

@@ -81,6 +81,10 @@ def _rows(
 ) -> Iterator[tuple[str, ...]]:
     sensor = lines.frames.sensor
     clock = _clock(containers, sensor, name)
+    rates = (lines.frames.sample_rate_hz, clock.recording.sample_rate_hz)
+    if not all(rate > 0.0 for rate in rates) or lines.frames.fft_length < 1:
+        msg = f"{name} has frames without a sample rate; make it again."
+        raise DataError(msg)
     half_s, half_hz = 0.5 * lines.frames.window_s, 0.5 * lines.frames.bin_hz
     for k, line in enumerate(lines.line_id):
         points = lines.line == line

@@ -1,0 +1,53 @@
+"""Damaged and hostile files: a sentence and an exit code, never a crash or a hang."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.stress.fuzz import base_inputs
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuzz")
+    base_inputs(folder)
+    return folder
+
+
+def meet(base, first, count, limit_s):
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.stress.fuzz", base, str(first), str(count)],
+        cwd=ROOT, capture_output=True, text=True, check=False, timeout=limit_s,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout)
+
+
+def check(found):
+    assert found["trouble"] == []
+    assert found["past_header"] >= 0.5 * found["met"]
+    assert found["slowest_s"] < 10.0
+    assert found["peak_mb"] < 1024.0
+
+
+def test_three_hundred_mutants_are_met_with_a_sentence(base):
+    check(meet(base, 0, 300, 280))
+
+
+@pytest.mark.long
+def test_five_thousand_mutants_are_met_with_a_sentence(base):
+    parts = [meet(base, first, 250, 3000) for first in range(1000, 6000, 250)]
+    total = {
+        "met": sum(part["met"] for part in parts),
+        "past_header": sum(part["past_header"] for part in parts),
+        "trouble": [row for part in parts for row in part["trouble"]],
+        "slowest_s": max(part["slowest_s"] for part in parts),
+        "peak_mb": max(part["peak_mb"] for part in parts),
+    }
+    print({**total, "trouble": len(total["trouble"])})  # noqa: T201 - the figures
+    check(total)
