@@ -14,7 +14,7 @@ from tests.stages.passing_vessel import (
 )
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.stages.cpa import find_encounters
 
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0, compass_std_deg=0.0)
@@ -216,6 +216,29 @@ def test_options_out_of_range_are_refused(option, value):
     lines = lines_of_scenes([SCENE], np.random.default_rng(15))
     with pytest.raises(OptionError, match=option):
         find_encounters(lines, **{option: value})
+
+
+def test_frames_that_blur_a_fast_passage_are_pointed_out():
+    scene = Scene(
+        speed_mps=30.0, range_m=40.0, rest_hz=(900.0,), length_s=60.0, closest_s=30.0
+    )
+    lines = lines_of_scenes([scene], np.random.default_rng(16))
+    with pytest.warns(UwtrackWarning, match="too long: they blur"):
+        found = find_encounters(lines, None, Sensor(id="h1"))
+    assert found.status.tolist() == ["ok"]
+
+
+def test_another_vessels_sound_widens_the_course():
+    other = Scene(
+        speed_mps=4.0, range_m=180.0, rest_hz=(81.0,), closest_s=310.0,
+        bearing_deg=200.0,
+    )  # fmt: skip
+    rng = np.random.default_rng(17)
+    alone = find_encounters(lines_of_scenes([SCENE], rng), sensor=DIFAR)
+    rng = np.random.default_rng(17)
+    crowd = find_encounters(lines_of_scenes([SCENE, other], rng), sensor=DIFAR)
+    added = crowd.course_std_deg[0] ** 2 - alone.course_std_deg[0] ** 2
+    assert np.sqrt(added) == pytest.approx(np.rad2deg(0.01 / np.sqrt(2)), rel=0.05)
 
 
 def test_nothing_to_work_on_is_refused():

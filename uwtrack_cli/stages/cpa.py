@@ -24,6 +24,7 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.stages.cpa_advice import advise_frames, widen_for_others
 from uwtrack_cli.stages.cpa_contacts import Candidate, examine, examine_recording
 from uwtrack_cli.stages.cpa_decision import Limits, not_a_passage
 from uwtrack_cli.stages.cpa_levels import add_levels
@@ -119,6 +120,9 @@ def find_encounters(
             continue
         if row.status != NOT_A_PASSAGE:
             add_levels(row, levels, item.fit, setting, len(found))
+            advise_frames(row, setting, limits.window_s)
+        if len(found) > 1:
+            widen_for_others(row, lines, item.line_ids)
         rows.append(row)
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     return make_encounters(rows, setting)

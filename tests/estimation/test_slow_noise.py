@@ -1,0 +1,143 @@
+"""Noise with a memory, correlation of frames, robust scales, damped steps."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from uwtrack_cli.estimation.correlation import long_run_excess, overlap_correlation
+from uwtrack_cli.estimation.least_squares import damped_least_squares, inverse_or_nan
+from uwtrack_cli.estimation.robust import (
+    bisquare_weight,
+    median_scale,
+    neighbour_scale,
+)
+from uwtrack_cli.estimation.slow_noise import fit_slow_noise, slow_inverse
+
+TIME = np.arange(600.0)
+NOTHING = (np.zeros(0), np.zeros((0, 1)))
+
+
+def drifting(rng, memory_s, deviation):
+    decay = np.exp(-1 / memory_s)
+    value = np.zeros(TIME.size)
+    value[0] = rng.normal()
+    for k in range(1, TIME.size):
+        value[k] = decay * value[k - 1] + np.sqrt(1 - decay**2) * rng.normal()
+    return deviation * value
+
+
+def test_strength_and_memory_of_slow_noise_are_found():
+    found = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        series = rng.normal(size=TIME.size) + drifting(rng, 20.0, 1.5)
+        constant = np.ones((TIME.size, 1))
+        noise = fit_slow_noise(
+            series, np.ones(TIME.size), TIME, constant, 40.0, NOTHING
+        )
+        found.append((noise.variance * noise.inflation, noise.memory_s))
+    variance, memory = np.median(found, axis=0)
+    assert variance == pytest.approx(2.25, rel=0.4)
+    assert memory == pytest.approx(20.0, rel=0.6)
+
+
+def test_white_noise_has_no_memory():
+    slow = 0
+    for seed in range(40):
+        series = np.random.default_rng(seed).normal(size=TIME.size)
+        constant = np.ones((TIME.size, 1))
+        noise = fit_slow_noise(
+            series, np.ones(TIME.size), TIME, constant, 40.0, NOTHING
+        )
+        slow += not noise.is_white
+    assert slow <= 4
+
+
+def test_the_inverse_covariance_is_that_of_white_and_slow_noise():
+    rng = np.random.default_rng(1)
+    series = rng.normal(size=TIME.size) + drifting(rng, 20.0, 1.5)
+    constant = np.ones((TIME.size, 1))
+    weight = np.where(TIME % 7 == 0, 0.0, 1.0)
+    noise = fit_slow_noise(series, weight, TIME, constant, 40.0, NOTHING)
+    used = weight > 0
+    lag = np.abs(TIME[:, None] - TIME[None, :])
+    covariance = noise.inflation * (
+        np.eye(TIME.size) + noise.variance * np.exp(-lag / noise.memory_s)
+    )
+    inverse = slow_inverse(weight, TIME, noise)
+    product = covariance[np.ix_(used, used)] @ inverse[np.ix_(used, used)]
+    np.testing.assert_allclose(product, np.eye(int(used.sum())), atol=1e-9)
+    assert not inverse[~used].any()
+
+
+def test_the_long_run_excess_is_the_power_at_frequency_zero():
+    """An exponential memory of 5 s at unit variance adds 2 x 5 s at 1-s steps."""
+    rng = np.random.default_rng(2)
+    series = np.stack(
+        [rng.normal(size=TIME.size) + drifting(rng, 5.0, 1.0) for _ in range(60)]
+    )
+    excess = long_run_excess(series, np.ones(series.shape), TIME, 60.0)
+    assert np.mean(excess) == pytest.approx(10.0, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("kind", "overlap", "expected"),
+    [("bearing", 0.5, 1 / 6), ("bearing", 0.75, 0.6591), ("level", 0.5, 1 / 36)],
+)
+def test_overlap_correlation_of_hann_frames_is_that_of_harris(kind, overlap, expected):
+    """Harris (1978), table I: 16.7 % at 50 % overlap, 65.9 % at 75 %."""
+    assert overlap_correlation(kind, overlap)[0] == pytest.approx(expected, abs=1e-3)
+
+
+def test_robust_scales_are_unbiased_and_hardly_moved_by_wild_values():
+    rng = np.random.default_rng(3)
+    clean = 2.0 * rng.normal(size=(50, 600))
+    wild = np.where(rng.random(clean.shape) < 0.1, 100.0, clean)
+    ones = np.ones(clean.shape)
+    assert median_scale(clean, ones).mean() == pytest.approx(2.0, rel=0.02)
+    assert neighbour_scale(clean, ones).mean() == pytest.approx(2.0, rel=0.03)
+    assert median_scale(wild, ones).mean() == pytest.approx(2.0, rel=0.2)
+    assert neighbour_scale(wild, ones).mean() == pytest.approx(2.0, rel=0.25)
+    assert np.all(bisquare_weight(np.array([7.0, 50.0])) == 0)
+
+
+def test_missing_values_do_not_count_for_scales():
+    rng = np.random.default_rng(4)
+    value = rng.normal(size=(20, 900))
+    weight = np.where(rng.random(value.shape) < 0.4, 0.0, 1.0)
+    value = np.where(weight > 0, value, 1e6)
+    assert median_scale(value, weight).mean() == pytest.approx(1.0, rel=0.05)
+    assert neighbour_scale(value, weight).mean() == pytest.approx(1.0, rel=0.05)
+
+
+def test_damped_steps_reach_scipys_optimum_from_every_start():
+    t = np.linspace(0, 4, 60)
+    data = 3 * np.exp(-0.7 * t) + 0.05 * np.random.default_rng(5).normal(size=t.size)
+
+    def residual(theta):
+        return data - theta[0] * np.exp(-theta[1] * t)
+
+    def evaluate(theta):
+        decay = np.exp(-theta[:, 1:] * t)
+        error = data - theta[:, :1] * decay
+        slope = np.stack([-decay, theta[:, :1] * t * decay], axis=-1)
+        gradient = np.einsum("bnp,bn->bp", slope, error)
+        return (
+            0.5 * (error**2).sum(axis=1),
+            gradient,
+            np.swapaxes(slope, 1, 2) @ slope,
+        )
+
+    start = np.array([[1.0, 0.1], [5.0, 2.0], [2.0, 1.0]])
+    found = damped_least_squares(
+        evaluate, start, lambda _, step: step, max_steps=60, tolerance=1e-14
+    )
+    oracle = least_squares(residual, [1.0, 0.1], xtol=1e-14).x
+    np.testing.assert_allclose(found, np.tile(oracle, (3, 1)), rtol=1e-5)
+
+
+def test_a_singular_matrix_has_no_inverse():
+    singular = np.array([[[1.0, 1.0], [1.0, 1.0]]])
+    assert np.isnan(inverse_or_nan(singular)).any()
+    good = np.array([[[4.0, 1e-6], [1e-6, 9e-12]]])
+    np.testing.assert_allclose(inverse_or_nan(good), np.linalg.inv(good), rtol=1e-8)
