@@ -29,6 +29,9 @@ from uwtrack_cli.estimation.line_grouping import (
 _MOST_SAMPLES = 200_000
 """Points held before the grid is thinned by two."""
 
+_MOST_CELLS = 2_000_000
+"""Lines times common times that are compared at once."""
+
 _FAMILY_EVIDENCE = 8.0
 """Evidence of a common family, in nepers: its chance is below 1e-3."""
 
@@ -71,13 +74,19 @@ class ContactSamples:
 
     def samples(self, lines: IntArray, memory_frames: float) -> LineSamples:
         """Return the histories as tables of line and time."""
-        times, column = np.unique(self.frame, return_inverse=True)
-        row = np.searchsorted(lines, self.line)
+        stride, keep = self.stride, np.ones(self.frame.size, dtype=bool)
+        times = np.unique(self.frame)
+        while times.size * lines.size > _MOST_CELLS:
+            stride *= 2
+            keep = self.frame % stride == 0
+            times = np.unique(self.frame[keep])
+        column = np.searchsorted(times, self.frame[keep])
+        row = np.searchsorted(lines, self.line[keep])
         table = np.full((4, lines.size, max(times.size, 1)), np.nan)
-        table[:, row, column] = self.values.T
+        table[:, row, column] = self.values[keep].T
         return LineSamples(
             table[0], table[1], table[2], table[3],
-            memory=max(1.0, memory_frames / self.stride),
+            memory=max(1.0, memory_frames / stride),
         )  # fmt: skip
 
 
@@ -115,6 +124,9 @@ def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextA
         label[is_contact], return_index=True, return_inverse=True
     )
     contact[is_contact] = np.argsort(np.argsort(first))[number] + 1
+    # what one line of a contact shows, the weaker ones share
+    shared = np.bincount(contact, is_moving, minlength=1)[contact] > 0
+    is_moving |= (contact > 0) & shared
     status = np.where(is_hum, "hum", np.where(is_moving, "moving", "steady"))
     return contact, status
 

@@ -122,6 +122,9 @@ class LineTracker:
 
     def _observe(self, peaks: FramePeaks, frame: int) -> None:
         bank = self.bank
+        # after a long gap a line could be anywhere: it has no identity left
+        slots = bank.active()
+        bank.release(slots[self._is_vague(slots)])
         slots = bank.active()
         bank.table[ASSOCIATION, slots] = COASTED
         is_claimed = self.associator.is_claimed(peaks)
@@ -174,14 +177,18 @@ class LineTracker:
             self.policies.feedback.gamma, 1.0,
         )  # fmt: skip
         is_sure, is_lost = self.logic.judge(bank, slots, hit, gain, patience)
-        spread = np.sqrt(bank.state.variance[0, slots])
-        widest = self.policies.gates.frequency_hz or _GREATEST_STD * self.resolution_hz
-        is_lost |= spread > widest
+        is_lost |= self._is_vague(slots)
         fresh = slots[is_sure & ~is_lost & (bank.stage[slots] == TENTATIVE)]
         bank.stage[fresh] = CONFIRMED
         bank.line[fresh] = bank.next_line + np.arange(fresh.size)
         bank.next_line += fresh.size
         bank.release(slots[is_lost])
+
+    def _is_vague(self, slots: IntArray) -> BoolArray:
+        """Tell which lines are known too poorly to be told from others."""
+        spread = np.sqrt(self.bank.state.variance[0, slots])
+        widest = self.policies.gates.frequency_hz or _GREATEST_STD * self.resolution_hz
+        return np.asarray(spread > widest)
 
     def _merge(self) -> None:
         """End the younger of two lines that have become one."""

@@ -5,6 +5,7 @@ from dataclasses import astuple, fields
 import numpy as np
 import pytest
 
+from uwtrack_cli.flow.studies import lines
 from uwtrack_cli.flow.studies.line_runs import RunFigures, Setting, run_figures
 from uwtrack_cli.flow.studies.line_scene import (
     N_CELLS,
@@ -17,7 +18,7 @@ from uwtrack_cli.flow.studies.line_sound import listen
 from uwtrack_cli.flow.studies.lines import half_heard_db, study_lines
 from uwtrack_cli.flow.studies.table import load_reference
 
-SHORT, LONG = 6, 100
+SHORT, LONG = 5, 100
 
 BANDS = {
     # specification B.6: value and band at 100 runs
@@ -82,10 +83,10 @@ def test_detection_and_false_alarms_are_the_anchored_ones() -> None:
 
 def test_interferers_are_told_by_the_classifier_alone() -> None:
     rule = SceneRule(-20.0, n_interferers=6)
-    conventional = figures("conventional", rule, 4)["false_lines"].mean()
+    conventional = figures("conventional", rule, 3)["false_lines"].mean()
     assert conventional >= 5.0
-    assert figures("lax", rule, 4)["false_lines"].mean() >= 5.0
-    assert figures("feedback", rule, 4)["false_lines"].mean() <= 0.6
+    assert figures("lax", rule, 3)["false_lines"].mean() >= 5.0
+    assert figures("feedback", rule, 3)["false_lines"].mean() <= 0.6
 
 
 def test_in_sparse_clutter_association_does_not_need_the_classifier() -> None:
@@ -99,18 +100,16 @@ def test_in_sparse_clutter_association_does_not_need_the_classifier() -> None:
 
 
 def test_trace_hears_weaker_lines_than_three_of_five() -> None:
-    def half(method: str, grid: tuple[float, ...]) -> float:
-        heard = [
-            np.mean([listen(method, s, k).is_heard for k in range(25)]) for s in grid
-        ]
-        return half_heard_db(np.array(grid), np.array(heard))
+    def share(method: str, snr: float) -> float:
+        return float(np.mean([listen(method, snr, k).is_heard for k in range(16)]))
 
-    traced = half("trace", (-2.5, -1.0, 0.5))
-    counted = half("count", (4.0, 5.5, 7.0, 8.5))
+    grid = np.array([-2.5, -1.0, 0.5])
+    traced = half_heard_db(grid, np.array([share("trace", snr) for snr in grid]))
     published = load_reference("lines")["snr50_db"]["trace"]
-    # the band of 0.5 dB and the scatter of 25 trials, 0.5 dB
-    assert abs(traced - published) <= 0.5 + 0.5
-    assert counted - traced >= 5.0
+    # the band of 0.5 dB and the scatter of 16 trials, 0.7 dB
+    assert abs(traced - published) <= 0.5 + 0.7
+    # five decibels above the published figure counted hits still miss most lines
+    assert share("count", published + 5.0) < 0.5
 
 
 @pytest.mark.long
@@ -122,17 +121,23 @@ def test_trace_hears_half_of_the_lines_at_the_published_snr() -> None:
     assert abs(half_heard_db(grid, np.array(heard)) + 1.03) <= 0.5
 
 
-@pytest.mark.parametrize(("snr", "published"), [(6.0, 0.074), (8.0, 0.049), (10.0, 0.033), (12.0, 0.023)])  # fmt: skip
+@pytest.mark.parametrize(("snr", "published"), [(6.0, 0.074), (10.0, 0.033)])
 def test_smoothed_frequencies_are_as_exact_as_published(
     snr: float, published: float
 ) -> None:
-    squares = np.array([listen("trace", snr, k).square_error_hz2 for k in range(30)])
+    squares = np.array([listen("trace", snr, k).square_error_hz2 for k in range(14)])
     error = np.sqrt(np.nanmean(squares))
-    scatter = np.nanstd(squares) / np.sqrt(30) / (2 * error)
+    scatter = np.nanstd(squares) / np.sqrt(14) / (2 * error)
     assert error <= 1.3 * published + scatter
 
 
-def test_another_seed_changes_our_figures_and_not_the_reference() -> None:
+def test_another_seed_changes_our_figures_and_not_the_reference(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    small = load_reference("lines")
+    small["tracker"] = {"-10": small["tracker"]["-10"]}
+    monkeypatch.setattr(lines, "load_reference", lambda _: small)
+    monkeypatch.setattr(lines, "SNR_GRIDS", {"trace": (0.0,)})
     one, two = study_lines(runs=2, seed=1), study_lines(runs=2, seed=2)
     assert [r.reference for r in one.rows] == [r.reference for r in two.rows]
     assert [r.ours for r in one.rows] != [r.ours for r in two.rows]
