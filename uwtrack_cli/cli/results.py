@@ -75,6 +75,10 @@ NOTHING = {
 }
 
 
+SPOKEN = {"motions": ("report", "statement")}
+"""Texts of a container that a reader of its summary must know."""
+
+
 def is_shown(container: Container) -> bool:
     """Tell whether a container has a summary."""
     return container.NAME in SUMMARIES
@@ -95,6 +99,10 @@ def print_result(container: Container, *, as_json: bool) -> None:
     heads = SUMMARIES[container.NAME]
     shown = [[head.text(row) for head in heads] for row in rows]
     show_table([head.title for head in heads], shown)
+    for name in SPOKEN.get(container.NAME, ()):
+        texts = getattr(container, name)
+        for text in [texts] if isinstance(texts, str) else texts.tolist():
+            say(text)
     keys = {head.key for head in heads}
     for row in rows:
         for key, reason in (row.get("reasons") or {}).items():
