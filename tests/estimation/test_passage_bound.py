@@ -145,7 +145,7 @@ def test_the_search_finds_the_optimum_whatever_the_side(seed):
 def test_error_bars_hold_when_the_shaft_wanders(wander):
     scene = Scene(rest_hz=(63.0, 126.0, 189.0, 310.0), wander=wander)
     scores = []
-    for seed in range(12):
+    for seed in range(8):
         blocks = make_blocks(measure(scene, np.random.default_rng(seed), 1))
         rough = run_one(blocks, scene)
         fit = fit_with_memory(rough, blocks, medium(scene))
