@@ -55,12 +55,17 @@ def _facts(product: Any) -> dict[str, Any]:
 def _columns(
     product: Any, container_group: Any, sensor: str | None, name: str
 ) -> list[dict[str, Any]]:
+    from uwtrack_cli.files.reading import column_dataset
     from uwtrack_cli.files.registry import container_class
 
     kind = container_class(name)
     group = container_group(product.file, product.paths[sensor, name], kind)
     return [
-        {"name": column, "shape": list(group[column].shape), "units": spec.unit}
+        {
+            "name": column,
+            "shape": list(column_dataset(group, column, spec).shape),
+            "units": spec.unit,
+        }
         for column, spec in kind.columns().items()
         if column in group
     ]
