@@ -241,6 +241,37 @@ def test_another_vessels_sound_widens_the_course():
     assert np.sqrt(added) == pytest.approx(np.rad2deg(0.01 / np.sqrt(2)), rel=0.05)
 
 
+def test_measurements_that_say_nothing_give_no_encounter():
+    rng = np.random.default_rng(18)
+    lines, levels = lines_of_scenes([SCENE], rng), levels_of_scene(SCENE, rng)
+    silent = np.full(600, np.nan)
+    empty = lines.take("point", slice(0, 0)).take("line", slice(0, 0))
+    for found in (
+        find_encounters(empty),
+        find_encounters(lines.take("point", slice(0, 6))),
+        find_encounters(None, replace(levels, excess_db=silent, bearing_deg=silent)),
+        find_encounters(
+            None, replace(levels, excess_db=silent * 0, bearing_deg=silent)
+        ),
+    ):
+        assert found.n_encounters == 0
+
+
+def test_bearings_of_a_table_alone_give_width_and_side():
+    time = np.arange(60.0)
+    unknown = np.full(60, np.nan)
+    bearing = 350.0 + np.rad2deg(np.arctan((time - 30) / 5))
+    series = Series(
+        contact=np.ones(60), time_s=time, frequency_hz=np.empty((60, 0)),
+        frequency_std_hz=np.empty((60, 0)), bearing_deg=bearing % 360,
+        bearing_std_deg=unknown, level_db=unknown, level_std_db=unknown,
+    )  # fmt: skip
+    found = find_encounters(series=series)
+    assert found.range_over_speed_s[0] == pytest.approx(5.0, rel=1e-3)
+    assert found.course_deg[0] == pytest.approx(80.0, abs=0.01)
+    assert found.side.tolist() == ["starboard"]
+
+
 def test_nothing_to_work_on_is_refused():
     with pytest.raises(DataError, match="need lines, levels or a series"):
         find_encounters()

@@ -83,7 +83,8 @@ def _in_units(
         axis=-1,
     )
     scaled: FloatArray = full * unit[:, :, None] * unit[:, None, :]
-    return scaled
+    sound = np.einsum("bii->bi", scaled) > 0
+    return np.where(sound[:, :, None] & sound[:, None, :], scaled, np.nan)
 
 
 def _rest_std(data: Weighted, doppler: DopplerSums, inner: FloatArray) -> FloatArray:
@@ -91,4 +92,4 @@ def _rest_std(data: Weighted, doppler: DopplerSums, inner: FloatArray) -> FloatA
     own = np.einsum("bkk->bk", doppler.inverse)
     moved = np.einsum("bkp,bpq,bkq->bk", doppler.follow, inner, doppler.follow)
     variance: FloatArray = np.where(measured, own + moved, np.nan)
-    return np.sqrt(variance)
+    return np.sqrt(np.where(variance > 0, variance, np.nan))

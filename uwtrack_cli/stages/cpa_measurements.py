@@ -111,20 +111,27 @@ def series_data(series: Series, contact: int) -> PassageData:
         frequency,
         _deviation(spread(series.frequency_std_hz), frequency),
         bearing,
-        _deviation(spread(series.bearing_std_deg[:, None]), bearing),
+        _deviation(spread(series.bearing_std_deg[:, None]), bearing, 360.0),
         level,
         _deviation(spread(series.level_std_db[:, None]), level),
     )
 
 
-def _deviation(std: FloatArray, value: FloatArray) -> FloatArray:
+def _deviation(
+    std: FloatArray, value: FloatArray, period: float | None = None
+) -> FloatArray:
     """Take the scatter of neighbours where the table gives no deviation."""
     if np.isfinite(std).any() or not np.isfinite(value).any():
         return std
-    steps = np.abs(np.diff(value, axis=-1))
-    typical = np.nanmedian(steps, axis=-1, keepdims=True) / (0.6745 * np.sqrt(2))
-    floor = 1e-12 * np.nanmax(np.abs(value)) + 1e-300
-    return np.broadcast_to(np.maximum(typical, floor), value.shape).copy()
+    filled = std.copy()
+    for row, values in enumerate(value):
+        steps = np.diff(values[np.isfinite(values)])
+        if period is not None:
+            steps = steps - period * np.rint(steps / period)
+        largest = float(np.nanmax(np.abs(values), initial=0.0))
+        typical = float(np.median(np.abs(steps))) / 0.954 if steps.size else 1.0
+        filled[row] = max(typical, 1e-12 * largest, 1e-300)
+    return filled
 
 
 def _time_axis(lines: Lines | None, levels: Levels | None, ids: IntArray) -> FloatArray:
