@@ -9,8 +9,11 @@ import pytest
 
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.flow.studies.line_scene import second_frames
+from uwtrack_cli.flow.studies.trace_noise import noise_recording
 from uwtrack_cli.stages.classify import classify_peaks
 from uwtrack_cli.stages.line_policies import Feedback, Harmonics
+from uwtrack_cli.stages.spectrogram import compute_spectrogram
+from uwtrack_cli.stages.trace import trace_lines
 from uwtrack_cli.stages.track import track_lines
 
 N_LINES, N_CLUTTER, SPACING_HZ = 50, 20, 17.3
@@ -132,7 +135,7 @@ def test_tracking_is_at_least_300_times_faster_than_stone_soup() -> None:
     alone = Feedback(classifier="none", every_frames=n_frames, hold_frames=n_frames)
     ours = cpu_s(lambda: list(track_lines(iter([peaks]), feedback=alone))) / n_frames
     theirs = stonesoup_frame_s(peaks, n_warm=1, n_frames=4)
-    print(f"track {1e3 * ours:.2f} ms, Stone Soup {1e3 * theirs:.0f} ms per frame")  # noqa: T201
+    print(f"track {1e3 * ours:.2f} ms, Stone Soup {1e3 * theirs:.0f} ms per frame")
     assert theirs / ours >= 300.0
 
 
@@ -150,5 +153,23 @@ def test_tracking_with_feedback_is_at_least_50_times_faster_than_stone_soup() ->
 
     ours = cpu_s(work, repeats=2) / n_frames
     theirs = stonesoup_frame_s(peaks, n_warm=1, n_frames=4)
-    print(f"feedback {1e3 * ours:.2f} ms, Stone Soup {1e3 * theirs:.0f} ms per frame")  # noqa: T201
+    print(f"feedback {1e3 * ours:.2f} ms, Stone Soup {1e3 * theirs:.0f} ms per frame")
     assert theirs / ours >= 50.0
+
+
+def test_tracing_takes_at_most_60_times_the_bare_transforms() -> None:
+    from scipy.fft import rfft
+
+    blocks = list(compute_spectrogram(noise_recording(1, 0.2)))
+    frames = blocks[0].frames
+    n_frames = sum(block.frames.n_frames for block in blocks)
+    rows = np.ones((n_frames, frames.window_samples), dtype=np.float32)
+
+    def transforms() -> None:
+        for row in rows:
+            rfft(row, frames.fft_length)
+
+    bare = cpu_s(transforms)
+    ours = cpu_s(lambda: list(trace_lines(iter(blocks))), repeats=2)
+    print(f"trace {ours:.2f} s, transforms {bare:.3f} s")
+    assert ours <= 60.0 * bare
