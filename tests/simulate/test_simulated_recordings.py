@@ -57,7 +57,7 @@ def test_longer_recording_begins_like_the_shorter_one():
 
 def test_reader_survives_pickling():
     recording = simulate_recordings(scene(**EVERYTHING, duration_s=2.0))[0]
-    again = pickle.loads(pickle.dumps(recording.reader))  # noqa: S301
+    again = pickle.loads(pickle.dumps(recording.reader))
     one = np.concatenate(list(recording.reader(500)))
     assert np.array_equal(one, np.concatenate(list(again(500))))
 
