@@ -38,19 +38,23 @@ def score(kind, seed):
     passed = [v.closest_approach for v in scenario.vessels]
     rows = [n for n in range(found.n_encounters) if np.isfinite(found.time_s[n])]
     result = Score(kind, seed, len(rows), len(passed))
-    for vessel in passed:
-        if not rows:
-            result.missed += 1
-            continue
-        row = min(
-            rows,
-            key=lambda n: (
-                abs(found.time_s[n] - vessel.time_s)
-                + 5 * abs(np.nan_to_num(found.speed_mps[n]) - vessel.speed_mps)
-            ),
+    pairs = sorted(
+        (
+            abs(found.time_s[row] - vessel.time_s)
+            + 5 * abs(np.nan_to_num(found.speed_mps[row]) - vessel.speed_mps),
+            row,
+            number,
         )
-        rows.remove(row)
-        _score_row(result, found, row, vessel)
+        for row in rows
+        for number, vessel in enumerate(passed)
+    )
+    done = set()
+    for _, row, number in pairs:
+        if row in rows and number not in done:
+            rows.remove(row)
+            done.add(number)
+            _score_row(result, found, row, passed[number])
+    result.missed = len(passed) - len(done)
     return result
 
 

@@ -23,7 +23,10 @@ TOO_LONG, TOO_SHORT = 2.0, 1 / 12
 
 
 def widen_for_others(row: Row, lines: Lines | None, line_ids: IntArray) -> None:
-    """Widen bearing and course by what other vessels' sound can turn them.
+    """Widen what rests on bearings by what other vessels' sound can turn them.
+
+    A turn by an angle that changes along the passage moves its time and width by
+    up to the angle times d/v; half of that is taken.
 
     Parameters
     ----------
@@ -43,9 +46,17 @@ def widen_for_others(row: Row, lines: Lines | None, line_ids: IntArray) -> None:
     if not snr.size:
         return
     turned = np.rad2deg(10 ** (-float(np.median(snr)) / 10) / np.sqrt(2))
-    row.covariance[3, 3] += turned**2
-    deviation = float(np.sqrt(row.covariance[3, 3]))
-    row.values["bearing_std_deg"] = row.values["course_std_deg"] = deviation
+    moved = 0.5 * np.deg2rad(turned) * row.values["range_over_speed_s"]
+    row.covariance[np.diag_indices(4)] += np.array([moved, moved, 0.0, turned]) ** 2
+    deviation = np.sqrt(np.diag(row.covariance))
+    row.values["time_std_s"] = float(deviation[0])
+    row.values["range_over_speed_std_s"] = float(deviation[1])
+    row.values["bearing_std_deg"] = row.values["course_std_deg"] = float(deviation[3])
+    speed = row.values["speed_mps"]
+    if np.isfinite(row.values["slant_range_std_m"]):
+        row.values["slant_range_std_m"] = float(
+            np.hypot(row.values["slant_range_std_m"], speed * moved)
+        )
 
 
 def advise_frames(row: Row, setting: Setting, window_s: float) -> None:
