@@ -3,6 +3,8 @@
 STUDIES: dict[str, str] = {
     "tma": "uwtrack_cli.flow.studies.tma:study_tma",
     "optimisers": "uwtrack_cli.flow.studies.optimisers:study_optimisers",
+    "proximity": "uwtrack_cli.flow.studies.proximity:study_proximity",
+    "seatrial": "uwtrack_cli.flow.studies.seatrial:study_seatrial",
     "clutter": "uwtrack_cli.flow.studies.clutter:study_clutter",
     "line-association": (
         "uwtrack_cli.flow.studies.line_association:study_line_association"
