@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,9 @@ import pytest
 import soundfile
 
 from uwtrack_cli.files.product import read_product
+from uwtrack_cli.flow.batch import Job, run_job
+from uwtrack_cli.flow.executors import run_jobs
+from uwtrack_cli.flow.shipped import load_recipe
 
 RATE = 1000
 N_MANY = 6
@@ -121,6 +125,17 @@ def test_resume_redoes_what_is_damaged_cut_short_or_outdated(uwtrack, tree, tmp_
     assert uwtrack(*words, *last).exit_code == 0
     found = {name: row["status"] for name, row in rows_of("out").items()}
     assert found == {"a.wav": "done", "b.wav": "resumed", "c.wav": "resumed"}
+
+
+def test_a_job_that_runs_twice_finds_its_own_product(tree, tmp_path):
+    recipe = load_recipe("vessel")
+    job = Job((tree / "a.wav",), tmp_path / "a.h5", recipe, may_repeat=True)
+    first, second = run_job(job), run_job(job)
+    assert first.status == second.status == "done", second.message
+    assert run_job(replace(job, may_repeat=False)).status == "failed"
+    ((number, refused),) = run_jobs([replace(job, may_repeat=False)], n_workers=2)
+    assert number == 0
+    assert "--resume" in refused.message
 
 
 def test_a_pattern_finds_what_it_names_and_keeps_their_places(uwtrack, tree, tmp_path):

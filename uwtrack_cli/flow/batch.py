@@ -45,6 +45,8 @@ class Job:
     resume: bool = False
     overwrite: bool = False
     slack_s: float = SLACK_S
+    may_repeat: bool = False
+    """Whether it may run twice: its worker can be lost after the product was placed."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +103,11 @@ def _make(job: Job, blank: Outcome) -> Outcome:
         beside.append(files)
     history = history_of_job(job.recipe, [source_of_recording(r) for r in opened])
     begun = replace(blank, duration_s=recording.duration_s)
-    if job.target.exists() and job.resume:
+    if job.target.exists() and (job.resume or job.may_repeat):
         found = _complete(job.target, recording, history)
         if found is not None:
-            return replace(begun, status=RESUMED, encounters=found)
+            status = RESUMED if job.resume else DONE
+            return replace(begun, status=status, encounters=found)
     elif job.target.exists() and not job.overwrite:
         msg = f"{job.target} exists already; give --resume or --overwrite."
         raise OutputError(msg)
@@ -114,7 +117,7 @@ def _make(job: Job, blank: Outcome) -> Outcome:
         job.target,
         [*made, *beside],
         history=history,
-        overwrite=job.resume or job.overwrite,
+        overwrite=job.resume or job.overwrite or job.may_repeat,
         inputs=job.sources,
     )
     rows = [row for c in made if isinstance(c, Encounters) for row in json_rows(c)]

@@ -15,6 +15,7 @@ import signal
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from typing import Any
 
 from uwtrack_cli.errors import DataError, OptionError
@@ -54,13 +55,25 @@ def run_jobs(
         msg = f"--jobs must be 1 or more, got {n_workers}."
         raise OptionError(msg)
     numbered = dict(enumerate(jobs))
-    if scheduler is not None:
-        yield from _on_cluster(numbered, scheduler)
-    elif n_workers == 1:
+    if scheduler is None and n_workers == 1:
         for number, job in numbered.items():
             yield number, run_job(job)
+        return
+    for number in [n for n, job in numbered.items() if _is_refused(job)]:
+        yield number, run_job(numbered.pop(number))
+    sent = {
+        number: replace(job, may_repeat=not job.overwrite)
+        for number, job in numbered.items()
+    }
+    if scheduler is not None:
+        yield from _on_cluster(sent, scheduler)
     else:
-        yield from _on_processes(numbered, n_workers)
+        yield from _on_processes(sent, n_workers)
+
+
+def _is_refused(job: Job) -> bool:
+    """Tell whether a product was there before, so that a job may not repeat itself."""
+    return job.target.exists() and not (job.resume or job.overwrite)
 
 
 def _on_processes(

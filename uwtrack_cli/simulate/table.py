@@ -19,6 +19,9 @@ from uwtrack_cli.errors import OptionError
 
 T = TypeVar("T")
 
+HUGE = 1e300
+"""Magnitude from which a number is none: nan, infinite, or a slip of the keyboard."""
+
 
 def fact(
     default: Any = MISSING,
@@ -113,7 +116,7 @@ def _number(value: Any, kind: type, spec: Field[Any], where: str) -> float | int
     low, high = spec.metadata.get("low", -np.inf), spec.metadata.get("high", np.inf)
     whole = isinstance(value, int) and not isinstance(value, bool)
     right_kind = whole or (kind is float and isinstance(value, float))
-    if not right_kind or not low <= value <= high or not np.isfinite(value):
+    if not right_kind or not low <= value <= high or not abs(value) < HUGE:
         noun = "a number" if kind is float else "a whole number"
         msg = f"{where} must be {noun} in [{low:g}, {high:g}], got {value!r}."
         raise OptionError(msg)
