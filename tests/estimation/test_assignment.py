@@ -24,7 +24,8 @@ def test_assignment_has_the_size_and_cost_of_the_exact_one() -> None:
         allowed = rng.random((n_lines, n_peaks)) < 0.3
         cost = rng.uniform(0, 10, allowed.shape)
         lines, peaks = np.nonzero(allowed)
-        chosen = assign(lines, peaks, cost[allowed])
+        pairs = assign(lines, peaks, cost[allowed])
+        chosen = lines[pairs], peaks[pairs]
         table = np.where(allowed, cost, 1e4)
         rows, columns = linear_sum_assignment(table)
         real = table[rows, columns] < 1e4
@@ -35,4 +36,4 @@ def test_assignment_has_the_size_and_cost_of_the_exact_one() -> None:
 
 def test_nothing_to_assign_gives_nothing() -> None:
     none = np.zeros(0, dtype=np.int64)
-    assert assign(none, none, np.zeros(0))[0].size == 0
+    assert assign(none, none, np.zeros(0)).size == 0

@@ -44,9 +44,7 @@ def candidate_pairs(
     return lines, np.arange(lines.size) - np.repeat(starts - first, counts)
 
 
-def assign(
-    lines: IntArray, measurements: IntArray, costs: FloatArray
-) -> tuple[IntArray, IntArray]:
+def assign(lines: IntArray, measurements: IntArray, costs: FloatArray) -> IntArray:
     """Choose pairs so that each line and each measurement occurs at most once.
 
     Parameters
@@ -60,20 +58,17 @@ def assign(
 
     Returns
     -------
-    tuple of arrays
-        Lines and measurements of the chosen pairs.
+    IntArray
+        Positions of the chosen pairs, ascending.
     """
     if lines.size == 0:
-        return lines, measurements
-    is_free = _is_single(lines) & _is_single(measurements)
-    busy = ~is_free
-    if not busy.any():
-        return lines, measurements
-    chosen = _assign_busy(lines[busy], measurements[busy], costs[busy])
-    return (
-        np.concatenate([lines[is_free], chosen[0]]),
-        np.concatenate([measurements[is_free], chosen[1]]),
-    )
+        return np.zeros(0, dtype=np.int64)
+    is_chosen = _is_single(lines) & _is_single(measurements)
+    busy = np.flatnonzero(~is_chosen)
+    if busy.size:
+        chosen = _assign_busy(lines[busy], measurements[busy], costs[busy])
+        is_chosen[busy[chosen]] = True
+    return np.flatnonzero(is_chosen)
 
 
 def _is_single(index: IntArray) -> BoolArray:
@@ -82,7 +77,7 @@ def _is_single(index: IntArray) -> BoolArray:
 
 def _assign_busy(
     lines: IntArray, measurements: IntArray, costs: FloatArray
-) -> tuple[IntArray, IntArray]:
+) -> IntArray:
     from scipy.optimize import linear_sum_assignment
 
     row_names, rows = np.unique(lines, return_inverse=True)
@@ -92,6 +87,8 @@ def _assign_busy(
     forbidden = (costs.max() - cheapest + 1.0) * (min(row_names.size, 1_000_000) + 1)
     table = np.full((row_names.size, column_names.size), forbidden)
     table[rows, columns] = costs - cheapest
+    position = np.zeros(table.shape, dtype=np.int64)
+    position[rows, columns] = np.arange(lines.size)
     chosen_rows, chosen_columns = linear_sum_assignment(table)
     allowed = table[chosen_rows, chosen_columns] < forbidden
-    return row_names[chosen_rows[allowed]], column_names[chosen_columns[allowed]]
+    return position[chosen_rows[allowed], chosen_columns[allowed]]

@@ -23,6 +23,9 @@ from uwtrack_cli.estimation.harmonics import Comb, comb_fit, find_combs
 _MOST_FAMILIES = 64
 """Families that a frame may have; their numbers are frame * this + rank."""
 
+_FEWEST_MEMBERS = 3
+"""Peaks that a family needs; frames with fewer are not searched."""
+
 _LEAST_JITTER = 0.1
 """Floor of a peak's deviation in resolutions: lines are never perfectly steady."""
 
@@ -77,6 +80,8 @@ def classify_peaks(
     loud = np.flatnonzero(peaks.is_detection)
     frames, starts = np.unique(peaks.frame[loud], return_index=True)
     for frame, members in zip(frames, np.split(loud, starts)[1:], strict=True):
+        if members.size < _FEWEST_MEMBERS:
+            continue
         chosen = _loudest(peaks, members, most_peaks)
         rule = _rule(peaks, chosen, spacing_hz, teeth, bearing_window_deg)
         frequency = peaks.frequency_hz[chosen]

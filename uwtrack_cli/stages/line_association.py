@@ -60,6 +60,10 @@ class Pairs:
             self.cost[keep], self.gain[keep],
         )  # fmt: skip
 
+    def assigned(self) -> "Pairs":
+        """Keep the pairs of the best one-to-one assignment."""
+        return self.take(assign(self.line, self.peak, self.cost))
+
 
 class Associator:
     """Assigns the peaks of a frame to the lines of a bank."""
@@ -81,11 +85,11 @@ class Associator:
         pairs = self.pairs(slots, is_lax, peaks, crowding)
         pairs = self._allowed(pairs, is_lax, peaks)
         first = pairs.take(is_confirmed[pairs.line])
-        first = first.take(assigned(first))
+        first = first.assigned()
         taken = np.zeros(peaks.frequency.size, dtype=bool)
         taken[first.peak] = True
         second = pairs.take(~is_confirmed[pairs.line] & ~taken[pairs.peak])
-        second = second.take(assigned(second))
+        second = second.assigned()
         return Pairs(*(
             np.concatenate([getattr(first, name), getattr(second, name)])
             for name in ("line", "peak", "is_basic", "cost", "gain")
@@ -160,10 +164,3 @@ class Associator:
         is_claimed = np.zeros(peaks.frequency.size, dtype=bool)
         is_claimed[peak] = True
         return is_claimed
-
-
-def assigned(pairs: Pairs) -> IntArray:
-    """Positions of the pairs of the best one-to-one assignment."""
-    line, peak = assign(pairs.line, pairs.peak, pairs.cost)
-    width = pairs.peak.max(initial=0) + 1
-    return np.flatnonzero(np.isin(pairs.line * width + pairs.peak, line * width + peak))

@@ -26,7 +26,7 @@ from uwtrack_cli.estimation.information_reduction import gate_probability
 from uwtrack_cli.estimation.line_bank import ASSOCIATION, CONFIRMED, STATE_ROWS
 from uwtrack_cli.estimation.operating_curve import OperatingCurve, model_curve
 from uwtrack_cli.stages.frame_peaks import FramePeaks
-from uwtrack_cli.stages.line_association import Pairs, Policies, assigned
+from uwtrack_cli.stages.line_association import Pairs, Policies
 from uwtrack_cli.stages.line_logics import NOISE_PEAKS_PER_CELL
 from uwtrack_cli.stages.line_tracker import LineTracker
 
@@ -88,7 +88,7 @@ class PdaLineTracker(LineTracker):
         taken = np.zeros(peaks.frequency.size, dtype=bool)
         taken[sure.peak[weight >= 0.5]] = True
         rest = pairs.take(~is_confirmed[pairs.line] & ~taken[pairs.peak])
-        rest = rest.take(assigned(rest))
+        rest = rest.assigned()
         return Pairs(*(
             np.concatenate([getattr(chosen, name), getattr(rest, name)])
             for name in ("line", "peak", "is_basic", "cost", "gain")
