@@ -37,39 +37,61 @@ class Lines(Container):
 
     frames: Frames
     families: Families
-    line: IntArray = column("1", "Line of the point.", "point", dtype=np.int64)
-    frame: IntArray = column("1", "Frame of the point.", "point", dtype=np.int64)
+    line: IntArray = column("1", "Line of the point.", "point", dtype=np.int32)
+    frame: IntArray = column("1", "Frame of the point.", "point", dtype=np.int32)
     time_s: FloatArray = column(
         "s", "Centre of the frame, counted from the first sample.", "point"
     )
     frequency_hz: FloatArray = column("Hz", "Smoothed frequency.", "point")
-    frequency_rate_hzps: FloatArray = column("Hz/s", "Its rate of change.", "point")
-    frequency_covariance: FloatArray = column(
-        "Hz^2", "Covariance of frequency and rate (Hz, Hz/s).",
-        "point", "state", "state_too",
-    )  # fmt: skip
-    bearing_deg: FloatArray = column(
-        "degree", "Smoothed compass bearing; nan without direction.", "point"
+    frequency_rate_hzps: FloatArray = column(
+        "Hz/s", "Its rate of change.", "point", dtype=np.float32
     )
-    bearing_rate_degps: FloatArray = column("degree/s", "Its rate of change.", "point")
+    frequency_covariance: FloatArray = column(
+        "Hz^2",
+        "Covariance of frequency and rate (Hz, Hz/s).",
+        "point",
+        "state",
+        "state_too",
+        dtype=np.float32,
+    )
+    bearing_deg: FloatArray = column(
+        "degree",
+        "Smoothed compass bearing; nan without direction.",
+        "point",
+        dtype=np.float32,
+    )
+    bearing_rate_degps: FloatArray = column(
+        "degree/s", "Its rate of change.", "point", dtype=np.float32
+    )
     bearing_covariance: FloatArray = column(
-        "degree^2", "Covariance of bearing and rate (degree, degree/s).",
-        "point", "state", "state_too",
-    )  # fmt: skip
+        "degree^2",
+        "Covariance of bearing and rate (degree, degree/s).",
+        "point",
+        "state",
+        "state_too",
+        dtype=np.float32,
+    )
     association: IntArray = column(
         "1", "2 detected, 1 below the threshold, 0 coasted.", "point", dtype=np.int8
     )
     measured_frequency_hz: FloatArray = column("Hz", "Raw frequency.", "point")
     measured_frequency_std_hz: FloatArray = column(
-        "Hz", "Standard deviation of the raw frequency.", "point"
+        "Hz", "Standard deviation of the raw frequency.", "point", dtype=np.float32
     )
-    measured_bearing_deg: FloatArray = column("degree", "Raw bearing.", "point")
+    measured_bearing_deg: FloatArray = column(
+        "degree", "Raw bearing.", "point", dtype=np.float32
+    )
     measured_bearing_std_deg: FloatArray = column(
-        "degree", "Standard deviation of the raw bearing.", "point"
+        "degree", "Standard deviation of the raw bearing.", "point", dtype=np.float32
     )
-    measured_level_db: FloatArray = column("dB", "Raw level of the line.", "point")
+    measured_level_db: FloatArray = column(
+        "dB", "Raw level of the line.", "point", dtype=np.float32
+    )
     measured_snr_db: FloatArray = column(
-        "dB", "Power of the line's cell over the noise in it.", "point"
+        "dB",
+        "Power of the line's cell over the noise in it.",
+        "point",
+        dtype=np.float32,
     )
     line_id: IntArray = column("1", "Identifier of the line.", "line", dtype=np.int64)
     line_contact: IntArray = column(
