@@ -16,7 +16,8 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.ais import read_ais
 from uwtrack_cli.files.truth import read_truth
 from uwtrack_cli.flow.ais_passages import ais_passages
-from uwtrack_cli.flow.scoring import Heard, score_encounters
+from uwtrack_cli.flow.heard import Heard
+from uwtrack_cli.flow.scoring import score_encounters
 
 START = 1_714_564_800 * 10**9
 SENSOR = Sensor(id="h1", latitude=50.75, longitude=-1.1, depth_m=20.0)

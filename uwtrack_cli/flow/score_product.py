@@ -13,9 +13,9 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.ais import read_ais
 from uwtrack_cli.files.product import Product
 from uwtrack_cli.files.truth import read_truth
+from uwtrack_cli.flow.heard import Heard
 from uwtrack_cli.flow.scoring import (
     EncounterScores,
-    Heard,
     Identity,
     Score,
     apply_limits,
