@@ -11,10 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 
 NEPER_DB = 10 / np.log(10)
 """Decibels in a natural-logarithm unit of power."""
+
+MOST_SEARCHED = 6000
+"""Instants among which a closest approach is sought; longer series are averaged."""
 
 WINDOW_WIDTHS = 25.0
 """Of a long series, so many d/v on either side of the closest approach are kept."""
@@ -66,16 +69,28 @@ def condense(
     most
         Instants to keep at most, about.
     """
-    near = np.flatnonzero(np.abs(data.time_s - time_s) <= WINDOW_WIDTHS * width_s)
-    if data.time_s.size <= most or near.size < 8:
+    if data.time_s.size <= most:
         return data
-    factor = -(-near.size // most)
-    starts = np.arange(0, near.size, factor)
+    near = np.flatnonzero(np.abs(data.time_s - time_s) <= WINDOW_WIDTHS * width_s)
+    return _averaged(data, near if near.size >= 8 else slice(None), most)
+
+
+def thin(data: PassageData) -> PassageData:
+    """Average a very long series, so that a search through it stays affordable."""
+    if data.time_s.size <= MOST_SEARCHED:
+        return data
+    return _averaged(data, slice(None), MOST_SEARCHED)
+
+
+def _averaged(data: PassageData, kept: IntArray | slice, most: int) -> PassageData:
+    """Average runs of neighbouring instants, so that about ``most`` are left."""
+    time = data.time_s[kept]
+    starts = np.arange(0, time.size, -(-time.size // most))
 
     def mean(
         value: FloatArray, std: FloatArray, period: float | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        value, std = value[..., near], std[..., near]
+        value, std = value[..., kept], std[..., kept]
         good = np.isfinite(value) & (std > 0)
         weight = np.where(good, 1 / np.where(good, std, 1.0) ** 2, 0.0)
         size = np.add.reduceat(weight, starts, axis=-1)
@@ -88,9 +103,9 @@ def condense(
         angle = np.angle(vector) * period / (2 * np.pi) % period
         return np.where(size > 0, angle, np.nan), 1 / np.sqrt(some)
 
-    count = np.diff(np.append(starts, near.size))
+    count = np.diff(np.append(starts, time.size))
     return PassageData(
-        np.add.reduceat(data.time_s[near], starts) / count,
+        np.add.reduceat(time, starts) / count,
         *mean(data.frequency_hz, data.frequency_std_hz),
         *mean(data.bearing_deg, data.bearing_std_deg, 360.0),
         *mean(data.level_db, data.level_std_db),

@@ -21,6 +21,7 @@ from uwtrack_cli.estimation.passage_data import (
     PassageData,
     condense,
     make_blocks,
+    thin,
 )
 from uwtrack_cli.estimation.passage_fit import (
     PassageFit,
@@ -88,6 +89,7 @@ def examine(
     false_alarm_probability
         Probability of a passage in noise alone.
     """
+    data = thin(data)
     blocks = make_blocks(data)
     used = np.zeros(data.time_s.size, np.bool_)
     for block in (blocks.shift, blocks.bearing, blocks.level):

@@ -59,6 +59,8 @@ def contact_data(
         Contacts whose lines are taken.
     """
     ids = lines_of(lines, contacts) if lines is not None else np.empty(0, np.int64)
+    if lines is not None and levels is not None and ids.size:
+        levels = _around(levels, lines.time_s[np.isin(lines.line, ids)])
     time = _time_axis(lines, levels, ids)
     frequency, frequency_std, bearing, bearing_std = _line_rows(lines, ids, time)
     level, level_std = np.full((2, 1, time.size), np.nan)
@@ -79,6 +81,15 @@ def contact_data(
         _neighbour("bearing", frames),
         _neighbour("level", frames),
     )  # fmt: skip
+
+
+def _around(levels: Levels, heard_s: FloatArray) -> Levels:
+    """Keep the levels while lines were heard, and as long before and after."""
+    first, last = float(heard_s.min()), float(heard_s.max())
+    length = last - first
+    time = levels.frames.time_s
+    near = np.flatnonzero((time >= first - length) & (time <= last + length))
+    return levels.take("frame", slice(int(near[0]), int(near[-1]) + 1))
 
 
 def series_data(series: Series, contact: int) -> PassageData:
