@@ -11,7 +11,7 @@ from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.flow.studies.line_scene import second_frames
 from uwtrack_cli.flow.studies.trace_noise import noise_recording
 from uwtrack_cli.stages.classify import classify_peaks
-from uwtrack_cli.stages.line_policies import Feedback, Harmonics
+from uwtrack_cli.stages.lines.policies import Feedback, Harmonics
 from uwtrack_cli.stages.spectrogram import compute_spectrogram
 from uwtrack_cli.stages.trace import trace_lines
 from uwtrack_cli.stages.track import track_lines

@@ -7,7 +7,7 @@ from tests.estimation.passage_truth import ROWS, Scene, bound, measure, true_mot
 from uwtrack_cli.estimation.passage_data import make_blocks
 from uwtrack_cli.estimation.passage_fit import fit_passage, fit_with_memory
 from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.stages.cpa_contacts import best_start
+from uwtrack_cli.stages.passages.contacts import best_start
 
 NAMES = [
     f"{scene.speed_mps}-{scene.range_m:.0f}-{scene.carrier_to_noise_db:.0f}"

@@ -11,8 +11,8 @@ from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.studies.discriminate import run_scenario
 from uwtrack_cli.simulate.repeater import RepeaterScene, simulate_repeater
-from uwtrack_cli.stages.contact_policies import ContactErrors, ContactFilters
 from uwtrack_cli.stages.discriminate import discriminate_contacts
+from uwtrack_cli.stages.pairs.policies import ContactErrors, ContactFilters
 
 SCENE = RepeaterScene(aspect_deg=140.0, turns=True)
 

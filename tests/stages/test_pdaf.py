@@ -14,8 +14,8 @@ from uwtrack_cli.simulate.clutter import (
     constant_velocity_truth,
     simulate_scan,
 )
+from uwtrack_cli.stages.clutter.policies import Detector, TargetMotion, TargetStart
 from uwtrack_cli.stages.pdaf import track_in_clutter
-from uwtrack_cli.stages.pdaf_policies import Detector, TargetMotion, TargetStart
 
 GOLDEN = load_reference("clutter_golden")
 MOTION = TargetMotion(acceleration_std=math.sqrt(10.0))

@@ -9,7 +9,7 @@ import soundfile
 
 from tests.support import recording_of
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.stages.line_policies import Motion
+from uwtrack_cli.stages.lines.policies import Motion
 from uwtrack_cli.stages.peaks import find_peaks
 from uwtrack_cli.stages.spectrogram import compute_spectrogram
 from uwtrack_cli.stages.trace import trace_lines

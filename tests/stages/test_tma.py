@@ -13,8 +13,8 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.studies.tma_scenarios import TARGETS, make_scenario
+from uwtrack_cli.stages.motion.policies import Misfit, MotionModel, Search
 from uwtrack_cli.stages.tma import estimate_motion
-from uwtrack_cli.stages.tma_policies import Misfit, MotionModel, Search
 
 PAPER = {
     "sound_speed_mps": 1480.0,

@@ -14,7 +14,7 @@ from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.stages.classify import classify_peaks
-from uwtrack_cli.stages.line_policies import (
+from uwtrack_cli.stages.lines.policies import (
     CountLogic,
     Feedback,
     Gates,

@@ -91,4 +91,4 @@ def _assign_busy(
     position[rows, columns] = np.arange(lines.size)
     chosen_rows, chosen_columns = linear_sum_assignment(table)
     allowed = table[chosen_rows, chosen_columns] < forbidden
-    return position[chosen_rows[allowed], chosen_columns[allowed]]
+    return np.asarray(position[chosen_rows[allowed], chosen_columns[allowed]])

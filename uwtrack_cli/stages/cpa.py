@@ -24,12 +24,12 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.stages.cpa_advice import advise_frames, widen_for_others
-from uwtrack_cli.stages.cpa_contacts import Candidate, examine, examine_recording
-from uwtrack_cli.stages.cpa_decision import Limits, not_a_passage
-from uwtrack_cli.stages.cpa_levels import add_levels
-from uwtrack_cli.stages.cpa_measurements import series_data
-from uwtrack_cli.stages.cpa_report import (
+from uwtrack_cli.stages.passages.advice import advise_frames, widen_for_others
+from uwtrack_cli.stages.passages.contacts import Candidate, examine, examine_recording
+from uwtrack_cli.stages.passages.decision import Limits, not_a_passage
+from uwtrack_cli.stages.passages.levels import add_levels
+from uwtrack_cli.stages.passages.measurements import series_data
+from uwtrack_cli.stages.passages.report import (
     EXTRAPOLATED,
     NOT_A_PASSAGE,
     Row,

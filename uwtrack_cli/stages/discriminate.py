@@ -20,9 +20,9 @@ from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.estimation.sequential_test import wald_thresholds
-from uwtrack_cli.stages.contact_policies import ContactErrors, ContactFilters
-from uwtrack_cli.stages.contact_scans import arrange_contacts, filter_noise
-from uwtrack_cli.stages.contact_verdict import PairVerdict, judge_pair
+from uwtrack_cli.stages.pairs.policies import ContactErrors, ContactFilters
+from uwtrack_cli.stages.pairs.scans import arrange_contacts, filter_noise
+from uwtrack_cli.stages.pairs.verdict import PairVerdict, judge_pair
 
 Verdict = Literal["first moves", "second moves", "undecided"]
 

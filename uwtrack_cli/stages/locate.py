@@ -20,9 +20,9 @@ from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.physics.geodesy import to_latitude_longitude
-from uwtrack_cli.stages.locate_pairing import Mode, group_encounters, list_modes
-from uwtrack_cli.stages.locate_sites import Passages, gather_passages
-from uwtrack_cli.stages.locate_times import fix_times, to_utc_ns
+from uwtrack_cli.stages.passages.pairing import Mode, group_encounters, list_modes
+from uwtrack_cli.stages.passages.sites import Passages, gather_passages
+from uwtrack_cli.stages.passages.times import fix_times, to_utc_ns
 
 
 def locate_vessels(

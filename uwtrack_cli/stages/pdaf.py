@@ -25,14 +25,14 @@ from uwtrack_cli.estimation.clutter_filter import ClutterSetting, Outcome, step
 from uwtrack_cli.estimation.information_reduction import information_reduction
 from uwtrack_cli.estimation.pda import constant_velocity
 from uwtrack_cli.estimation.track_score import track_score
-from uwtrack_cli.stages.pdaf_policies import Detector, TargetMotion, TargetStart
-from uwtrack_cli.stages.pdaf_scans import (
+from uwtrack_cli.stages.clutter.policies import Detector, TargetMotion, TargetStart
+from uwtrack_cli.stages.clutter.scans import (
     check_scans,
     scan_arrays,
     split_scans,
     start_belief,
 )
-from uwtrack_cli.stages.pdaf_setting import clutter_setting, motion_models, switching
+from uwtrack_cli.stages.clutter.setting import clutter_setting, motion_models, switching
 
 
 def track_in_clutter(  # noqa: PLR0913 - two containers and eight options

@@ -24,15 +24,15 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.stages.tma_contact import analyse_contact
-from uwtrack_cli.stages.tma_inputs import (
+from uwtrack_cli.stages.motion.contact import analyse_contact
+from uwtrack_cli.stages.motion.inputs import (
     Measurements,
     measurements_from_lines,
     measurements_from_series,
 )
-from uwtrack_cli.stages.tma_modes import Analysis
-from uwtrack_cli.stages.tma_policies import Misfit, MotionModel, Search
-from uwtrack_cli.stages.tma_table import motions_table
+from uwtrack_cli.stages.motion.modes import Analysis
+from uwtrack_cli.stages.motion.policies import Misfit, MotionModel, Search
+from uwtrack_cli.stages.motion.table import motions_table
 
 DEFAULT_MODEL, DEFAULT_SEARCH, DEFAULT_MISFIT = MotionModel(), Search(), Misfit()
 

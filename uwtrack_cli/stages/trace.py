@@ -20,10 +20,10 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.stages.line_output import join_points, no_table, to_lines
-from uwtrack_cli.stages.line_policies import Harmonics, Motion
-from uwtrack_cli.stages.path_tracer import PathTracer, TraceRule
-from uwtrack_cli.stages.trace_threshold import TraceThreshold, tail_key
+from uwtrack_cli.stages.lines.output import join_points, no_table, to_lines
+from uwtrack_cli.stages.lines.path_tracer import PathTracer, TraceRule
+from uwtrack_cli.stages.lines.policies import Harmonics, Motion
+from uwtrack_cli.stages.lines.trace_threshold import TraceThreshold, tail_key
 
 _MOTION, _HARMONICS = Motion(), Harmonics()
 

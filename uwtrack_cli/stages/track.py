@@ -20,10 +20,10 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.stages.frame_peaks import split_frames
-from uwtrack_cli.stages.line_association import Policies
-from uwtrack_cli.stages.line_output import join_points, no_table, to_lines
-from uwtrack_cli.stages.line_policies import (
+from uwtrack_cli.stages.lines.association import Policies
+from uwtrack_cli.stages.lines.frame_peaks import split_frames
+from uwtrack_cli.stages.lines.output import join_points, no_table, to_lines
+from uwtrack_cli.stages.lines.policies import (
     CountLogic,
     Feedback,
     Gates,
@@ -31,7 +31,7 @@ from uwtrack_cli.stages.line_policies import (
     Motion,
     ScoreLogic,
 )
-from uwtrack_cli.stages.line_tracker import LineTracker
+from uwtrack_cli.stages.lines.tracker import LineTracker
 
 _SCORE, _COUNT, _FEEDBACK = ScoreLogic(), CountLogic(), Feedback()
 _GATES, _MOTION, _HARMONICS = Gates(), Motion(), Harmonics()

@@ -17,10 +17,11 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.stages.frame_peaks import split_frames
-from uwtrack_cli.stages.line_association import Policies
-from uwtrack_cli.stages.line_output import join_points, no_table, to_lines
-from uwtrack_cli.stages.line_policies import (
+from uwtrack_cli.stages.lines.association import Policies
+from uwtrack_cli.stages.lines.frame_peaks import split_frames
+from uwtrack_cli.stages.lines.output import join_points, no_table, to_lines
+from uwtrack_cli.stages.lines.pda_tracker import PdaLineTracker
+from uwtrack_cli.stages.lines.policies import (
     CountLogic,
     Feedback,
     Gates,
@@ -28,7 +29,6 @@ from uwtrack_cli.stages.line_policies import (
     Motion,
     ScoreLogic,
 )
-from uwtrack_cli.stages.pda_line_tracker import PdaLineTracker
 
 _SCORE, _GATES, _MOTION, _HARMONICS = ScoreLogic(), Gates(), Motion(), Harmonics()
 

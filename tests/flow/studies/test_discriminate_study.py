@@ -6,7 +6,7 @@ import pytest
 
 from uwtrack_cli.flow.studies.discriminate import run_scenario, study_discriminate
 from uwtrack_cli.flow.studies.table import load_reference
-from uwtrack_cli.stages.contact_policies import ContactFilters
+from uwtrack_cli.stages.pairs.policies import ContactFilters
 
 REFERENCE = load_reference("discriminate")
 CASES = [row for row in REFERENCE["scenarios"] if row[3] is not None]

@@ -29,8 +29,8 @@ from uwtrack_cli.estimation.sequential_test import (
 )
 from uwtrack_cli.flow.studies.table import Study, StudyRow, load_reference
 from uwtrack_cli.simulate.repeater import RepeaterScene, simulate_repeater
-from uwtrack_cli.stages.contact_policies import ContactFilters
-from uwtrack_cli.stages.contact_scans import filter_noise
+from uwtrack_cli.stages.pairs.policies import ContactFilters
+from uwtrack_cli.stages.pairs.scans import filter_noise
 
 _ERRORS = {1: 0.05, 2: 0.005, 3: 0.005}
 _FILTERS = {

@@ -24,7 +24,7 @@ from uwtrack_cli.estimation.detection_threshold import best_prior
 from uwtrack_cli.estimation.operating_curve import model_curve
 from uwtrack_cli.flow.studies.table import Study, StudyRow
 from uwtrack_cli.simulate.tones import simulate_tones
-from uwtrack_cli.stages.line_policies import ScoreLogic
+from uwtrack_cli.stages.lines.policies import ScoreLogic
 from uwtrack_cli.stages.peaks import find_peaks
 from uwtrack_cli.stages.spectrogram import compute_spectrogram
 from uwtrack_cli.stages.track import track_lines

@@ -24,9 +24,9 @@ from uwtrack_cli.flow.studies.line_scene import (
     simulate_scene,
 )
 from uwtrack_cli.stages.classify import classify_peaks
-from uwtrack_cli.stages.frame_peaks import split_frames
-from uwtrack_cli.stages.line_association import Policies
-from uwtrack_cli.stages.line_policies import (
+from uwtrack_cli.stages.lines.association import Policies
+from uwtrack_cli.stages.lines.frame_peaks import split_frames
+from uwtrack_cli.stages.lines.policies import (
     CountLogic,
     Feedback,
     Gates,
@@ -34,7 +34,7 @@ from uwtrack_cli.stages.line_policies import (
     Motion,
     ScoreLogic,
 )
-from uwtrack_cli.stages.line_tracker import LineTracker
+from uwtrack_cli.stages.lines.tracker import LineTracker
 
 MATCH_HZ, MATCH_DEG, MISSED_HZ = 3.0, 8.0, 3.0
 

@@ -19,7 +19,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.stages.line_policies import CountLogic, Feedback, Motion, ScoreLogic
+from uwtrack_cli.stages.lines.policies import CountLogic, Feedback, Motion, ScoreLogic
 from uwtrack_cli.stages.peaks import find_peaks
 from uwtrack_cli.stages.spectrogram import compute_spectrogram
 from uwtrack_cli.stages.trace import trace_lines

@@ -28,10 +28,10 @@ from uwtrack_cli.estimation.path_search import (
     whiten,
 )
 from uwtrack_cli.estimation.viterbi import best_scores
-from uwtrack_cli.stages.path_tracer import PathTracer, TraceRule
+from uwtrack_cli.stages.lines.path_tracer import PathTracer, TraceRule
+from uwtrack_cli.stages.lines.trace_window import WindowData
 from uwtrack_cli.stages.spectrogram import compute_spectrogram
 from uwtrack_cli.stages.trace import trace_rule
-from uwtrack_cli.stages.trace_window import WindowData
 
 RATE_HZ, BAND_HZ = 4096.0, 250.0
 LENGTHS = (32, 60, 120, 240)

@@ -5,7 +5,7 @@ noise starts as many lines. A confirmed line weighs all peaks in its gate above 
 of its own, which is chosen before each frame for the least expected variance given the
 predicted one, and is corrected by their mean.
 
-**Conventions.** As in `uwtrack_cli.stages.line_tracker`. Frequency and bearing stay two
+**Conventions.** As in `uwtrack_cli.stages.lines.tracker`. Frequency and bearing stay two
 filters: the covariance that the mixture puts between them is not kept.
 
 **References.** Gelfand, Fortmann and Bar-Shalom (1996); Choi, Kim and Hong (2001).
@@ -25,10 +25,10 @@ from uwtrack_cli.estimation.detection_threshold import prior_rule
 from uwtrack_cli.estimation.information_reduction import gate_probability
 from uwtrack_cli.estimation.line_bank import ASSOCIATION, CONFIRMED, STATE_ROWS
 from uwtrack_cli.estimation.operating_curve import OperatingCurve, model_curve
-from uwtrack_cli.stages.frame_peaks import FramePeaks
-from uwtrack_cli.stages.line_association import Pairs, Policies
-from uwtrack_cli.stages.line_logics import NOISE_PEAKS_PER_CELL
-from uwtrack_cli.stages.line_tracker import LineTracker
+from uwtrack_cli.stages.lines.association import Pairs, Policies
+from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
+from uwtrack_cli.stages.lines.logics import NOISE_PEAKS_PER_CELL
+from uwtrack_cli.stages.lines.tracker import LineTracker
 
 _TURN_DEG = 360.0
 _ALL_BEARINGS_STD_DEG = 60.0

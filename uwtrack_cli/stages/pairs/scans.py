@@ -17,7 +17,7 @@ from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.contact_filters import Observation
 from uwtrack_cli.estimation.contact_pair import FilterNoise
-from uwtrack_cli.stages.contact_policies import ContactErrors, ContactFilters
+from uwtrack_cli.stages.pairs.policies import ContactErrors, ContactFilters
 
 
 @dataclass(frozen=True)

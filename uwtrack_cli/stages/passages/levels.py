@@ -18,7 +18,7 @@ from uwtrack_cli.estimation.correlation import long_run_excess
 from uwtrack_cli.estimation.passage_fit import PassageFit
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.physics.passage import passage_law
-from uwtrack_cli.stages.cpa_report import Row, Setting
+from uwtrack_cli.stages.passages.report import Row, Setting
 
 KEYS = ("received_level_db", "source_level_db")
 LARGEST_LEVEL_STD_DB = 3.0

@@ -15,7 +15,7 @@ from uwtrack_cli.estimation.operating_curve import (
     measured_curve,
     model_curve,
 )
-from uwtrack_cli.stages.pdaf_policies import Detector, TargetMotion
+from uwtrack_cli.stages.clutter.policies import Detector, TargetMotion
 
 
 def clutter_setting(

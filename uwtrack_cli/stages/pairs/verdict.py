@@ -25,7 +25,7 @@ from uwtrack_cli.estimation.sequential_test import (
     fixed_scans,
     overshoot_error,
 )
-from uwtrack_cli.stages.contact_scans import ContactPair
+from uwtrack_cli.stages.pairs.scans import ContactPair
 
 _IMPROBABLE = 0.05
 """Innovations less probable than this say that a filter's model is wrong."""

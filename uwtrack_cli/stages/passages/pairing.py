@@ -16,7 +16,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.motion_fit import fit_motion
 from uwtrack_cli.estimation.motion_starts import motion_starts
-from uwtrack_cli.stages.locate_sites import Passages
+from uwtrack_cli.stages.passages.sites import Passages
 
 SMALLEST_WEIGHT = 1e-3
 """Modes less likely than this are left out."""

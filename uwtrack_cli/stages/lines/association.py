@@ -18,9 +18,9 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.assignment import assign, candidate_pairs
 from uwtrack_cli.estimation.line_bank import CONFIRMED, LineBank
-from uwtrack_cli.stages.frame_peaks import FramePeaks
-from uwtrack_cli.stages.line_logics import Logic
-from uwtrack_cli.stages.line_policies import (
+from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
+from uwtrack_cli.stages.lines.logics import Logic
+from uwtrack_cli.stages.lines.policies import (
     CountLogic,
     Feedback,
     Gates,

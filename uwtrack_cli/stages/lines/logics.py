@@ -19,8 +19,8 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation import initiation
 from uwtrack_cli.estimation.line_bank import CONFIRMED, TENTATIVE, LineBank
-from uwtrack_cli.stages.line_policies import CountLogic
-from uwtrack_cli.stages.line_sensitivity import (
+from uwtrack_cli.stages.lines.policies import CountLogic
+from uwtrack_cli.stages.lines.sensitivity import (
     MINUTE_S,
     false_lines_by_count,
     weakest_by_count,

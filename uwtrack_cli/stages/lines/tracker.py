@@ -32,13 +32,13 @@ from uwtrack_cli.estimation.line_bank import (
     LineBank,
     Points,
 )
-from uwtrack_cli.stages.contacts import ContactSamples, group_lines
-from uwtrack_cli.stages.frame_peaks import FramePeaks
-from uwtrack_cli.stages.line_association import Associator, Pairs, Policies
-from uwtrack_cli.stages.line_families import FamilyRegister
-from uwtrack_cli.stages.line_logics import HitCounter, Logic
-from uwtrack_cli.stages.line_output import LineTable
-from uwtrack_cli.stages.line_scores import ScoreKeeper
+from uwtrack_cli.stages.lines.association import Associator, Pairs, Policies
+from uwtrack_cli.stages.lines.contacts import ContactSamples, group_lines
+from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
+from uwtrack_cli.stages.lines.lasting_families import FamilyRegister
+from uwtrack_cli.stages.lines.logics import HitCounter, Logic
+from uwtrack_cli.stages.lines.output import LineTable
+from uwtrack_cli.stages.lines.scores import ScoreKeeper
 
 _UNKNOWN_BEARING_VARIANCE = 1e8
 """Variance in degree^2 of a bearing that was never measured."""

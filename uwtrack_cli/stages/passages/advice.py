@@ -16,7 +16,7 @@ import numpy as np
 from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.errors import UwtrackWarning
-from uwtrack_cli.stages.cpa_report import Row, Setting
+from uwtrack_cli.stages.passages.report import Row, Setting
 
 TOO_LONG, TOO_SHORT = 2.0, 1 / 12
 """Window over the best frame length beyond which advice is given."""

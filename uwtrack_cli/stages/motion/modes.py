@@ -22,7 +22,7 @@ from uwtrack_cli.estimation.target_motion.observability import Observability, as
 from uwtrack_cli.estimation.target_motion.problem import Problem
 from uwtrack_cli.estimation.target_motion.regions import Interval, profile_interval
 from uwtrack_cli.estimation.target_motion.solvers import SolverName
-from uwtrack_cli.stages.tma_policies import Misfit, MotionModel, Search
+from uwtrack_cli.stages.motion.policies import Misfit, MotionModel, Search
 
 
 @dataclass(frozen=True, eq=False)

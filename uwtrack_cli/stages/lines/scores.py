@@ -18,9 +18,9 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation import initiation
 from uwtrack_cli.estimation.line_bank import CONFIRMED, LineBank
-from uwtrack_cli.stages.line_logics import NOISE_PEAKS_PER_CELL
-from uwtrack_cli.stages.line_policies import ScoreLogic
-from uwtrack_cli.stages.line_sensitivity import MINUTE_S, weakest_by_score
+from uwtrack_cli.stages.lines.logics import NOISE_PEAKS_PER_CELL
+from uwtrack_cli.stages.lines.policies import ScoreLogic
+from uwtrack_cli.stages.lines.sensitivity import MINUTE_S, weakest_by_score
 
 MOST_GAIN = 3.5
 """Cap on the amplitude's gain: one loud transient must not make a line."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.stages.line_sensitivity import weakest_by_path
+from uwtrack_cli.stages.lines.sensitivity import weakest_by_path
 
 TAILS = {
     (0.5, 2): (

@@ -10,9 +10,9 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import TextArray
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.estimation.target_motion.coordinates import to_motion
-from uwtrack_cli.stages.tma_contact import ContactAnswer
-from uwtrack_cli.stages.tma_modes import Analysis, ModeAnswer
-from uwtrack_cli.stages.tma_words import ellipse_agrees, reasons_of, report_of
+from uwtrack_cli.stages.motion.contact import ContactAnswer
+from uwtrack_cli.stages.motion.modes import Analysis, ModeAnswer
+from uwtrack_cli.stages.motion.words import ellipse_agrees, reasons_of, report_of
 
 DEGREES = np.array([1.0, np.degrees(1.0), 1.0, np.degrees(1.0)])
 

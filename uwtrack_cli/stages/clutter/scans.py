@@ -10,7 +10,7 @@ from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.clutter_filter import Scan
 from uwtrack_cli.estimation.imm import Belief
-from uwtrack_cli.stages.pdaf_policies import TargetStart
+from uwtrack_cli.stages.clutter.policies import TargetStart
 
 
 def check_scans(

@@ -29,12 +29,12 @@ from uwtrack_cli.estimation.path_search import (
     is_same_line,
     whiten,
 )
-from uwtrack_cli.stages.contacts import ContactSamples, group_lines
-from uwtrack_cli.stages.line_families import FamilyRegister
-from uwtrack_cli.stages.line_output import LineTable, join_points
-from uwtrack_cli.stages.line_policies import Harmonics, Motion
-from uwtrack_cli.stages.trace_threshold import TraceThreshold
-from uwtrack_cli.stages.trace_window import (
+from uwtrack_cli.stages.lines.contacts import ContactSamples, group_lines
+from uwtrack_cli.stages.lines.lasting_families import FamilyRegister
+from uwtrack_cli.stages.lines.output import LineTable, join_points
+from uwtrack_cli.stages.lines.policies import Harmonics, Motion
+from uwtrack_cli.stages.lines.trace_threshold import TraceThreshold
+from uwtrack_cli.stages.lines.trace_window import (
     WindowData,
     cut,
     join_windows,

@@ -22,7 +22,7 @@ from uwtrack_cli.physics.geometry import (
     horizontal_range_m,
     side_of_vessel,
 )
-from uwtrack_cli.stages.cpa_decision import (
+from uwtrack_cli.stages.passages.decision import (
     LARGEST_RELATIVE_DEVIATION,
     SMALLEST_SPEED_DEVIATIONS,
 )

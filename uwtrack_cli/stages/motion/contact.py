@@ -30,12 +30,12 @@ from uwtrack_cli.estimation.target_motion.scatter import (
 )
 from uwtrack_cli.estimation.target_motion.solvers import SOLVERS
 from uwtrack_cli.estimation.target_motion.starts import multistart
-from uwtrack_cli.stages.tma_inputs import (
+from uwtrack_cli.stages.motion.inputs import (
     Measurements,
     check_measurements,
     own_path,
 )
-from uwtrack_cli.stages.tma_modes import Analysis, ModeAnswer, describe_mode
+from uwtrack_cli.stages.motion.modes import Analysis, ModeAnswer, describe_mode
 
 
 @dataclass(frozen=True, eq=False)

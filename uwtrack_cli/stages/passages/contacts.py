@@ -31,12 +31,12 @@ from uwtrack_cli.estimation.passage_fit import (
 )
 from uwtrack_cli.estimation.passage_normal import Medium
 from uwtrack_cli.estimation.passage_seeds import find_starts
-from uwtrack_cli.stages.cpa_decision import (
+from uwtrack_cli.stages.passages.decision import (
     Evidence,
     motion_likelihood,
     passage_evidence,
 )
-from uwtrack_cli.stages.cpa_measurements import contact_data, contact_ids, lines_of
+from uwtrack_cli.stages.passages.measurements import contact_data, contact_ids, lines_of
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""

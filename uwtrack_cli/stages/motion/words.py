@@ -4,8 +4,8 @@ import numpy as np
 
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.estimation.target_motion.coordinates import to_motion
-from uwtrack_cli.stages.tma_contact import ContactAnswer
-from uwtrack_cli.stages.tma_modes import ModeAnswer
+from uwtrack_cli.stages.motion.contact import ContactAnswer
+from uwtrack_cli.stages.motion.modes import ModeAnswer
 
 LARGEST_LOG_RANGE_STD = 1.0
 """Deviation of ln R above which the range is not told."""

@@ -1,0 +1,1 @@
+"""Parts of the line stages: association, logics, policies, families, paths."""

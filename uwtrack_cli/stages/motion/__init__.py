@@ -1,0 +1,1 @@
+"""Parts of the target-motion stage."""

@@ -1,0 +1,1 @@
+"""Parts of the closest-approach and position stages."""
