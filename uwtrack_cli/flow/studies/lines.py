@@ -192,7 +192,7 @@ def half_heard_db(grid_db: FloatArray, share: FloatArray) -> float:
 
     Examples
     --------
-    >>> half_heard_db(np.array([0.0, 2.0]), np.array([0.25, 0.75]))
+    >>> round(half_heard_db(np.array([0.0, 2.0]), np.array([0.25, 0.75])), 6)
     1.0
     """
     rising = np.maximum.accumulate(share)

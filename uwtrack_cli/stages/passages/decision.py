@@ -28,6 +28,9 @@ from uwtrack_cli.physics.passage import passage_law
 LARGEST_RELATIVE_DEVIATION = 0.5
 """A quantity less certain than this is not given."""
 
+LARGEST_RELATIVE_WIDTH = 1.0 / 3.0
+"""A bend whose d/v is less certain than this is no passage: machinery drifts, too."""
+
 WIDEST_SCATTER_RAD = 1.2
 """Bearings that scatter more than this (69 degrees) are no evidence: they wrap."""
 
@@ -270,7 +273,7 @@ def not_a_passage(fit: PassageFit, blocks: Blocks, limits: Limits) -> str | None
             f"the change within {width:.3g} s is shorter than the frames "
             f"({limits.window_s:.3g} s): use a shorter window_s"
         )
-    if deviation[1] > LARGEST_RELATIVE_DEVIATION * width or deviation[0] > width:
+    if deviation[1] > LARGEST_RELATIVE_WIDTH * width or deviation[0] > width:
         return "too little of the passage is in the recording"
     return _one_sided(closest, width, _extent(blocks), limits)
 
