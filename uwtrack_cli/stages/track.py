@@ -16,13 +16,10 @@ Rauch, Tung & Striebel (1965).
 from collections.abc import Iterator
 from typing import Literal
 
-from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
-from uwtrack_cli.errors import DataError
 from uwtrack_cli.stages.lines.association import Policies
-from uwtrack_cli.stages.lines.frame_peaks import split_frames
-from uwtrack_cli.stages.lines.output import join_points, no_table, to_lines
+from uwtrack_cli.stages.lines.driver import follow_peaks
 from uwtrack_cli.stages.lines.policies import (
     CountLogic,
     Feedback,
@@ -91,37 +88,6 @@ def track_lines(
     many times the memory of the filters.
     """
     policies = Policies(initiation, score, count, feedback, gates, motion, harmonics)
-    tracker: LineTracker | None = None
-    frames: Frames | None = None
-    for block in blocks:
-        peaks = _peaks_of(block)
-        frames = peaks.frames
-        if tracker is None:
-            tracker = LineTracker(policies, frames, peaks)
-        parts = []
-        for index, step in enumerate(split_frames(block, peaks)):
-            tracker.step(
-                frames.first_frame + index,
-                float(frames.time_s[index]),
-                float(frames.effort[index]),
-                step,
-            )
-            if tracker.bank.is_chunk_full:
-                parts.append(tracker.emit())
-        yield to_lines(frames, join_points(parts), no_table(), tracker.scalars())
-    if tracker is not None and frames is not None:
-        points = tracker.finish()
-        nothing = frames.take("frame", slice(0, 0))
-        yield to_lines(nothing, points, tracker.line_table(), tracker.scalars())
-
-
-def _peaks_of(block: Families | Peaks) -> Peaks:
-    if isinstance(block, Peaks):
-        return block
-    if block.peaks is None:
-        msg = (
-            "these families do not carry their peaks; give track the file that "
-            "'uwtrack classify' or 'uwtrack peaks' wrote."
-        )
-        raise DataError(msg)
-    return block.peaks
+    return follow_peaks(
+        blocks, lambda frames, peaks: LineTracker(policies, frames, peaks)
+    )

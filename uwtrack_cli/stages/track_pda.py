@@ -16,10 +16,9 @@ from collections.abc import Iterator
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import OptionError
 from uwtrack_cli.stages.lines.association import Policies
-from uwtrack_cli.stages.lines.frame_peaks import split_frames
-from uwtrack_cli.stages.lines.output import join_points, no_table, to_lines
+from uwtrack_cli.stages.lines.driver import follow_peaks
 from uwtrack_cli.stages.lines.pda_tracker import PdaLineTracker
 from uwtrack_cli.stages.lines.policies import (
     CountLogic,
@@ -84,36 +83,19 @@ def track_lines_pda(
     Lines start as in `track`, so that noise starts as many. A point is an association
     where one peak has at least half of the probability.
     """
-    tracker: PdaLineTracker | None = None
-    frames: Frames | None = None
     policies = Policies(
         "score", score, CountLogic(), Feedback(classifier="none"), gates, motion,
         harmonics,
     )  # fmt: skip
-    for block in blocks:
-        peaks = _peaks_of(block)
-        frames = peaks.frames
-        if tracker is None:
-            _check(lowest_false_alarm, peaks)
-            tracker = PdaLineTracker(
-                policies, frames, peaks, snr_db=snr_db,
-                lowest_false_alarm=lowest_false_alarm,
-            )  # fmt: skip
-        parts = []
-        for index, step in enumerate(split_frames(block, peaks)):
-            tracker.step(
-                frames.first_frame + index,
-                float(frames.time_s[index]),
-                float(frames.effort[index]),
-                step,
-            )
-            if tracker.bank.is_chunk_full:
-                parts.append(tracker.emit())
-        yield to_lines(frames, join_points(parts), no_table(), tracker.scalars())
-    if tracker is not None and frames is not None:
-        points = tracker.finish()
-        nothing = frames.take("frame", slice(0, 0))
-        yield to_lines(nothing, points, tracker.line_table(), tracker.scalars())
+
+    def make_tracker(frames: Frames, peaks: Peaks) -> PdaLineTracker:
+        _check(lowest_false_alarm, peaks)
+        return PdaLineTracker(
+            policies, frames, peaks, snr_db=snr_db,
+            lowest_false_alarm=lowest_false_alarm,
+        )  # fmt: skip
+
+    return follow_peaks(blocks, make_tracker)
 
 
 def _check(lowest_false_alarm: float, peaks: Peaks) -> None:
@@ -123,15 +105,3 @@ def _check(lowest_false_alarm: float, peaks: Peaks) -> None:
             f"kept ({peaks.kept_probability:g}), got {lowest_false_alarm}."
         )
         raise OptionError(msg)
-
-
-def _peaks_of(block: Families | Peaks) -> Peaks:
-    if isinstance(block, Peaks):
-        return block
-    if block.peaks is None:
-        msg = (
-            "these families do not carry their peaks; give the file that "
-            "'uwtrack classify' or 'uwtrack peaks' wrote."
-        )
-        raise DataError(msg)
-    return block.peaks
