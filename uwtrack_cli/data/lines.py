@@ -1,8 +1,8 @@
 """Tracked frequency lines: smoothed states beside the raw measurements."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Self
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -115,6 +115,16 @@ class Lines(Container):
 
     @classmethod
     def join(cls, blocks: Sequence[Self]) -> Self:
-        """Join consecutive blocks of a stream; points by line, then by time."""
-        joined = super().join(blocks)
-        return joined.take("point", np.lexsort((joined.frame, joined.line)))
+        """Join consecutive blocks of a stream; points by line, then by time.
+
+        Column by column, so that there is never a second copy of all points.
+        """
+        rest = super().join([block.take("point", slice(0)) for block in blocks])
+        frame = np.concatenate([block.frame for block in blocks])
+        order = np.lexsort((frame, np.concatenate([block.line for block in blocks])))
+        points: dict[str, Any] = {
+            name: np.concatenate([getattr(block, name) for block in blocks])[order]
+            for name, spec in cls.columns().items()
+            if spec.axes[0] == "point"
+        }
+        return replace(rest, **points)
