@@ -5,6 +5,7 @@ import io
 import json
 
 import pytest
+from typer import Exit
 
 
 @pytest.fixture
@@ -146,3 +147,31 @@ def test_quiet_says_nothing(uwtrack, noise_wav):
     done = uwtrack("run", noise_wav, "-q")
     assert done.exit_code == 0
     assert done.output == ""
+
+
+def test_an_interrupt_that_python_could_not_pass_on_is_not_lost():
+    import gc
+    import signal
+    import time
+    import weakref
+
+    from uwtrack_cli.cli.screen import guard
+
+    class Thing:
+        pass
+
+    def interrupt_here(_):
+        signal.raise_signal(signal.SIGINT)
+
+    def work():
+        thing = Thing()
+        watch = weakref.ref(thing, interrupt_here)
+        with guard(debug=False):
+            del thing
+            gc.collect()
+            assert watch() is None
+            time.sleep(5.0)
+
+    with pytest.raises(Exit) as done:
+        work()
+    assert done.value.exit_code == 130

@@ -1,10 +1,13 @@
 """What the user sees: words on standard error, data on standard output."""
 
+import _thread
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import typer
 from rich.console import Console
@@ -83,7 +86,7 @@ def progress_bar(title: str, total_s: float) -> Iterator[Callable[[float], None]
 @contextmanager
 def guard(*, debug: bool) -> Iterator[None]:
     """Turn errors into one sentence and an exit code; a closed pipe ends quietly."""
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _interrupts_kept():
         warnings.showwarning = _show_warning
         warnings.simplefilter("always", UwtrackWarning)
         try:
@@ -107,6 +110,28 @@ def guard(*, debug: bool) -> Iterator[None]:
             kind = type(error).__name__
             say(f"error: the program failed ({kind}: {error}); see --debug.", -1)
             raise typer.Exit(FAILED) from None
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Raise an interrupt again that came while Python could not pass it on.
+
+    In the middle of a weak reference's callback it would be printed and lost.
+    """
+    before = sys.unraisablehook
+
+    def hook(lost: Any) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            # from another thread: here it would be lost again
+            threading.Timer(0.05, _thread.interrupt_main).start()
+        else:
+            before(lost)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _sentence(error: BaseException) -> str:
