@@ -11,7 +11,7 @@ from uwtrack_cli.cli.results import print_result
 from uwtrack_cli.cli.screen import progress_bar, put, say
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import OptionError
@@ -54,6 +54,9 @@ def run(
     Writes pass.run.h5 with everything but the spectrogram and prints the encounters.
     Recordings of different sensors that overlap in time are fused into one more file.
     """
+    from uwtrack_cli.cli.targets import write_containers
+    from uwtrack_cli.files.atomic import check_target
+    from uwtrack_cli.flow.fusion import plan_fusion
     from uwtrack_cli.flow.shipped import load_recipe
 
     chosen = load_recipe(recipe).with_settings(settings or [])
@@ -61,14 +64,20 @@ def run(
         msg = f"--output names one file, and there are {len(sources)} recordings."
         raise OptionError(msg)
     keep: list[type[Container]] = [Peaks, Families] if keep_peaks else []
-    results = []
-    for source in sources:
-        recording = open_source(source, source_options)
+    recordings = [open_source(source, source_options) for source in sources]
+    fusion = plan_fusion(chosen, sources, recordings)
+    if fusion is not None:  # not after an hour's work
+        check_target(fusion.target, overwrite=overwrite, inputs=sources)
+    made: list[Container] = []
+    for source, recording in zip(sources, recordings, strict=True):
         target = _target(source, output)
-        made = _run_one(source, recording, chosen, keep, target, overwrite=overwrite)
-        results.append((source, recording, made))
-    _print_all(results, as_json=json_output)
-    _fuse(results, overwrite=overwrite)
+        made += _run_one(source, recording, chosen, keep, target, overwrite=overwrite)
+    _print_all(made, as_json=json_output)
+    if fusion is not None:
+        fused = fusion.apply(made)
+        write_containers(fusion.target, fused, fusion.history(), overwrite=overwrite)
+        print_result(fused[-1], as_json=False)
+        say(f"wrote {fusion.target}")
 
 
 def _target(source: Path, output: Path | None) -> Path:
@@ -101,37 +110,10 @@ def _run_one(
     return made
 
 
-def _print_all(results: Sequence[Any], *, as_json: bool) -> None:
-    found = [c for _, _, made in results for c in made if isinstance(c, Encounters)]
+def _print_all(made: Sequence[Container], *, as_json: bool) -> None:
+    found = [c for c in made if isinstance(c, Encounters)]
     if found:
         print_result(Encounters.join(found), as_json=as_json)
-
-
-def _fuse(results: Sequence[Any], *, overwrite: bool) -> None:
-    """Locate over all sensors when there are several that heard the same time."""
-    sensors = {recording.sensor.id for _, recording, _ in results}
-    if len(sensors) < 2 or not _overlap([recording for _, recording, _ in results]):
-        return
-    from uwtrack_cli.cli.targets import write_containers
-    from uwtrack_cli.flow.products import history_of_fusion, whole_stage
-    from uwtrack_cli.flow.recipe import Step
-
-    step = Step("locate", {})
-    small = [c for _, _, made in results for c in made if not isinstance(c, Fixes)]
-    fused = whole_stage(step, small, [])
-    first = results[0][0]
-    target = first.with_name(f"{first.stem}.fixes.h5")
-    history = history_of_fusion(step, [recording for _, recording, _ in results])
-    write_containers(target, fused, history, overwrite=overwrite)
-    print_result(fused[-1], as_json=False)
-    say(f"wrote {target}")
-
-
-def _overlap(recordings: Sequence[Recording]) -> bool:
-    """Whether two recordings share time; without UTC they are taken to start at once."""
-    begins = [(r.start_utc_ns or 0) / 1e9 for r in recordings]
-    ends = [b + r.duration_s for b, r in zip(begins, recordings, strict=True)]
-    return max(begins) < min(ends)
 
 
 def recipes(

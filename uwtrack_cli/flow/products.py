@@ -155,9 +155,3 @@ def history_of_recipe(recipe: Recipe, recording: Recording) -> list[HistoryStep]
         HistoryStep.now(step.stage_name, step.values(), sources if k == 0 else [])
         for k, step in enumerate(recipe.steps)
     ]
-
-
-def history_of_fusion(step: Step, recordings: Sequence[Recording]) -> list[HistoryStep]:
-    """Return the step that fused what was found in several recordings."""
-    sources = [source_of_recording(recording) for recording in recordings]
-    return [HistoryStep.now(step.stage_name, step.values(), sources)]

@@ -1,0 +1,49 @@
+"""Several sensors: fused by the recipe's own step, and refused before the work."""
+
+import json
+
+import pytest
+
+from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.files.product import read_product
+
+START = ("--start-utc", "2024-05-02T06:30:00Z")
+
+
+@pytest.fixture
+def two(uwtrack):
+    assert uwtrack("sample", "two-sensors").exit_code == 0
+    return ["two-sensors-h1.wav", "two-sensors-h2.wav"]
+
+
+def test_two_sensors_agree_on_one_track_near_the_truth(uwtrack, two, tmp_path):
+    assert uwtrack("run", *two, *START).exit_code == 0
+    with read_product("two-sensors-h1.fixes.h5") as product:
+        fixes = product.read(Fixes)
+    truth = json.loads((tmp_path / "two-sensors.truth.json").read_text())
+    track = truth["vessels"][0]["track"]
+    for k, time_s in enumerate(fixes.time_s):
+        second = round(float(time_s))
+        error_m = [
+            fixes.east_m[k] - track["east_m"][second],
+            fixes.north_m[k] - track["north_m"][second],
+        ]
+        # half a second of rounding at 7.2 m/s, and four deviations
+        allowed = 3.6 + 4 * max(fixes.covariance_m2[k].diagonal()) ** 0.5
+        assert max(map(abs, error_m)) < allowed
+
+
+def test_the_options_of_the_recipes_own_step_are_used(uwtrack, two):
+    setting = ["--set", "locate.every_s=20.0", "--set", "locate.until='200'"]
+    assert uwtrack("run", *two, *START, *setting).exit_code == 0
+    with read_product("two-sensors-h1.fixes.h5") as product:
+        assert product.read(Fixes).time_s.size > 4
+        assert product.history[-1].options["every_s"] == 20.0
+
+
+def test_an_existing_fused_file_is_refused_before_the_work(uwtrack, two, tmp_path):
+    (tmp_path / "two-sensors-h1.fixes.h5").write_text("precious")
+    done = uwtrack("run", *two, *START)
+    assert done.exit_code == 1
+    assert "--overwrite" in done.stderr
+    assert not (tmp_path / "two-sensors-h1.run.h5").exists()
