@@ -6,6 +6,7 @@ import numpy as np
 
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.physics.geodesy import Origin, to_grid
 from uwtrack_cli.plotting.style import contact_color, say_nothing_there
 
 if TYPE_CHECKING:
@@ -19,36 +20,59 @@ def draw_map(
 
     The grid is that of the fixes; without fixes, metres from the first sensor.
     """
-    if fixes is not None and fixes.time_s.size:
-        _draw_fixes(fixes, ax)
-    for row in np.flatnonzero(np.isfinite(encounters.course_deg)):
-        _draw_track(encounters, int(row), sensors, ax)
-    for sensor in sensors:
-        place = (sensor.east_m or 0.0, sensor.north_m or 0.0)
-        ax.plot(*place, "k^", markersize=6)
-        ax.annotate(sensor.id, place, textcoords="offset points", xytext=(5, 5))
-    if not ax.lines or len(ax.lines) == len(sensors):
+    courses = np.flatnonzero(np.isfinite(encounters.course_deg))
+    has_fixes = fixes is not None and fixes.time_s.size > 0
+    if not has_fixes and not courses.size:
         say_nothing_there(ax, "no course is known")
+        return ax
+    places = _places(sensors, fixes)
+    if fixes is not None:
+        _draw_fixes(fixes, ax)
+    for row in courses:
+        _draw_track(encounters, int(row), places, ax)
+    for name, place in places.items():
+        ax.plot(*place, "k^", markersize=6)
+        ax.annotate(name, place, textcoords="offset points", xytext=(5, 5))
     ax.set(xlabel="east (m)", ylabel="north (m)")
     ax.set_aspect("equal", adjustable="datalim")
     ax.grid(alpha=0.3)
     return ax
 
 
+def _places(
+    sensors: list[Sensor], fixes: Fixes | None
+) -> dict[str, tuple[float, float]]:
+    """Positions of the sensors on the grid of the fixes, m."""
+    known = [
+        Origin(s.latitude, s.longitude)
+        for s in sensors
+        if s.latitude is not None and s.longitude is not None
+    ]
+    if not known or len(known) < len(sensors):
+        return {s.id: (s.east_m or 0.0, s.north_m or 0.0) for s in sensors}
+    origin = known[0]
+    if fixes is not None and fixes.origin_latitude is not None:
+        origin = Origin(fixes.origin_latitude, fixes.origin_longitude or 0.0)
+    return {
+        s.id: to_grid(where.latitude, where.longitude, origin)
+        for s, where in zip(sensors, known, strict=True)
+    }
+
+
 def _draw_track(
-    encounters: Encounters, row: int, sensors: list[Sensor], ax: "Axes"
+    encounters: Encounters, row: int, places: dict[str, tuple[float, float]], ax: "Axes"
 ) -> None:
     range_m = encounters.horizontal_range_m[row]
     if not np.isfinite(range_m):
         range_m = encounters.slant_range_m[row]
-    home = next((s for s in sensors if s.id == encounters.sensor[row]), None)
+    home = places.get(str(encounters.sensor[row]))
     if not np.isfinite(range_m) or home is None:
         return
     bearing = np.radians(encounters.bearing_deg[row])
     course = np.radians(encounters.course_deg[row])
     along = np.linspace(-3.0, 3.0, 50) * range_m
-    east = (home.east_m or 0.0) + range_m * np.sin(bearing) + along * np.sin(course)
-    north = (home.north_m or 0.0) + range_m * np.cos(bearing) + along * np.cos(course)
+    east = home[0] + range_m * np.sin(bearing) + along * np.sin(course)
+    north = home[1] + range_m * np.cos(bearing) + along * np.cos(course)
     color = contact_color(int(encounters.contact[row]))
     ax.plot(east, north, "-", linewidth=1.2, color=color)
     ax.annotate(

@@ -101,7 +101,8 @@ def _fill(containers: Sequence[Container], panels: dict[str, "Axes"]) -> None:
         fits.draw_shifts(heard, lines, time_s, panels["doppler"])
         fits.draw_bearing_fits(heard, time_s, panels["bearing"])
         for name in ("spectra", "doppler", "bearing", "level"):
-            fits.mark_times(heard, panels[name])
+            if panels[name].has_data():
+                fits.mark_times(heard, panels[name])
         sensors = [c for c in containers if isinstance(c, Sensor)]
         draw_map(encounters, sensors, first(containers, Fixes), panels["map"])
     span = _span(overview, levels, lines)
