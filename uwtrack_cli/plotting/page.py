@@ -108,7 +108,8 @@ def _fill(containers: Sequence[Container], panels: dict[str, "Axes"]) -> None:
     span = _span(overview, levels, lines)
     for name, panel in panels.items():
         if not panel.has_data():
-            say_nothing_there(panel, f"no {name}")
+            if not panel.texts:
+                say_nothing_there(panel, f"no {name}")
         elif name != "map" and span is not None:
             panel.set_xlim(*span)
 

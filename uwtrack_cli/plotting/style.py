@@ -19,7 +19,8 @@ def contact_color(contact: int) -> str:
 
 
 def say_nothing_there(ax: "Axes", text: str) -> None:
-    """Write into an empty panel why it is empty."""
+    """Write into an empty panel why it is empty, and leave out its scales."""
+    ax.set(xticks=[], yticks=[])
     ax.text(
         0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color="#666666"
     )  # fmt: skip
