@@ -1,7 +1,7 @@
 """Scores of drawn passages: errors in stated deviations, and against the bands.
 
-The table in tests/baselines/passages.md is made by (nine recordings of each class):
-python -m tests.stages.passage_scores 9 300 > tests/baselines/passages.md
+The table in tests/baselines/passages.md is made by (23 recordings of each class):
+python -m tests.stages.passage_scores 23 2000 > tests/baselines/passages.md
 """
 
 import sys

@@ -31,13 +31,18 @@ def set_verbosity(level: int) -> None:
 def say(text: str, level: int = 0) -> None:
     """Write a line to standard error unless the user asked for less."""
     if _verbosity >= level:
-        print(text, file=sys.stderr)
+        print(_printable(text), file=sys.stderr)
 
 
 def put(lines: Iterable[str]) -> None:
     """Write lines of data to standard output."""
     for line in lines:
-        print(line)
+        print(_printable(line))
+
+
+def _printable(text: str) -> str:
+    """Write out what is no text: a name in a damaged file may hold any bytes."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def show_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
