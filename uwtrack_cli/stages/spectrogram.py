@@ -99,7 +99,8 @@ def _plan(
     if recording.n_samples < window * decimation:
         msg = (
             f"{recording.name} lasts {recording.duration_s:g} s, less than one window "
-            f"of {window_s:g} s; give a shorter --window-s."
+            f"of {window_s:g} s; give a shorter one (spectrogram --window-s, or "
+            "run --set spectrogram.window_s=SECONDS)."
         )
         raise DataError(msg)
     hop = max(1, round(window * (1.0 - overlap)))
