@@ -1,6 +1,7 @@
 """The studies by name: which function makes each, and what it repeats."""
 
 STUDIES: dict[str, str] = {
+    "lines": "uwtrack_cli.flow.studies.lines:study_lines",
     "tma": "uwtrack_cli.flow.studies.tma:study_tma",
     "optimisers": "uwtrack_cli.flow.studies.optimisers:study_optimisers",
     "proximity": "uwtrack_cli.flow.studies.proximity:study_proximity",
