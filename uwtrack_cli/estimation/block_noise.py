@@ -1,11 +1,12 @@
-"""How noisy one kind of measurement is, judged from the residuals of a fit.
+"""How noisy each kind of measurement is, judged from the residuals of a fit.
 
 **Method.** Three parts: a scale per row from neighbouring residuals, a variance common
 to all rows of an instant (a shaft that wanders moves all its lines together), and the
 long-run excess of that common part, which decides how uncertain a sum over a passage
 is. Wild values get Tukey's weights.
 
-**Conventions.** Arrays are (batch, rows, n); precision is an inverse variance.
+**Conventions.** Arrays are (batch, rows, n) with the rows of all kinds under one
+another; precision is an inverse variance.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.correlation import long_run_excess
-from uwtrack_cli.estimation.passage_data import Block
+from uwtrack_cli.estimation.passage_data import Blocks
 from uwtrack_cli.estimation.robust import (
     CONSTANT,
     bisquare_weight,
@@ -25,7 +26,7 @@ from uwtrack_cli.estimation.robust import (
 
 @dataclass(frozen=True)
 class BlockNoise:
-    """Weights for the next round, and what they were made from.
+    """Weights of one kind for the next round, and what they were made from.
 
     ``cost`` is the negative log-likelihood of the residuals, apart from constants.
     ``inflation`` is the variance of sums over a passage relative to that of
@@ -40,67 +41,76 @@ class BlockNoise:
     cost: FloatArray
 
 
-def block_noise(
-    residual: FloatArray,
-    block: Block,
-    time_s: FloatArray,
-    memory_s: float | None,
-) -> BlockNoise:
-    """Judge the noise of one kind of measurement.
+Noises = tuple[BlockNoise, BlockNoise, BlockNoise]
+"""Noise of the frequencies, the bearings and the levels."""
+
+
+def block_noises(
+    residual: FloatArray, blocks: Blocks, memory_s: float | None
+) -> Noises:
+    """Judge the noise of the three kinds of measurement.
 
     Parameters
     ----------
     residual
         Measured less modelled, shape (batch, rows, n).
-    block
+    blocks
         The measurements with their nominal inverse variances.
-    time_s
-        Times in seconds.
     memory_s
         Longest memory of slow noise to allow for, seconds; None treats the common
         part as independent from instant to instant, and zero leaves slow noise out
         of the weights (for a fit that knows its covariance).
     """
-    nominal = np.broadcast_to(block.weight, residual.shape)
-    scale = neighbour_scale(residual, nominal, block.correlation)
-    precision = nominal / scale[..., None] ** 2
-    clipped = clip_wild(residual, precision)
-    total = precision.sum(axis=1)
-    mean = (precision * clipped).sum(axis=1) / np.where(total > 0, total, 1.0)
-    common = long_run_excess(mean, total, time_s, None)
+    kinds = blocks.kinds
+    scale = neighbour_scale(residual, blocks.weight, blocks.correlation)
+    precision = blocks.weight / scale[..., None] ** 2
+    root = np.sqrt(precision)
+    deviation = residual * root
+    typical = median_scale(deviation, precision)
+    reach = 4 * np.maximum(typical, 1e-9)[..., None]
+    clipped = np.minimum(np.maximum(deviation, -reach), reach)
+    total = kinds @ precision
+    mean = (kinds @ (root * clipped)) / np.where(total > 0, total, 1.0)
+    common = long_run_excess(mean, total, blocks.time_s, None)
     slow = common
     if memory_s is not None:
-        slow = (
-            long_run_excess(mean, total, time_s, memory_s) if memory_s else 0 * common
+        slow = 0 * common
+        if memory_s:
+            slow = long_run_excess(mean, total, blocks.time_s, memory_s)
+    excess = 0.0 * precision
+    if common.any():
+        excess = precision * (kinds.T @ common[..., None])
+        deviation = deviation / np.sqrt(1 + excess)
+        typical = median_scale(deviation, precision)
+    share = bisquare_weight(deviation / np.maximum(typical, 1.0)[..., None])
+    slowed = 1 + slow[..., None] * total
+    weight = precision * share / (kinds.T @ slowed)
+    inflation = _inflation(total, slowed)
+    cost = _cost(deviation, excess, precision) @ kinds.T
+    first, second, third = (
+        BlockNoise(
+            weight[:, rows], scale[:, rows], common[:, kind], slow[:, kind],
+            inflation[:, kind], cost[:, kind],
         )
-    deviation, variance = _deviation(residual, precision, common)
-    typical = np.maximum(median_scale(deviation, precision), 1.0)
-    share = bisquare_weight(deviation / typical[..., None])
-    slowed = 1 + slow[:, None] * total
-    weight = precision * share / slowed[:, None, :]
-    return BlockNoise(
-        weight, scale, common, slow,
-        _inflation(total, slowed), _cost(deviation, variance, precision),
+        for kind, rows in enumerate(blocks.parts)
     )  # fmt: skip
+    return first, second, third
 
 
-def rough_weight(residual: FloatArray, block: Block) -> FloatArray:
+def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
     """Return weights for the way to the optimum: one scale per row, wild ones out.
 
     Parameters
     ----------
     residual
         Measured less modelled, shape (batch, rows, n).
-    block
+    blocks
         The measurements with their nominal inverse variances.
     """
-    if block.is_empty:
-        return np.zeros(residual.shape)
-    deviation = residual * np.sqrt(block.weight)
-    weight = np.broadcast_to(block.weight, residual.shape)
-    square = np.maximum(median_scale(deviation, weight), 1e-9)[..., None] ** 2
-    share = np.maximum(1 - deviation**2 / (CONSTANT**2 * square), 0.0)
-    rough: FloatArray = weight * share**2 / square
+    deviation = residual * np.sqrt(blocks.weight)
+    weight = np.broadcast_to(blocks.weight, residual.shape)
+    scale = np.maximum(median_scale(deviation, weight), 1e-9)[..., None]
+    rough: FloatArray = blocks.weight / scale**2 * bisquare_weight(deviation / scale)
     return rough
 
 
@@ -120,14 +130,6 @@ def clip_wild(residual: FloatArray, precision: FloatArray) -> FloatArray:
     return np.clip(residual, -reach, reach)
 
 
-def _deviation(
-    residual: FloatArray, precision: FloatArray, common: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    known = precision > 0
-    variance = 1 / np.where(known, precision, 1.0) + common[:, None, None]
-    return np.where(known, residual, 0.0) / np.sqrt(variance), variance
-
-
 def _inflation(total: FloatArray, slowed: FloatArray) -> FloatArray:
     """Information lost to slow noise: the mean factor on the variances."""
     before = total.sum(axis=-1)
@@ -137,10 +139,12 @@ def _inflation(total: FloatArray, slowed: FloatArray) -> FloatArray:
 
 
 def _cost(
-    deviation: FloatArray, variance: FloatArray, precision: FloatArray
+    deviation: FloatArray, excess: FloatArray, precision: FloatArray
 ) -> FloatArray:
+    """Negative log-likelihood of every row; ``excess`` is variance over the white."""
+    known = precision > 0
     share = np.minimum((deviation / CONSTANT) ** 2, 1.0)
     loss = CONSTANT**2 / 6 * (1 - (1 - share) ** 3)
-    each = np.where(precision > 0, loss + 0.5 * np.log(variance), 0.0)
-    total: FloatArray = each.sum(axis=(1, 2))
+    spread = 0.5 * np.log((1 + excess) / np.where(known, precision, 1.0))
+    total: FloatArray = np.where(known, loss + spread, 0.0).sum(axis=-1)
     return total

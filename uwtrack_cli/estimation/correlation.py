@@ -80,22 +80,25 @@ def long_run_excess(
     window on bins of a twelfth of its length. Solved for x with a = 1/(V + x),
     four rounds; zero where it is within one deviation of the estimate.
     """
-    starts, taper = _bartlett(time_s, memory_s)
     known = precision > 0
     variance = np.where(known, 1 / np.where(known, precision, 1.0), 1.0)
+    starts, taper = _bartlett(time_s, memory_s)
     excess = np.zeros(residual.shape[:-1])
+    a = precision
     for _ in range(4):
-        a = np.where(known, 1 / (variance + excess[..., None]), 0.0)
         quadratic = _quadratic(a * residual, starts, taper)
-        size = np.maximum((a**2).sum(axis=-1), 1e-300)
-        white = (a**2 * variance).sum(axis=-1)
+        share = a**2 * variance
+        white = share.sum(axis=-1)
         if not np.any(quadratic > white):
             return np.zeros(white.shape)
-        relative = _relative_deviation(a**2 * variance, starts, taper)
-        significant = quadratic - white > relative * white
+        significant = quadratic - white > white * _relative_deviation(
+            share, starts, taper
+        )
+        size = np.maximum((a**2).sum(axis=-1), 1e-300)
         excess = np.where(significant, (quadratic - white) / size, 0.0)
         if not excess.any():
             break
+        a = np.where(known, 1 / (variance + excess[..., None]), 0.0)
     return excess
 
 

@@ -52,11 +52,14 @@ def damped_least_squares(
         trial = theta + step
         new_cost, new_gradient, new_matrix = evaluate(trial)
         better = new_cost <= cost
+        damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-9, 1e9)
+        if better.all():
+            theta, cost, gradient, matrix = trial, new_cost, new_gradient, new_matrix
+            continue
         theta = np.where(better[:, None], trial, theta)
         cost = np.where(better, new_cost, cost)
         gradient = np.where(better[:, None], new_gradient, gradient)
         matrix = np.where(better[:, None, None], new_matrix, matrix)
-        damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-9, 1e9)
     return theta
 
 

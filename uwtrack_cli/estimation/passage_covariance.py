@@ -13,11 +13,10 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.least_squares import inverse_or_nan
-from uwtrack_cli.estimation.passage_doppler import DopplerSums, doppler_sums
+from uwtrack_cli.estimation.passage_doppler import DopplerSums
 from uwtrack_cli.estimation.passage_normal import (
     Medium,
     Weighted,
-    information_times,
     normal_equations,
 )
 from uwtrack_cli.physics.passage import Passage
@@ -47,15 +46,17 @@ def passage_covariance(
     law
         The passage at the optimum.
     """
-    inner = inverse_or_nan(normal_equations(theta, data, medium).matrix)[:, :3, :3]
-    ones = np.ones_like(data.bearing)[..., None]
-    constant = information_times(data.bearing_weight, data.losses[1], ones)[..., 0]
+    normal = normal_equations(theta, data, medium, law)
+    inner = inverse_or_nan(normal.matrix)[:, :3, :3]
+    constant = data.pair_weight[:, 0]
+    if data.losses[1] is not None:
+        constant = constant - data.losses[1].sum(axis=-1)
     bearing_size = constant.sum(axis=-1)
     has_bearing = bearing_size > 0
     size = np.where(has_bearing, bearing_size, 1.0)
     follow = (
         data.turn[:, None]
-        * -np.einsum("bn,bnp->bp", constant, law.angle_d)
+        * -(law.rows[:, 1, 1:] @ constant[..., None])[..., 0]
         / size[:, None]
     )
     full = np.full((theta.shape[0], 4, 4), np.nan)
@@ -63,9 +64,9 @@ def passage_covariance(
     cross = np.einsum("bpq,bq->bp", inner, follow)
     full[:, :3, 3] = full[:, 3, :3] = cross
     full[:, 3, 3] = 1 / size + (cross * follow).sum(axis=-1)
-    doppler = doppler_sums(law, data.shift, data.shift_weight, data.losses[0])
     return Spread(
-        _in_units(full, theta, data, has_bearing), _rest_std(data, doppler, inner)
+        _in_units(full, theta, data, has_bearing),
+        _rest_std(data, normal.doppler, inner),
     )
 
 

@@ -118,7 +118,6 @@ class Block:
 
     value: FloatArray
     weight: FloatArray
-    correlation: float
 
     @property
     def is_empty(self) -> bool:
@@ -128,13 +127,43 @@ class Block:
 
 @dataclass(frozen=True)
 class Blocks:
-    """The three kinds, and the mean frequency that each line is divided by."""
+    """The three kinds under one another, so that one operation serves all rows.
+
+    ``value`` and ``weight`` are (batch, rows, n): lines, then sources of bearings, then
+    levels, ``count`` of each; ``kinds`` (3, rows) is one where a row is of a kind.
+    """
 
     time_s: FloatArray
-    shift: Block
-    bearing: Block
-    level: Block
+    value: FloatArray
+    weight: FloatArray
+    correlation: FloatArray
+    count: tuple[int, int, int]
+    kinds: FloatArray
     mean_hz: FloatArray
+
+    @property
+    def parts(self) -> tuple[slice, slice, slice]:
+        """The rows of the frequencies, the bearings and the levels."""
+        first, second = self.count[0], self.count[0] + self.count[1]
+        return slice(0, first), slice(first, second), slice(second, None)
+
+    @property
+    def shift(self) -> Block:
+        """The frequencies, over the line's mean and less one."""
+        return self._block(self.parts[0])
+
+    @property
+    def bearing(self) -> Block:
+        """The bearings in radians."""
+        return self._block(self.parts[1])
+
+    @property
+    def level(self) -> Block:
+        """The levels in natural logarithms of power."""
+        return self._block(self.parts[2])
+
+    def _block(self, rows: slice) -> Block:
+        return Block(self.value[:, rows], self.weight[:, rows])
 
 
 def make_blocks(data: PassageData) -> Blocks:
@@ -150,23 +179,30 @@ def make_blocks(data: PassageData) -> Blocks:
     total = np.maximum(good.sum(axis=-1), 1)
     mean = np.where(good, frequency, 0.0).sum(axis=-1) / total
     mean = np.where(mean > 0, mean, 1.0)
+    pairs = (
+        (frequency / mean[..., None] - 1, data.frequency_std_hz, 1 / mean[..., None]),
+        (np.deg2rad(_batched(data.bearing_deg)), data.bearing_std_deg, np.deg2rad(1.0)),
+        (_batched(data.level_db) / NEPER_DB, data.level_std_db, 1 / NEPER_DB),
+    )
+    value = np.concatenate([pair[0] for pair in pairs], axis=1)
+    std = np.concatenate(
+        [np.broadcast_to(_batched(std) * unit, v.shape) for v, std, unit in pairs],
+        axis=1,
+    )
+    known = np.isfinite(value) & (std > 0) & np.isfinite(std)
+    count = (pairs[0][0].shape[1], pairs[1][0].shape[1], pairs[2][0].shape[1])
+    given = (
+        data.frequency_correlation,
+        data.bearing_correlation,
+        data.level_correlation,
+    )
     return Blocks(
         data.time_s,
-        _block(
-            frequency / mean[..., None] - 1,
-            _batched(data.frequency_std_hz) / mean[..., None],
-            data.frequency_correlation,
-        ),
-        _block(
-            np.deg2rad(_batched(data.bearing_deg)),
-            np.deg2rad(_batched(data.bearing_std_deg)),
-            data.bearing_correlation,
-        ),
-        _block(
-            _batched(data.level_db) / NEPER_DB,
-            _batched(data.level_std_db) / NEPER_DB,
-            data.level_correlation,
-        ),
+        np.where(known, value, 0.0),
+        np.where(known, 1 / np.where(known, std, 1.0) ** 2, 0.0),
+        np.repeat(given, count),
+        count,
+        np.repeat(np.eye(3), count, axis=1),
         mean,
     )
 
@@ -174,10 +210,3 @@ def make_blocks(data: PassageData) -> Blocks:
 def _batched(values: FloatArray) -> FloatArray:
     """Give the array one leading batch axis."""
     return values[None] if values.ndim == 2 else values
-
-
-def _block(value: FloatArray, std: FloatArray, correlation: float) -> Block:
-    std = np.broadcast_to(std, value.shape)
-    good = np.isfinite(value) & (std > 0) & np.isfinite(std)
-    weight = np.where(good, 1 / np.where(good, std, 1.0) ** 2, 0.0)
-    return Block(np.where(good, value, 0.0), weight, correlation)

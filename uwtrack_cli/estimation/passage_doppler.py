@@ -34,6 +34,19 @@ class DopplerSums:
 
 
 @dataclass(frozen=True)
+class LineSums:
+    """What one round needs of frequencies and weights, whatever the motion.
+
+    ``factors`` (batch, 2 lines, n) holds the weights and then weights times values.
+    """
+
+    factors: FloatArray
+    size: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+
+@dataclass(frozen=True)
 class _Sums:
     qq: FloatArray
     qe: FloatArray
@@ -43,8 +56,31 @@ class _Sums:
     dd: FloatArray
 
 
+def line_sums(shift: FloatArray, weight: FloatArray) -> LineSums:
+    """Return what is the same for all steps of a round.
+
+    Parameters
+    ----------
+    shift
+        Frequencies over the line's mean, less one; shape (batch, lines, n).
+    weight
+        Inverse variances of the white part.
+    """
+    value = weight * shift
+    return LineSums(
+        np.concatenate([weight, value], axis=1),
+        weight.sum(axis=-1),
+        value.sum(axis=-1),
+        (value * shift).sum(axis=-1),
+    )
+
+
 def doppler_sums(
-    law: Passage, shift: FloatArray, weight: FloatArray, loss: FloatArray | None
+    law: Passage,
+    shift: FloatArray,
+    weight: FloatArray,
+    sums: LineSums,
+    loss: FloatArray | None,
 ) -> DopplerSums:
     """Return the normal equations of the frequencies alone.
 
@@ -56,32 +92,34 @@ def doppler_sums(
         Frequencies over the line's mean, less one; shape (batch, lines, n).
     weight
         Inverse variances of the white part.
+    sums
+        Sums of these two.
     loss
         Information lost to slow noise, shape (n, n), or None.
     """
-    sums = _sums(law, shift, weight)
+    moments = _sums(law, weight, sums)
     if loss is None:
-        return _separate(sums)
-    return _coupled(sums, law, shift, weight, loss)
+        return _separate(moments)
+    return _coupled(moments, law, shift, weight, loss)
 
 
-def _sums(law: Passage, shift: FloatArray, weight: FloatArray) -> _Sums:
-    columns = np.empty((*law.shift.shape, 5))
-    columns[..., 0], columns[..., 1], columns[..., 2:] = 1.0, law.shift, law.shift_d
-    columns = columns[:, None]
-    weighted = weight[..., None] * columns
-    moments = np.swapaxes(weighted, -1, -2) @ columns
-    values = (shift[..., None, :] @ weighted)[..., 0, :]
-    square = (weight * shift**2).sum(axis=-1)
-    both = moments[..., 0, :] + moments[..., 1, :]
-    qq = both[..., 0] + both[..., 1]
+def _sums(law: Passage, weight: FloatArray, sums: LineSums) -> _Sums:
+    rows = law.rows[:, 0]
+    batch, _, n = rows.shape
+    lines = weight.shape[1]
+    products = (rows[:, :, None] * rows[:, None]).reshape(batch, 16, n)
+    square = (weight @ np.swapaxes(products, 1, 2)).reshape(batch, lines, 4, 4)
+    single = sums.factors @ np.swapaxes(rows, 1, 2)
+    of_weight, of_value = single[:, :lines], single[:, lines:]
+    twice = of_weight + square[..., 0, :]
+    qq = sums.size + of_weight[..., 0] + twice[..., 0]
     return _Sums(
         np.where(qq > 0, qq, 1.0),
-        values[..., 0] + values[..., 1] - both[..., 1],
-        square - 2 * values[..., 1] + moments[..., 1, 1],
-        both[..., 2:],
-        values[..., 2:] - moments[..., 1, 2:],
-        moments[..., 2:, 2:],
+        sums.first + of_value[..., 0] - twice[..., 0],
+        sums.second - 2 * of_value[..., 0] + square[..., 0, 0],
+        twice[..., 1:],
+        of_value[..., 1:] - square[..., 0, 1:],
+        square[..., 1:, 1:],
     )
 
 

@@ -18,29 +18,22 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.block_noise import Noises, block_noises, rough_weight
 from uwtrack_cli.estimation.least_squares import Evaluation, damped_least_squares
 from uwtrack_cli.estimation.passage_covariance import passage_covariance
 from uwtrack_cli.estimation.passage_data import NEPER_DB, Blocks
 from uwtrack_cli.estimation.passage_memory import slow_noises
 from uwtrack_cli.estimation.passage_normal import (
+    NO_LOSS,
     Losses,
     Medium,
     Weighted,
     free_unknowns,
     normal_equations,
 )
-from uwtrack_cli.estimation.passage_state import (
-    Fixed,
-    Noises,
-    State,
-    Weights,
-    passage_noises,
-    passage_state,
-    rough_weights,
-    weigh,
-    weights_of,
-)
+from uwtrack_cli.estimation.passage_state import Fixed, State, passage_state, weigh
 from uwtrack_cli.estimation.slow_noise import SlowNoise
+from uwtrack_cli.physics.passage import Passage
 
 MEMORY_IN_PASSAGES = 1.5
 """Bartlett's window in units of d/v: 60 s where d/v is 40 s."""
@@ -50,8 +43,6 @@ ROUGH_ROUNDS = 2
 
 ROUGH_TOLERANCE = 0.1
 """Gain in log-likelihood at which a rough round ends."""
-
-NO_LOSS: Losses = (None, None, None)
 
 LONGEST_SERIES = 1500
 """Instants beyond which the covariance of slow noise is not written out."""
@@ -107,20 +98,31 @@ def fit_passage(
     """
     theta = start
     fixed = Fixed(turn, start[:, 3], free_unknowns(blocks, start.shape[0]))
-    weights: Weights | None = None
+    state = passage_state(theta, fixed, blocks, medium, None)
     for _ in range(ROUGH_ROUNDS):
-        state = passage_state(theta, fixed, blocks, medium, weights)
-        weights = rough_weights(state, blocks)
-        data = weigh(state, weights, blocks, fixed)
-        theta = _descend(theta, data, medium, 8, ROUGH_TOLERANCE)
+        weight = rough_weight(state.residual, blocks)
+        data = weigh(state, weight, blocks, fixed)
+        theta = _descend(theta, data, medium, state.law, 8, ROUGH_TOLERANCE)
+        state = passage_state(theta, fixed, blocks, medium, weight)
     for _ in range(rounds):
         memory = _memory(theta, blocks) if is_slow_noise else None
-        state = passage_state(theta, fixed, blocks, medium, weights)
-        noises = passage_noises(state, blocks, memory)
-        weights = weights_of(noises)
-        theta = _descend(theta, weigh(state, weights, blocks, fixed), medium, 25)
-    state = passage_state(theta, fixed, blocks, medium, weights)
+        noises = block_noises(state.residual, blocks, memory)
+        weight = weight_of(noises)
+        data = weigh(state, weight, blocks, fixed)
+        theta = _descend(theta, data, medium, state.law, 25)
+        state = passage_state(theta, fixed, blocks, medium, weight)
     return _result(theta, fixed, blocks, medium, (state, noises))
+
+
+def weight_of(noises: Noises) -> FloatArray:
+    """Return the weights that follow from the noise, of all rows.
+
+    Parameters
+    ----------
+    noises
+        Noise of the three kinds.
+    """
+    return np.concatenate([noise.weight for noise in noises], axis=1)
 
 
 def take_row(fit: PassageFit, row: int) -> PassageFit:
@@ -176,18 +178,17 @@ def fit_with_memory(
     fixed = Fixed(fit.turn, theta[:, 3], free)
     slow: tuple[SlowNoise, ...] = ()
     losses = NO_LOSS
+    state = passage_state(theta, fixed, blocks, medium, weight_of(noises))
     for _ in range(rounds):
-        state = passage_state(theta, fixed, blocks, medium, weights_of(noises))
-        noises = passage_noises(state, blocks, 0.0)
-        weights = weights_of(noises)
-        data = weigh(state, weights, blocks, fixed)
-        slow, losses = slow_noises(theta, state, data, medium)
+        noises = block_noises(state.residual, blocks, 0.0)
+        weight = weight_of(noises)
+        data = weigh(state, weight, blocks, fixed)
+        slow, losses = slow_noises(theta, state, data, blocks)
         if all(noise.is_white for noise in slow):
             return fit
-        theta = _descend(
-            theta, weigh(state, weights, blocks, fixed, losses), medium, 15
-        )
-    state = passage_state(theta, fixed, blocks, medium, weights_of(noises))
+        data = weigh(state, weight, blocks, fixed, losses)
+        theta = _descend(theta, data, medium, state.law, 15)
+        state = passage_state(theta, fixed, blocks, medium, weight)
     return _result(theta, fixed, blocks, medium, (state, noises), (losses, slow))
 
 
@@ -195,15 +196,19 @@ def _descend(
     theta: FloatArray,
     data: Weighted,
     medium: Medium,
+    law: Passage,
     max_steps: int,
     tolerance: float = 1e-3,
 ) -> FloatArray:
+    """Minimise with fixed weights; ``law`` is the passage at the start."""
+
+    def evaluate(trial: FloatArray) -> Evaluation:
+        known = law if trial is theta else None
+        normal = normal_equations(trial, data, medium, known)
+        return normal.cost, normal.gradient, normal.matrix
+
     return damped_least_squares(
-        _evaluator(data, medium),
-        theta,
-        _limiter(medium),
-        max_steps=max_steps,
-        tolerance=tolerance,
+        evaluate, theta, _limiter(medium), max_steps=max_steps, tolerance=tolerance
     )
 
 
@@ -215,30 +220,18 @@ def _memory(theta: FloatArray, blocks: Blocks) -> float:
     return min(longest, span / 3)
 
 
-def _evaluator(data: Weighted, medium: Medium) -> Callable[[FloatArray], Evaluation]:
-    def evaluate(theta: FloatArray) -> Evaluation:
-        normal = normal_equations(theta, data, medium)
-        return normal.cost, normal.gradient, normal.matrix
-
-    return evaluate
-
-
 def _limiter(medium: Medium) -> Callable[[FloatArray, FloatArray], FloatArray]:
     """Keep steps within the reach of the linearisation, and the speed below sound."""
     fastest = 0.8 * medium.sound_speed_mps
 
     def limit(theta: FloatArray, step: FloatArray) -> FloatArray:
-        reach = 2 * np.exp(theta[:, 1])
-        speed = np.clip(theta[:, 2] + step[:, 2], -fastest, fastest)
-        return np.stack(
-            [
-                np.clip(step[:, 0], -reach, reach),
-                np.clip(step[:, 1], -1.0, 1.0),
-                speed - theta[:, 2],
-                np.clip(step[:, 3], -2.0, 2.0),
-            ],
-            axis=-1,
-        )
+        reach = np.empty_like(step)
+        reach[:, 0] = 2 * np.exp(theta[:, 1])
+        reach[:, 1:] = 1.0, np.inf, 2.0
+        limited: FloatArray = np.minimum(np.maximum(step, -reach), reach)
+        speed = np.minimum(np.maximum(theta[:, 2] + step[:, 2], -fastest), fastest)
+        limited[:, 2] = speed - theta[:, 2]
+        return limited
 
     return limit
 
@@ -252,7 +245,7 @@ def _result(
     slow: tuple[Losses, tuple[SlowNoise, ...]] = (NO_LOSS, ()),
 ) -> PassageFit:
     state, noises = last
-    data = weigh(state, weights_of(noises), blocks, fixed, slow[0])
+    data = weigh(state, weight_of(noises), blocks, fixed, slow[0])
     spread = passage_covariance(theta, data, medium, state.law)
     rest = blocks.mean_hz * (1 + state.rest)
     return PassageFit(

@@ -10,21 +10,20 @@ with the partials of the passage as the design.
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.estimation.passage_data import Blocks
 from uwtrack_cli.estimation.passage_normal import (
     Losses,
-    Medium,
     Normal,
     Weighted,
-    bearing_residual,
     block_normals,
-    level_residual,
+    pair_rows,
 )
 from uwtrack_cli.estimation.passage_state import State
 from uwtrack_cli.estimation.slow_noise import SlowNoise, fit_slow_noise, slow_inverse
 
 
 def slow_noises(
-    theta: FloatArray, state: State, data: Weighted, medium: Medium
+    theta: FloatArray, state: State, data: Weighted, blocks: Blocks
 ) -> tuple[tuple[SlowNoise, ...], Losses]:
     """Find the slow noise of every kind, and what it takes from the information.
 
@@ -36,23 +35,18 @@ def slow_noises(
         Residuals at these unknowns.
     data
         Measurements with the weights of their white noise.
-    medium
-        Sound speed and depth difference.
+    blocks
+        Measurements in fit units.
     """
+    partials = np.swapaxes(pair_rows(theta, state.law, data)[0, :, 2:], -1, -2)
+    model = state.bearing[0] + data.turn[0] * state.law.angle[0]
+    lines, _, levels = blocks.parts
     series = (
-        (state.residuals[0][0], data.shift_weight[0], -state.law.shift_d[0]),
-        (
-            data.bearing - _bearing_model(state, data),
-            data.bearing_weight,
-            bearing_residual(state.law, data)[1][0, :, :3],
-        ),
-        (
-            state.residuals[2][0],
-            data.level_weight,
-            level_residual(theta, state.law, data)[1][0],
-        ),
+        (state.residual[0, lines], data.shift_weight[0], -state.law.shift_d[0]),
+        (data.pair[0, 0] - model, data.pair_weight[0, 0], partials[0, :, :3]),
+        (state.residual[0, levels], data.pair_weight[0, 1], partials[1]),
     )
-    normals = block_normals(theta, data, medium)
+    normals = block_normals(theta, data, state.law)
     width = float(np.exp(theta[0, 1]))
     found: list[SlowNoise] = []
     losses: list[FloatArray | None] = []
@@ -92,11 +86,6 @@ def _others(
     # designs are partials of residuals, hence the sign of the rows
     shift = -(vectors.T @ (gradient / scale)) / np.sqrt(values)
     return shift, -rows
-
-
-def _bearing_model(state: State, data: Weighted) -> FloatArray:
-    model: FloatArray = state.bearing[0] + data.turn[0] * state.law.angle[0]
-    return model
 
 
 def _combine(residual: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:

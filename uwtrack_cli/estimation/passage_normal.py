@@ -15,8 +15,11 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.passage_data import Blocks
-from uwtrack_cli.estimation.passage_doppler import DopplerSums, doppler_sums
-from uwtrack_cli.physics.geometry import wrap_rad
+from uwtrack_cli.estimation.passage_doppler import (
+    DopplerSums,
+    LineSums,
+    doppler_sums,
+)
 from uwtrack_cli.physics.passage import Passage, passage_law
 
 N_UNKNOWNS = 4
@@ -26,6 +29,8 @@ FLOOR_PRIOR_DEVIATION = 4.0
 
 Losses = tuple[FloatArray | None, FloatArray | None, FloatArray | None]
 """Matrices (n, n) for frequencies, bearings and levels; None is white noise."""
+
+NO_LOSS: Losses = (None, None, None)
 
 
 @dataclass(frozen=True)
@@ -40,21 +45,21 @@ class Medium:
 class Weighted:
     """Blocks with the weights of one round, for every row of the batch.
 
-    ``bearing`` holds one unwrapped combined bearing per time. The losses are what slow
-    noise takes from the information of an instant's frequencies, bearing and level.
+    ``pair`` (batch, 2, n) holds one unwrapped combined bearing and the level per time;
+    ``sums`` what the frequencies need once per round. The losses are what slow noise
+    takes from the information of an instant's frequencies, bearing and level.
     """
 
     time_s: FloatArray
     shift: FloatArray
     shift_weight: FloatArray
-    bearing: FloatArray
-    bearing_weight: FloatArray
-    level: FloatArray
-    level_weight: FloatArray
+    sums: LineSums
+    pair: FloatArray
+    pair_weight: FloatArray
     floor_start: FloatArray
     turn: FloatArray
     is_free: BoolArray
-    losses: Losses = (None, None, None)
+    losses: Losses = NO_LOSS
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,13 @@ class Normal:
     cost: FloatArray
     gradient: FloatArray
     matrix: FloatArray
+
+
+@dataclass(frozen=True)
+class JointNormal(Normal):
+    """Those of all kinds, and the frequencies' own part."""
+
+    doppler: DopplerSums
 
 
 def free_unknowns(blocks: Blocks, batch: int) -> BoolArray:
@@ -82,7 +94,9 @@ def free_unknowns(blocks: Blocks, batch: int) -> BoolArray:
     return free
 
 
-def normal_equations(theta: FloatArray, data: Weighted, medium: Medium) -> Normal:
+def normal_equations(
+    theta: FloatArray, data: Weighted, medium: Medium, law: Passage | None = None
+) -> JointNormal:
     """Return half the weighted square sum, its gradient and Gauss-Newton matrix.
 
     Parameters
@@ -93,21 +107,33 @@ def normal_equations(theta: FloatArray, data: Weighted, medium: Medium) -> Norma
         Measurements and weights.
     medium
         Sound speed and depth difference.
+    law
+        The passage at these unknowns, if it is known already.
     """
-    parts = block_normals(theta, data, medium)
+    if law is None:
+        law = passage_law(
+            data.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
+        )
+    doppler = doppler_sums(
+        law, data.shift, data.shift_weight, data.sums, data.losses[0]
+    )
+    full = _reduced(theta, law, data).sum(axis=1)
     offset = (theta[:, 3] - data.floor_start) / FLOOR_PRIOR_DEVIATION
-    cost = sum(part.cost for part in parts) + 0.5 * offset**2
-    gradient = np.sum([part.gradient for part in parts], axis=0)
-    matrix = np.sum([part.matrix for part in parts], axis=0)
+    cost = doppler.cost + 0.5 * (full[:, 0, 0] + offset**2)
+    gradient, matrix = full[:, 1:, 0], full[:, 1:, 1:]
+    gradient[:, :3] += doppler.gradient
+    matrix[:, :3, :3] += doppler.matrix
     gradient[:, 3] += offset / FLOOR_PRIOR_DEVIATION
     matrix[:, 3, 3] += FLOOR_PRIOR_DEVIATION**-2
     free = data.is_free
-    gradient = np.where(free, gradient, 0.0)
-    matrix = np.where(free[:, :, None] & free[:, None, :], matrix, np.eye(N_UNKNOWNS))
-    return Normal(np.asarray(cost), gradient, matrix)
+    if not free.all():
+        both = free[:, :, None] & free[:, None, :]
+        gradient = np.where(free, gradient, 0.0)
+        matrix = np.where(both, matrix, np.eye(N_UNKNOWNS))
+    return JointNormal(cost, gradient, matrix, doppler)
 
 
-def block_normals(theta: FloatArray, data: Weighted, medium: Medium) -> list[Normal]:
+def block_normals(theta: FloatArray, data: Weighted, law: Passage) -> list[Normal]:
     """Return the normal equations of frequencies, bearings and levels apart.
 
     Parameters
@@ -116,43 +142,30 @@ def block_normals(theta: FloatArray, data: Weighted, medium: Medium) -> list[Nor
         Unknowns, shape (batch, 4).
     data
         Measurements and weights.
-    medium
-        Sound speed and depth difference.
-    """
-    law = passage_law(
-        data.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
-    )
-    doppler = doppler_sums(law, data.shift, data.shift_weight, data.losses[0])
-    bearing, bearing_slope = bearing_residual(law, data)
-    level, level_slope = level_residual(theta, law, data)
-    return [
-        _with_floor(doppler),
-        _reduced(bearing, bearing_slope, data.bearing_weight, data.losses[1]),
-        _reduced(level, level_slope, data.level_weight, data.losses[2]),
-    ]
-
-
-def bearing_residual(law: Passage, data: Weighted) -> tuple[FloatArray, FloatArray]:
-    """Return bearings less the model without its constant, and their partials.
-
-    Parameters
-    ----------
     law
-        The passage at the times of the measurements.
-    data
-        Measurements and weights.
+        The passage at these unknowns.
     """
-    turn = data.turn[:, None]
-    residual = data.bearing - turn * law.angle
-    slope = np.zeros((*residual.shape, N_UNKNOWNS))
-    slope[..., :3] = -turn[..., None] * law.angle_d
-    return residual, slope
+    doppler = doppler_sums(
+        law, data.shift, data.shift_weight, data.sums, data.losses[0]
+    )
+    wide = ((0, 0), (0, 1))
+    first = Normal(
+        doppler.cost,
+        np.pad(doppler.gradient, wide),
+        np.pad(doppler.matrix, (*wide, (0, 1))),
+    )
+    full = _reduced(theta, law, data)
+    others = [
+        Normal(0.5 * full[:, k, 0, 0], full[:, k, 1:, 0], full[:, k, 1:, 1:])
+        for k in range(2)
+    ]
+    return [first, *others]
 
 
-def level_residual(
-    theta: FloatArray, law: Passage, data: Weighted
-) -> tuple[FloatArray, FloatArray]:
-    """Return levels less the model without its constant, and their partials.
+def pair_rows(theta: FloatArray, law: Passage, data: Weighted) -> FloatArray:
+    """Return a one, the residual but for its constant, and its partials.
+
+    Shape (batch, 2, 6, n), for the bearings and the levels.
 
     Parameters
     ----------
@@ -163,73 +176,30 @@ def level_residual(
     data
         Measurements and weights.
     """
+    turn = data.turn[:, None]
     floor = theta[:, 3:4]
     total = np.logaddexp(law.spread, floor)
     share = np.exp(law.spread - total)
-    slope = np.zeros((*total.shape, N_UNKNOWNS))
-    slope[..., :3] = -share[..., None] * law.spread_d
-    slope[..., 3] = share - 1
-    return data.level - total, slope
+    rows = np.empty((*data.pair.shape[:2], 2 + N_UNKNOWNS, data.pair.shape[-1]))
+    rows[:, :, 0] = 1.0
+    rows[:, 0, 1] = data.pair[:, 0] - turn * law.angle
+    rows[:, 1, 1] = data.pair[:, 1] - total
+    np.multiply(law.rows[:, 1, 1:], -turn[..., None], out=rows[:, 0, 2:5])
+    np.multiply(law.rows[:, 2, 1:], -share[:, None], out=rows[:, 1, 2:5])
+    rows[:, 0, 5] = 0.0
+    rows[:, 1, 5] = share - 1
+    return rows
 
 
-def _reduced(
-    residual: FloatArray,
-    slope: FloatArray,
-    weight: FloatArray,
-    loss: FloatArray | None,
-) -> Normal:
-    """Build normal equations with a free constant projected out."""
-    columns = np.empty((*slope.shape[:-1], slope.shape[-1] + 2))
-    columns[..., 0], columns[..., 1], columns[..., 2:] = 1.0, residual, slope
-    full = np.swapaxes(columns, 1, 2) @ information_times(weight, loss, columns)
-    size = np.where(full[:, 0, 0] > 0, full[:, 0, 0], 1.0)
-    first = full[:, 0, 1:]
-    full = full[:, 1:, 1:] - first[:, :, None] * first[:, None, :] / size[:, None, None]
-    return Normal(0.5 * full[:, 0, 0], full[:, 1:, 0], full[:, 1:, 1:])
-
-
-def information_times(
-    weight: FloatArray, loss: FloatArray | None, columns: FloatArray
-) -> FloatArray:
-    """Multiply columns (batch, n, p) by the information of the measurements.
-
-    Parameters
-    ----------
-    weight
-        Inverse variances of the white part, shape (batch, n).
-    loss
-        What slow noise takes away, shape (n, n), or None.
-    columns
-        Values to multiply.
-    """
-    product: FloatArray = weight[..., None] * columns
-    return product if loss is None else product - loss @ columns
-
-
-def _with_floor(doppler: DopplerSums) -> Normal:
-    """Add the row of the floor, which frequencies know nothing about."""
-    batch = doppler.cost.size
-    gradient = np.zeros((batch, N_UNKNOWNS))
-    matrix = np.zeros((batch, N_UNKNOWNS, N_UNKNOWNS))
-    gradient[:, :3], matrix[:, :3, :3] = doppler.gradient, doppler.matrix
-    return Normal(doppler.cost, gradient, matrix)
-
-
-def combine_bearings(
-    bearing: FloatArray, weight: FloatArray, predicted: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Merge the sources' bearings at each time, unwrapped about a prediction.
-
-    Parameters
-    ----------
-    bearing
-        Bearings in radians, shape (batch, sources, n).
-    weight
-        Inverse variances.
-    predicted
-        Bearings expected, shape (batch, n).
-    """
-    near = wrap_rad(bearing - predicted[:, None, :])
-    size = weight.sum(axis=1)
-    mean = (weight * near).sum(axis=1) / np.where(size > 0, size, 1.0)
-    return predicted + mean, size
+def _reduced(theta: FloatArray, law: Passage, data: Weighted) -> FloatArray:
+    """Sum products of residual and partials, the constants projected out."""
+    rows = pair_rows(theta, law, data)
+    weighted = data.pair_weight[:, :, None] * rows
+    for kind, loss in enumerate(data.losses[1:]):
+        if loss is not None:
+            weighted[:, kind] -= rows[:, kind] @ loss
+    full = weighted @ np.swapaxes(rows, -1, -2)
+    first = full[..., 0, :]
+    size = np.where(first[..., 0] > 0, first[..., 0], 1.0)[..., None]
+    out: FloatArray = full - first[..., :, None] * (first / size)[..., None, :]
+    return out[..., 1:, 1:]

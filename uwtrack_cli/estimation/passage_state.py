@@ -1,6 +1,7 @@
 """Residuals of a passage at trial unknowns, and the weights that follow from them.
 
-**Conventions.** As in `passage_normal`; one row per start or data set.
+**Conventions.** As in `passage_normal`; one row of the batch per start or data set, and
+the rows of the three kinds under one another as in `Blocks`.
 """
 
 from dataclasses import dataclass
@@ -8,33 +9,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.block_noise import BlockNoise, block_noise, rough_weight
 from uwtrack_cli.estimation.passage_data import Blocks
+from uwtrack_cli.estimation.passage_doppler import line_sums
 from uwtrack_cli.estimation.passage_normal import (
+    NO_LOSS,
     Losses,
     Medium,
     Weighted,
-    combine_bearings,
 )
+from uwtrack_cli.estimation.robust import median_where
 from uwtrack_cli.physics.geometry import wrap_rad
 from uwtrack_cli.physics.passage import Passage, passage_law
-
-Weights = tuple[FloatArray, FloatArray, FloatArray]
-"""Inverse variances of the frequencies, the bearings and the levels."""
-
-Noises = tuple[BlockNoise, BlockNoise, BlockNoise]
-"""Noise of the frequencies, the bearings and the levels."""
 
 
 @dataclass(frozen=True)
 class State:
-    """The law, the linear unknowns and the residuals of the three kinds."""
+    """The law, the linear unknowns and the residuals of all rows."""
 
     law: Passage
     rest: FloatArray
     bearing: FloatArray
     level: FloatArray
-    residuals: Weights
+    residual: FloatArray
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,7 @@ def passage_state(
     fixed: Fixed,
     blocks: Blocks,
     medium: Medium,
-    weights: Weights | None,
+    weight: FloatArray | None,
 ) -> State:
     """Evaluate the model, and its linear unknowns by weighted means.
 
@@ -65,86 +61,38 @@ def passage_state(
         Measurements in fit units.
     medium
         Sound speed and depth difference.
-    weights
+    weight
         Weights of the last round; None takes the nominal ones.
     """
     law = passage_law(
         blocks.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
     )
-    is_rough = weights is None
-    if weights is None:
-        weights = (blocks.shift.weight, blocks.bearing.weight, blocks.level.weight)
-    shift = law.shift[:, None, :]
-    rest = _mean_ratio(blocks.shift.value - shift, 1 + shift, weights[0])
-    around = blocks.bearing.value - (fixed.turn[:, None] * law.angle)[:, None, :]
-    centre = _circular_centre(around, weights[1])
-    total = np.logaddexp(law.spread, theta[:, 3:4])[:, None, :]
-    above = blocks.level.value - total
-    level = _level_centre(above, weights[2], is_rough)
-    residuals = (
-        blocks.shift.value - shift - rest[..., None] * (1 + shift),
-        wrap_rad(around - centre[:, None, None]),
-        above - level[:, None, None],
-    )
-    return State(law, rest, centre, level, residuals)
-
-
-def passage_noises(state: State, blocks: Blocks, memory_s: float | None) -> Noises:
-    """Judge the noise of the three kinds from the residuals.
-
-    Parameters
-    ----------
-    state
-        Residuals.
-    blocks
-        Measurements with their nominal weights.
-    memory_s
-        See `block_noise`.
-    """
-    kinds = (blocks.shift, blocks.bearing, blocks.level)
-    first, second, third = (
-        block_noise(residual, block, blocks.time_s, memory_s)
-        for residual, block in zip(state.residuals, kinds, strict=True)
-    )
-    return first, second, third
-
-
-def rough_weights(state: State, blocks: Blocks) -> Weights:
-    """Weigh the three kinds for the way to the optimum.
-
-    Parameters
-    ----------
-    state
-        Residuals.
-    blocks
-        Measurements with their nominal weights.
-    """
-    first, second, third = (
-        rough_weight(residual, block)
-        for residual, block in zip(
-            state.residuals, (blocks.shift, blocks.bearing, blocks.level), strict=True
-        )
-    )
-    return first, second, third
-
-
-def weights_of(noises: Noises) -> Weights:
-    """Return the weights that follow from the noise.
-
-    Parameters
-    ----------
-    noises
-        Noise of the three kinds.
-    """
-    return noises[0].weight, noises[1].weight, noises[2].weight
+    is_rough = weight is None
+    if weight is None:
+        weight = blocks.weight
+    lines, bearings, levels = blocks.parts
+    residual = np.empty((theta.shape[0], *blocks.value.shape[1:]))
+    residual[:, lines] = blocks.value[:, lines] - law.shift[:, None]
+    basis = 1 + law.shift
+    rest = _mean_ratio(residual[:, lines], basis, weight[:, lines])
+    residual[:, lines] -= rest[..., None] * basis[:, None]
+    angle = fixed.turn[:, None] * law.angle
+    around = blocks.value[:, bearings] - angle[:, None]
+    centre = _circular_centre(around, weight[:, bearings])
+    residual[:, bearings] = wrap_rad(around - centre[:, None, None])
+    total = np.logaddexp(law.spread, theta[:, 3:4])
+    above = blocks.value[:, levels] - total[:, None]
+    level = _level_centre(above, weight[:, levels], is_rough)
+    residual[:, levels] = above - level[:, None, None]
+    return State(law, rest, centre, level, residual)
 
 
 def weigh(
     state: State,
-    weights: Weights,
+    weight: FloatArray,
     blocks: Blocks,
     fixed: Fixed,
-    losses: Losses = (None, None, None),
+    losses: Losses = NO_LOSS,
 ) -> Weighted:
     """Put measurements and weights of one round together.
 
@@ -152,8 +100,8 @@ def weigh(
     ----------
     state
         The model at the present unknowns.
-    weights
-        Inverse variances of the three kinds.
+    weight
+        Inverse variances of all rows.
     blocks
         Measurements in fit units.
     fixed
@@ -161,21 +109,23 @@ def weigh(
     losses
         Information lost to slow noise.
     """
-    batch = fixed.turn.size
-    predicted = state.bearing[:, None] + fixed.turn[:, None] * state.law.angle
-    bearing, size = combine_bearings(
-        np.broadcast_to(blocks.bearing.value, weights[1].shape),
-        weights[1],
-        predicted,
-    )
+    lines, bearings, levels = blocks.parts
+    size = weight[:, bearings].sum(axis=1)
+    near = (weight[:, bearings] * state.residual[:, bearings]).sum(axis=1)
+    angle = fixed.turn[:, None] * state.law.angle
+    pair = np.empty((fixed.turn.size, 2, blocks.time_s.size))
+    pair[:, 0] = state.bearing[:, None] + angle + near / np.where(size > 0, size, 1.0)
+    pair[:, 1] = blocks.value[:, levels][:, 0]
+    pair_weight = np.empty_like(pair)
+    pair_weight[:, 0] = size
+    pair_weight[:, 1] = weight[:, levels][:, 0]
     return Weighted(
         blocks.time_s,
-        np.broadcast_to(blocks.shift.value, (batch, *blocks.shift.value.shape[1:])),
-        weights[0],
-        bearing,
-        size,
-        np.broadcast_to(blocks.level.value, (batch, 1, blocks.time_s.size))[:, 0],
-        weights[2][:, 0],
+        blocks.value[:, lines],
+        weight[:, lines],
+        line_sums(blocks.value[:, lines], weight[:, lines]),
+        pair,
+        pair_weight,
         fixed.floor,
         fixed.turn,
         fixed.free,
@@ -184,18 +134,19 @@ def weigh(
 
 
 def _mean_ratio(value: FloatArray, basis: FloatArray, weight: FloatArray) -> FloatArray:
-    below = (weight * basis**2).sum(axis=-1)
-    ratio: FloatArray = (weight * basis * value).sum(axis=-1) / np.where(
-        below > 0, below, 1.0
-    )
+    """Fit value = ratio * basis (one basis for all rows) by weighted least squares."""
+    below = (weight @ (basis**2)[..., None])[..., 0]
+    above = ((weight * value) @ basis[..., None])[..., 0]
+    ratio: FloatArray = above / np.where(below > 0, below, 1.0)
     return ratio
 
 
 def _circular_centre(angle: FloatArray, weight: FloatArray) -> FloatArray:
     """Average directions, with one Newton step to the least-squares mean."""
-    vector = (weight * np.exp(1j * angle)).sum(axis=(1, 2))
-    centre = np.angle(vector)
-    size = np.broadcast_to(weight, angle.shape).sum(axis=(1, 2))
+    east = (weight * np.sin(angle)).sum(axis=(1, 2))
+    north = (weight * np.cos(angle)).sum(axis=(1, 2))
+    centre = np.arctan2(east, north)
+    size = weight.sum(axis=(1, 2))
     near = wrap_rad(angle - centre[:, None, None])
     mean = (weight * near).sum(axis=(1, 2)) / np.where(size > 0, size, 1.0)
     turned: FloatArray = centre + mean
@@ -203,12 +154,11 @@ def _circular_centre(angle: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def _level_centre(value: FloatArray, weight: FloatArray, is_rough: bool) -> FloatArray:
-    weight = np.broadcast_to(weight, value.shape)
+    if is_rough:
+        flat = value.reshape(value.shape[0], -1)
+        known = np.broadcast_to(weight, value.shape).reshape(flat.shape)
+        middle = median_where(flat, known)
+        return np.where(np.isfinite(middle), middle, 0.0)
     size = weight.sum(axis=(1, 2))
-    if is_rough and bool(np.any(size > 0)):
-        middle: FloatArray = np.nanmedian(
-            np.where(weight > 0, value, np.nan), axis=(1, 2)
-        )
-        return middle
     mean: FloatArray = (weight * value).sum(axis=(1, 2)) / np.where(size > 0, size, 1.0)
     return mean

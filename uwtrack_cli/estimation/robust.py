@@ -39,24 +39,36 @@ def median_scale(residual: FloatArray, weight: FloatArray) -> FloatArray:
     >>> float(median_scale(z, np.ones(5)))
     1.4826
     """
-    valid = weight > 0
-    size = np.abs(residual)
-    if valid.all() and size.shape[-1]:
-        half = size.shape[-1] // 2
-        low = size.shape[-1] - 1 - half
-        ordered = np.partition(size, (low, half), axis=-1)
-        return 0.7413 * np.asarray(ordered[..., low] + ordered[..., half])
-    count = valid.sum(axis=-1)
-    ordered = np.sort(np.where(valid, size, np.inf), axis=-1)
-    middle = np.maximum(count - 1, 0)
-    low = np.take_along_axis(ordered, (middle // 2)[..., None], axis=-1)[..., 0]
-    high = np.take_along_axis(ordered, ((middle + 1) // 2)[..., None], axis=-1)[..., 0]
-    scale: FloatArray = np.where(count > 0, 1.4826 * 0.5 * (low + high), 1.0)
+    middle = median_where(np.abs(residual), weight)
+    scale: FloatArray = np.where(np.isfinite(middle), 1.4826 * middle, 1.0)
     return scale
 
 
+def median_where(value: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the median where the weight is positive; inf where it nowhere is.
+
+    Parameters
+    ----------
+    value
+        Values, shape (..., n).
+    weight
+        Weights; zero marks a missing value.
+    """
+    valid = weight > 0
+    if valid.all():
+        ordered, size = np.sort(value, axis=-1), value.shape[-1]
+        both: FloatArray = ordered[..., (size - 1) // 2] + ordered[..., size // 2]
+        return 0.5 * both
+    last = np.maximum(valid.sum(axis=-1) - 1, 0)[..., None]
+    ordered = np.sort(np.where(valid, value, np.inf), axis=-1)
+    low = np.take_along_axis(ordered, last // 2, axis=-1)
+    high = np.take_along_axis(ordered, (last + 1) // 2, axis=-1)
+    middle: FloatArray = 0.5 * (low + high)[..., 0]
+    return middle
+
+
 def neighbour_scale(
-    residual: FloatArray, weight: FloatArray, correlation: float = 0.0
+    residual: FloatArray, weight: FloatArray, correlation: FloatArray | float = 0.0
 ) -> FloatArray:
     """Return the scale of the part of the residuals that changes at every step.
 
@@ -70,29 +82,28 @@ def neighbour_scale(
     weight
         Inverse variances expected; zero marks a missing value.
     correlation
-        Known correlation of neighbouring measurements.
+        Known correlation of neighbouring measurements, of all rows or of each.
 
     Notes
     -----
     Mean square successive difference (von Neumann 1941) over its expectation,
     with bisquare weights about the median; missing values are stepped over.
     """
-    packed, precision = residual, weight
-    missing = weight <= 0
-    if missing.any():
+    packed, precision, missing = residual, weight, weight <= 0
+    if has_missing := bool(missing.any()):
         order = np.argsort(missing, axis=-1, kind="stable")
         packed = np.take_along_axis(residual, order, axis=-1)
         precision = np.take_along_axis(weight, order, axis=-1)
-    both = (precision[..., 1:] > 0) & (precision[..., :-1] > 0)
     with np.errstate(divide="ignore"):
-        variance = (1 / precision[..., 1:] + 1 / precision[..., :-1]) * (
-            1 - correlation
-        )
-    step = np.where(both, np.diff(packed, axis=-1), 0.0) / np.sqrt(
-        np.where(both, variance, 1.0)
-    )
-    rough = np.maximum(median_scale(step, both.astype(float)), 1e-12)
-    share = np.where(both, bisquare_weight(step / rough[..., None]), 0.0)
+        variance = 1 / precision
+    variance = variance[..., 1:] + variance[..., :-1]
+    both = np.isfinite(variance)
+    variance = variance * np.asarray(1 - correlation)[..., None]
+    step = (packed[..., 1:] - packed[..., :-1]) / np.sqrt(variance)
+    rough = np.maximum(median_scale(step, both), 1e-12)
+    share = bisquare_weight(step / rough[..., None])
+    if has_missing:
+        share = np.where(both, share, 0.0)
     square = (share * step**2).sum(axis=-1) * GAUSSIAN_CORRECTION
     total = share.sum(axis=-1) + PRIOR_COUNT
     scale: FloatArray = np.sqrt((square + PRIOR_COUNT) / total)

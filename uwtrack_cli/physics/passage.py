@@ -29,16 +29,44 @@ from uwtrack_cli.data.base import FloatArray
 class Passage:
     """Values of the law at the reception times, and their partials.
 
-    ``shift`` is f/f0 - 1; ``angle`` the bearing relative to that at closest approach
-    without its sign, radians; ``spread`` the natural logarithm of (d/R)^2.
+    Attributes
+    ----------
+    rows
+        Shape (..., 3, 4, n): of shift, angle and spread the value, then its partials,
+        each with the times side by side.
     """
 
-    shift: FloatArray
-    angle: FloatArray
-    spread: FloatArray
-    shift_d: FloatArray
-    angle_d: FloatArray
-    spread_d: FloatArray
+    rows: FloatArray
+
+    @property
+    def shift(self) -> FloatArray:
+        """f/f0 - 1."""
+        return self.rows[..., 0, 0, :]
+
+    @property
+    def angle(self) -> FloatArray:
+        """Bearing relative to that at closest approach without its sign, radians."""
+        return self.rows[..., 1, 0, :]
+
+    @property
+    def spread(self) -> FloatArray:
+        """Natural logarithm of (d/R)^2."""
+        return self.rows[..., 2, 0, :]
+
+    @property
+    def shift_d(self) -> FloatArray:
+        """Partials of the shift, shape (..., n, 3)."""
+        return np.swapaxes(self.rows[..., 0, 1:, :], -1, -2)
+
+    @property
+    def angle_d(self) -> FloatArray:
+        """Partials of the angle, shape (..., n, 3)."""
+        return np.swapaxes(self.rows[..., 1, 1:, :], -1, -2)
+
+    @property
+    def spread_d(self) -> FloatArray:
+        """Partials of the spreading, shape (..., n, 3)."""
+        return np.swapaxes(self.rows[..., 2, 1:, :], -1, -2)
 
 
 def passage_law(
@@ -71,37 +99,38 @@ def passage_law(
         parameters[..., 2:3],
     )
     mach = v / sound_speed_mps
-    gamma = 1 - mach**2
     lag = time_s - t0
-    h = np.sqrt(lag**2 + gamma * r**2)
-    ratio = lag / h
-    shift, shift_d = _shift(mach, gamma, h, ratio, sound_speed_mps)
-    angle, angle_d = _angle(lag, h, r, v, (sound_speed_mps, height_m))
-    spread, spread_d = _spread(lag, h, r, mach, sound_speed_mps)
-    return Passage(shift, angle, spread, shift_d, angle_d, spread_d)
+    h = np.sqrt(lag**2 + (1 - mach**2) * r**2)
+    over = 1 / h
+    rows = np.empty((*h.shape[:-1], 3, 4, h.shape[-1]))
+    _shift(rows[..., 0, :, :], lag * over, over, mach, sound_speed_mps)
+    _angle(rows[..., 1, :, :], (lag, h, over), r, v, (sound_speed_mps, height_m))
+    _spread(rows[..., 2, :, :], (lag, h, over), r, mach, sound_speed_mps)
+    return Passage(rows)
 
 
 def _shift(
-    mach: FloatArray, gamma: FloatArray, h: FloatArray, ratio: FloatArray, c: float
-) -> tuple[FloatArray, FloatArray]:
-    across = 1 - ratio**2
-    slope = mach / gamma * across
-    shift_d = np.empty((*h.shape, 3))
-    shift_d[..., 0] = slope / h
-    shift_d[..., 1] = slope * ratio
-    shift_d[..., 2] = (
-        2 * mach / gamma - ratio * ((1 + mach**2) / gamma + mach * slope)
-    ) / (c * gamma)
-    return mach * (mach - ratio) / gamma, shift_d
+    rows: FloatArray, ratio: FloatArray, over: FloatArray, mach: FloatArray, c: float
+) -> None:
+    gamma = 1 - mach**2
+    small = mach / gamma
+    slope = small - small * ratio**2
+    rows[..., 0, :] = small * (mach - ratio)
+    rows[..., 1, :] = slope * over
+    rows[..., 2, :] = slope * ratio
+    rows[..., 3, :] = (2 * small - ratio * ((1 + mach**2) / gamma + mach * slope)) / (
+        c * gamma
+    )
 
 
 def _angle(
-    lag: FloatArray,
-    h: FloatArray,
+    rows: FloatArray,
+    lags: tuple[FloatArray, FloatArray, FloatArray],
     r: FloatArray,
     v: FloatArray,
     medium: tuple[float, float],
-) -> tuple[FloatArray, FloatArray]:
+) -> None:
+    lag, h, over_h = lags
     c, height = medium
     mach = v / c
     gamma = 1 - mach**2
@@ -109,29 +138,34 @@ def _angle(
     slow = np.where(v > 0, v, np.inf)
     # a source can be no nearer than the depth difference: keep the root real
     flat = np.sqrt(np.maximum(r**2 - (height / slow) ** 2, 1e-4 * r**2))
-    over = 1 / (u**2 + flat**2)
-    by_u, by_flat = flat * over, u * over
-    pull = mach * r**2 / h
-    angle_d = np.empty((*h.shape, 3))
-    angle_d[..., 0] = by_u * (mach * lag / h - 1) / gamma
-    angle_d[..., 1] = -by_u * pull - by_flat * (r**2 / flat)
-    angle_d[..., 2] = by_u * (2 * mach * u - h + mach * pull) / (
+    by_flat = 1 / (u**2 + flat**2)
+    by_u = flat * by_flat
+    by_flat *= u
+    pull = (mach * r**2) * over_h
+    rows[..., 0, :] = np.arctan(u / flat)
+    rows[..., 1, :] = by_u * ((mach / gamma) * (lag * over_h) - 1 / gamma)
+    rows[..., 2, :] = -by_u * pull - by_flat * (r**2 / flat)
+    rows[..., 3, :] = by_u * (2 * mach * u - h + mach * pull) / (
         c * gamma
     ) - by_flat * (height**2 / (slow**3 * flat))
-    return np.arctan2(u, flat), angle_d
 
 
 def _spread(
-    lag: FloatArray, h: FloatArray, r: FloatArray, mach: FloatArray, c: float
-) -> tuple[FloatArray, FloatArray]:
+    rows: FloatArray,
+    lags: tuple[FloatArray, FloatArray, FloatArray],
+    r: FloatArray,
+    mach: FloatArray,
+    c: float,
+) -> None:
+    lag, h, over_h = lags
     gamma = 1 - mach**2
     over = 1 / (h - mach * lag)
-    pull = r**2 / h
-    spread_d = np.empty((*h.shape, 3))
-    spread_d[..., 0] = 2 * over * (lag / h - mach)
-    spread_d[..., 1] = 2 - 2 * gamma * pull * over
-    spread_d[..., 2] = (2 * over * (mach * pull + lag) - 4 * mach / gamma) / c
-    return 2 * np.log(r * gamma * over), spread_d
+    pull = r**2 * over_h
+    rows[..., 0, :] = 2 * np.log((r * gamma) * over)
+    over *= 2
+    rows[..., 1, :] = over * (lag * over_h - mach)
+    rows[..., 2, :] = 2 - gamma * (pull * over)
+    rows[..., 3, :] = (over * (mach * pull + lag) - 4 * mach / gamma) / c
 
 
 def straight_shift(
