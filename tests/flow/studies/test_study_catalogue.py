@@ -3,7 +3,7 @@
 import ast
 from pathlib import Path
 
-import uwtrack_cli.flow.studies as studies
+from uwtrack_cli.flow import studies
 from uwtrack_cli.flow.studies.catalogue import STUDIES
 
 
