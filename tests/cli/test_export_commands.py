@@ -129,6 +129,19 @@ def test_a_raven_selection_table_is_read_by_pandas(exported):
         assert inside.any()
 
 
+@pytest.mark.filterwarnings("ignore:The inplace keyword")  # crowsetta's own use
+def test_a_raven_selection_table_is_read_by_crowsetta(exported):
+    crowsetta = pytest.importorskip("crowsetta")
+    path = exported("raven")
+    boxes = crowsetta.formats.bbox.Raven.from_file(
+        path.rename(path.with_suffix(".txt")), annot_col="Status"
+    ).to_bbox()
+    assert {box.label for box in boxes} == {"moving"}
+    for rest_hz in (63.0, 126.0, 189.0, 310.0):
+        (box,) = [b for b in boxes if b.low_freq < rest_hz < b.high_freq]
+        assert box.onset < 148.0 < box.offset
+
+
 def test_netcdf_is_opened_by_xarray_with_its_times(exported, found):
     with xr.open_dataset(exported("netcdf"), engine="h5netcdf") as data:
         assert data.attrs["Conventions"].startswith("CF-")
