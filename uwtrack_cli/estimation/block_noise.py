@@ -18,6 +18,7 @@ from uwtrack_cli.estimation.correlation import long_run_excess
 from uwtrack_cli.estimation.passage_data import Blocks
 from uwtrack_cli.estimation.robust import (
     CONSTANT,
+    SHARE_CORRECTION,
     bisquare_weight,
     median_scale,
     neighbour_scale,
@@ -28,7 +29,8 @@ from uwtrack_cli.estimation.robust import (
 class BlockNoise:
     """Weights of one kind for the next round, and what they were made from.
 
-    ``cost`` is the negative log-likelihood of the residuals, apart from constants.
+    ``cost`` is the negative log-likelihood of the residuals, apart from what is the
+    same for all fits to the same data.
     ``inflation`` is the variance of sums over a passage relative to that of
     independent noise.
     """
@@ -67,26 +69,27 @@ def block_noises(
     root = np.sqrt(precision)
     deviation = residual * root
     typical = median_scale(deviation, precision)
-    reach = 4 * np.maximum(typical, 1e-9)[..., None]
-    clipped = np.minimum(np.maximum(deviation, -reach), reach)
-    total = kinds @ precision
-    mean = (kinds @ (root * clipped)) / np.where(total > 0, total, 1.0)
+    share = bisquare_weight(deviation / np.maximum(typical, 1.0)[..., None])
+    total = kinds @ (precision * (share > 0))
+    mean = kinds @ (root * deviation * share)
+    mean *= SHARE_CORRECTION / np.where(total > 0, total, 1.0)
     common = long_run_excess(mean, total, blocks.time_s, None)
     slow = common
     if memory_s is not None:
         slow = 0 * common
         if memory_s:
             slow = long_run_excess(mean, total, blocks.time_s, memory_s)
-    excess = 0.0 * precision
+    cost = (precision > 0).sum(axis=-1) * np.log(scale)
     if common.any():
-        excess = precision * (kinds.T @ common[..., None])
-        deviation = deviation / np.sqrt(1 + excess)
-        typical = median_scale(deviation, precision)
-    share = bisquare_weight(deviation / np.maximum(typical, 1.0)[..., None])
+        excess = 1 + precision * (kinds.T @ common[..., None])
+        cost = cost + 0.5 * np.log(excess).sum(axis=-1)
+        deviation = deviation / np.sqrt(excess)
+        typical = np.maximum(median_scale(deviation, precision), 1.0)
+        share = bisquare_weight(deviation / typical[..., None])
     slowed = 1 + slow[..., None] * total
     weight = precision * share / (kinds.T @ slowed)
     inflation = _inflation(total, slowed)
-    cost = _cost(deviation, excess, precision) @ kinds.T
+    cost = (cost + _loss(deviation)) @ kinds.T
     first, second, third = (
         BlockNoise(
             weight[:, rows], scale[:, rows], common[:, kind], slow[:, kind],
@@ -138,13 +141,8 @@ def _inflation(total: FloatArray, slowed: FloatArray) -> FloatArray:
     return inflation
 
 
-def _cost(
-    deviation: FloatArray, excess: FloatArray, precision: FloatArray
-) -> FloatArray:
-    """Negative log-likelihood of every row; ``excess`` is variance over the white."""
-    known = precision > 0
-    share = np.minimum((deviation / CONSTANT) ** 2, 1.0)
-    loss = CONSTANT**2 / 6 * (1 - (1 - share) ** 3)
-    spread = 0.5 * np.log((1 + excess) / np.where(known, precision, 1.0))
-    total: FloatArray = np.where(known, loss + spread, 0.0).sum(axis=-1)
+def _loss(deviation: FloatArray) -> FloatArray:
+    """Tukey's loss of the deviations of every row."""
+    left = np.maximum(1 - (deviation / CONSTANT) ** 2, 0.0)
+    total: FloatArray = (CONSTANT**2 / 6) * (1 - left**3).sum(axis=-1)
     return total

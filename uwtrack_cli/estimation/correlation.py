@@ -8,6 +8,7 @@ unknown memory (a shaft that does not turn evenly) is met by its long-run varian
 Harris (1978), Proc. IEEE 66, 51, eq. 13 (overlap correlation).
 """
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -15,6 +16,9 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 
 Kind = Literal["frequency", "bearing", "level"]
+
+N_CELLS = 12
+"""Cells of time in Bartlett's window."""
 
 
 def overlap_correlation(kind: Kind, overlap: float) -> FloatArray:
@@ -65,7 +69,7 @@ def long_run_excess(
     Parameters
     ----------
     residual
-        Residuals, shape (batch, n), in order of time.
+        Residuals, shape (..., n), in order of time.
     precision
         Inverse variances of the residuals if they were white; zero is missing.
     time_s
@@ -77,65 +81,67 @@ def long_run_excess(
     -----
     With weights a, Q = sum a_i a_j k_ij e_i e_j has the mean sum a_i^2 (V_i + x)
     for white noise V_i plus slow noise of long-run variance x; k is Bartlett's
-    window on bins of a twelfth of its length. Solved for x with a = 1/(V + x),
+    window on cells of a twelfth of its length. Solved for x with a = 1/(V + x),
     four rounds; zero where it is within one deviation of the estimate.
     """
-    known = precision > 0
-    variance = np.where(known, 1 / np.where(known, precision, 1.0), 1.0)
-    starts, taper = _bartlett(time_s, memory_s)
-    excess = np.zeros(residual.shape[:-1])
-    a = precision
-    for _ in range(4):
-        quadratic = _quadratic(a * residual, starts, taper)
-        share = a**2 * variance
-        white = share.sum(axis=-1)
-        if not np.any(quadratic > white):
-            return np.zeros(white.shape)
-        significant = quadratic - white > white * _relative_deviation(
-            share, starts, taper
-        )
-        size = np.maximum((a**2).sum(axis=-1), 1e-300)
-        excess = np.where(significant, (quadratic - white) / size, 0.0)
-        if not excess.any():
-            break
-        a = np.where(known, 1 / (variance + excess[..., None]), 0.0)
-    return excess
+    cells = _Cells.of(time_s, memory_s)
+    above = cells.quadratic(precision * residual) - precision.sum(axis=-1)
+    if not np.any(above > 0):
+        return np.zeros(above.shape)
+    significant = above > cells.deviation(precision)
+    if not significant.any():
+        return np.zeros(above.shape)
+    excess = above / np.maximum((precision**2).sum(axis=-1), 1e-300)
+    for _ in range(3):
+        excess = np.where(significant, np.maximum(excess, 0.0), 0.0)
+        a = precision / (1 + precision * excess[..., None])
+        square = a**2
+        white = (square / np.where(precision > 0, precision, 1.0)).sum(axis=-1)
+        above = cells.quadratic(a * residual) - white
+        excess = above / np.maximum(square.sum(axis=-1), 1e-300)
+    return np.where(significant, np.maximum(excess, 0.0), 0.0)
 
 
-def _bartlett(
-    time_s: FloatArray, memory_s: float | None
-) -> tuple[IntArray | None, FloatArray | None]:
-    """First measurement of every cell of time, and the window between cells."""
-    if memory_s is None or time_s.size < 2:
-        return None, None
-    width = memory_s / 12
-    cell = np.floor((time_s - time_s[0]) / width).astype(np.int64)
-    filled, cell = np.unique(cell, return_inverse=True)
-    starts = np.searchsorted(cell, np.arange(filled.size))
-    distance = np.abs(filled[:, None] - filled[None, :])
-    return starts, np.maximum(1 - distance / 12, 0.0)
+@dataclass(frozen=True)
+class _Cells:
+    """Cells of time: first measurement and number of each; none is every instant."""
 
+    start: IntArray | None
+    number: IntArray | None
 
-def _quadratic(
-    value: FloatArray, starts: IntArray | None, taper: FloatArray | None
-) -> FloatArray:
-    if starts is None or taper is None:
-        single: FloatArray = (value**2).sum(axis=-1)
-        return single
-    cells = np.add.reduceat(value, starts, axis=-1)
-    total: FloatArray = ((cells @ taper) * cells).sum(axis=-1)
-    return total
+    @staticmethod
+    def of(time_s: FloatArray, memory_s: float | None) -> "_Cells":
+        """Part the time into cells of a twelfth of Bartlett's window."""
+        if memory_s is None or time_s.size < 2:
+            return _Cells(None, None)
+        cell = np.floor((time_s - time_s[0]) * (N_CELLS / memory_s)).astype(np.int64)
+        start = np.flatnonzero(np.diff(cell, prepend=-1))
+        return _Cells(start, cell[start])
 
+    def sums(self, value: FloatArray) -> FloatArray:
+        """Add up every cell, with as many empty ones around as the window is long."""
+        if self.start is None or self.number is None:
+            return value
+        full = np.zeros((*value.shape[:-1], int(self.number[-1]) + 1 + 2 * N_CELLS))
+        full[..., self.number + N_CELLS] = np.add.reduceat(value, self.start, axis=-1)
+        return full
 
-def _relative_deviation(
-    share: FloatArray, starts: IntArray | None, taper: FloatArray | None
-) -> FloatArray:
-    """Relative deviation of the quadratic form if the noise were white."""
-    total = np.maximum(share.sum(axis=-1), 1e-300)
-    if starts is None or taper is None:
-        single: FloatArray = np.sqrt(2 * (share**2).sum(axis=-1)) / total
-        return single
-    cells = np.add.reduceat(share, starts, axis=-1)
-    pairs = ((cells @ taper**2) * cells).sum(axis=-1)
-    relative: FloatArray = np.sqrt(2 * pairs) / total
-    return relative
+    def quadratic(self, value: FloatArray) -> FloatArray:
+        """Sum products under Bartlett's window: mean square of sums of its length."""
+        cells = self.sums(value)
+        if self.start is None:
+            return np.asarray((cells**2).sum(axis=-1))
+        run = np.cumsum(cells, axis=-1)
+        window = run[..., N_CELLS:] - run[..., :-N_CELLS]
+        return np.asarray((window**2).sum(axis=-1) / N_CELLS)
+
+    def deviation(self, share: FloatArray) -> FloatArray:
+        """Return the deviation of the quadratic form if the noise were white."""
+        cells = self.sums(share)
+        if self.start is None:
+            return np.asarray(np.sqrt(2 * (cells**2).sum(axis=-1)))
+        power = np.abs(np.fft.rfft(cells)) ** 2
+        products = np.fft.irfft(power, cells.shape[-1])[..., :N_CELLS]
+        taper = 2 * (1 - np.arange(N_CELLS) / N_CELLS) ** 2
+        taper[0] = 1.0
+        return np.asarray(np.sqrt(2 * np.maximum(products @ taper, 0.0)))

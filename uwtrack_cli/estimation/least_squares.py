@@ -52,7 +52,8 @@ def damped_least_squares(
         trial = theta + step
         new_cost, new_gradient, new_matrix = evaluate(trial)
         better = new_cost <= cost
-        damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-9, 1e9)
+        damping = damping * np.where(better, 0.1, 10.0)
+        damping = np.minimum(np.maximum(damping, 1e-9), 1e9)
         if better.all():
             theta, cost, gradient, matrix = trial, new_cost, new_gradient, new_matrix
             continue
@@ -79,7 +80,8 @@ def solve_step(
     """
     scale = unit_scale(matrix)
     scaled = matrix / (scale[:, :, None] * scale[:, None, :])
-    scaled = scaled + damping[:, None, None] * np.eye(matrix.shape[-1])
+    diagonal = np.arange(matrix.shape[-1])
+    scaled[:, diagonal, diagonal] += damping[:, None]
     step: FloatArray = np.linalg.solve(scaled, -(gradient / scale)[..., None])[..., 0]
     return step / scale
 
@@ -92,7 +94,8 @@ def unit_scale(matrix: FloatArray) -> FloatArray:
     matrix
         Symmetric matrices, shape (..., p, p).
     """
-    diagonal = np.einsum("...ii->...i", matrix)
+    number = np.arange(matrix.shape[-1])
+    diagonal = matrix[..., number, number]
     return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
 
 

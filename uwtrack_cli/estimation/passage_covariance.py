@@ -90,7 +90,6 @@ def _in_units(
 
 def _rest_std(data: Weighted, doppler: DopplerSums, inner: FloatArray) -> FloatArray:
     measured = data.shift_weight.sum(axis=-1) > 0
-    own = np.einsum("bkk->bk", doppler.inverse)
     moved = np.einsum("bkp,bpq,bkq->bk", doppler.follow, inner, doppler.follow)
-    variance: FloatArray = np.where(measured, own + moved, np.nan)
+    variance: FloatArray = np.where(measured, doppler.variance + moved, np.nan)
     return np.sqrt(np.where(variance > 0, variance, np.nan))

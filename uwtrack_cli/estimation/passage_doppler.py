@@ -21,15 +21,15 @@ from uwtrack_cli.physics.passage import Passage
 class DopplerSums:
     """Cost, gradient and matrix, and the eliminated rest frequencies.
 
-    ``inverse`` is the covariance of the rest frequencies at a known motion, and
-    ``follow`` how they follow the motion.
+    ``variance`` is that of the rest frequencies at a known motion, and ``follow`` how
+    they follow the motion.
     """
 
     cost: FloatArray
     gradient: FloatArray
     matrix: FloatArray
     rest: FloatArray
-    inverse: FloatArray
+    variance: FloatArray
     follow: FloatArray
 
 
@@ -48,12 +48,15 @@ class LineSums:
 
 @dataclass(frozen=True)
 class _Sums:
+    """Weighted sums of products of every line.
+
+    Of q = 1 + shift with itself, of q with e = value - shift and the partials of the
+    shift, and of e and these partials among themselves.
+    """
+
     qq: FloatArray
-    qe: FloatArray
-    ee: FloatArray
-    qd: FloatArray
-    ed: FloatArray
-    dd: FloatArray
+    q: FloatArray
+    all: FloatArray
 
 
 def line_sums(shift: FloatArray, weight: FloatArray) -> LineSums:
@@ -108,36 +111,35 @@ def _sums(law: Passage, weight: FloatArray, sums: LineSums) -> _Sums:
     batch, _, n = rows.shape
     lines = weight.shape[1]
     products = (rows[:, :, None] * rows[:, None]).reshape(batch, 16, n)
-    square = (weight @ np.swapaxes(products, 1, 2)).reshape(batch, lines, 4, 4)
+    full = (weight @ np.swapaxes(products, 1, 2)).reshape(batch, lines, 4, 4)
     single = sums.factors @ np.swapaxes(rows, 1, 2)
-    of_weight, of_value = single[:, :lines], single[:, lines:]
-    twice = of_weight + square[..., 0, :]
-    qq = sums.size + of_weight[..., 0] + twice[..., 0]
-    return _Sums(
-        np.where(qq > 0, qq, 1.0),
-        sums.first + of_value[..., 0] - twice[..., 0],
-        sums.second - 2 * of_value[..., 0] + square[..., 0, 0],
-        twice[..., 1:],
-        of_value[..., 1:] - square[..., 0, 1:],
-        square[..., 1:, 1:],
-    )
+    of_value = single[:, lines:]
+    with_q = single[:, :lines] + full[..., 0, :]
+    qq = sums.size + single[:, :lines, 0] + with_q[..., 0]
+    with_e = of_value - full[..., 0, :]
+    with_q[..., 0] = sums.first + of_value[..., 0] - with_q[..., 0]
+    with_e[..., 0] = sums.second - of_value[..., 0] - with_e[..., 0]
+    full[..., 0, :] = full[..., :, 0] = with_e
+    return _Sums(np.where(qq > 0, qq, 1.0), with_q, full)
 
 
 def _separate(sums: _Sums) -> DopplerSums:
     """Eliminate every line's rest frequency by itself: no noise in common."""
-    rest = sums.qe / sums.qq
-    factor = (1 + rest)[..., None]
-    projected = (
-        sums.dd
-        - sums.qd[..., :, None] * sums.qd[..., None, :] / sums.qq[..., None, None]
-    )
+    shared = sums.q / sums.qq[..., None]
+    rest = shared[..., 0]
+    factor = np.empty_like(shared)
+    factor[..., 0] = 1.0
+    factor[..., 1:] = -(1 + rest)[..., None]
+    left = sums.all - sums.q[..., :, None] * shared[..., None, :]
+    left *= factor[..., :, None] * factor[..., None, :]
+    total = left.sum(axis=1)
     return DopplerSums(
-        0.5 * (sums.ee - rest * sums.qe).sum(axis=-1),
-        -(factor * (sums.ed - rest[..., None] * sums.qd)).sum(axis=-2),
-        (factor[..., None] ** 2 * projected).sum(axis=-3),
+        0.5 * total[:, 0, 0],
+        total[:, 1:, 0],
+        total[:, 1:, 1:],
         rest,
-        np.eye(rest.shape[-1]) / sums.qq[..., None],
-        factor * sums.qd / sums.qq[..., None],
+        1 / sums.qq,
+        -(factor * shared)[..., 1:],
     )
 
 
@@ -151,20 +153,22 @@ def _coupled(
     mean = (share * (shift - law.shift[:, None, :])).sum(axis=1)
     inner = np.eye(basis.shape[2]) * sums.qq[:, None, :]
     inner = inner - np.swapaxes(basis, 1, 2) @ (loss @ basis)
-    right = sums.qe - np.einsum("btk,bt->bk", basis, mean @ loss)
+    right = sums.q[..., 0] - np.einsum("btk,bt->bk", basis, mean @ loss)
     inverse = np.linalg.inv(inner)
     rest = np.einsum("bkl,bl->bk", inverse, right)
     factor = 1 + rest
-    cost = sums.ee.sum(axis=-1) - np.einsum("bt,bt->b", mean @ loss, mean)
+    cost = sums.all[..., 0, 0].sum(axis=-1) - np.einsum("bt,bt->b", mean @ loss, mean)
     cost = 0.5 * (cost - (rest * right).sum(axis=-1))
     slope = -law.shift_d * np.einsum("bkt,bk->bt", share, factor)[..., None]
     lost = loss @ slope
     left = mean - np.einsum("btk,bk->bt", basis, rest)
-    gradient = -(factor[..., None] * (sums.ed - rest[..., None] * sums.qd)).sum(1)
+    with_e, with_q = sums.all[..., 0, 1:], sums.q[..., 1:]
+    gradient = -(factor[..., None] * (with_e - rest[..., None] * with_q)).sum(1)
     gradient = gradient - np.einsum("btp,bt->bp", lost, left)
-    cross = -factor[..., None] * sums.qd - np.einsum("btk,btp->bkp", basis, lost)
-    matrix = np.einsum("bk,bkpq->bpq", factor**2, sums.dd)
+    cross = -factor[..., None] * with_q - np.einsum("btk,btp->bkp", basis, lost)
+    matrix = np.einsum("bk,bkpq->bpq", factor**2, sums.all[..., 1:, 1:])
     matrix = matrix - np.swapaxes(slope, 1, 2) @ lost
     follow = -np.einsum("bkl,blp->bkp", inverse, cross)
     matrix = matrix + np.einsum("bkp,bkq->bpq", cross, follow)
-    return DopplerSums(cost, gradient, matrix, rest, inverse, follow)
+    variance = np.einsum("bkk->bk", inverse)
+    return DopplerSums(cost, gradient, matrix, rest, variance, follow)

@@ -32,6 +32,7 @@ from uwtrack_cli.estimation.passage_normal import (
     normal_equations,
 )
 from uwtrack_cli.estimation.passage_state import Fixed, State, passage_state, weigh
+from uwtrack_cli.estimation.robust import median_where
 from uwtrack_cli.estimation.slow_noise import SlowNoise
 from uwtrack_cli.physics.passage import Passage
 
@@ -41,8 +42,12 @@ MEMORY_IN_PASSAGES = 1.5
 ROUGH_ROUNDS = 2
 """Rounds with simple robust weights before those that judge the noise in full."""
 
-ROUGH_TOLERANCE = 0.1
-"""Gain in log-likelihood at which a rough round ends."""
+ROUGH_TOLERANCE = 20.0
+"""Gain in log-likelihood at which a rough round ends, with one more step."""
+
+TOLERANCE = 1e-2
+"""Gain at which the last round ends, with one more step: a seventh of a deviation
+before that step, and far less after it."""
 
 LONGEST_SERIES = 1500
 """Instants beyond which the covariance of slow noise is not written out."""
@@ -111,7 +116,7 @@ def fit_passage(
         data = weigh(state, weight, blocks, fixed)
         theta = _descend(theta, data, medium, state.law, 25)
         state = passage_state(theta, fixed, blocks, medium, weight)
-    return _result(theta, fixed, blocks, medium, (state, noises))
+    return _result(theta, data, blocks, medium, (state, noises))
 
 
 def weight_of(noises: Noises) -> FloatArray:
@@ -189,7 +194,7 @@ def fit_with_memory(
         data = weigh(state, weight, blocks, fixed, losses)
         theta = _descend(theta, data, medium, state.law, 15)
         state = passage_state(theta, fixed, blocks, medium, weight)
-    return _result(theta, fixed, blocks, medium, (state, noises), (losses, slow))
+    return _result(theta, data, blocks, medium, (state, noises), slow)
 
 
 def _descend(
@@ -198,7 +203,7 @@ def _descend(
     medium: Medium,
     law: Passage,
     max_steps: int,
-    tolerance: float = 1e-3,
+    tolerance: float = TOLERANCE,
 ) -> FloatArray:
     """Minimise with fixed weights; ``law`` is the passage at the start."""
 
@@ -215,7 +220,7 @@ def _descend(
 def _memory(theta: FloatArray, blocks: Blocks) -> float:
     span = float(blocks.time_s[-1] - blocks.time_s[0])
     step = span / max(blocks.time_s.size - 1, 1)
-    passage = float(np.exp(np.median(theta[:, 1])))
+    passage = float(np.exp(median_where(theta[:, 1], np.ones(theta.shape[0]))))
     longest = max(MEMORY_IN_PASSAGES * passage, 6 * step)
     return min(longest, span / 3)
 
@@ -238,19 +243,18 @@ def _limiter(medium: Medium) -> Callable[[FloatArray, FloatArray], FloatArray]:
 
 def _result(
     theta: FloatArray,
-    fixed: Fixed,
+    data: Weighted,
     blocks: Blocks,
     medium: Medium,
     last: tuple[State, Noises],
-    slow: tuple[Losses, tuple[SlowNoise, ...]] = (NO_LOSS, ()),
+    slow: tuple[SlowNoise, ...] = (),
 ) -> PassageFit:
     state, noises = last
-    data = weigh(state, weight_of(noises), blocks, fixed, slow[0])
     spread = passage_covariance(theta, data, medium, state.law)
     rest = blocks.mean_hz * (1 + state.rest)
     return PassageFit(
         theta,
-        fixed.turn,
+        data.turn,
         np.rad2deg(state.bearing) % 360.0,
         rest,
         np.broadcast_to(blocks.mean_hz, rest.shape) * spread.rest_std,
@@ -258,6 +262,6 @@ def _result(
         spread.covariance,
         noises[0].cost + noises[1].cost + noises[2].cost,
         noises,
-        slow[0],
-        slow[1],
+        data.losses,
+        slow,
     )

@@ -94,6 +94,24 @@ def free_unknowns(blocks: Blocks, batch: int) -> BoolArray:
     return free
 
 
+def law_of(theta: FloatArray, time_s: FloatArray, medium: Medium) -> Passage:
+    """Evaluate the passage of every row.
+
+    Parameters
+    ----------
+    theta
+        Unknowns, shape (batch, 4).
+    time_s
+        Times in seconds.
+    medium
+        Sound speed and depth difference.
+    """
+    c, height = medium.sound_speed_mps, medium.height_m
+    if theta.shape[0] == 1:
+        return Passage(passage_law(time_s, theta[0], c, height).rows[None])
+    return passage_law(time_s, theta, c, height)
+
+
 def normal_equations(
     theta: FloatArray, data: Weighted, medium: Medium, law: Passage | None = None
 ) -> JointNormal:
@@ -111,9 +129,7 @@ def normal_equations(
         The passage at these unknowns, if it is known already.
     """
     if law is None:
-        law = passage_law(
-            data.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
-        )
+        law = law_of(theta, data.time_s, medium)
     doppler = doppler_sums(
         law, data.shift, data.shift_weight, data.sums, data.losses[0]
     )

@@ -16,10 +16,11 @@ from uwtrack_cli.estimation.passage_normal import (
     Losses,
     Medium,
     Weighted,
+    law_of,
 )
 from uwtrack_cli.estimation.robust import median_where
 from uwtrack_cli.physics.geometry import wrap_rad
-from uwtrack_cli.physics.passage import Passage, passage_law
+from uwtrack_cli.physics.passage import Passage
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,7 @@ def passage_state(
     weight
         Weights of the last round; None takes the nominal ones.
     """
-    law = passage_law(
-        blocks.time_s, theta[:, :3], medium.sound_speed_mps, medium.height_m
-    )
+    law = law_of(theta, blocks.time_s, medium)
     is_rough = weight is None
     if weight is None:
         weight = blocks.weight

@@ -19,6 +19,9 @@ CONSTANT = 7.0
 GAUSSIAN_CORRECTION = 1.0867
 """Makes the bisquare-weighted mean square of Gaussians their variance."""
 
+SHARE_CORRECTION = 1.1257
+"""Makes bisquare-weighted Gaussians of variance one again."""
+
 PRIOR_COUNT = 8.0
 """Measurements that the expected scale of one counts for."""
 
@@ -123,5 +126,9 @@ def bisquare_weight(deviation: FloatArray) -> FloatArray:
     >>> bisquare_weight(np.array([0.0, 8.0])).tolist()
     [1.0, 0.0]
     """
-    weight: FloatArray = np.maximum(1 - (deviation / CONSTANT) ** 2, 0.0) ** 2
+    weight = np.asarray(deviation / CONSTANT)
+    weight *= weight
+    np.subtract(1.0, weight, out=weight)
+    np.maximum(weight, 0.0, out=weight)
+    weight *= weight
     return weight

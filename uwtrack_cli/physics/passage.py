@@ -19,6 +19,7 @@ it is this law after relabelling f0 and d (see `straight_shift`).
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -93,79 +94,88 @@ def passage_law(
     -----
     Retarded-time solution of a source in uniform motion; see the module's head.
     """
-    t0, r, v = (
-        parameters[..., 0:1],
-        np.exp(parameters[..., 1:2]),
-        parameters[..., 2:3],
+    # plain numbers for one passage: much cheaper than arrays of one element
+    one = parameters.ndim == 1
+    t0, log_r, v = (
+        parameters[k] if one else parameters[..., k, None] for k in range(3)
     )
+    r = np.exp(log_r)
     mach = v / sound_speed_mps
     lag = time_s - t0
     h = np.sqrt(lag**2 + (1 - mach**2) * r**2)
     over = 1 / h
+    parts = _Parts(lag, h, over, lag * over, (mach * r**2) * over)
     rows = np.empty((*h.shape[:-1], 3, 4, h.shape[-1]))
-    _shift(rows[..., 0, :, :], lag * over, over, mach, sound_speed_mps)
-    _angle(rows[..., 1, :, :], (lag, h, over), r, v, (sound_speed_mps, height_m))
-    _spread(rows[..., 2, :, :], (lag, h, over), r, mach, sound_speed_mps)
+    _shift(rows[..., 0, :, :], parts, mach, sound_speed_mps)
+    _angle(rows[..., 1, :, :], parts, r, v, (sound_speed_mps, height_m))
+    _spread(rows[..., 2, :, :], parts, r, mach, sound_speed_mps)
     return Passage(rows)
 
 
-def _shift(
-    rows: FloatArray, ratio: FloatArray, over: FloatArray, mach: FloatArray, c: float
-) -> None:
+class _Parts(NamedTuple):
+    """T, h, 1/h, T/h and M r^2/h: what the three laws share."""
+
+    lag: FloatArray
+    h: FloatArray
+    over: FloatArray
+    ratio: FloatArray
+    pull: FloatArray
+
+
+def _shift(rows: FloatArray, parts: _Parts, mach: FloatArray, c: float) -> None:
     gamma = 1 - mach**2
+    unit = 1 / (c * gamma)
     small = mach / gamma
-    slope = small - small * ratio**2
-    rows[..., 0, :] = small * (mach - ratio)
-    rows[..., 1, :] = slope * over
-    rows[..., 2, :] = slope * ratio
-    rows[..., 3, :] = (2 * small - ratio * ((1 + mach**2) / gamma + mach * slope)) / (
-        c * gamma
-    )
+    slope = parts.pull * parts.over
+    rows[..., 0, :] = small * mach - small * parts.ratio
+    np.multiply(slope, parts.over, out=rows[..., 1, :])
+    np.multiply(slope, parts.ratio, out=rows[..., 2, :])
+    slope *= mach * unit
+    slope += (1 + mach**2) / gamma * unit
+    slope *= parts.ratio
+    np.subtract(2 * small * unit, slope, out=rows[..., 3, :])
 
 
 def _angle(
     rows: FloatArray,
-    lags: tuple[FloatArray, FloatArray, FloatArray],
+    parts: _Parts,
     r: FloatArray,
     v: FloatArray,
     medium: tuple[float, float],
 ) -> None:
-    lag, h, over_h = lags
     c, height = medium
     mach = v / c
     gamma = 1 - mach**2
-    u = (lag - mach * h) / gamma
+    unit = 1 / (c * gamma)
+    u = (parts.lag - mach * parts.h) / gamma
     slow = np.where(v > 0, v, np.inf)
     # a source can be no nearer than the depth difference: keep the root real
-    flat = np.sqrt(np.maximum(r**2 - (height / slow) ** 2, 1e-4 * r**2))
-    by_flat = 1 / (u**2 + flat**2)
+    square = np.maximum(r**2 - (height / slow) ** 2, 1e-4 * r**2)
+    flat = np.sqrt(square)
+    by_flat = 1 / (u**2 + square)
     by_u = flat * by_flat
     by_flat *= u
-    pull = (mach * r**2) * over_h
-    rows[..., 0, :] = np.arctan(u / flat)
-    rows[..., 1, :] = by_u * ((mach / gamma) * (lag * over_h) - 1 / gamma)
-    rows[..., 2, :] = -by_u * pull - by_flat * (r**2 / flat)
-    rows[..., 3, :] = by_u * (2 * mach * u - h + mach * pull) / (
-        c * gamma
-    ) - by_flat * (height**2 / (slow**3 * flat))
+    np.arctan(u * (1 / flat), out=rows[..., 0, :])
+    np.multiply(by_u, (mach / gamma) * parts.ratio - 1 / gamma, out=rows[..., 1, :])
+    rows[..., 2, :] = (-(r**2) / flat) * by_flat - by_u * parts.pull
+    u *= 2 * mach * unit
+    u -= unit * parts.h
+    u += (mach * unit) * parts.pull
+    u *= by_u
+    by_flat *= height**2 / (slow**3 * flat)
+    np.subtract(u, by_flat, out=rows[..., 3, :])
 
 
 def _spread(
-    rows: FloatArray,
-    lags: tuple[FloatArray, FloatArray, FloatArray],
-    r: FloatArray,
-    mach: FloatArray,
-    c: float,
+    rows: FloatArray, parts: _Parts, r: FloatArray, mach: FloatArray, c: float
 ) -> None:
-    lag, h, over_h = lags
     gamma = 1 - mach**2
-    over = 1 / (h - mach * lag)
-    pull = r**2 * over_h
-    rows[..., 0, :] = 2 * np.log((r * gamma) * over)
-    over *= 2
-    rows[..., 1, :] = over * (lag * over_h - mach)
-    rows[..., 2, :] = 2 - gamma * (pull * over)
-    rows[..., 3, :] = (over * (mach * pull + lag) - 4 * mach / gamma) / c
+    over = 2 / (parts.h - mach * parts.lag)
+    np.log((0.5 * r * gamma) * over, out=rows[..., 0, :])
+    rows[..., 0, :] *= 2
+    np.multiply(over, parts.ratio - mach, out=rows[..., 1, :])
+    rows[..., 2, :] = 2 - (gamma * r**2) * (parts.over * over)
+    rows[..., 3, :] = over * ((parts.pull + parts.lag) / c) - 4 * mach / (gamma * c)
 
 
 def straight_shift(
