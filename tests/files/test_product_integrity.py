@@ -18,6 +18,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError, OutputError, UwtrackError
+from uwtrack_cli.files.layout import SCHEMA_VERSION
 from uwtrack_cli.files.product import (
     HistoryStep,
     ProductWriter,
@@ -114,7 +115,7 @@ def test_newer_schema_is_refused_by_name(path):
             reseal(path)
         with pytest.raises(DataError) as caught:
             read_product(path)
-        for word in ("schema version 99", "uwtrack 7.1", "up to version 1", "newer"):
+        for word in ("schema version 99", "uwtrack 7.1", f"up to version {SCHEMA_VERSION}", "newer"):
             assert word in str(caught.value)
 
 

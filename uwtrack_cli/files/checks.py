@@ -151,21 +151,30 @@ def check_storage(dataset: h5py.Dataset) -> None:
         raise DataError(msg)
 
 
-def check_column(dataset: Any, spec: Column) -> None:
-    """Refuse a dataset that is not of the type and rank of a column.
+def check_rank(dataset: Any, spec: Column) -> None:
+    """Refuse what is no dataset of the rank of a column.
 
     Raises
     ------
     DataError
-        No dataset, wrong rank or wrong element type.
+        No dataset, or wrong rank.
     """
     if not isinstance(dataset, h5py.Dataset) or dataset.ndim != len(spec.axes):
         msg = f"{dataset.name} is no array with the axes {spec.axes}"
         raise DataError(msg)
+
+
+def check_type(name: str, dtype: np.dtype[Any], spec: Column) -> None:
+    """Refuse elements that are not of the type of a column.
+
+    Raises
+    ------
+    DataError
+        Wrong element type.
+    """
     kind = {"b": "i1", "U": "S"}.get(spec.dtype.kind, spec.dtype.str[1:])
-    stored = dataset.dtype.str[1:]
-    if not (dataset.dtype.kind == "S" if kind == "S" else stored == kind):
-        msg = f"{dataset.name} holds {dataset.dtype}, expected {spec.dtype}"
+    if not (dtype.kind == "S" if kind == "S" else dtype.str[1:] == kind):
+        msg = f"{name} holds {dtype}, expected {spec.dtype}"
         raise DataError(msg)
 
 

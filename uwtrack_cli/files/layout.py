@@ -20,8 +20,8 @@ from uwtrack_cli.files.registry import CONTAINERS
 FORMAT = "uwtrack product"
 """Value of the root attribute ``format``."""
 
-SCHEMA_VERSION = 1
-"""Version of the layout that this program writes."""
+SCHEMA_VERSION = 2
+"""Version of the layout that this program writes; `migration` reads the older ones."""
 
 DIMENSION_ONLY = "This is a netCDF dimension but not a netCDF variable."
 """Name of a dimension scale without values, as the netCDF-4 format asks for."""

@@ -4,11 +4,14 @@ from collections.abc import Mapping
 from typing import Any, TypeVar, cast
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.checks import attribute, check_column
+from uwtrack_cli.files.checks import attribute, check_rank, check_type
 from uwtrack_cli.files.layout import decode
+from uwtrack_cli.files.migration import migrate
 from uwtrack_cli.files.registry import part_classes, scalar_types
 
 C = TypeVar("C", bound=Container)
@@ -69,13 +72,23 @@ def column_dataset(group: h5py.Group, name: str, spec: Column) -> h5py.Dataset:
         msg = f"{group.name} lacks the column {name!r}"
         raise DataError(msg)
     dataset = group[name]
-    check_column(dataset, spec)
+    check_rank(dataset, spec)
+    none = np.zeros(0, dataset.dtype)
+    check_type(dataset.name, _of_today(dataset, none).dtype, spec)
     return dataset
 
 
 def read_column(group: h5py.Group, name: str, spec: Column, rows: slice) -> Any:
     """Read the rows of a column as the container wants them."""
-    return decode(column_dataset(group, name, spec)[rows], spec)
+    dataset = column_dataset(group, name, spec)
+    return decode(_of_today(dataset, dataset[rows]), spec)
+
+
+def _of_today(dataset: h5py.Dataset, values: NDArray[Any]) -> NDArray[Any]:
+    """Return elements as they would be stored today."""
+    version = int(attribute(dataset.file, "schema_version"))
+    container = str(attribute(dataset.parent, "container"))
+    return migrate(version, container, dataset.name.rsplit("/", 1)[1], values)
 
 
 def _scalar(group: h5py.Group, name: str, plain: type) -> Any:
