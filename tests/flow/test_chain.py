@@ -11,6 +11,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.spectra import Levels, Overview, Spectrogram
 from uwtrack_cli.errors import OptionError
+from uwtrack_cli.files import spill
 from uwtrack_cli.files.audio import open_recording
 from uwtrack_cli.files.product import read_product
 from uwtrack_cli.files.sensors import find_sensor
@@ -59,7 +60,9 @@ def by_library(short_pass):
     }  # fmt: skip
 
 
-def test_a_run_is_the_library(short_pass, by_library):
+@pytest.mark.parametrize("held_bytes", [spill.HELD_BYTES, 1000], ids=["held", "moved"])
+def test_a_run_is_the_library(short_pass, by_library, monkeypatch, held_bytes):
+    monkeypatch.setattr(spill, "HELD_BYTES", held_bytes)
     made = run_recipe(opened(short_pass), load_recipe("vessel"), keep=[Peaks, Families])
     for kind, expected in by_library.items():
         (found,) = [c for c in made if type(c) is kind]

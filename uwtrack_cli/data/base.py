@@ -120,6 +120,12 @@ class Container:
             for axis, size in zip(spec.axes, getattr(self, name).shape, strict=True)
         }
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all columns, those of the parts included."""
+        values = [getattr(self, name) for name in (*self.columns(), *self.parts())]
+        return sum(value.nbytes for value in values if value is not None)
+
     def take(self, axis: str, index: NDArray[Any] | slice) -> Self:
         """Keep the rows ``index`` of every column on ``axis``, in the parts too."""
         chosen: dict[str, Any] = {
@@ -148,6 +154,8 @@ class Container:
             msg = f"there is no block of {cls.__name__} to join."
             raise DataError(msg)
         last = blocks[-1]
+        if len(blocks) == 1:
+            return last
         changes: dict[str, Any] = {
             name: np.concatenate([getattr(block, name) for block in blocks])
             for name, spec in cls.columns().items()

@@ -57,7 +57,11 @@ class GrowingGroup:
             self.first = block
         self.last = block
         if self.pending_bytes > PENDING_BYTES:
-            self._flush(final=False)
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the rows that wait; texts wait on for the longest of them."""
+        self._flush(final=False)
 
     def finish(self) -> None:
         """Write what is left, label every axis and list the absent fields."""
@@ -145,7 +149,7 @@ class GrowingGroup:
             start = dataset.shape[0]
             dataset.resize(start + rows.shape[0], axis=0)
             dataset[start:] = rows
-            self.hashes[name].update(rows.tobytes())
+            self.hashes[name].update(rows.reshape(-1).view(np.uint8))
 
     def _create(
         self, name: str, spec: Column, rows: NDArray[Any], *, final: bool

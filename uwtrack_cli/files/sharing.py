@@ -46,7 +46,7 @@ def share_parts(file: h5py.File, tops: dict[str, Slot]) -> None:
     for owner, name in sorted(owned, key=lambda edge: _depth(edge[0].parts[edge[1]])):
         _settle(file, owner, name, shared)
     for slot in {id(slot): slot for slot in shared.values()}.values():
-        _name_parts(slot)
+        name_parts(slot)
 
 
 def _edges(slot: Slot) -> list[tuple[Slot, str]]:
@@ -106,10 +106,11 @@ def _n_known(slot: Slot) -> int:
     return int(np.isfinite(slot.growing.datasets["threshold_db"][:]).sum())
 
 
-def _name_parts(slot: Slot) -> None:
+def name_parts(slot: Slot) -> None:
+    """Let a container's group name the groups of its parts."""
     group = slot.growing.group
     for name, part in slot.parts.items():
         group.attrs[name] = part.path
-        _name_parts(part)
+        name_parts(part)
     absent = slot.growing.absent | slot.absent_parts
     group.attrs["absent"] = ",".join(sorted(absent))

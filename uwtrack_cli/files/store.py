@@ -20,8 +20,12 @@ from uwtrack_cli.files.layout import (
     group_path,
     sensor_of,
 )
+from uwtrack_cli.files.reading import read_whole
 from uwtrack_cli.files.registry import CONTAINERS, part_classes
-from uwtrack_cli.files.sharing import Slot, share_parts
+from uwtrack_cli.files.sharing import Slot, name_parts, share_parts
+
+LIBVER = ("v110", "v110")
+"""HDF5 1.10 and later read the files: object headers carry checksums of their own."""
 
 
 class ProductStore:
@@ -56,6 +60,23 @@ class ProductStore:
             raise DataError(msg)
         self.append(container)
         self.whole.add(path)
+
+    def flush(self) -> None:
+        """Hand every row that waits to the file."""
+        for slot in _walk(self.tops.values()):
+            slot.growing.flush()
+        self.file.flush()
+
+    def read_back(self) -> list[Container]:
+        """Finish without a seal, and read each container as a product's reader does."""
+        self.file.attrs["schema_version"] = np.int64(SCHEMA_VERSION)
+        for slot in self.tops.values():
+            _finish(slot)
+            name_parts(slot)
+        return [
+            read_whole(self.file, path, slot.growing.kind)
+            for path, slot in self.tops.items()
+        ]
 
     def seal(self, history: Sequence[HistoryStep]) -> None:
         """Label, share, describe, digest, and mark the file as complete."""

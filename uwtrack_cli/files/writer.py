@@ -15,10 +15,7 @@ from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.guarded import GuardedFile
 from uwtrack_cli.files.history import HistoryStep
 from uwtrack_cli.files.seal import append_seal, sealed
-from uwtrack_cli.files.store import ProductStore
-
-LIBVER = ("v110", "v110")
-"""HDF5 1.10 and later read the files: object headers carry checksums of their own."""
+from uwtrack_cli.files.store import LIBVER, ProductStore
 
 
 class ProductWriter:

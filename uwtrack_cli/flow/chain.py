@@ -3,10 +3,11 @@
 **Method.** Blocks of spectrogram are pushed through maps and scans in the order of the
 recipe; a scan is a generator that gives one block for each block it takes, and its
 rest when the input ends. Every branch so sees the same blocks, and none is held. What
-the stages made is joined, and the whole stages follow on the small tables.
+the stages made is joined, out of memory if it is much, and the whole stages follow on
+the small tables.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
 
 from uwtrack_cli.data.base import Container
@@ -14,6 +15,7 @@ from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.spill import Spill
 from uwtrack_cli.flow.recipe import Recipe, Step
 from uwtrack_cli.flow.stage import Input, Stage
 
@@ -60,21 +62,37 @@ def run_recipe(
         msg = f"recipe {recipe.name} must begin with a [spectrogram] table."
         raise OptionError(msg)
     _check_outputs(recipe)
-    kept = _Kept(keep)
-    nodes = [StreamNode(step) for step in streamed[1:]]
-    source = streamed[0]
-    for block in source.stage.function(recording, **source.options):
-        _push(block, nodes, kept)
-        if progress is not None:
-            progress(_end_s(block))
-    for position, node in enumerate(nodes):
-        for rest in node.finish():
-            _push(rest, nodes[position + 1 :], kept)
-    made: list[Container] = [recording, recording.sensor, *kept.joined()]
+    made: list[Container] = [recording, recording.sensor]
+    made += _stream(recording, streamed, set(PASSING) - set(keep), progress)
     for step in recipe.steps:
         if step.stage.kind == "whole":
             made.append(apply_whole(step, made))
     return made
+
+
+def _stream(
+    recording: Recording,
+    steps: Sequence[Step],
+    passing: Collection[type[Container]],
+    progress: Progress | None,
+) -> list[Container]:
+    """Push the recording through all maps and scans; return what stays of it."""
+    source, nodes = steps[0], [StreamNode(step) for step in steps[1:]]
+    with Spill() as kept:
+
+        def push(block: Container, nodes: Sequence[StreamNode]) -> None:
+            for made in _passed_on(block, nodes):
+                if type(made) not in passing:
+                    kept.append(made)
+
+        for block in source.stage.function(recording, **source.options):
+            push(block, nodes)
+            if progress is not None:
+                progress(_end_s(block))
+        for position, node in enumerate(nodes):
+            for rest in node.finish():
+                push(rest, nodes[position + 1 :])
+        return kept.joined()
 
 
 def _check_outputs(recipe: Recipe) -> None:
@@ -162,14 +180,15 @@ class StreamNode:
         return iter(()) if self._results is None else self._results
 
 
-def _push(block: Container, nodes: Sequence[StreamNode], kept: "_Kept") -> None:
-    kept.add(block)
+def _passed_on(block: Container, nodes: Sequence[StreamNode]) -> Iterator[Container]:
+    """Push a block through; yield it and what each stage makes of it."""
+    yield block
     latest: dict[type[Container], Container] = {type(block): block}
     for node in nodes:
         source = _latest(latest, node.kinds)
         if source is not None:
             made = node.push(source)
-            kept.add(made)
+            yield made
             latest.pop(type(made), None)
             latest[type(made)] = made
 
@@ -179,23 +198,6 @@ def _latest(
 ) -> Container | None:
     """Return the container made last among those that a stage can read."""
     return next((made[k] for k in reversed(list(made)) if k in kinds), None)
-
-
-class _Kept:
-    """Blocks of what stays, by class, in the order of the recipe."""
-
-    def __init__(self, wanted: Sequence[type[Container]]) -> None:
-        self._blocks: dict[type[Container], list[Container]] = {}
-        self._left_out = set(PASSING) - set(wanted)
-
-    def add(self, block: Container) -> None:
-        """Keep a block unless its kind only passes by."""
-        if type(block) not in self._left_out:
-            self._blocks.setdefault(type(block), []).append(block)
-
-    def joined(self) -> list[Container]:
-        """Join the blocks of each kind."""
-        return [kind.join(blocks) for kind, blocks in self._blocks.items()]
 
 
 def _end_s(block: Container) -> float:
