@@ -32,7 +32,12 @@ def study(
     seed: Annotated[int, typer.Option("--seed", help="Seed of the simulation.")] = 1,
     json_output: AsJson = False,
 ) -> None:
-    """Repeat a published experiment; print its figures beside ours with intervals."""
+    """Repeat a published experiment; print its figures beside ours with intervals.
+
+    Without a name, the studies are listed. A study's default number of runs takes a few
+    minutes; intervals shrink with the root of the number. A case that starts with a
+    letter and number (B.1) is a section of the method's specification.
+    """
     if name is None:
         width = max(map(len, STUDIES))
         put(f"{key:{width}}  {summary_of(place)}" for key, place in STUDIES.items())
@@ -59,13 +64,18 @@ def _lines(done: Study) -> Iterator[str]:
     cases = max((len(row.case) for row in done.rows), default=4)
     names = max((len(row.quantity) for row in done.rows), default=8)
     yield (
-        f"{'case':{cases}}  {'quantity':{names}}  {'reference':>10}  {'ours':>10}"
-        f"  {'95 % interval':>23}"
+        f"{'case':{cases}}  {'quantity':{names}}  {'reference':>9}  {'ours':>9}"
+        f"  {'95 % interval':>18}"
     )
     for row in done.rows:
         reference = "-" if row.reference is None else f"{row.reference:.4g}"
-        interval = f"{row.low:.4g} to {row.high:.4g}"
+        interval = f"{_short(row.low)} to {_short(row.high)}"
         yield (
-            f"{row.case:{cases}}  {row.quantity:{names}}  {reference:>10}"
-            f"  {row.ours:>10.4g}  {interval:>23}"
+            f"{row.case:{cases}}  {row.quantity:{names}}  {reference:>9}"
+            f"  {row.ours:>9.4g}  {interval:>18}"
         )
+
+
+def _short(value: float) -> str:
+    """Write three digits, and no power of ten that is longer than they are."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"

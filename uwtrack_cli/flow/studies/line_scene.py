@@ -6,13 +6,19 @@ magnitude N(0, s^2); what exceeds the kept threshold is measured, lines with Gau
 errors and noise anywhere. The noise is anchored so that at -20 dB the detection
 threshold gives a detection probability of 0.75 and a false-alarm rate of 1e-3.
 
+Variants: a threshold that moves with the noise, the amplitudes as literally printed,
+a fan of beams with a band of cells each, steady lines of no family beside the ten,
+a fade in the middle, a sharp turn of the vessel.
+
 **Conventions.** One frame per second. Nothing here is shared with the tracker.
+Magnitudes are scaled so that the detection threshold is the same in all variants.
 
 **References.** Choi (2014), section 4, with the anchoring that its printed figures
 require (its literal amplitude model contradicts its detection probabilities).
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -25,15 +31,42 @@ BAND_HZ = (450.0, 850.0)
 LINE_MAGNITUDE, THRESHOLD = 10.0, 8.1064
 FREQUENCY_STD_HZ, BEARING_STD_DEG = 0.5, 1.0
 ALPHA = 0.8
+FALSE_ALARM_SIGMAS = 3.0902
+"""Threshold of a false-alarm rate of 1e-3, in deviations of the noise."""
+
+LITERAL_THRESHOLD = 9.3255
+"""Threshold that N(10, 1), the printed magnitude of a line, exceeds at 75 %."""
+
+FADE_FRAMES, FADE_MAGNITUDE = (80, 120), 6.0
+TURN_S, TURN_BEARING_S, TURN_DEG, TURN_DOPPLER = 5.0, 10.0, 20.0, 3e-3
 
 
 @dataclass(frozen=True)
 class SceneRule:
-    """Variants of the scene."""
+    """Variants of the scene.
+
+    Attributes
+    ----------
+    snr_db
+        SNR in the paper's sense, -20 dB being the anchor.
+    n_lines
+        Lines of the vessel, 30 Hz apart.
+    n_interferers
+        Steady lines at random places and bearings, of no family.
+    n_beams
+        Fans of cells: 36 of 400 cells are the dense clutter.
+    threshold
+        Fixed as anchored, moving with the noise, or with the printed amplitudes.
+    course
+        A steady vessel, one whose lines fade, or one that turns sharply.
+    """
 
     snr_db: float
     n_lines: int = N_LINES
     n_interferers: int = 0
+    n_beams: int = 1
+    threshold: Literal["anchored", "moving", "literal"] = "anchored"
+    course: Literal["steady", "fading", "turning"] = "steady"
 
 
 @dataclass(frozen=True)
@@ -54,15 +87,27 @@ def noise_std(snr_db: float) -> float:
     return float(2.6232 * 10.0 ** (-(snr_db + 20.0) / 20.0))
 
 
+def amplitude_model(rule: SceneRule) -> tuple[float, float, float]:
+    """Return the deviations of noise and of a line, and the detection threshold."""
+    if rule.threshold == "literal":
+        return 10.0 ** (-rule.snr_db / 20.0), 1.0, LITERAL_THRESHOLD
+    sigma = noise_std(rule.snr_db)
+    level = THRESHOLD if rule.threshold == "anchored" else FALSE_ALARM_SIGMAS * sigma
+    return sigma, float(np.hypot(1.0, sigma)), level
+
+
 def simulate_scene(rule: SceneRule, rng: np.random.Generator) -> Scene:
     """Draw one scene of 200 frames."""
     time = np.arange(N_FRAMES, dtype=float)
     frequency, bearing = _truth(rule, time, rng)
-    sigma = noise_std(rule.snr_db)
-    magnitude = rng.normal(LINE_MAGNITUDE, np.hypot(1.0, sigma), frequency.shape)
-    frame, line = np.nonzero(magnitude > ALPHA * THRESHOLD)
-    noise = rng.normal(0.0, sigma, (N_FRAMES, N_CELLS))
-    noise_frame, cell = np.nonzero(noise > ALPHA * THRESHOLD)
+    sigma, line_sigma, threshold = amplitude_model(rule)
+    mean = np.full(frequency.shape, LINE_MAGNITUDE)
+    if rule.course == "fading":
+        mean[slice(*FADE_FRAMES), : rule.n_lines] = FADE_MAGNITUDE
+    magnitude = rng.normal(mean, line_sigma)
+    frame, line = np.nonzero(magnitude > ALPHA * threshold)
+    noise = rng.normal(0.0, sigma, (N_FRAMES, N_CELLS * rule.n_beams))
+    noise_frame, cell = np.nonzero(noise > ALPHA * threshold)
     n_noise = noise_frame.size
     measured = np.concatenate([
         frequency[frame, line] + rng.normal(0.0, FREQUENCY_STD_HZ, line.size),
@@ -77,17 +122,21 @@ def simulate_scene(rule: SceneRule, rng: np.random.Generator) -> Scene:
     all_frames = np.concatenate([frame, noise_frame])
     order = np.lexsort((measured, all_frames))
     peaks = to_peaks(
-        all_frames[order], measured[order], turned[order] % 360.0, loud[order]
-    )
+        all_frames[order], measured[order], turned[order] % 360.0,
+        loud[order] * (THRESHOLD / threshold),
+    )  # fmt: skip
     return Scene(peaks, source[order], frequency, bearing)
 
 
 def _truth(
     rule: SceneRule, time: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    doppler = 1.0 - 1e-3 * np.tanh((time - 100.0) / 40.0)
-    lines = (500.0 + 30.0 * np.arange(rule.n_lines)) * doppler[:, None]
-    bearing = np.repeat((100.0 + 0.2 * time)[:, None], rule.n_lines, axis=1)
+    doppler, own_bearing = 1e-3 * np.tanh((time - 100.0) / 40.0), 100.0 + 0.2 * time
+    if rule.course == "turning":
+        doppler = TURN_DOPPLER * np.tanh((time - 100.0) / TURN_S)
+        own_bearing += TURN_DEG * np.tanh((time - 100.0) / TURN_BEARING_S)
+    lines = (500.0 + 30.0 * np.arange(rule.n_lines)) * (1.0 - doppler)[:, None]
+    bearing = np.repeat(own_bearing[:, None], rule.n_lines, axis=1)
     # interferers keep clear of the lines, so that a track has one owner
     cells = np.arange(rule.n_interferers)
     offset = rng.uniform(8.0, 22.0, rule.n_interferers)

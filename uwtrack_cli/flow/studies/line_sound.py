@@ -2,15 +2,19 @@
 
 **Method.** Minutes of white noise with one line, f = f0 + r t + A sin, through the
 spectrogram and a stage. A line counts as heard when one that the stage reports lies
-within 1.5 Hz of it for more than half of the frames (for counted hits: at all).
+within 1.5 Hz of it for more than half of the frames (for counted hits: at all). Minutes
+without a line tell how often each method reports one all the same.
 
-**Conventions.** SNR is the line's power over the noise in 1 Hz, dB.
+**Conventions.** SNR is the line's power over the noise in 1 Hz, dB. A gate is 250 Hz
+for a minute.
 
 **References.** The reference figures are the specification's section D.2.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +23,13 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.flow.studies.line_rows import (
+    Z95,
+    heard_row,
+    mean_row,
+    root_row,
+)
+from uwtrack_cli.flow.studies.table import StudyRow
 from uwtrack_cli.stages.lines.policies import CountLogic, Feedback, Motion, ScoreLogic
 from uwtrack_cli.stages.peaks import find_peaks
 from uwtrack_cli.stages.spectrogram import compute_spectrogram
@@ -33,16 +44,106 @@ TRACE_FALSE_LINES = 4.8
 """The same for `trace`, whose windows overlap by half: a minute is one of two."""
 
 NEAR_HZ = 1.5
+GATE_HZ = 250.0
+SNR_GRIDS = {
+    "trace": (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0),
+    "score": (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0),
+    "count": (3.0, 4.0, 5.0, 6.0, 7.0, 8.0),
+}
+"""SNRs at which minutes are heard, by method, dB."""
+
+STATED_SNRS = {"trace": (3.0, 6.0, 10.0), "score": (6.0, 10.0)}
+"""SNRs at which errors are set against the deviations stated with them, dB."""
+
+_TRIALS_PER_RUN, _TRACED_PER_RUN = 4, 2
+_SEED_STEP = 7_919
 _STEADY = Motion(frequency_hz2ps3=2e-4, doppler_ps3=0.0, frequency_rate_hzps=0.2)
 _ALONE = Feedback(classifier="none")
 
 
 @dataclass(frozen=True)
 class Heard:
-    """Whether the line was heard, and the error of the smoothed frequency."""
+    """What a method made of a minute.
+
+    Attributes
+    ----------
+    is_heard
+        Whether the line was heard.
+    square_error_hz2
+        Mean squared error of the smoothed frequency; nan if it was not.
+    square_score
+        The same with every error over its stated deviation.
+    share_within
+        Share of the points within 1.96 stated deviations.
+    """
 
     is_heard: bool
-    square_error_hz2: float
+    square_error_hz2: float = np.nan
+    square_score: float = np.nan
+    share_within: float = np.nan
+
+
+def sound_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[StudyRow]:
+    """Repeat section D.2: which lines are heard, and how exactly they are followed.
+
+    Parameters
+    ----------
+    reference
+        Reference figures of the study.
+    runs
+        Four minutes at an SNR come to a run, and two of the smoothed frequency.
+    seed
+        Seed of all random numbers.
+    """
+    trials, traced = _TRIALS_PER_RUN * runs, _TRACED_PER_RUN * runs
+    for method, grid in SNR_GRIDS.items():
+        heard = np.array([
+            [trial.is_heard for trial in _trials(method, snr, trials, seed)]
+            for snr in grid
+        ])  # fmt: skip
+        for level, known in reference["heard_db"][method].items():
+            yield heard_row(
+                f"D.2 {method}", known, np.array(grid), heard, float(level),
+                np.random.default_rng(seed),
+            )  # fmt: skip
+        false = [
+            count_false(method, _SEED_STEP * seed + k) for k in range(trials)
+        ]  # fmt: skip
+        gates = 0.5 * RATE_HZ / GATE_HZ
+        yield from mean_row(
+            f"D.2 {method}, noise alone", "false lines per gate",
+            reference["false_per_gate"], np.array(false) / gates,
+        )  # fmt: skip
+    for snr, known in reference["trace_rmse_hz"].items():
+        found = _trials("trace", float(snr), traced, seed)
+        yield from root_row(
+            f"D.2 trace, {snr} dB", "frequency error Hz", known,
+            np.array([trial.square_error_hz2 for trial in found]),
+        )  # fmt: skip
+    for method, snrs in STATED_SNRS.items():
+        for snr in snrs:
+            yield from _stated_rows(
+                f"D.2 {method}, {snr:g} dB",
+                reference,
+                _trials(method, snr, traced, seed),
+            )
+
+
+def _stated_rows(
+    case: str, reference: dict[str, Any], found: list[Heard]
+) -> Iterator[StudyRow]:
+    yield from root_row(
+        case, "error over stated", reference["stated_error_ratio"],
+        np.array([trial.square_score for trial in found]),
+    )  # fmt: skip
+    yield from mean_row(
+        case, "within 1.96 stated", reference["share_within"],
+        np.array([trial.share_within for trial in found]),
+    )  # fmt: skip
+
+
+def _trials(method: str, snr: float, trials: int, seed: int) -> list[Heard]:
+    return [listen(method, snr, _SEED_STEP * seed + k) for k in range(trials)]
 
 
 def trace(blocks: list[Spectrogram]) -> Lines:
@@ -97,22 +198,32 @@ def minute(snr_db: float, seed: int) -> tuple[list[Spectrogram], FloatArray]:
     amplitude = np.sqrt(2.0 * 10.0 ** (snr_db / 10.0) * 2.0 / RATE_HZ)
     angle = 2.0 * np.pi * np.cumsum(frequency) / RATE_HZ + rng.uniform(0.0, 6.28)
     sound = 0.1 * (rng.standard_normal(time.size) + amplitude * np.cos(angle))
-    blocks = list(compute_spectrogram(_recording(sound.astype(np.float32))))
+    blocks = sound_blocks(sound.astype(np.float32), RATE_HZ)
     middles = np.concatenate([block.frames.time_s for block in blocks])
     return blocks, np.interp(middles, time, frequency)
 
 
-def _recording(sound: Samples) -> Recording:
+def sound_blocks(sound: Samples, rate_hz: float, **options: Any) -> list[Spectrogram]:
+    """Return the spectrogram of some samples of one channel."""
+
     def read(block: int) -> Iterator[Samples]:
         for start in range(0, sound.size, block):
             yield sound[start : start + block, None]
 
-    return Recording(
-        sensor=Sensor(id="study"), name="minute", sample_rate_hz=RATE_HZ,
+    recording = Recording(
+        sensor=Sensor(id="study"), name="study", sample_rate_hz=rate_hz,
         n_samples=sound.size, n_channels=1, reader=read,
     )  # fmt: skip
+    return list(compute_spectrogram(recording, **options))
 
 
+def count_false(method: str, seed: int) -> int:
+    """Return how many lines a method reports in a minute of noise alone."""
+    blocks, _ = minute(-np.inf, seed)
+    return METHODS[method](blocks).line_id.size
+
+
+@cache
 def listen(method: str, snr_db: float, seed: int) -> Heard:
     """Run one method over one minute."""
     blocks, truth = minute(snr_db, seed)
@@ -123,6 +234,10 @@ def listen(method: str, snr_db: float, seed: int) -> Heard:
     # the reference asks of counted lines only that they were confirmed
     least = 0.0 if method == "count" else 0.5 * truth.size
     if not counts.size or counts.max() <= least:
-        return Heard(is_heard=False, square_error_hz2=np.nan)
+        return Heard(is_heard=False)
     own = lines.line == ids[np.argmax(counts)]
-    return Heard(is_heard=True, square_error_hz2=float(np.mean(off[own] ** 2)))
+    score = off[own] ** 2 / lines.frequency_covariance[own, 0, 0]
+    return Heard(
+        True, float(np.mean(off[own] ** 2)), float(np.mean(score)),
+        float(np.mean(score < Z95**2)),
+    )  # fmt: skip
