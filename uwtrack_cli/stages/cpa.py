@@ -25,10 +25,11 @@ from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.passage_normal import Medium
 from uwtrack_cli.stages.passages.advice import advise_frames, widen_for_others
-from uwtrack_cli.stages.passages.contacts import Candidate, examine, examine_recording
+from uwtrack_cli.stages.passages.contacts import Candidate, examine
 from uwtrack_cli.stages.passages.decision import Limits, not_a_passage
 from uwtrack_cli.stages.passages.levels import add_levels
 from uwtrack_cli.stages.passages.measurements import series_data
+from uwtrack_cli.stages.passages.recording import examine_recording
 from uwtrack_cli.stages.passages.report import (
     EXTRAPOLATED,
     NOT_A_PASSAGE,
@@ -108,22 +109,24 @@ def find_encounters(
         (lines, levels, series), sensor, sound_speed_mps, source_depth_m, spreading_db
     )
     medium = Medium(setting.sound_speed_mps, setting.height_m)
+    limits = _limits(lines, levels, series)
     if series is not None:
         found = _from_series(series, medium, false_alarm_probability)
     else:
-        found = examine_recording(lines, levels, medium, false_alarm_probability)
-    limits = _limits(lines, levels, series)
-    rows = []
-    for item in found:
-        row = _row(item, setting, limits)
-        if row is None:
-            continue
-        if row.status != NOT_A_PASSAGE:
-            add_levels(row, levels, item.fit, setting, len(found))
-            advise_frames(row, setting, limits.window_s)
-        if len(found) > 1:
+        found = examine_recording(
+            lines, levels, medium, false_alarm_probability, limits
+        )
+    pairs = [(item, _row(item, setting, limits)) for item in found]
+    kept = [(item, row) for item, row in pairs if row is not None]
+    passed = [(item.fit, row) for item, row in kept if row.status != NOT_A_PASSAGE]
+    rows = [row for _, row in passed]
+    add_levels(rows, levels, [fit for fit, _ in passed], setting)
+    for row in rows:
+        advise_frames(row, setting, limits.window_s)
+    if len(found) > 1:
+        for item, row in kept:
             widen_for_others(row, lines, item.line_ids)
-        rows.append(row)
+    rows = [row for _, row in kept]
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     return make_encounters(rows, setting)
 

@@ -2,8 +2,7 @@
 
 **Method.** A contact is fitted by itself. Contacts whose measurements agree with the
 motion of a stronger one are taken for parts of the same vessel (a tracker may split
-its lines) and are fitted together. The broadband belongs to nobody in particular: it
-is given to the only contact that passes, if it agrees with its lines.
+its lines) and are fitted together.
 
 **Conventions.** Agreement is a difference of log-likelihoods, robust against slow
 noise; see `cpa_decision`.
@@ -13,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uwtrack_cli.data.base import IntArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.estimation.passage_data import (
     Blocks,
     PassageData,
@@ -40,10 +38,6 @@ from uwtrack_cli.stages.passages.measurements import contact_data, contact_ids, 
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""
-
-SMALLEST_LINE_GAIN = 5.0
-"""Gain in log-likelihood by which the lines of a contact must follow a passage that
-the broadband has shown."""
 
 LARGEST_LEVEL_MISFIT = 4.0
 """Variance of level residuals, slow ones as sums, over what is expected: beyond it
@@ -89,9 +83,9 @@ def examine(
     false_alarm_probability
         Probability of a passage in noise alone.
     """
-    data = thin(data)
-    blocks = make_blocks(data)
-    used = np.zeros(data.time_s.size, np.bool_)
+    thinned = thin(data)
+    blocks = make_blocks(thinned)
+    used = np.zeros(thinned.time_s.size, np.bool_)
     for block in (blocks.shift, blocks.bearing, blocks.level):
         used |= (block.weight[0] > 0).any(axis=0)
     if used.sum() < FEWEST_MEASUREMENTS:
@@ -99,10 +93,41 @@ def examine(
     rough, other = best_start(blocks, medium)
     if rough is None:
         return None
-    short = condense(data, float(rough.theta[0, 0]), float(rough.range_over_speed_s[0]))
-    if short is not data:
-        blocks = make_blocks(short)
-    fit = fit_passage(blocks, rough.theta, rough.turn, medium)
+    return examine_from(
+        thinned, (contacts, line_ids), (rough.theta, rough.turn), medium,
+        false_alarm_probability, other,
+    )  # fmt: skip
+
+
+def examine_from(
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    start: tuple[FloatArray, FloatArray],
+    medium: Medium,
+    false_alarm_probability: float,
+    other_turn: float = 0.0,
+) -> Candidate | None:
+    """Fit measurements from a known start and keep the fit if it is significant.
+
+    Parameters
+    ----------
+    data
+        Measurements.
+    owner
+        Contact numbers and lines that they came from.
+    start
+        Unknowns, shape (1, 4), and turn, shape (1,).
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    other_turn
+        Weight of the opposite turn.
+    """
+    theta, turn = start
+    short = condense(data, float(theta[0, 0]), float(np.exp(theta[0, 1])))
+    blocks = make_blocks(short)
+    fit = fit_passage(blocks, theta, turn, medium)
     if _is_misfit(fit, blocks):
         short = replace(short, level_db=np.full_like(short.level_db, np.nan))
         blocks = make_blocks(short)
@@ -111,7 +136,7 @@ def examine(
     evidence = passage_evidence(fit, blocks, medium, false_alarm_probability)
     if not evidence.is_passage:
         return None
-    return Candidate(contacts, line_ids, short, blocks, fit, evidence, other)
+    return Candidate(*owner, short, blocks, fit, evidence, other_turn)
 
 
 def _is_misfit(fit: PassageFit, blocks: Blocks) -> bool:
@@ -151,64 +176,29 @@ def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float
     return take_row(fits, best), float(weight)
 
 
-def examine_recording(
-    lines: Lines | None,
-    levels: Levels | None,
-    medium: Medium,
-    false_alarm_probability: float,
+def examine_contacts(
+    lines: Lines, medium: Medium, false_alarm_probability: float
 ) -> list[Candidate]:
-    """Examine every contact of a recording, and its broadband.
+    """Examine the lines of every contact; contacts that are one vessel are joined.
 
     Parameters
     ----------
     lines
-        Tracked lines, or None.
-    levels
-        Broadband levels and bearings, or None.
+        Tracked lines.
     medium
         Sound speed and depth difference.
     false_alarm_probability
         Probability of a passage in noise alone.
     """
     found: list[Candidate] = []
-    if lines is not None:
-        for contact in contact_ids(lines):
-            part = (contact,)
-            one = examine(
-                contact_data(lines, None, part), part, lines_of(lines, part),
-                medium, false_alarm_probability,
-            )  # fmt: skip
-            found += [one] if one else []
-        found = _merge(found, lines, medium, false_alarm_probability)
-    if levels is None or len(found) > 1:
-        return found
-    if not found:
-        return _broadband_first(lines, levels, medium, false_alarm_probability)
-    return [_with_broadband(found[0], lines, levels, medium, false_alarm_probability)]
-
-
-def _broadband_first(
-    lines: Lines | None, levels: Levels, medium: Medium, probability: float
-) -> list[Candidate]:
-    """Examine the broadband, with the lines that fit it if any do.
-
-    Lines too weak to show a passage by themselves can still tell its speed.
-    """
-    none = np.empty(0, np.int64)
-    data = contact_data(None, levels, ())
-    alone = examine(data, (1,), none, medium, probability)
-    if alone is None or lines is None:
-        return [alone] if alone else []
-    best, gain = alone, SMALLEST_LINE_GAIN
     for contact in contact_ids(lines):
         part = (contact,)
-        joint = examine(
-            contact_data(lines, levels, part), part, lines_of(lines, part),
-            medium, probability,
+        one = examine(
+            contact_data(lines, None, part), part, lines_of(lines, part),
+            medium, false_alarm_probability,
         )  # fmt: skip
-        if joint is not None and joint.evidence.doppler > gain:
-            best, gain = joint, joint.evidence.doppler
-    return [best]
+        found += [one] if one else []
+    return _merge(found, lines, medium, false_alarm_probability)
 
 
 def _merge(
@@ -219,7 +209,7 @@ def _merge(
     kept: list[Candidate] = []
     while left:
         leader, *left = left
-        same = [item for item in left if _agrees(item, leader, medium)]
+        same = [item for item in left if agrees(item, leader, medium)]
         if same:
             contacts = tuple(
                 number for item in (leader, *same) for number in item.contacts
@@ -234,29 +224,18 @@ def _merge(
     return kept
 
 
-def _agrees(item: Candidate, leader: Candidate, medium: Medium) -> bool:
+def agrees(item: Candidate, leader: Candidate, medium: Medium) -> bool:
+    """Tell whether a candidate's measurements agree with another's motion.
+
+    Parameters
+    ----------
+    item
+        Candidate whose measurements are tried.
+    leader
+        Candidate whose motion is tried.
+    medium
+        Sound speed and depth difference.
+    """
     own = motion_likelihood(item.blocks, item.fit, item.fit, medium)
     other = motion_likelihood(item.blocks, item.fit, leader.fit, medium)
     return own - other < AGREEMENT
-
-
-def _with_broadband(
-    only: Candidate,
-    lines: Lines | None,
-    levels: Levels,
-    medium: Medium,
-    probability: float,
-) -> Candidate:
-    """Fit the lines with the broadband, unless the two tell of different motions."""
-    wide = contact_data(None, levels, ())
-    alone = examine(wide, only.contacts, np.empty(0, np.int64), medium, probability)
-    if alone is not None and not _agrees(alone, only, medium):
-        alone_shape = motion_likelihood(alone.blocks, alone.fit, alone.fit, medium)
-        flat = alone_shape - alone.evidence.total
-        if motion_likelihood(alone.blocks, alone.fit, only.fit, medium) < flat:
-            return only
-    joint = examine(
-        contact_data(lines, levels, only.contacts), only.contacts, only.line_ids,
-        medium, probability,
-    )  # fmt: skip
-    return joint or only

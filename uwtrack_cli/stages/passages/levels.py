@@ -1,13 +1,13 @@
 """Level received at closest approach, and the source level that follows from it.
 
-**Method.** The calibrated levels are a vessel's share, which falls with the square of
-the range as the fitted passage says, and a constant background: both powers are fitted
+**Method.** The calibrated levels are the vessels' shares, which fall with the square of
+the range as the fitted passages say, and a constant background: all powers are fitted
 in decibels. The source level adds the loss over the slant range under a stated law.
 
 **Conventions.** dB re the levels' reference, in their band; source levels at 1 m, and
 only where the recording is calibrated.
 
-**References.** Choi et al. (2014), eq. 3 with a background.
+**References.** Choi et al. (2014), eq. 3 as a sum, with a background.
 """
 
 import numpy as np
@@ -26,41 +26,43 @@ LARGEST_LEVEL_STD_DB = 3.0
 
 
 def add_levels(
-    row: Row, levels: Levels | None, fit: PassageFit, setting: Setting, n_vessels: int
+    rows: list[Row], levels: Levels | None, fits: list[PassageFit], setting: Setting
 ) -> None:
-    """Add received and source level to a row, or why there are none.
+    """Add received and source level to the rows, or why there are none.
 
     Parameters
     ----------
-    row
-        Row of the encounter.
+    rows
+        Rows of the passages of one recording.
     levels
         Broadband levels, or None.
-    fit
-        Fit of the passage.
+    fits
+        Their fits.
     setting
         Sensor, medium and spreading law.
-    n_vessels
-        Number of vessels that passed.
     """
-    if levels is None:
-        row.explain("no broadband levels", *KEYS)
-        return
-    if n_vessels > 1:
-        row.explain("several vessels share the broadband", *KEYS)
+    if levels is None or not rows:
+        for row in rows:
+            row.explain("no broadband levels", *KEYS)
         return
     time = np.asarray(levels.frames.time_s, float)
-    law = passage_law(time, fit.theta[:, :3], setting.sound_speed_mps, setting.height_m)
-    level, std = _fit_level(
-        np.asarray(levels.level_db, float), law.spread[0], time,
-        float(fit.range_over_speed_s[0]),
-    )  # fmt: skip
-    if not std < LARGEST_LEVEL_STD_DB:
-        row.explain("the level does not stand out from the background", *KEYS)
-        return
-    row.values["received_level_db"] = level
-    row.values["received_level_std_db"] = std
-    _add_source_level(row, setting)
+    spread = np.array(
+        [
+            passage_law(
+                time, fit.theta[:, :3], setting.sound_speed_mps, setting.height_m
+            ).spread[0]
+            for fit in fits
+        ]
+    )
+    width_s = max(float(fit.range_over_speed_s[0]) for fit in fits)
+    found = _fit_levels(np.asarray(levels.level_db, float), spread, time, width_s)
+    for row, level, std in zip(rows, *found, strict=True):
+        if not std < LARGEST_LEVEL_STD_DB:
+            row.explain("the level does not stand out from the background", *KEYS)
+            continue
+        row.values["received_level_db"] = float(level)
+        row.values["received_level_std_db"] = float(std)
+        _add_source_level(row, setting)
 
 
 def _add_source_level(row: Row, setting: Setting) -> None:
@@ -77,26 +79,27 @@ def _add_source_level(row: Row, setting: Setting) -> None:
     row.values["source_level_std_db"] = float(np.hypot(std, loss_std))
 
 
-def _fit_level(
+def _fit_levels(
     level_db: FloatArray, spread: FloatArray, time_s: FloatArray, width_s: float
-) -> tuple[float, float]:
-    """Fit vessel and background in dB; level at closest approach and deviation."""
+) -> tuple[FloatArray, FloatArray]:
+    """Fit vessels and background in dB; levels at closest approach and deviations."""
     good = np.isfinite(level_db)
     if good.sum() < 8:
-        return float("nan"), float("nan")
-    level, spread, time = level_db[good], spread[good], time_s[good]
+        unknown = np.full(spread.shape[0], np.nan)
+        return unknown, unknown
+    level, spread, time = level_db[good], spread[:, good], time_s[good]
     background = float(np.quantile(level, 0.1))
-    near = spread > np.log(0.5)
-    loudest = float(np.median(level[near])) if near.any() else float(level.max())
-    theta: FloatArray = np.array([max(loudest, background + 1.0), background])
+    theta: FloatArray = np.array(
+        [_loudest(level, row, background) for row in spread] + [background]
+    )
     weight: FloatArray = np.ones(level.size)
-    slope: FloatArray = np.empty((level.size, 2))
+    slope: FloatArray = np.empty((level.size, theta.size))
     for _ in range(30):
         total, slope = _level_model(theta, spread)
         residual = level - total
         scale = max(float(median_scale(residual, np.ones(level.size))), 1e-9)
         weight = bisquare_weight(residual / scale)
-        normal = slope.T @ (weight[:, None] * slope) + 1e-9 * np.eye(2)
+        normal = slope.T @ (weight[:, None] * slope) + 1e-9 * np.eye(theta.size)
         step = np.linalg.solve(normal, slope.T @ (weight * residual))
         theta = theta + np.clip(step, -6.0, 6.0)
         if np.abs(step).max() < 1e-6:
@@ -110,15 +113,23 @@ def _fit_level(
         max(1.5 * width_s, float(np.ptp(time)) / 50),
     )
     weight = precision / (1 + excess[0] * precision)
-    covariance = np.linalg.inv(slope.T @ (weight[:, None] * slope) + 1e-12 * np.eye(2))
-    return float(theta[0]), float(np.sqrt(covariance[0, 0]))
+    normal = slope.T @ (weight[:, None] * slope) + 1e-12 * np.eye(theta.size)
+    return theta[:-1], np.sqrt(np.diag(np.linalg.inv(normal)))[:-1]
+
+
+def _loudest(level: FloatArray, spread: FloatArray, background: float) -> float:
+    """Level about the closest approach, to start from."""
+    near = spread > np.log(0.5)
+    loudest = float(np.median(level[near])) if near.any() else float(level.max())
+    return max(loudest, background + 1.0)
 
 
 def _level_model(
     theta: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
+    """Total level, and the shares of the vessels and of the background."""
     unit = np.log(10) / 10
-    vessel = theta[0] * unit + spread
-    total = np.logaddexp(vessel, theta[1] * unit)
-    share = np.exp(vessel - total)
-    return total / unit, np.stack([share, 1 - share], axis=1)
+    parts = theta[:, None] * unit
+    parts = np.concatenate([parts[:-1] + spread, parts[-1:] + 0 * spread[:1]])
+    total: FloatArray = np.logaddexp.reduce(parts, axis=0)
+    return total / unit, np.exp(parts - total).T
