@@ -5,7 +5,14 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from uwtrack_cli.estimation.kalman import State, predict, smooth, update, wrap_deg
+from uwtrack_cli.estimation.kalman import (
+    State,
+    advance,
+    predict,
+    smooth_all,
+    update,
+    wrap_deg,
+)
 
 
 def _steady(q: float, r: float) -> tuple[float, float, float, float]:
@@ -71,12 +78,9 @@ def test_smoothing_equals_the_least_squares_solution_of_the_whole_interval() -> 
     for k in range(1, n):
         before = predict(kept[-1], 1.0, np.array([q]))
         kept.append(update(before, z[k] - before.position, np.array([r])))
-    smoothed = kept[-1]
-    positions, variances = [smoothed.position[0]], [smoothed.variance[0]]
-    for state in kept[-2::-1]:
-        smoothed = smooth(state, smoothed, 1.0, np.array([q]))
-        positions.append(smoothed.position[0])
-        variances.append(smoothed.variance[0])
+    states = np.array([np.stack(state) for state in kept])
+    smooth_all(states, np.ones(n), np.array([q]), np.ones((n, 1), dtype=bool))
+    positions, variances = states[:, 0, 0], states[:, 2, 0]
     step = np.array([[1.0, 1.0], [0.0, 1.0]])
     noise = np.linalg.inv(q * np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]]))
     normal, right = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
@@ -91,8 +95,8 @@ def test_smoothing_equals_the_least_squares_solution_of_the_whole_interval() -> 
         normal[2 * k, 2 * k] += 1 / r
         right[2 * k] += z[k] / r
     inverse = np.linalg.inv(normal)
-    assert np.allclose(positions[::-1], (inverse @ right)[::2], atol=1e-8)
-    assert np.allclose(variances[::-1], np.diag(inverse)[::2], atol=1e-8)
+    assert np.allclose(positions, (inverse @ right)[::2], atol=1e-8)
+    assert np.allclose(variances, np.diag(inverse)[::2], atol=1e-8)
 
 
 def test_a_measurement_without_information_changes_nothing() -> None:
@@ -104,3 +108,21 @@ def test_a_measurement_without_information_changes_nothing() -> None:
 def test_angles_wrap_to_the_half_open_circle() -> None:
     angles = np.array([180.0, -180.0, 190.0, -190.0, 720.5])
     assert wrap_deg(angles).tolist() == [-180.0, -180.0, -170.0, 170.0, 0.5]
+
+
+def test_states_are_carried_in_place_as_they_are_predicted() -> None:
+    rng = np.random.default_rng(5)
+    state = State(*rng.random((5, 2, 7)))
+    noise = rng.random((2, 7))
+    ahead = predict(state, 0.5, noise)
+    advance(state, 0.5, noise)
+    assert np.allclose(np.stack(state), np.stack(ahead), rtol=1e-13)
+
+
+def test_times_behind_a_lines_end_stay_as_they_were_filtered() -> None:
+    states = np.random.default_rng(6).random((6, 5, 1, 1)) + 1.0
+    filtered = states.copy()
+    is_inside = (np.arange(6) < 3)[:, None, None]
+    smooth_all(states, np.ones(6), np.ones((1, 1)), is_inside)
+    assert np.array_equal(states[3:], filtered[3:])
+    assert (states[:3] != filtered[:3]).any(axis=(1, 2, 3)).all()

@@ -36,12 +36,12 @@ def candidate_pairs(
     tuple of arrays
         Line and measurement index of every pair, ordered by line.
     """
-    first = np.searchsorted(measured, centres - half_widths, side="right")
-    last = np.searchsorted(measured, centres + half_widths, side="left")
+    first = measured.searchsorted(centres - half_widths, side="right")
+    last = measured.searchsorted(centres + half_widths, side="left")
     counts = np.maximum(last - first, 0)
-    lines = np.repeat(np.arange(centres.size), counts)
-    starts = np.cumsum(counts) - counts
-    return lines, np.arange(lines.size) - np.repeat(starts - first, counts)
+    ends = counts.cumsum()
+    lines = np.arange(centres.size).repeat(counts)
+    return lines, np.arange(lines.size) + (first + counts - ends)[lines]
 
 
 def assign(lines: IntArray, measurements: IntArray, costs: FloatArray) -> IntArray:

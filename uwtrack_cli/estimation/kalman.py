@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 
 
 class State(NamedTuple):
@@ -31,7 +31,9 @@ class State(NamedTuple):
     rate_variance: FloatArray
 
 
-def predict(state: State, step_s: float, noise_density: FloatArray) -> State:
+def predict(
+    state: State, step_s: float | FloatArray, noise_density: FloatArray
+) -> State:
     """Carry the states over a time step with white acceleration.
 
     Parameters
@@ -60,6 +62,18 @@ def predict(state: State, step_s: float, noise_density: FloatArray) -> State:
     )
     position = state.position + step_s * state.rate
     return State(position, state.rate, variance, covariance, rate_variance)
+
+
+def advance(state: State, step_s: float, noise_density: FloatArray) -> None:
+    """Carry the states over a time step in place, as `predict` does."""
+    drift = step_s * state.rate_variance
+    position, rate, variance, covariance, rate_variance = state
+    position += step_s * rate
+    variance += step_s * (2.0 * covariance + drift) + (
+        noise_density * (step_s**3 / 3.0)
+    )
+    covariance += drift + noise_density * (step_s**2 / 2.0)
+    rate_variance += noise_density * step_s
 
 
 def update(state: State, innovation: FloatArray, noise_variance: FloatArray) -> State:
@@ -92,51 +106,62 @@ def update(state: State, innovation: FloatArray, noise_variance: FloatArray) -> 
     )
 
 
-def smooth(
-    filtered: State, smoothed: State, step_s: float, noise_density: FloatArray
-) -> State:
-    """Take one step back in time: smooth ``filtered`` by its smoothed successor.
+def smooth_all(states: FloatArray, steps_s: FloatArray, noise_density: FloatArray,
+               is_inside: BoolArray) -> None:  # fmt: skip
+    """Smooth filtered states in place, from the last time back to the first.
 
     Parameters
     ----------
-    filtered
-        Filtered states at a time.
-    smoothed
-        Smoothed states one step later.
-    step_s
-        Length of the step in s.
+    states
+        The five entries of `State` at every time, ``(time, 5, ...)``, filtered.
+    steps_s
+        Time from each time's predecessor in s, shape ``(time,)``.
     noise_density
-        Density used in the prediction over that step, unit^2/s^3.
+        Density used in the predictions, unit^2/s^3, ``(...)``.
+    is_inside
+        Whether a time has a successor that belongs to the same line, ``(time, ...)``.
 
     Notes
     -----
     C = P F' inv(P-), x_s = x + C (x_s' - x-), P_s = P + C (P_s' - P-) C'
-    (Rauch, Tung & Striebel 1965).
+    (Rauch, Tung & Striebel 1965). C needs no smoothed state, so it is found for all
+    times at once; what remains for each time is linear in the successor's state.
     """
-    ahead = predict(filtered, step_s, noise_density)
-    # P F' for F = [1 T; 0 1]
-    a00 = filtered.variance + step_s * filtered.covariance
-    a10 = filtered.covariance + step_s * filtered.rate_variance
-    a01, a11 = filtered.covariance, filtered.rate_variance
+    if states.shape[0] < 2:
+        return
+    now = State(*np.moveaxis(states[:-1], 1, 0))
+    step = steps_s[1:].reshape(-1, *(1,) * (states.ndim - 2))
+    ahead = predict(now, step, noise_density)
+    gain = np.where(is_inside[:-1, None, None], _smoother_gain(now, ahead, step), 0.0)
+    (a, b), (c, d) = np.moveaxis(gain, (1, 2), (0, 1))
+    two = np.stack([
+        np.stack([a * a, 2.0 * a * b, b * b], 1),
+        np.stack([a * c, a * d + b * c, b * d], 1),
+        np.stack([c * c, 2.0 * c * d, d * d], 1),
+    ], 1)  # fmt: skip
+    before = np.stack(ahead, 1)
+    for k in range(states.shape[0] - 2, -1, -1):
+        off = states[k + 1] - before[k]
+        states[k, :2] += (gain[k] * off[:2]).sum(axis=1)
+        states[k, 2:] += (two[k] * off[2:]).sum(axis=1)
+
+
+def _smoother_gain(now: State, ahead: State, step_s: FloatArray) -> FloatArray:
+    """Return C = P F' inv(P-) for F = [1 T; 0 1], shape ``(time, 2, 2, ...)``."""
+    a00 = now.variance + step_s * now.covariance
+    a10 = now.covariance + step_s * now.rate_variance
+    a01, a11 = now.covariance, now.rate_variance
     determinant = ahead.variance * ahead.rate_variance - ahead.covariance**2
     scale = 1.0 / np.maximum(determinant, np.finfo(float).tiny)
-    c00 = (a00 * ahead.rate_variance - a01 * ahead.covariance) * scale
-    c01 = (a01 * ahead.variance - a00 * ahead.covariance) * scale
-    c10 = (a10 * ahead.rate_variance - a11 * ahead.covariance) * scale
-    c11 = (a11 * ahead.variance - a10 * ahead.covariance) * scale
-    dx = smoothed.position - ahead.position
-    dv = smoothed.rate - ahead.rate
-    d00 = smoothed.variance - ahead.variance
-    d01 = smoothed.covariance - ahead.covariance
-    d11 = smoothed.rate_variance - ahead.rate_variance
-    e0, e1 = c00 * d00 + c01 * d01, c00 * d01 + c01 * d11
-    return State(
-        filtered.position + c00 * dx + c01 * dv,
-        filtered.rate + c10 * dx + c11 * dv,
-        filtered.variance + c00 * e0 + c01 * e1,
-        filtered.covariance + c10 * e0 + c11 * e1,
-        filtered.rate_variance + c10**2 * d00 + 2.0 * c10 * c11 * d01 + c11**2 * d11,
-    )
+    first = np.stack([
+        a00 * ahead.rate_variance - a01 * ahead.covariance,
+        a01 * ahead.variance - a00 * ahead.covariance,
+    ], 1)  # fmt: skip
+    second = np.stack([
+        a10 * ahead.rate_variance - a11 * ahead.covariance,
+        a11 * ahead.variance - a10 * ahead.covariance,
+    ], 1)  # fmt: skip
+    return np.stack([first, second], 1) * scale[:, None, None]
 
 
 def wrap_deg(angle_deg: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.estimation.kalman import State, smooth
+from uwtrack_cli.estimation.kalman import State, advance, smooth_all
 
 Points = dict[str, NDArray[Any]]
 """Points of lines: their rows of the table, line, frame and time."""
@@ -43,6 +43,9 @@ ASSOCIATION = 16
 """Row of the association; the rows before it are the raw measurement."""
 
 
+_N_COUNTS, _N_GAUGES = 10, 5
+
+
 class LineBank:
     """A table of lines, a slot each, with a ring of its recent copies."""
 
@@ -56,29 +59,52 @@ class LineBank:
         self.rows = 0
         self.next_line = 1
         self.next_serial = 1
-        self.stage = np.zeros(capacity, dtype=np.int64)
-        self.line = np.zeros(capacity, dtype=np.int64)
-        self.serial = np.zeros(capacity, dtype=np.int64)
-        self.history = np.zeros(capacity, dtype=np.int64)
-        self.age = np.zeros(capacity, dtype=np.int64)
-        self.born = np.zeros(capacity, dtype=np.int64)
-        self.emitted = np.zeros(capacity, dtype=np.int64)
-        self.settled = np.zeros(capacity, dtype=np.int64)
-        self.doubled = np.zeros(capacity, dtype=np.int64)
-        self.hold = np.zeros(capacity, dtype=np.int64)
-        self.score = np.zeros(capacity)
-        self.best_score = np.zeros(capacity)
+        self.n_quantities = 1
         self.noise_density = np.zeros((2, capacity))
+        self._counts = np.zeros((_N_COUNTS, capacity), dtype=np.int64)
+        self._gauges = np.zeros((_N_GAUGES, capacity))
+        self._name_rows()
+
+    def _name_rows(self) -> None:
+        """Give the rows of the tables names: views of them."""
+        (
+            self.stage, self.line, self.serial, self.history, self.age, self.born,
+            self.emitted, self.settled, self.doubled, self.hold,
+        ) = self._counts  # fmt: skip
+        (
+            self.score, self.best_score, self.hit_rate, self.precision, self.hits,
+        ) = self._gauges  # fmt: skip
+        t, n = self.table, self.n_quantities
+        self.state = State(t[0:2], t[2:4], t[4:6], t[6:8], t[8:10])
+        self._moving = State(*(pair[:n] for pair in self.state))
+        self._sorted: tuple[IntArray, IntArray] | None = None
+
+    def heed_bearings(self) -> None:
+        """Let bearings move, too; until one is heard they are left alone."""
+        self.n_quantities = 2
+        self._name_rows()
+
+    def advance(self, step_s: float) -> None:
+        """Carry all lines over a time step, and forget their measurements."""
+        noise = self.noise_density[: self.n_quantities]
+        advance(self._moving, step_s, noise)
+        self.table[STATE_ROWS:] = np.nan
 
     @property
-    def state(self) -> State:
-        """Views of the table: what the filters work on."""
-        t = self.table
-        return State(t[0:2], t[2:4], t[4:6], t[6:8], t[8:10])
+    def confirmed(self) -> IntArray:
+        """Slots of the confirmed lines."""
+        return self._by_stage()[0]
 
     def active(self) -> IntArray:
-        """Slots of the tentative and confirmed lines."""
-        return np.flatnonzero((self.stage == TENTATIVE) | (self.stage == CONFIRMED))
+        """Slots of the confirmed lines, then of the tentative ones."""
+        return self._by_stage()[1]
+
+    def _by_stage(self) -> tuple[IntArray, IntArray]:
+        if self._sorted is None:
+            sure = np.flatnonzero(self.stage == CONFIRMED)
+            young = np.flatnonzero(self.stage == TENTATIVE)
+            self._sorted = sure, np.concatenate([sure, young])
+        return self._sorted
 
     def free_slots(self, count: int) -> IntArray:
         """Return ``count`` free slots; the table grows when there are too few."""
@@ -89,28 +115,38 @@ class LineBank:
         return free[:count]
 
     def _grow(self) -> None:
-        for name, values in vars(self).items():
-            if isinstance(values, np.ndarray) and not name.startswith("row_"):
-                setattr(self, name, np.concatenate([values, np.zeros_like(values)], -1))
+        for name in ("table", "ring", "noise_density", "_counts", "_gauges"):
+            values = getattr(self, name)
+            setattr(self, name, np.concatenate([values, np.zeros_like(values)], -1))
+        self._name_rows()
 
-    def start(self, slots: IntArray, score: FloatArray) -> None:
+    def start(self, slots: IntArray, score: FloatArray, precision: FloatArray) -> None:
         """Make tentative lines of slots whose table columns have been filled."""
         count = slots.size
-        self.stage[slots] = TENTATIVE
-        self.serial[slots] = self.next_serial + np.arange(count)
+        serial = self.next_serial + np.arange(count)
         self.next_serial += count
-        self.history[slots] = 1
-        self.age[slots] = 1
-        self.hold[slots] = 0
-        self.doubled[slots] = 0
-        self.line[slots] = 0
-        self.born[slots] = self.emitted[slots] = self.settled[slots] = self.rows
-        self.score[slots] = self.best_score[slots] = score
+        counts = np.zeros((_N_COUNTS, count), dtype=np.int64)
+        counts[0], counts[2], counts[3:5], counts[5:8] = TENTATIVE, serial, 1, self.rows
+        self._counts[:, slots] = counts
+        self._gauges[:, slots] = np.stack(
+            [score, score, np.ones(count), precision, np.ones(count)]
+        )
+        self._sorted = None
+
+    def confirm(self, slots: IntArray) -> None:
+        """Make confirmed lines of tentative ones; they get their numbers."""
+        if slots.size:
+            self.stage[slots] = CONFIRMED
+            self.line[slots] = self.next_line + np.arange(slots.size)
+            self.next_line += slots.size
+            self._sorted = None
 
     def release(self, slots: IntArray) -> None:
         """Take lines out: tentative ones are forgotten, confirmed ones have ended."""
-        is_confirmed = self.stage[slots] == CONFIRMED
-        self.stage[slots] = np.where(is_confirmed, ENDED, FREE)
+        if slots.size:
+            is_confirmed = self.stage[slots] == CONFIRMED
+            self.stage[slots] = np.where(is_confirmed, ENDED, FREE)
+            self._sorted = None
 
     def keep_frame(self, frame: int, time_s: float, step_s: float) -> None:
         """Copy the table of this frame into the ring."""
@@ -153,7 +189,13 @@ class LineBank:
         copies = self.ring[at][:, :, slots]
         # an ended line is smoothed from its settled end, a living one from now
         end = np.where(self.stage[slots] == ENDED, self.settled[slots], self.rows - 1)
-        _smooth_back(copies, rows, end, self.row_step[at], self.noise_density[:, slots])
+        n = self.n_quantities
+        states = copies[:, :STATE_ROWS].reshape(rows.size, 5, 2, slots.size)[:, :, :n]
+        is_inside = (rows[:, None] < end)[:, None, :]
+        # rows before a line's birth hold another line's remains: never emitted
+        with np.errstate(all="ignore"):
+            density = self.noise_density[:n, slots]
+            smooth_all(states, self.row_step[at], density, is_inside)
         member, row = np.nonzero(
             (rows[None, :] >= first[:, None]) & (rows[None, :] < stop[:, None])
         )
@@ -165,25 +207,3 @@ class LineBank:
             "frame": self.row_frame[at][row],
             "time_s": self.row_time[at][row],
         }
-
-
-def _smooth_back(
-    copies: FloatArray,
-    rows: IntArray,
-    end: IntArray,
-    steps: FloatArray,
-    noise_density: FloatArray,
-) -> None:
-    """Overwrite filtered states by smoothed ones, newest frame first."""
-    if copies.shape[2] == 0:
-        return
-    # rows before a line's birth hold another line's remains: never emitted
-    with np.errstate(all="ignore"):
-        for k in range(rows.size - 2, -1, -1):
-            is_inside = rows[k] < end
-            now = copies[k, :STATE_ROWS].reshape(5, 2, -1)
-            later = copies[k + 1, :STATE_ROWS].reshape(5, 2, -1)
-            better = smooth(State(*now), State(*later), steps[k + 1], noise_density)
-            copies[k, :STATE_ROWS] = np.where(is_inside, np.stack(better), now).reshape(
-                STATE_ROWS, -1
-            )

@@ -17,7 +17,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.assignment import assign, candidate_pairs
-from uwtrack_cli.estimation.line_bank import CONFIRMED, LineBank
+from uwtrack_cli.estimation.line_bank import LineBank
 from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
 from uwtrack_cli.stages.lines.logics import Logic
 from uwtrack_cli.stages.lines.policies import (
@@ -45,24 +45,41 @@ class Policies:
 
 @dataclass
 class Pairs:
-    """Candidate pairs of a frame: line (position in ``slots``), peak, fit."""
+    """Candidate pairs of a frame, by line (position in ``slots``): peak and fit."""
 
     line: IntArray
     peak: IntArray
-    is_basic: BoolArray
     cost: FloatArray
     gain: FloatArray
 
-    def take(self, keep: BoolArray | IntArray) -> "Pairs":
+    def take(self, keep: BoolArray | IntArray | slice) -> "Pairs":
         """Keep some pairs."""
-        return Pairs(
-            self.line[keep], self.peak[keep], self.is_basic[keep],
-            self.cost[keep], self.gain[keep],
-        )  # fmt: skip
+        return Pairs(self.line[keep], self.peak[keep], self.cost[keep], self.gain[keep])
 
-    def assigned(self) -> "Pairs":
-        """Keep the pairs of the best one-to-one assignment."""
-        return self.take(assign(self.line, self.peak, self.cost))
+    def best(self, *, is_exclusive: bool = True) -> "Pairs":
+        """Keep the best pair of each line, and of each peak if it is for one line."""
+        if not self.line.size:
+            return self
+        order = np.lexsort((self.cost, self.line))
+        line = self.line[order]
+        is_first = np.empty(line.size, dtype=bool)
+        is_first[0] = True
+        np.not_equal(line[1:], line[:-1], out=is_first[1:])
+        best = order[is_first]
+        if is_exclusive and np.bincount(self.peak[best]).max() > 1:
+            return self.take(assign(self.line, self.peak, self.cost))
+        return self.take(best)
+
+
+@dataclass
+class Choice:
+    """What each line takes, and the evidence of all peaks in the young lines' gates."""
+
+    line: IntArray
+    peak: IntArray
+    gain: FloatArray
+    evidence: FloatArray
+    """Sum of the likelihood ratios of a tentative line's peaks, shape (tentative,)."""
 
 
 class Associator:
@@ -77,23 +94,39 @@ class Associator:
         self.resolution_hz = resolution_hz
 
     def associate(
-        self, slots: IntArray, peaks: FramePeaks, crowding: FloatArray
-    ) -> Pairs:
-        """Assign peaks to lines one to one: confirmed lines first, then the others."""
-        is_confirmed = self.bank.stage[slots] == CONFIRMED
-        is_lax = is_confirmed & self.is_recognised(slots)
-        pairs = self.pairs(slots, is_lax, peaks, crowding)
-        pairs = self._allowed(pairs, is_lax, peaks)
-        first = pairs.take(is_confirmed[pairs.line])
-        first = first.assigned()
-        taken = np.zeros(peaks.frequency.size, dtype=bool)
-        taken[first.peak] = True
-        second = pairs.take(~is_confirmed[pairs.line] & ~taken[pairs.peak])
-        second = second.assigned()
-        return Pairs(*(
-            np.concatenate([getattr(first, name), getattr(second, name)])
-            for name in ("line", "peak", "is_basic", "cost", "gain")
-        ))  # fmt: skip
+        self, slots: IntArray, peaks: FramePeaks, height: FloatArray
+    ) -> Choice:
+        """Choose peaks: confirmed lines, which come first in ``slots``, then others."""
+        n_sure = self.bank.confirmed.size
+        is_lax = self.is_recognised(slots)
+        is_lax[n_sure:] = False
+        pairs = self._allowed(self.pairs(slots, is_lax, peaks, height), is_lax, peaks)
+        middle = int(np.searchsorted(pairs.line, n_sure))
+        sure = pairs.take(slice(middle)).best()
+        return self.choice(sure, pairs.take(slice(middle, None)), slots, peaks)
+
+    def choice(
+        self, sure: Pairs, young: Pairs, slots: IntArray, peaks: FramePeaks
+    ) -> Choice:
+        """Let the tentative lines choose among the peaks left by the confirmed ones."""
+        n_sure = self.bank.confirmed.size
+        if sure.peak.size and young.peak.size:
+            is_left = np.ones(peaks.frequency.size, dtype=bool)
+            is_left[sure.peak] = False
+            young = young.take(is_left[young.peak])
+        evidence: FloatArray = np.bincount(
+            young.line - n_sure, np.exp(young.gain), minlength=slots.size - n_sure
+        ).astype(np.float64)
+        young = young.best(is_exclusive=self.logic.is_exclusive)
+        likely = young.gain > self.logic.least_gain
+        if not likely.all():
+            young = young.take(likely)
+        return Choice(
+            np.concatenate([sure.line, young.line]),
+            np.concatenate([sure.peak, young.peak]),
+            np.concatenate([sure.gain, young.gain]),
+            evidence,
+        )
 
     def is_recognised(self, slots: IntArray) -> BoolArray:
         """Tell which lines the classifier has recognised, or are treated as such."""
@@ -107,37 +140,28 @@ class Associator:
         slots: IntArray,
         is_lax: BoolArray,
         peaks: FramePeaks,
-        crowding: FloatArray,
+        height: FloatArray,
     ) -> Pairs:
         """List the pairs inside their gates, with cost and gain of score."""
-        gates, state = self.policies.gates, self.bank.state
-        factor = np.where(is_lax, self.policies.feedback.beta, 1.0)
-        centre, spread = state.position[:, slots], state.variance[:, slots]
-        if gates.frequency_hz is None:
-            widest = peaks.variance.max(initial=0.0)
-            reach = gates.sigmas * np.sqrt(spread[0] + widest) * factor
-        else:
-            reach = gates.frequency_hz * factor
-        line, peak = candidate_pairs(centre[0], reach, peaks.frequency)
-        off = peaks.frequency[peak] - centre[0][line]
-        turn = kalman.wrap_deg(peaks.bearing[peak] - centre[1][line])
-        turn[np.isnan(turn)] = 0.0
-        total = spread[0][line] + peaks.variance[peak]
-        turn_total = spread[1][line] + peaks.bearing_variance[peak]
-        width, turn_width = (
-            gates.sigmas * np.sqrt(total) if gates.frequency_hz is None
-            else gates.frequency_hz,
-            gates.sigmas * np.sqrt(turn_total) if gates.bearing_deg is None
-            else gates.bearing_deg,
-        )  # fmt: skip
-        wide = factor[line]
-        inside = (np.abs(off) < width * wide) & (np.abs(turn) < turn_width * wide)
-        basic = (np.abs(off) < width) & (np.abs(turn) < turn_width)
-        distance = off**2 / total + turn**2 / turn_total
-        cost, gain = self.logic.weigh(
-            distance, total, peaks.raw[5, peak], crowding[peak]
-        )
-        return Pairs(line, peak, basic, cost, gain).take(inside)
+        gates, bank = self.policies.gates, self.bank
+        centre = bank.state.position[0, slots]
+        total = bank.state.variance[0, slots] + 1.0 / bank.precision[slots]
+        wide = np.where(is_lax, self.policies.feedback.beta, 1.0)
+        reach = wide * (gates.frequency_hz or gates.sigmas * np.sqrt(total))
+        line, peak = candidate_pairs(centre, reach, peaks.frequency)
+        off = peaks.frequency[peak] - centre[line]
+        distance = off * off / total[line]
+        if peaks.has_bearings:
+            turn = bank.state.position[1, slots[line]]
+            turn = kalman.wrap_deg(peaks.bearing[peak] - turn)
+            turn[np.isnan(turn)] = 0.0
+            around = bank.state.variance[1, slots[line]] + peaks.bearing_variance[peak]
+            width = gates.bearing_deg or gates.sigmas * np.sqrt(around)
+            inside = np.abs(turn) < width * wide[line]
+            distance = distance + turn * turn / around
+            line, peak, distance = line[inside], peak[inside], distance[inside]
+        cost, gain = self.logic.weigh(distance, total, line, height[peak])
+        return Pairs(line, peak, cost, gain)
 
     def _allowed(self, pairs: Pairs, is_lax: BoolArray, peaks: FramePeaks) -> Pairs:
         """Drop sub-threshold peaks, but for lax lines with nothing else in reach."""
@@ -155,12 +179,24 @@ class Associator:
     def is_claimed(self, peaks: FramePeaks) -> BoolArray:
         """Peaks so near a confirmed line that they cannot be another line."""
         bank, gates = self.bank, self.policies.gates
-        slots = np.flatnonzero(bank.stage == CONFIRMED)
-        reach = np.full(slots.size, gates.frequency_hz or self.resolution_hz)
-        line, peak = candidate_pairs(bank.table[0, slots], reach, peaks.frequency)
-        if gates.bearing_deg is not None:
-            turn = kalman.wrap_deg(peaks.bearing[peak] - bank.table[1, slots[line]])
-            peak = peak[~(np.abs(turn) >= gates.bearing_deg)]
-        is_claimed = np.zeros(peaks.frequency.size, dtype=bool)
-        is_claimed[peak] = True
+        slots, n_peaks = bank.confirmed, peaks.frequency.size
+        if not slots.size or not n_peaks:
+            return np.zeros(n_peaks, dtype=bool)
+        reach = gates.frequency_hz or self.resolution_hz
+        if gates.bearing_deg is None:
+            fence = np.empty(slots.size + 2)
+            fence[0], fence[-1] = -np.inf, np.inf
+            fence[1:-1] = np.sort(bank.table[0, slots])
+            at = np.searchsorted(fence, peaks.frequency)
+            away = np.minimum(
+                peaks.frequency - fence[at - 1], fence[at] - peaks.frequency
+            )
+            return np.asarray(away < reach)
+        centre = bank.table[0, slots]
+        line, peak = candidate_pairs(
+            centre, np.full(slots.size, reach), peaks.frequency
+        )
+        turn = kalman.wrap_deg(peaks.bearing[peak] - bank.table[1, slots[line]])
+        is_claimed = np.zeros(n_peaks, dtype=bool)
+        is_claimed[peak[~(np.abs(turn) >= gates.bearing_deg)]] = True
         return is_claimed

@@ -28,6 +28,7 @@ class FramePeaks:
     is_detection: BoolArray
     is_in_family: BoolArray
     threshold_db: float
+    has_bearings: bool
 
 
 def split_frames(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:
@@ -46,11 +47,13 @@ def split_frames(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:
         if isinstance(block, Families)
         else np.ones(peaks.frame.size, dtype=bool)
     )
+    known = np.append(0, np.cumsum(np.isfinite(raw[2])))
     numbers = frames.first_frame + np.arange(frames.n_frames + 1)
-    edges = np.searchsorted(peaks.frame, numbers)
+    edges = np.searchsorted(peaks.frame, numbers).tolist()
     for k in range(frames.n_frames):
         at = slice(edges[k], edges[k + 1])
         yield FramePeaks(
             raw[0, at], variance[at], raw[2, at], turn_variance[at], raw[:, at],
             peaks.is_detection[at], is_member[at], float(frames.threshold_db[k]),
+            bool(known[edges[k]] < known[edges[k + 1]]),
         )  # fmt: skip

@@ -10,7 +10,7 @@ nepers. Rates are per kHz of band and hour.
 **References.** Choi (2014).
 """
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -19,12 +19,16 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation import initiation
 from uwtrack_cli.estimation.line_bank import CONFIRMED, TENTATIVE, LineBank
+from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
 from uwtrack_cli.stages.lines.policies import CountLogic
 from uwtrack_cli.stages.lines.sensitivity import (
     MINUTE_S,
     false_lines_by_count,
     weakest_by_count,
 )
+
+if TYPE_CHECKING:
+    from uwtrack_cli.stages.lines.association import Choice
 
 NOISE_PEAKS_PER_CELL = 0.9
 """Noise peaks per resolution at threshold zero, extrapolated from high ones."""
@@ -34,43 +38,47 @@ class Logic(Protocol):
     """What the tracker asks of a logic."""
 
     uses_all_peaks: bool
+    """Whether peaks below the detection threshold serve every line."""
+    is_exclusive: bool
+    """Whether two tentative lines may not have the same peak."""
+    least_gain: float
+    """Gain below which a tentative line rather misses than takes a peak."""
     false_lines_per_khz_hour: float
     weakest_line_snr_db: float
+
+    def heights(self, peaks: FramePeaks) -> FloatArray:
+        """Tell what the height of each peak says for a line, in nepers."""
+        ...
 
     def weigh(
         self,
         distance: FloatArray,
         variance: FloatArray,
-        snr_db: FloatArray,
-        crowding: FloatArray,
+        line: IntArray,
+        height: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Cost of each pair, and its gain of score."""
+        """Cost of each pair and its log-likelihood ratio; the variance is by line."""
         ...
 
     def judge(
         self,
         bank: LineBank,
         slots: IntArray,
-        is_hit: BoolArray,
-        gain: FloatArray,
+        chosen: "Choice",
         patience: FloatArray,
     ) -> tuple[BoolArray, BoolArray]:
         """Tell which lines are sure and which are lost."""
         ...
 
-    def first_score(self, snr_db: FloatArray, crowding: FloatArray) -> FloatArray:
+    def first_score(self, height: FloatArray) -> FloatArray:
         """Score of a line that consists of one peak."""
-        ...
-
-    def crowding(self, frequency_hz: FloatArray, is_free: BoolArray) -> FloatArray:
-        """Logarithm of how much denser the noise peaks are than they should be."""
         ...
 
     def is_likely(self, bank: LineBank, slots: IntArray) -> BoolArray:
         """Tell which lines are more likely lines than noise."""
         ...
 
-    def watch(self, frequency_hz: FloatArray) -> None:
+    def watch(self, peaks: FramePeaks, is_claimed: BoolArray) -> None:
         """Take note of a frame's peaks that belong to no confirmed line."""
         ...
 
@@ -79,6 +87,8 @@ class HitCounter:
     """M of N: confirmed by hits since birth, kept by hits in a sliding window."""
 
     uses_all_peaks = False
+    is_exclusive = True
+    least_gain = -np.inf
 
     def __init__(self, rule: CountLogic, frames: Frames, peaks: Peaks) -> None:
         self.rule = rule
@@ -92,26 +102,31 @@ class HitCounter:
             threshold, *window, MINUTE_S / frames.hop_s
         )
 
+    def heights(self, peaks: FramePeaks) -> FloatArray:
+        """Return zeros: all hits are equal."""
+        return np.zeros(peaks.frequency.size)
+
     def weigh(
         self,
         distance: FloatArray,
         variance: FloatArray,  # noqa: ARG002 - the score needs it
-        snr_db: FloatArray,  # noqa: ARG002
-        crowding: FloatArray,  # noqa: ARG002
+        line: IntArray,  # noqa: ARG002
+        height: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Cost is the normalised distance; hits are equal."""
-        return distance, np.zeros(distance.size)
+        return distance, height
 
     def judge(
         self,
         bank: LineBank,
         slots: IntArray,
-        is_hit: BoolArray,
-        gain: FloatArray,  # noqa: ARG002
+        chosen: "Choice",
         patience: FloatArray,
     ) -> tuple[BoolArray, BoolArray]:
         """Count the hits of each line in its window."""
         rule = self.rule
+        is_hit = np.zeros(slots.size, dtype=bool)
+        is_hit[chosen.line] = True
         bank.history[slots] = initiation.push_hits(bank.history[slots], is_hit)
         history, age = bank.history[slots], bank.age[slots]
         is_young = bank.stage[slots] == TENTATIVE
@@ -126,25 +141,13 @@ class HitCounter:
         is_lost = np.where(is_young, cannot, hits < rule.keep_hits)
         return is_sure, is_lost
 
-    def first_score(
-        self,
-        snr_db: FloatArray,
-        crowding: FloatArray,  # noqa: ARG002
-    ) -> FloatArray:
+    def first_score(self, height: FloatArray) -> FloatArray:
         """Start from nothing."""
-        return np.zeros(snr_db.size)
-
-    def crowding(
-        self,
-        frequency_hz: FloatArray,
-        is_free: BoolArray,  # noqa: ARG002
-    ) -> FloatArray:
-        """Return zeros: counts know no density."""
-        return np.zeros(frequency_hz.size)
+        return height
 
     def is_likely(self, bank: LineBank, slots: IntArray) -> BoolArray:
         """Tell confirmed lines."""
         return np.asarray(bank.stage[slots] == CONFIRMED)
 
-    def watch(self, frequency_hz: FloatArray) -> None:
+    def watch(self, peaks: FramePeaks, is_claimed: BoolArray) -> None:
         """Do nothing: counts know no density."""

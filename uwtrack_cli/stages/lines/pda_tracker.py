@@ -25,7 +25,7 @@ from uwtrack_cli.estimation.detection_threshold import prior_rule
 from uwtrack_cli.estimation.information_reduction import gate_probability
 from uwtrack_cli.estimation.line_bank import ASSOCIATION, CONFIRMED, STATE_ROWS
 from uwtrack_cli.estimation.operating_curve import OperatingCurve, model_curve
-from uwtrack_cli.stages.lines.association import Pairs, Policies
+from uwtrack_cli.stages.lines.association import Choice, Pairs, Policies
 from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
 from uwtrack_cli.stages.lines.logics import NOISE_PEAKS_PER_CELL
 from uwtrack_cli.stages.lines.tracker import LineTracker
@@ -68,31 +68,23 @@ class PdaLineTracker(LineTracker):
         self.mixture = Mixture(*(np.empty(0, dtype=np.int64),) * 2, np.empty(0))
 
     def _associate(
-        self, slots: IntArray, peaks: FramePeaks, crowding: FloatArray
-    ) -> Pairs:
-        is_confirmed = self.bank.stage[slots] == CONFIRMED
-        pairs = self.associator.pairs(
-            slots, np.zeros(slots.size, bool), peaks, crowding
-        )
-        sure = pairs.take(is_confirmed[pairs.line])
+        self, slots: IntArray, peaks: FramePeaks, height: FloatArray
+    ) -> Choice:
+        n_sure = self.bank.confirmed.size
+        pairs = self.associator.pairs(slots, np.zeros(slots.size, bool), peaks, height)
+        middle = int(np.searchsorted(pairs.line, n_sure))
+        sure = pairs.take(slice(middle))
         weight, gain, allowed = self._weigh(slots, sure, peaks)
         self.mixture = Mixture(
             slots[sure.line[allowed]], sure.peak[allowed], weight[allowed]
         )
         # The likeliest peak stands for the line in the raw measurements.
-        order = np.lexsort((-weight, sure.line))
-        first = order[np.unique(sure.line[order], return_index=True)[1]]
-        first = first[weight[first] >= 0.5]
+        first = np.flatnonzero(weight > 0.5)
         chosen = sure.take(first)
         chosen.gain = gain[first]
-        taken = np.zeros(peaks.frequency.size, dtype=bool)
-        taken[sure.peak[weight >= 0.5]] = True
-        rest = pairs.take(~is_confirmed[pairs.line] & ~taken[pairs.peak])
-        rest = rest.assigned()
-        return Pairs(*(
-            np.concatenate([getattr(chosen, name), getattr(rest, name)])
-            for name in ("line", "peak", "is_basic", "cost", "gain")
-        ))  # fmt: skip
+        return self.associator.choice(
+            chosen, pairs.take(slice(middle, None)), slots, peaks
+        )
 
     def _weigh(
         self, slots: IntArray, pairs: Pairs, peaks: FramePeaks
@@ -101,9 +93,10 @@ class PdaLineTracker(LineTracker):
         state, count = self.bank.state, slots.size
         spread = state.variance[:, slots]
         has_turn = np.sqrt(spread[1]) < _ALL_BEARINGS_STD_DEG
-        false_alarm, detection = self._operate(spread, has_turn, peaks)
+        false_alarm, detection = self._operate(slots, spread, has_turn, peaks)
         off = peaks.frequency[pairs.peak] - state.position[0, slots[pairs.line]]
-        total = spread[0, pairs.line] + peaks.variance[pairs.peak]
+        noise = 1.0 / self.bank.precision[slots]
+        total = spread[0, pairs.line] + noise[pairs.line]
         log_density = -0.5 * (off**2 / total + np.log(2.0 * math.pi * total))
         turn = kalman.wrap_deg(
             peaks.bearing[pairs.peak] - state.position[1, slots[pairs.line]]
@@ -125,10 +118,14 @@ class PdaLineTracker(LineTracker):
         return strength / evidence[pairs.line], gain[pairs.line], allowed
 
     def _operate(
-        self, spread: FloatArray, has_turn: BoolArray, peaks: FramePeaks
+        self,
+        slots: IntArray,
+        spread: FloatArray,
+        has_turn: BoolArray,
+        peaks: FramePeaks,
     ) -> tuple[FloatArray, FloatArray]:
         """Choose the operating point of every line from its predicted variance."""
-        noise = np.median(peaks.variance) if peaks.variance.size else 0.0
+        noise = 1.0 / self.bank.precision[slots]
         known = peaks.bearing_variance[np.isfinite(peaks.bearing_variance)]
         turn_noise = np.median(known) if known.size else np.inf
         sigmas = self.policies.gates.sigmas
@@ -147,6 +144,7 @@ class PdaLineTracker(LineTracker):
         table = self.bank.table
         self._correct(self.mixture, peaks)
         sure, own = slots[is_confirmed], peak[is_confirmed]
+        self._learn(sure, 1.0 / peaks.variance[own])
         table[STATE_ROWS:ASSOCIATION, sure] = peaks.raw[:, own]
         table[ASSOCIATION, sure] = np.where(
             peaks.is_detection[own], DETECTED, SUB_THRESHOLD
@@ -161,7 +159,9 @@ class PdaLineTracker(LineTracker):
             peaks.frequency[peak] - state.position[0, slot],
             np.where(np.isnan(turn), 0.0, turn),
         ])  # fmt: skip
-        noise = np.stack([peaks.variance[peak], peaks.bearing_variance[peak]])
+        noise = np.stack([
+            1.0 / self.bank.precision[slot], peaks.bearing_variance[peak]
+        ])  # fmt: skip
         total = state.variance[:, slot] + noise
         gain = state.variance[:, slot] / total
         rate_gain = state.covariance[:, slot] / total

@@ -1,14 +1,17 @@
-"""The logic of the cumulative score: a line against noise, weighed hit by hit.
+"""The logic of the cumulative score: a line against noise, weighed frame by frame.
 
-**Method.** Each hit adds the logarithm of the likelihood ratio of its amplitude and
-place, line against noise; each miss takes the logarithm of its probability away. Wald's
-inequality gives the score that noise reaches at a wanted rate. The density of noise
-peaks is followed where they are, because noise is not white everywhere.
+**Method.** The peaks near a young line's predicted place are compared under two
+statements: noise alone, and noise with the line, which is seen with some probability
+and then has the amplitude of a steady line and the predicted place. The logarithm of the
+ratio is added up, and Wald's inequality gives the score that noise reaches at a wanted
+rate. The density of noise peaks is followed where they are, because noise is not white
+everywhere. A confirmed line goes on until its score has fallen too far (Page's test).
 
 **Conventions.** Scores in nepers.
 
-**References.** Wald, "Sequential Analysis" (1947); Blackman & Popoli (1999), section
-6.2; Rice (1945) for the amplitude.
+**References.** Wald, "Sequential Analysis" (1947); Page (1954); Blackman & Popoli
+(1999), section 6.2; Musicki, Evans & Stankovic (1994) for the ratio over all peaks in a
+gate; Rice (1945) for the amplitude.
 """
 
 import numpy as np
@@ -17,7 +20,10 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation import initiation
-from uwtrack_cli.estimation.line_bank import CONFIRMED, LineBank
+from uwtrack_cli.estimation.line_bank import LineBank
+from uwtrack_cli.stages.lines.association import Choice
+from uwtrack_cli.stages.lines.crowding import Crowding
+from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
 from uwtrack_cli.stages.lines.logics import NOISE_PEAKS_PER_CELL
 from uwtrack_cli.stages.lines.policies import ScoreLogic
 from uwtrack_cli.stages.lines.sensitivity import MINUTE_S, weakest_by_score
@@ -25,160 +31,138 @@ from uwtrack_cli.stages.lines.sensitivity import MINUTE_S, weakest_by_score
 MOST_GAIN = 3.5
 """Cap on the amplitude's gain: one loud transient must not make a line."""
 
-OWN_RATE = (0.3, 0.65)
-"""Bounds of a confirmed line's own hit rate: what a miss then costs is limited."""
+MOST_OWN_RATE = 0.65
+"""Bound of a confirmed line's own detection rate: what a miss costs is limited."""
 
-DISMISSED = -2.5
+GATE_CELLS = 3.0
+"""Resolutions in a settled line's gate, where noise peaks count as hits, too."""
+
+RATE_MEMORY_FRAMES = 63
+"""Frames over which a line's own hit rate is averaged."""
+
+DISMISSED = -4.0
 """Score in nepers at which a tentative line is given up."""
 
 SETTLED_WITHIN = 2.0
 """Fall of the score, in nepers, within which a hit still belongs to the line."""
 
-ZONE_RESOLUTIONS = 32
-"""Width of the zones in which the density of noise peaks is followed."""
+HEIGHT_EXCESS = 1.225
+"""Mean excess of a noise peak's interpolated power over any threshold, in noise powers:
+1 in a single cell (exponential), more at the maximum of several (3e6 peaks of noise)."""
 
-ZONE_MEMORY_FRAMES = 128
-"""Frames over which that density is averaged."""
+PEAKS_PER_CELL = 0.48
+"""Noise peaks per resolution at threshold zero, with that excess (same peaks). A line's
+peaks beyond those of noise are as many per peak of Rice's law: they displace some."""
 
-
-ZONE_PRIOR_FRAMES = 24
-"""Frames that the nominal density is worth at the start."""
-
-MOMENT_MEMORY_FRAMES = 16
-"""Frames over which the usual number of free peaks in a frame is averaged."""
+_SNR_GRID_DB = np.arange(-12.0, 60.0, 0.02)
 
 
 class ScoreKeeper:
     """Cumulative log-likelihood ratio with Wald's threshold."""
 
     uses_all_peaks = True
+    is_exclusive = False
 
     def __init__(self, rule: ScoreLogic, frames: Frames, peaks: Peaks) -> None:
         self.rule = rule
         self.design_snr = 10.0 ** (rule.design_snr_db / 10.0)
-        self.threshold = -np.log(peaks.kept_probability)
-        self.detection = initiation.detection_probability(
-            self.threshold, self.design_snr
-        )
-        self.cells_per_hz = NOISE_PEAKS_PER_CELL * frames.window_s
+        threshold = -np.log(peaks.kept_probability) / HEIGHT_EXCESS
+        seen = initiation.detection_probability(threshold, self.design_snr)
+        self.detection = PEAKS_PER_CELL * seen
+        self.first_offset = -threshold - np.log(seen)
+        self.window_s = frames.window_s
         # frames closer than half a window repeat each other
         self.weight = min(1.0, frames.hop_s / (0.5 * frames.window_s))
         births_per_khz_hour = (
-            1e3 * self.cells_per_hz * peaks.kept_probability * 3600.0 / frames.hop_s
-        )
+            1e3 * NOISE_PEAKS_PER_CELL * frames.window_s * peaks.kept_probability
+            * 3600.0 / frames.hop_s
+        )  # fmt: skip
         self.sure = np.log(
             max(births_per_khz_hour / rule.false_lines_per_khz_hour, 1.0)
         )
-        self.lowest_hz = peaks.lowest_hz
-        self.zone_hz = ZONE_RESOLUTIONS / frames.window_s
-        n_zones = int((peaks.highest_hz - peaks.lowest_hz) / self.zone_hz) + 1
-        self.nominal_rate = (
-            ZONE_RESOLUTIONS * NOISE_PEAKS_PER_CELL * peaks.kept_probability
+        self.chance_hits = -np.expm1(
+            -GATE_CELLS * NOISE_PEAKS_PER_CELL * peaks.kept_probability
         )
-        self.usual = 0.0
-        self.watched = 0
-        self.zone_rate = np.full(n_zones, self.nominal_rate)
+        self.most_own = max(self.detection, MOST_OWN_RATE)
+        self.least_gain = float(np.log1p(-self.detection))
+        self.gains = self._amplitude_gain(_SNR_GRID_DB)
+        self.crowding = Crowding(frames, peaks)
         self.false_lines_per_khz_hour = rule.false_lines_per_khz_hour
-        self.miss = self.weight * np.log1p(-self.detection)
         self.weakest_line_snr_db = weakest_by_score(
-            lambda y: self._amplitude_gain(10.0 * np.log10(np.maximum(y - 1.0, 0.1))),
-            self.threshold, self.miss / self.weight, self.sure,
-            self.weight * MINUTE_S / frames.hop_s,
+            self._amplitude_gain, threshold * HEIGHT_EXCESS, self.detection,
+            self.sure / self.weight, MINUTE_S / frames.hop_s,
         )  # fmt: skip
+
+    def heights(self, peaks: FramePeaks) -> FloatArray:
+        """Amplitude's log-likelihood ratio, less what the crowd explains."""
+        gain = np.interp(peaks.raw[5], _SNR_GRID_DB, self.gains)
+        height: FloatArray = gain - self.crowding.excess(peaks.frequency)
+        return height
 
     def weigh(
         self,
         distance: FloatArray,
         variance: FloatArray,
-        snr_db: FloatArray,
-        crowding: FloatArray,
+        line: IntArray,
+        height: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Log-likelihood ratio of "this line's peak" against "noise".
 
         Agreeing bearings give no credit: a vessel's broadband noise comes from one
         bearing, too.
         """
-        gain = (
-            self._amplitude_gain(snr_db)
-            - 0.5 * distance
-            - 0.5 * np.log(2.0 * np.pi * variance * self.cells_per_hz**2)
-            - crowding
-        )
-        return -gain, self.weight * gain
+        place = -0.5 * np.log(2.0 * np.pi * self.window_s**2 * variance)
+        gain = height + place[line] - 0.5 * distance
+        return -gain, gain
 
     def judge(
         self,
         bank: LineBank,
         slots: IntArray,
-        is_hit: BoolArray,
-        gain: FloatArray,
+        chosen: Choice,
         patience: FloatArray,
     ) -> tuple[BoolArray, BoolArray]:
         """Add the frame's evidence and compare with Wald's bounds."""
-        is_confirmed = bank.stage[slots] == CONFIRMED
-        bank.history[slots] = initiation.push_hits(bank.history[slots], is_hit)
-        miss = np.where(is_confirmed, self._own_miss(bank, slots), self.miss)
-        score = bank.score[slots] + np.where(is_hit, gain, miss)
+        n_sure = bank.confirmed.size
+        is_hit = np.zeros(slots.size, dtype=bool)
+        is_hit[chosen.line] = True
+        rate = bank.hit_rate[slots]
+        evidence = np.zeros(slots.size)
+        evidence[chosen.line] = np.exp(chosen.gain)
+        evidence[n_sure:] = chosen.evidence
+        # a line that is always heard is missed sooner
+        own = (rate[:n_sure] - self.chance_hits) / (1.0 - self.chance_hits)
+        seen = np.full(slots.size, self.detection)
+        seen[:n_sure] = np.minimum(np.maximum(own, self.detection), self.most_own)
+        change = np.log(1.0 - seen + evidence * (seen / self.detection))
+        memory = np.minimum(bank.age[slots], RATE_MEMORY_FRAMES)
+        bank.hit_rate[slots] = rate + (is_hit - rate) / memory
+        score = bank.score[slots] + self.weight * change
         best = np.maximum(bank.best_score[slots], score)
         bank.score[slots], bank.best_score[slots] = score, best
         # where the evidence was greatest is where the line ended, if it did
         is_own = is_hit & (score >= best - SETTLED_WITHIN)
         bank.settled[slots[is_own]] = bank.rows
-        is_sure = ~is_confirmed & (score >= self.sure)
+        is_sure = score >= self.sure
         is_lost = best - score > self.rule.patience * patience
         # Wald's other bound: what is this unlikely is not worth waiting for
-        is_lost |= ~is_confirmed & (score < DISMISSED)
+        is_lost[n_sure:] |= score[n_sure:] < DISMISSED
         return is_sure, is_lost
 
-    def _own_miss(self, bank: LineBank, slots: IntArray) -> FloatArray:
-        """Loss per missed frame: a line that is always heard is missed sooner."""
-        window = np.minimum(bank.age[slots], initiation.LONGEST_WINDOW)
-        hits = initiation.count_hits(bank.history[slots], window)
-        low, high = max(self.detection, OWN_RATE[0]), max(self.detection, OWN_RATE[1])
-        rate = np.clip(hits / np.maximum(window, 1), low, high)
-        return self.weight * np.log1p(-rate)
-
-    def first_score(self, snr_db: FloatArray, crowding: FloatArray) -> FloatArray:
+    def first_score(self, height: FloatArray) -> FloatArray:
         """Amplitude alone, among the peaks that are kept."""
-        gain = self._amplitude_gain(snr_db) - crowding
-        first: FloatArray = gain - self.threshold - np.log(self.detection)
-        return self.weight * first
-
-    def crowding(self, frequency_hz: FloatArray, is_free: BoolArray) -> FloatArray:
-        """Logarithm of the density of noise peaks over its nominal value.
-
-        Noise is not white everywhere: its peaks are denser beside a band edge, in
-        a whistle or in the frame of a click. Lasting density is known per zone of
-        frequency, and momentary density from the number of peaks in the frame.
-        """
-        count = float(is_free.sum())
-        usual = max(self.usual if self.usual > 0.0 else count, 1.0)
-        excess = count - usual
-        is_sudden = excess > 3.0 * np.sqrt(usual)
-        sudden = 1.0 + excess / usual if is_sudden else 1.0
-        zone = self.zone_rate[self._zones(frequency_hz)] / self.nominal_rate
-        return np.log(np.maximum(zone, 1.0) * sudden)
+        score: FloatArray = self.weight * (height + self.first_offset)
+        return score
 
     def is_likely(self, bank: LineBank, slots: IntArray) -> BoolArray:
         """Tell lines that are half way to their confirmation, or confirmed."""
-        is_confirmed = np.asarray(bank.stage[slots] == CONFIRMED)
-        return np.asarray(is_confirmed | (bank.score[slots] >= 0.5 * self.sure))
+        return np.asarray(bank.score[slots] >= 0.5 * self.sure)
 
-    def watch(self, frequency_hz: FloatArray) -> None:
-        """Follow the density per zone with a memory of many frames."""
-        counts = np.bincount(self._zones(frequency_hz), minlength=self.zone_rate.size)
-        if self.usual == 0.0:
-            self.usual = float(frequency_hz.size)
-        self.usual += (frequency_hz.size - self.usual) / MOMENT_MEMORY_FRAMES
-        self.watched += 1
-        memory = min(ZONE_PRIOR_FRAMES + self.watched, ZONE_MEMORY_FRAMES)
-        self.zone_rate += (counts - self.zone_rate) / memory
-
-    def _zones(self, frequency_hz: FloatArray) -> IntArray:
-        zone = (frequency_hz - self.lowest_hz) / self.zone_hz
-        return np.clip(zone.astype(np.int64), 0, self.zone_rate.size - 1)
+    def watch(self, peaks: FramePeaks, is_claimed: BoolArray) -> None:
+        """Follow the density of the peaks that no line claims."""
+        self.crowding.watch(peaks.frequency[~is_claimed], peaks.frequency.size)
 
     def _amplitude_gain(self, snr_db: FloatArray) -> FloatArray:
-        power_ratio = 1.0 + 10.0 ** (snr_db / 10.0)
+        power_ratio = (1.0 + 10.0 ** (snr_db / 10.0)) / HEIGHT_EXCESS
         ratio = initiation.amplitude_log_ratio(power_ratio, self.design_snr)
         return np.minimum(ratio, MOST_GAIN)

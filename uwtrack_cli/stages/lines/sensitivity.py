@@ -41,7 +41,7 @@ def line_power_density(snr: FloatArray, power_ratio: FloatArray) -> FloatArray:
 def weakest_by_score(
     gain: Callable[[FloatArray], FloatArray],
     threshold: float,
-    miss: float,
+    detection: float,
     sure: float,
     n_frames: float,
 ) -> float:
@@ -50,11 +50,11 @@ def weakest_by_score(
     Parameters
     ----------
     gain
-        Gain of a hit from its power ratio, in nepers.
+        Log-likelihood ratio of a hit from its SNR in dB, in nepers.
     threshold
         Power ratio above which peaks are kept.
-    miss
-        Loss of a missed frame (negative), in nepers.
+    detection
+        Probability with which the line looked for has a peak beyond those of noise.
     sure
         Score that starts a line, in nepers.
     n_frames
@@ -63,9 +63,10 @@ def weakest_by_score(
     power = np.linspace(threshold, threshold + 60.0, 1500)
     density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)
     step = power[1] - power[0]
-    seen = density.sum(axis=1) * step
-    gained = (density * (gain(power) - _SPATIAL_LOSS)).sum(axis=1) * step
-    drift = gained + (1.0 - np.minimum(seen, 1.0)) * miss
+    seen = np.minimum(density.sum(axis=1) * step, 1.0)
+    gained = gain(10.0 * np.log10(np.maximum(power - 1.0, 0.1))) - _SPATIAL_LOSS
+    ratio = np.log(1.0 - detection + np.exp(gained))
+    drift = (density * ratio).sum(axis=1) * step + (1.0 - seen) * np.log1p(-detection)
     return _first_above(drift * n_frames, sure)
 
 

@@ -192,20 +192,16 @@ def smooth_window(
     n_frames, n_lines = measured.position.shape[1:]
     steps = np.diff(time_s, prepend=time_s[:1])
     state = _first_state(measured, rate_std)
-    kept = []
+    states = np.empty((n_frames, 5, 2, n_lines))
     for k in range(n_frames):
         state = kalman.predict(state, float(steps[k]), noise_density)
         off = measured.position[:, k] - state.position
         off[1] = kalman.wrap_deg(off[1])
         off = np.where(np.isfinite(measured.variance[:, k]), off, 0.0)
         state = kalman.update(state, off, measured.variance[:, k])
-        kept.append(state)
-    states = np.empty((n_frames, 5, 2, n_lines))
-    states[-1] = np.stack(kept[-1])
-    for k in range(n_frames - 2, -1, -1):
-        later = kalman.State(*states[k + 1])
-        better = kalman.smooth(kept[k], later, float(steps[k + 1]), noise_density)
-        states[k] = np.stack(better)
+        states[k] = state
+    everywhere = np.ones((n_frames, 1, 1), dtype=bool)
+    kalman.smooth_all(states, steps, noise_density, everywhere)
     return states.reshape(n_frames, 10, n_lines).transpose(1, 0, 2)
 
 

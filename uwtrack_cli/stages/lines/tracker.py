@@ -25,27 +25,30 @@ from uwtrack_cli.estimation.comb_test import CombRule
 from uwtrack_cli.estimation.harmonics import find_combs
 from uwtrack_cli.estimation.line_bank import (
     ASSOCIATION,
-    CONFIRMED,
     LAG_FRAMES,
+    N_ROWS,
     STATE_ROWS,
-    TENTATIVE,
     LineBank,
     Points,
 )
-from uwtrack_cli.stages.lines.association import Associator, Pairs, Policies
+from uwtrack_cli.stages.lines.association import Associator, Choice, Policies
 from uwtrack_cli.stages.lines.contacts import ContactSamples, group_lines
 from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
 from uwtrack_cli.stages.lines.lasting_families import FamilyRegister
 from uwtrack_cli.stages.lines.logics import HitCounter, Logic
+from uwtrack_cli.stages.lines.merging import UNKNOWN_BEARING_VARIANCE, merge_lines
 from uwtrack_cli.stages.lines.output import LineTable
 from uwtrack_cli.stages.lines.scores import ScoreKeeper
-
-_UNKNOWN_BEARING_VARIANCE = 1e8
-"""Variance in degree^2 of a bearing that was never measured."""
 
 _GREATEST_STD = 1.5
 """Deviation of a prediction, in resolutions, beyond which a line has no identity."""
 
+
+_USUAL_HITS = 6.0
+"""Hits that the usual precision of a peak is worth at the birth of a line."""
+
+_MOST_HITS = 32.0
+"""Hits over which the precision of a line's peaks is averaged."""
 
 _MEMORY_WINDOWS = 4.0
 """Windows over which the errors of a smoothed line are taken as correlated."""
@@ -77,17 +80,24 @@ class LineTracker:
         self.frames_seen = 0
         self.window_frames = frames.window_s / frames.hop_s
         self.last_time_s: float | None = None
+        self.is_after_gap = False
+        self.usual_precision = 0.0
 
     def step(self, frame: int, time_s: float, effort: float, peaks: FramePeaks) -> None:
         """Advance all lines by one frame."""
         bank = self.bank
         step_s = 0.0 if self.last_time_s is None else time_s - self.last_time_s
         self.last_time_s = time_s
-        state = kalman.predict(bank.state, step_s, bank.noise_density)
-        bank.table[:STATE_ROWS] = np.concatenate(state)
-        bank.table[STATE_ROWS:] = np.nan
+        bank.advance(step_s)
         if effort > 0.0:
+            if self.is_after_gap or step_s > 1.5 * self.hop_s:
+                # after a long gap a line could be anywhere: it has no identity left
+                slots = bank.active()
+                bank.release(slots[self._is_vague(slots)])
+            if peaks.has_bearings and bank.n_quantities == 1:
+                bank.heed_bearings()
             self._observe(peaks, frame)
+        self.is_after_gap = effort <= 0.0
         bank.keep_frame(frame, time_s, step_s)
 
     def emit(self) -> Points:
@@ -122,116 +132,91 @@ class LineTracker:
 
     def _observe(self, peaks: FramePeaks, frame: int) -> None:
         bank = self.bank
-        # after a long gap a line could be anywhere: it has no identity left
         slots = bank.active()
-        bank.release(slots[self._is_vague(slots)])
-        slots = bank.active()
-        bank.table[ASSOCIATION, slots] = COASTED
-        is_claimed = self.associator.is_claimed(peaks)
-        crowding = self.logic.crowding(peaks.frequency, ~is_claimed)
-        is_free = np.ones(peaks.frequency.size, dtype=bool)
+        bank.table[ASSOCIATION] = COASTED
+        height = self.logic.heights(peaks)
+        is_used = np.zeros(peaks.frequency.size, dtype=bool)
+        is_likely = is_used
         if slots.size:
-            chosen = self._associate(slots, peaks, crowding)
+            chosen = self._associate(slots, peaks, height)
             self._update(slots[chosen.line], chosen.peak, peaks)
-            is_free[chosen.peak] = False
-            is_likely = self.logic.is_likely(bank, slots[chosen.line])
-            is_claimed[chosen.peak[is_likely]] = True
+            is_used[chosen.peak] = True
+            likely = self.logic.is_likely(bank, slots[chosen.line])
+            is_likely = np.zeros_like(is_used)
+            is_likely[chosen.peak[likely]] = True
             self._decide(slots, chosen)
-            self._merge()
-            is_claimed |= self.associator.is_claimed(peaks)
-        self.logic.watch(peaks.frequency[~is_claimed])
+            merge_lines(bank, self.policies.gates, self.resolution_hz)
+        is_claimed = self.associator.is_claimed(peaks) | is_likely
+        self.logic.watch(peaks, is_claimed)
         self.frames_seen += 1
         if self.frames_seen % self.policies.feedback.every_frames == 0:
             self._classify(frame)
-        self._start(peaks, is_free & ~is_claimed, crowding)
+        if peaks.frequency.size:
+            self._start(peaks, ~(is_used | is_claimed), height)
 
     def _associate(
-        self, slots: IntArray, peaks: FramePeaks, crowding: FloatArray
-    ) -> Pairs:
-        return self.associator.associate(slots, peaks, crowding)
+        self, slots: IntArray, peaks: FramePeaks, height: FloatArray
+    ) -> Choice:
+        return self.associator.associate(slots, peaks, height)
 
     def _update(self, slots: IntArray, peak: IntArray, peaks: FramePeaks) -> None:
-        table, state = self.bank.table, self.bank.state
-        before = kalman.State(*(values[:, slots] for values in state))
-        turn = kalman.wrap_deg(peaks.bearing[peak] - before.position[1])
-        innovation = np.stack([
-            peaks.frequency[peak] - before.position[0],
-            np.where(np.isnan(turn), 0.0, turn),
-        ])  # fmt: skip
-        noise = np.stack([peaks.variance[peak], peaks.bearing_variance[peak]])
-        after = kalman.update(before, innovation, noise)
-        table[:STATE_ROWS, slots] = np.concatenate(after)
+        bank, n = self.bank, self.bank.n_quantities
+        table = bank.table
+        states = table[:STATE_ROWS].reshape(5, 2, -1)[:, :n]
+        before = kalman.State(*states[:, :, slots])
+        innovation = np.empty((n, slots.size))
+        noise = np.empty((n, slots.size))
+        innovation[0] = peaks.frequency[peak]
+        noise[0] = 1.0 / bank.precision[slots]
+        if n == 2:
+            innovation[1] = peaks.bearing[peak]
+            noise[1] = peaks.bearing_variance[peak]
+        innovation -= before.position
+        if n == 2:
+            turn = kalman.wrap_deg(innovation[1])
+            innovation[1] = np.where(np.isnan(turn), 0.0, turn)
+        states[:, :, slots] = kalman.update(before, innovation, noise)
         table[STATE_ROWS:ASSOCIATION, slots] = peaks.raw[:, peak]
         table[ASSOCIATION, slots] = np.where(
             peaks.is_detection[peak], DETECTED, SUB_THRESHOLD
         )
+        self._learn(slots, 1.0 / peaks.variance[peak])
 
-    def _decide(self, slots: IntArray, chosen: Pairs) -> None:
+    def _learn(self, slots: IntArray, precision: FloatArray) -> None:
+        """Average the precision of a line's peaks, for it is the line's.
+
+        The height of a weak line's single peak is its noise's: a high one is no more
+        exact than a low one.
+        """
         bank = self.bank
-        hit, gain = np.zeros(slots.size, dtype=bool), np.zeros(slots.size)
-        hit[chosen.line] = True
-        gain[chosen.line] = chosen.gain
+        hits, known = bank.hits[slots] + 1.0, bank.precision[slots]
+        weight = 1.0 / np.minimum(_USUAL_HITS + hits, _MOST_HITS)
+        bank.hits[slots] = hits
+        bank.precision[slots] = known + weight * (precision - known)
+
+    def _decide(self, slots: IntArray, chosen: Choice) -> None:
+        bank = self.bank
         bank.age[slots] += 1
-        patience = np.where(
-            self.associator.is_recognised(slots) & (bank.stage[slots] == CONFIRMED),
-            self.policies.feedback.gamma, 1.0,
-        )  # fmt: skip
-        is_sure, is_lost = self.logic.judge(bank, slots, hit, gain, patience)
+        patience = np.ones(slots.size)
+        n_sure = bank.confirmed.size
+        recognised = self.associator.is_recognised(slots[:n_sure])
+        patience[:n_sure][recognised] = self.policies.feedback.gamma
+        is_sure, is_lost = self.logic.judge(bank, slots, chosen, patience)
         is_lost |= self._is_vague(slots)
-        fresh = slots[is_sure & ~is_lost & (bank.stage[slots] == TENTATIVE)]
-        bank.stage[fresh] = CONFIRMED
-        bank.line[fresh] = bank.next_line + np.arange(fresh.size)
-        bank.next_line += fresh.size
+        fresh = slots[n_sure:][is_sure[n_sure:] & ~is_lost[n_sure:]]
+        bank.confirm(fresh)
         bank.release(slots[is_lost])
 
     def _is_vague(self, slots: IntArray) -> BoolArray:
         """Tell which lines are known too poorly to be told from others."""
-        spread = np.sqrt(self.bank.state.variance[0, slots])
         widest = self.policies.gates.frequency_hz or _GREATEST_STD * self.resolution_hz
-        return np.asarray(spread > widest)
-
-    def _merge(self) -> None:
-        """End the younger of two lines that have become one."""
-        bank, gates = self.bank, self.policies.gates
-        near_hz = gates.merge_hz or 0.5 * self.resolution_hz
-        slots = bank.active()
-        # two up in a frame together, one down in every frame
-        bank.doubled[slots] = np.maximum(bank.doubled[slots] - 1, 0)
-        state = bank.state
-        slots = slots[np.argsort(state.position[0, slots], kind="stable")]
-        for gap in (1, 2):
-            low, high = slots[:-gap], slots[gap:]
-            is_near = state.position[0, high] - state.position[0, low] < near_hz
-            if not is_near.any():
-                continue
-            low, high = low[is_near], high[is_near]
-            turn = kalman.wrap_deg(state.position[1, high] - state.position[1, low])
-            slip = np.abs(state.rate[0, high] - state.rate[0, low])
-            doubt = np.sqrt(state.rate_variance[0, high] + state.rate_variance[0, low])
-            is_one = (np.abs(turn) < gates.merge_deg) | (
-                np.maximum(state.variance[1, high], state.variance[1, low])
-                > 0.5 * _UNKNOWN_BEARING_VARIANCE
-            )
-            is_one &= slip < gates.merge_rate_sigmas * doubt
-            self._end_doubles(low[is_one], high[is_one])
-
-    def _end_doubles(self, low: IntArray, high: IntArray) -> None:
-        """End doubles: tentative ones at once, confirmed ones if they stay together.
-
-        Two vessels' lines that cross are close for a while, and go on as two.
-        """
-        bank = self.bank
-        younger = np.unique(_younger(bank, low, high))
-        bank.doubled[younger] += 2
-        is_confirmed = bank.stage[younger] == CONFIRMED
-        lasting = bank.doubled[younger] >= self.policies.gates.merge_frames
-        bank.release(younger[~is_confirmed | lasting])
+        return np.asarray(self.bank.state.variance[0, slots] > widest**2)
 
     def _classify(self, frame: int) -> None:
         """Mark the confirmed lines that belong to harmonic families."""
         bank, feedback = self.bank, self.policies.feedback
         bank.hold = np.maximum(bank.hold - feedback.every_frames, 0)
-        slots = np.flatnonzero(bank.stage == CONFIRMED)
+        slots = bank.confirmed
         # a line that coasts has no frequency to speak of
         slots = slots[bank.rows - bank.settled[slots] <= feedback.hold_frames]
         if slots.size < 3:
@@ -242,7 +227,7 @@ class LineTracker:
         sigma = float(np.sqrt(np.median(variance[0])))
         sigma = max(sigma, _LEAST_JITTER * self.resolution_hz)
         bearing = np.where(
-            variance[1] < 0.5 * _UNKNOWN_BEARING_VARIANCE,
+            variance[1] < 0.5 * UNKNOWN_BEARING_VARIANCE,
             bank.table[1, slots], np.nan,
         )  # fmt: skip
         harmonics = self.policies.harmonics
@@ -256,9 +241,7 @@ class LineTracker:
             bank.hold[slots[is_member]] = feedback.hold_frames
         self.families.note(frame, combs, bank.line[slots], frequency, sigma)
 
-    def _start(
-        self, peaks: FramePeaks, is_free: BoolArray, crowding: FloatArray
-    ) -> None:
+    def _start(self, peaks: FramePeaks, is_free: BoolArray, height: FloatArray) -> None:
         is_seed = is_free & (peaks.is_detection | self.logic.uses_all_peaks)
         if self.policies.feedback.births == "families":
             is_seed &= peaks.is_in_family
@@ -267,32 +250,25 @@ class LineTracker:
             return
         bank, motion = self.bank, self.policies.motion
         slots = bank.free_slots(seeds.size)
-        has_bearing = np.isfinite(peaks.bearing[seeds])
         window_s = 1.0 / self.resolution_hz
-        rate = motion.rate_std_hzps(window_s, self.hop_s)
-        table = bank.table
-        table[:, slots] = 0.0
-        table[0, slots] = peaks.frequency[seeds]
-        table[1, slots] = np.where(has_bearing, peaks.bearing[seeds], 0.0)
-        table[4, slots] = peaks.variance[seeds]
-        table[5, slots] = np.where(
-            has_bearing, peaks.bearing_variance[seeds], _UNKNOWN_BEARING_VARIANCE
-        )
-        table[8, slots] = rate**2
-        table[9, slots] = motion.bearing_rate_degps**2
-        table[STATE_ROWS:ASSOCIATION, slots] = peaks.raw[:, seeds]
-        table[ASSOCIATION, slots] = np.where(
+        precision = 1.0 / peaks.variance[seeds]
+        usual = self.usual_precision or float(precision.mean())
+        self.usual_precision = usual + (float(precision.mean()) - usual) / _MOST_HITS
+        precision = (_USUAL_HITS * usual + precision) / (_USUAL_HITS + 1.0)
+        columns = np.zeros((N_ROWS, seeds.size))
+        columns[0], columns[4] = peaks.frequency[seeds], 1.0 / precision
+        columns[5] = UNKNOWN_BEARING_VARIANCE
+        if peaks.has_bearings:
+            known = np.isfinite(peaks.bearing[seeds])
+            columns[1, known] = peaks.bearing[seeds[known]]
+            columns[5, known] = peaks.bearing_variance[seeds[known]]
+        columns[8] = motion.rate_std_hzps(window_s, self.hop_s) ** 2
+        columns[9] = motion.bearing_rate_degps**2
+        columns[STATE_ROWS:ASSOCIATION] = peaks.raw[:, seeds]
+        columns[ASSOCIATION] = np.where(
             peaks.is_detection[seeds], DETECTED, SUB_THRESHOLD
         )
-        bank.noise_density[0, slots] = motion.frequency_density(
-            peaks.frequency[seeds], window_s
-        )
+        bank.table[:, slots] = columns
+        bank.noise_density[0, slots] = motion.frequency_density(columns[0], window_s)
         bank.noise_density[1, slots] = motion.bearing_deg2ps3
-        bank.start(slots, self.logic.first_score(peaks.raw[5, seeds], crowding[seeds]))
-
-
-def _younger(bank: LineBank, low: IntArray, high: IntArray) -> IntArray:
-    """Of two lines the tentative one, or of equals the one that started later."""
-    rank_low = bank.serial[low] - bank.next_serial * (bank.stage[low] == CONFIRMED)
-    rank_high = bank.serial[high] - bank.next_serial * (bank.stage[high] == CONFIRMED)
-    return np.where(rank_low > rank_high, low, high)
+        bank.start(slots, self.logic.first_score(height[seeds]), precision)
