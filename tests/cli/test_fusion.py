@@ -47,3 +47,10 @@ def test_an_existing_fused_file_is_refused_before_the_work(uwtrack, two, tmp_pat
     assert done.exit_code == 1
     assert "--overwrite" in done.stderr
     assert not (tmp_path / "two-sensors-h1.run.h5").exists()
+
+
+def test_a_fused_file_is_made_again_from_all_its_recordings(uwtrack, two):
+    assert uwtrack("run", *two, *START).exit_code == 0
+    fused = "two-sensors-h1.fixes.h5"
+    assert uwtrack("rerun", fused, "-o", "again.h5").exit_code == 0
+    assert uwtrack("diff", fused, "again.h5").exit_code == 0

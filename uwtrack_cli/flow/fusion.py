@@ -14,7 +14,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.files.product import HistoryStep
-from uwtrack_cli.flow.products import source_of_recording, whole_stage
+from uwtrack_cli.flow.products import history_of_recipe, whole_stage
 from uwtrack_cli.flow.recipe import Recipe, Step
 
 
@@ -22,6 +22,7 @@ from uwtrack_cli.flow.recipe import Recipe, Step
 class Fusion:
     """A step that joins several recordings, and the file that its result goes to."""
 
+    recipe: Recipe
     step: Step
     recordings: tuple[Recording, ...]
     target: Path
@@ -31,9 +32,11 @@ class Fusion:
         return whole_stage(self.step, [c for c in made if not isinstance(c, Fixes)], [])
 
     def history(self) -> list[HistoryStep]:
-        """Return the step with the recordings that it joined."""
-        sources = [source_of_recording(recording) for recording in self.recordings]
-        return [HistoryStep.now(self.step.stage_name, self.step.values(), sources)]
+        """Return how each recording was read, the steps over each, and the last."""
+        runs = [history_of_recipe(self.recipe, r) for r in self.recordings]
+        rest = [step for step in runs[0][1:] if step.stage != self.step.stage_name]
+        last = HistoryStep.now(self.step.stage_name, self.step.values())
+        return [*(run[0] for run in runs), *rest, last]
 
 
 def plan_fusion(
@@ -55,7 +58,7 @@ def plan_fusion(
     if step is None or len(sensors) < 2 or not _overlap(recordings):
         return None
     target = sources[0].with_name(f"{sources[0].stem}.fixes.h5")
-    return Fusion(step, tuple(recordings), target)
+    return Fusion(recipe, step, tuple(recordings), target)
 
 
 def _overlap(recordings: Sequence[Recording]) -> bool:
