@@ -17,7 +17,6 @@ Probabilistic Approach" (2008).
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
@@ -62,9 +61,22 @@ class CombRule:
 
 
 def comb_tests(
-    frequency_hz: FloatArray, bearing_deg: FloatArray, rule: CombRule
+    frequency_hz: FloatArray,
+    bearing_deg: FloatArray,
+    rule: CombRule,
+    greatest_chance: float | None = None,
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Test every pair of peaks and number of spacings as the ends of a comb.
+
+    Parameters
+    ----------
+    frequency_hz, bearing_deg
+        Peaks, ascending in frequency; bearings are nan where unknown.
+    rule
+        What counts as a comb.
+    greatest_chance
+        Tests that a rough count shows to be above this are left out, which saves most
+        of the work; they count as tests all the same.
 
     Returns
     -------
@@ -72,16 +84,52 @@ def comb_tests(
         Lower peak, upper peak, spacings and log10 of the chance of every test.
     """
     lower, upper, spacings = _hypotheses(frequency_hz, bearing_deg, rule)
-    hits = _interior_hits(frequency_hz, bearing_deg, rule, lower, upper, spacings)
-    density = _density(frequency_hz, rule, lower, upper, hits)
+    n_tests = max(lower.size, 1)
     share = min(1.0, 2.0 * rule.bearing_window_deg / 360.0)
     if not np.isfinite(bearing_deg).any():
         share = 1.0
-    probability = -np.expm1(-2.0 * rule.tolerance_hz * density * share)
-    step = np.ceil(np.log(np.maximum(probability, 1e-6) / 1e-6) / np.log(_RATIO))
-    chance = _log10_tail(rule.most_spacings)[step.astype(np.int64), spacings - 1, hits]
-    chance = chance + np.log10(max(lower.size, 1))
-    return lower, upper, spacings, chance
+    tail = _log10_tail(rule.most_spacings)
+    scale = 2.0 * rule.tolerance_hz * share
+    if greatest_chance is not None and lower.size:
+        # in the least density that `_density` can give
+        step = _tail_step(np.array(scale * frequency_hz.size / rule.band_hz))
+        is_rare = tail[step] + np.log10(n_tests) < np.log10(greatest_chance)
+        needed = np.where(is_rare.any(axis=1), is_rare.argmax(axis=1), tail.shape[2])
+        most = _most_hits(frequency_hz, rule, lower, upper, spacings)
+        keep = most >= needed[spacings - 1]
+        lower, upper, spacings = lower[keep], upper[keep], spacings[keep]
+    hits = _interior_hits(frequency_hz, bearing_deg, rule, lower, upper, spacings)
+    density = _density(frequency_hz, rule, lower, upper, hits)
+    chance = tail[_tail_step(scale * density), spacings - 1, hits]
+    return lower, upper, spacings, chance + np.log10(n_tests)
+
+
+def _tail_step(expected: FloatArray) -> IntArray:
+    """Row of the table of tails for an expected number of peaks in a tooth."""
+    probability = np.maximum(-np.expm1(-expected), 1e-6)
+    return np.ceil(np.log(probability / 1e-6) / np.log(_RATIO)).astype(np.int64)
+
+
+def _most_hits(
+    frequency_hz: FloatArray,
+    rule: CombRule,
+    lower: IntArray,
+    upper: IntArray,
+    spacings: IntArray,
+) -> IntArray:
+    """Upper bound of the interior hits: teeth rounded to cells, all directions."""
+    step = rule.tolerance_hz
+    low = float(frequency_hz[0]) - 3.0 * step
+    cells = ((frequency_hz - low) / step).astype(np.int64)
+    is_near = np.zeros(int((frequency_hz[-1] - low) / step) + 4, dtype=np.int8)
+    # a tooth within the tolerance of a peak is in its cell or in the next one
+    for shift in (-1, 0, 1):
+        is_near[cells + shift] = 1
+    first = (frequency_hz[lower] - low) / step
+    spacing = (frequency_hz[upper] - frequency_hz[lower]) / (spacings * step)
+    test, tooth = _teeth(spacings)
+    cell = (first[test] + spacing[test] * tooth).astype(np.int32)
+    return np.bincount(test, is_near[cell], minlength=lower.size).astype(np.int64)
 
 
 def _hypotheses(
@@ -94,7 +142,8 @@ def _hypotheses(
         span <= rule.most_spacings * rule.spacing_hz[1]
     )
     if np.isfinite(bearing_deg).any():
-        fits &= agree(bearing_deg[lower], bearing_deg[upper], rule.bearing_window_deg)
+        circle = bearing_deg % 360.0
+        fits &= _agree_on_circle(circle[lower], circle[upper], rule.bearing_window_deg)
     lower, upper, span = lower[fits], upper[fits], span[fits]
     counts = np.arange(2, rule.most_spacings + 1)
     spacing = span / counts[:, None]
@@ -107,6 +156,14 @@ def _hypotheses(
 def agree(a_deg: FloatArray, b_deg: FloatArray, window_deg: float) -> BoolArray:
     """Tell which bearings agree; an unknown one agrees with every other."""
     return ~(np.abs(wrap_deg(a_deg - b_deg)) > window_deg)
+
+
+def _agree_on_circle(
+    a_deg: FloatArray, b_deg: FloatArray, window_deg: float
+) -> BoolArray:
+    """Tell the same of bearings in [0, 360], without a division."""
+    apart = np.abs(a_deg - b_deg)
+    return ~((apart > window_deg) & (apart < 360.0 - window_deg))
 
 
 def _spread_deg(bearing_deg: FloatArray) -> float:
@@ -129,24 +186,27 @@ def _interior_hits(
     finder = _PeakFinder(frequency_hz, rule.tolerance_hz)
     base = frequency_hz[lower]
     spacing = (frequency_hz[upper] - base) / spacings
-    base = base - rule.tolerance_hz
-    has_directions = _spread_deg(bearing_deg) > rule.bearing_window_deg
-    middle = bearing_deg[lower] + 0.5 * wrap_deg(
-        bearing_deg[upper] - bearing_deg[lower]
-    )
-    hits = np.zeros(lower.size, dtype=np.int64)
-    edges = np.searchsorted(spacings, np.arange(2, rule.most_spacings + 2))
-    for inner, (start, stop) in enumerate(pairwise(edges), start=1):
-        at = slice(start, stop)
-        lowest = base[at, None] + spacing[at, None] * np.arange(1, inner + 1)
-        peak, is_near = finder.nearest_above(lowest)
-        if has_directions:
-            _keep_direction(
-                finder, lowest, peak, is_near, bearing_deg, middle[at],
-                rule.bearing_window_deg,
-            )  # fmt: skip
-        hits[at] = np.count_nonzero(is_near, axis=1)
-    return hits
+    test, tooth = _teeth(spacings)
+    lowest = (base - rule.tolerance_hz)[test] + spacing[test] * tooth
+    peak, is_near = finder.nearest_above(lowest)
+    if _spread_deg(bearing_deg) > rule.bearing_window_deg:
+        circle = bearing_deg % 360.0
+        middle = circle[lower] + 0.5 * wrap_deg(circle[upper] - circle[lower])
+        middle %= 360.0
+        at = np.flatnonzero(is_near)
+        is_near[at] = _has_direction(
+            finder, lowest[at], peak[at], circle, middle[test[at]],
+            rule.bearing_window_deg,
+        )  # fmt: skip
+    return np.bincount(test[is_near], minlength=lower.size)
+
+
+def _teeth(spacings: IntArray) -> tuple[IntArray, IntArray]:
+    """List the interior teeth of all tests: the test, and the tooth from 1 on."""
+    counts = spacings - 1
+    test = np.arange(counts.size).repeat(counts)
+    starts = counts.cumsum() - counts
+    return test, np.arange(1, test.size + 1) - starts[test]
 
 
 class _PeakFinder:
@@ -174,25 +234,27 @@ class _PeakFinder:
         return peak, found <= lowest + self.width
 
 
-def _keep_direction(
+def _has_direction(
     finder: _PeakFinder,
     lowest: FloatArray,
     peak: IntArray,
-    is_near: BoolArray,
     bearing_deg: FloatArray,
     middle_deg: FloatArray,
     window_deg: float,
-) -> None:
-    """Unmark teeth that no peak from the right direction hits."""
-    row, column = np.nonzero(is_near)
-    at = peak[row, column]
-    while row.size:
-        is_same = agree(bearing_deg[at], middle_deg[row], window_deg)
-        row, column, at = row[~is_same], column[~is_same], at[~is_same] + 1
+) -> BoolArray:
+    """Tell which teeth, hit by a peak, are hit by one from the right direction."""
+    is_hit = _agree_on_circle(bearing_deg[peak], middle_deg, window_deg)
+    left = np.flatnonzero(~is_hit)
+    peak = peak[left]
+    while left.size:
         # a peak from elsewhere may hide the right one behind it
-        more = finder.fence[at] <= lowest[row, column] + finder.width
-        is_near[row[~more], column[~more]] = False
-        row, column, at = row[more], column[more], at[more]
+        peak = peak + 1
+        more = finder.fence[peak] <= lowest[left] + finder.width
+        left, peak = left[more], peak[more]
+        is_same = _agree_on_circle(bearing_deg[peak], middle_deg[left], window_deg)
+        is_hit[left[is_same]] = True
+        left, peak = left[~is_same], peak[~is_same]
+    return is_hit
 
 
 def _density(

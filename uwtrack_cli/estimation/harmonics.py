@@ -69,7 +69,9 @@ def find_combs(
     score = np.full(frequency_hz.size, np.inf)
     if frequency_hz.size < 3:
         return [], score
-    lower, upper, spacings, chance = comb_tests(frequency_hz, bearing_deg, rule)
+    lower, upper, spacings, chance = comb_tests(
+        frequency_hz, bearing_deg, rule, greatest_chance
+    )
     keep = np.flatnonzero(chance < np.log10(greatest_chance))
     keep = keep[np.argsort(chance[keep], kind="stable")]
     np.minimum.at(score, lower[keep], chance[keep])
@@ -78,26 +80,34 @@ def find_combs(
     owner = np.full(frequency_hz.size, -1)
     # every test marks its free ends, so few of the many tests are looked at
     tries = np.zeros(frequency_hz.size, dtype=np.int64)
-    while keep.size:
-        k, keep = keep[0], keep[1:]
+    at = 0
+    while at < keep.size:
+        k, at = keep[at], at + 1
         ends = np.array([lower[k], upper[k]])
         tries[ends] += 1
-        comb = _members(
-            frequency_hz, bearing_deg, rule,
-            (int(ends[0]), int(ends[1]), int(spacings[k])), float(chance[k]),
-        )  # fmt: skip
-        if (owner[comb.members] < 0).all():
-            ends = np.concatenate([lower[keep], upper[keep]])
-            steps = np.tile(
-                (frequency_hz[upper[keep]] - frequency_hz[lower[keep]])
-                / spacings[keep], 2,
+        is_news = bool((tries[ends] == _MOST_TRIES).any())
+        if (owner[ends] < 0).all():
+            comb = _members(
+                frequency_hz, bearing_deg, rule,
+                (int(ends[0]), int(ends[1]), int(spacings[k])), float(chance[k]),
             )  # fmt: skip
-            comb = _prolonged(comb, frequency_hz, ends[owner[ends] < 0],
-                              steps[owner[ends] < 0], rule)  # fmt: skip
-            owner[comb.members] = len(combs)
-            combs.append(comb)
-        is_open = (owner < 0) & (tries < _MOST_TRIES)
-        keep = keep[is_open[lower[keep]] | is_open[upper[keep]]]
+            if (owner[comb.members] < 0).all():
+                rest = keep[at:]
+                ends = np.concatenate([lower[rest], upper[rest]])
+                steps = np.tile(
+                    (frequency_hz[upper[rest]] - frequency_hz[lower[rest]])
+                    / spacings[rest], 2,
+                )  # fmt: skip
+                is_free = owner[ends] < 0
+                comb = _prolonged(comb, frequency_hz, ends[is_free],
+                                  steps[is_free], rule)  # fmt: skip
+                owner[comb.members] = len(combs)
+                combs.append(comb)
+                is_news = True
+        if is_news:
+            is_open = (owner < 0) & (tries < _MOST_TRIES)
+            keep = keep[at:]
+            keep, at = keep[is_open[lower[keep]] | is_open[upper[keep]]], 0
     for comb in combs:
         score[comb.members] = np.minimum(score[comb.members], comb.log10_chance)
     return combs, score
