@@ -345,3 +345,21 @@ def test_sensor_prints_as_names_and_values():
     assert "id                           h1" in printed
     assert "depth_m                      22" in printed
     assert "latitude" in printed
+
+
+def test_a_series_is_written_as_it_is_read(tmp_path):
+    written = tmp_path / "again.csv"
+    source = tmp_path / "series.csv"
+    source.write_text(
+        "time_s,contact,bearing_deg,bearing_std_deg,frequency_hz,frequency_std_hz,"
+        "frequency_hz_2,frequency_std_hz_2,level_db,level_std_db\n"
+        "0,1,10.0,1.0,63.1,0.01,126.2,0.02,100.0,1.0\n"
+        "1,1,,,63.0,0.01,,,101.0,1.0\n"
+    )
+    series = read_series(source)
+    written.write_text("\n".join(write_table(series, "csv")) + "\n")
+    assert written.read_text().startswith("contact,time_s")
+    assert "frequency_hz,frequency_hz_2,frequency_std_hz,frequency_std_hz_2" in (
+        written.read_text()
+    )
+    assert read_series(written).equals(series)

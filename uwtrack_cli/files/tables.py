@@ -2,17 +2,20 @@
 
 **Conventions.** Text comes as an iterator of lines without their ends. A value that
 cannot be told is an empty cell in a table or CSV, null in JSON. Matrices become
-columns ``name_0_1`` in CSV, lists in JSON.
+columns ``name_0_1`` in CSV, lists in JSON; a series has the columns that its own
+reader takes, ``frequency_hz``, ``frequency_hz_2`` and so on.
 """
 
 import csv
 import io
 import itertools
 import json
+import re
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.json_rows import (
     SPECIAL,
@@ -29,6 +32,7 @@ from uwtrack_cli.files.series import read_series
 __all__ = ["FORMATS", "json_rows", "read_navigation", "read_series", "write_table"]
 
 FORMATS = ("table", "csv", "json", "jsonl")
+SERIES_LINE = re.compile(r"(frequency(?:_std)?_hz)_(\d+)")
 WIDTH_ROWS = 500
 """Rows that decide how wide the columns of a table are."""
 
@@ -137,9 +141,18 @@ VARYING = frozenset({"rest_frequencies_hz", "rest_frequencies_std_hz", "sensors"
 def _csv(container: Container, rows: Iterable[Row], axis: str | None) -> Iterator[str]:
     first, rows = _peek(rows)
     names = [name for name, _ in _flat(first)] if first else _names(container, axis)
-    yield _csv_line(names)
+    yield _csv_line([_column_name(container, name) for name in names])
     for row in rows:
         yield _csv_line([value for _, value in _flat(row)])
+
+
+def _column_name(container: Container, name: str) -> str:
+    """Return the name that the reader of the container's own table knows."""
+    line = SERIES_LINE.fullmatch(name) if isinstance(container, Series) else None
+    if line is None:
+        return name
+    number = int(line[2]) + 1
+    return line[1] if number == 1 else f"{line[1]}_{number}"
 
 
 def _csv_line(cells: list[Any]) -> str:
