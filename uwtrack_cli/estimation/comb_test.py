@@ -107,7 +107,8 @@ def comb_tests(
 def _tail_step(expected: FloatArray) -> IntArray:
     """Row of the table of tails for an expected number of peaks in a tooth."""
     probability = np.maximum(-np.expm1(-expected), 1e-6)
-    return np.ceil(np.log(probability / 1e-6) / np.log(_RATIO)).astype(np.int64)
+    step = np.ceil(np.log(probability / 1e-6) / np.log(_RATIO))
+    return np.asarray(step, dtype=np.int64)
 
 
 def _most_hits(
