@@ -207,8 +207,8 @@ def test_a_report_refers_to_no_address(page):
 def test_a_report_tells_results_facts_and_history(page, found):
     parsed = Page()
     parsed.feed(page)
-    for word in ("pass.wav", "2000 Hz", "Closest approaches", "port", "track", "SHA-256",
-                 f"{found[0].speed_mps[0]:.5g}"):  # fmt: skip
+    for word in ("pass.wav", "2000 Hz", "Closest approaches", "speed m/s", "dB re 1 uPa", "port", "track", "SHA-256",
+                 f"{found[0].speed_mps[0]:.2f} ± ", "63.00"):  # fmt: skip
         assert word in parsed.text
 
 
@@ -221,6 +221,20 @@ def test_names_in_a_report_are_text_and_nothing_more(uwtrack, noise_wav, tmp_pat
     assert "&lt;script&gt;" in text
 
 
+def test_a_report_of_two_sensors_draws_each_of_them(uwtrack, tmp_path):
+    assert uwtrack("sample", "two-sensors").exit_code == 0
+    sounds = ["two-sensors-h1.wav", "two-sensors-h2.wav"]
+    start = ["--start-utc", "2024-05-02T06:30:00Z", "-q"]
+    assert uwtrack("run", *sounds, *start).exit_code == 0
+    fused = "two-sensors-h1.fixes.h5"
+    assert uwtrack("report", fused, "-o", "two.html").exit_code == 0
+    parsed = Page()
+    parsed.feed((tmp_path / "two.html").read_text())
+    assert "Picture of h1" in parsed.text
+    assert "Picture of h2" in parsed.text
+    assert len(set(parsed.addresses)) == parsed.tags.count("img") == 2
+
+
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 
 
@@ -228,9 +242,11 @@ BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 @pytest.mark.usefixtures("page")
 def test_a_report_is_drawn_by_a_browser(tmp_path):
     done = subprocess.run(
-        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu",
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
+         "--disable-background-networking", "--disable-component-update",
+         "--disable-sync", f"--user-data-dir={tmp_path / 'profile'}",
          f"--screenshot={tmp_path / 'page.png'}", tmp_path / "page.html"],
-        capture_output=True, check=False, timeout=60,
+        capture_output=True, check=False, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0
     assert (tmp_path / "page.png").stat().st_size > 10_000

@@ -6,7 +6,7 @@ address. All text that comes from a file is escaped.
 
 import base64
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -15,30 +15,19 @@ from typing import Any
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.json_rows import json_rows
-from uwtrack_cli.files.product import Product
+from uwtrack_cli.files.layout import sensor_of
+from uwtrack_cli.files.product import HistoryStep, Product
 from uwtrack_cli.files.registry import CONTAINERS
+from uwtrack_cli.files.summaries import SUMMARIES
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.plotting.page import draw_page
 
 LARGE = frozenset({"spectrogram", "peaks", "families", "frames", "navigation"})
-TABLES: dict[str, tuple[str, ...]] = {
-    "encounters": (
-        "contact", "sensor", "status", "time_utc", "time_s", "speed_mps",
-        "slant_range_m", "range_over_speed_s", "course_deg", "bearing_deg", "side",
-        "rest_frequencies_hz", "received_level_db",
-    ),
-    "fixes": (
-        "contact", "mode", "weight", "time_s", "east_m", "north_m", "latitude",
-        "longitude", "speed_mps", "course_deg", "sensors",
-    ),
-    "motions": (
-        "contact", "mode", "weight", "range_m", "bearing_deg", "speed_mps",
-        "course_deg", "observable",
-    ),
-}  # fmt: skip
 TITLES = {
     "encounters": "Closest approaches",
     "fixes": "Positions",
@@ -98,43 +87,36 @@ def _sections(
     product: Product, containers: Sequence[Container], recordings: Sequence[Recording]
 ) -> Iterator[str]:
     for recording in recordings:
-        yield f"<p>{escape(_facts(recording))}</p>"
+        yield _facts(recording)
     for container in containers:
-        if container.NAME in TABLES:
+        if container.NAME in TITLES:
             yield f"<h2>{TITLES[container.NAME]}</h2>"
             yield from _result(container)
-    try:
-        yield f'<h2>Picture</h2>\n<img alt="lofargram, fits and map" src="{_picture(containers)}">'
-    except DataError as error:
-        yield f"<p>{escape(str(error))}</p>"
+    yield from _pictures(containers)
     yield "<h2>History</h2>"
-    rows = [
-        {
-            "stage": step.stage,
-            "read": ", ".join(source.name for source in step.sources),
-            "options": ", ".join(f"{k} = {v}" for k, v in step.options.items()),
-            "version": step.versions.get("uwtrack", ""),
-        }
-        for step in product.history
-    ]
-    yield _table(("stage", "read", "options", "version"), rows)
+    yield from map(_step, product.history)
 
 
 def _facts(recording: Recording) -> str:
-    sensor = recording.sensor
-    start = recording.start_utc_ns
-    known = [
-        f"{recording.name}: {recording.duration_s:.1f} s",
-        f"{recording.sample_rate_hz:g} Hz",
-        f"{recording.n_channels} channel{'s' if recording.n_channels > 1 else ''}",
-        "start unknown" if start is None else f"from {format_utc(start)}",
-        f"{sensor.kind} sensor {sensor.id}",
-        f"sound speed {sensor.sound_speed_mps:g} m/s",
-        "calibrated" if sensor.full_scale_upa else "not calibrated",
-    ]
+    """Return what is known of a recording, as a list of names and values."""
+    sensor, start = recording.sensor, recording.start_utc_ns
+    place = "unknown"
     if sensor.latitude is not None and sensor.longitude is not None:
-        known.append(f"at {sensor.latitude:.5f}, {sensor.longitude:.5f}")
-    return ", ".join(known) + "."
+        place = f"{sensor.latitude:.5f}\u00b0, {sensor.longitude:.5f}\u00b0"
+    elif sensor.east_m is not None and sensor.north_m is not None:
+        place = f"{sensor.east_m:g} m east, {sensor.north_m:g} m north"
+    facts = {
+        "Recording": recording.name,
+        "Start": "unknown" if start is None else format_utc(start),
+        "Length": f"{recording.duration_s:.1f} s",
+        "Sample rate": f"{recording.sample_rate_hz:g} Hz",
+        "Sensor": f"{sensor.id} ({sensor.kind})",
+        "Position": place,
+        "Sound speed": f"{sensor.sound_speed_mps:g} m/s",
+        "Levels": "dB re 1 uPa" if sensor.full_scale_upa else "dB re full scale",
+    }
+    rows = (f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in facts.items())
+    return f"<dl>{''.join(rows)}</dl>"
 
 
 def _result(container: Container) -> Iterator[str]:
@@ -142,42 +124,87 @@ def _result(container: Container) -> Iterator[str]:
     if not rows:
         yield "<p>None were found.</p>"
         return
-    yield _table(TABLES[container.NAME], [_with_deviations(row) for row in rows])
-    for row in rows:
-        for key, reason in (row.get("reasons") or {}).items():
-            yield f"<p>Contact {row['contact']}: no {escape(key)}: {escape(str(reason))}</p>"
+    heads = SUMMARIES[container.NAME]
+    yield _table(
+        [head.title for head in heads], [[head.text(r) for head in heads] for r in rows]
+    )
+    unit = f"dB re {getattr(container, 'reference', 'unknown')}"
+    notes = [note for row in rows for note in _notes(row, unit)]
+    if notes:
+        yield "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes) + "</ul>"
 
 
-def _with_deviations(row: dict[str, Any]) -> dict[str, Any]:
-    """Return the cells of a row as text, each with its deviation."""
-    cells = {}
-    for key, value in row.items():
-        stem, _, unit = key.rpartition("_")
-        cells[key] = _cell(value)
-        deviation = row.get(f"{stem}_std_{unit}")
-        if value is not None and isinstance(deviation, float):
-            cells[key] += f" \u00b1 {_cell(deviation)}"
-    return cells
+def _notes(row: dict[str, Any], unit: str) -> Iterator[str]:
+    """Yield what a table has no room for, one sentence each; the unit is a level's."""
+    who = f"Contact {row['contact']}"
+    if row.get("sensor"):
+        who += f" at {row['sensor']}"
+    known = [row["time_utc"]] if row.get("time_utc") else []
+    rest_hz = sorted(row.get("rest_frequencies_hz") or [])
+    if rest_hz:
+        known.append(f"lines at rest {', '.join(f'{f:.2f}' for f in rest_hz)} Hz")
+    if row.get("received_level_db") is not None:
+        known.append(f"received level {row['received_level_db']:.1f} {unit}")
+    if known:
+        yield f"{who}: {'; '.join(known)}."
+    for other in row.get("ambiguities") or []:
+        words = other.items() if isinstance(other, dict) else [("also", other)]
+        yield f"{who}, ambiguous: " + ", ".join(f"{k} {_short(v)}" for k, v in words)
+    for key, reason in (row.get("reasons") or {}).items():
+        yield f"{who}: no {key}: {reason}."
 
 
-def _cell(value: Any) -> str:
-    if value is None:
-        return "\u2013"
-    if isinstance(value, list):
-        return ", ".join(_cell(item) for item in value)
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+def _short(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _table(keys: Sequence[str], rows: Sequence[dict[str, Any]]) -> str:
-    head = "".join(f"<th>{escape(key)}</th>" for key in keys)
-    lines = [
-        "<tr>"
-        + "".join(f'<td class="text">{escape(str(row.get(k, "")))}</td>' for k in keys)
-        + "</tr>"
-        for row in rows
-    ]
-    body = "\n".join(lines)
-    return f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}\n</table></div>'
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [_cells("th", heads), *(_cells("td", row) for row in rows)]
+    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
+    return f'<div class="wide"><table>\n{body}\n</table></div>'
+
+
+def _cells(tag: str, texts: Sequence[str]) -> str:
+    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
+
+
+def _step(step: HistoryStep) -> str:
+    """Return a step of the history: its name and source, and its options."""
+    read = ", ".join(source.name for source in step.sources)
+    title = f"<b>{escape(step.stage)}</b>" + (f" of {escape(read)}" if read else "")
+    options = ", ".join(_options("", step.options)) or "no options"
+    version = step.versions.get("uwtrack", "unknown")
+    return (
+        f'<p class="step">{title} <small>uwtrack {escape(version)}</small><br>'
+        f"<code>{escape(options)}</code></p>"
+    )
+
+
+def _options(prefix: str, options: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the options as `--set` takes them; what was left open is left out."""
+    for key, value in options.items():
+        if isinstance(value, Mapping):
+            yield from _options(f"{prefix}{key}.", value)
+        elif value is not None:
+            yield f"{prefix}{key} = {value}"
+
+
+def _pictures(containers: Sequence[Container]) -> Iterator[str]:
+    """Yield a picture for each sensor that heard something, or why there is none."""
+    heard = [c.sensor for c in containers if isinstance(c, Overview)]
+    sensors: list[str | None] = [*heard] if heard else [None]
+    for sensor in sensors:
+        yield f"<h2>Picture{'' if len(heard) < 2 else f' of {escape(str(sensor))}'}</h2>"
+        own = [c for c in containers if sensor is None or _belongs(c, sensor)]
+        try:
+            yield f'<img alt="lofargram, fits and map" src="{_picture(own)}">'
+        except DataError as error:
+            yield f"<p>{escape(str(error))}</p>"
+
+
+def _belongs(container: Container, sensor: str) -> bool:
+    """Tell whether a sensor's picture shows a container; a map shows all sensors."""
+    return isinstance(container, Sensor) or sensor_of(container) in (None, sensor)
 
 
 def _picture(containers: Sequence[Container]) -> str:
