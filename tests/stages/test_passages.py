@@ -28,9 +28,8 @@ def test_error_bars_hold_over_two_hundred_drawn_recordings():
     deviations = np.abs([d for r in results for _, d in r.deviations])
     assert (deviations <= 3).mean() >= 0.99, report
     assert 0.4 <= np.median(deviations) <= 1.0, report
-    errors = [item for r in results if r.kind != "mono" for item in r.errors]
-    given = np.mean([np.isfinite(error) for _, error, _, _ in errors])
-    assert given >= 0.95, report
+    due = [given for r in results for given in r.due]
+    assert np.mean(due) >= 0.95, report
     assert sum(r.wrong_side for r in results) == 0, report
     claims = [r for r in results if r.kind == "noise" and r.claimed]
     assert claims == [], report

@@ -2,8 +2,10 @@
 
 **Method.** Residuals are white noise (of known variance, or stronger) plus slow noise
 whose correlation falls exponentially (an Ornstein-Uhlenbeck process). Strengths and
-memory maximise the restricted likelihood, which knows that the fit has absorbed some of
-the slow noise; so the error bars hold though a fit always looks better than it is.
+memory are weighed by the restricted likelihood, which knows that the fit has absorbed
+some of the slow noise; the covariance is the mean over all that are likely (uniform in
+their logarithms). A passage is short beside the memory, so the likeliest noise alone
+would promise too much: where the wander looks like the passage, little of it is left.
 
 **Conventions.** One series; zero precision is a missing value; time in seconds.
 
@@ -21,28 +23,37 @@ FEWEST_CELLS, MOST_CELLS = 60, 160
 CELLS_PER_WIDTH = 12.0
 """Noise that forgets within such a share of d/v acts as white noise."""
 
+LARGEST_LOSS = 2.0
+"""Log-likelihood behind the best up to which noise counts as likely: 86 % of the truths
+(chi-square with two degrees of freedom)."""
+
+SMALLEST_SHARE = 1e-3
+"""Part of the slow variance below which a memory is left out."""
+
 SMALLEST_GAIN = 2.0
 """Gain in log-likelihood below which the noise counts as white."""
 
 
 @dataclass(frozen=True)
 class SlowNoise:
-    """Strength and memory of the slow part, and inflation of the white part.
+    """Strengths and memories of the slow part, and inflation of the white part.
 
-    The covariance is ``inflation`` times (white + ``variance`` times exponential).
+    The covariance is ``inflation`` times (white + the sum of ``variance`` times
+    exponential), one for each memory.
     """
 
-    variance: float
-    memory_s: float
+    variance: FloatArray
+    memory_s: FloatArray
     inflation: float = 1.0
 
     @property
     def is_white(self) -> bool:
         """Whether the noise is as expected: white and not stronger."""
-        return self.variance <= 0 and self.inflation <= 1
+        return not self.variance.size and self.inflation <= 1
 
 
-WHITE = SlowNoise(0.0, 1.0)
+NO_MEMORY = np.empty(0)
+WHITE = SlowNoise(NO_MEMORY, NO_MEMORY)
 
 
 def fit_slow_noise(
@@ -89,22 +100,36 @@ def fit_slow_noise(
     value = np.concatenate([value, others[0]])
     freedom = value.size - basis.shape[1]
     plain, inflated, inflation = _white_likelihood(value, basis, freedom)
-    best = (plain + SMALLEST_GAIN, WHITE)
-    if inflated > best[0]:
-        best = (inflated, SlowNoise(0.0, 1.0, inflation))
-    best = (best[0] + SMALLEST_GAIN, best[1])
-    for memory in _memories(time):
+    variances = _variances(size)
+    memories = _memories(time)
+    likelihood, inflations = np.empty((2, memories.size, variances.size))
+    for row, memory in enumerate(memories):
         values, vectors = _spectrum(size, time, memory)
-        found = _best_variance(
+        likelihood[row], inflations[row] = _likelihood(
             _turn(vectors, value),
             _turn(vectors, basis),
             np.concatenate([values, np.zeros(others[0].size)]),
-            size,
+            variances,
             freedom,
         )
-        if found[0] > best[0]:
-            best = (found[0], SlowNoise(found[1], float(memory), found[2]))
-    return best[1]
+    white = max(plain, inflated - SMALLEST_GAIN)
+    if float(likelihood.max()) <= white + 2 * SMALLEST_GAIN:
+        if inflated <= plain + SMALLEST_GAIN:
+            return WHITE
+        return SlowNoise(NO_MEMORY, NO_MEMORY, inflation)
+    behind = likelihood.max() - likelihood
+    chance = np.where(behind <= LARGEST_LOSS, np.exp(-behind), 0.0)
+    chance /= chance.sum()
+    inner = float((chance * inflations).sum())
+    strength = (chance * inflations) @ variances / inner
+    kept = strength > SMALLEST_SHARE * strength.sum()
+    return SlowNoise(strength[kept], memories[kept], inner)
+
+
+def _variances(root: FloatArray) -> FloatArray:
+    """Strengths of slow noise to try, beside that of the white noise of a cell."""
+    variances: FloatArray = np.mean(root**-2.0) * np.geomspace(1e-3, 1e6, 46)
+    return variances
 
 
 def _turn(vectors: FloatArray, rows: FloatArray) -> FloatArray:
@@ -173,8 +198,11 @@ def slow_inverse(
     """
     used = np.flatnonzero(weight > 0)
     root, time = np.sqrt(weight[used]), time_s[used]
-    kernel = np.exp(-np.abs(time[:, None] - time[None, :]) / noise.memory_s)
-    inner = noise.variance * root[:, None] * kernel * root[None, :]
+    lag = np.abs(time[:, None] - time[None, :])
+    kernel = np.zeros_like(lag)
+    for variance, memory in zip(noise.variance, noise.memory_s, strict=True):
+        kernel += variance * np.exp(-lag / memory)
+    inner = root[:, None] * kernel * root[None, :]
     inner[np.diag_indices_from(inner)] += 1.0
     full = np.zeros((weight.size, weight.size))
     full[np.ix_(used, used)] = root[:, None] * np.linalg.inv(inner) * root[None, :]
@@ -255,8 +283,7 @@ def _best_variance(
 
     The likelihood is restricted if the degrees of freedom are given.
     """
-    unit = float(np.mean(root**-2.0))
-    variances = unit * np.geomspace(1e-3, 1e6, 46)
+    variances = _variances(root)
     likelihood = _likelihood(turned, design, values, variances, freedom)[0]
     middle = int(np.argmax(likelihood))
     fine = variances[middle] * np.geomspace(0.65, 1.55, 9)
