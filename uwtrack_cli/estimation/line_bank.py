@@ -186,7 +186,7 @@ class LineBank:
         low = int(first.min()) if slots.size else self.rows
         rows = np.arange(low, self.rows)
         at = rows % self.size
-        copies = self.ring[at][:, :, slots]
+        copies = self.ring[np.ix_(at, np.arange(N_ROWS), slots)]
         # an ended line is smoothed from its settled end, a living one from now
         end = np.where(self.stage[slots] == ENDED, self.settled[slots], self.rows - 1)
         n = self.n_quantities
