@@ -1,4 +1,4 @@
-"""Features as GeoJSON.
+"""Features as GeoJSON; shapes across the antimeridian are cut there.
 
 **References.** RFC 7946 (2016), The GeoJSON Format.
 """
@@ -7,6 +7,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from uwtrack_cli.flow.exports.antimeridian import cut_at_antimeridian
 from uwtrack_cli.flow.exports.features import Feature
 
 
@@ -26,15 +27,24 @@ def geojson_text(features: Sequence[Feature]) -> str:
 
 
 def _feature(feature: Feature) -> dict[str, Any]:
-    places: Any = [list(place) for place in feature.places]
-    if feature.shape == "Point":
-        places = places[0]
-    elif feature.shape == "Polygon":
-        places = [places]
     return {
         "type": "Feature",
-        "geometry": {"type": feature.shape, "coordinates": places},
+        "geometry": _geometry(feature),
         "properties": {
             "kind": feature.kind, "name": feature.name, **feature.properties,
         },
     }  # fmt: skip
+
+
+def _geometry(feature: Feature) -> dict[str, Any]:
+    parts: list[Any] = [
+        [list(place) for place in part] for part in cut_at_antimeridian(feature.places)
+    ]
+    if feature.shape == "Point":
+        ((place,),) = parts
+        return {"type": "Point", "coordinates": place}
+    if feature.shape == "Polygon":
+        parts = [[ring] for ring in parts]
+    if len(parts) == 1:
+        return {"type": feature.shape, "coordinates": parts[0]}
+    return {"type": f"Multi{feature.shape}", "coordinates": parts}
