@@ -84,7 +84,6 @@ def batch(
     """Run a recipe over many recordings; one bad file is a row of the report.
 
     Writes the products, batch.csv and batch.jsonl into the folder. Exit code 3 when
-    Writes the products, batch.csv and batch.jsonl into the folder. Exit code 3 when
     some failed; after an interrupt, --resume goes on where it ended. Sensors are not
     fused: uwtrack locate takes the products of those that heard the same vessel.
     """
