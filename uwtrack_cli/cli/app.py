@@ -102,7 +102,10 @@ def program(
 ) -> None:
     """Turn hydrophone recordings into vessel tracks.
 
-    The whole chain in one pass: uwtrack run pass.wav. To try it, uwtrack sample pass
-    copies a recording; uwtrack plot pass.run.h5 -o pass.png draws what was found.
+    Copy a recording to try it on: uwtrack sample pass
+
+    Run the whole chain in one pass: uwtrack run pass.wav
+
+    Draw what was found: uwtrack plot pass.run.h5 -o pass.png
     """
     set_verbosity(-1 if quiet else verbose)

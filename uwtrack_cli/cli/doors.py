@@ -50,7 +50,7 @@ def command(app: typer.Typer, name: str) -> Callable[[Callable[..., None]], None
             with guard(debug=debug):
                 function(**values)
 
-        run.__doc__ = function.__doc__
+        run.__doc__ = flowing(function.__doc__ or "")
         run.__signature__ = signature.replace(  # type: ignore[attr-defined]
             parameters=parameters
         )
@@ -58,6 +58,18 @@ def command(app: typer.Typer, name: str) -> Callable[[Callable[..., None]], None
         app.command(name)(run)
 
     return register
+
+
+def flowing(text: str) -> str:
+    """Return paragraphs without line breaks, for a screen of any width.
+
+    Examples
+    --------
+    >>> flowing("One.\\n\\n    Two goes\\n    on.")
+    'One.\\n\\nTwo goes on.'
+    """
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return "\n\n".join(" ".join(part.split()) for part in paragraphs)
 
 
 def _flag(name: str) -> inspect.Parameter:
