@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import poisson
 
 from tests.stages.line_scenes import (
     cut,
@@ -13,6 +14,8 @@ from tests.stages.line_scenes import (
 from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.flow.studies.line_sound import listen, minute, score
+from uwtrack_cli.flow.studies.trace_noise import noise_recording
 from uwtrack_cli.stages.classify import classify_peaks
 from uwtrack_cli.stages.lines.policies import (
     CountLogic,
@@ -21,6 +24,8 @@ from uwtrack_cli.stages.lines.policies import (
     Motion,
     ScoreLogic,
 )
+from uwtrack_cli.stages.peaks import find_peaks
+from uwtrack_cli.stages.spectrogram import compute_spectrogram
 from uwtrack_cli.stages.track import track_lines
 
 
@@ -249,6 +254,38 @@ def test_false_lines_in_noise_are_not_more_than_stated() -> None:
         found += track(peaks, score=rule).line_id.size
     # half an hour and one kHz in all: Poisson with mean 10 exceeds 20 once in 700
     assert found <= 20
+
+
+def noise_peaks(hours: float, kept: float, seed: int) -> list[Peaks]:
+    blocks = compute_spectrogram(noise_recording(seed, hours))
+    return [find_peaks(block, kept_probability=kept) for block in blocks]
+
+
+@pytest.mark.parametrize("kept", [0.01, 0.1])
+def test_false_lines_in_sound_come_near_the_stated_rate(kept: float) -> None:
+    rate, hours = 200.0, 0.25
+    rule = ScoreLogic(false_lines_per_khz_hour=rate)
+    blocks = noise_peaks(hours, kept, seed=21)
+    count = Lines.join(list(track_lines(iter(blocks), score=rule))).line_id.size
+    stated = rate * 0.512 * hours
+    # at or below the stated rate, and not below a third of it
+    assert poisson.ppf(0.001, stated / 3.0) <= count <= poisson.ppf(0.999, stated)
+
+
+def test_half_a_decibel_above_the_published_snr_most_lines_are_heard() -> None:
+    # a Kalman filter with a cumulative score: 1.8 dB in 1 Hz (specification D.2)
+    heard = [listen("score", 1.8 + 0.5, seed).is_heard for seed in range(24)]
+    # nine of 24 come once in 130 times if it is one half
+    assert sum(heard) > 9
+
+
+def test_a_line_of_the_stated_weakest_snr_is_heard_about_every_other_time() -> None:
+    blocks, _ = minute(-80.0, 0)
+    weakest_db = score(blocks).weakest_line_snr_db
+    # cell to 1 Hz: the Hann window's noise bandwidth of 1.5 bins
+    snr_db = weakest_db + 10 * np.log10(1.5)
+    heard = np.mean([listen("score", snr_db, seed).is_heard for seed in range(30)])
+    assert 0.2 <= heard <= 0.8
 
 
 def test_raw_measurements_stand_beside_smoothed_states() -> None:

@@ -11,6 +11,7 @@ import typer
 from uwtrack_cli.cli.doors import AsJson, Output, Overwrite, stage_command
 from uwtrack_cli.cli.results import is_shown, print_result
 from uwtrack_cli.cli.screen import progress_bar, say
+from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.spectra import Spectrogram
@@ -141,7 +142,8 @@ def _stream_body(stage: Stage) -> Any:
             with writer_for(
                 target, history, overwrite=overwrite, inputs=[source]
             ) as writer:
-                stream_stage(step, product, writer)
+                made = stream_stage(step, product, writer)
+        say_sensitivity(made)
         say(f"wrote {target}")
 
     return body

@@ -9,6 +9,7 @@ import typer
 from uwtrack_cli.cli.doors import AsJson, Output, Overwrite, command
 from uwtrack_cli.cli.results import print_result
 from uwtrack_cli.cli.screen import progress_bar, put, say
+from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
@@ -106,6 +107,7 @@ def _run_one(
         made = run_recipe(recording, recipe, keep=keep, progress=done)
     history = history_of_recipe(recipe, recording)
     write_containers(target, made, history, overwrite=overwrite, inputs=[source])
+    say_sensitivity(made)
     say(f"wrote {target}")
     return made
 

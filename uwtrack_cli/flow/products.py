@@ -32,8 +32,12 @@ def history_of(
     return [*before, HistoryStep.now(step.stage_name, step.values(), sources)]
 
 
-def stream_stage(step: Step, product: Product, writer: ProductWriter) -> None:
-    """Apply a map or scan to every sensor of a product, block by block.
+def stream_stage(
+    step: Step, product: Product, writer: ProductWriter
+) -> list[Container]:
+    """Apply a map or scan to every sensor of a product; return the last blocks of each.
+
+    Of a sensor these are the last block with frames and the one that ends the stream.
 
     Raises
     ------
@@ -41,19 +45,22 @@ def stream_stage(step: Step, product: Product, writer: ProductWriter) -> None:
         The product has nothing that the stage reads.
     """
     kinds = step.stage.inputs[0].kinds
-    found = False
+    last: list[Container] = []
     for sensor, names in product.containers().items():
         kind = next((k for k in kinds if k.NAME in names), None)
         if kind is None:
             continue
-        found = True
+        ends: list[Container] = []
         for block in apply_stream(step, product.stream(kind, sensor, BLOCK_FRAMES)):
             writer.append(block)
-    if not found:
+            ends = [*ends[-1:], block]
+        last += ends
+    if not last:
         raise DataError(_wrong_product(step, [product]))
     for container in small_containers(product):
         if container.NAME != step.stage.output.NAME:
             writer.write(container)
+    return last
 
 
 def whole_stage(

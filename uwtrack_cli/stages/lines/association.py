@@ -29,6 +29,9 @@ from uwtrack_cli.stages.lines.policies import (
     ScoreLogic,
 )
 
+LOUD = 3.0
+"""Height of a peak, in nepers, that noise hardly ever has."""
+
 
 @dataclass(frozen=True)
 class Policies:
@@ -103,15 +106,15 @@ class Associator:
         pairs = self._allowed(self.pairs(slots, is_lax, peaks, height), is_lax, peaks)
         middle = int(np.searchsorted(pairs.line, n_sure))
         sure = pairs.take(slice(middle)).best()
-        return self.choice(sure, pairs.take(slice(middle, None)), slots, peaks)
+        return self.choice(sure, pairs.take(slice(middle, None)), slots, height)
 
     def choice(
-        self, sure: Pairs, young: Pairs, slots: IntArray, peaks: FramePeaks
+        self, sure: Pairs, young: Pairs, slots: IntArray, height: FloatArray
     ) -> Choice:
         """Let the tentative lines choose among the peaks left by the confirmed ones."""
         n_sure = self.bank.confirmed.size
         if sure.peak.size and young.peak.size:
-            is_left = np.ones(peaks.frequency.size, dtype=bool)
+            is_left = np.ones(height.size, dtype=bool)
             is_left[sure.peak] = False
             young = young.take(is_left[young.peak])
         evidence: FloatArray = np.bincount(
@@ -119,6 +122,8 @@ class Associator:
         ).astype(np.float64)
         young = young.best(is_exclusive=self.logic.is_exclusive)
         likely = young.gain > self.logic.least_gain
+        # noise has no peak as loud: a line that has run away, not another one
+        likely |= height[young.peak] > LOUD
         if not likely.all():
             young = young.take(likely)
         return Choice(
@@ -160,7 +165,7 @@ class Associator:
             inside = np.abs(turn) < width * wide[line]
             distance = distance + turn * turn / around
             line, peak, distance = line[inside], peak[inside], distance[inside]
-        cost, gain = self.logic.weigh(distance, total, line, height[peak])
+        cost, gain = self.logic.weigh(bank, slots, distance, total, line, height[peak])
         return Pairs(line, peak, cost, gain)
 
     def _allowed(self, pairs: Pairs, is_lax: BoolArray, peaks: FramePeaks) -> Pairs:

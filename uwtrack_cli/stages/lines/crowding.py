@@ -79,7 +79,10 @@ class Crowding:
         total = np.append(0.0, np.cumsum(self.density))
         wide, n_wide = _window_sum(total, NEAR_CELLS)
         own, n_own = _window_sum(total, OWN_CELLS)
-        around = (wide - own) / np.maximum(n_wide - n_own, 1)
+        n_around = np.maximum(n_wide - n_own, 1)
+        around = (wide - own) / n_around
+        # less what chance adds to the density of so few peaks
+        around -= np.sqrt(np.maximum(around, self.nominal) / (n_around * memory))
         self.lasting = np.log(np.maximum(around / self.nominal, 1.0))
 
     def _cells(self, frequency_hz: FloatArray) -> IntArray:

@@ -52,6 +52,8 @@ class Logic(Protocol):
 
     def weigh(
         self,
+        bank: LineBank,
+        slots: IntArray,
         distance: FloatArray,
         variance: FloatArray,
         line: IntArray,
@@ -108,6 +110,8 @@ class HitCounter:
 
     def weigh(
         self,
+        bank: LineBank,  # noqa: ARG002
+        slots: IntArray,  # noqa: ARG002
         distance: FloatArray,
         variance: FloatArray,  # noqa: ARG002 - the score needs it
         line: IntArray,  # noqa: ARG002

@@ -83,7 +83,7 @@ class PdaLineTracker(LineTracker):
         chosen = sure.take(first)
         chosen.gain = gain[first]
         return self.associator.choice(
-            chosen, pairs.take(slice(middle, None)), slots, peaks
+            chosen, pairs.take(slice(middle, None)), slots, height
         )
 
     def _weigh(
