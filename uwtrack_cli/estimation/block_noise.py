@@ -87,7 +87,9 @@ def block_noises(
         typical = np.maximum(median_scale(deviation, precision), 1.0)
         share = bisquare_weight(deviation / typical[..., None])
     slowed = 1 + slow[..., None] * total
-    weight = precision * share / (kinds.T @ slowed)
+    weight = precision * share
+    if slow.any():
+        weight /= kinds.T @ slowed
     inflation = _inflation(total, slowed)
     cost = (cost + _loss(deviation)) @ kinds.T
     first, second, third = (

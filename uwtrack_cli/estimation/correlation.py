@@ -82,7 +82,7 @@ def long_run_excess(
     With weights a, Q = sum a_i a_j k_ij e_i e_j has the mean sum a_i^2 (V_i + x)
     for white noise V_i plus slow noise of long-run variance x; k is Bartlett's
     window on cells of a twelfth of its length. Solved for x with a = 1/(V + x),
-    four rounds; zero where it is within one deviation of the estimate.
+    three rounds; zero where it is within one deviation of the estimate.
     """
     cells = _Cells.of(time_s, memory_s)
     above = cells.quadratic(precision * residual) - precision.sum(axis=-1)
@@ -91,15 +91,16 @@ def long_run_excess(
     significant = above > cells.deviation(precision)
     if not significant.any():
         return np.zeros(above.shape)
-    excess = above / np.maximum((precision**2).sum(axis=-1), 1e-300)
-    for _ in range(3):
-        excess = np.where(significant, np.maximum(excess, 0.0), 0.0)
-        a = precision / (1 + precision * excess[..., None])
-        square = a**2
-        white = (square / np.where(precision > 0, precision, 1.0)).sum(axis=-1)
-        above = cells.quadratic(a * residual) - white
-        excess = above / np.maximum(square.sum(axis=-1), 1e-300)
-    return np.where(significant, np.maximum(excess, 0.0), 0.0)
+    value, size = precision * residual, (precision**2).sum(axis=-1)
+    for _ in range(2):
+        excess = np.where(significant, above / np.maximum(size, 1e-300), 0.0)
+        excess = np.maximum(excess, 0.0)
+        share = 1 / (1 + precision * excess[..., None])
+        weight = precision * share
+        size = (weight**2).sum(axis=-1)
+        above = cells.quadratic(value * share) - (weight * share).sum(axis=-1)
+    excess = np.where(significant, above / np.maximum(size, 1e-300), 0.0)
+    return np.maximum(excess, 0.0)
 
 
 @dataclass(frozen=True)

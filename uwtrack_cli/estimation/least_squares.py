@@ -40,6 +40,8 @@ def damped_least_squares(
     tolerance
         The last step is taken when every row's expected gain in cost is below
         this; a cost is half a chi-square, so 1e-3 is a thirtieth of a deviation.
+        Below a thousandth of it no step is taken: the unknowns that come back are
+        then the array that was evaluated last.
     """
     theta = start
     cost, gradient, matrix = evaluate(theta)
@@ -48,6 +50,8 @@ def damped_least_squares(
         step = limit(theta, solve_step(matrix, gradient, damping))
         promised = -(gradient * step).sum(axis=-1)
         if np.all((promised < tolerance) | (damping >= 1e9)):
+            if np.all((promised < 1e-3 * tolerance) | (damping >= 1e9)):
+                return theta
             return np.where((damping < 1e9)[:, None], theta + step, theta)
         trial = theta + step
         new_cost, new_gradient, new_matrix = evaluate(trial)
@@ -78,12 +82,14 @@ def solve_step(
     damping
         Marquardt's damping of each row.
     """
-    scale = unit_scale(matrix)
-    scaled = matrix / (scale[:, :, None] * scale[:, None, :])
-    diagonal = np.arange(matrix.shape[-1])
-    scaled[:, diagonal, diagonal] += damping[:, None]
-    step: FloatArray = np.linalg.solve(scaled, -(gradient / scale)[..., None])[..., 0]
-    return step / scale
+    number = np.arange(matrix.shape[-1])
+    diagonal = matrix[..., number, number]
+    damped = matrix.copy()
+    damped[..., number, number] += damping[:, None] * np.where(
+        diagonal > 0, diagonal, 1.0
+    )
+    step: FloatArray = np.linalg.solve(damped, -gradient[..., None])[..., 0]
+    return step
 
 
 def unit_scale(matrix: FloatArray) -> FloatArray:

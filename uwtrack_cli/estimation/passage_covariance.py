@@ -14,12 +14,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.least_squares import inverse_or_nan
 from uwtrack_cli.estimation.passage_doppler import DopplerSums
-from uwtrack_cli.estimation.passage_normal import (
-    Medium,
-    Weighted,
-    normal_equations,
-)
-from uwtrack_cli.physics.passage import Passage
+from uwtrack_cli.estimation.passage_normal import JointNormal, Weighted
 
 
 @dataclass(frozen=True)
@@ -31,7 +26,7 @@ class Spread:
 
 
 def passage_covariance(
-    theta: FloatArray, data: Weighted, medium: Medium, law: Passage
+    theta: FloatArray, data: Weighted, normal: JointNormal
 ) -> Spread:
     """Return covariance and deviations at the optimum of every row.
 
@@ -41,12 +36,9 @@ def passage_covariance(
         Fitted unknowns, shape (batch, 4).
     data
         Measurements with their final weights.
-    medium
-        Sound speed and depth difference.
-    law
-        The passage at the optimum.
+    normal
+        Normal equations at the optimum.
     """
-    normal = normal_equations(theta, data, medium, law)
     inner = inverse_or_nan(normal.matrix)[:, :3, :3]
     constant = data.pair_weight[:, 0]
     if data.losses[1] is not None:
@@ -56,7 +48,7 @@ def passage_covariance(
     size = np.where(has_bearing, bearing_size, 1.0)
     follow = (
         data.turn[:, None]
-        * -(law.rows[:, 1, 1:] @ constant[..., None])[..., 0]
+        * -(normal.law.rows[:, 1, 1:] @ constant[..., None])[..., 0]
         / size[:, None]
     )
     full = np.full((theta.shape[0], 4, 4), np.nan)
@@ -73,16 +65,10 @@ def passage_covariance(
 def _in_units(
     full: FloatArray, theta: FloatArray, data: Weighted, has_bearing: BoolArray
 ) -> FloatArray:
-    ones = np.ones(theta.shape[0])
-    unit = np.stack(
-        [
-            ones,
-            np.exp(theta[:, 1]),
-            np.where(data.is_free[:, 2], 1.0, np.nan),
-            np.where(has_bearing, np.rad2deg(1.0), np.nan),
-        ],
-        axis=-1,
-    )
+    unit = np.ones((theta.shape[0], 4))
+    unit[:, 1] = np.exp(theta[:, 1])
+    unit[~data.is_free[:, 2], 2] = np.nan
+    unit[:, 3] = np.where(has_bearing, np.rad2deg(1.0), np.nan)
     scaled: FloatArray = full * unit[:, :, None] * unit[:, None, :]
     sound = np.einsum("bii->bi", scaled) > 0
     return np.where(sound[:, :, None] & sound[:, None, :], scaled, np.nan)
@@ -90,6 +76,6 @@ def _in_units(
 
 def _rest_std(data: Weighted, doppler: DopplerSums, inner: FloatArray) -> FloatArray:
     measured = data.shift_weight.sum(axis=-1) > 0
-    moved = np.einsum("bkp,bpq,bkq->bk", doppler.follow, inner, doppler.follow)
+    moved = ((doppler.follow @ inner) * doppler.follow).sum(axis=-1)
     variance: FloatArray = np.where(measured, doppler.variance + moved, np.nan)
     return np.sqrt(np.where(variance > 0, variance, np.nan))

@@ -122,7 +122,7 @@ class Block:
     @property
     def is_empty(self) -> bool:
         """Whether nothing of this kind was measured."""
-        return not bool(np.any(self.weight > 0))
+        return not bool(self.weight.any())
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def make_blocks(data: PassageData) -> Blocks:
         [np.broadcast_to(_batched(std) * unit, v.shape) for v, std, unit in pairs],
         axis=1,
     )
-    known = np.isfinite(value) & (std > 0) & np.isfinite(std)
+    known = np.isfinite(value) & (std > 0) & (std < np.inf)
     count = (pairs[0][0].shape[1], pairs[1][0].shape[1], pairs[2][0].shape[1])
     given = (
         data.frequency_correlation,

@@ -69,13 +69,14 @@ def line_sums(shift: FloatArray, weight: FloatArray) -> LineSums:
     weight
         Inverse variances of the white part.
     """
-    value = weight * shift
-    return LineSums(
-        np.concatenate([weight, value], axis=1),
-        weight.sum(axis=-1),
-        value.sum(axis=-1),
-        (value * shift).sum(axis=-1),
-    )
+    batch, lines, n = weight.shape
+    factors = np.empty((batch, 2 * lines, n))
+    value = factors[:, lines:]
+    factors[:, :lines] = weight
+    np.multiply(weight, shift, out=value)
+    sums = factors.sum(axis=-1)
+    square = (value * shift).sum(axis=-1)
+    return LineSums(factors, sums[:, :lines], sums[:, lines:], square)
 
 
 def doppler_sums(

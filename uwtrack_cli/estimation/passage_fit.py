@@ -25,6 +25,7 @@ from uwtrack_cli.estimation.passage_data import NEPER_DB, Blocks
 from uwtrack_cli.estimation.passage_memory import slow_noises
 from uwtrack_cli.estimation.passage_normal import (
     NO_LOSS,
+    JointNormal,
     Losses,
     Medium,
     Weighted,
@@ -107,16 +108,18 @@ def fit_passage(
     for _ in range(ROUGH_ROUNDS):
         weight = rough_weight(state.residual, blocks)
         data = weigh(state, weight, blocks, fixed)
-        theta = _descend(theta, data, medium, state.law, 8, ROUGH_TOLERANCE)
-        state = passage_state(theta, fixed, blocks, medium, weight)
+        theta, normal = _descend(theta, data, medium, state.law, 8, ROUGH_TOLERANCE)
+        state = passage_state(theta, fixed, blocks, medium, weight, normal)
     for _ in range(rounds):
         memory = _memory(theta, blocks) if is_slow_noise else None
         noises = block_noises(state.residual, blocks, memory)
         weight = weight_of(noises)
         data = weigh(state, weight, blocks, fixed)
-        theta = _descend(theta, data, medium, state.law, 25)
-        state = passage_state(theta, fixed, blocks, medium, weight)
-    return _result(theta, data, blocks, medium, (state, noises))
+        theta, normal = _descend(theta, data, medium, state.law, 25)
+        state = passage_state(theta, fixed, blocks, medium, weight, normal)
+    if normal is None:
+        normal = normal_equations(theta, data, medium, state.law)
+    return _result(theta, data, blocks, (state, noises, normal))
 
 
 def weight_of(noises: Noises) -> FloatArray:
@@ -192,9 +195,11 @@ def fit_with_memory(
         if all(noise.is_white for noise in slow):
             return fit
         data = weigh(state, weight, blocks, fixed, losses)
-        theta = _descend(theta, data, medium, state.law, 15)
-        state = passage_state(theta, fixed, blocks, medium, weight)
-    return _result(theta, data, blocks, medium, (state, noises), slow)
+        theta, normal = _descend(theta, data, medium, state.law, 15)
+        state = passage_state(theta, fixed, blocks, medium, weight, normal)
+    if normal is None:
+        normal = normal_equations(theta, data, medium, state.law)
+    return _result(theta, data, blocks, (state, noises, normal), slow)
 
 
 def _descend(
@@ -204,17 +209,24 @@ def _descend(
     law: Passage,
     max_steps: int,
     tolerance: float = TOLERANCE,
-) -> FloatArray:
-    """Minimise with fixed weights; ``law`` is the passage at the start."""
+) -> tuple[FloatArray, JointNormal | None]:
+    """Minimise with fixed weights; ``law`` is the passage at the start.
+
+    Also returned is what was evaluated at the result, if anything was.
+    """
+    last: list[tuple[FloatArray, JointNormal]] = []
 
     def evaluate(trial: FloatArray) -> Evaluation:
         known = law if trial is theta else None
         normal = normal_equations(trial, data, medium, known)
+        last[:] = [(trial, normal)]
         return normal.cost, normal.gradient, normal.matrix
 
-    return damped_least_squares(
+    found = damped_least_squares(
         evaluate, theta, _limiter(medium), max_steps=max_steps, tolerance=tolerance
     )
+    trial, normal = last[0]
+    return found, normal if trial is found else None
 
 
 def _memory(theta: FloatArray, blocks: Blocks) -> float:
@@ -245,12 +257,11 @@ def _result(
     theta: FloatArray,
     data: Weighted,
     blocks: Blocks,
-    medium: Medium,
-    last: tuple[State, Noises],
+    last: tuple[State, Noises, JointNormal],
     slow: tuple[SlowNoise, ...] = (),
 ) -> PassageFit:
-    state, noises = last
-    spread = passage_covariance(theta, data, medium, state.law)
+    state, noises, normal = last
+    spread = passage_covariance(theta, data, normal)
     rest = blocks.mean_hz * (1 + state.rest)
     return PassageFit(
         theta,

@@ -73,9 +73,10 @@ class Normal:
 
 @dataclass(frozen=True)
 class JointNormal(Normal):
-    """Those of all kinds, and the frequencies' own part."""
+    """Those of all kinds, the frequencies' own part, and the passage."""
 
     doppler: DopplerSums
+    law: Passage
 
 
 def free_unknowns(blocks: Blocks, batch: int) -> BoolArray:
@@ -146,7 +147,7 @@ def normal_equations(
         both = free[:, :, None] & free[:, None, :]
         gradient = np.where(free, gradient, 0.0)
         matrix = np.where(both, matrix, np.eye(N_UNKNOWNS))
-    return JointNormal(cost, gradient, matrix, doppler)
+    return JointNormal(cost, gradient, matrix, doppler, law)
 
 
 def block_normals(theta: FloatArray, data: Weighted, law: Passage) -> list[Normal]:

@@ -13,6 +13,7 @@ from uwtrack_cli.estimation.passage_data import Blocks
 from uwtrack_cli.estimation.passage_doppler import line_sums
 from uwtrack_cli.estimation.passage_normal import (
     NO_LOSS,
+    JointNormal,
     Losses,
     Medium,
     Weighted,
@@ -49,6 +50,7 @@ def passage_state(
     blocks: Blocks,
     medium: Medium,
     weight: FloatArray | None,
+    normal: JointNormal | None = None,
 ) -> State:
     """Evaluate the model, and its linear unknowns by weighted means.
 
@@ -64,17 +66,19 @@ def passage_state(
         Sound speed and depth difference.
     weight
         Weights of the last round; None takes the nominal ones.
+    normal
+        What was evaluated at these unknowns already, if anything.
     """
-    law = law_of(theta, blocks.time_s, medium)
+    law = law_of(theta, blocks.time_s, medium) if normal is None else normal.law
     is_rough = weight is None
     if weight is None:
         weight = blocks.weight
     lines, bearings, levels = blocks.parts
     residual = np.empty((theta.shape[0], *blocks.value.shape[1:]))
-    residual[:, lines] = blocks.value[:, lines] - law.shift[:, None]
-    basis = 1 + law.shift
-    rest = _mean_ratio(residual[:, lines], basis, weight[:, lines])
-    residual[:, lines] -= rest[..., None] * basis[:, None]
+    of_line, basis = residual[:, lines], 1 + law.shift
+    np.subtract(blocks.value[:, lines], law.shift[:, None], out=of_line)
+    rest = _mean_ratio(of_line, basis, weight[:, lines])
+    of_line -= rest[..., None] * basis[:, None]
     angle = fixed.turn[:, None] * law.angle
     around = blocks.value[:, bearings] - angle[:, None]
     centre = _circular_centre(around, weight[:, bearings])
@@ -82,7 +86,7 @@ def passage_state(
     total = np.logaddexp(law.spread, theta[:, 3:4])
     above = blocks.value[:, levels] - total[:, None]
     level = _level_centre(above, weight[:, levels], is_rough)
-    residual[:, levels] = above - level[:, None, None]
+    np.subtract(above, level[:, None, None], out=residual[:, levels])
     return State(law, rest, centre, level, residual)
 
 

@@ -57,11 +57,11 @@ def median_where(value: FloatArray, weight: FloatArray) -> FloatArray:
     weight
         Weights; zero marks a missing value.
     """
-    valid = weight > 0
-    if valid.all():
+    if weight.all():
         ordered, size = np.sort(value, axis=-1), value.shape[-1]
         both: FloatArray = ordered[..., (size - 1) // 2] + ordered[..., size // 2]
         return 0.5 * both
+    valid = weight > 0
     last = np.maximum(valid.sum(axis=-1) - 1, 0)[..., None]
     ordered = np.sort(np.where(valid, value, np.inf), axis=-1)
     low = np.take_along_axis(ordered, last // 2, axis=-1)
@@ -92,8 +92,9 @@ def neighbour_scale(
     Mean square successive difference (von Neumann 1941) over its expectation,
     with bisquare weights about the median; missing values are stepped over.
     """
-    packed, precision, missing = residual, weight, weight <= 0
-    if has_missing := bool(missing.any()):
+    packed, precision = residual, weight
+    if has_missing := not weight.all():
+        missing = weight <= 0
         order = np.argsort(missing, axis=-1, kind="stable")
         packed = np.take_along_axis(residual, order, axis=-1)
         precision = np.take_along_axis(weight, order, axis=-1)
@@ -101,13 +102,16 @@ def neighbour_scale(
         variance = 1 / precision
     variance = variance[..., 1:] + variance[..., :-1]
     both = np.isfinite(variance)
-    variance = variance * np.asarray(1 - correlation)[..., None]
-    step = (packed[..., 1:] - packed[..., :-1]) / np.sqrt(variance)
+    variance *= np.asarray(1 - correlation)[..., None]
+    step = packed[..., 1:] - packed[..., :-1]
+    step /= np.sqrt(variance, out=variance)
     rough = np.maximum(median_scale(step, both), 1e-12)
     share = bisquare_weight(step / rough[..., None])
     if has_missing:
-        share = np.where(both, share, 0.0)
-    square = (share * step**2).sum(axis=-1) * GAUSSIAN_CORRECTION
+        share *= both
+    step *= step
+    step *= share
+    square = step.sum(axis=-1) * GAUSSIAN_CORRECTION
     total = share.sum(axis=-1) + PRIOR_COUNT
     scale: FloatArray = np.sqrt((square + PRIOR_COUNT) / total)
     return scale
