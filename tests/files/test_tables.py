@@ -244,7 +244,9 @@ ENCOUNTER = """
      "bearing_deg": 171.0, "bearing_std_deg": 0.4, "side": "port",
      "rest_frequencies_hz": [63.0, 126.0], "rest_frequencies_std_hz": [0.002, 0.003],
      "sound_speed_mps": 1500.0, "received_level_db": 112.3, "extrapolated": false,
-     "ambiguities": [], "reasons": {}}"""
+     "ambiguities": [], "reasons": {}, "received_level_std_db": 0.4,
+     "source_level_db": 160.3, "source_level_std_db": 0.5, "spreading_db": 20.0,
+     "level_reference": "1 uPa", "level_band_hz": [100.0, 1500.0]}"""
 FIX = """
     {"contact": 1, "mode": 1, "weight": 1.0, "time_utc": "...Z", "time_s": 1500.0,
      "east_m": 812.0, "north_m": -95.0, "latitude": 35.1, "longitude": 128.6,
@@ -264,6 +266,7 @@ def test_encounter_has_the_documented_keys_types_and_order():
         Encounters, 1, **direct, time_utc_ns=[1_577_836_800_123_456_789],
         ambiguities=["[]"], reasons=["{}"], rest_encounter=[0, 0], rest_line_id=[1, 2],
         rest_frequency_hz=[63.0, 126.0], rest_frequency_std_hz=[0.002, 0.003],
+        spreading_db=20.0, reference="1 uPa", band_low_hz=100.0, band_high_hz=1500.0,
     )  # fmt: skip
     (row,) = json_rows(replace(container, sensor=["h1"]))
     assert list(row) == list(documented)

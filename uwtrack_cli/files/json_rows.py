@@ -25,6 +25,8 @@ ENCOUNTER_KEYS = (
     "range_over_speed_std_s", "course_deg", "course_std_deg", "bearing_deg",
     "bearing_std_deg", "side", "rest_frequencies_hz", "rest_frequencies_std_hz",
     "sound_speed_mps", "received_level_db", "extrapolated", "ambiguities", "reasons",
+    "received_level_std_db", "source_level_db", "source_level_std_db", "spreading_db",
+    "level_reference", "level_band_hz",
 )  # fmt: skip
 FIX_KEYS = (
     "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
@@ -108,6 +110,10 @@ def _encounter_rows(container: Container) -> Iterator[Row]:
         values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
         values["ambiguities"] = _parsed(values["ambiguities"], list)
         values["reasons"] = _reasons(values)
+        values["spreading_db"] = container.spreading_db
+        values["level_reference"] = container.reference
+        band = (container.band_low_hz, container.band_high_hz)
+        values["level_band_hz"] = None if None in band else list(band)
         yield {key: values[key] for key in ENCOUNTER_KEYS}
 
 

@@ -18,6 +18,7 @@ from uwtrack_cli.estimation.correlation import long_run_excess
 from uwtrack_cli.estimation.passage_fit import PassageFit
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.physics.passage import passage_law
+from uwtrack_cli.physics.propagation import spreading_loss_db
 from uwtrack_cli.stages.passages.report import Row, Setting
 
 KEYS = ("received_level_db", "source_level_db")
@@ -74,8 +75,8 @@ def _add_source_level(row: Row, setting: Setting) -> None:
         row.explain("the recording is not calibrated", "source_level_db")
         return
     row.reasons.pop("source_level_db", None)
-    loss_std = setting.spreading_db / np.log(10) * slant_std / slant
-    row.values["source_level_db"] = level + setting.spreading_db * np.log10(slant)
+    loss, loss_std = spreading_loss_db(slant, slant_std, setting.spreading_db)
+    row.values["source_level_db"] = level + loss
     row.values["source_level_std_db"] = float(np.hypot(std, loss_std))
 
 
