@@ -38,7 +38,9 @@ def together(truth, noise=0.0):
 
 def start(truth):
     rows = [(t + 4.0, np.log(r) + 0.2, np.log(p), b) for t, r, p, b, _ in truth]
-    return np.array([[0.1, 1.1, *np.ravel(rows)]]), np.array([[row[-1] for row in truth]])
+    return np.array([[0.1, 1.1, *np.ravel(rows)]]), np.array(
+        [[row[-1] for row in truth]]
+    )
 
 
 def test_exact_sums_are_taken_apart_exactly():

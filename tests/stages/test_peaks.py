@@ -114,6 +114,39 @@ def test_bearing_deviation_of_a_tone_in_isotropic_noise_is_the_stated_one():
     assert np.sqrt(np.mean(error**2)) == pytest.approx(1.0, abs=0.12)
 
 
+@pytest.mark.parametrize("apart_deg", [40.0, 90.0, 180.0])
+@pytest.mark.parametrize("snr_db", [12.0, 20.0])
+def test_broadband_of_another_vessel_does_not_pull_a_bearing(apart_deg, snr_db):
+    rate, ambient, other = 1000.0, 0.02, 0.04
+    line_deg = np.radians([70.0, 70.0 + apart_deg])
+    time = np.arange(int(rate) * 400) / rate
+    noise = [white_noise(time.size, s, density=ambient, rate_hz=rate) for s in range(3)]
+    ship = white_noise(time.size, 5, density=other, rate_hz=rate)
+    power = (ambient + other) * 1.5 * 10 ** (snr_db / 10)
+    tone = np.sqrt(2 * power) * np.sin(2 * np.pi * 200.25 * time)
+    samples = np.stack(
+        [
+            tone + ship + noise[0],
+            tone * np.sin(line_deg[0]) + ship * np.sin(line_deg[1])
+            + noise[1] / np.sqrt(3),
+            tone * np.cos(line_deg[0]) + ship * np.cos(line_deg[1])
+            + noise[2] / np.sqrt(3),
+        ],
+        axis=1,
+    )  # fmt: skip
+    peaks = Peaks.join([find_peaks(b) for b in blocks_of(samples, rate, DIFAR)])
+    line = np.abs(peaks.frequency_hz - 200.25) < 0.6
+    error = (peaks.bearing_deg[line] - 70.0 + 180.0) % 360.0 - 180.0
+    pull_deg = np.degrees(other / (ambient + other) / 10 ** (snr_db / 10))
+    weight = peaks.bearing_std_deg[line] ** -2.0
+    mean = (weight * error).sum() / weight.sum()
+    scatter = error.std() / np.sqrt(line.sum() / 2)
+    assert line.sum() > 700
+    assert abs(mean) < 0.15 * pull_deg + 3 * scatter
+    error = error / peaks.bearing_std_deg[line]
+    assert 0.4 < np.sqrt(np.mean(error**2)) < 1.45  # the angle is not looked at
+
+
 def test_a_gain_shifts_levels_only():
     samples = white_noise(40_000, 5, rate_hz=2000.0)
     first, second = (

@@ -24,7 +24,7 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.stages.passages.advice import advise_frames, widen_for_others
+from uwtrack_cli.stages.passages.advice import advise_frames
 from uwtrack_cli.stages.passages.contacts import Candidate, examine
 from uwtrack_cli.stages.passages.decision import Limits, not_a_passage
 from uwtrack_cli.stages.passages.levels import add_levels
@@ -32,6 +32,7 @@ from uwtrack_cli.stages.passages.measurements import series_data
 from uwtrack_cli.stages.passages.recording import examine_recording
 from uwtrack_cli.stages.passages.report import (
     EXTRAPOLATED,
+    LEVEL_ONLY,
     NOT_A_PASSAGE,
     Row,
     Setting,
@@ -42,6 +43,9 @@ from uwtrack_cli.stages.passages.report import (
 
 LASTING_SHARE = 0.5
 """A contact heard for less of the recording is not reported without a passage."""
+
+UNSEEN = "the closest approach lies outside, and no Doppler shift shows it"
+"""Why bearings and levels alone do not tell of an approach beyond the recording."""
 
 
 def find_encounters(
@@ -116,17 +120,12 @@ def find_encounters(
         found = examine_recording(
             lines, levels, medium, false_alarm_probability, limits
         )
-    pairs = [(item, _row(item, setting, limits)) for item in found]
-    kept = [(item, row) for item, row in pairs if row is not None]
-    passed = [(item.fit, row) for item, row in kept if row.status != NOT_A_PASSAGE]
-    rows = [row for _, row in passed]
-    add_levels(rows, levels, [fit for fit, _ in passed], setting)
-    for row in rows:
+    pairs = [(item.fit, _row(item, setting, limits)) for item in found]
+    rows = [row for _, row in pairs if row is not None]
+    passed = [(fit, row) for fit, row in pairs if row and row.status != NOT_A_PASSAGE]
+    add_levels([row for _, row in passed], levels, [fit for fit, _ in passed], setting)
+    for _, row in passed:
         advise_frames(row, setting, limits.window_s)
-    if len(found) > 1:
-        for item, row in kept:
-            widen_for_others(row, lines, item.line_ids)
-    rows = [row for _, row in kept]
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     return make_encounters(rows, setting)
 
@@ -196,13 +195,15 @@ def _row(candidate: Candidate, setting: Setting, limits: Limits) -> Row | None:
     contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
     reason = not_a_passage(fit, candidate.blocks, limits)
+    row = passage_row(contact, fit, setting, candidate.line_ids)
+    if not time[0] <= fit.theta[0, 0] <= time[-1]:
+        if row.status == LEVEL_ONLY:
+            reason = reason or UNSEEN
+        row = replace(row, status=EXTRAPOLATED, extrapolated=True)
     if reason is not None:
         whole = limits.last_s - limits.first_s
         is_lasting = float(np.ptp(time)) > LASTING_SHARE * whole
         return empty_row(contact, reason) if is_lasting else None
-    row = passage_row(contact, fit, setting, candidate.line_ids)
-    if not time[0] <= fit.theta[0, 0] <= time[-1]:
-        row = replace(row, status=EXTRAPOLATED, extrapolated=True)
     if row.side and candidate.other_turn > 1e-3:
         other = "port" if row.side == "starboard" else "starboard"
         row.ambiguities.append({"side": other, "weight": candidate.other_turn})

@@ -20,7 +20,6 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.estimation.angles import compass_deg
 from uwtrack_cli.estimation.noise_floor import (
     TILE_FRAMES,
     independent_cells,
@@ -28,6 +27,7 @@ from uwtrack_cli.estimation.noise_floor import (
     own_share,
     threshold_factor,
 )
+from uwtrack_cli.estimation.peak_bearings import background_intensity, peak_bearings
 from uwtrack_cli.estimation.window import (
     NOISE_BANDWIDTH_BINS,
     frequency_std_hz,
@@ -76,7 +76,7 @@ def find_peaks(
     -----
     The rate of *peaks* is below the rate of *cells*, since a peak is the largest of
     its neighbourhood: half of it at 1e-2 and two thirds at 1e-4, with zero padding 2.
-    A bearing's deviation is sqrt(k (1 + 1/SNR) / (2 SNR)), k the dipole noise ratio.
+    Bearings are those of the intensity above the background's; see `peak_bearings`.
     """
     _check(false_alarm_probability, kept_probability, dipole_noise_ratio)
     chosen = _chosen_cells(spectrogram.frequency_hz, band_hz)
@@ -89,8 +89,11 @@ def find_peaks(
     )
     ratio = power / floor
     row, cell = _maxima(ratio, keep, padding)
-    measured = _measure(spectrogram, chosen, power, floor, row, cell, padding)
+    measured = _measure(spectrogram, chosen, power, floor, row, cell)
     snr = np.maximum(measured["ratio"] - 1.0, 0.1 * measured["ratio"])
+    bearing_deg, bearing_std_deg = _bearings(
+        spectrogram, chosen, (power, floor), (row, cell), snr, dipole_noise_ratio
+    )
     frequency_hz = spectrogram.frequency_hz[chosen]
     return Peaks(
         frames=_with_noise(frames, frequency_hz, floor, detect),
@@ -99,8 +102,8 @@ def find_peaks(
         frequency_std_hz=frequency_std_hz(snr, frames.window_s),
         level_db=10 * np.log10(measured["line_power"]),
         snr_db=10 * np.log10(snr),
-        bearing_deg=measured["bearing_deg"],
-        bearing_std_deg=_bearing_std_deg(snr, dipole_noise_ratio, spectrogram),
+        bearing_deg=bearing_deg,
+        bearing_std_deg=bearing_std_deg,
         is_detection=ratio[row, cell] > detect[row],
         false_alarm_probability=false_alarm_probability,
         kept_probability=kept_probability,
@@ -180,7 +183,6 @@ def _measure(
     floor: FloatArray,
     row: IntArray,
     cell: IntArray,
-    padding: int,
 ) -> dict[str, FloatArray]:
     frames = spectrogram.frames
     step_bins = frames.window_samples / frames.fft_length
@@ -189,23 +191,33 @@ def _measure(
     first_hz = spectrogram.frequency_hz[chosen.start]
     natural_bin_hz = frames.bin_hz / step_bins
     peak = _peak_power(three[1], offset_bins, step_bins)
-    bearing = np.full(row.size, np.nan)
-    east, north = spectrogram.intensity_east, spectrogram.intensity_north
-    if east is not None and north is not None:
-        sums = [
-            sum(
-                part[row, chosen.start + cell + k]
-                for k in range(-padding // 2, padding // 2 + 1)
-            )
-            for part in (east, north)
-        ]
-        bearing = compass_deg(sums[0], sums[1])
     return {
         "frequency_hz": first_hz + cell * frames.bin_hz + offset_bins * natural_bin_hz,
         "ratio": peak / floor[row, cell],
         "line_power": peak * NOISE_BANDWIDTH_BINS * natural_bin_hz,
-        "bearing_deg": bearing,
     }
+
+
+def _bearings(
+    spectrogram: Spectrogram,
+    chosen: slice,
+    density: tuple[FloatArray, FloatArray],
+    place: tuple[IntArray, IntArray],
+    snr: FloatArray,
+    dipole_noise_ratio: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Bearings of the peaks without their background; nan without direction."""
+    east, north = spectrogram.intensity_east, spectrogram.intensity_north
+    if east is None or north is None:
+        return np.full(snr.size, np.nan), np.full(snr.size, np.nan)
+    frames, floor = spectrogram.frames, density[1]
+    padding = max(1, round(frames.fft_length / frames.window_samples))
+    parts = (east[:, chosen], north[:, chosen])
+    background = background_intensity(parts, *density, *place, zero_padding=padding)
+    return peak_bearings(
+        parts, background, floor[place], *place, snr,
+        zero_padding=padding, dipole_noise_ratio=dipole_noise_ratio,
+    )  # fmt: skip
 
 
 def _peak_power(
@@ -213,15 +225,6 @@ def _peak_power(
 ) -> FloatArray:
     """Power at the interpolated maximum, from the window's own shape."""
     return centre / response(np.clip(offset_bins, -step_bins, step_bins)) ** 2
-
-
-def _bearing_std_deg(
-    snr: FloatArray, dipole_noise_ratio: float, spectrogram: Spectrogram
-) -> FloatArray:
-    if not spectrogram.has_bearing:
-        return np.full(snr.size, np.nan)
-    variance = dipole_noise_ratio * (1.0 + 1.0 / snr) / (2.0 * snr)
-    return np.degrees(np.minimum(np.sqrt(variance), 1.8))
 
 
 def _with_noise(
