@@ -61,13 +61,7 @@ def command(app: typer.Typer, name: str) -> Callable[[Callable[..., None]], None
 
 
 def flowing(text: str) -> str:
-    """Return paragraphs without line breaks, for a screen of any width.
-
-    Examples
-    --------
-    >>> flowing("One.\\n\\n    Two goes\\n    on.")
-    'One.\\n\\nTwo goes on.'
-    """
+    """Return paragraphs without line breaks, for a screen of any width."""
     paragraphs = inspect.cleandoc(text).split("\n\n")
     return "\n\n".join(" ".join(part.split()) for part in paragraphs)
 

@@ -36,6 +36,9 @@ CHUNK_FRAMES = 256
 LAG_FRAMES = 256
 """Frames by which an emitted point lies behind the newest frame, at least."""
 
+MORE_SLOTS = 64
+"""Slots by which a table that is full grows, at least."""
+
 STATE_ROWS = 10
 MEASURED_ROWS = 7
 N_ROWS = STATE_ROWS + MEASURED_ROWS
@@ -115,9 +118,15 @@ class LineBank:
         return free[:count]
 
     def _grow(self) -> None:
+        """Add a quarter of the slots: the ring is large, and rarely outgrown."""
+        more = max(MORE_SLOTS, self.table.shape[-1] // 4)
         for name in ("table", "ring", "noise_density", "_counts", "_gauges"):
             values = getattr(self, name)
-            setattr(self, name, np.concatenate([values, np.zeros_like(values)], -1))
+            grown = np.zeros(
+                (*values.shape[:-1], values.shape[-1] + more), values.dtype
+            )
+            grown[..., : values.shape[-1]] = values
+            setattr(self, name, grown)
         self._name_rows()
 
     def start(self, slots: IntArray, score: FloatArray, precision: FloatArray) -> None:
