@@ -1,7 +1,11 @@
 """CPU time of a joint fit against `scipy.optimize.curve_fit` on the same model.
 
-One measurement in fifty is wild, as it is in tracked lines, so the peer needs a robust
-loss, too; without one its result would be many deviations off.
+Terms. Both fit eleven unknowns (three of the motion, bearing, level, floor, five rest
+frequencies) to the same 4200 values from the same start, to the same optimum within a
+deviation. One measurement in fifty is wild, as it is in tracked lines, so the peer needs
+a robust loss, too; without one its result would be deviations off. The peer's model is
+what a user would write for it: values alone, no partials. On top of the peer's work the
+joint fit finds the scale of every row and the long-run variance of slow noise.
 """
 
 import time
@@ -13,16 +17,15 @@ from tests.estimation.passage_truth import Scene, received
 from uwtrack_cli.estimation.passage_data import PassageData, make_blocks
 from uwtrack_cli.estimation.passage_fit import fit_passage
 from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.physics.passage import passage_law
 
 REST = (63.0, 126.0, 189.0, 310.0, 400.0)
 SCENE = Scene(rest_hz=REST)
 START = np.array([[303.0, np.log(38.0), 5.5, -2.0]])
 
 
-def measured():
+def measured(seed=1):
     """600 one-second frames: five lines, a bearing and a level each."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     seconds = np.arange(0.5, 600.0)
     motion = np.array([SCENE.closest_s, 250.0 / 6.0, 6.0])
     ratio, angle, distance = received(SCENE, seconds, motion)
@@ -39,6 +42,21 @@ def measured():
     )  # fmt: skip
 
 
+def law(seconds, t0, width, speed):
+    """Frequency ratio, relative bearing (degrees) and spreading of a passage."""
+    slant_s = np.exp(width)
+    mach = speed / 1500.0
+    gamma = 1 - mach**2
+    lag = seconds - t0
+    root = np.sqrt(lag**2 + gamma * slant_s**2)
+    emitted = (lag - mach * root) / gamma
+    flat_s = np.sqrt(slant_s**2 - (19.0 / speed) ** 2)
+    near = 2 * np.log(slant_s * gamma / (root - mach * lag))
+    return (
+        (1 - mach * lag / root) / gamma, np.rad2deg(np.arctan2(emitted, flat_s)), near
+    )  # fmt: skip
+
+
 def peer_fit(data):
     """The same unknowns by curve_fit: what a user would write."""
     from scipy.optimize import curve_fit
@@ -51,20 +69,21 @@ def peer_fit(data):
     values = np.concatenate([data.frequency_hz.ravel(), bearing, data.level_db[0]])
 
     def model(_, t0, width, speed, b0, level, floor, *rest):
-        law = passage_law(seconds, np.array([t0, width, speed]), 1500.0, 19.0)
+        ratio, angle, near = law(seconds, t0, width, speed)
         return np.concatenate(
             [
-                (np.array(rest)[:, None] * (1 + law.shift)).ravel(),
-                b0 - np.rad2deg(law.angle),
-                level + 10 / np.log(10) * np.logaddexp(law.spread, floor),
+                (np.array(rest)[:, None] * ratio).ravel(),
+                b0 - angle,
+                level + 10 / np.log(10) * np.logaddexp(near, floor),
             ]
         )
 
     first = [*START[0, :3], 35.0, 8.0, START[0, 3], *REST]
-    found, _ = curve_fit(
+    found, covariance = curve_fit(
         model, None, values, first, sigma, absolute_sigma=True, method="trf",
         loss="soft_l1", x_scale="jac",
     )  # fmt: skip
+    assert np.all(np.isfinite(covariance))
     return found
 
 
@@ -72,7 +91,7 @@ def own_fit(data):
     return fit_passage(make_blocks(data), START, np.array([-1.0]), Medium(1500.0, 19.0))
 
 
-def cpu_seconds(task, repeats=7):
+def cpu_seconds(task, repeats=60):
     times = []
     for _ in range(repeats):
         begin = time.process_time()
@@ -92,4 +111,20 @@ def test_a_joint_fit_is_several_times_faster_than_curve_fit():
     truth = np.array([300.0, 250.0 / 6.0, 6.0])
     assert np.all(np.abs(ours - truth) < 4 * deviation)
     ratio = cpu_seconds(lambda: peer_fit(data)) / cpu_seconds(lambda: own_fit(data))
-    assert ratio >= 2.5, f"curve_fit over joint fit: {ratio:.1f}"
+    assert ratio >= 3.5, f"curve_fit over joint fit: {ratio:.1f}"
+
+
+@pytest.mark.benchmark
+def test_the_joint_fit_is_no_less_accurate_than_the_robust_peer():
+    """Errors of both over runs, in the deviations that the bound gives."""
+    truth = np.array([300.0, 250.0 / 6.0, 6.0])
+    ours, theirs = [], []
+    for seed in range(12):
+        data = measured(seed)
+        own, peer = own_fit(data), peer_fit(data)
+        ours.append([own.theta[0, 0], own.range_over_speed_s[0], own.theta[0, 2]])
+        theirs.append([peer[0], np.exp(peer[1]), peer[2]])
+    spread = [
+        np.sqrt(((np.array(x) - truth) ** 2).mean(axis=0)) for x in (ours, theirs)
+    ]
+    assert np.all(spread[0] <= 1.1 * spread[1])
