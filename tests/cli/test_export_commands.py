@@ -10,12 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from fastkml import KML, Placemark
+from fastkml.utils import find_all
 from geographiclib.geodesic import Geodesic
+from geojson_pydantic import FeatureCollection
 
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.files.product import read_product
 
-KML = "{http://www.opengis.net/kml/2.2}"
+SPACE = "{http://www.opengis.net/kml/2.2}"
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +89,13 @@ def test_geojson_follows_its_standard(exported, found):
     assert line["azi1"] % 360 == pytest.approx(found[0].bearing_deg[0], abs=0.01)
 
 
+def test_geojson_is_accepted_by_a_schema(exported):
+    text = exported("geojson").read_text()
+    found = FeatureCollection.model_validate_json(text)
+    shapes = [feature.geometry.type for feature in found.features]
+    assert shapes == ["Point", "Point", "LineString", "Point", "Polygon"]
+
+
 def test_the_ellipse_is_that_of_the_covariance(exported, found):
     content = json.loads(exported("geojson").read_text())
     (ellipse,) = [
@@ -104,13 +114,22 @@ def test_the_ellipse_is_that_of_the_covariance(exported, found):
 
 def test_kml_is_a_document_of_placemarks(exported, found):
     root = ET.parse(exported("kml")).getroot()  # noqa: S314 - our own file
-    assert root.tag == f"{KML}kml"
-    marks = root.findall(f".//{KML}Placemark")
-    points = {m.findtext(f"{KML}name"): m.find(f"{KML}Point") for m in marks}
-    x, y = points["contact 1, mode 1"].findtext(f"{KML}coordinates").split(",")
+    assert root.tag == f"{SPACE}kml"
+    marks = root.findall(f".//{SPACE}Placemark")
+    points = {m.findtext(f"{SPACE}name"): m.find(f"{SPACE}Point") for m in marks}
+    x, y = points["contact 1, mode 1"].findtext(f"{SPACE}coordinates").split(",")
     assert float(x) == pytest.approx(found[1].longitude[0])
     assert float(y) == pytest.approx(found[1].latitude[0])
-    assert root.findtext(f".//{KML}when").startswith("2024-05-01T12:02:2")
+    assert root.findtext(f".//{SPACE}when").startswith("2024-05-01T12:02:2")
+
+
+def test_kml_is_valid_and_read_by_fastkml(exported, found):
+    document = KML.parse(exported("kml"), validate=True)
+    marks = {mark.name: mark for mark in find_all(document, of_type=Placemark)}
+    mark = marks["contact 1, mode 1"]
+    assert mark.geometry.x == pytest.approx(found[1].longitude[0])
+    assert mark.geometry.y == pytest.approx(found[1].latitude[0])
+    assert mark.times.timestamp.dt.isoformat().startswith("2024-05-01T12:02:28")
 
 
 def test_a_raven_selection_table_is_read_by_pandas(exported):

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from geojson_pydantic import FeatureCollection
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -46,10 +47,9 @@ def test_a_track_and_an_ellipse_become_two_parts_each():
         Feature("track", "LineString", "t", track, {}),
         Feature("ellipse", "Polygon", "e", ring_around(179.9, 0.5), {}),
     ]
-    found = [
-        feature["geometry"]
-        for feature in json.loads(geojson_text(features))["features"]
-    ]
+    text = geojson_text(features)
+    assert FeatureCollection.model_validate_json(text).length == 2
+    found = [feature["geometry"] for feature in json.loads(text)["features"]]
     assert [g["type"] for g in found] == ["MultiLineString", "MultiPolygon"]
     first, second = found[0]["coordinates"]
     assert {round(first[-1][0]), round(second[0][0])} == {-180, 180} or {
