@@ -263,11 +263,11 @@ def noise_peaks(hours: float, kept: float, seed: int) -> list[Peaks]:
 
 @pytest.mark.parametrize("kept", [0.01, 0.1])
 def test_false_lines_in_sound_come_near_the_stated_rate(kept: float) -> None:
-    rate, hours = 200.0, 0.25
+    rate, hours = 200.0, 0.1
     rule = ScoreLogic(false_lines_per_khz_hour=rate)
     blocks = noise_peaks(hours, kept, seed=21)
     count = Lines.join(list(track_lines(iter(blocks), score=rule))).line_id.size
-    stated = rate * 0.512 * hours
+    stated = rate * 2.048 * hours
     # at or below the stated rate, and not below a third of it
     assert poisson.ppf(0.001, stated / 3.0) <= count <= poisson.ppf(0.999, stated)
 
