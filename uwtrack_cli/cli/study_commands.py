@@ -24,19 +24,23 @@ def register(app: typer.Typer, name: str) -> None:
 def study(
     *,
     name: Annotated[
-        str | None, typer.Argument(help="Name of the study; all names are listed.")
+        str | None,
+        typer.Argument(help="The study to repeat; without it, all are listed."),
     ] = None,
     runs: Annotated[
-        int | None, typer.Option("--runs", help="Number of simulated runs per case.")
+        int | None,
+        typer.Option(
+            "--runs",
+            help="Simulated runs per case; unless given, as many as take minutes.",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the simulation.")] = 1,
     json_output: AsJson = False,
 ) -> None:
     """Repeat a published experiment; print its figures beside ours with intervals.
 
-    Without a name, the studies are listed. A study's default number of runs takes a few
-    minutes; intervals shrink with the root of the number. A case that starts with a
-    letter and number (B.1) is a section of the method's specification.
+    Intervals shrink with the root of the number of runs. Every random number comes from
+    the seed.
     """
     if name is None:
         width = max(map(len, STUDIES))

@@ -243,6 +243,20 @@ def test_smoothed_frequencies_are_as_exact_as_published(
     assert error <= 1.3 * published + scatter
 
 
+@pytest.mark.parametrize(
+    ("method", "snr"), [("score", 6.0), ("score", 10.0), ("trace", 10.0)]
+)
+def test_smoothed_frequencies_hold_what_is_stated_of_them(
+    method: str, snr: float
+) -> None:
+    found = [listen(method, snr, k) for k in range(14)]
+    ratio = np.array([trial.square_score for trial in found])
+    within = np.array([trial.share_within for trial in found])
+    # the simulated frequency is smoother than the model: errors may be smaller
+    assert np.sqrt(np.nanmean(ratio)) <= 1.15
+    assert np.nanmean(within) >= 0.93
+
+
 def test_tones_in_one_frame_are_measured_as_the_best_hann_row() -> None:
     error, stated = frame_errors(20.0, 1500, np.random.default_rng(3))
     bound = 0.390 / 10.0
