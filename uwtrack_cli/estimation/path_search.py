@@ -12,6 +12,7 @@ amplitude of a steady line in noise.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -50,6 +51,23 @@ _INTERVAL_GAIN = 8.0
 
 _SHARED = 0.2
 """Share of common frames beyond which two paths are one."""
+
+
+class Bonus(Protocol):
+    """What the power of a path does not tell."""
+
+    @property
+    def least_score(self) -> float:
+        """Score above which a path is looked at."""
+        ...
+
+    def without(self, is_masked: BoolArray) -> "Bonus":
+        """Leave cells out that belong to lines already found."""
+        ...
+
+    def scores(self, paths: IntArray) -> FloatArray:
+        """Return what to add to the scores of paths, shape (path, frame), in nepers."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -102,6 +120,7 @@ def find_paths(
     lax_threshold: float,
     expected: IntArray,
     cells_per_bin: int,
+    bonus: Bonus | None = None,
 ) -> list[FoundPath]:
     """Find the paths that noise does not explain, strongest first.
 
@@ -119,14 +138,17 @@ def find_paths(
         Cells in the first frame where lines are expected, from the window before.
     cells_per_bin
         Cells per natural bin.
+    bonus
+        What else speaks for paths above a least score, such as one common bearing.
     """
     left = scores.copy()
     found: list[FoundPath] = []
     for _ in range(_MOST_PASSES):
         total, moves = best_scores(left, MOVE_PENALTY)
         fresh = _accepted(
-            total, moves, (threshold, lax_threshold), expected, cells_per_bin
-        )
+            total, moves, (threshold, lax_threshold), expected, cells_per_bin,
+            None if bonus is None else bonus.without(left <= _MASKED),
+        )  # fmt: skip
         if not fresh:
             break
         for path, score in fresh:
@@ -154,15 +176,21 @@ def _accepted(
     thresholds: tuple[float, float],
     expected: IntArray,
     cells_per_bin: int,
+    bonus: Bonus | None,
 ) -> list[tuple[IntArray, float]]:
     """Choose paths above their threshold that share no frames, best first."""
     is_top = np.ones(total.size, dtype=bool)
     is_top[1:] &= total[1:] > total[:-1]
     is_top[:-1] &= total[:-1] >= total[1:]
-    ends = np.flatnonzero(is_top & (total > min(thresholds)))
+    least = min(thresholds) if bonus is None else min(*thresholds, bonus.least_score)
+    ends = np.flatnonzero(is_top & (total > least))
     ends = ends[np.argsort(-total[ends], kind="stable")][:_MOST_ENDS]
     paths = trace_back(moves, ends)
     scores = total[ends]
+    if bonus is not None:
+        scores = scores + bonus.scores(paths)
+        order = np.argsort(-scores, kind="stable")
+        paths, scores = paths[order], scores[order]
     is_good = scores > thresholds[0]
     if expected.size:
         away = np.abs(paths[:, :1] - expected[None, :]).min(axis=1)

@@ -32,6 +32,7 @@ from uwtrack_cli.estimation.path_search import (
 from uwtrack_cli.stages.lines.contacts import ContactSamples, group_lines
 from uwtrack_cli.stages.lines.lasting_families import FamilyRegister
 from uwtrack_cli.stages.lines.output import LineTable, join_points
+from uwtrack_cli.stages.lines.path_bearing import path_thresholds
 from uwtrack_cli.stages.lines.policies import Harmonics, Motion
 from uwtrack_cli.stages.lines.trace_threshold import TraceThreshold
 from uwtrack_cli.stages.lines.trace_window import (
@@ -83,6 +84,7 @@ class PathTracer:
         inside = np.flatnonzero((frequency >= low) & (frequency <= rule.band_hz[1]))
         self.chosen = slice(int(inside[0]), int(inside[-1]) + 1)
         self.resolution_hz = resolution
+        self.has_bearing = first.intensity_east is not None
         self.hop_s = first.frames.hop_s
         self.held: list[WindowData] = []
         self.n_held = 0
@@ -121,7 +123,7 @@ class PathTracer:
     def _window(self, data: WindowData, last_stop: int | None) -> Points:
         """Find the lines of a window; ``last_stop`` is given for the last one."""
         n_frames = data.frame.size
-        strict, lax = self.rule.threshold.scores(n_frames)
+        strict, lax, bonus = path_thresholds(self.rule.threshold, data)
         expected = [
             int(living.cells[np.searchsorted(living.frame, data.frame[0])])
             for living in self.living
@@ -130,7 +132,7 @@ class PathTracer:
         ratio = whiten(data.power_ratio, data.cells_per_bin)
         paths = find_paths(
             cell_scores(ratio), ratio, strict, lax,
-            np.array(expected, dtype=np.int64), data.cells_per_bin,
+            np.array(expected, dtype=np.int64), data.cells_per_bin, bonus,
         )  # fmt: skip
         paths = [p for p in paths if p.stop - p.first >= self.rule.shortest_frames]
         quarter = self.rule.window_frames // 4
@@ -273,7 +275,9 @@ class PathTracer:
         return {
             "reference": reference,
             "false_lines_per_khz_hour": threshold.false_lines_per_khz_hour,
-            "weakest_line_snr_db": threshold.weakest_line_snr_db,
+            "weakest_line_snr_db": threshold.weakest_line_snr_db(
+                has_bearing=self.has_bearing
+            ),
         }
 
 

@@ -68,11 +68,46 @@ class TraceThreshold:
         strict = offset - slope * np.log(rate)
         return strict, strict - slope * np.log(_CONTINUATION)
 
-    @property
-    def weakest_line_snr_db(self) -> float:
-        """Cell SNR of the weakest steady line found with probability one half."""
+    def scores_with_bearing(self, n_frames: int) -> tuple[float, float, float, float]:
+        """Scores as above when the evidence of one bearing is added to a path's.
+
+        Also the least score of a path whose bearing is looked at, where a kHz of noise
+        has one, and the slope by which the evidence is multiplied.
+
+        Notes
+        -----
+        The sum of two exponential excesses of one slope b over a floor a exceeds T at
+        the rate exp(-(T - a)/b) (1 + (T - a)/b).
+        """
+        lengths, offsets, slopes = TAILS[self.overlap, self.padding]
+        offset = float(np.interp(n_frames, lengths, offsets))
+        slope = float(np.interp(n_frames, lengths, slopes))
+        strict, lax = (
+            offset + slope * _gamma_quantile(max((score - offset) / slope, 0.0))
+            for score in self.scores(n_frames)
+        )
+        return strict, lax, offset, slope
+
+    def weakest_line_snr_db(self, *, has_bearing: bool) -> float:
+        """Cell SNR of the weakest steady line found with probability one half.
+
+        One bearing is beyond doubt long before a path is: what remains to be exceeded
+        is the least score, by its slope.
+        """
         n_frames = self.window_frames
-        return weakest_by_path(self.scores(n_frames)[0], n_frames, _PATH_GAIN)
+        strict, _ = self.scores(n_frames)
+        if has_bearing:
+            _, _, least, slope = self.scores_with_bearing(n_frames)
+            strict = min(strict, least + slope)
+        return weakest_by_path(strict, n_frames, _PATH_GAIN)
+
+
+def _gamma_quantile(exponent: float) -> float:
+    """Solve exp(-x) (1 + x) = exp(-exponent) for x."""
+    x = exponent
+    for _ in range(60):
+        x = exponent + float(np.log1p(x))
+    return x
 
 
 def tail_key(overlap: float, padding: int) -> tuple[float, int]:
