@@ -28,8 +28,8 @@ LAX_REMARK = (
     "(B.5)."
 )
 SCORE_REMARK = (
-    "The score keeps Wald's bound on false lines, of which white noise uses a fifth; "
-    "the reference's score was set to equal false lines by simulation."
+    "The score starts lines at the share of Wald's bound that noise was measured to use; "
+    "the reference's score was set to equal false lines by simulation, too."
 )
 
 
