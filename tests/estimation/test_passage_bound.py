@@ -159,3 +159,23 @@ def test_error_bars_hold_when_the_shaft_wanders(wander):
 def run_one(blocks, scene):
     start, _ = best_start(blocks, medium(scene))
     return fit_passage(blocks, start.theta, start.turn, medium(scene))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_error_bars_hold_where_the_wander_is_as_slow_as_the_passage():
+    """Few memories fit into a near, weakly heard passage: little is left of the wander."""
+    scene = Scene(
+        6.57, 102.0, 21.0, tuple(69.377 * np.arange(2, 7)), closest_s=233.0,
+        length_s=480.0, wander=7.6e-4,
+    )  # fmt: skip
+    scores = []
+    for seed in range(120):
+        blocks = make_blocks(measure(scene, np.random.default_rng([77, seed]), 1))
+        fit = fit_with_memory(run_one(blocks, scene), blocks, medium(scene))
+        deviation = np.sqrt(np.diag(fit.covariance[0]))
+        scores.append(np.abs(errors(scene, fit)[0]) / deviation)
+    scores = np.array(scores)
+    assert np.all((scores <= 2).mean(axis=0) >= 0.92)
+    assert np.all((scores <= 3).mean(axis=0) >= 0.975)
+    assert np.all(np.median(scores, axis=0) >= 0.1)
