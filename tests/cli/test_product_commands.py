@@ -4,6 +4,7 @@ import csv
 import io
 import json
 
+import numpy as np
 import pytest
 from typer import Exit
 
@@ -175,3 +176,24 @@ def test_an_interrupt_that_python_could_not_pass_on_is_not_lost():
     with pytest.raises(Exit) as done:
         work()
     assert done.value.exit_code == 130
+
+
+def test_a_table_comes_through_standard_input_as_from_a_file(uwtrack, tmp_path):
+    time = np.arange(-60.0, 61.0, 2.0)
+    shift = -5.0 / 1500.0 * 5.0 * time / np.sqrt(150.0**2 + (5.0 * time) ** 2)
+    rows = [
+        f"{t + 60:g},{100.0 * (1 + s):.6f},0.01"
+        for t, s in zip(time, shift, strict=True)
+    ]
+    text = "time_s,frequency_hz,frequency_std_hz\n" + "\n".join(rows) + "\n"
+    (tmp_path / "series.csv").write_text(text)
+    made = [
+        uwtrack("cpa", source, "-o", name, "--json", input=text)
+        for source, name in (("series.csv", "a.h5"), ("-", "b.h5"))
+    ]
+    assert [done.exit_code for done in made] == [0, 0]
+    assert made[0].stdout == made[1].stdout
+    assert '"status": "ok"' in made[0].stdout
+    shown = uwtrack("show", "b.h5", "series", "--format", "csv").stdout
+    again = uwtrack("cpa", "-", "-o", "c.h5", "--json", input=shown)
+    assert again.stdout == made[0].stdout

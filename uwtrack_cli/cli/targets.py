@@ -106,22 +106,35 @@ class Inputs:
     def add(self, path: Path, wanted: tuple[type[Container], ...]) -> None:
         """Read a product, or a table of what the stage can read.
 
+        What comes through standard input is a table if it is text.
+
         Raises
         ------
         DataError
             The stage does not read tables, or the file is not readable.
         """
-        from uwtrack_cli.files.product import source_of
+        from uwtrack_cli.files.product import read_product_bytes, source_of
         from uwtrack_cli.flow.products import small_containers, source_of_product
 
+        content = sys.stdin.buffer.read() if path == PIPE else b""
+        if content and b"\0" not in content:
+            path = self._kept(content)
         if path.suffix.lower() in {".csv", ".txt", ".tsv"}:
             self.containers.append(_read_table(path, wanted))
             self.sources.append(source_of(path))
             return
-        product = self._stack.enter_context(open_product(path))
+        opened = read_product_bytes(content) if path == PIPE else open_product(path)
+        product = self._stack.enter_context(opened)
         self.products.append(product)
         self.sources.append(source_of_product(product))
         self.containers += small_containers(product)
+
+    def _kept(self, content: bytes) -> Path:
+        """Keep a table from standard input in a file, as its readers take it."""
+        folder = tempfile.TemporaryDirectory(prefix="uwtrack-")
+        path = Path(self._stack.enter_context(folder)) / "standard-input.csv"
+        path.write_bytes(content)
+        return path
 
     def add_table(self, path: Path, kind: type[Container]) -> None:
         """Read a table that was given by an option of its own."""
