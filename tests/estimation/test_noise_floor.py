@@ -71,3 +71,31 @@ def test_overlap_and_padding_leave_fewer_independent_cells():
     overlapped = independent_cells(16, 1000, zero_padding=1, hop_windows=0.25)
     assert padded == pytest.approx(plain, rel=0.4)
     assert overlapped < plain
+
+
+@pytest.mark.parametrize("step_db", [10.0, 20.0, 40.0])
+@pytest.mark.parametrize("edge", [480, 488, 495])
+def test_beside_a_sharp_edge_noise_passes_as_often_as_elsewhere(
+    step_db: float, edge: int
+) -> None:
+    rng = np.random.default_rng(9)
+    level = np.where(np.arange(960) < edge, 1.0, 10.0 ** (-step_db / 10.0))
+    passed = []
+    for shape in (level, level[::-1]):
+        power = (shape * rng.exponential(1.0, (640, 960))).astype(np.float32)
+        factor = threshold_factor(1e-2, 100.0)
+        passed.append(power > factor * noise_floor(power, np.ones(640)))
+    high = passed[0] | passed[1][:, ::-1]
+    # 24 bins on the loud side, two of margin left out on the quiet one
+    for side in (slice(edge - 24, edge), slice(edge + 4, edge + 28)):
+        rate = 0.5 * high[:, side].mean()
+        assert 0.004 <= rate <= 0.016
+
+
+def test_a_weak_line_just_beyond_an_edge_stands_out() -> None:
+    rng = np.random.default_rng(10)
+    level = np.where(np.arange(960) < 488, 100.0, 1.0)
+    level[495] += 10.0
+    power = (level * rng.exponential(1.0, (640, 960))).astype(np.float32)
+    floor = noise_floor(power, np.ones(640))
+    assert 0.7 < np.median(floor[:, 495]) < 1.4

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import firwin, lfilter
 from scipy.stats import poisson
 
 from tests.stages.line_scenes import (
@@ -11,6 +12,7 @@ from tests.stages.line_scenes import (
     passage_bearing,
     some_frames,
 )
+from tests.support import recording_of
 from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.errors import DataError, OptionError
@@ -270,6 +272,21 @@ def test_false_lines_in_sound_come_near_the_stated_rate(kept: float) -> None:
     stated = rate * 2.048 * hours
     # at or below the stated rate, and not below a third of it
     assert poisson.ppf(0.001, stated / 3.0) <= count <= poisson.ppf(0.999, stated)
+
+
+def test_sharp_edges_of_the_noise_are_no_lines() -> None:
+    found = 0
+    for step_db in (10.0, 20.0, 30.0):
+        rng = np.random.default_rng(12)
+        rate, n_samples = 2048.0, 2048 * 300
+        noise = rng.standard_normal((2, n_samples))
+        low = lfilter(firwin(2001, 300.0, fs=rate), 1.0, noise[0])
+        sound = 0.1 * (low + 10.0 ** (-step_db / 20.0) * noise[1])
+        recording = recording_of(sound.astype(np.float32), rate)
+        blocks = [find_peaks(block) for block in compute_spectrogram(recording)]
+        found += Lines.join(list(track_lines(iter(blocks)))).line_id.size
+    # a floor interpolated across the steps lets 23 through
+    assert found <= 2
 
 
 def test_half_a_decibel_above_the_published_snr_most_lines_are_heard() -> None:
