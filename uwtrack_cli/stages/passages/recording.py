@@ -10,6 +10,7 @@ broadband taken out (see `several`).
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,13 +23,26 @@ from uwtrack_cli.stages.passages.contacts import (
     examine,
     examine_contacts,
 )
-from uwtrack_cli.stages.passages.decision import Limits, motion_likelihood
+from uwtrack_cli.stages.passages.decision import (
+    Limits,
+    motion_likelihood,
+    not_a_passage,
+)
 from uwtrack_cli.stages.passages.measurements import contact_data, contact_ids, lines_of
 from uwtrack_cli.stages.passages.several import share_out
+from uwtrack_cli.stages.passages.splitting import split
 
 SMALLEST_LINE_GAIN = 5.0
 """Gain in log-likelihood by which the lines of a contact must follow a passage that
 the broadband has shown."""
+
+
+class Terms(NamedTuple):
+    """Medium, false-alarm probability, and the frames and ends of the recording."""
+
+    medium: Medium
+    probability: float
+    limits: Limits
 
 
 def examine_recording(
@@ -54,15 +68,28 @@ def examine_recording(
         Length of the frames and ends of the recording.
     """
     probability = false_alarm_probability
-    found = examine_contacts(lines, medium, probability) if lines is not None else []
+    found = _of_lines(lines, medium, probability) if lines is not None else []
     if levels is None:
         return found
     if len(found) == 1:
         found = [_with_broadband(found[0], lines, levels, medium, probability)]
     shares, more = share_out(levels, found, medium, probability, limits)
     if more:
-        return _apart(found, more, shares, lines, medium, probability)
-    return found or _broadband_first(lines, levels, medium, probability)
+        return _apart(found, more, shares, lines, Terms(medium, probability, limits))
+    return found or _broadband_first(lines, levels, Terms(medium, probability, limits))
+
+
+def _of_lines(lines: Lines, medium: Medium, probability: float) -> list[Candidate]:
+    """Examine the contacts; one that is two vessels gives a new contact."""
+    found: list[Candidate] = []
+    number = int(lines.line_contact.max(initial=0))
+    for contact in examine_contacts(lines, medium, probability):
+        first, *others = split(contact, medium, probability)
+        found.append(first)
+        for other in others:
+            number += 1
+            found.append(replace(other, contacts=(number,)))
+    return found
 
 
 def _apart(
@@ -70,21 +97,22 @@ def _apart(
     more: list[Candidate],
     shares: list[Levels],
     lines: Lines | None,
-    medium: Medium,
-    probability: float,
+    terms: Terms,
 ) -> list[Candidate]:
     """Examine every passage with its own share of the broadband."""
     first = len(found)
+    medium, probability, _ = terms
     if len(found) == 1:
         found = [_with_broadband(found[0], lines, shares[0], medium, probability)]
     taken = {number for item in found for number in item.contacts}
     free = (
         [n for n in contact_ids(lines) if n not in taken] if lines is not None else []
     )
-    number = max([*taken, *free], default=0)
+    used = lines.line_contact.max(initial=0) if lines is not None else 0
+    number = max([*taken, int(used)], default=0)
     pairs = zip(more, shares[first:], strict=True)
     for passage, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
-        best = _with_lines(passage, lines, free, own, medium, probability)
+        best = _with_lines(passage, lines, free, own, terms)
         free = [n for n in free if n not in best.contacts]
         if best is passage:
             number += 1
@@ -94,17 +122,17 @@ def _apart(
 
 
 def _broadband_first(
-    lines: Lines | None, levels: Levels, medium: Medium, probability: float
+    lines: Lines | None, levels: Levels, terms: Terms
 ) -> list[Candidate]:
     """Examine the broadband, with the lines that fit it if any do.
 
     Lines too weak to show a passage by themselves can still tell its speed.
     """
     data = contact_data(None, levels, ())
-    alone = examine(data, (1,), np.empty(0, np.int64), medium, probability)
+    alone = examine(data, (1,), np.empty(0, np.int64), terms.medium, terms.probability)
     if alone is None or lines is None:
         return [alone] if alone else []
-    return [_with_lines(alone, lines, contact_ids(lines), levels, medium, probability)]
+    return [_with_lines(alone, lines, contact_ids(lines), levels, terms)]
 
 
 def _with_lines(
@@ -112,8 +140,7 @@ def _with_lines(
     lines: Lines | None,
     contacts: list[int],
     levels: Levels,
-    medium: Medium,
-    probability: float,
+    terms: Terms,
 ) -> Candidate:
     """Add the lines that follow a passage which the broadband has shown."""
     best, gain = alone, SMALLEST_LINE_GAIN
@@ -123,9 +150,12 @@ def _with_lines(
         part = (contact,)
         joint = examine(
             contact_data(lines, levels, part), part, lines_of(lines, part),
-            medium, probability,
+            terms.medium, terms.probability,
         )  # fmt: skip
-        if joint is not None and joint.evidence.doppler > gain:
+        if joint is None or joint.evidence.doppler <= gain:
+            continue
+        # a line that follows by chance must not spoil what the broadband has shown
+        if not_a_passage(joint.fit, joint.blocks, terms.limits) is None:
             best, gain = joint, joint.evidence.doppler
     return best
 
