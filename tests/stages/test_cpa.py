@@ -253,6 +253,20 @@ def test_frames_advised_for_a_slow_distant_passage_are_at_most_eight_seconds():
     assert find_encounters(whole, sensor=DIFAR).status.tolist() == ["ok"]
 
 
+def test_what_is_left_of_another_vessels_pull_widens_the_course():
+    other = Scene(
+        speed_mps=4.0, range_m=180.0, rest_hz=(81.0,), closest_s=310.0,
+        bearing_deg=200.0,
+    )  # fmt: skip
+    rng = np.random.default_rng(17)
+    alone = find_encounters(lines_of_scenes([SCENE], rng), sensor=DIFAR)
+    rng = np.random.default_rng(17)
+    crowd = find_encounters(lines_of_scenes([SCENE, other], rng), sensor=DIFAR)
+    added = crowd.course_std_deg[0] ** 2 - alone.course_std_deg[0] ** 2
+    left = 0.3 * np.rad2deg(0.01 / np.sqrt(2))
+    assert np.sqrt(added) == pytest.approx(left, rel=0.05)
+
+
 def test_measurements_that_say_nothing_give_no_encounter():
     rng = np.random.default_rng(18)
     lines, levels = lines_of_scenes([SCENE], rng), levels_of_scene(SCENE, rng)

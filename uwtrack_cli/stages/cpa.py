@@ -24,7 +24,7 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.stages.passages.advice import advise_frames
+from uwtrack_cli.stages.passages.advice import advise_frames, widen_for_others
 from uwtrack_cli.stages.passages.contacts import Candidate, examine
 from uwtrack_cli.stages.passages.decision import Limits, not_a_passage
 from uwtrack_cli.stages.passages.levels import add_levels
@@ -120,12 +120,15 @@ def find_encounters(
         found = examine_recording(
             lines, levels, medium, false_alarm_probability, limits
         )
-    pairs = [(item.fit, _row(item, setting, limits)) for item in found]
+    pairs = [(item, _row(item, setting, limits)) for item in found]
     rows = [row for _, row in pairs if row is not None]
-    passed = [(fit, row) for fit, row in pairs if row and row.status != NOT_A_PASSAGE]
-    add_levels([row for _, row in passed], levels, [fit for fit, _ in passed], setting)
-    for _, row in passed:
+    passed = [(item, row) for item, row in pairs if row and row.status != NOT_A_PASSAGE]
+    fits = [item.fit for item, _ in passed]
+    add_levels([row for _, row in passed], levels, fits, setting)
+    for item, row in passed:
         advise_frames(row, setting, limits.window_s)
+        if len(found) > 1:
+            widen_for_others(row, lines, item.line_ids)
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     return make_encounters(rows, setting)
 
