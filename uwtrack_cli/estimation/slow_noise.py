@@ -128,8 +128,7 @@ def fit_slow_noise(
 
 def _variances(root: FloatArray) -> FloatArray:
     """Strengths of slow noise to try, beside that of the white noise of a cell."""
-    variances: FloatArray = np.mean(root**-2.0) * np.geomspace(1e-3, 1e6, 46)
-    return variances
+    return np.asarray(np.mean(root**-2.0) * np.geomspace(1e-3, 1e6, 46))
 
 
 def _turn(vectors: FloatArray, rows: FloatArray) -> FloatArray:
@@ -175,10 +174,8 @@ def slow_likelihoods(
     for memory in _memories(time):
         values, vectors = _spectrum(root, time, memory)
         for row, (value, columns) in enumerate(rivals):
-            found = _best_variance(
-                vectors.T @ value, vectors.T @ columns, values, root, None
-            )
-            best[row] = max(best[row], found[0])
+            found = _best_variance(vectors.T @ value, vectors.T @ columns, values, root)
+            best[row] = max(best[row], found)
     return best
 
 
@@ -273,23 +270,14 @@ def _spectrum(
 
 
 def _best_variance(
-    turned: FloatArray,
-    design: FloatArray,
-    values: FloatArray,
-    root: FloatArray,
-    freedom: int | None,
-) -> tuple[float, float, float]:
-    """Maximise the likelihood over the variances, for one memory.
-
-    The likelihood is restricted if the degrees of freedom are given.
-    """
+    turned: FloatArray, design: FloatArray, values: FloatArray, root: FloatArray
+) -> float:
+    """Maximise the likelihood over the variances, for one memory."""
     variances = _variances(root)
-    likelihood = _likelihood(turned, design, values, variances, freedom)[0]
+    likelihood = _likelihood(turned, design, values, variances, None)[0]
     middle = int(np.argmax(likelihood))
     fine = variances[middle] * np.geomspace(0.65, 1.55, 9)
-    likelihood, inflation = _likelihood(turned, design, values, fine, freedom)
-    best = int(np.argmax(likelihood))
-    return float(likelihood[best]), float(fine[best]), float(inflation[best])
+    return float(_likelihood(turned, design, values, fine, None)[0].max())
 
 
 def _likelihood(
