@@ -59,8 +59,8 @@ def test_the_spectrogram_costs_little_more_than_its_transforms(capsys):
     assert ratio < 1.6
 
 
-def test_a_run_stays_within_eighty_bare_transforms(capsys):
-    """The aim is forty; what is over it are the tracker's calls for each frame."""
+def test_a_run_stays_within_fifty_bare_transforms(capsys):
+    """The aim is forty, and 38 was measured; the rest is for a loaded machine."""
     samples = seconds_of_sound(900)
     recording, recipe = recording_of(samples, RATE_HZ), load_recipe("vessel")
     run_recipe(recording, recipe)  # imports and tables
@@ -68,7 +68,7 @@ def test_a_run_stays_within_eighty_bare_transforms(capsys):
     ratio = run_s / cpu_s(lambda: bare_transform(samples))
     with capsys.disabled():
         print(f"\nrun: {ratio:.1f} times, {900 / run_s:.0f} times real time")
-    assert ratio < 80.0
+    assert ratio < 50.0
 
 
 MEMORY = """
