@@ -57,7 +57,7 @@ peaks beyond those of noise are as many per peak of Rice's law: they displace so
 
 WALD_SHARE = 0.25
 """Share of Wald's bound that noise uses, rounded up: scores pass the threshold by a step,
-peaks near young lines start none, and gates end (0.12 to 0.20 in 14 kHz hours of noise
+peaks near young lines start none, and gates end (0.12 to 0.20 in 6 kHz hours of noise
 with peaks kept at 1e-1 and 1e-2)."""
 
 ECHO = 3.0
