@@ -81,5 +81,7 @@ def _lines(done: Study) -> Iterator[str]:
 
 
 def _short(value: float) -> str:
-    """Write three digits, and no power of ten that is longer than they are."""
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
+    """Write an end of an interval in eight characters at most."""
+    if 1e3 <= abs(value) < 1e7:
+        return f"{value:.0f}"
+    return f"{value:.2g}" if abs(value) < 1e-2 else f"{value:.3g}"
