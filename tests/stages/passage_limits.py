@@ -6,7 +6,9 @@ partials by central differences of the law solved by Newton's method.
 
 **Conventions.** Lines in frames of 0.8 / sqrt(f v^2 / (c d)) within 0.5 and 8 s, used
 above E/N0 = 10; levels and bearings each second. Broadband sound of the vessels is
-noise to the lines. No wander, no image, no turn: the path ends where it is straight.
+noise to the lines. Wander is noise common to the lines with a known memory; of several
+wandering lines the rest frequencies count as one unknown, which can only lower the
+bound. No image, no turn: the path ends where it is straight.
 
 **References.** Section 3 of the specification after Choi et al. (2014).
 """
@@ -18,6 +20,8 @@ from tests.estimation.passage_truth import Scene, received
 SOUND_MPS = 1500.0
 DIPOLE_NOISE = 1.0 / 3.0
 """Noise of a dipole over that of the omni channel: isotropic in three dimensions."""
+
+LONGEST_FRAME_S = 8.0
 
 STEPS = np.array([1e-3, 1e-4, 1e-4])
 
@@ -33,6 +37,8 @@ def bounds(scenario, number):
     information = np.zeros((4, 4))
     for line in vessel.lines:
         information += _line(scenario, vessel, line, last)
+    if vessel.wander.fraction:
+        information[:3, :3] += _wandering(scenario, vessel, last)
     information += _broadband(scenario, vessel, last)
     if scenario.sensors[0].kind == "omni":
         information = information[:3, :3]
@@ -131,9 +137,34 @@ def _line(scenario, vessel, line, last_s):
     usable = ratio * frame >= 10
     precision = np.where(usable, 2 * np.pi**2 * ratio * frame**3 / 3, 0.0)
     total = np.zeros((4, 4))
-    total[:3, :3] = _without_constant(tone * slope[0], precision, values[0])
+    if not vessel.wander.fraction:
+        total[:3, :3] = _without_constant(tone * slope[0], precision, values[0])
     angles = np.where(usable, 2 * ratio / DIPOLE_NOISE * frame, 0.0)
     return total + _bearings(slope[1], angles)
+
+
+def _wandering(scenario, vessel, last_s):
+    """Information of the frequencies of all lines together under wander (3, 3)."""
+    time = np.arange(0.5, last_s)
+    values, slope = _partials(scenario, vessel, time)
+    precision = np.zeros(time.size)
+    for line in vessel.lines:
+        at = np.array([line.frequency_hz])
+        noise = _noise(scenario, vessel, at, time)
+        noise = (noise + _density(scenario, vessel, at, time))[0]
+        near = 10 ** (values[2] / 10) * _ambient(scenario, at) / noise
+        ratio = 10 ** (line.cn0_db_hz / 10) * near
+        usable = ratio * LONGEST_FRAME_S >= 10
+        longest = 2 * np.pi**2 * ratio * LONGEST_FRAME_S**2 / 3
+        precision += np.where(usable, longest * line.frequency_hz**2, 0.0)
+    heard = precision > 0
+    lag = np.abs(time[heard, None] - time[None, heard])
+    plan = vessel.wander
+    covariance = plan.fraction**2 * np.exp(-lag / plan.correlation_s)
+    covariance += np.diag(1 / precision[heard])
+    columns = np.stack([*slope[0][:, heard], values[0][heard]], axis=1)
+    full = columns.T @ np.linalg.solve(covariance, columns)
+    return full[:3, :3] - np.outer(full[:3, 3], full[:3, 3]) / full[3, 3]
 
 
 def _bearings(slope, precision):

@@ -27,3 +27,12 @@ def test_the_bounds_are_the_published_ones(ratios, published):
         found["course"],
     )
     np.testing.assert_allclose(ours, published, rtol=0.15)
+
+
+def test_wander_bounds_the_speed_as_published():
+    """Section 6: (wander / M) sqrt(2 tau / W) of the speed; a fit to it 7 %."""
+    case = {"cn0_db_hz": 28.0, "snr_db": 3.0, "surface_image": 0.0, "wander": 1e-3}
+    found = bounds(trial_scenario(case, 1), 0)
+    law = 1e-3 / (SPEED_MPS / 1500.0) * np.sqrt(2 * 20.0 / 600.0)
+    assert 0.6 * law < found["speed"] < 1.4 * law
+    assert found["course"] < 0.1
