@@ -115,7 +115,12 @@ def test_newer_schema_is_refused_by_name(path):
             reseal(path)
         with pytest.raises(DataError) as caught:
             read_product(path)
-        for word in ("schema version 99", "uwtrack 7.1", f"up to version {SCHEMA_VERSION}", "newer"):
+        for word in (
+            "schema version 99",
+            "uwtrack 7.1",
+            f"up to version {SCHEMA_VERSION}",
+            "newer",
+        ):
             assert word in str(caught.value)
 
 

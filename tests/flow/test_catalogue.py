@@ -96,6 +96,9 @@ def test_a_recipe_written_out_reads_back_with_the_same_values(name):
         ({"band_hz": 3.0}, "must be a list"),
         ({"zero_padding": 2.5}, "must be of type int"),
         ({"window": 1.0}, "it has: window_s"),
+        ({"window_s": float("inf")}, "must be a finite number"),
+        ({"window_s": 10**400}, "must be a finite number"),
+        ({"band_hz": [1.0, float("nan")]}, "must be a finite number"),
     ],
 )
 def test_an_option_of_the_wrong_shape_is_refused(given, text):

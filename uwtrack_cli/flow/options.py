@@ -5,6 +5,7 @@ dataclass with a docstring of its own. On the command line its fields are flat
 (``--feedback-alpha``); in a recipe they are a table (``[track.feedback]``).
 """
 
+import math
 import re
 import types
 from collections.abc import Callable, Mapping
@@ -103,12 +104,24 @@ def convert(where: str, hint: Any, value: Any) -> Any:
         return _one_of(where, arguments, value)
     if origin in {tuple, list}:
         return _sequence(where, origin, arguments, value)
-    if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+    if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        return _finite(where, value)
     if not isinstance(value, hint) or (hint is int and isinstance(value, bool)):
         msg = f"{where} must be of type {hint.__name__}, got {value!r}."
         raise OptionError(msg)
     return value
+
+
+def _finite(where: str, value: float) -> float:
+    """Return a number that floating point can hold, as no option means infinity."""
+    try:
+        number = float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        number = math.inf
+    if not math.isfinite(number):
+        msg = f"{where} must be a finite number, got {number}."
+        raise OptionError(msg)
+    return number
 
 
 def is_union(hint: Any) -> bool:
