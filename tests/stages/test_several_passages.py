@@ -95,6 +95,19 @@ def test_a_vessel_without_lines_is_found_beside_one_with_lines():
     assert np.all(np.abs(errors(found, scenes)[1:]) < 4)
 
 
+def test_a_line_that_follows_by_chance_does_not_spoil_the_broadbands_passage():
+    scene = Scene(range_m=500.0)
+    rng = np.random.default_rng(8)
+    chance = Scene(speed_mps=90.0, range_m=7500.0, rest_hz=(890.0,), turn=scene.turn)
+    lines = lines_of_scenes([chance], rng)
+    heard = (lines.time_s > 260.0) & (lines.time_s < 290.0)
+    levels = crowded_levels([scene], [12.0], rng)
+    alone = find_encounters(None, levels, DIFAR)
+    found = find_encounters(lines.take("point", heard), levels, DIFAR)
+    assert found.status.tolist() == alone.status.tolist() == ["level-only"]
+    assert found.time_s[0] == pytest.approx(alone.time_s[0], abs=1e-6)
+
+
 def test_the_broadband_of_two_vessels_with_lines_makes_no_third():
     scenes, snrs_db = crowd("overlapping")
     rng = np.random.default_rng(7)

@@ -73,10 +73,22 @@ def examine_recording(
         return found
     if len(found) == 1:
         found = [_with_broadband(found[0], lines, levels, medium, probability)]
-    shares, more = share_out(levels, found, medium, probability, limits)
+    terms = Terms(medium, probability, limits)
+    passing = [item for item in found if _is_passage(item, limits)]
+    shares, more = share_out(levels, passing, medium, probability, limits)
     if more:
-        return _apart(found, more, shares, lines, Terms(medium, probability, limits))
-    return found or _broadband_first(lines, levels, Terms(medium, probability, limits))
+        passing = _apart(passing, more, shares, lines, terms)
+    elif not passing:
+        passing = _broadband_first(lines, levels, terms)
+        # what moves without passing is told of once
+        if found and not all(_is_passage(item, limits) for item in passing):
+            passing = []
+    used = {number for item in passing for number in item.contacts}
+    return passing + [item for item in found if used.isdisjoint(item.contacts)]
+
+
+def _is_passage(item: Candidate, limits: Limits) -> bool:
+    return not_a_passage(item.fit, item.blocks, limits) is None
 
 
 def _of_lines(lines: Lines, medium: Medium, probability: float) -> list[Candidate]:
@@ -152,12 +164,11 @@ def _with_lines(
             contact_data(lines, levels, part), part, lines_of(lines, part),
             terms.medium, terms.probability,
         )  # fmt: skip
-        if joint is None or joint.evidence.doppler <= gain:
-            continue
-        # a line that follows by chance must not spoil what the broadband has shown
-        if not_a_passage(joint.fit, joint.blocks, terms.limits) is None:
+        if joint is not None and joint.evidence.doppler > gain:
             best, gain = joint, joint.evidence.doppler
-    return best
+    # a line that follows by chance must not spoil what the broadband has shown
+    spoils = _is_passage(alone, terms.limits) and not _is_passage(best, terms.limits)
+    return alone if spoils else best
 
 
 def _with_broadband(
