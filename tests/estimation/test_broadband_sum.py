@@ -2,9 +2,8 @@
 
 import numpy as np
 
+from uwtrack_cli.estimation.broadband_model import Known, Sound
 from uwtrack_cli.estimation.broadband_sum import (
-    Known,
-    Sound,
     alone,
     fit_sources,
     no_sources,

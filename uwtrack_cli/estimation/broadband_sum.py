@@ -22,6 +22,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.broadband_model import (
+    N_COMMON,
+    N_EACH,
+    Known,
+    Sound,
+    source_parts,
+    sum_residuals,
+)
 from uwtrack_cli.estimation.least_squares import (
     Evaluation,
     damped_least_squares,
@@ -35,17 +43,11 @@ from uwtrack_cli.estimation.robust import (
 )
 from uwtrack_cli.physics.geometry import wrap_rad
 
-N_COMMON = 2
-"""Unknowns common to all: background and law of spreading."""
-
 BACKGROUND_STD = 2.0
 """Weak prior of ln N about its start, so that an unheard background is no trouble."""
 
 LAW_STD, LOWEST_LAW, HIGHEST_LAW = 0.25, 0.4, 1.6
 """The law of spreading over 20 log R: prior deviation (15 to 25 log R), and bounds."""
-
-N_EACH = 4
-"""Unknowns of a source: time, ln of d/v, ln of its power, bearing."""
 
 ROUNDS = 3
 """Rounds of robust weights."""
@@ -55,25 +57,6 @@ SMALLEST_SHARE = 0.2
 
 LARGEST_SCATTER_RAD = 1.0
 """Bearings less certain than this are not used in a search."""
-
-
-@dataclass(frozen=True)
-class Sound:
-    """Levels and bearings with their deviations, all (n,); nan is missing."""
-
-    time_s: FloatArray
-    power: FloatArray
-    power_std: FloatArray
-    bearing: FloatArray
-    bearing_std: FloatArray
-
-
-@dataclass(frozen=True)
-class Known:
-    """Sources whose motion is known: ln of (d/R)^2 and bearing, shape (m, n)."""
-
-    spread: FloatArray
-    bearing: FloatArray
 
 
 @dataclass(frozen=True)
@@ -140,11 +123,11 @@ def fit_sources(
     precision = _precision(sound)
     quiet, prior = _quiet(sound), np.array([BACKGROUND_STD, LAW_STD]) ** -2.0
     for _ in range(ROUNDS):
-        residual = _model(theta, turn, sound, known)[0]
+        residual = sum_residuals(theta, turn, sound, known)[0]
         weight = _weights(residual, precision)
 
         def evaluate(theta: FloatArray, weight: FloatArray = weight) -> Evaluation:
-            residual, slope = _model(theta, turn, sound, known)
+            residual, slope = sum_residuals(theta, turn, sound, known)
             weighted = weight[..., None] * slope
             gradient = np.einsum("bnp,bn->bp", weighted, residual)
             matrix = np.swapaxes(weighted, 1, 2) @ slope
@@ -157,7 +140,7 @@ def fit_sources(
         theta = damped_least_squares(
             evaluate, theta, _limiter(n_known, sound), max_steps=25, tolerance=0.01
         )
-    residual = _model(theta, turn, sound, known)[0]
+    residual = sum_residuals(theta, turn, sound, known)[0]
     share = np.minimum(residual**2 * precision / CONSTANT**2, 1.0)
     cost = (CONSTANT**2 / 6 * (1 - (1 - share) ** 3)).sum(axis=-1)
     cost += 0.5 * (prior * (theta[:, :N_COMMON] - [quiet, 1.0]) ** 2).sum(axis=-1)
@@ -182,7 +165,9 @@ def widening(sources: Sources, sound: Sound, known: Known) -> FloatArray:
     FloatArray
         Factors of the deviations, shape (k, 3), one or more.
     """
-    residual, slope = _model(sources.theta[None], sources.turn[None], sound, known)
+    residual, slope = sum_residuals(
+        sources.theta[None], sources.turn[None], sound, known
+    )
     precision = _precision(sound)
     weight = _weights(residual, precision)
     matrix: FloatArray = (np.swapaxes(weight[..., None] * slope, 1, 2) @ slope)[0]
@@ -213,7 +198,7 @@ def alone(sources: Sources, row: int | None, sound: Sound, known: Known) -> Soun
     known
         Sources of known motion, on the same times.
     """
-    parts, vectors, background = _parts(
+    parts, vectors, background = source_parts(
         sources.theta[None], sources.turn[None], sound.time_s, known
     )
     power, vector = parts[0], vectors[0]
@@ -287,69 +272,6 @@ def _weights(residual: FloatArray, precision: FloatArray) -> FloatArray:
         scale = np.maximum(median_scale(deviation, known), 1.0)[:, None]
         kinds.append(precision[part] * bisquare_weight(deviation / scale) / scale**2)
     return np.concatenate(kinds, axis=1)
-
-
-def _parts(
-    theta: FloatArray, turn: FloatArray, time_s: FloatArray, known: Known
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Powers and intensities of all sources (batch, m + k, n), and the background."""
-    n_known, batch = known.spread.shape[0], theta.shape[0]
-    free = theta[:, N_COMMON + n_known :].reshape(batch, -1, N_EACH)
-    law = theta[:, 1, None, None]
-    x = (time_s - free[..., 0:1]) / np.exp(free[..., 1:2])
-    moving = np.exp(free[..., 2:3] - law * np.log1p(x**2))
-    angle = free[..., 3:4] + turn[..., None] * np.arctan(x)
-    own = theta[:, N_COMMON : N_COMMON + n_known, None]
-    steady = np.exp(own + law * known.spread)
-    power = np.concatenate([steady, moving], axis=1)
-    # a known source without bearings has no share in the intensity
-    seen = np.nan_to_num(np.exp(1j * np.broadcast_to(known.bearing, steady.shape)))
-    direction = np.concatenate([seen, np.exp(1j * angle)], axis=1)
-    return power, power * direction, np.exp(theta[:, :1])
-
-
-def _model(
-    theta: FloatArray, turn: FloatArray, sound: Sound, known: Known
-) -> tuple[FloatArray, FloatArray]:
-    """Residuals of levels and bearings (batch, 2 n), and their partials."""
-    power, vector, background = _parts(theta, turn, sound.time_s, known)
-    n_known, (batch, n_all, n) = known.spread.shape[0], power.shape
-    total = background + power.sum(axis=1)
-    whole = vector.sum(axis=1)
-    size = np.maximum(np.abs(whole) ** 2, 1e-300)
-    turned = wrap_rad(np.nan_to_num(sound.bearing) - np.angle(whole))
-    residual = np.concatenate(
-        [np.nan_to_num(sound.power) - np.log(total), turned], axis=1
-    )
-    slope = np.zeros((batch, 2 * n, theta.shape[1]))
-    slope[:, :n, 0] = -background / total
-    share = power / total[:, None]
-    pull = vector * (whole.conj() / size)[:, None]
-    known_ones = slice(N_COMMON, N_COMMON + n_known)
-    slope[:, :n, known_ones] = -np.swapaxes(share[:, :n_known], 1, 2)
-    slope[:, n:, known_ones] = -np.swapaxes(pull[:, :n_known].imag, 1, 2)
-    by_law = np.broadcast_to(known.spread, share[:, :n_known].shape)
-    slope[:, :n, 1] = -(share[:, :n_known] * by_law).sum(axis=1)
-    slope[:, n:, 1] = -(pull[:, :n_known].imag * by_law).sum(axis=1)
-    law = theta[:, 1, None]
-    for row in range(n_all - n_known):
-        first = N_COMMON + n_known + N_EACH * row
-        t0, width = theta[:, first, None], np.exp(theta[:, first + 1, None])
-        x = (sound.time_s - t0) / width
-        own, drawn = share[:, n_known + row], pull[:, n_known + row]
-        twist = turn[:, row, None]
-        slow = 1 / (1 + x**2)
-        slope[:, :n, 1] += own * np.log1p(x**2)
-        slope[:, n:, 1] += drawn.imag * np.log1p(x**2)
-        slope[:, :n, first] = -own * law * 2 * x * slow / width
-        slope[:, :n, first + 1] = -own * law * 2 * x**2 * slow
-        slope[:, :n, first + 2] = -own
-        fall, swing = 2 * law * x, 1j * twist
-        slope[:, n:, first] = -(drawn * (fall - swing)).imag * slow / width
-        slope[:, n:, first + 1] = -(drawn * (fall - swing) * x).imag * slow
-        slope[:, n:, first + 2] = -drawn.imag
-        slope[:, n:, first + 3] = -drawn.real
-    return residual, slope
 
 
 def _limiter(

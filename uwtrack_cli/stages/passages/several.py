@@ -17,11 +17,8 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.estimation.broadband_model import N_COMMON, N_EACH, Known, Sound
 from uwtrack_cli.estimation.broadband_sum import (
-    N_COMMON,
-    N_EACH,
-    Known,
-    Sound,
     Sources,
     alone,
     fit_sources,
