@@ -99,6 +99,24 @@ def test_a_line_that_drifts_slowly_is_no_vessel():
     assert find_encounters(lines, None, DIFAR).n_encounters == 0
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_two_steady_lines_joined_by_a_tracker_are_no_vessel(seed):
+    """One line ends, another one begins a little lower: nothing passes."""
+    rng = np.random.default_rng(seed)
+    scene = Scene(rest_hz=(350.0,), speed_mps=1e-6, length_s=60.0)
+    lines = lines_of_scenes([scene], rng, has_bearing=False)
+    time = np.asarray(lines.time_s)
+    heard = (rng.random(time.size) < 0.4) & (np.abs(time - 30.0) > 3.0)
+    frequency = np.where(time < 30.0, 353.4, 346.6) + 0.2 * rng.normal(size=time.size)
+    joined = replace(
+        lines,
+        frequency_hz=frequency,
+        measured_frequency_hz=np.where(heard, frequency, np.nan),
+        measured_frequency_std_hz=np.full(time.size, 0.2),
+    )
+    assert find_encounters(joined).n_encounters == 0
+
+
 def test_two_vessels_within_one_passage_time_stay_two():
     first = Scene(rest_hz=(63.0, 126.0), closest_s=280.0, bearing_deg=40.0, turn=1)
     second = Scene(

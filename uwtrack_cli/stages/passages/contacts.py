@@ -29,7 +29,7 @@ from uwtrack_cli.estimation.passage_fit import (
 )
 from uwtrack_cli.estimation.passage_normal import Medium
 from uwtrack_cli.estimation.passage_seeds import find_starts
-from uwtrack_cli.stages.passages.decision import (
+from uwtrack_cli.stages.passages.evidence import (
     Evidence,
     motion_likelihood,
     passage_evidence,

@@ -23,11 +23,8 @@ from uwtrack_cli.stages.passages.contacts import (
     examine,
     examine_contacts,
 )
-from uwtrack_cli.stages.passages.decision import (
-    Limits,
-    motion_likelihood,
-    not_a_passage,
-)
+from uwtrack_cli.stages.passages.decision import Limits, not_a_passage
+from uwtrack_cli.stages.passages.evidence import motion_likelihood
 from uwtrack_cli.stages.passages.measurements import contact_data, contact_ids, lines_of
 from uwtrack_cli.stages.passages.several import share_out
 from uwtrack_cli.stages.passages.splitting import split

@@ -22,14 +22,16 @@ from uwtrack_cli.physics.geometry import (
     horizontal_range_m,
     side_of_vessel,
 )
-from uwtrack_cli.stages.passages.decision import (
-    LARGEST_RELATIVE_DEVIATION,
-    SMALLEST_SPEED_DEVIATIONS,
-)
 
 OK, EXTRAPOLATED, LEVEL_ONLY, NOT_A_PASSAGE = (
     "ok", "extrapolated", "level-only", "not-a-passage",
 )  # fmt: skip
+
+LARGEST_RELATIVE_DEVIATION = 0.5
+"""A quantity less certain than this is not given."""
+
+SMALLEST_SPEED_DEVIATIONS = 3.0
+"""A speed within so many deviations of zero is not given."""
 
 LAW_SHARE = 0.3
 """Deviation of d/v, as a share, from a fit of levels alone: with 15 log R instead of

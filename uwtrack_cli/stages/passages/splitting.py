@@ -24,7 +24,7 @@ from uwtrack_cli.stages.passages.contacts import (
     agrees,
     examine_from,
 )
-from uwtrack_cli.stages.passages.decision import motion_likelihood
+from uwtrack_cli.stages.passages.evidence import motion_likelihood
 
 FEWEST_LINES = 2
 """Lines that a vessel must have to be told from another in the same contact."""
