@@ -11,7 +11,8 @@ from uwtrack_cli.estimation.robust import (
     median_scale,
     neighbour_scale,
 )
-from uwtrack_cli.estimation.slow_noise import fit_slow_noise, slow_inverse
+from uwtrack_cli.estimation.slow_loss import slow_loss
+from uwtrack_cli.estimation.slow_noise import SlowNoise, cell_starts, fit_slow_noise
 
 TIME = np.arange(600.0)
 NOTHING = (np.zeros(0), np.zeros((0, 1)))
@@ -54,21 +55,55 @@ def test_white_noise_has_no_memory():
     assert slow <= 4
 
 
-def test_the_inverse_covariance_is_that_of_white_and_slow_noise():
+@pytest.mark.parametrize("inflation", [1.0, 1.7])
+def test_the_loss_is_that_of_white_and_slow_noise(inflation):
+    """White precision less the inverse of a covariance that is written out."""
+    memories = (12.0, 90.0)
+    noise = SlowNoise(np.array([1.5, 0.4]), np.array(memories), inflation)
+    weight = np.where(TIME % 7 == 0, 0.0, 0.5 + TIME % 3)
+    used = np.flatnonzero(weight > 0)
+    starts = used[cell_starts(TIME[used], 40.0)]
+    cell = np.searchsorted(starts, used, side="right") - 1
+    middle = np.array(
+        [
+            np.average(TIME[used[cell == k]], weights=weight[used[cell == k]])
+            for k in range(starts.size)
+        ]
+    )
+    lag = np.abs(middle[cell][:, None] - middle[cell][None, :])
+    slow = 1.5 * np.exp(-lag / memories[0]) + 0.4 * np.exp(-lag / memories[1])
+    covariance = inflation * (np.diag(1 / weight[used]) + slow)
+    expected = np.zeros((TIME.size, TIME.size))
+    expected[np.ix_(used, used)] = np.diag(weight[used]) - np.linalg.inv(covariance)
+    found = slow_loss(weight, TIME, noise, 40.0).times(np.eye(TIME.size))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_stronger_white_noise_alone_takes_a_share_of_everything():
+    noise = SlowNoise(np.empty(0), np.empty(0), 4.0)
+    weight = np.where(TIME % 7 == 0, 0.0, 1.0)
+    found = slow_loss(weight, TIME, noise, 40.0).times(np.ones(TIME.size))
+    np.testing.assert_allclose(found, 0.75 * weight)
+
+
+def test_cells_are_as_fine_as_the_memory_needs():
+    """Noise constant within cells has the information of noise that is not, to 2 %."""
+    constant = np.ones((TIME.size, 1))
     rng = np.random.default_rng(1)
     series = rng.normal(size=TIME.size) + drifting(rng, 20.0, 1.5)
-    constant = np.ones((TIME.size, 1))
-    weight = np.where(TIME % 7 == 0, 0.0, 1.0)
+    weight = np.ones(TIME.size)
     noise = fit_slow_noise(series, weight, TIME, constant, 40.0, NOTHING)
-    used = weight > 0
     lag = np.abs(TIME[:, None] - TIME[None, :])
-    memories = zip(noise.variance, noise.memory_s, strict=True)
-    slow = sum(variance * np.exp(-lag / memory) for variance, memory in memories)
-    covariance = noise.inflation * (np.eye(TIME.size) + slow)
-    inverse = slow_inverse(weight, TIME, noise)
-    product = covariance[np.ix_(used, used)] @ inverse[np.ix_(used, used)]
-    np.testing.assert_allclose(product, np.eye(int(used.sum())), atol=1e-9)
-    assert not inverse[~used].any()
+    slow = sum(
+        variance * np.exp(-lag / memory)
+        for variance, memory in zip(noise.variance, noise.memory_s, strict=True)
+    )
+    inverse = np.linalg.inv(noise.inflation * (np.eye(TIME.size) + slow))
+    bend = np.arctan((TIME - 300.0) / 40.0)[None]
+    left = weight * bend - slow_loss(weight, TIME, noise, 40.0).times(bend)
+    assert (left @ bend.T).item() == pytest.approx(
+        (bend @ inverse @ bend.T).item(), rel=0.02
+    )
 
 
 def test_the_long_run_excess_is_the_power_at_frequency_zero():

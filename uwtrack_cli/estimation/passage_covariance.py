@@ -42,7 +42,7 @@ def passage_covariance(
     inner = inverse_or_nan(normal.matrix)[:, :3, :3]
     constant = data.pair_weight[:, 0]
     if data.losses[1] is not None:
-        constant = constant - data.losses[1].sum(axis=-1)
+        constant = constant - data.losses[1].times(np.ones_like(constant))
     bearing_size = constant.sum(axis=-1)
     has_bearing = bearing_size > 0
     size = np.where(has_bearing, bearing_size, 1.0)

@@ -3,8 +3,7 @@
 **Method.** Each line's rest frequency is linear and is projected out (Golub and
 Pereyra 1973; Kaufman 1975). All lines share the law, so one product of the weights
 with five functions of time gives every sum of every line at once. Slow noise
-common to the lines takes information away: ``loss`` is what an instant's combined
-measurement loses (diagonal of its weights less the inverse covariance).
+common to the lines takes information from the combined measurement of an instant.
 
 **Conventions.** Unknowns (t0, ln r, v); rest frequencies relative to the line's mean.
 """
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.slow_loss import SlowLoss
 from uwtrack_cli.physics.passage import Passage
 
 
@@ -84,7 +84,7 @@ def doppler_sums(
     shift: FloatArray,
     weight: FloatArray,
     sums: LineSums,
-    loss: FloatArray | None,
+    loss: SlowLoss | None,
 ) -> DopplerSums:
     """Return the normal equations of the frequencies alone.
 
@@ -99,7 +99,7 @@ def doppler_sums(
     sums
         Sums of these two.
     loss
-        Information lost to slow noise, shape (n, n), or None.
+        Information lost to slow noise, or None.
     """
     moments = _sums(law, weight, sums)
     if loss is None:
@@ -145,30 +145,33 @@ def _separate(sums: _Sums) -> DopplerSums:
 
 
 def _coupled(
-    sums: _Sums, law: Passage, shift: FloatArray, weight: FloatArray, loss: FloatArray
+    sums: _Sums, law: Passage, shift: FloatArray, weight: FloatArray, loss: SlowLoss
 ) -> DopplerSums:
     """Eliminate the rest frequencies together: slow noise couples the lines."""
     total = weight.sum(axis=1)
     share = weight / np.where(total > 0, total, 1.0)[:, None, :]
-    basis = np.swapaxes(share * (1 + law.shift)[:, None, :], 1, 2)
+    basis = share * (1 + law.shift)[:, None, :]
     mean = (share * (shift - law.shift[:, None, :])).sum(axis=1)
-    inner = np.eye(basis.shape[2]) * sums.qq[:, None, :]
-    inner = inner - np.swapaxes(basis, 1, 2) @ (loss @ basis)
-    right = sums.q[..., 0] - np.einsum("btk,bt->bk", basis, mean @ loss)
+    lost_mean = loss.times(mean)
+    inner = np.eye(basis.shape[1]) * sums.qq[:, None, :]
+    inner = inner - basis @ np.swapaxes(loss.times(basis), 1, 2)
+    right = sums.q[..., 0] - np.einsum("bkt,bt->bk", basis, lost_mean)
     inverse = np.linalg.inv(inner)
     rest = np.einsum("bkl,bl->bk", inverse, right)
     factor = 1 + rest
-    cost = sums.all[..., 0, 0].sum(axis=-1) - np.einsum("bt,bt->b", mean @ loss, mean)
+    cost = sums.all[..., 0, 0].sum(axis=-1) - (lost_mean * mean).sum(axis=-1)
     cost = 0.5 * (cost - (rest * right).sum(axis=-1))
-    slope = -law.shift_d * np.einsum("bkt,bk->bt", share, factor)[..., None]
-    lost = loss @ slope
-    left = mean - np.einsum("btk,bk->bt", basis, rest)
+    slope = -np.einsum("bkt,bk->bt", share, factor)[:, None, :] * np.swapaxes(
+        law.shift_d, -1, -2
+    )
+    lost = loss.times(slope)
+    left = mean - np.einsum("bkt,bk->bt", basis, rest)
     with_e, with_q = sums.all[..., 0, 1:], sums.q[..., 1:]
     gradient = -(factor[..., None] * (with_e - rest[..., None] * with_q)).sum(1)
-    gradient = gradient - np.einsum("btp,bt->bp", lost, left)
-    cross = -factor[..., None] * with_q - np.einsum("btk,btp->bkp", basis, lost)
+    gradient = gradient - np.einsum("bpt,bt->bp", lost, left)
+    cross = -factor[..., None] * with_q - basis @ np.swapaxes(lost, 1, 2)
     matrix = np.einsum("bk,bkpq->bpq", factor**2, sums.all[..., 1:, 1:])
-    matrix = matrix - np.swapaxes(slope, 1, 2) @ lost
+    matrix = matrix - slope @ np.swapaxes(lost, 1, 2)
     follow = -np.einsum("bkl,blp->bkp", inverse, cross)
     matrix = matrix + np.einsum("bkp,bkq->bpq", cross, follow)
     variance = np.einsum("bkk->bk", inverse)

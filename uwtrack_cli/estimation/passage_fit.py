@@ -50,9 +50,6 @@ TOLERANCE = 1e-2
 """Gain at which the last round ends, with one more step: a seventh of a deviation
 before that step, and far less after it."""
 
-LONGEST_SERIES = 1500
-"""Instants beyond which the covariance of slow noise is not written out."""
-
 
 @dataclass(frozen=True)
 class PassageFit:
@@ -179,8 +176,6 @@ def fit_with_memory(
     rounds
         Rounds of noise and fit.
     """
-    if blocks.time_s.size > LONGEST_SERIES:
-        return fit
     theta, noises = fit.theta, fit.noises
     free = free_unknowns(blocks, 1)
     fixed = Fixed(fit.turn, theta[:, 3], free)

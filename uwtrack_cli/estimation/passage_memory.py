@@ -19,7 +19,8 @@ from uwtrack_cli.estimation.passage_normal import (
     pair_rows,
 )
 from uwtrack_cli.estimation.passage_state import State
-from uwtrack_cli.estimation.slow_noise import SlowNoise, fit_slow_noise, slow_inverse
+from uwtrack_cli.estimation.slow_loss import SlowLoss, slow_loss
+from uwtrack_cli.estimation.slow_noise import SlowNoise, fit_slow_noise
 
 
 def slow_noises(
@@ -49,7 +50,7 @@ def slow_noises(
     normals = block_normals(theta, data, state.law)
     width = float(np.exp(theta[0, 1]))
     found: list[SlowNoise] = []
-    losses: list[FloatArray | None] = []
+    losses: list[SlowLoss | None] = []
     for number, (residual, weight, design) in enumerate(series):
         mean, size = _combine(residual, weight)
         columns = np.concatenate([design, np.ones((size.size, 1))], axis=1)
@@ -57,9 +58,7 @@ def slow_noises(
         noise = fit_slow_noise(mean, size, data.time_s, columns, width, others)
         found.append(noise)
         losses.append(
-            None
-            if noise.is_white
-            else np.diag(size) - slow_inverse(size, data.time_s, noise)
+            None if noise.is_white else slow_loss(size, data.time_s, noise, width)
         )
     return tuple(found), (losses[0], losses[1], losses[2])
 

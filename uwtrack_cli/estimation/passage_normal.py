@@ -20,6 +20,7 @@ from uwtrack_cli.estimation.passage_doppler import (
     LineSums,
     doppler_sums,
 )
+from uwtrack_cli.estimation.slow_loss import SlowLoss
 from uwtrack_cli.physics.passage import Passage, passage_law
 
 N_UNKNOWNS = 4
@@ -27,8 +28,8 @@ FLOOR_PRIOR_DEVIATION = 4.0
 """Weak prior of ln floor about its start, so that an invisible floor is no trouble."""
 
 
-Losses = tuple[FloatArray | None, FloatArray | None, FloatArray | None]
-"""Matrices (n, n) for frequencies, bearings and levels; None is white noise."""
+Losses = tuple[SlowLoss | None, SlowLoss | None, SlowLoss | None]
+"""What slow noise takes from frequencies, bearings and levels; None is white noise."""
 
 NO_LOSS: Losses = (None, None, None)
 
@@ -214,7 +215,7 @@ def _reduced(theta: FloatArray, law: Passage, data: Weighted) -> FloatArray:
     weighted = data.pair_weight[:, :, None] * rows
     for kind, loss in enumerate(data.losses[1:]):
         if loss is not None:
-            weighted[:, kind] -= rows[:, kind] @ loss
+            weighted[:, kind] -= loss.times(rows[:, kind])
     full = weighted @ np.swapaxes(rows, -1, -2)
     first = full[..., 0, :]
     size = np.where(first[..., 0] > 0, first[..., 0], 1.0)[..., None]

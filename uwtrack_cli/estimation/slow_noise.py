@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 
 N_MEMORIES = 9
 FEWEST_CELLS, MOST_CELLS = 60, 160
@@ -179,31 +179,19 @@ def slow_likelihoods(
     return best
 
 
-def slow_inverse(
-    weight: FloatArray, time_s: FloatArray, noise: SlowNoise
-) -> FloatArray:
-    """Return the inverse covariance of white plus slow noise.
+def cell_starts(time_s: FloatArray, width_s: float) -> IntArray:
+    """Return the first of the instants of every cell in which slow noise is constant.
 
     Parameters
     ----------
-    weight
-        Inverse variances of the white part, shape (n,); zero is missing.
     time_s
-        Times in seconds.
-    noise
-        Strength and memory of the slow part.
+        Times in seconds of the instants that were measured.
+    width_s
+        Range over speed in seconds: the time that matters to a passage.
     """
-    used = np.flatnonzero(weight > 0)
-    root, time = np.sqrt(weight[used]), time_s[used]
-    lag = np.abs(time[:, None] - time[None, :])
-    kernel = np.zeros_like(lag)
-    for variance, memory in zip(noise.variance, noise.memory_s, strict=True):
-        kernel += variance * np.exp(-lag / memory)
-    inner = root[:, None] * kernel * root[None, :]
-    inner[np.diag_indices_from(inner)] += 1.0
-    full = np.zeros((weight.size, weight.size))
-    full[np.ix_(used, used)] = root[:, None] * np.linalg.inv(inner) * root[None, :]
-    return full / noise.inflation
+    wanted = CELLS_PER_WIDTH * float(np.ptp(time_s)) / width_s
+    count = int(np.clip(wanted, FEWEST_CELLS, MOST_CELLS))
+    return np.unique(np.linspace(0, time_s.size, count, endpoint=False).astype(int))
 
 
 def _condense(
@@ -217,9 +205,7 @@ def _condense(
     used = np.flatnonzero(precision > 0)
     if used.size < design.shape[1] + 8:
         return None
-    wanted = CELLS_PER_WIDTH * float(np.ptp(time_s)) / width_s
-    count = int(np.clip(wanted, FEWEST_CELLS, MOST_CELLS))
-    starts = np.unique(np.linspace(0, used.size, count, endpoint=False).astype(int))
+    starts = cell_starts(time_s[used], width_s)
     weight = precision[used]
     size = np.add.reduceat(weight, starts)
     root = np.sqrt(size)
