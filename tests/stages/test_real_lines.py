@@ -179,14 +179,9 @@ def own_likeness(
     return step * np.arange(level.size), product
 
 
-@pytest.mark.parametrize("path", [p for p in RECORDINGS if not p.startswith("train")])
+@pytest.mark.parametrize("path", RECORDINGS)
 def test_no_false_family_is_found(path: str) -> None:
     assert false_families(path) == ()
-
-
-def test_false_families_are_fewer_than_one_per_recording() -> None:
-    false = {path: false_families(path) for path in RECORDINGS}
-    assert sum(map(len, false.values())) < len(RECORDINGS), false
 
 
 def test_a_spacing_that_is_not_in_the_spectrum_does_not_stand_out() -> None:

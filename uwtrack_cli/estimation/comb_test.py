@@ -37,7 +37,8 @@ class CombRule:
     Attributes
     ----------
     spacing_hz
-        Least and greatest distance of two teeth.
+        Least and greatest distance of two teeth; teeth that would overlap are not
+        tried, since one peak would count for two.
     most_spacings
         Greatest number of spacings between the ends of a comb.
     sigma_hz
@@ -53,6 +54,11 @@ class CombRule:
     sigma_hz: float
     bearing_window_deg: float
     band_hz: float
+
+    @property
+    def least_spacing_hz(self) -> float:
+        """Least distance at which teeth are disjoint, and not below the wanted one."""
+        return max(self.spacing_hz[0], 2.0 * self.tolerance_hz)
 
     @property
     def tolerance_hz(self) -> float:
@@ -139,7 +145,7 @@ def _hypotheses(
     """List pairs and numbers of spacings, ordered by number of spacings."""
     lower, upper = np.triu_indices(frequency_hz.size, 1)
     span = frequency_hz[upper] - frequency_hz[lower]
-    fits = (span >= 2.0 * rule.spacing_hz[0]) & (
+    fits = (span >= 2.0 * rule.least_spacing_hz) & (
         span <= rule.most_spacings * rule.spacing_hz[1]
     )
     if np.isfinite(bearing_deg).any():
@@ -149,7 +155,7 @@ def _hypotheses(
     counts = np.arange(2, rule.most_spacings + 1)
     spacing = span / counts[:, None]
     row, pair = np.nonzero(
-        (spacing >= rule.spacing_hz[0]) & (spacing <= rule.spacing_hz[1])
+        (spacing >= rule.least_spacing_hz) & (spacing <= rule.spacing_hz[1])
     )
     return lower[pair], upper[pair], counts[row]
 

@@ -244,7 +244,8 @@ def test_smoothed_frequencies_are_as_exact_as_published(
 
 
 @pytest.mark.parametrize(
-    ("method", "snr"), [("score", 6.0), ("score", 10.0), ("trace", 10.0)]
+    ("method", "snr"),
+    [("score", 6.0), ("score", 10.0), ("trace", 3.0), ("trace", 10.0)],
 )
 def test_smoothed_frequencies_hold_what_is_stated_of_them(
     method: str, snr: float
