@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from tests.estimation.passage_truth import Scene, received
-from uwtrack_cli.estimation.passage_data import PassageData, make_blocks
-from uwtrack_cli.estimation.passage_fit import fit_passage
-from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.estimation.passages.blocks import PassageData, make_blocks
+from uwtrack_cli.estimation.passages.fit import fit_passage
+from uwtrack_cli.estimation.passages.normal import Medium
 
 REST = (63.0, 126.0, 189.0, 310.0, 400.0)
 SCENE = Scene(rest_hz=REST)

@@ -11,14 +11,14 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from uwtrack_cli.estimation.clutter_filter import Scan, step
-from uwtrack_cli.estimation.imm import Belief
-from uwtrack_cli.estimation.information_reduction import (
+from uwtrack_cli.estimation.clutter.clutter_filter import Scan, step
+from uwtrack_cli.estimation.clutter.information_reduction import (
     gate_probability,
     information_reduction,
 )
-from uwtrack_cli.estimation.operating_curve import constant_curve
-from uwtrack_cli.estimation.pda import constant_velocity
+from uwtrack_cli.estimation.clutter.operating_curve import constant_curve
+from uwtrack_cli.estimation.clutter.pda import constant_velocity
+from uwtrack_cli.estimation.imm import Belief
 from uwtrack_cli.flow.studies.clutter_runs import setting_of
 from uwtrack_cli.flow.studies.table import load_reference
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.estimation.passage_data import PassageData
+from uwtrack_cli.estimation.passages.blocks import PassageData
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from uwtrack_cli.estimation.broadband_model import Known, Sound
-from uwtrack_cli.estimation.broadband_sum import (
+from uwtrack_cli.estimation.passages.broadband_model import Known, Sound
+from uwtrack_cli.estimation.passages.broadband_sum import (
     alone,
     fit_sources,
     no_sources,

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.estimation.contact_filters import (
+from uwtrack_cli.estimation.imm import Belief
+from uwtrack_cli.estimation.lines.drift_filter import (
+    Drift,
+    predict_drift,
+    start_drift,
+    update_drift,
+)
+from uwtrack_cli.estimation.pairs.contact_filters import (
     Observation,
     _observe,
     predict_moving,
@@ -12,14 +19,7 @@ from uwtrack_cli.estimation.contact_filters import (
     velocity_noise,
     wrap,
 )
-from uwtrack_cli.estimation.contact_pair import consistency
-from uwtrack_cli.estimation.drift_filter import (
-    Drift,
-    predict_drift,
-    start_drift,
-    update_drift,
-)
-from uwtrack_cli.estimation.imm import Belief
+from uwtrack_cli.estimation.pairs.contact_pair import consistency
 
 VARIANCE = np.array([25.0, 0.035**2, 1.0])
 ONE = np.ones((1, 1))

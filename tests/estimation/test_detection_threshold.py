@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from uwtrack_cli.estimation.detection_threshold import (
+from uwtrack_cli.estimation.clutter.detection_threshold import (
     background_extrema,
     best_posterior,
     best_prior,
     prior_rule,
 )
-from uwtrack_cli.estimation.information_reduction import information_reduction
-from uwtrack_cli.estimation.operating_curve import model_curve
-from uwtrack_cli.estimation.pda import associate, correct, innovate
+from uwtrack_cli.estimation.clutter.information_reduction import information_reduction
+from uwtrack_cli.estimation.clutter.operating_curve import model_curve
+from uwtrack_cli.estimation.clutter.pda import associate, correct, innovate
 from uwtrack_cli.flow.studies.table import load_reference
 
 OPTIMA = load_reference("clutter")["prior_optimum"]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from uwtrack_cli.estimation.comb_test import CombRule, comb_tests
-from uwtrack_cli.estimation.harmonics import comb_fit, find_combs
+from uwtrack_cli.estimation.lines.comb_test import CombRule, comb_tests
+from uwtrack_cli.estimation.lines.harmonics import comb_fit, find_combs
 from uwtrack_cli.flow.studies.line_comb import family_chances, noise_chances
 
 RULE = CombRule((2.0, 60.0), 18, 0.1, 10.0, 1000.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from uwtrack_cli.estimation.information_reduction import (
+from uwtrack_cli.estimation.clutter.information_reduction import (
     gate_probability,
     information_reduction,
     unit_ball_volume,

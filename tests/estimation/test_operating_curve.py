@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import ncx2
 
-from uwtrack_cli.estimation.operating_curve import (
+from uwtrack_cli.estimation.clutter.operating_curve import (
     measured_curve,
     model_curve,
     rayleigh_false_alarm,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.estimation.passage_truth import ROWS, Scene, bound, measure, true_motion
-from uwtrack_cli.estimation.passage_data import make_blocks
-from uwtrack_cli.estimation.passage_fit import fit_passage, fit_with_memory
-from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.estimation.passages.blocks import make_blocks
+from uwtrack_cli.estimation.passages.fit import fit_passage, fit_with_memory
+from uwtrack_cli.estimation.passages.normal import Medium
 from uwtrack_cli.stages.passages.contacts import best_start
 
 NAMES = [

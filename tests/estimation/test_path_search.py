@@ -5,14 +5,14 @@ from itertools import product
 import numpy as np
 from scipy.stats import chi2
 
-from uwtrack_cli.estimation.initiation import (
+from uwtrack_cli.estimation.lines.initiation import (
     amplitude_log_ratio,
     count_hits,
     detection_probability,
     push_hits,
 )
-from uwtrack_cli.estimation.path_search import line_interval
-from uwtrack_cli.estimation.viterbi import best_scores, trace_back
+from uwtrack_cli.estimation.lines.path_search import line_interval
+from uwtrack_cli.estimation.lines.viterbi import best_scores, trace_back
 
 
 def test_best_paths_equal_a_search_of_all_paths() -> None:

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.estimation.information_reduction import gate_probability
-from uwtrack_cli.estimation.pda import (
+from uwtrack_cli.estimation.clutter.information_reduction import gate_probability
+from uwtrack_cli.estimation.clutter.pda import (
     associate,
     constant_velocity,
     correct,

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from uwtrack_cli.estimation.sequential_test import (
+from uwtrack_cli.estimation.pairs.sequential_test import (
     Thresholds,
     expected_scans,
     first_crossing,

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.estimation.single_fits import fit_bearings, fit_doppler, fit_envelope
+from uwtrack_cli.estimation.passages.single_fits import (
+    fit_bearings,
+    fit_doppler,
+    fit_envelope,
+)
 
 TIME = np.arange(0.5, 600.0)
 ARRIVAL, WIDTH = 280.0, 40.0

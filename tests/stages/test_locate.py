@@ -8,7 +8,7 @@ import pytest
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
-from uwtrack_cli.estimation.motion_fit import speed_from_two
+from uwtrack_cli.estimation.passages.motion_fit import speed_from_two
 from uwtrack_cli.physics.geodesy import Origin, to_latitude_longitude
 from uwtrack_cli.physics.geometry import compass_unit
 from uwtrack_cli.stages.locate import locate_vessels

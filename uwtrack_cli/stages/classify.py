@@ -1,7 +1,7 @@
 """Harmonic families among the peaks of single frames.
 
 **Method.** Vessels emit lines at equal distances (shaft, blade and firing rates). Each
-frame is searched for combs by the a-contrario test (`estimation.harmonics`), gated by
+frame is searched for combs by the a-contrario test (`estimation.lines.harmonics`), gated by
 bearing: a family is reported when fewer than ``chance`` such combs are expected
 from peaks at random. That rate needs no calibration and is conservative.
 
@@ -17,8 +17,8 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.estimation.comb_test import TOLERANCE_SIGMAS, CombRule
-from uwtrack_cli.estimation.harmonics import Comb, comb_fit, find_combs
+from uwtrack_cli.estimation.lines.comb_test import TOLERANCE_SIGMAS, CombRule
+from uwtrack_cli.estimation.lines.harmonics import Comb, comb_fit, find_combs
 
 _MOST_FAMILIES = 64
 """Families that a frame may have; their numbers are frame * this + rank."""

@@ -23,7 +23,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.estimation.passages.normal import Medium
 from uwtrack_cli.stages.passages.advice import advise_frames, widen_for_others
 from uwtrack_cli.stages.passages.contacts import Candidate, examine
 from uwtrack_cli.stages.passages.decision import Limits, not_a_passage

@@ -19,7 +19,7 @@ from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.estimation.sequential_test import wald_thresholds
+from uwtrack_cli.estimation.pairs.sequential_test import wald_thresholds
 from uwtrack_cli.stages.pairs.policies import ContactErrors, ContactFilters
 from uwtrack_cli.stages.pairs.scans import arrange_contacts, filter_noise
 from uwtrack_cli.stages.pairs.verdict import PairVerdict, judge_pair

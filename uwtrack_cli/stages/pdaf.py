@@ -21,10 +21,10 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.estimation.clutter_filter import ClutterSetting, Outcome, step
-from uwtrack_cli.estimation.information_reduction import information_reduction
-from uwtrack_cli.estimation.pda import constant_velocity
-from uwtrack_cli.estimation.track_score import track_score
+from uwtrack_cli.estimation.clutter.clutter_filter import ClutterSetting, Outcome, step
+from uwtrack_cli.estimation.clutter.information_reduction import information_reduction
+from uwtrack_cli.estimation.clutter.pda import constant_velocity
+from uwtrack_cli.estimation.lines.track_score import track_score
 from uwtrack_cli.stages.clutter.policies import Detector, TargetMotion, TargetStart
 from uwtrack_cli.stages.clutter.scans import (
     check_scans,

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.clutter_filter import Scan, step
-from uwtrack_cli.estimation.detection_threshold import best_prior
+from uwtrack_cli.estimation.clutter.clutter_filter import Scan, step
+from uwtrack_cli.estimation.clutter.detection_threshold import best_prior
+from uwtrack_cli.estimation.clutter.information_reduction import information_reduction
+from uwtrack_cli.estimation.clutter.operating_curve import constant_curve, model_curve
+from uwtrack_cli.estimation.clutter.pda import constant_velocity
 from uwtrack_cli.estimation.imm import Belief
-from uwtrack_cli.estimation.information_reduction import information_reduction
-from uwtrack_cli.estimation.operating_curve import constant_curve, model_curve
-from uwtrack_cli.estimation.pda import constant_velocity
 from uwtrack_cli.flow.studies.clutter_one_step import INNOVATION_VARIANCES_M2, one_step
 from uwtrack_cli.flow.studies.clutter_runs import SCENES, Tally, run_scene, setting_of
 from uwtrack_cli.flow.studies.table import Study, StudyRow, load_reference

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.clutter_filter import ClutterSetting, Scan, step
+from uwtrack_cli.estimation.clutter.clutter_filter import ClutterSetting, Scan, step
 from uwtrack_cli.estimation.imm import Belief
 from uwtrack_cli.flow.studies.clutter_runs import Scene, setting_of
 from uwtrack_cli.simulate.clutter import ClutterScene, simulate_scan

@@ -15,25 +15,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.clutter_filter import (
+from uwtrack_cli.estimation.clutter.clutter_filter import (
     ClutterSetting,
     Scan,
     ThresholdRule,
     step,
 )
-from uwtrack_cli.estimation.imm import Belief, advance, moments
-from uwtrack_cli.estimation.operating_curve import (
+from uwtrack_cli.estimation.clutter.operating_curve import (
     OperatingCurve,
     TargetModel,
     model_curve,
 )
-from uwtrack_cli.estimation.pda import (
+from uwtrack_cli.estimation.clutter.pda import (
     Association,
     constant_velocity,
     correct,
     innovate,
 )
-from uwtrack_cli.estimation.track_score import track_score
+from uwtrack_cli.estimation.imm import Belief, advance, moments
+from uwtrack_cli.estimation.lines.track_score import track_score
 from uwtrack_cli.simulate.clutter import (
     ClutterScene,
     SimulatedScan,

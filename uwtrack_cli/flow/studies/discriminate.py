@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.estimation.contact_filters import Observation
-from uwtrack_cli.estimation.contact_pair import (
+from uwtrack_cli.estimation.pairs.contact_filters import Observation
+from uwtrack_cli.estimation.pairs.contact_pair import (
     FilterNoise,
     PairTest,
     consistency,
     follow,
     run_pair,
 )
-from uwtrack_cli.estimation.sequential_test import (
+from uwtrack_cli.estimation.pairs.sequential_test import (
     Thresholds,
     first_crossing,
     wald_thresholds,

@@ -20,8 +20,8 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.estimation.detection_threshold import best_prior
-from uwtrack_cli.estimation.operating_curve import model_curve
+from uwtrack_cli.estimation.clutter.detection_threshold import best_prior
+from uwtrack_cli.estimation.clutter.operating_curve import model_curve
 from uwtrack_cli.flow.studies.table import Study, StudyRow
 from uwtrack_cli.simulate.tones import simulate_tones
 from uwtrack_cli.stages.lines.policies import ScoreLogic

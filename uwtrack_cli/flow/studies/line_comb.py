@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.comb_test import CombRule, comb_tests
+from uwtrack_cli.estimation.lines.comb_test import CombRule, comb_tests
 from uwtrack_cli.flow.studies.line_rows import share_row
 from uwtrack_cli.flow.studies.table import StudyRow
 

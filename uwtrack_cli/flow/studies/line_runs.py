@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from uwtrack_cli.data.peaks import Families, Peaks
-from uwtrack_cli.estimation.line_bank import ENDED, FREE
+from uwtrack_cli.estimation.lines.line_bank import ENDED, FREE
 from uwtrack_cli.flow.studies.line_scene import (
     ALPHA,
     N_FRAMES,

@@ -16,7 +16,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.kalman import wrap_deg
-from uwtrack_cli.estimation.line_bank import (
+from uwtrack_cli.estimation.lines.line_bank import (
     ASSOCIATION,
     CONFIRMED,
     STATE_ROWS,

@@ -17,7 +17,11 @@ import numpy as np
 
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.motion_fit import Approaches, fit_motion, speed_from_two
+from uwtrack_cli.estimation.passages.motion_fit import (
+    Approaches,
+    fit_motion,
+    speed_from_two,
+)
 from uwtrack_cli.flow.studies.table import Study, StudyRow, load_reference
 from uwtrack_cli.physics.geometry import compass_unit
 

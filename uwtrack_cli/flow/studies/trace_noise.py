@@ -21,13 +21,13 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.estimation.line_bank import Points
-from uwtrack_cli.estimation.path_search import (
+from uwtrack_cli.estimation.lines.line_bank import Points
+from uwtrack_cli.estimation.lines.path_search import (
     MOVE_PENALTY,
     cell_scores,
     whiten,
 )
-from uwtrack_cli.estimation.viterbi import best_scores
+from uwtrack_cli.estimation.lines.viterbi import best_scores
 from uwtrack_cli.stages.lines.path_tracer import PathTracer, TraceRule
 from uwtrack_cli.stages.lines.trace_window import WindowData
 from uwtrack_cli.stages.spectrogram import compute_spectrogram

@@ -8,7 +8,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.clutter_filter import Scan
+from uwtrack_cli.estimation.clutter.clutter_filter import Scan
 from uwtrack_cli.estimation.imm import Belief
 from uwtrack_cli.stages.clutter.policies import TargetStart
 

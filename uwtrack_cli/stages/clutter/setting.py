@@ -8,8 +8,8 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.scans import Roc
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.clutter_filter import ClutterSetting, ThresholdRule
-from uwtrack_cli.estimation.operating_curve import (
+from uwtrack_cli.estimation.clutter.clutter_filter import ClutterSetting, ThresholdRule
+from uwtrack_cli.estimation.clutter.operating_curve import (
     OperatingCurve,
     constant_curve,
     measured_curve,

@@ -17,7 +17,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.assignment import assign, candidate_pairs
-from uwtrack_cli.estimation.line_bank import LineBank
+from uwtrack_cli.estimation.lines.line_bank import LineBank
 from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
 from uwtrack_cli.stages.lines.logics import Logic
 from uwtrack_cli.stages.lines.policies import (

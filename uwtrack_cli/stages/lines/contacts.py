@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, IntArray, TextArray
-from uwtrack_cli.estimation.line_bank import Points
-from uwtrack_cli.estimation.line_grouping import (
+from uwtrack_cli.estimation.lines.line_bank import Points
+from uwtrack_cli.estimation.lines.line_grouping import (
     LineSamples,
     group,
     has_doppler,

@@ -17,7 +17,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.peaks import Families
-from uwtrack_cli.estimation.harmonics import Comb, comb_fit
+from uwtrack_cli.estimation.lines.harmonics import Comb, comb_fit
 
 _SAME_SPACING = 0.02
 """Relative difference of spacings within one family."""

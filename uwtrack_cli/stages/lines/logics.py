@@ -17,8 +17,8 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
-from uwtrack_cli.estimation import initiation
-from uwtrack_cli.estimation.line_bank import CONFIRMED, TENTATIVE, LineBank
+from uwtrack_cli.estimation.lines import initiation
+from uwtrack_cli.estimation.lines.line_bank import CONFIRMED, TENTATIVE, LineBank
 from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
 from uwtrack_cli.stages.lines.policies import CountLogic
 from uwtrack_cli.stages.lines.sensitivity import (

@@ -14,7 +14,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.estimation import kalman
-from uwtrack_cli.estimation.line_bank import CONFIRMED, ENDED, FREE, LineBank
+from uwtrack_cli.estimation.lines.line_bank import CONFIRMED, ENDED, FREE, LineBank
 from uwtrack_cli.stages.lines.policies import Gates
 
 UNKNOWN_BEARING_VARIANCE = 1e8

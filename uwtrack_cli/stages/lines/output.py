@@ -13,7 +13,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray, TextArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families
-from uwtrack_cli.estimation.line_bank import N_ROWS, Points
+from uwtrack_cli.estimation.lines.line_bank import N_ROWS, Points
 from uwtrack_cli.stages.lines.lasting_families import no_families
 
 _BEARING_KNOWN_BELOW_DEG2 = 1e6

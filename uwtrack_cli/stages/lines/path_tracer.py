@@ -7,7 +7,7 @@ line that appears or ends are added.
 
 **Conventions.** Windows are counted in frames from the first, so blocks do not matter.
 
-**References.** See `estimation.path_search`.
+**References.** See `estimation.lines.path_search`.
 """
 
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.estimation.comb_test import CombRule
-from uwtrack_cli.estimation.harmonics import find_combs
-from uwtrack_cli.estimation.line_bank import N_ROWS, Points
-from uwtrack_cli.estimation.noise_floor import noise_floor
-from uwtrack_cli.estimation.path_search import (
+from uwtrack_cli.estimation.lines.comb_test import CombRule
+from uwtrack_cli.estimation.lines.harmonics import find_combs
+from uwtrack_cli.estimation.lines.line_bank import N_ROWS, Points
+from uwtrack_cli.estimation.lines.path_search import (
     FoundPath,
     cell_scores,
     find_paths,
     is_same_line,
     whiten,
 )
+from uwtrack_cli.estimation.noise_floor import noise_floor
 from uwtrack_cli.stages.lines.contacts import ContactSamples, group_lines
 from uwtrack_cli.stages.lines.lasting_families import FamilyRegister
 from uwtrack_cli.stages.lines.output import LineTable, join_points

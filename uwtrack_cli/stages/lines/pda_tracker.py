@@ -21,10 +21,10 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import COASTED, DETECTED, SUB_THRESHOLD
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation import kalman
-from uwtrack_cli.estimation.detection_threshold import prior_rule
-from uwtrack_cli.estimation.information_reduction import gate_probability
-from uwtrack_cli.estimation.line_bank import ASSOCIATION, CONFIRMED, STATE_ROWS
-from uwtrack_cli.estimation.operating_curve import OperatingCurve, model_curve
+from uwtrack_cli.estimation.clutter.detection_threshold import prior_rule
+from uwtrack_cli.estimation.clutter.information_reduction import gate_probability
+from uwtrack_cli.estimation.clutter.operating_curve import OperatingCurve, model_curve
+from uwtrack_cli.estimation.lines.line_bank import ASSOCIATION, CONFIRMED, STATE_ROWS
 from uwtrack_cli.stages.lines.association import Choice, Pairs, Policies
 from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
 from uwtrack_cli.stages.lines.logics import NOISE_PEAKS_PER_CELL

@@ -13,7 +13,7 @@ from typing import Literal
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.estimation.initiation import LONGEST_WINDOW
+from uwtrack_cli.estimation.lines.initiation import LONGEST_WINDOW
 
 _USUAL_DRIFT = 1e-4
 """Drift of a line in resolutions^2 per window^3."""

@@ -19,8 +19,8 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
-from uwtrack_cli.estimation import initiation
-from uwtrack_cli.estimation.line_bank import LineBank
+from uwtrack_cli.estimation.lines import initiation
+from uwtrack_cli.estimation.lines.line_bank import LineBank
 from uwtrack_cli.estimation.window import cell_correlation
 from uwtrack_cli.stages.lines.association import Choice
 from uwtrack_cli.stages.lines.crowding import Crowding

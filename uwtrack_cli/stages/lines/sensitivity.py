@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.initiation import amplitude_log_ratio
+from uwtrack_cli.estimation.lines.initiation import amplitude_log_ratio
 
 MINUTE_S = 60.0
 

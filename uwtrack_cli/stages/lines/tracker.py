@@ -21,9 +21,9 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import COASTED, DETECTED, SUB_THRESHOLD
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation import kalman
-from uwtrack_cli.estimation.comb_test import CombRule
-from uwtrack_cli.estimation.harmonics import find_combs
-from uwtrack_cli.estimation.line_bank import (
+from uwtrack_cli.estimation.lines.comb_test import CombRule
+from uwtrack_cli.estimation.lines.harmonics import find_combs
+from uwtrack_cli.estimation.lines.line_bank import (
     ASSOCIATION,
     LAG_FRAMES,
     N_ROWS,

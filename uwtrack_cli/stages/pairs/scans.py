@@ -15,8 +15,8 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.contact_filters import Observation
-from uwtrack_cli.estimation.contact_pair import FilterNoise
+from uwtrack_cli.estimation.pairs.contact_filters import Observation
+from uwtrack_cli.estimation.pairs.contact_pair import FilterNoise
 from uwtrack_cli.stages.pairs.policies import ContactErrors, ContactFilters
 
 

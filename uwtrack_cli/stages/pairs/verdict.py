@@ -11,14 +11,14 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.decisions import FILTERS
-from uwtrack_cli.estimation.contact_pair import (
+from uwtrack_cli.estimation.pairs.contact_pair import (
     FilterNoise,
     PairTest,
     consistency,
     follow,
     run_pair,
 )
-from uwtrack_cli.estimation.sequential_test import (
+from uwtrack_cli.estimation.pairs.sequential_test import (
     Thresholds,
     expected_scans,
     first_crossing,

@@ -14,21 +14,21 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.estimation.passage_data import (
+from uwtrack_cli.estimation.passages.blocks import (
     Blocks,
     PassageData,
     condense,
     make_blocks,
     thin,
 )
-from uwtrack_cli.estimation.passage_fit import (
+from uwtrack_cli.estimation.passages.fit import (
     PassageFit,
     fit_passage,
     fit_with_memory,
     take_row,
 )
-from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.estimation.passage_seeds import find_starts
+from uwtrack_cli.estimation.passages.normal import Medium
+from uwtrack_cli.estimation.passages.seeds import find_starts
 from uwtrack_cli.stages.passages.evidence import (
     Evidence,
     motion_likelihood,

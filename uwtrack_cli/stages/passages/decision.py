@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.estimation.passage_data import Blocks
-from uwtrack_cli.estimation.passage_fit import PassageFit
+from uwtrack_cli.estimation.passages.blocks import Blocks
+from uwtrack_cli.estimation.passages.fit import PassageFit
 
 LARGEST_RELATIVE_WIDTH = 1.0 / 3.0
 """A bend whose d/v is less certain than this is no passage: machinery drifts, too."""

@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.block_noise import clip_wild
-from uwtrack_cli.estimation.passage_data import Blocks
-from uwtrack_cli.estimation.passage_fit import PassageFit
-from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.estimation.passages.block_noise import clip_wild
+from uwtrack_cli.estimation.passages.blocks import Blocks
+from uwtrack_cli.estimation.passages.fit import PassageFit
+from uwtrack_cli.estimation.passages.normal import Medium
+from uwtrack_cli.estimation.passages.slow_noise import slow_likelihoods
 from uwtrack_cli.estimation.robust import median_scale
-from uwtrack_cli.estimation.slow_noise import slow_likelihoods
 from uwtrack_cli.physics.geometry import wrap_rad
 from uwtrack_cli.physics.passage import passage_law
 

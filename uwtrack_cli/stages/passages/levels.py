@@ -15,7 +15,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.spectra import MICROPASCAL, Levels
 from uwtrack_cli.estimation.correlation import long_run_excess
-from uwtrack_cli.estimation.passage_fit import PassageFit
+from uwtrack_cli.estimation.passages.fit import PassageFit
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.physics.passage import passage_law
 from uwtrack_cli.physics.propagation import spreading_loss_db

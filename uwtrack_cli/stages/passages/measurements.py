@@ -15,7 +15,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.estimation.correlation import Kind, overlap_correlation
-from uwtrack_cli.estimation.passage_data import PassageData
+from uwtrack_cli.estimation.passages.blocks import PassageData
 
 
 def contact_ids(lines: Lines) -> list[int]:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.motion_fit import fit_motion
-from uwtrack_cli.estimation.motion_starts import motion_starts
+from uwtrack_cli.estimation.passages.motion_fit import fit_motion
+from uwtrack_cli.estimation.passages.motion_starts import motion_starts
 from uwtrack_cli.stages.passages.sites import Passages
 
 SMALLEST_WEIGHT = 1e-3

@@ -16,7 +16,7 @@ import numpy as np
 
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.estimation.passages.normal import Medium
 from uwtrack_cli.stages.passages.contacts import (
     Candidate,
     agrees,

@@ -16,7 +16,7 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.estimation.passage_fit import PassageFit
+from uwtrack_cli.estimation.passages.fit import PassageFit
 from uwtrack_cli.physics.geometry import (
     course_deg,
     horizontal_range_m,

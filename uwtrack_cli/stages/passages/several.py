@@ -17,22 +17,27 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.estimation.broadband_model import N_COMMON, N_EACH, Known, Sound
-from uwtrack_cli.estimation.broadband_sum import (
+from uwtrack_cli.estimation.passages.blocks import (
+    NEPER_DB,
+    PassageData,
+    make_blocks,
+    thin,
+)
+from uwtrack_cli.estimation.passages.broadband_model import (
+    N_COMMON,
+    N_EACH,
+    Known,
+    Sound,
+)
+from uwtrack_cli.estimation.passages.broadband_sum import (
     Sources,
     alone,
     fit_sources,
     no_sources,
     widening,
 )
-from uwtrack_cli.estimation.passage_data import (
-    NEPER_DB,
-    PassageData,
-    make_blocks,
-    thin,
-)
-from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.estimation.passage_seeds import find_starts
+from uwtrack_cli.estimation.passages.normal import Medium
+from uwtrack_cli.estimation.passages.seeds import find_starts
 from uwtrack_cli.physics.passage import passage_law
 from uwtrack_cli.stages.passages.contacts import Candidate, examine_from
 from uwtrack_cli.stages.passages.decision import Limits, not_a_passage

@@ -15,7 +15,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.estimation.motion_fit import Approaches
+from uwtrack_cli.estimation.passages.motion_fit import Approaches
 from uwtrack_cli.physics.geodesy import Origin, to_grid
 
 USABLE = ("ok", "extrapolated", "level-only")

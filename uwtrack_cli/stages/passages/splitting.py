@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.estimation.passage_normal import Medium
+from uwtrack_cli.estimation.passages.normal import Medium
 from uwtrack_cli.physics.geometry import wrap_rad
 from uwtrack_cli.physics.passage import passage_law
 from uwtrack_cli.stages.passages.contacts import (

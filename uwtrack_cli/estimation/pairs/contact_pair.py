@@ -4,7 +4,7 @@
 first and a drifting filter the second; under the opposite the other way round. Every scan
 in which both contacts are measured completely adds to the log odds.
 
-**Conventions.** As in `uwtrack_cli.estimation.contact_filters`; the order of the four
+**Conventions.** As in `uwtrack_cli.estimation.pairs.contact_filters`; the order of the four
 filters is: first moves, second drifts, first drifts, second moves.
 
 **References.** Jeong and Hong (1996), equations 19-25, with the sum of its four terms.
@@ -15,20 +15,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.contact_filters import (
+from uwtrack_cli.estimation.imm import Belief
+from uwtrack_cli.estimation.lines.drift_filter import (
+    Drift,
+    predict_drift,
+    start_drift,
+    update_drift,
+)
+from uwtrack_cli.estimation.pairs.contact_filters import (
     Fit,
     Observation,
     predict_moving,
     start_moving,
     update_moving,
 )
-from uwtrack_cli.estimation.drift_filter import (
-    Drift,
-    predict_drift,
-    start_drift,
-    update_drift,
-)
-from uwtrack_cli.estimation.imm import Belief
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,17 @@ with the partials of the passage as the design.
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.passage_data import Blocks
-from uwtrack_cli.estimation.passage_normal import (
+from uwtrack_cli.estimation.passages.blocks import Blocks
+from uwtrack_cli.estimation.passages.normal import (
     Losses,
     Normal,
     Weighted,
     block_normals,
     pair_rows,
 )
-from uwtrack_cli.estimation.passage_state import State
-from uwtrack_cli.estimation.slow_loss import SlowLoss, slow_loss
-from uwtrack_cli.estimation.slow_noise import SlowNoise, fit_slow_noise
+from uwtrack_cli.estimation.passages.slow_loss import SlowLoss, slow_loss
+from uwtrack_cli.estimation.passages.slow_noise import SlowNoise, fit_slow_noise
+from uwtrack_cli.estimation.passages.state import State
 
 
 def slow_noises(

@@ -17,8 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.estimation.initiation import amplitude_log_ratio
-from uwtrack_cli.estimation.viterbi import Steps, best_scores, trace_back
+from uwtrack_cli.estimation.lines.initiation import amplitude_log_ratio
+from uwtrack_cli.estimation.lines.viterbi import Steps, best_scores, trace_back
 
 DESIGN_SNR = 1.5
 """Power ratio of the line looked for, in its cell (specification D.2)."""

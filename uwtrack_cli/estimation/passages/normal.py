@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.passage_data import Blocks
-from uwtrack_cli.estimation.passage_doppler import (
+from uwtrack_cli.estimation.passages.blocks import Blocks
+from uwtrack_cli.estimation.passages.doppler import (
     DopplerSums,
     LineSums,
     doppler_sums,
 )
-from uwtrack_cli.estimation.slow_loss import SlowLoss
+from uwtrack_cli.estimation.passages.slow_loss import SlowLoss
 from uwtrack_cli.physics.passage import Passage, passage_law
 
 N_UNKNOWNS = 4

@@ -22,18 +22,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.broadband_model import (
+from uwtrack_cli.estimation.least_squares import (
+    Evaluation,
+    damped_least_squares,
+    inverse_or_nan,
+)
+from uwtrack_cli.estimation.passages.broadband_model import (
     N_COMMON,
     N_EACH,
     Known,
     Sound,
     source_parts,
     sum_residuals,
-)
-from uwtrack_cli.estimation.least_squares import (
-    Evaluation,
-    damped_least_squares,
-    inverse_or_nan,
 )
 from uwtrack_cli.estimation.robust import (
     CONSTANT,

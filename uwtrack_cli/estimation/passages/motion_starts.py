@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.motion_fit import Approaches, speed_from_two
+from uwtrack_cli.estimation.passages.motion_fit import Approaches, speed_from_two
 
 N_COURSES = 36
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.estimation.passage_data import Blocks
+from uwtrack_cli.estimation.passages.blocks import Blocks
 from uwtrack_cli.estimation.robust import median_scale, neighbour_scale
 
 FLOORS = (-9.0, -6.0, -3.5, -1.5)
@@ -27,7 +27,7 @@ TIME_SHARE = 0.6
 
 @dataclass(frozen=True)
 class Starts:
-    """Unknowns to start fits from (rows as in `passage_normal`) and their turns."""
+    """Unknowns to start fits from (rows as in `normal`) and their turns."""
 
     theta: FloatArray
     turn: FloatArray

@@ -3,7 +3,7 @@
 **Method.** An extended Kalman filter of bearing and inverse range: a repeater answers with
 a false range and range rate, so that own ship's motion past it must tell the range.
 
-**Conventions.** As in `uwtrack_cli.estimation.contact_filters`; the density of the
+**Conventions.** As in `uwtrack_cli.estimation.pairs.contact_filters`; the density of the
 innovation has no factor of 2 pi, as the moving filter's has none.
 
 **References.** Jeong and Hong (1996), equations 7-16 as corrected; Aidala and Hammel
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.contact_filters import Fit, Observation, wrap
+from uwtrack_cli.estimation.pairs.contact_filters import Fit, Observation, wrap
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@
 validation region (or after looking, or shrink the region), associate, correct, weigh the
 models. Any number of targets, each with its own scan, is stepped together.
 
-**Conventions.** As in `uwtrack_cli.estimation.pda`; leading axis of a belief: model.
+**Conventions.** As in `uwtrack_cli.estimation.clutter.pda`; leading axis of a belief: model.
 
 **References.** Gelfand, Fortmann and Bar-Shalom (1996); Choi, Kim and Hong (2001);
 Houles and Bar-Shalom (1989) for interacting models with data association.
@@ -17,26 +17,26 @@ from typing import Literal
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.detection_threshold import (
+from uwtrack_cli.estimation.clutter.detection_threshold import (
     OperatingPoint,
     background_extrema,
     best_posterior,
     prior_rule,
 )
-from uwtrack_cli.estimation.imm import Belief, advance, mix, moments, reweigh
-from uwtrack_cli.estimation.information_reduction import (
+from uwtrack_cli.estimation.clutter.information_reduction import (
     gate_probability,
     unit_ball_volume,
 )
-from uwtrack_cli.estimation.operating_curve import OperatingCurve
-from uwtrack_cli.estimation.pda import (
+from uwtrack_cli.estimation.clutter.operating_curve import OperatingCurve
+from uwtrack_cli.estimation.clutter.pda import (
     Association,
     Innovation,
     associate,
     correct,
     innovate,
 )
-from uwtrack_cli.estimation.validation_region import shrunk_gate
+from uwtrack_cli.estimation.clutter.validation_region import shrunk_gate
+from uwtrack_cli.estimation.imm import Belief, advance, mix, moments, reweigh
 
 ThresholdRule = Literal["fixed", "prior", "posterior", "region"]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.slow_loss import SlowLoss
+from uwtrack_cli.estimation.passages.slow_loss import SlowLoss
 from uwtrack_cli.physics.passage import Passage
 
 

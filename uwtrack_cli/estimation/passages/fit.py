@@ -6,7 +6,7 @@ with a memory. All rows of the batch go at once, be they starts of one data set 
 sets of a study. A single data set whose noise has a memory is then fitted again with
 the covariance of that noise (`fit_with_memory`).
 
-**Conventions.** As in `passage_normal`; the covariance that leaves this module is over
+**Conventions.** As in `normal`; the covariance that leaves this module is over
 (t0 in s, d/v in s, v in m/s, bearing in degrees).
 
 **References.** Choi et al. (2014), eqs. 4-6 with free rest frequency, level and floor.
@@ -18,12 +18,16 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.block_noise import Noises, block_noises, rough_weight
 from uwtrack_cli.estimation.least_squares import Evaluation, damped_least_squares
-from uwtrack_cli.estimation.passage_covariance import passage_covariance
-from uwtrack_cli.estimation.passage_data import NEPER_DB, Blocks
-from uwtrack_cli.estimation.passage_memory import slow_noises
-from uwtrack_cli.estimation.passage_normal import (
+from uwtrack_cli.estimation.passages.block_noise import (
+    Noises,
+    block_noises,
+    rough_weight,
+)
+from uwtrack_cli.estimation.passages.blocks import NEPER_DB, Blocks
+from uwtrack_cli.estimation.passages.covariance import passage_covariance
+from uwtrack_cli.estimation.passages.memory import slow_noises
+from uwtrack_cli.estimation.passages.normal import (
     NO_LOSS,
     JointNormal,
     Losses,
@@ -32,9 +36,9 @@ from uwtrack_cli.estimation.passage_normal import (
     free_unknowns,
     normal_equations,
 )
-from uwtrack_cli.estimation.passage_state import Fixed, State, passage_state, weigh
+from uwtrack_cli.estimation.passages.slow_noise import SlowNoise
+from uwtrack_cli.estimation.passages.state import Fixed, State, passage_state, weigh
 from uwtrack_cli.estimation.robust import median_where
-from uwtrack_cli.estimation.slow_noise import SlowNoise
 from uwtrack_cli.physics.passage import Passage
 
 MEMORY_IN_PASSAGES = 1.5
@@ -53,7 +57,7 @@ before that step, and far less after it."""
 
 @dataclass(frozen=True)
 class PassageFit:
-    """Result of a fit, one row per start or data set; see `passage_normal`."""
+    """Result of a fit, one row per start or data set; see `normal`."""
 
     theta: FloatArray
     turn: FloatArray

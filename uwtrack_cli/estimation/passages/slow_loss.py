@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.estimation.slow_noise import SlowNoise, cell_starts
+from uwtrack_cli.estimation.passages.slow_noise import SlowNoise, cell_starts
 
 
 @dataclass(frozen=True)

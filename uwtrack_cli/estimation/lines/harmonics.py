@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.estimation.comb_test import (
+from uwtrack_cli.estimation.kalman import wrap_deg
+from uwtrack_cli.estimation.lines.comb_test import (
     TOLERANCE_SIGMAS,
     CombRule,
     agree,
     comb_tests,
 )
-from uwtrack_cli.estimation.kalman import wrap_deg
 
 _MOST_TRIES = 2
 """Combs that a free peak may try to found a family."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.least_squares import inverse_or_nan
-from uwtrack_cli.estimation.passage_doppler import DopplerSums
-from uwtrack_cli.estimation.passage_normal import JointNormal, Weighted
+from uwtrack_cli.estimation.passages.doppler import DopplerSums
+from uwtrack_cli.estimation.passages.normal import JointNormal, Weighted
 
 
 @dataclass(frozen=True)

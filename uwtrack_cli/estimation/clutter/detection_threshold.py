@@ -7,7 +7,7 @@ whose measurements give the smallest covariance; between two amplitudes the set 
 measurements is constant and the criterion convex, so the ends of the intervals (and the
 extrema of the background) are enumerated exactly.
 
-**Conventions.** As in `uwtrack_cli.estimation.pda`. In the trace of a covariance, rates
+**Conventions.** As in `uwtrack_cli.estimation.clutter.pda`. In the trace of a covariance, rates
 count with a time of 1 s.
 
 **References.** Gelfand, Fortmann and Bar-Shalom (1996); Choi, Kim and Hong (2001),
@@ -20,12 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.estimation.information_reduction import (
+from uwtrack_cli.estimation.clutter.information_reduction import (
     gate_probability,
     information_reduction,
 )
-from uwtrack_cli.estimation.operating_curve import OperatingCurve
-from uwtrack_cli.estimation.pda import Innovation
+from uwtrack_cli.estimation.clutter.operating_curve import OperatingCurve
+from uwtrack_cli.estimation.clutter.pda import Innovation
 
 _CELLS = np.logspace(-2.0, 6.0, 81)
 _COARSE, _FINE, _ZOOMS = 48, 13, 3

@@ -1,6 +1,6 @@
 """Residuals of a passage at trial unknowns, and the weights that follow from them.
 
-**Conventions.** As in `passage_normal`; one row of the batch per start or data set, and
+**Conventions.** As in `normal`; one row of the batch per start or data set, and
 the rows of the three kinds under one another as in `Blocks`.
 """
 
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.estimation.passage_data import Blocks
-from uwtrack_cli.estimation.passage_doppler import line_sums
-from uwtrack_cli.estimation.passage_normal import (
+from uwtrack_cli.estimation.passages.blocks import Blocks
+from uwtrack_cli.estimation.passages.doppler import line_sums
+from uwtrack_cli.estimation.passages.normal import (
     NO_LOSS,
     JointNormal,
     Losses,

@@ -15,7 +15,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.correlation import long_run_excess
-from uwtrack_cli.estimation.passage_data import Blocks
+from uwtrack_cli.estimation.passages.blocks import Blocks
 from uwtrack_cli.estimation.robust import (
     CONSTANT,
     SHARE_CORRECTION,

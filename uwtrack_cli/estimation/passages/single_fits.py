@@ -16,10 +16,10 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.estimation.passage_data import PassageData, make_blocks
-from uwtrack_cli.estimation.passage_fit import PassageFit, fit_passage, take_row
-from uwtrack_cli.estimation.passage_normal import Medium
-from uwtrack_cli.estimation.passage_seeds import find_starts
+from uwtrack_cli.estimation.passages.blocks import PassageData, make_blocks
+from uwtrack_cli.estimation.passages.fit import PassageFit, fit_passage, take_row
+from uwtrack_cli.estimation.passages.normal import Medium
+from uwtrack_cli.estimation.passages.seeds import find_starts
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""How one target is followed through clutter, and where to set its threshold."""

@@ -1,0 +1,1 @@
+"""How frequency lines are found, followed and grouped."""

@@ -1,0 +1,1 @@
+"""How two contacts are compared, and when a verdict is due."""

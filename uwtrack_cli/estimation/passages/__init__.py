@@ -1,0 +1,1 @@
+"""How a closest approach is fitted to frequencies, bearings and levels."""
