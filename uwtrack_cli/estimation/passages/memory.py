@@ -57,9 +57,7 @@ def slow_noises(
         others = _others(normals, number, columns.shape[1], data.is_free[0])
         noise = fit_slow_noise(mean, size, data.time_s, columns, width, others)
         found.append(noise)
-        losses.append(
-            None if noise.is_white else slow_loss(size, data.time_s, noise, width)
-        )
+        losses.append(None if noise.is_white else slow_loss(size, data.time_s, noise))
     return tuple(found), (losses[0], losses[1], losses[2])
 
 

@@ -1,14 +1,12 @@
 """What slow noise takes from the information of a series.
 
-**Method.** Slow noise is taken as constant within the cells in which its strength and
-memory were found. Its covariance is then P K P' with one row of P per instant, and
-Woodbury's identity gives the inverse of white plus slow noise as
-W - W P (K^-1 + P' W P)^-1 P' W: sums over cells, and a matrix as small as the cells
-are few, instead of one as large as the series is long.
+**Method.** Measurements are averaged over cells much shorter than the passage, and the
+covariance of the means is that of white and slow noise. What differs within a cell is
+left out: slow noise is rough, so that a slope within a cell tells little, though the
+white noise alone would let it look exact. Sums over cells and one small matrix stand
+for a matrix as large as the series is long; a short series has a cell per instant.
 
 **Conventions.** One series; zero precision is a missing value; time in seconds.
-
-**References.** Woodbury (1950), Memorandum Report 42, Princeton.
 """
 
 from dataclasses import dataclass
@@ -16,21 +14,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.estimation.passages.slow_noise import SlowNoise, cell_starts
+from uwtrack_cli.estimation.passages.slow_noise import SlowNoise
+
+MOST_CELLS = 600
 
 
 @dataclass(frozen=True)
 class SlowLoss:
     """The inverse covariance of the white noise less that of white and slow noise.
 
-    ``core`` (cells, cells) is (K^-1 + P' W P)^-1; ``starts`` are the first instants
-    of the cells.
+    ``core`` (cells, cells) is the inverse covariance of the means of the cells, over
+    the weights of both; ``starts`` are the first instants of the cells.
     """
 
     weight: FloatArray
     starts: IntArray
     core: FloatArray
-    inflation: float
 
     def times(self, rows: FloatArray) -> FloatArray:
         """Multiply rows by the loss.
@@ -46,20 +45,12 @@ class SlowLoss:
             Of the same shape.
         """
         weighted = rows * self.weight
-        kept = weighted * (1.0 - 1.0 / self.inflation)
-        if not self.starts.size:
-            return kept
-        shared = np.add.reduceat(weighted, self.starts, axis=-1) @ self.core
+        kept = np.add.reduceat(weighted, self.starts, axis=-1) @ self.core
         lengths = np.diff(self.starts, append=self.weight.size)
-        spread = np.repeat(shared, lengths, axis=-1)
-        spread *= self.weight / self.inflation
-        spread += kept
-        return spread
+        return weighted - self.weight * np.repeat(kept, lengths, axis=-1)
 
 
-def slow_loss(
-    weight: FloatArray, time_s: FloatArray, noise: SlowNoise, width_s: float
-) -> SlowLoss:
+def slow_loss(weight: FloatArray, time_s: FloatArray, noise: SlowNoise) -> SlowLoss:
     """Find what slow noise takes from the information of a series.
 
     Parameters
@@ -70,15 +61,11 @@ def slow_loss(
         Times in seconds.
     noise
         Strength and memory of the slow part.
-    width_s
-        Range over speed in seconds, as when the noise was found.
     """
-    if not noise.variance.size:
-        empty = np.empty((0, 0))
-        return SlowLoss(weight, np.empty(0, np.int64), empty, noise.inflation)
     used = np.flatnonzero(weight > 0)
-    starts = used[cell_starts(time_s[used], width_s)]
-    starts[0] = 0
+    count = min(used.size, MOST_CELLS)
+    starts = used[np.linspace(0, used.size, count, endpoint=False).astype(int)]
+    starts[:1] = 0
     size = np.add.reduceat(weight, starts)
     time = np.add.reduceat(weight * time_s, starts) / size
     lag = np.abs(time[:, None] - time[None, :])
@@ -87,6 +74,5 @@ def slow_loss(
         kernel += variance * np.exp(-lag / memory)
     root = np.sqrt(size)
     outer = root[:, None] * root[None, :]
-    unit = np.eye(size.size)
-    core = (unit - np.linalg.inv(unit + outer * kernel)) / outer
-    return SlowLoss(weight, starts, core, noise.inflation)
+    inverse = np.linalg.inv(np.eye(size.size) + outer * kernel)
+    return SlowLoss(weight, starts, inverse / (outer * noise.inflation))

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import FloatArray
 
 N_MEMORIES = 9
 FEWEST_CELLS, MOST_CELLS = 60, 160
@@ -179,21 +179,6 @@ def slow_likelihoods(
     return best
 
 
-def cell_starts(time_s: FloatArray, width_s: float) -> IntArray:
-    """Return the first of the instants of every cell in which slow noise is constant.
-
-    Parameters
-    ----------
-    time_s
-        Times in seconds of the instants that were measured.
-    width_s
-        Range over speed in seconds: the time that matters to a passage.
-    """
-    wanted = CELLS_PER_WIDTH * float(np.ptp(time_s)) / width_s
-    count = int(np.clip(wanted, FEWEST_CELLS, MOST_CELLS))
-    return np.unique(np.linspace(0, time_s.size, count, endpoint=False).astype(int))
-
-
 def _condense(
     residual: FloatArray,
     precision: FloatArray,
@@ -205,7 +190,9 @@ def _condense(
     used = np.flatnonzero(precision > 0)
     if used.size < design.shape[1] + 8:
         return None
-    starts = cell_starts(time_s[used], width_s)
+    wanted = CELLS_PER_WIDTH * float(np.ptp(time_s)) / width_s
+    count = int(np.clip(wanted, FEWEST_CELLS, MOST_CELLS))
+    starts = np.unique(np.linspace(0, used.size, count, endpoint=False).astype(int))
     weight = precision[used]
     size = np.add.reduceat(weight, starts)
     root = np.sqrt(size)
