@@ -16,6 +16,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.stages.cpa import find_encounters
+from uwtrack_cli.stages.passages import levels as passage_levels
 
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0, compass_std_deg=0.0)
 SCENE = Scene(rest_hz=(63.0, 126.0, 189.0))
@@ -187,6 +188,20 @@ def test_received_and_source_level_are_those_of_the_vessel():
     source = 120.0 + 20 * np.log10(SCENE.range_m)
     assert abs(found.source_level_db[0] - source) < 3.5 * found.source_level_std_db[0]
     assert (found.band_low_hz, found.band_high_hz) == (100.0, 1000.0)
+
+
+def test_a_long_quiet_recording_leaves_levels_as_they_are(monkeypatch):
+    """Frames far from the vessel tell of the background alone: some are enough."""
+    rng = np.random.default_rng(13)
+    scene = replace(SCENE, length_s=6000.0, closest_s=3100.0)
+    made = lines_of_scenes([scene], rng), levels_of_scene(scene, rng), DIFAR
+    whole = find_encounters(*made)
+    monkeypatch.setattr(passage_levels, "MOST_FRAMES", 4000)
+    monkeypatch.setattr(passage_levels, "MOST_FAR", 1000)
+    some = find_encounters(*made)
+    std = whole.received_level_std_db[0]
+    assert some.received_level_std_db[0] == pytest.approx(std, rel=0.3)
+    assert abs(some.received_level_db[0] - whole.received_level_db[0]) < std
 
 
 def test_an_error_of_the_sound_speed_scales_speed_and_range():

@@ -12,7 +12,7 @@ only where the recording is calibrated.
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.spectra import MICROPASCAL, Levels
 from uwtrack_cli.estimation.correlation import long_run_excess
 from uwtrack_cli.estimation.passages.fit import PassageFit
@@ -24,6 +24,12 @@ from uwtrack_cli.stages.passages.report import Row, Setting
 KEYS = ("received_level_db", "source_level_db")
 LARGEST_LEVEL_STD_DB = 3.0
 """A level less certain than this is not given."""
+
+MOST_FRAMES, MOST_FAR = 20_000, 5_000
+"""Frames beyond which those far from all vessels are thinned, and to how many."""
+
+FAR = np.log(0.01)
+"""Spreading beyond ten times the range at closest approach: background alone."""
 
 
 def add_levels(
@@ -56,7 +62,11 @@ def add_levels(
         ]
     )
     width_s = max(float(fit.range_over_speed_s[0]) for fit in fits)
-    found = _fit_levels(np.asarray(levels.level_db, float), spread, time, width_s)
+    level = np.asarray(levels.level_db, float)
+    if time.size > MOST_FRAMES:
+        kept = _telling(spread)
+        level, spread, time = level[kept], spread[:, kept], time[kept]
+    found = _fit_levels(level, spread, time, width_s)
     for row, level, std in zip(rows, *found, strict=True):
         if not std < LARGEST_LEVEL_STD_DB:
             row.explain("the level does not stand out from the background", *KEYS)
@@ -64,6 +74,13 @@ def add_levels(
         row.values["received_level_db"] = float(level)
         row.values["received_level_std_db"] = float(std)
         _add_source_level(row, setting)
+
+
+def _telling(spread: FloatArray) -> IntArray:
+    """Choose the frames that some vessel is near, and some of all the others."""
+    is_near = (spread > FAR).any(axis=0)
+    is_near[:: -(-is_near.size // MOST_FAR)] = True
+    return np.flatnonzero(is_near)
 
 
 def _add_source_level(row: Row, setting: Setting) -> None:
