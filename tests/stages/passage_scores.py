@@ -5,7 +5,7 @@ the passage. A quantity should be given where this bound is below 5 % (of the va
 d/v for the time, of a radian for the course).
 
 The table in tests/baselines/passages.md is made by (20 recordings of each class):
-python -m tests.stages.passage_scores 20 5000 > tests/baselines/passages.md
+python -m tests.stages.passage_scores 20 6000 > tests/baselines/passages.md
 """
 
 import sys
