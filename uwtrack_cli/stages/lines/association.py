@@ -18,7 +18,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.assignment import assign, candidate_pairs
 from uwtrack_cli.estimation.lines.line_bank import LineBank
-from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
+from uwtrack_cli.stages.lines.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.stages.lines.logics import Logic
 from uwtrack_cli.stages.lines.policies import (
     CountLogic,
@@ -72,17 +72,6 @@ class Pairs:
         if is_exclusive and np.bincount(self.peak[best]).max() > 1:
             return self.take(assign(self.line, self.peak, self.cost))
         return self.take(best)
-
-
-@dataclass
-class Choice:
-    """What each line takes, and the evidence of all peaks in the young lines' gates."""
-
-    line: IntArray
-    peak: IntArray
-    gain: FloatArray
-    evidence: FloatArray
-    """Sum of the likelihood ratios of a tentative line's peaks, shape (tentative,)."""
 
 
 class Associator:

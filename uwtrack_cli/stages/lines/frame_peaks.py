@@ -1,4 +1,4 @@
-"""The peaks of a block, frame by frame, as the tracker wants them.
+"""The peaks of a block, frame by frame, as the tracker wants them, and what it takes.
 
 **Conventions.** A bearing that was not measured has an infinite variance.
 """
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.peaks import Families, Peaks
 
 LEAST_STD = 0.02
@@ -57,3 +57,14 @@ def split_frames(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:
             peaks.is_detection[at], is_member[at], float(frames.threshold_db[k]),
             bool(known[edges[k]] < known[edges[k + 1]]),
         )  # fmt: skip
+
+
+@dataclass
+class Choice:
+    """What each line takes, and the evidence of all peaks in the young lines' gates."""
+
+    line: IntArray
+    peak: IntArray
+    gain: FloatArray
+    evidence: FloatArray
+    """Sum of the likelihood ratios of a tentative line's peaks, shape (tentative,)."""

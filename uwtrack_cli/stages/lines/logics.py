@@ -10,7 +10,7 @@ nepers. Rates are per kHz of band and hour.
 **References.** Choi (2014).
 """
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -19,16 +19,13 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation.lines import initiation
 from uwtrack_cli.estimation.lines.line_bank import CONFIRMED, TENTATIVE, LineBank
-from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
+from uwtrack_cli.stages.lines.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.stages.lines.policies import CountLogic
 from uwtrack_cli.stages.lines.sensitivity import (
     MINUTE_S,
     false_lines_by_count,
     weakest_by_count,
 )
-
-if TYPE_CHECKING:
-    from uwtrack_cli.stages.lines.association import Choice
 
 NOISE_PEAKS_PER_CELL = 0.9
 """Noise peaks per resolution at threshold zero, extrapolated from high ones."""
@@ -66,7 +63,7 @@ class Logic(Protocol):
         self,
         bank: LineBank,
         slots: IntArray,
-        chosen: "Choice",
+        chosen: Choice,
         patience: FloatArray,
     ) -> tuple[BoolArray, BoolArray]:
         """Tell which lines are sure and which are lost."""
@@ -124,7 +121,7 @@ class HitCounter:
         self,
         bank: LineBank,
         slots: IntArray,
-        chosen: "Choice",
+        chosen: Choice,
         patience: FloatArray,
     ) -> tuple[BoolArray, BoolArray]:
         """Count the hits of each line in its window."""

@@ -25,8 +25,8 @@ from uwtrack_cli.estimation.clutter.detection_threshold import prior_rule
 from uwtrack_cli.estimation.clutter.information_reduction import gate_probability
 from uwtrack_cli.estimation.clutter.operating_curve import OperatingCurve, model_curve
 from uwtrack_cli.estimation.lines.line_bank import ASSOCIATION, CONFIRMED, STATE_ROWS
-from uwtrack_cli.stages.lines.association import Choice, Pairs, Policies
-from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
+from uwtrack_cli.stages.lines.association import Pairs, Policies
+from uwtrack_cli.stages.lines.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.stages.lines.logics import NOISE_PEAKS_PER_CELL
 from uwtrack_cli.stages.lines.tracker import LineTracker
 

@@ -22,9 +22,8 @@ from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.estimation.lines import initiation
 from uwtrack_cli.estimation.lines.line_bank import LineBank
 from uwtrack_cli.estimation.window import cell_correlation
-from uwtrack_cli.stages.lines.association import Choice
 from uwtrack_cli.stages.lines.crowding import Crowding
-from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
+from uwtrack_cli.stages.lines.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.stages.lines.logics import NOISE_PEAKS_PER_CELL
 from uwtrack_cli.stages.lines.policies import ScoreLogic
 from uwtrack_cli.stages.lines.sensitivity import MINUTE_S, weakest_by_score

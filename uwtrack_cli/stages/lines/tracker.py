@@ -31,9 +31,9 @@ from uwtrack_cli.estimation.lines.line_bank import (
     LineBank,
     Points,
 )
-from uwtrack_cli.stages.lines.association import Associator, Choice, Policies
+from uwtrack_cli.stages.lines.association import Associator, Policies
 from uwtrack_cli.stages.lines.contacts import ContactSamples, group_lines
-from uwtrack_cli.stages.lines.frame_peaks import FramePeaks
+from uwtrack_cli.stages.lines.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.stages.lines.lasting_families import FamilyRegister
 from uwtrack_cli.stages.lines.logics import HitCounter, Logic
 from uwtrack_cli.stages.lines.merging import UNKNOWN_BEARING_VARIANCE, merge_lines
