@@ -53,14 +53,12 @@ def add_levels(
             row.explain("no broadband levels", *KEYS)
         return
     time = np.asarray(levels.frames.time_s, float)
-    spread = np.array(
-        [
-            passage_law(
-                time, fit.theta[:, :3], setting.sound_speed_mps, setting.height_m
-            ).spread[0]
-            for fit in fits
-        ]
-    )
+    spread = np.empty((len(fits), time.size))
+    for number, fit in enumerate(fits):  # a copy each: the law's other rows may go
+        law = passage_law(
+            time, fit.theta[:, :3], setting.sound_speed_mps, setting.height_m
+        )
+        spread[number] = law.spread[0]
     width_s = max(float(fit.range_over_speed_s[0]) for fit in fits)
     level = np.asarray(levels.level_db, float)
     if time.size > MOST_FRAMES:
