@@ -7,10 +7,7 @@ from scipy.optimize import least_squares
 from uwtrack_cli.estimation.correlation import long_run_excess, overlap_correlation
 from uwtrack_cli.estimation.least_squares import damped_least_squares, inverse_or_nan
 from uwtrack_cli.estimation.passages.slow_loss import slow_loss
-from uwtrack_cli.estimation.passages.slow_noise import (
-    SlowNoise,
-    fit_slow_noise,
-)
+from uwtrack_cli.estimation.passages.slow_noise import SlowNoise, fit_slow_noise
 from uwtrack_cli.estimation.robust import (
     bisquare_weight,
     median_scale,

@@ -1,8 +1,8 @@
 """How often noise is taken for a passage, and how weak a passage is found.
 
-The table in tests/baselines/false_alarms.md is made by (measured noise, recordings of
-noise, passages of each strength):
-python -m tests.stages.false_alarms 1000 100 12 > tests/baselines/false_alarms.md
+Prints tables in Markdown, in half an hour or more; its three numbers are measured noise,
+recordings of noise, and passages of each strength:
+python -m tests.stages.false_alarms 1000 100 12
 """
 
 import sys

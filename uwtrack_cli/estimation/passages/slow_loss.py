@@ -17,6 +17,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.passages.slow_noise import SlowNoise
 
 MOST_CELLS = 600
+"""Cells of a long series: instants a few times as many lose less than 3 % (a test)."""
 
 
 @dataclass(frozen=True)
