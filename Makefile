@@ -7,7 +7,7 @@ DEMO := demo
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help install demo test long bench check format samples build clean
+.PHONY: help install demo test long bench check format samples figures build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -49,9 +49,13 @@ format: $(VENV)/.development  ## put the code into the house style
 
 samples: $(VENV)/.development  ## make the sample recordings and tables again
 	$(BIN)/python -c "from pathlib import Path; \
-	from uwtrack_cli.files.sample_tables import write_sample_tables; \
-	from uwtrack_cli.files.samples import remake_samples; \
+	from uwtrack_cli.flow.sample_tables import write_sample_tables; \
+	from uwtrack_cli.flow.sample_recordings import remake_samples; \
 	remake_samples(Path('sample_data')); write_sample_tables(Path('sample_data'))"
+
+figures: $(VENV)/.development  ## draw the graphs of the recipes in docs again
+	for name in vessel small-craft vehicle weak-lines dense-clutter; do \
+	$(BIN)/uwtrack recipes --graph $$name -o docs/recipes/$$name.svg --overwrite; done
 
 build: $(VENV)/.development  ## wheel and source distribution
 	$(BIN)/python -m build

@@ -7,7 +7,7 @@ import pytest
 import soundfile
 from typer.testing import CliRunner
 
-from uwtrack_cli.files.shipped import shipped_folder
+from uwtrack_cli.files.shipped_folder import shipped_folder
 
 
 @pytest.fixture

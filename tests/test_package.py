@@ -37,7 +37,7 @@ def test_the_wheel_carries_recipes_and_samples(distributions):
     names = zipfile.ZipFile(distributions[0]).namelist()
     for name in SHIPPED:
         assert f"uwtrack_cli/_shipped/{name}" in names
-    assert "uwtrack_cli/flow/studies/reference/clutter.json" in names
+    assert "uwtrack_cli/studies/reference/clutter.json" in names
     assert not any(name.startswith("tests/") for name in names)
 
 

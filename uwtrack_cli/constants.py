@@ -9,5 +9,8 @@ KNOT_MPS = 1852.0 / 3600.0
 SOURCE_DEPTH_M = 3.0
 """Nominal depth of a surface vessel's propeller, m (Choi et al. 2014)."""
 
+SOURCE_DEPTH_STD_M = 2.0
+"""Standard deviation of that depth among vessels, m: boats 1 m, large ships 7 m."""
+
 NANOSECONDS = 1_000_000_000
 """Nanoseconds in a second: epochs are int64 nanoseconds UTC."""

@@ -18,9 +18,9 @@ import numpy as np
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Samples
 from uwtrack_cli.errors import UwtrackWarning
-from uwtrack_cli.flow.chain import run_recipe
-from uwtrack_cli.flow.shipped import load_recipe
-from uwtrack_cli.simulate import Scenario, from_table, simulate_recordings
+from uwtrack_cli.flow.engine import run_recipe
+from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.simulate import Scenario, make_scenario, simulate_recordings
 
 HEARD_S = 160.0
 
@@ -77,7 +77,7 @@ def scenario(hours: float, n_passages: int, rate_hz: float) -> Scenario:
         "sensor": [sensor], "vessel": vessels,
         "noise": {"density_db": 70.0, "slope_db_per_decade": -17.0},
     }  # fmt: skip
-    return from_table(Scenario, table)
+    return make_scenario(table)
 
 
 def main(hours: float, n_passages: int, rate_hz: float, recipe: str) -> dict:

@@ -3,14 +3,16 @@
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.support import recording_of, white_noise
-from uwtrack_cli.flow.chain import run_recipe
-from uwtrack_cli.flow.shipped import load_recipe
-from uwtrack_cli.stages.spectrogram import compute_spectrogram
+from uwtrack_cli.flow.engine import run_recipe
+from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 pytestmark = pytest.mark.benchmark
 RATE_HZ = 4000.0
@@ -71,12 +73,37 @@ def test_a_run_stays_within_fifty_bare_transforms(capsys):
     assert ratio < 50.0
 
 
+def test_a_branch_that_nothing_follows_costs_its_own_stages_alone(capsys):
+    """A second spectrogram costs its transforms; the sound is read once for both."""
+    recording = recording_of(seconds_of_sound(600), RATE_HZ)
+    one = Recipe.from_toml(
+        "one", "[spectrogram]\n[levels]\nband_hz = [100.0, 1900.0]\n"
+    )
+    other = Recipe.from_toml(
+        "other",
+        "[fine]\nstage = 'spectrogram'\nwindow_s = 0.25\n"
+        "[fine-levels]\nstage = 'levels'\nband_hz = [100.0, 1900.0]\n",
+    )
+    one_kept = tuple(replace(s, is_output=True) for s in one.steps)
+    both = replace(one, steps=(*one_kept, *(
+        replace(s, inputs=("fine",)) if s.name == "fine-levels" else s
+        for s in other.steps
+    )))  # fmt: skip
+    alone = sum(cpu_s(lambda r=r: run_recipe(recording, r), 3) for r in (one, other))
+    ratio = cpu_s(lambda: run_recipe(recording, both), 3) / alone
+    with capsys.disabled():
+        print(f"\ntwo branches in one run: {ratio:.2f} times the two alone")
+    assert ratio < 1.15
+
+
 MEMORY = """
 import sys
 from tests.benchmarks.test_chain_speed import repeated_sound
-from uwtrack_cli.flow.chain import run_recipe
-from uwtrack_cli.flow.shipped import load_recipe
-run_recipe(repeated_sound(int(sys.argv[1])), load_recipe("vessel"))
+from uwtrack_cli.files.hdf5.product import ProductWriter
+from uwtrack_cli.flow.products import run_into_product
+from uwtrack_cli.flow.shipped_recipes import load_recipe
+with ProductWriter(sys.argv[2]) as writer:
+    run_into_product(repeated_sound(int(sys.argv[1])), load_recipe("vessel"), writer)
 # not ru_maxrss, which begins with the size of the process that started this one
 status = open("/proc/self/status").read()
 print(int(status.partition("VmHWM:")[2].split()[0]) / 1024)
@@ -100,8 +127,8 @@ def repeated_sound(n_seconds):
     )  # fmt: skip
 
 
-def peak_memory_mb(n_seconds):
-    words = [sys.executable, "-c", MEMORY, str(n_seconds)]
+def peak_memory_mb(n_seconds, target):
+    words = [sys.executable, "-c", MEMORY, str(n_seconds), str(target)]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     return float(done.stdout)
 
@@ -112,9 +139,10 @@ def peak_memory_mb(n_seconds):
     ids=["ten minutes and an hour", "one hour and six"],
 )
 def test_memory_stays_under_300_mb_and_grows_by_the_results_alone(
-    capsys, short_s, long_s
+    capsys, tmp_path, short_s, long_s
 ):
-    short, long = peak_memory_mb(short_s), peak_memory_mb(long_s)
+    short = peak_memory_mb(short_s, tmp_path / "short.h5")
+    long = peak_memory_mb(long_s, tmp_path / "long.h5")
     growth = (long - short) / ((long_s - short_s) / 3600.0)
     with capsys.disabled():
         print(f"\npeak memory: {short:.0f} MB and {long:.0f} MB, {growth:.0f} MB/h")

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.data.peaks import Peaks
-from uwtrack_cli.flow.studies.line_scene import second_frames
-from uwtrack_cli.flow.studies.trace_noise import noise_recording
-from uwtrack_cli.stages.classify import classify_peaks
-from uwtrack_cli.stages.lines.policies import Feedback, Harmonics
-from uwtrack_cli.stages.spectrogram import compute_spectrogram
-from uwtrack_cli.stages.trace import trace_lines
-from uwtrack_cli.stages.track import track_lines
+from uwtrack_cli.lines.classify import classify_peaks
+from uwtrack_cli.lines.trace import trace_lines
+from uwtrack_cli.lines.track import track_lines
+from uwtrack_cli.lines.tracker_options import Feedback, Harmonics
+from uwtrack_cli.spectra.spectrogram import compute_spectrogram
+from uwtrack_cli.studies.line_scene import second_frames
+from uwtrack_cli.studies.trace_noise import noise_recording
 
 N_LINES, N_CLUTTER, SPACING_HZ = 50, 20, 17.3
 pytestmark = pytest.mark.benchmark

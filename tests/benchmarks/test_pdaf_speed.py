@@ -11,20 +11,23 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from uwtrack_cli.estimation.clutter.clutter_filter import Scan, step
-from uwtrack_cli.estimation.clutter.information_reduction import (
+from uwtrack_cli.clutter.clutter_filter import Scan, step
+from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
+from uwtrack_cli.clutter.pdaf import track_in_clutter
+from uwtrack_cli.data.scans import Scans
+from uwtrack_cli.estimation.constant_velocity import constant_velocity
+from uwtrack_cli.estimation.imm import Belief
+from uwtrack_cli.estimation.information_reduction import (
     gate_probability,
     information_reduction,
 )
-from uwtrack_cli.estimation.clutter.operating_curve import constant_curve
-from uwtrack_cli.estimation.clutter.pda import constant_velocity
-from uwtrack_cli.estimation.imm import Belief
-from uwtrack_cli.flow.studies.clutter_runs import setting_of
-from uwtrack_cli.flow.studies.table import load_reference
+from uwtrack_cli.estimation.operating_curve import constant_curve
+from uwtrack_cli.studies.clutter_runs import setting_of
+from uwtrack_cli.studies.study import load_reference
 
 GOLDEN = load_reference("clutter_golden")
 BEGIN = datetime(2001, 8, 27)  # noqa: DTZ001 - Stone Soup compares naive times
-SCANS = 20
+SCANS = 50
 
 
 def _scans(track):
@@ -133,6 +136,48 @@ def test_a_scan_costs_a_fraction_of_stone_soups(stone_soup, copies, times):
     _ours(track, copies)
     per_track = min(_ours(track, copies)[2] for _ in range(5)) / copies
     assert stone_soup[2] / per_track >= times
+
+
+def _stage(threshold):
+    """Follow the track of the first scans by the whole stage; return the CPU time."""
+    track = GOLDEN["tracks"][0]
+    measured = _scans(track)
+    number = np.repeat(np.arange(1, SCANS + 1), [len(z) for z in measured])
+    scans = Scans(
+        scan=number, time_s=number.astype(float), measured=np.concatenate(measured),
+        measured_std=np.full((number.size, 2), math.sqrt(GOLDEN["R"][0][0])),
+        amplitude=np.linspace(5.0, 3.0, number.size),
+        component=np.array(["z_1", "z_2"]), component_unit=np.array(["m", "m"]),
+    )  # fmt: skip
+    begin = time.process_time()
+    track_in_clutter(
+        scans, threshold=threshold, detector=Detector(snr_db=15.0, cell_volume=900.0),
+        motion=TargetMotion(acceleration_std=math.sqrt(10.0)),
+        start=TargetStart(
+            position=track["x0"][::2], velocity=track["x0"][1::2], position_std=10.0,
+            velocity_std=10.0, time_s=0.0,
+        ),
+    )  # fmt: skip
+    return time.process_time() - begin
+
+
+@pytest.mark.benchmark
+@pytest.mark.parametrize(
+    ("threshold", "times"), [("fixed", 4), ("prior", 4), ("region", 3)]
+)
+def test_the_stage_costs_a_fraction_of_stone_soups_filter(threshold, times):
+    _stage(threshold)
+    pairs = [(_stone_soup(GOLDEN["tracks"][0])[2], _stage(threshold)) for _ in range(9)]
+    theirs, ours = np.median(np.array(pairs), axis=0)
+    assert theirs / ours >= times
+
+
+@pytest.mark.benchmark
+def test_a_region_of_its_own_size_in_each_scan_needs_no_long_quadrature():
+    _stage("prior"), _stage("region")
+    pairs = np.array([(_stage("prior"), _stage("region")) for _ in range(9)])
+    prior, region = np.median(pairs, axis=0)
+    assert region < 2.0 * prior
 
 
 @pytest.mark.benchmark

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from uwtrack_cli.simulate import Scenario, from_table, simulate_recordings
+from uwtrack_cli.simulate import make_scenario, simulate_recordings
 
 HOUR = {
     "seed": 1,
@@ -31,7 +31,7 @@ HOUR = {
 
 @pytest.mark.benchmark
 def test_simulated_hour_costs_at_most_twelve_draws_of_its_random_numbers():
-    reader = simulate_recordings(from_table(Scenario, HOUR))[0].reader
+    reader = simulate_recordings(make_scenario(HOUR))[0].reader
 
     def simulate():
         for _ in reader(65_536):
@@ -41,7 +41,8 @@ def test_simulated_hour_costs_at_most_twelve_draws_of_its_random_numbers():
         for tile in range(2 * 938):  # ambient noise and the vessel's own
             np.random.default_rng([1, tile]).standard_normal(15_360)
 
-    ratio = cpu_s(simulate) / min(cpu_s(draw) for _ in range(3))
+    pairs = [(cpu_s(simulate), cpu_s(draw)) for _ in range(3)]  # in turn
+    ratio = min(s for s, _ in pairs) / min(d for _, d in pairs)
     assert ratio < 12.0, f"{ratio:.1f} times the draw of the random numbers"
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.estimation.target_motion.recursive import estimate_recursively
-from uwtrack_cli.flow.studies.tma_runs import (
+from uwtrack_cli.motion.solvers.recursive import estimate_recursively
+from uwtrack_cli.studies.tma_runs import (
     PAPER,
     cpu_of,
     one_record,

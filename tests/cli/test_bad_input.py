@@ -16,6 +16,50 @@ def case(code, text):
     return keep
 
 
+def two_recordings(folder):
+    """Write two recordings and a sensor file for one."""
+    sound = np.random.default_rng(1).normal(0, 0.1, 20_000)
+    for name in ("a.wav", "b.wav"):
+        soundfile.write(folder / name, sound, 2000)
+    (folder / "h1.toml").write_text('id = "h1"\n')
+    return ["a.wav", "b.wav"]
+
+
+@case(2, "2 recordings take one --sensor each")
+def one_sensor_file_for_two_recordings(folder):
+    return ["run", *two_recordings(folder), "--sensor", "h1.toml"]
+
+
+@case(2, "got 3 sensor files")
+def three_sensor_files_for_two_recordings(folder):
+    sensors = ["--sensor", "h1.toml"] * 3
+    return ["run", *two_recordings(folder), *sensors]
+
+
+@case(2, "would both be written to a.run.h5")
+def one_recording_twice(folder):
+    two_recordings(folder)
+    return ["run", "a.wav", "a.wav"]
+
+
+@case(2, "has no step 'trace'")
+def a_setting_of_a_step_that_is_not_in_the_recipe(folder):
+    two_recordings(folder)
+    return ["run", "a.wav", "--set", "trace.window_s=3"]
+
+
+@case(2, "[track] of recipe gap reads families or peaks")
+def a_recipe_with_a_gap(folder):
+    two_recordings(folder)
+    (folder / "gap.toml").write_text("[spectrogram]\n[track]\n[cpa]\n")
+    return ["run", "a.wav", "--recipe", "gap.toml"]
+
+
+@case(2, "name the recipe with --graph")
+def a_picture_of_no_recipe(_folder):
+    return ["recipes", "-o", "graph.png"]
+
+
 @case(1, "nowhere.wav does not exist")
 def missing_file(_folder):
     return ["run", "nowhere.wav"]
@@ -111,7 +155,7 @@ def an_unknown_recipe(folder):
     return ["run", "s.wav", "--recipe", "cruiser"]
 
 
-@case(2, "has no option 'loudness'; it has: false_alarm_probability")
+@case(2, "has no option 'loudness'. It has: false_alarm_probability")
 def an_unknown_recipe_option(folder):
     _wav(folder)
     (folder / "r.toml").write_text("[spectrogram]\n[peaks]\nloudness = 3\n")
@@ -132,19 +176,19 @@ def a_recipe_that_is_no_toml(folder):
     return ["run", "s.wav", "--recipe", "r.toml"]
 
 
-@case(2, "overlap must be at least 0 and below 1, got 1.5")
+@case(2, "overlap must be a number (at least 0, at most 0.999), got 1.5")
 def an_option_out_of_range(folder):
     _wav(folder)
     return ["spectrogram", "s.wav", "--overlap", "1.5"]
 
 
-@case(2, "must be of type float, got 'long'")
+@case(2, "at most 3600), got 'long'")
 def a_setting_of_the_wrong_type(folder):
     _wav(folder)
     return ["run", "s.wav", "--set", "spectrogram.window_s=long"]
 
 
-@case(2, "STAGE.OPTION=VALUE")
+@case(2, "STEP.OPTION=VALUE")
 def a_setting_without_a_value(folder):
     _wav(folder)
     return ["run", "s.wav", "--set", "spectrogram"]

@@ -1,5 +1,6 @@
 """Batches: mirrored, resumable, the same as single runs wherever they run."""
 
+import contextlib
 import csv
 import json
 import os
@@ -11,13 +12,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 import soundfile
 
-from uwtrack_cli.files.product import read_product
+from uwtrack_cli.files.hdf5.product import read_product
 from uwtrack_cli.flow.batch import Job, run_job
 from uwtrack_cli.flow.executors import run_jobs
-from uwtrack_cli.flow.shipped import load_recipe
+from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.flow.worker_pool import PATIENCE_S
 
 RATE = 1000
 N_MANY = 6
@@ -213,6 +216,15 @@ def many(tmp_path):
     return tmp_path
 
 
+def lengthen(folder):
+    """Let all recordings but the first take long: a worker on one of them is busy."""
+    _, second, *others = sorted((folder / "many").glob("*.wav"))
+    soundfile.write(second, tone(7200, 1), RATE)
+    for path in others:
+        path.unlink()
+        path.hardlink_to(second)
+
+
 def wait_for_products(folder, n, limit_s=120):
     begin = time.monotonic()
     while len(list((folder / "out").glob("*.h5"))) < n:
@@ -243,20 +255,82 @@ def test_an_interrupt_ends_with_130_and_resume_goes_on(uwtrack, many):
     assert len(statuses) == N_MANY
 
 
-def test_a_process_that_is_killed_costs_nobody_elses_work(many):
-    import psutil
+def workers_of(running, n, limit_s=60):
+    """Wait for the worker processes of a batch."""
+    begin = time.monotonic()
+    while time.monotonic() - begin < limit_s:
+        with contextlib.suppress(psutil.Error):
+            found = [
+                child
+                for child in psutil.Process(running.pid).children(recursive=True)
+                if "spawn_main" in " ".join(child.cmdline())
+            ]
+            if len(found) >= n:
+                return found
+        time.sleep(0.02)
+    pytest.fail("the workers did not start")
 
+
+@pytest.mark.parametrize(
+    ("name", "code"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGKILL", -9)]
+)
+def test_no_worker_outlives_a_batch_that_is_ended(uwtrack, many, name, code):
+    lengthen(many)
     running = start_batch(many, "--jobs", "2")
+    workers = workers_of(running, 2)
     wait_for_products(many, 1)
-    workers = [
-        child
-        for child in psutil.Process(running.pid).children(recursive=True)
-        if "spawn_main" in " ".join(child.cmdline())
-    ]
+    running.send_signal(getattr(signal, name))
+    running.wait(timeout=60)
+    _, alive = psutil.wait_procs(workers, timeout=PATIENCE_S + 5)
+    assert alive == []
+    _, said = running.communicate()
+    assert running.returncode == code, said
+    assert "Traceback" not in said
+    assert leftovers(many / "out") == []
+    complete = list((many / "out").glob("*.h5"))
+    assert 1 <= len(complete) < N_MANY
+    assert uwtrack("verify", *complete).exit_code == 0
+    if name != "SIGKILL":
+        assert {row["status"] for row in rows_of("out").values()} <= {"done"}
+
+
+def test_a_worker_without_the_signal_of_its_parents_death_ends_all_the_same(many):
+    program = (
+        "from uwtrack_cli.flow import worker_pool\n"
+        "worker_pool.PR_SET_PDEATHSIG = -1  # no such request\n"
+        "from uwtrack_cli.cli import main\n"
+        "if __name__ == '__main__': main()\n"
+    )
+    lengthen(many)
+    (many / "program.py").write_text(program)  # a worker imports it, too
+    running = subprocess.Popen(
+        [sys.executable, "program.py", "batch", "many", "-o", "out", "--jobs", "2"],
+        cwd=many, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    workers = workers_of(running, 2)
+    wait_for_products(many, 1)
+    running.kill()
+    running.wait()
+    _, alive = psutil.wait_procs(workers, timeout=PATIENCE_S + 5)
+    running.communicate()
+    assert alive == []
+
+
+def test_a_lost_worker_costs_its_own_file_and_is_replaced(many):
+    running = start_batch(many, "--jobs", "2")
+    workers = workers_of(running, 2)
+    wait_for_products(many, 1)
     os.kill(workers[0].pid, signal.SIGKILL)
+    psutil.wait_procs(workers[:1], timeout=5)
+    after = workers_of(running, 2)
     _, said = running.communicate(timeout=200)
-    assert running.returncode == 0, said
-    assert len(list((many / "out").glob("*.h5"))) == N_MANY
+    assert running.returncode == 3, said
+    assert workers[1].pid in {worker.pid for worker in after}
+    rows = rows_of(many / "out").values()
+    (failed,) = (row for row in rows if row["status"] == "failed")
+    assert "the process that ran it was ended by SIGKILL" in failed["message"]
+    assert len(rows) == N_MANY
+    assert len(list((many / "out").glob("*.h5"))) == N_MANY - 1
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -295,6 +369,46 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_results(uwtrack, many):
     for path in sorted((many / "local").glob("*.h5")):
         done = uwtrack("diff", path, many / "out" / path.name)
         assert done.exit_code == 0, done.output
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_scheduler_that_is_lost_ends_with_a_sentence_and_resume_goes_on(
+    uwtrack, many
+):
+    lengthen(many)
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler"]
+    started = [
+        subprocess.Popen(
+            [*dask, "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
+             "--scheduler-file", "s.json"], cwd=many, stderr=subprocess.DEVNULL,
+        )
+    ]  # fmt: skip
+    try:
+        address = scheduler_address(many / "s.json")
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", address]
+        started.append(
+            subprocess.Popen(
+                [*worker, "--nthreads", "1", "--no-nanny", "--no-dashboard",
+                 "--local-directory", many / "w"], cwd=many, stderr=subprocess.DEVNULL,
+            )
+        )  # fmt: skip
+        running = start_batch(many, "--scheduler", address)
+        wait_for_products(many, 1)
+        started[0].kill()
+        _, said = running.communicate(timeout=200)
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+    assert running.returncode == 1, said
+    assert "Traceback" not in said
+    (line,) = said.strip().splitlines()
+    assert line.startswith(f"error: the scheduler {address} is lost")
+    assert "--resume" in line
+    for path in sorted((many / "many").glob("*.wav"))[1:]:
+        path.unlink()
+    done = uwtrack("batch", "many", "-o", "out", "--resume", "--jobs", 1)
+    assert "1 resumed" in done.stderr
 
 
 def scheduler_address(path, limit_s=60):

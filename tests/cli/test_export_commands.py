@@ -16,7 +16,7 @@ from geographiclib.geodesic import Geodesic
 from geojson_pydantic import FeatureCollection
 
 from uwtrack_cli.data.encounters import Encounters, Fixes
-from uwtrack_cli.files.product import read_product
+from uwtrack_cli.files.hdf5.product import read_product
 
 SPACE = "{http://www.opengis.net/kml/2.2}"
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from uwtrack_cli.data.encounters import Fixes
-from uwtrack_cli.files.product import read_product
+from uwtrack_cli.files.hdf5.product import read_product
 
 START = ("--start-utc", "2024-05-02T06:30:00Z")
 

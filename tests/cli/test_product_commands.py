@@ -156,7 +156,7 @@ def test_an_interrupt_that_python_could_not_pass_on_is_not_lost():
     import time
     import weakref
 
-    from uwtrack_cli.cli.screen import guard
+    from uwtrack_cli.cli.console import guard
 
     class Thing:
         pass

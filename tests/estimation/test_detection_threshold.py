@@ -4,16 +4,20 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from uwtrack_cli.estimation.clutter.detection_threshold import (
+from uwtrack_cli.estimation.detection_threshold import (
     background_extrema,
     best_posterior,
     best_prior,
     prior_rule,
 )
-from uwtrack_cli.estimation.clutter.information_reduction import information_reduction
-from uwtrack_cli.estimation.clutter.operating_curve import model_curve
-from uwtrack_cli.estimation.clutter.pda import associate, correct, innovate
-from uwtrack_cli.flow.studies.table import load_reference
+from uwtrack_cli.estimation.information_reduction import information_reduction
+from uwtrack_cli.estimation.operating_curve import model_curve
+from uwtrack_cli.estimation.probabilistic_association import (
+    associate,
+    correct,
+    innovate,
+)
+from uwtrack_cli.studies.study import load_reference
 
 OPTIMA = load_reference("clutter")["prior_optimum"]
 MODELS = {"power": "fluctuating", "gaussian": "gaussian"}
@@ -97,3 +101,11 @@ def test_an_empty_gate_gives_no_gain_and_no_measurement():
     assert not point.allowed.any()
     np.testing.assert_array_equal(gain, 0.0)
     assert np.all((point.false_alarm > 0.99e-4) & (point.false_alarm < 0.301))
+
+
+def test_cells_of_any_shape_have_the_optimum_of_each():
+    curve = model_curve("fluctuating", 10.0)
+    cells = np.array([[1.0, 5.0, 20.0], [2.0, 50.0, 200.0]])
+    found = best_prior(curve, cells, (1e-4, 0.3))
+    one_by_one = [best_prior(curve, np.array([c]), (1e-4, 0.3))[0] for c in cells.flat]
+    np.testing.assert_allclose(found.ravel(), one_by_one, rtol=1e-12)

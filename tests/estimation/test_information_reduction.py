@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from uwtrack_cli.estimation.clutter.information_reduction import (
+from uwtrack_cli.estimation.information_reduction import (
     gate_probability,
     information_reduction,
     unit_ball_volume,
 )
-from uwtrack_cli.flow.studies.table import load_reference
+from uwtrack_cli.studies.study import load_reference
 
 TABLES = load_reference("clutter")["information_reduction"]
 

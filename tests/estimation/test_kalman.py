@@ -1,22 +1,22 @@
-"""The two-state filters against the specification, the matrices and Stone Soup."""
+"""The two-state filters against reference values, the matrices and Stone Soup."""
 
 from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
 
+from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.kalman import (
-    State,
+    KalmanState,
     advance,
     predict,
     smooth_all,
     update,
-    wrap_deg,
 )
 
 
 def _steady(q: float, r: float) -> tuple[float, float, float, float]:
-    state = State(*(np.array([v]) for v in (0.0, 0.0, r, 0.0, 1.0)))
+    state = KalmanState(*(np.array([v]) for v in (0.0, 0.0, r, 0.0, 1.0)))
     before = state
     for _ in range(2000):
         before = predict(state, 1.0, np.array([q]))
@@ -36,7 +36,7 @@ def _steady(q: float, r: float) -> tuple[float, float, float, float]:
     ],
     ids=["frequency", "bearing"],
 )
-def test_steady_variances_and_gains_are_those_of_the_specification(
+def test_steady_variances_and_gains_are_the_reference_values(
     q: float, r: float, published: tuple[float, ...]
 ) -> None:
     assert np.allclose(_steady(q, r), published, rtol=0, atol=6e-5)
@@ -55,7 +55,7 @@ def test_a_run_equals_stone_soup_to_rounding() -> None:
     predictor = KalmanPredictor(ConstantVelocity(q))
     updater = KalmanUpdater(LinearGaussian(2, (0,), np.array([[r]])))
     theirs = GaussianState([[5.0], [0.1]], np.diag([r, 0.04]), timestamp=epoch)
-    ours = State(*(np.array([v]) for v in (5.0, 0.1, r, 0.0, 0.04)))
+    ours = KalmanState(*(np.array([v]) for v in (5.0, 0.1, r, 0.0, 0.04)))
     rng = np.random.default_rng(3)
     for k, z in enumerate(5.0 + rng.standard_normal(50)):
         now = epoch + timedelta(seconds=0.5 * (k + 1))
@@ -73,7 +73,7 @@ def test_smoothing_equals_the_least_squares_solution_of_the_whole_interval() -> 
     rng = np.random.default_rng(4)
     q, r, n = 1e-2, 0.3, 40
     z = np.cumsum(0.1 * rng.standard_normal(n))
-    start = State(*(np.array([v]) for v in (z[0], 0.0, r, 0.0, 0.5)))
+    start = KalmanState(*(np.array([v]) for v in (z[0], 0.0, r, 0.0, 0.5)))
     kept = [start]
     for k in range(1, n):
         before = predict(kept[-1], 1.0, np.array([q]))
@@ -100,7 +100,7 @@ def test_smoothing_equals_the_least_squares_solution_of_the_whole_interval() -> 
 
 
 def test_a_measurement_without_information_changes_nothing() -> None:
-    state = State(*(np.array([v]) for v in (5.0, 0.1, 0.2, 0.01, 0.04)))
+    state = KalmanState(*(np.array([v]) for v in (5.0, 0.1, 0.2, 0.01, 0.04)))
     after = update(state, np.array([3.0]), np.array([np.inf]))
     assert all(np.array_equal(a, b) for a, b in zip(after, state, strict=True))
 
@@ -112,7 +112,7 @@ def test_angles_wrap_to_the_half_open_circle() -> None:
 
 def test_states_are_carried_in_place_as_they_are_predicted() -> None:
     rng = np.random.default_rng(5)
-    state = State(*rng.random((5, 2, 7)))
+    state = KalmanState(*rng.random((5, 2, 7)))
     noise = rng.random((2, 7))
     ahead = predict(state, 0.5, noise)
     advance(state, 0.5, noise)

@@ -36,9 +36,9 @@ def test_a_loud_frame_has_its_own_floor():
 
 
 def test_frames_of_a_gap_neither_have_a_floor_nor_lower_it():
-    power, effort = cells((32, 500)), np.ones(32)
-    power[4:12], effort[4:12] = 0.0, 0.0
-    floor = noise_floor(power, effort)
+    power, valid_fraction = cells((32, 500)), np.ones(32)
+    power[4:12], valid_fraction[4:12] = 0.0, 0.0
+    floor = noise_floor(power, valid_fraction)
     assert np.isnan(floor[4:12]).all()
     assert np.nanmean(floor) == pytest.approx(1.0, abs=0.03)
 

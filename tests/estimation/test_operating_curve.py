@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import ncx2
 
-from uwtrack_cli.estimation.clutter.operating_curve import (
+from uwtrack_cli.estimation.operating_curve import (
     measured_curve,
     model_curve,
     rayleigh_false_alarm,
     rayleigh_threshold,
 )
-from uwtrack_cli.flow.studies.table import load_reference
-from uwtrack_cli.simulate.clutter import ClutterScene, simulate_scan
+from uwtrack_cli.simulate.clutter_scans import ClutterScene, simulate_scan
+from uwtrack_cli.studies.study import load_reference
 
 TABLE = np.array(load_reference("clutter")["detector"]["rows"])
 

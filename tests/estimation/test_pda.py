@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.estimation.clutter.information_reduction import gate_probability
-from uwtrack_cli.estimation.clutter.pda import (
+from uwtrack_cli.estimation.constant_velocity import constant_velocity
+from uwtrack_cli.estimation.information_reduction import gate_probability
+from uwtrack_cli.estimation.probabilistic_association import (
     associate,
-    constant_velocity,
     correct,
     innovate,
 )
-from uwtrack_cli.flow.studies.table import load_reference
+from uwtrack_cli.studies.study import load_reference
 
 GOLDEN = load_reference("clutter_golden")
 
@@ -176,3 +176,44 @@ def test_probabilities_sum_to_one_and_covariances_stay_positive(
     assert np.linalg.eigvalsh(0.5 * (after + after.T)).min() > 0.0
     assert np.isfinite(mean).all()
     assert np.isfinite(association.log_likelihood_ratio)
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_a_singular_covariance_is_refused(dimension):
+    n = 2 * dimension
+    noise = np.ones((1, 1, dimension, dimension)) * (dimension > 1)
+    with pytest.raises(DataError, match="not positive definite"):
+        innovate(
+            np.zeros((1, n)), np.zeros((1, n, n)), np.zeros((1, 1, dimension)),
+            np.ones((1, 1), dtype=bool), noise,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_distances_gains_and_reductions_are_those_of_the_matrices(dimension):
+    rng = np.random.default_rng(dimension)
+    n = 2 * dimension
+    root = rng.standard_normal((n, n))
+    covariance, mean = root @ root.T + np.eye(n), rng.standard_normal(n)
+    measured = rng.standard_normal((4, dimension)) + mean[::2]
+    for shared in (True, False):
+        roots = rng.standard_normal((1 if shared else 4, dimension, dimension))
+        noise = roots @ np.swapaxes(roots, -1, -2) + np.eye(dimension)
+        found = innovate(
+            mean[None], covariance[None], measured[None], np.ones((1, 4), dtype=bool),
+            noise[None],
+        )  # fmt: skip
+        for k in range(4):
+            each = 0 if shared else k
+            spread = covariance[::2, ::2] + noise[each]
+            gain = covariance[:, ::2] @ np.linalg.inv(spread)
+            nu = measured[k] - mean[::2]
+            np.testing.assert_allclose(found.gain[0, each], gain)
+            np.testing.assert_allclose(found.move[0, k], gain @ nu)
+            np.testing.assert_allclose(
+                found.reduction[0, each], gain @ spread @ gain.T, atol=1e-12
+            )
+            assert found.determinant[0, each] == pytest.approx(np.linalg.det(spread))
+            assert found.distance2[0, k] == pytest.approx(
+                nu @ np.linalg.solve(spread, nu)
+            )

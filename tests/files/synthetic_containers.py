@@ -5,9 +5,16 @@ from typing import Any
 import numpy as np
 
 from uwtrack_cli.data.base import Column, Container
-from uwtrack_cli.files.registry import part_classes, scalar_types
+from uwtrack_cli.files.hdf5.layout import part_classes, scalar_types
 
-FIXED_SIZES = {"coordinate": 2, "coordinate_too": 2, "state": 2, "state_too": 2}
+FIXED_SIZES = {
+    "parameter": 4,
+    "parameter_too": 4,
+    "coordinate": 2,
+    "coordinate_too": 2,
+    "state": 2,
+    "state_too": 2,
+}
 TEXTS = ("", "ok", "Ærø", "level-only", "{}", "海")
 
 
@@ -30,6 +37,8 @@ def synthetic(
             sizes.setdefault(axis, size)
         shape = tuple(sizes[axis] for axis in spec.axes)
         values[name] = _array(rng, spec, shape)
+        if spec.owner:
+            values[name] = rng.integers(0, max(1, sizes[spec.owner]), shape)
         if spec.optional and not with_optional:
             values[name] = None
     scalars = {str: "x", bool: True, int: 3, float: 2.5}

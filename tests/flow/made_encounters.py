@@ -19,6 +19,4 @@ def encounters_of(*rows: dict[str, object], **scalars: object) -> Encounters:
     filled = {"contact": np.arange(len(rows)) + 1}
     for name, default in {"sensor": "h1", "status": "ok"}.items():
         filled[name] = np.array([row.get(name, default) for row in rows], np.str_)
-    for name in ("ambiguities", "reasons"):
-        filled[name] = np.array([row.get(name, "") for row in rows], np.str_)
     return Encounters(**{**columns, **filled, "reference": "1 uPa", **scalars})

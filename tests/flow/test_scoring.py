@@ -13,11 +13,11 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.ais import read_ais
-from uwtrack_cli.files.truth import read_truth
-from uwtrack_cli.flow.ais_passages import ais_passages
-from uwtrack_cli.flow.heard import Heard
-from uwtrack_cli.flow.scoring import score_encounters
+from uwtrack_cli.files.tables.ais import read_ais
+from uwtrack_cli.files.tables.truth import read_truth
+from uwtrack_cli.flow.scoring.ais_passages import ais_passages
+from uwtrack_cli.flow.scoring.encounter_scores import score_encounters
+from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
 
 START = 1_714_564_800 * 10**9
 SENSOR = Sensor(id="h1", latitude=50.75, longitude=-1.1, depth_m=20.0)
@@ -34,7 +34,7 @@ def heard(start_utc_ns=START, seconds=600.0, **facts):
         sensor=SENSOR, name="a.wav", sample_rate_hz=1000.0,
         n_samples=int(seconds * 1000), n_channels=1, start_utc_ns=start_utc_ns, **facts,
     )  # fmt: skip
-    return Heard([SENSOR], [recording])
+    return RecordedSensors([SENSOR], [recording])
 
 
 def vessel(number, name):
@@ -115,6 +115,89 @@ def test_two_vessels_alike_share_the_probability(truth_of):
     assert [p for _, p in who.candidates] == pytest.approx([0.5, 0.5], abs=0.01)
 
 
+def odds_by_hand(time_error_s, speed_error_mps=None):
+    """Return the odds of a passage over an unlisted vessel that passes unheard.
+
+    Time within 5 s against the recording of 600 s; speed within 0.5 m/s against 20 m/s;
+    detection as probable as not, one unlisted vessel expected.
+    """
+    from scipy.stats import norm
+
+    odds = norm.pdf(time_error_s, scale=5.0) * 600.0
+    if speed_error_mps is not None:
+        odds *= norm.pdf(speed_error_mps, scale=0.5) * 20.0
+    return odds
+
+
+@pytest.mark.parametrize("error_s", [0.0, 8.0, 13.5, 14.2])
+def test_probability_of_a_passage_is_that_by_hand(truth_of, error_s):
+    row = {"time_s": 100.0 + error_s, "time_std_s": 0.1}
+    found = score_encounters(encounters_of(row), truth_of(passage(1)), heard())
+    (who,) = found.identities
+    odds = odds_by_hand(error_s)
+    assert who.candidates[0][1] == pytest.approx(odds / (1.0 + odds), rel=1e-6)
+    assert who.unlisted == pytest.approx(1.0 / (1.0 + odds), rel=1e-6)
+    # matched where it is likelier than not, which changes between 13.5 and 14.2 s
+    assert (who.vessel is not None) == (odds > 1.0) == (error_s < 14.0)
+    assert len(found.missed) == len(found.false) == (odds < 1.0)
+
+
+def test_probability_takes_every_quantity_that_is_known(truth_of):
+    row = {"time_s": 110.0, "time_std_s": 0.1, "speed_mps": 7.0, "speed_std_mps": 0.01}
+    (who,) = score_encounters(
+        encounters_of(row), truth_of(passage(1)), heard()
+    ).identities
+    odds = odds_by_hand(10.0, 1.0)
+    assert who.candidates[0][1] == pytest.approx(odds / (1.0 + odds), rel=1e-6)
+
+
+@pytest.mark.parametrize(("sigmas", "is_matched"), [(4.99, True), (5.01, False)])
+def test_beyond_the_gate_nothing_belongs_together(truth_of, sigmas, is_matched):
+    """Two quantities at equal deviations: 2 x 5^2 is the gate of 50."""
+    row = {
+        "time_s": 100.0 + 100.0 * sigmas, "time_std_s": 100.0, "speed_mps": 6.0,
+        "course_deg": 81.0 + 5.0 * sigmas, "course_std_deg": 5.0,
+    }  # fmt: skip
+    # many quantities that agree well make up for the deviations
+    row |= {"bearing_deg": 171.0, "slant_range_m": 250.0, "speed_std_mps": 0.1}
+    found = score_encounters(encounters_of(row), truth_of(passage(1)), heard())
+    (who,) = found.identities
+    assert (who.unlisted < 1.0) == is_matched
+
+
+def test_candidates_are_listed_by_falling_probability(truth_of):
+    truth = truth_of(passage(1, time_s=92.0), passage(2), passage(3, time_s=105.0))
+    row = {"time_s": 100.0, "time_std_s": 0.1}
+    (who,) = score_encounters(encounters_of(row), truth, heard()).identities
+    assert [name for name, _ in who.candidates] == [
+        "ship2 (2)", "ship3 (3)", "ship1 (1)"
+    ]  # fmt: skip
+    assert sum(p for _, p in who.candidates) + who.unlisted == pytest.approx(1.0)
+
+
+def test_a_result_without_its_recording_has_passages_at_any_time(truth_of):
+    truth = truth_of(passage(1, time_s=5000.0))
+    row = estimate(time_s=5000.2)
+    bare = RecordedSensors([SENSOR], [])
+    found = score_encounters(encounters_of(row), truth, bare)
+    assert found.missed == found.false == ()
+    assert score_encounters(encounters_of(), truth, bare).missed
+    assert not score_encounters(encounters_of(), truth, heard()).missed
+
+
+def test_improbable_candidates_are_not_listed(truth_of):
+    """Probabilities of about 0.0012 and 0.0008, beside the vessel that it is."""
+    base = odds_by_hand(0.0)
+    listed = []
+    for share in (0.0012, 0.0008):
+        off = 5.0 * np.sqrt(-2.0 * np.log(share * (1.0 + base) / base))
+        row = {"time_s": 100.0, "time_std_s": 0.1}
+        truth = truth_of(passage(1), passage(2, time_s=100.0 + off))
+        (who,) = score_encounters(encounters_of(row), truth, heard()).identities
+        listed.append(len(who.candidates))
+    assert listed == [2, 1]
+
+
 def test_what_is_missed_and_what_is_invented_is_told(truth_of):
     truth = truth_of(passage(1), passage(2, time_s=9000.0, inside=False))
     found = score_encounters(encounters_of(estimate(time_s=400.0)), truth, heard())
@@ -191,6 +274,23 @@ def test_an_encounter_is_scored_against_ais(tmp_path):
     assert by["time_s"].error == pytest.approx(0.7, abs=0.05)
     assert by["time_s"].std == pytest.approx(np.hypot(0.1, 10.0 / 5.0), abs=0.01)
     assert found.identities[0].vessel == "123456789"
+
+
+def test_a_recording_that_starts_late_is_scored_on_its_own_clock(tmp_path):
+    truth = geodesic_table(tmp_path / "ais.csv")
+    late = heard(START + 200 * 10**9, seconds=300.0)
+    row = estimate(time_s=104.0, speed_mps=5.05, side="port", bearing_deg=171.0)
+    found = score_encounters(encounters_of(row), truth, late)
+    by = {score.quantity: score for score in found.scores}
+    assert by["time_s"].error == pytest.approx(0.7, abs=0.05)
+    assert found.missed == found.false == ()
+
+
+@pytest.mark.parametrize(("within_m", "n_missed"), [(390.0, 0), (410.0, 1)])
+def test_vessels_farther_than_asked_for_are_not_missed(tmp_path, within_m, n_missed):
+    truth = geodesic_table(tmp_path / "ais.csv")
+    found = score_encounters(encounters_of(), truth, heard(), within_m=within_m)
+    assert len(found.missed) == n_missed
 
 
 def test_ais_needs_the_time_of_the_recording(tmp_path):

@@ -14,11 +14,12 @@ def encounters(course_deg):
     values = {
         name: np.full((1,) * len(spec.axes), np.nan if spec.dtype.kind == "f" else 0)
         for name, spec in Encounters.columns().items()
+        if not spec.optional
     }
     values |= {
         name: np.array([""])
         for name, spec in Encounters.columns().items()
-        if spec.dtype.kind == "U"
+        if spec.dtype.kind == "U" and not spec.optional
     }
     values |= {
         "contact": [1], "sensor": ["b"], "slant_range_m": [100.0],

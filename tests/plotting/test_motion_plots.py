@@ -14,7 +14,9 @@ def motions(**changes):
     values = {}
     for name, spec in Motions.columns().items():
         axis = spec.axes[0]
-        size = {"motion": count, "update": 3, "rest_line": 1}[axis]
+        if spec.optional:
+            continue
+        size = {"motion": count, "update": 3, "rest_line": 1, "reason": 0}[axis]
         shape = (size, *(4 for _ in spec.axes[1:]))
         kind = "U1" if spec.dtype.kind == "U" else spec.dtype
         values[name] = np.zeros(shape, dtype=kind)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from uwtrack_cli.data.base import reason_columns
 from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
@@ -28,7 +29,7 @@ def _target(scans=4, dimension=2):
         detection_probability=0.9 * ones, threshold=3.0 * ones, gate=4.0 * ones,
         gate_volume=ones, expected_clutter=ones, validated=np.zeros(scans, int),
         miss_probability=ones, information_reduction=ones, score=ones,
-        loss_evidence=ones, lost=np.arange(scans) > 2, association_scan=[],
+        loss_cusum=ones, lost=np.arange(scans) > 2, association_scan=[],
         association_row=[], association_probability=[],
         component=[f"z_{i + 1}" for i in range(dimension)],
         component_unit=["m"] * dimension, threshold_rule="prior",
@@ -49,7 +50,7 @@ def _decision():
         probability=[0.99], final_log_odds=[-3.0], decision_time_s=[2.0],
         decision_scan=[3], expected_scans=[3.0], fixed_scans=[6.0],
         fixed_verdict=["first moves"], consistency=np.full((1, 4), 0.5),
-        inverse_range_std=[[0.1, 0.2]], observable=[[True, True]], reasons=["{}"],
+        inverse_range_std=[[0.1, 0.2]], observable=[[True, True]], **reason_columns("reason_pair", [{}]),
         scan_pair=[0, 0, 0], scan_time_s=[0.0, 1.0, 2.0], log_odds=[0.0, -1.0, -3.0],
         log_likelihood=np.arange(12.0).reshape(3, 4), lower_threshold=-2.9,
         upper_threshold=2.9, miss_probability=0.05, false_alarm_probability=0.05,

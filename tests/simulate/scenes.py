@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from uwtrack_cli.simulate import Scenario, from_table, simulate_recordings
+from uwtrack_cli.simulate import make_scenario, simulate_recordings
 
 OMNI = {"id": "h1", "depth_m": 22.0, "full_scale_db": 180.0}
 DIFAR = OMNI | {"kind": "difar"}
@@ -25,7 +25,7 @@ def vessel(**changes):
 def scene(**changes):
     """Return a scenario of a minute at 1 kHz: one omni sensor, nothing else."""
     table = {"seed": 7, "duration_s": 60.0, "sample_rate_hz": 1000.0, "sensor": [OMNI]}
-    return from_table(Scenario, table | changes)
+    return make_scenario(table | changes)
 
 
 def listen(scenario, number=0, block_samples=50_000):

@@ -5,8 +5,8 @@ import pytest
 
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.simulate.delay import FIRST_STEP, Path
-from uwtrack_cli.simulate.motion import Motion, fixed, track_motion
-from uwtrack_cli.simulate.ways import Track, Turn
+from uwtrack_cli.simulate.track_plans import TrackPlan, Turn
+from uwtrack_cli.simulate.trajectories import Trajectory, fixed, track_trajectory
 
 
 def straight_passage(time_s, speed, slant, c, t0):
@@ -29,7 +29,7 @@ def straight_passage(time_s, speed, slant, c, t0):
 def test_delay_follows_the_closed_form_to_a_nanosecond(
     speed, horizontal, depth, c, rate, t0
 ):
-    north = Motion(((t0, horizontal, 0.0, 0.0, speed, 0.0),))
+    north = Trajectory(((t0, horizontal, 0.0, 0.0, speed, 0.0),))
     path = Path(north, 3.0, fixed(0.0, 0.0), 3.0 + depth, c)
     count = 40 * FIRST_STEP * 4
     first = FIRST_STEP * int((t0 * rate - count / 2) / FIRST_STEP)
@@ -44,8 +44,8 @@ def test_delay_follows_the_closed_form_to_a_nanosecond(
 
 
 def test_delay_between_two_turning_platforms_meets_its_definition():
-    ship = track_motion(
-        Track(
+    ship = track_trajectory(
+        TrackPlan(
             east_m=-300.0,
             north_m=120.0,
             course_deg=80.0,
@@ -56,8 +56,8 @@ def test_delay_between_two_turning_platforms_meets_its_definition():
             ),
         )
     )
-    boat = track_motion(
-        Track(
+    boat = track_trajectory(
+        TrackPlan(
             course_deg=300.0,
             speed_mps=3.0,
             turns=(Turn(at_s=30.0, course_deg=30.0, rate_deg_per_s=4.0),),
@@ -81,8 +81,8 @@ def test_delay_between_two_turning_platforms_meets_its_definition():
 
 
 def test_motion_through_turns_is_the_integral_of_its_velocity():
-    motion = track_motion(
-        Track(
+    motion = track_trajectory(
+        TrackPlan(
             course_deg=350.0,
             speed_mps=5.0,
             turns=(
@@ -106,12 +106,12 @@ def test_motion_through_turns_is_the_integral_of_its_velocity():
 
 
 def test_waypoint_track_touches_its_legs_and_keeps_its_speed():
-    track = Track(
+    track = TrackPlan(
         waypoints_m=((0.0, 0.0), (0.0, 400.0), (300.0, 400.0), (300.0, 0.0)),
         speed_mps=4.0,
         turn_radius_m=60.0,
     )
-    motion = track_motion(track)
+    motion = track_trajectory(track)
     time_s = np.linspace(0.0, 300.0, 30_001)
     east, north, east_rate, north_rate = motion.at(time_s)
     np.testing.assert_allclose(np.hypot(east_rate, north_rate), 4.0, rtol=1e-12)
@@ -125,7 +125,7 @@ def test_waypoint_track_touches_its_legs_and_keeps_its_speed():
 
 
 def test_source_that_runs_into_the_sensor_is_refused():
-    through = Motion(((0.0, 0.0, 0.0, 0.0, 5.0, 0.0),))
+    through = Trajectory(((0.0, 0.0, 0.0, 0.0, 5.0, 0.0),))
     path = Path(through, 3.0, fixed(0.0, 0.0), 3.0, 1500.0)
     with pytest.raises(DataError, match="nearer than"):
         path.along(0, FIRST_STEP, 1000.0)

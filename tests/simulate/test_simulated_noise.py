@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from scenes import DIFAR, OMNI, listen, scene, vessel
+
+from tests.simulate.scenes import DIFAR, OMNI, listen, scene, vessel
 
 AMBIENT = {"density_db": 70.0, "reference_hz": 100.0, "slope_db_per_decade": -17.0}
 
@@ -96,10 +97,10 @@ def test_clicks_come_at_their_rate_with_their_peak():
     assert 20.0 * np.log10(abs(heard[:, 0]).max()) == pytest.approx(140.0, abs=6.0)
 
 
-def test_wander_has_its_deviation_and_correlation_time():
-    from uwtrack_cli.simulate.wander import drift
+def test_frequency_jitter_has_its_deviation_and_correlation_time():
+    from uwtrack_cli.simulate.frequency_jitter import draw_jitter
 
-    paths = [drift((1, n), 1e-3, 20.0, 0.0, 400.0).deviation for n in range(400)]
+    paths = [draw_jitter((1, n), 1e-3, 20.0, 0.0, 400.0).deviation for n in range(400)]
     table = np.array(paths)
     assert table.std() == pytest.approx(1e-3, rel=0.03)
     lag = round(20.0 * 16 / 20.0)
@@ -107,14 +108,16 @@ def test_wander_has_its_deviation_and_correlation_time():
     assert product / table.var() == pytest.approx(np.exp(-1.0), abs=0.04)
 
 
-def test_wander_shifts_all_lines_of_a_vessel_by_one_fraction():
+def test_frequency_jitter_shifts_all_lines_of_a_vessel_by_one_fraction():
     still = {"east_m": 250.0, "course_deg": 0.0, "speed_mps": 0.0}
     lines = [
         {"frequency_hz": f, "source_level_db": level}
         for f, level in ((100.0, 170.0), (300.0, 150.0))
     ]
-    wander = {"fraction": 1e-3, "correlation_s": 20.0}
-    source = vessel(closest_approach=None, track=still, line=lines, wander=wander)
+    jitter = {"fraction": 1e-3, "correlation_s": 20.0}
+    source = vessel(
+        closest_approach=None, track=still, line=lines, frequency_jitter=jitter
+    )
     heard = listen(scene(vessel=[source], duration_s=120.0))[:, 0]
     time_s = np.arange(heard.size) / 1000.0
     fractions = []

@@ -5,8 +5,8 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from scenes import DIFAR, OMNI, listen, scene, vessel
 
+from tests.simulate.scenes import DIFAR, OMNI, listen, scene, vessel
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate import simulate_recordings
 
@@ -15,7 +15,7 @@ EVERYTHING = {
     "vessel": [
         vessel(
             surface_image=0.7,
-            wander={"fraction": 1e-4},
+            frequency_jitter={"fraction": 1e-4},
             broadband={"band_hz": [50.0, 400.0], "snr_db": 5.0},
         )
     ],
@@ -48,7 +48,7 @@ def test_blocks_have_the_asked_size_and_end_with_the_rest():
 def test_longer_recording_begins_like_the_shorter_one():
     # ratios would change with the range heard: state the source levels
     hiss = {"band_hz": [50.0, 400.0], "source_level_db": 160.0}
-    source = vessel(wander={"fraction": 1e-4}, broadband=hiss)
+    source = vessel(frequency_jitter={"fraction": 1e-4}, broadband=hiss)
     noise = EVERYTHING["noise"]
     short = listen(scene(vessel=[source], noise=noise, duration_s=31.7))
     long = listen(scene(vessel=[source], noise=noise, duration_s=60.0))

@@ -1,8 +1,9 @@
-"""What a sensor hears of a vessel, against closed forms computed here."""
+"""The sound of a vessel at a sensor, against closed forms computed here."""
 
 import numpy as np
 import pytest
-from scenes import DIFAR, OMNI, PASSAGE, listen, scene, vessel
+
+from tests.simulate.scenes import DIFAR, OMNI, PASSAGE, listen, scene, vessel
 
 C = 1500.0
 
@@ -33,23 +34,36 @@ def frequency(pressure, time_s, near_hz, rate):
 
 
 def test_line_has_phase_and_amplitude_of_the_exact_passage():
-    heard = listen(scene(vessel=[vessel()]))[:, 0]
-    distance, _, emitted = passage(np.arange(heard.size) / 1000.0, 81.0, "port")
+    received = listen(scene(vessel=[vessel()]))[:, 0]
+    distance, _, emitted = passage(np.arange(received.size) / 1000.0, 81.0, "port")
     turn = 2 * np.pi * 126.0 * emitted
     unit = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    level, *_ = np.linalg.lstsq(unit, heard * distance, rcond=None)
-    rest = heard * distance - unit @ level
+    level, *_ = np.linalg.lstsq(unit, received * distance, rcond=None)
+    rest = received * distance - unit @ level
     assert 20 * np.log10(np.hypot(*level)) == pytest.approx(173.01, abs=1e-3)
     assert np.std(rest) < 2e-6 * np.hypot(*level)
 
 
+def test_each_harmonic_is_weaker_by_the_stated_step():
+    still = {"course_deg": 0.0, "speed_mps": 0.0, "north_m": 100.0}
+    line = {
+        "fundamental_hz": 50.0, "harmonics": 3, "step_db": -6.0, "source_level_db": 160.0
+    }  # fmt: skip
+    source = vessel(closest_approach=None, track=still, line=[line])
+    received = listen(scene(vessel=[source], duration_s=20.0))[:, 0]
+    amplitude = 2.0 * np.abs(np.fft.rfft(received)) / received.size
+    levels = 20.0 * np.log10(amplitude[[1000, 2000, 3000]] / np.sqrt(2.0))
+    loss = 20.0 * np.log10(np.hypot(100.0, 19.0))
+    np.testing.assert_allclose(levels + loss, [160.0, 154.0, 148.0], atol=0.01)
+
+
 def test_line_has_its_rest_frequency_when_the_abeam_sound_arrives():
-    heard = listen(scene(vessel=[vessel()]))[:, 0]
+    received = listen(scene(vessel=[vessel()]))[:, 0]
     arrival = 30.0 + np.hypot(100.0, 19.0) / C
     middle = round(1000 * arrival)
     stretch = slice(middle - 2000, middle + 2000)
-    time_s = np.arange(heard.size) / 1000.0
-    got = frequency(heard[stretch], time_s[stretch], 126.0, 1000.0)
+    time_s = np.arange(received.size) / 1000.0
+    got = frequency(received[stretch], time_s[stretch], 126.0, 1000.0)
     assert got == pytest.approx(126.0, abs=5e-4)
 
 
@@ -59,12 +73,12 @@ def test_surface_image_makes_the_fringes_of_two_rays():
         source = vessel(
             closest_approach=None, track=still, surface_image=0.9, source_depth_m=depth
         )
-        heard = listen(scene(vessel=[source], duration_s=10.0))[:, 0]
+        received = listen(scene(vessel=[source], duration_s=10.0))[:, 0]
         direct, image = np.hypot(250.0, 22.0 - depth), np.hypot(250.0, 22.0 + depth)
         wave = 2j * np.pi * 126.0 / C
         field = np.exp(-wave * direct) / direct - 0.9 * np.exp(-wave * image) / image
         expected = 10 ** (170.0 / 20) * abs(field)
-        assert np.sqrt(np.mean(heard**2)) == pytest.approx(expected, rel=1e-5)
+        assert np.sqrt(np.mean(received**2)) == pytest.approx(expected, rel=1e-5)
 
 
 def test_broadband_sound_and_its_image_have_the_transfer_of_two_rays():
@@ -93,8 +107,8 @@ def test_broadband_level_and_density_are_those_stated():
     noise = {"band_hz": [100.0, 400.0], "source_level_db": 160.0}
     still = {"east_m": 100.0, "course_deg": 0.0, "speed_mps": 0.0}
     source = vessel(closest_approach=None, track=still, line=[], broadband=noise)
-    heard = listen(scene(vessel=[source], duration_s=400.0))[:, 0]
-    hertz, density = welch(heard, 1000.0, nperseg=512, detrend=False)
+    received = listen(scene(vessel=[source], duration_s=400.0))[:, 0]
+    hertz, density = welch(received, 1000.0, nperseg=512, detrend=False)
     distance = np.hypot(100.0, 19.0)
     expected = 10**16.0 / 300.0 / distance**2
     inside = density[(hertz > 110) & (hertz < 390)]
@@ -125,9 +139,9 @@ def test_broadband_sound_reaches_two_sensors_with_the_right_difference():
 @pytest.mark.parametrize("course_deg", [0.0, 81.0, 230.0])
 def test_intensity_points_along_the_bearing_of_the_exact_passage(side, course_deg):
     way = PASSAGE | {"side": side, "course_deg": course_deg}
-    heard = listen(scene(sensor=[DIFAR], vessel=[vessel(closest_approach=way)]))
-    loud = abs(heard[:, 0]) > 0.3 * abs(heard[:, 0]).max()
-    east, north = (heard[loud, :1] * heard[loud, 1:]).T
+    received = listen(scene(sensor=[DIFAR], vessel=[vessel(closest_approach=way)]))
+    loud = abs(received[:, 0]) > 0.3 * abs(received[:, 0]).max()
+    east, north = (received[loud, :1] * received[loud, 1:]).T
     _, bearing, _ = passage(np.flatnonzero(loud) / 1000.0, course_deg, side)
     error = wrap(np.degrees(np.arctan2(east, north)) - bearing)
     assert abs(error).max() < 1e-3
@@ -140,8 +154,8 @@ def test_dipoles_lose_the_cosine_of_the_elevation():
         vessel=[vessel(closest_approach=way)],
         duration_s=10.0,
     )
-    heard = listen(quiet)
-    omni, east, north = (heard**2).reshape(-1, 100, 3).sum(axis=1).T
+    received = listen(quiet)
+    omni, east, north = (received**2).reshape(-1, 100, 3).sum(axis=1).T
     time_s = (np.arange(100) + 0.5) / 10
     distance, _, _ = passage(time_s, 81.0, "port", 30.0, 8.0, 5.0, 40.0)
     expected = 1.0 - (40.0 / distance) ** 2
@@ -186,10 +200,10 @@ def test_line_steps_by_the_change_of_closing_speed_in_a_turn():
         "turn": [{"at_s": 28.0, "course_deg": 0.0, "rate_deg_per_s": 45.0}],
     }
     source = vessel(closest_approach=None, track=track, source_depth_m=22.0)
-    heard = listen(scene(vessel=[source]))[:, 0]
-    time_s = np.arange(heard.size) / 1000.0
-    before = frequency(heard[:20_000], time_s[:20_000], 126.0, 1000.0)
-    after = frequency(heard[40_000:], time_s[40_000:], 126.0, 1000.0)
+    received = listen(scene(vessel=[source]))[:, 0]
+    time_s = np.arange(received.size) / 1000.0
+    before = frequency(received[:20_000], time_s[:20_000], 126.0, 1000.0)
+    after = frequency(received[40_000:], time_s[40_000:], 126.0, 1000.0)
     assert before == pytest.approx(126.0 / (1 - 9.0 / C), abs=1e-5)
     assert after == pytest.approx(126.0, abs=0.06)  # now abeam, 3.7 km off
     assert before - after > 0.7
@@ -197,8 +211,10 @@ def test_line_steps_by_the_change_of_closing_speed_in_a_turn():
 
 def test_range_law_follows_the_stated_spreading():
     for spreading in (10.0, 15.0, 20.0):
-        heard = listen(scene(vessel=[vessel(spreading_db_per_decade=spreading)]))[:, 0]
-        power = (heard**2).reshape(-1, 500).mean(axis=1)
+        received = listen(scene(vessel=[vessel(spreading_db_per_decade=spreading)]))[
+            :, 0
+        ]
+        power = (received**2).reshape(-1, 500).mean(axis=1)
         distance, _, _ = passage((np.arange(120) + 0.5) / 2, 81.0, "port")
         constant = 10 * np.log10(power) + spreading * np.log10(distance)
         assert constant.mean() == pytest.approx(170.0, abs=0.02)
@@ -208,10 +224,10 @@ def test_range_law_follows_the_stated_spreading():
 def test_vessel_is_silent_outside_its_sounding_time():
     always = listen(scene(vessel=[vessel()]))[:, 0]
     hiss = {"band_hz": [50.0, 400.0], "source_level_db": 150.0}
-    heard = listen(scene(vessel=[vessel(sounding_s=[20.0, 40.0])]))[:, 0]
-    assert np.array_equal(heard[25_200:34_900], always[25_200:34_900])
-    assert not heard[:20_050].any()
-    assert not heard[40_200:].any()
+    received = listen(scene(vessel=[vessel(sounding_s=[20.0, 40.0])]))[:, 0]
+    assert np.array_equal(received[25_200:34_900], always[25_200:34_900])
+    assert not received[:20_050].any()
+    assert not received[40_200:].any()
     late = vessel(sounding_s=[40.0, 60.0], broadband=hiss)
     lasting = listen(scene(vessel=[vessel(broadband=hiss)]))[:, 0]
     again = listen(scene(vessel=[late]))[:, 0]

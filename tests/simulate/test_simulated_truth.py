@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from scenes import DIFAR, OMNI, PASSAGE, TONE, scene, vessel
 
+from tests.simulate.scenes import DIFAR, OMNI, PASSAGE, TONE, scene, vessel
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.simulate import Scenario, from_table, simulate_recordings, truth
+from uwtrack_cli.simulate import make_scenario, simulate_recordings, truth
 
 
 def only(scenario):
@@ -47,7 +47,7 @@ def test_knots_and_slant_ranges_mean_the_same_passage():
     assert got["horizontal_range_m"] == pytest.approx(asked["horizontal_range_m"])
 
 
-def test_passage_outside_the_recording_is_still_told_and_marked():
+def test_passage_outside_the_recording_is_still_listed_and_marked():
     found = only(scene(vessel=[vessel(closest_approach=PASSAGE | {"time_s": 75.0})]))
     assert found["time_s"] == pytest.approx(75.0, abs=1e-9)
     assert found["inside"] is False
@@ -105,15 +105,15 @@ MINIMAL = {"seed": 1, "duration_s": 5.0, "sample_rate_hz": 1000.0, "sensor": [OM
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"sede": 1}, "no key 'sede'; known keys: seed"),
+        ({"sede": 1}, r"no key 'sede'. Did you mean 'seed'"),
         ({"seed": -1}, r"scenario.seed must be a whole number"),
         ({"seed": 1.5}, r"got 1.5"),
         ({"seed": True}, r"got True"),
-        ({"duration_s": float("nan")}, r"duration_s must be a number"),
+        ({"duration_s": float("nan")}, r"duration_s must be a finite number"),
         ({"sensor": []}, "at least one"),
         ({"sensor": [OMNI, OMNI]}, "names of their own"),
         ({"sensor": [{"id": "h1", "depth_m": 3.0}]}, r"sensor\[1\]: give either"),
-        ({"sensor": [OMNI | {"kind": "mono"}]}, "'omni' or 'difar', got 'mono'"),
+        ({"sensor": [OMNI | {"kind": "mono"}]}, "'omni', 'difar', got 'mono'"),
         ({"sensor": {"id": "h1"}}, "must be a list"),
         ({"sensor": [OMNI | {"latitude": 3.0}]}, "go together"),
         ({"vessel": [{"line": []}]}, "exactly one of closest_approach and track"),
@@ -128,7 +128,7 @@ MINIMAL = {"seed": 1, "duration_s": 5.0, "sample_rate_hz": 1000.0, "sensor": [OM
 )
 def test_unclear_scenario_is_refused_with_its_place(changes, message):
     with pytest.raises(OptionError, match=message):
-        from_table(Scenario, MINIMAL | changes)
+        make_scenario(MINIMAL | changes)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """Damaged inputs: recordings, products, settings and tables that nobody should trust."""
 
+import contextlib
 import io
+import re
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,10 +11,12 @@ import h5py
 import numpy as np
 import soundfile
 
-from uwtrack_cli.files.seal import sealed
+from uwtrack_cli.files.hdf5.checksum import LINE_BYTES, append_checksum
 
 Random = np.random.Generator
 MUTANTS = ("wav", "hdf5", "toml", "csv")
+METADATA = b"OHDR|OCHK|FRHP|FHDB|FHIB|FADB|FAHD|EAHD|EAIB|EADB|BTHD|BTLF|BTIN|GCOL"
+"""Signatures of the structures inside an HDF5 file."""
 EDGES = (0, 1, 2, 127, 255, 32767, 65535, 2**31 - 1, 2**31, 2**32 - 1)
 
 
@@ -52,7 +56,7 @@ def wav(rng: Random) -> bytes:
 
 
 def product(source: Path, rng: Random, target: Path) -> None:
-    """A product that is sealed again after it was changed, or not sealed at all."""
+    """A product whose checksum was written anew after a change, or was not."""
     if rng.random() < 0.3:
         target.write_bytes(flipped(source.read_bytes(), rng))
         return
@@ -66,7 +70,77 @@ def product(source: Path, rng: Random, target: Path) -> None:
                 _change(file, str(rng.choice(names)), rng)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError):
         target.write_bytes(flipped(data, rng, 2000))
-    target.write_bytes(sealed(target.read_bytes()))
+    with target.open("r+b") as written:
+        append_checksum(written)
+
+
+def forged(source: Path, rng: Random, target: Path) -> None:
+    """A product that was changed and whose checksum was written anew."""
+    data = source.read_bytes()[:-LINE_BYTES]
+    kind = int(rng.integers(3))
+    if kind == 2:
+        target.write_bytes(source.read_bytes())
+        with (
+            contextlib.suppress(OSError, RuntimeError, KeyError, ValueError, TypeError),
+            h5py.File(target, "r+") as file,
+        ):
+            names: list[str] = []
+            file.visit(names.append)
+            for _ in range(int(rng.integers(1, 4))):
+                _change(file, str(rng.choice(names)), rng)
+    elif kind == 1:  # some words of its metadata, which lie near signatures
+        changed = bytearray(data)
+        marks = [found.start() for found in re.finditer(METADATA, data)]
+        for _ in range(int(rng.integers(1, 5))):
+            at = int(rng.choice(marks)) + int(rng.integers(4, 120))
+            size = int(rng.choice([1, 2, 4, 8]))
+            word = int(rng.choice(EDGES)) + int(rng.integers(-2, 3))
+            changed[at : at + size] = (word % 256**size).to_bytes(size, "little")
+        target.write_bytes(_with_metadata_checksums(changed))
+    else:
+        target.write_bytes(flipped(data, rng, 8))
+    with target.open("r+b") as written:
+        append_checksum(written)
+
+
+def _with_metadata_checksums(data: bytearray) -> bytes:
+    """Write the checksums of object headers anew, so that HDF5 goes on to read them."""
+    for found in re.finditer(b"OHDR\x02", bytes(data)):
+        start = found.start()
+        flags = data[start + 5]
+        head = start + 6 + (16 if flags & 0x20 else 0) + (4 if flags & 0x10 else 0)
+        width = 1 << (flags & 3)
+        end = head + width + int.from_bytes(data[head : head + width], "little")
+        if end + 4 <= len(data):
+            total = lookup3(bytes(data[start:end]))
+            data[end : end + 4] = total.to_bytes(4, "little")
+    return bytes(data)
+
+
+def lookup3(data: bytes) -> int:
+    """Return the checksum of HDF5's metadata (Jenkins 2006, hashlittle)."""
+    mask = 0xFFFFFFFF
+
+    def turned(x: int, k: int) -> int:
+        return ((x << k) | (x >> (32 - k))) & mask
+
+    a = b = c = (0xDEADBEEF + len(data)) & mask
+    while len(data) > 12:
+        words = struct.unpack("<3I", data[:12])
+        a, b, c = (a + words[0]) & mask, (b + words[1]) & mask, (c + words[2]) & mask
+        for k in (4, 6, 8, 16, 19, 4):
+            a = ((a - c) & mask) ^ turned(c, k)
+            c = (c + b) & mask
+            a, b, c = b, c, a
+        data = data[12:]
+    if not data:
+        return c
+    words = struct.unpack("<3I", data.ljust(12, b"\0"))
+    a, b, c = (a + words[0]) & mask, (b + words[1]) & mask, (c + words[2]) & mask
+    for k in (14, 11, 25, 16, 4, 14, 24):
+        c = ((c ^ b) - turned(b, k)) & mask
+        a, b, c = b, c, a
+    return b
 
 
 def _change(file: h5py.File, name: str, rng: Random) -> None:
@@ -169,7 +243,19 @@ def commands(
     kind: str, folder: Path, base: Path, rng: Random
 ) -> Iterator[tuple[list[str], bool]]:
     """Write a mutant and yield the command line that meets it."""
-    if kind == "wav":
+    if kind == "forged":
+        forged(base / "base.h5", rng, folder / "m.h5")
+        name = str(rng.choice(["encounters", "lines", "levels", "frames", "families"]))
+        form = str(rng.choice(["csv", "json", "table"]))
+        to = str(rng.choice(["csv", "geojson", "kml", "raven", "netcdf"]))
+        yield from (
+            (["verify", "m.h5", str(base / "base.h5")], True),
+            (["show", "m.h5", name, "--format", form], True),
+            (["export", "m.h5", "--to", to, "-o", "out.x"], True),
+        )
+        if rng.random() < 0.2:  # the slowest
+            yield ["plot", "m.h5", "-o", "out.png"], True
+    elif kind == "wav":
         (folder / "m.wav").write_bytes(wav(rng))
         yield (
             ["run", "m.wav", "-o", "out.h5", "--channel", "1", "--allow-truncated"],

@@ -19,9 +19,9 @@ def base(tmp_path_factory):
     return folder
 
 
-def meet(base, first, count, limit_s):
+def meet(base, first, count, limit_s, *kind):
     done = subprocess.run(
-        [sys.executable, "-m", "tests.stress.fuzz", base, str(first), str(count)],
+        [sys.executable, "-m", "tests.stress.fuzz", base, str(first), str(count), *kind],
         cwd=ROOT, capture_output=True, text=True, check=False, timeout=limit_s,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
@@ -39,9 +39,18 @@ def test_three_hundred_mutants_are_met_with_a_sentence(base):
     check(meet(base, 0, 300, 280))
 
 
+def test_products_with_a_checksum_written_anew_are_met_with_a_sentence(base):
+    check(meet(base, 0, 20, 280, "forged"))
+
+
 @pytest.mark.long
-def test_five_thousand_mutants_are_met_with_a_sentence(base):
-    parts = [meet(base, first, 250, 3000) for first in range(1000, 6000, 250)]
+@pytest.mark.parametrize(
+    ("count", "kind"), [(5000, []), (2500, ["forged"])], ids=["damaged", "forged"]
+)
+def test_thousands_of_mutants_are_met_with_a_sentence(base, count, kind):
+    parts = [
+        meet(base, first, 250, 3000, *kind) for first in range(1000, 1000 + count, 250)
+    ]
     total = {
         "met": sum(part["met"] for part in parts),
         "past_header": sum(part["past_header"] for part in parts),

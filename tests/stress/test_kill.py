@@ -1,5 +1,8 @@
 """Killed, out of disk, or with a source that changes: no half file, no lost source."""
 
+import contextlib
+import hashlib
+import json
 import os
 import resource
 import signal
@@ -7,14 +10,17 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
+import h5py
 import numpy as np
+import psutil
 import pytest
 import soundfile
 
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.audio import open_recording
-from uwtrack_cli.files.product import verify_product
+from uwtrack_cli.files.audio.recording_file import open_recording
+from uwtrack_cli.files.hdf5.product import verify_product
 
 PROGRAM = [sys.executable, "-c", "from uwtrack_cli.cli import main; main()"]
 NOISE = np.random.default_rng(1)
@@ -34,40 +40,117 @@ def start(folder, *words, **options):
     )  # fmt: skip
 
 
-def kill_at_random(sound, folder, n_kills, seed):
-    """Kill runs at random moments; return how many had placed their product."""
+COMMANDS = {
+    "run": (("run", "a.wav", "-o", "out/a.run.h5", "--overwrite"), {"a.run.h5"}),
+    "batch": (
+        ("batch", "in", "-o", "out", "--jobs", "2", "--overwrite"),
+        {"a.run.h5", "b.run.h5", "batch.csv", "batch.jsonl"},
+    ),
+    "report": (
+        ("report", "made.h5", "-o", "out/made.html", "--overwrite"), {"made.html"}
+    ),
+    "export": (
+        ("export", "made.h5", "--to", "netcdf", "-o", "out/made.nc", "--overwrite"),
+        {"made.nc"},
+    ),
+    "spectrogram": (
+        ("spectrogram", "a.wav", "-o", "out/a.h5", "--overwrite"), {"a.h5"}
+    ),
+}  # fmt: skip
+"""Arguments of each command that is killed, and what it may leave in `out`."""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with what the commands read."""
+    folder = tmp_path_factory.mktemp("killed")
+    for name in ("in", "out", "temporary"):
+        (folder / name).mkdir()
+    for name in ("a.wav", "in/a.wav", "in/b.wav"):
+        soundfile.write(folder / name, 0.1 * NOISE.standard_normal(20_000), 1000)
+    made = start(folder, "run", "a.wav", "-o", "made.h5")
+    made.communicate(timeout=120)
+    assert made.returncode == 0
+    return folder
+
+
+def digests(folder):
+    return {
+        path.relative_to(folder): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.rglob("*")
+        if path.is_file() and path.parent.name != "out"
+    }
+
+
+def is_whole(path):
+    """Tell whether a file is what a command writes when nothing disturbs it."""
+    if path.suffix == ".h5":
+        return verify_product(path) == []
+    if path.suffix == ".nc":
+        with h5py.File(path, "r") as file:
+            return "Conventions" in file.attrs
+    text = path.read_text()
+    if path.suffix == ".jsonl":
+        return all(json.loads(line) for line in text.splitlines())
+    return text.endswith("</html>\n" if path.suffix == ".html" else "\n")
+
+
+def empty(folder):
+    for path in folder.iterdir():
+        path.unlink()
+
+
+def orphans(folder):
+    """Return the processes that still run in a folder."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if Path(process.cwd()) == folder:
+                found.append(process)
+    return found
+
+
+def kill_at_random(folder, command, n_kills, seed):
+    """Kill a command at random moments; return how often its output was placed."""
     rng = np.random.default_rng(seed)
-    words = ("spectrogram", sound, "-o", "out.h5", "--overwrite")
+    words, wanted = COMMANDS[command]
+    options = {"env": {**os.environ, "TMPDIR": str(folder / "temporary")}}
+    empty(folder / "out")
     begin = time.monotonic()
-    whole = start(folder, *words)
-    whole.communicate(timeout=120)
-    assert whole.returncode == 0
+    whole = start(folder, *words, **options)
+    _, said = whole.communicate(timeout=300)
+    assert whole.returncode == 0, said
+    assert {path.name for path in (folder / "out").iterdir()} == wanted
     took_s = time.monotonic() - begin
-    before = sound.read_bytes()
+    before = digests(folder)
     n_placed = 0
     for _ in range(n_kills):
-        (folder / "out.h5").unlink(missing_ok=True)
-        running = start(folder, *words)
+        empty(folder / "out")
+        running = start(folder, *words, **options)
         time.sleep(float(rng.uniform(0.2, 1.1)) * took_s)
         running.kill()
-        running.communicate(timeout=60)
-        left = {path.name for path in folder.iterdir()}
-        assert left <= {"out.h5"}, left
-        if left:
-            n_placed += 1
-            assert verify_product(folder / "out.h5") == []
-    assert sound.read_bytes() == before
+        running.wait()
+        psutil.wait_procs(orphans(folder), timeout=10)
+        assert orphans(folder) == []
+        running.communicate()
+        left = list((folder / "out").iterdir())
+        assert {path.name for path in left} <= wanted
+        assert [path for path in left if not is_whole(path)] == []
+        n_placed += bool(left)
+        assert digests(folder) == before
     return n_placed
 
 
-def test_a_killed_run_leaves_a_whole_product_or_none(sound, tmp_path):
-    kill_at_random(sound, tmp_path, 6, 1)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_killed_command_leaves_whole_files_or_none(place, command):
+    kill_at_random(place, command, 2, 1)
 
 
 @pytest.mark.long
-def test_a_hundred_killed_runs_leave_whole_products_or_none(sound, tmp_path):
-    n_placed = kill_at_random(sound, tmp_path, 100, 2)
-    print(f"100 runs killed, {n_placed} after their product was placed")  # noqa: T201
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_hundred_kills_leave_whole_files_or_none(place, command):
+    n_placed = kill_at_random(place, command, 100, 2)
+    print(f"{command}: 100 kills, {n_placed} after a file was placed")  # noqa: T201
     assert n_placed < 100
 
 

@@ -11,12 +11,13 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from uwtrack_cli import __version__
-from uwtrack_cli.cli.screen import set_verbosity
+from uwtrack_cli.cli.console import set_verbosity
 from uwtrack_cli.flow.catalogue import STAGES, summary_of
 
 COMMANDS: dict[str, str] = {
     "run": "run_commands:run",
     "batch": "batch_commands:batch",
+    "passages": "passages_commands:passages",
     "recipes": "run_commands:recipes",
     "rerun": "batch_commands:rerun",
     **dict.fromkeys(STAGES, "chain_commands"),
@@ -51,7 +52,7 @@ class CommandList(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that is called, and import it."""
         if args and args[0] in COMMANDS:
-            return args[0], _load(args[0]), args[1:]
+            return args[0], _load(args[0]), _words(*args)
         return super().resolve_command(ctx, args)
 
 
@@ -59,6 +60,16 @@ def _summary(name: str) -> str:
     if name in STAGES:
         return summary_of(STAGES[name])
     return summary_of(f"uwtrack_cli.cli.{COMMANDS[name]}")
+
+
+def _words(name: str, *words: str) -> list[str]:
+    """Return the words after a command, the values of list options spread out."""
+    if name not in STAGES:
+        return list(words)
+    from uwtrack_cli.cli.command_factory import spread_values
+    from uwtrack_cli.flow.catalogue import find_stage
+
+    return spread_values(find_stage(name), words)
 
 
 def _load(name: str) -> Any:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.doors import AsJson, Output, Overwrite, command
+from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite, command
+from uwtrack_cli.cli.console import SOME_FAILED, progress_bar, put, say, show_table
 from uwtrack_cli.cli.run_commands import DEFAULT_RECIPE, RecipeName, Settings
-from uwtrack_cli.cli.screen import SOME_FAILED, progress_bar, put, say, show_table
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, with_parameters
 from uwtrack_cli.errors import OptionError
 
@@ -85,10 +85,10 @@ def batch(
 
     Writes the products, batch.csv and batch.jsonl into the folder. Exit code 3 when
     some failed; after an interrupt, --resume goes on where it ended. Sensors are not
-    fused: uwtrack locate takes the products of those that heard the same vessel.
+    fused: uwtrack locate takes the products of the sensors that detected the same vessel.
     """
     from uwtrack_cli.flow.batch_sources import find_recordings, make_jobs
-    from uwtrack_cli.flow.shipped import load_recipe
+    from uwtrack_cli.flow.shipped_recipes import load_recipe
 
     own = {parameter.name: options.pop(parameter.name) for parameter in OWN_PARAMETERS}
     made = make_jobs(
@@ -125,9 +125,10 @@ def _joining(own: Mapping[str, Any]) -> "Joining | None":
 def _run(
     made: "Sequence[Job]", folder: Path, jobs: int | None, scheduler: str | None
 ) -> "list[Outcome]":
-    from uwtrack_cli.flow.batch_report import write_report
+    from uwtrack_cli.flow.batch_report import check_report, write_report
     from uwtrack_cli.flow.executors import available_processors, run_jobs
 
+    check_report(folder)
     found: dict[int, Outcome] = {}
     wanted = available_processors() if jobs is None else jobs
     folder.mkdir(parents=True, exist_ok=True)
@@ -182,7 +183,7 @@ def rerun(
     """
     from uwtrack_cli.flow.rerun import rerun_product
 
-    target = output or file.with_name(_again(file.name))
+    target = output or file.parent / _again(file.name)
     rerun_product(file, target, sources=source or [], overwrite=overwrite)
     say(f"wrote {target}; uwtrack diff {file} {target} tells whether it is the same")
 

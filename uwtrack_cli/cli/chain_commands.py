@@ -8,16 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.doors import AsJson, Output, Overwrite, stage_command
+from uwtrack_cli.cli.command_factory import (
+    AsJson,
+    Branch,
+    Output,
+    Overwrite,
+    stage_command,
+)
+from uwtrack_cli.cli.console import progress_bar, say
 from uwtrack_cli.cli.results import is_shown, print_result
-from uwtrack_cli.cli.screen import progress_bar, say
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.flow.catalogue import find_stage
-from uwtrack_cli.flow.recipe import Step
 from uwtrack_cli.flow.stage import Stage
+from uwtrack_cli.flow.step import Step
 
 if TYPE_CHECKING:
     from uwtrack_cli.cli.targets import Inputs
@@ -75,11 +80,12 @@ def _source_parameters() -> list[inspect.Parameter]:
 
 
 def _stream_parameters() -> list[inspect.Parameter]:
-    return [_parameter("source", OneFile), *_ending_parameters()]
+    reading = [_parameter("source", OneFile), _parameter("branch", Branch, None)]
+    return [*reading, *_ending_parameters()]
 
 
 def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
-    parameters = [_parameter("sources", Files)]
+    parameters = [_parameter("sources", Files), _parameter("branch", Branch, None)]
     names = {kind.NAME for kind in _wanted(stage)}
     parameters += [_parameter(*SIDE_TABLES[n], None) for n in SIDE_TABLES if n in names]
     parameters += _ending_parameters()
@@ -89,82 +95,66 @@ def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
 def _source_body(stage: Stage) -> Any:
     def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
         from uwtrack_cli.cli.targets import product_name, writer_for
-        from uwtrack_cli.flow.products import history_of, source_of_recording
+        from uwtrack_cli.flow.products import source_into_product
 
         source: Path = own["source"]
-        step = Step(stage.name, options)
         recording = open_source(source, own)
-        blocks = stage.function(recording, **options)
         target = own["output"] or product_name(source, stage.suffix)
-        history = history_of([], step, [source_of_recording(recording)])
-        overwrite = bool(own["overwrite"])
         with (
             progress_bar(stage.name, recording.duration_s) as done,
-            writer_for(target, history, overwrite=overwrite, inputs=[source]) as writer,
+            writer_for(target, overwrite=own["overwrite"], inputs=[source]) as writer,
         ):
-            for container in _with_overview(blocks):
-                writer.append(container)
-                if isinstance(container, Spectrogram):
-                    done(float(container.frames.time_s[-1]))
-            writer.write(recording)
-            writer.write(recording.sensor)
+            source_into_product(_step(stage, options), recording, writer, done)
         say(f"wrote {target}")
 
     return body
 
 
-def _with_overview(blocks: Any) -> Any:
-    """Pass blocks on, each followed by what the overview makes of it."""
-    from uwtrack_cli.flow.chain import StreamNode
-
-    node = StreamNode(Step("overview", {}))
-    for block in blocks:
-        yield block
-        yield node.push(block)
-    yield from node.finish()
-
-
 def _stream_body(stage: Stage) -> Any:
     def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
         from uwtrack_cli.cli.targets import open_product, target_for, writer_for
-        from uwtrack_cli.flow.products import (
-            history_of,
-            source_of_product,
-            stream_stage,
-        )
+        from uwtrack_cli.flow.branches import refuse_unknown_step
+        from uwtrack_cli.flow.products import stream_into_product
 
         source: Path = own["source"]
-        step = Step(stage.name, options)
-        with open_product(source) as product:
-            target = target_for(own["output"], source, stage.suffix)
-            history = history_of([product], step, [source_of_product(product)])
-            overwrite = bool(own["overwrite"])
-            with writer_for(
-                target, history, overwrite=overwrite, inputs=[source]
-            ) as writer:
-                made = stream_stage(step, product, writer)
+        branch: str | None = own["branch"]
+        target = target_for(own["output"], source, stage.suffix)
+        with (
+            open_product(source) as product,
+            writer_for(target, overwrite=own["overwrite"], inputs=[source]) as writer,
+        ):
+            refuse_unknown_step([product], branch)
+            made = stream_into_product(_step(stage, options), product, writer, branch)
         say_sensitivity(made)
         say(f"wrote {target}")
 
     return body
 
 
+def _step(stage: Stage, options: Mapping[str, Any]) -> Step:
+    return Step(stage.name, stage.name, options)
+
+
 def _whole_body(stage: Stage) -> Any:
     def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
-        from uwtrack_cli.cli.targets import target_for, write_containers
-        from uwtrack_cli.flow.products import history_of, whole_stage
+        from uwtrack_cli.cli.targets import PIPE, target_for, write_containers
+        from uwtrack_cli.files.atomic import check_target
+        from uwtrack_cli.flow.products import extended_history, whole_result
 
         sources: list[Path] = own["sources"]
-        step = Step(stage.name, options)
+        step = _step(stage, options)
         with ExitStack() as stack:
             read = _read_sources(stage, own, stack)
-            made = whole_stage(step, read.containers, read.products)
-            history = history_of(read.products, step, read.sources)
-        target = target_for(own["output"], sources[0], stage.suffix)
-        overwrite = bool(own["overwrite"])
+            target = target_for(own["output"], sources[0], stage.suffix)
+            overwrite = bool(own["overwrite"])
+            if target != PIPE:  # not after the work
+                check_target(target, overwrite=overwrite)
+            made = whole_result(step, read.held, read.products)
+            history = extended_history(read.products, step, read.sources, own["branch"])
         write_containers(target, made, history, overwrite=overwrite, inputs=sources)
-        if is_shown(made[-1]):
-            print_result(made[-1], as_json=own["json_output"])
+        result = made[-1].container
+        if is_shown(result):
+            print_result(result, as_json=own["json_output"])
         say(f"wrote {target}")
 
     return body
@@ -176,10 +166,12 @@ def _wanted(stage: Stage) -> tuple[type[Container], ...]:
 
 def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "Inputs":
     from uwtrack_cli.cli.targets import Inputs
+    from uwtrack_cli.flow.branches import refuse_unknown_step
 
-    read = Inputs(stack)
+    read = Inputs(stack, own["branch"])
     for source in own["sources"]:
         read.add(source, _wanted(stage))
+    refuse_unknown_step(read.products, own["branch"])
     for kind in _wanted(stage):
         name, _ = SIDE_TABLES.get(kind.NAME, ("", None))
         if own.get(name) is not None:

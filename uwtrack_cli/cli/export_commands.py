@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from uwtrack_cli.cli.doors import Output, Overwrite, command
-from uwtrack_cli.cli.screen import say
+from uwtrack_cli.cli.command_factory import Branch, Output, Overwrite, command
+from uwtrack_cli.cli.console import say
 from uwtrack_cli.cli.targets import PIPE, open_product, product_name
 from uwtrack_cli.errors import DataError, OptionError
 
@@ -34,6 +34,7 @@ def export(
     sensor: Annotated[
         str | None, typer.Option("--sensor", help="Sensor, where there are several.")
     ] = None,
+    step: Branch = None,
     output: Output = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -52,24 +53,32 @@ def export(
     with open_product(file) as product:
         export_product(
             product, form, target, container=container, sensor=sensor,
-            overwrite=overwrite, inputs=inputs,
+            step=step, overwrite=overwrite, inputs=inputs,
         )  # fmt: skip
     say(f"wrote {target}")
 
 
 def report(
-    *, file: ProductFile, output: Output = None, overwrite: Overwrite = False
+    *,
+    file: ProductFile,
+    step: Branch = None,
+    output: Output = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a page about a recording: results, pictures, history; all in one file."""
     try:
-        from uwtrack_cli.plotting.report import write_report
+        from uwtrack_cli.plotting.report import SHOWN, write_report
     except ImportError as error:
         msg = f"reports need matplotlib ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
+    from uwtrack_cli.flow.branches import refuse_unknown_step, sole_keys
+
     target = _target(output, file, ".html")
     inputs = () if file == PIPE else (file,)
     with open_product(file) as product:
-        write_report(product, target, overwrite=overwrite, inputs=inputs)
+        refuse_unknown_step([product], step)
+        keys = sole_keys(product, step, SHOWN)
+        write_report(product, target, keys=keys, overwrite=overwrite, inputs=inputs)
     say(f"wrote {target}")
 
 

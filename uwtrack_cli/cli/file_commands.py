@@ -3,14 +3,24 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.doors import AsJson, Overwrite, command
-from uwtrack_cli.cli.screen import FAILED, put, say
+from uwtrack_cli.cli.command_factory import AsJson, Branch, Overwrite, command
+from uwtrack_cli.cli.console import FAILED, put, say
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.errors import DataError, OptionError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from uwtrack_cli.data.base import Container
+    from uwtrack_cli.files.hdf5.product import Product
+
+DRAWN = frozenset({"overview", "levels", "lines", "encounters", "fixes", "motions",
+                   "target", "decision"})  # fmt: skip
+"""Containers of which a page shows one."""
 
 ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
 
@@ -34,13 +44,15 @@ def info(*, file: ProductFile, json_output: AsJson = False) -> None:
 
 
 def _facts(product: Any) -> dict[str, Any]:
-    from uwtrack_cli.files.reading import container_group
-
-    containers = []
-    for sensor, names in product.containers().items():
-        for name in names:
-            columns = _columns(product, container_group, sensor, name)
-            containers.append({"container": name, "sensor": sensor, "columns": columns})
+    containers = [
+        {
+            "container": key.name,
+            "sensor": key.sensor,
+            "step": key.step,
+            "columns": _columns(product, key),
+        }
+        for key in product.paths
+    ]
     return {
         "file": product.name,
         "schema_version": product.schema_version,
@@ -52,22 +64,13 @@ def _facts(product: Any) -> dict[str, Any]:
     }
 
 
-def _columns(
-    product: Any, container_group: Any, sensor: str | None, name: str
-) -> list[dict[str, Any]]:
-    from uwtrack_cli.files.reading import column_dataset
-    from uwtrack_cli.files.registry import container_class
+def _columns(product: Any, key: Any) -> list[dict[str, Any]]:
+    from uwtrack_cli.files.hdf5.layout import container_class
 
-    kind = container_class(name)
-    group = container_group(product.file, product.paths[sensor, name], kind)
+    columns = container_class(key.name).columns()
     return [
-        {
-            "name": column,
-            "shape": list(column_dataset(group, column, spec).shape),
-            "units": spec.unit,
-        }
-        for column, spec in kind.columns().items()
-        if column in group
+        {"name": column, "shape": list(shape), "units": columns[column].unit}
+        for column, shape in product.shapes(key).items()
     ]
 
 
@@ -76,6 +79,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     lines = [f"{facts['file']}: {made}, schema {facts['schema_version']}"]
     for item in facts["containers"]:
         of = f" of {item['sensor']}" if item["sensor"] else ""
+        of += f" by {item['step']}" if item["step"] else ""
         lines.append(f"  {item['container']}{of}")
         for column in item["columns"]:
             shape = " x ".join(map(str, column["shape"]))
@@ -85,16 +89,23 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     for step in facts["history"]:
         options = ", ".join(f"{k}={v}" for k, v in step["options"].items())
         read = "".join(f" <- {source['name']}" for source in step["sources"])
-        lines.append(f"    {step['stage']}({options}){read}")
+        named = "" if step["name"] in {"", step["stage"]} else f"{step['name']} = "
+        lines.append(f"    {named}{step['stage']}({options}){read}")
     return lines
 
 
 def show(
     *,
-    file: ProductFile,
+    file: Annotated[
+        Path | None, typer.Argument(help="Product; - is standard input.")
+    ] = None,
     container: Annotated[
-        str, typer.Argument(help="Name of the container: encounters, lines, peaks ...")
-    ],
+        str | None,
+        typer.Argument(
+            help="Name of the container: encounters, lines, peaks ...; without it the "
+            "result that the command printed."
+        ),
+    ] = None,
     form: Annotated[
         Literal["table", "csv", "json", "jsonl"],
         typer.Option("--format", help="How it is written."),
@@ -102,24 +113,113 @@ def show(
     sensor: Annotated[
         str | None, typer.Option("--sensor", help="Sensor, where there are several.")
     ] = None,
+    step: Branch = None,
+    schema: Annotated[
+        str | None,
+        typer.Option(
+            "--schema",
+            help="Print the JSON Schema of an output instead: of a container, or of "
+            "info, batch, passages, diff, score, study.",
+        ),
+    ] = None,
 ) -> None:
-    """Print a container of a product on standard output."""
-    from uwtrack_cli.files.registry import CONTAINERS
-    from uwtrack_cli.files.tables import write_table
+    """Print a container of a product on standard output.
 
+    Without a container, the table that the command printed which made the product.
+    """
+    from uwtrack_cli.files.hdf5.layout import CONTAINERS
+    from uwtrack_cli.files.tables.container_tables import write_table
+    from uwtrack_cli.flow.branches import read_of_branch, refuse_unknown_step
+
+    if schema is not None:
+        from uwtrack_cli.cli.json_schemas import json_schema
+
+        if file is not None:
+            msg = f"--schema prints a schema and reads no file; leave out {file}."
+            raise OptionError(msg)
+        put(json.dumps(json_schema(schema), indent=2, ensure_ascii=False).splitlines())
+        return
+    if file is None:
+        msg = "name the product to show, or an output with --schema."
+        raise OptionError(msg)
+    if container is None:
+        _show_result(file, form, sensor, step)
+        return
     if container not in CONTAINERS:
         msg = f"there is no container {container!r}; there are {', '.join(CONTAINERS)}."
         raise OptionError(msg)
     with open_product(file) as product:
-        put(write_table(product.read(CONTAINERS[container], sensor), form))
+        refuse_unknown_step([product], step)
+        found = read_of_branch(product, CONTAINERS[container], sensor, step)
+        put(write_table(found, form))
+
+
+def _show_result(file: Path, form: str, sensor: str | None, step: str | None) -> None:
+    """Print the last result of a product that has a summary."""
+    from uwtrack_cli.cli.results import is_shown, print_result
+    from uwtrack_cli.files.hdf5.layout import CONTAINERS
+    from uwtrack_cli.files.tables.container_tables import write_table
+    from uwtrack_cli.flow.branches import read_of_branch, refuse_unknown_step
+
+    with open_product(file) as product:
+        refuse_unknown_step([product], step)
+        held = {key.name for key in product.paths}
+        name = next((n for n in _results(product) if n in held), None)
+        if name is None:
+            msg = (
+                f"{file} holds no result, but {', '.join(sorted(held))}; "
+                f"name what to show: uwtrack show {file} {min(held, default='lines')}."
+            )
+            raise DataError(msg)
+        found = read_of_branch(product, CONTAINERS[name], sensor, step)
+    if form == "table" and is_shown(found):
+        print_result(found, as_json=False, is_data=True)
+    else:
+        put(write_table(found, form))
+
+
+def _results(product: "Product") -> tuple[str, ...]:
+    """Return results in the order in which the command that made them prints one."""
+    from uwtrack_cli.flow.catalogue import STAGES, find_stage
+
+    usual = ("encounters", "motions", "fixes", "target", "decision")
+    last = product.history[-1] if product.history else None
+    if last is not None and last.sources and last.stage in STAGES:
+        return (find_stage(last.stage).output.NAME, *usual)  # one stage by itself
+    is_fused = len({key.sensor for key in product.paths if key.sensor}) > 1
+    return ("fixes", *usual) if is_fused else usual
+
+
+def _refuse_second(
+    file: Path,
+    before: "Sequence[Container]",
+    added: "Sequence[Container]",
+    owners: dict[str, Path],
+) -> None:
+    """Refuse a file that repeats, with other content, what an earlier one holds."""
+    for container in added:
+        name = container.NAME
+        known = owners.setdefault(name, file)
+        same = any(container.equals(other) for other in before)
+        if known != file and name in DRAWN and not same:
+            msg = (
+                f"{known} and {file} both hold {name}, and a page shows one recording: "
+                f"plot them one by one."
+            )
+            raise DataError(msg)
 
 
 def verify(
     *,
     files: Annotated[list[Path], typer.Argument(help="Products to check.")],
 ) -> None:
-    """Check products for damage: checksums, completeness, schema, history."""
-    from uwtrack_cli.files.product import verify_product
+    """Check products for damage: checksums, completeness, schema, history.
+
+    A checksum shows damage, not forgery: it has no key, and whoever changes a product
+    can write it anew. Such a file is refused where it could do harm (it is read in a
+    process of its own, with limits on time and memory), but its numbers are not proved.
+    """
+    from uwtrack_cli.files.hdf5.product import verify_product
 
     damaged = False
     for file in files:
@@ -138,12 +238,15 @@ def plot(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Picture: PNG, PDF or SVG.")
     ],
+    step: Branch = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Draw the lofargram with lines and fits, bearings, level and map."""
     from contextlib import ExitStack
 
     from uwtrack_cli.cli.targets import Inputs
+    from uwtrack_cli.files.hdf5.layout import CONTAINERS
+    from uwtrack_cli.flow.branches import refuse_unknown_step
 
     try:
         from uwtrack_cli.plotting.page import draw_page
@@ -151,8 +254,14 @@ def plot(
         msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
     with ExitStack() as stack:
-        inputs = Inputs(stack)
+        inputs = Inputs(stack, step)
+        drawn = tuple(CONTAINERS[name] for name in sorted(DRAWN))
+        owners: dict[str, Path] = {}
         for file in files:
-            inputs.add(file, ())
-    draw_page(inputs.containers, output, overwrite=overwrite)
+            before = [held.container for held in inputs.held]
+            inputs.add(file, drawn)
+            containers = [held.container for held in inputs.held]
+            _refuse_second(file, before, containers[len(before) :], owners)
+        refuse_unknown_step(inputs.products, step)
+    draw_page(containers, output, overwrite=overwrite)
     say(f"wrote {output}")

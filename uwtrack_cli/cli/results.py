@@ -1,8 +1,8 @@
-"""Results for people and for programs: a short table, or JSON."""
+"""Results for people and for programs: a short table or sentences, or JSON."""
 
-from uwtrack_cli.cli.screen import put, say, show_table
-from uwtrack_cli.data.base import Container
-from uwtrack_cli.files.summaries import SUMMARIES
+from uwtrack_cli.cli.console import put, say, show_table
+from uwtrack_cli.data.base import Container, HasReasons
+from uwtrack_cli.files.tables.summaries import SUMMARIES
 
 NOTHING = {
     "encounters": "no vessel was found",
@@ -11,34 +11,71 @@ NOTHING = {
 }
 
 
-SPOKEN = {"motions": ("report", "statement")}
+STATED = frozenset({"target", "decision"})
+"""Containers whose result is told in sentences, the ``statements`` of the container."""
+
+SPOKEN = {"motions": ("report", "statement"), "fixes": ("statement",)}
 """Texts of a container that a reader of its summary must know."""
 
 
 def is_shown(container: Container) -> bool:
     """Tell whether a container has a summary."""
-    return container.NAME in SUMMARIES
+    return container.NAME in SUMMARIES or container.NAME in STATED
 
 
-def print_result(container: Container, *, as_json: bool) -> None:
-    """Print a result as JSON on standard output, or as a summary for people."""
-    from uwtrack_cli.files.json_rows import json_rows
-    from uwtrack_cli.files.tables import write_table
+def print_result(container: Container, *, as_json: bool, is_data: bool = False) -> None:
+    """Print a result as JSON on standard output, or as a summary for people.
+
+    Parameters
+    ----------
+    container
+        The result.
+    as_json
+        Whether programs read it.
+    is_data
+        Whether the summary is what was asked for, and goes to standard output.
+    """
+    from uwtrack_cli.files.tables.container_tables import write_table
 
     if as_json:
         put(write_table(container, "json"))
         return
+    if container.NAME in STATED:
+        _print_statements(container, is_data=is_data)
+    else:
+        _print_summary(container, is_data=is_data)
+
+
+def _print_statements(container: Container, *, is_data: bool) -> None:
+    """Print the verdict in sentences; what limits it goes to the console."""
+    statements: tuple[str, ...] = getattr(container, "statements", ())
+    if is_data:
+        put(statements)
+    else:
+        for statement in statements:
+            say(statement)
+    if isinstance(container, HasReasons):
+        for row in range(len(statements)):
+            for reason in container.reasons(row).values():
+                say(reason)
+
+
+def _print_summary(container: Container, *, is_data: bool) -> None:
+    """Print the columns of the summary; what is missing goes to the console."""
+    from uwtrack_cli.files.tables.json_rows import json_rows
+
     rows = json_rows(container)
     if not rows:
         say(NOTHING[container.NAME])
         return
     heads = SUMMARIES[container.NAME]
     shown = [[head.text(row) for head in heads] for row in rows]
-    show_table([head.title for head in heads], shown)
+    show_table([head.title for head in heads], shown, is_data=is_data)
     for name in SPOKEN.get(container.NAME, ()):
         texts = getattr(container, name)
         for text in [texts] if isinstance(texts, str) else texts.tolist():
-            say(text)
+            if text:
+                say(text)
     keys = {head.key for head in heads}
     for row in rows:
         for key, reason in (row.get("reasons") or {}).items():

@@ -2,20 +2,24 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.doors import AsJson, Output, Overwrite, command
+from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite, command
+from uwtrack_cli.cli.console import progress_bar, put, say
 from uwtrack_cli.cli.results import print_result
-from uwtrack_cli.cli.screen import progress_bar, put, say
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import DataError, OptionError
+
+if TYPE_CHECKING:
+    from uwtrack_cli.flow.products import Held
+    from uwtrack_cli.flow.recipe import Recipe
 
 DEFAULT_RECIPE = "vessel"
 
@@ -24,13 +28,27 @@ RecipeName = Annotated[
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", help="Override an option: STAGE.OPTION=VALUE; may repeat."),
+    typer.Option("--set", help="Override an option: STEP.OPTION=VALUE; may repeat."),
 ]
+
+
+SENSOR_EACH = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--sensor",
+        help="Sensor file of each recording, in their order, or one deployment file.",
+    ),
+]
+"""How `run` takes sensors: one for each recording."""
 
 
 def register(app: typer.Typer, name: str) -> None:
     """Add the command of a name."""
-    named = {"run": with_parameters(run, SOURCE_PARAMETERS), "recipes": recipes}
+    own = [
+        p.replace(annotation=SENSOR_EACH) if p.name == "sensor" else p
+        for p in SOURCE_PARAMETERS
+    ]
+    named = {"run": with_parameters(run, own), "recipes": recipes}
     command(app, name)(named[name])
 
 
@@ -55,36 +73,38 @@ def run(
     Writes pass.run.h5 with everything but the spectrogram and prints the encounters.
     Recordings of different sensors that overlap in time are fused into one more file.
     """
-    from uwtrack_cli.cli.targets import write_containers
+    from uwtrack_cli.cli.targets import PIPE, product_name, write_containers
     from uwtrack_cli.files.atomic import check_target
     from uwtrack_cli.flow.fusion import plan_fusion
-    from uwtrack_cli.flow.shipped import load_recipe
+    from uwtrack_cli.flow.shipped_recipes import load_recipe
 
     chosen = load_recipe(recipe).with_settings(settings or [])
     if output is not None and len(sources) > 1:
         msg = f"--output names one file, and there are {len(sources)} recordings."
         raise OptionError(msg)
     keep: list[type[Container]] = [Peaks, Families] if keep_peaks else []
-    recordings = [open_source(source, source_options) for source in sources]
+    sensors = _sensor_of_each(sources, source_options.pop("sensor"))
+    recordings = [
+        open_source(source, {**source_options, "sensor": sensor})
+        for source, sensor in zip(sources, sensors, strict=True)
+    ]
     fusion = plan_fusion(chosen, sources, recordings)
     if fusion is not None:  # not after an hour's work
         check_target(fusion.target, overwrite=overwrite, inputs=sources)
-    made: list[Container] = []
-    for source, recording in zip(sources, recordings, strict=True):
-        target = _target(source, output)
+    targets = [output or product_name(source, ".run.h5") for source in sources]
+    _refuse_twice(sources, targets)
+    for target in targets:
+        if target != PIPE:
+            check_target(target, overwrite=overwrite, inputs=sources)
+    made: list[Held] = []
+    for source, recording, target in zip(sources, recordings, targets, strict=True):
         made += _run_one(source, recording, chosen, keep, target, overwrite=overwrite)
     _print_all(made, as_json=json_output)
     if fusion is not None:
         fused = fusion.apply(made)
         write_containers(fusion.target, fused, fusion.history(), overwrite=overwrite)
-        print_result(fused[-1], as_json=False)
+        print_result(fused[-1].container, as_json=False)
         say(f"wrote {fusion.target}")
-
-
-def _target(source: Path, output: Path | None) -> Path:
-    from uwtrack_cli.cli.targets import product_name
-
-    return output or product_name(source, ".run.h5")
 
 
 def _run_one(
@@ -95,25 +115,53 @@ def _run_one(
     target: Path,
     *,
     overwrite: bool,
-) -> list[Container]:
-    from uwtrack_cli.cli.targets import PIPE, write_containers
-    from uwtrack_cli.files.atomic import check_target
-    from uwtrack_cli.flow.chain import run_recipe
-    from uwtrack_cli.flow.products import history_of_recipe
+) -> list["Held"]:
+    from uwtrack_cli.cli.targets import writer_for
+    from uwtrack_cli.flow.products import run_into_product
 
-    if target != PIPE:  # not after an hour's work
-        check_target(target, overwrite=overwrite, inputs=[source])
-    with progress_bar(source.name, recording.duration_s) as done:
-        made = run_recipe(recording, recipe, keep=keep, progress=done)
-    history = history_of_recipe(recipe, recording)
-    write_containers(target, made, history, overwrite=overwrite, inputs=[source])
-    say_sensitivity(made)
+    with (
+        progress_bar(source.name, recording.duration_s) as done,
+        writer_for(target, overwrite=overwrite, inputs=[source]) as writer,
+    ):
+        made = run_into_product(recording, recipe, writer, keep=keep, progress=done)
+    say_sensitivity([held.container for held in made])
     say(f"wrote {target}")
     return made
 
 
-def _print_all(made: Sequence[Container], *, as_json: bool) -> None:
-    found = [c for c in made if isinstance(c, Encounters)]
+def _sensor_of_each(
+    sources: Sequence[Path], sensors: Sequence[Path] | None
+) -> list[Path | None]:
+    """Return the sensor file of each recording: one each, or one deployment for all."""
+    from uwtrack_cli.files.tables.sensors import load_deployment
+
+    if not sensors:
+        return [None] * len(sources)
+    if len(sensors) == len(sources):
+        return list(sensors)
+    if len(sensors) == 1 and any(d.files for d in load_deployment(sensors[0])):
+        return [sensors[0]] * len(sources)
+    msg = (
+        f"{len(sources)} recordings take one --sensor each, in the same order, or one "
+        f"deployment file with `files` patterns; got {len(sensors)} sensor files."
+    )
+    raise OptionError(msg)
+
+
+def _refuse_twice(sources: Sequence[Path], targets: Sequence[Path]) -> None:
+    """Refuse two recordings that would be written to one file."""
+    for target in targets:
+        clash = [str(s) for s, t in zip(sources, targets, strict=True) if t == target]
+        if len(clash) > 1:
+            msg = (
+                f"{' and '.join(clash)} would both be written to {target}; "
+                f"run them apart, with --output."
+            )
+            raise OptionError(msg)
+
+
+def _print_all(made: Sequence["Held"], *, as_json: bool) -> None:
+    found = [h.container for h in made if isinstance(h.container, Encounters)]
     if found:
         print_result(Encounters.join(found), as_json=as_json)
 
@@ -124,13 +172,44 @@ def recipes(
         str | None,
         typer.Option("--show", help="Print a recipe as TOML with every default."),
     ] = None,
+    graph: Annotated[
+        str | None,
+        typer.Option(
+            "--graph", help="Print which step reads which, or draw it with -o."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Picture of --graph: PNG, PDF or SVG."),
+    ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
-    """List the shipped recipes, or print one with every value."""
-    from uwtrack_cli.flow.shipped import load_recipe, shipped_recipes
+    """List the shipped recipes, print one with every value, or draw its graph."""
+    from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
 
+    if output is not None and graph is None:
+        msg = "--output is the picture of a graph: name the recipe with --graph."
+        raise OptionError(msg)
     if show is not None:
-        put([load_recipe(show).to_toml().rstrip("\n")])
+        put(load_recipe(show).to_toml().splitlines())
+    if graph is not None:
+        _graph(load_recipe(graph), output, overwrite=overwrite)
+    if show is None and graph is None:
+        names = shipped_recipes()
+        width = max(map(len, names))
+        put(f"{name:{width}}  {load_recipe(name).description}" for name in names)
+
+
+def _graph(recipe: "Recipe", output: Path | None, *, overwrite: bool) -> None:
+
+    joined = recipe.graph()
+    if output is None:
+        put(joined.lines())
         return
-    names = shipped_recipes()
-    width = max(map(len, names))
-    put(f"{name:{width}}  {load_recipe(name).description}" for name in names)
+    try:
+        from uwtrack_cli.plotting.recipe_graph import draw_recipe_graph
+    except ImportError as error:
+        msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
+        raise DataError(msg) from error
+    draw_recipe_graph(joined.edges(), recipe.name, output, overwrite=overwrite)
+    say(f"wrote {output}")

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from uwtrack_cli.cli.doors import Overwrite, command
-from uwtrack_cli.cli.screen import put, say
+from uwtrack_cli.cli.command_factory import Overwrite, command
+from uwtrack_cli.cli.console import put, say
 
 
 def register(app: typer.Typer, name: str) -> None:
@@ -28,8 +28,8 @@ def simulate(
 
     Writes pass.wav, pass.sensor.toml and pass.truth.json.
     """
-    from uwtrack_cli.files.samples import write_simulation
-    from uwtrack_cli.files.scenario import read_scenario
+    from uwtrack_cli.flow.sample_recordings import write_simulation
+    from uwtrack_cli.flow.scenario_file import read_scenario
 
     for path in write_simulation(read_scenario(scenario), output, overwrite=overwrite):
         say(f"wrote {path}")
@@ -46,7 +46,7 @@ def sample(
     overwrite: Overwrite = False,
 ) -> None:
     """Copy a sample recording with its sensor file and truth, or list the samples."""
-    from uwtrack_cli.flow.shipped import copy_sample, sample_names
+    from uwtrack_cli.flow.shipped_recipes import copy_sample, sample_names
 
     if name is None:
         put(sample_names())

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.doors import AsJson, command
-from uwtrack_cli.cli.screen import OUTSIDE, put, say, show_table
+from uwtrack_cli.cli.command_factory import AsJson, Branch, command
+from uwtrack_cli.cli.console import OUTSIDE, put, say, show_table
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.errors import OptionError
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.comparison import Difference
-    from uwtrack_cli.flow.score_product import ProductScore
+    from uwtrack_cli.flow.scoring.score_product import ProductScore
 
 ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
 Tolerance = Annotated[
@@ -50,7 +50,7 @@ def diff(
     --atol per quantity: [encounters] speed_mps = { rtol = 1e-3, atol = 0.01 }.
     """
     from uwtrack_cli.flow.comparison import compare_products
-    from uwtrack_cli.flow.tolerances import read_closeness
+    from uwtrack_cli.flow.scoring.tolerances import read_closeness
 
     if not (rtol >= 0.0 and atol >= 0.0):
         msg = f"--rtol and --atol must be 0 or more, got {rtol} and {atol}."
@@ -71,6 +71,7 @@ def diff(
 
 def _difference_line(item: "Difference") -> str:
     of = f" of {item.sensor}" if item.sensor else ""
+    of += f" by {item.step}" if item.step else ""
     name = f"{item.container}.{item.quantity}" if item.quantity else item.container
     line = f"{name}{of} {item.reason}"
     if item.n_different:
@@ -93,6 +94,7 @@ def score(
     cutoff_m: Annotated[
         float, typer.Option(help="Cut-off of GOSPA and OSPA in m.")
     ] = 500.0,
+    step: Branch = None,
     json_output: AsJson = False,
 ) -> None:
     """Compare a result with truth: errors in units, percent and deviations.
@@ -101,14 +103,14 @@ def score(
     exit code 4 when an error is outside its limit, such as
     [encounters] speed_mps = { percent = 2.0, sigmas = 4.0 }.
     """
-    from uwtrack_cli.flow.score_product import read_any_truth, score_product
-    from uwtrack_cli.flow.tolerances import read_requirements
+    from uwtrack_cli.flow.scoring.score_product import read_any_truth, score_product
+    from uwtrack_cli.flow.scoring.tolerances import read_requirements
 
     wanted = read_requirements(tolerance) if tolerance else None
     known = read_any_truth(truth)
     with open_product(file) as product:
         found = score_product(
-            product, known, wanted, within_m=within_m, cutoff_m=cutoff_m
+            product, known, wanted, step=step, within_m=within_m, cutoff_m=cutoff_m
         )
     if json_output:
         put([json.dumps(_plain(asdict(found)), ensure_ascii=False)])

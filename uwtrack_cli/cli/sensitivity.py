@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from uwtrack_cli.cli.screen import say
+from uwtrack_cli.cli.console import say
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.lines import Lines
 

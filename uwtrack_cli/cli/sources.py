@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.screen import say
+from uwtrack_cli.cli.console import say
 from uwtrack_cli.data.recording import Recording
 
 

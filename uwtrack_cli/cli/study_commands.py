@@ -8,12 +8,16 @@ from typing import Annotated
 
 import typer
 
-from uwtrack_cli.cli.doors import AsJson, command
-from uwtrack_cli.cli.screen import put, say
+from uwtrack_cli.cli.command_factory import AsJson, command
+from uwtrack_cli.cli.console import put, say
+from uwtrack_cli.data.options import shown
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.flow.catalogue import summary_of
-from uwtrack_cli.flow.studies.catalogue import STUDIES
-from uwtrack_cli.flow.studies.table import Study
+from uwtrack_cli.studies.catalogue import STUDIES
+from uwtrack_cli.studies.study import Study
+
+MAX_RUNS = 1_000_000
+"""Most runs of a study; it would take weeks."""
 
 
 def register(app: typer.Typer, name: str) -> None:
@@ -49,8 +53,8 @@ def study(
     if name not in STUDIES:
         msg = f"there is no study {name!r}; there are {', '.join(STUDIES)}."
         raise OptionError(msg)
-    if runs is not None and runs < 1:
-        msg = f"--runs must be at least 1, got {runs}."
+    if runs is not None and not 1 <= runs <= MAX_RUNS:
+        msg = f"--runs must be at least 1 and at most {MAX_RUNS}, got {shown(runs)}."
         raise OptionError(msg)
     module, _, function = STUDIES[name].partition(":")
     chosen = {} if runs is None else {"runs": runs}

@@ -10,9 +10,16 @@ from typing import TYPE_CHECKING
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.input_ledger import read_standard_input
 
 if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
-    from uwtrack_cli.files.product import HistoryStep, Product, ProductWriter, Source
+    from uwtrack_cli.files.hdf5.product import (
+        HistoryStep,
+        Product,
+        ProductWriter,
+        Source,
+    )
+    from uwtrack_cli.flow.products import Held
 
 PIPE = Path("-")
 """Standard input or output."""
@@ -21,6 +28,11 @@ PIPE = Path("-")
 def product_name(source: Path, suffix: str) -> Path:
     """Return the default output beside a source: pass.wav -> pass.lines.h5.
 
+    Raises
+    ------
+    DataError
+        The source is a folder that has no name.
+
     Examples
     --------
     >>> product_name(Path("a/pass.peaks.h5"), ".lines.h5").as_posix()
@@ -28,6 +40,9 @@ def product_name(source: Path, suffix: str) -> Path:
     >>> product_name(Path("20.1.wav"), ".lines.h5").as_posix()
     '20.1.lines.h5'
     """
+    if not source.name:
+        msg = f"{source} is a folder, not a file."
+        raise DataError(msg)
     stem = source.stem
     if source.suffix == ".h5" and "." in stem:
         stem = stem.rpartition(".")[0]
@@ -43,23 +58,23 @@ def target_for(output: Path | None, source: Path, suffix: str) -> Path:
 
 def open_product(source: Path) -> "Product":
     """Open a product file, or one that comes through standard input."""
-    from uwtrack_cli.files.product import read_product, read_product_bytes
+    from uwtrack_cli.files.hdf5.product import read_product, read_product_bytes
 
     if source == PIPE:
-        return read_product_bytes(sys.stdin.buffer.read())
+        return read_product_bytes(read_standard_input())
     return read_product(source)
 
 
 @contextmanager
 def writer_for(
     target: Path,
-    history: "Sequence[HistoryStep]",
+    history: "Sequence[HistoryStep]" = (),
     *,
     overwrite: bool,
     inputs: Sequence[Path] = (),
 ) -> "Iterator[ProductWriter]":
     """Write a product to a file, or by way of a temporary one to a pipe."""
-    from uwtrack_cli.files.product import ProductWriter
+    from uwtrack_cli.files.hdf5.product import ProductWriter
 
     if target != PIPE:
         real = [path for path in inputs if path != PIPE]
@@ -82,7 +97,7 @@ def writer_for(
 
 def write_containers(
     target: Path,
-    containers: Sequence[Container],
+    held: "Sequence[Held]",
     history: "Sequence[HistoryStep]",
     *,
     overwrite: bool,
@@ -90,16 +105,25 @@ def write_containers(
 ) -> None:
     """Write whole containers as one product."""
     with writer_for(target, history, overwrite=overwrite, inputs=inputs) as writer:
-        for container in containers:
-            writer.write(container)
+        for one in held:
+            writer.write(one.container, one.step)
 
 
 class Inputs:
-    """What a whole stage reads: containers of products and of tables."""
+    """What a whole stage reads: containers of products and of tables.
 
-    def __init__(self, stack: ExitStack) -> None:
+    Parameters
+    ----------
+    stack
+        Closes the products.
+    branch
+        Step whose branch is read, where several steps made results of one kind.
+    """
+
+    def __init__(self, stack: ExitStack, branch: str | None = None) -> None:
         self._stack = stack
-        self.containers: list[Container] = []
+        self._branch = branch
+        self.held: list[Held] = []
         self.products: list[Product] = []
         self.sources: list[Source] = []
 
@@ -111,23 +135,30 @@ class Inputs:
         Raises
         ------
         DataError
-            The stage does not read tables, or the file is not readable.
+            The stage does not read tables, the file is not readable, or it holds what is
+            wanted of several steps.
         """
-        from uwtrack_cli.files.product import read_product_bytes, source_of
-        from uwtrack_cli.flow.products import small_containers, source_of_product
+        from uwtrack_cli.files.hdf5.product import read_product_bytes, source_of
+        from uwtrack_cli.flow.branches import sole_keys
+        from uwtrack_cli.flow.products import (
+            Held,
+            small_containers,
+            source_of_product,
+        )
 
-        content = sys.stdin.buffer.read() if path == PIPE else b""
+        content = read_standard_input() if path == PIPE else b""
         if content and b"\0" not in content:
             path = self._kept(content)
         if path.suffix.lower() in {".csv", ".txt", ".tsv"}:
-            self.containers.append(_read_table(path, wanted))
+            self.held.append(Held(_read_table(path, wanted)))
             self.sources.append(source_of(path))
             return
         opened = read_product_bytes(content) if path == PIPE else open_product(path)
         product = self._stack.enter_context(opened)
         self.products.append(product)
         self.sources.append(source_of_product(product))
-        self.containers += small_containers(product)
+        sole_keys(product, self._branch, {kind.NAME for kind in wanted})
+        self.held += small_containers(product, self._branch)
 
     def _kept(self, content: bytes) -> Path:
         """Keep a table from standard input in a file, as its readers take it."""
@@ -138,16 +169,18 @@ class Inputs:
 
     def add_table(self, path: Path, kind: type[Container]) -> None:
         """Read a table that was given by an option of its own."""
-        from uwtrack_cli.files.product import source_of
+        from uwtrack_cli.files.hdf5.product import source_of
+        from uwtrack_cli.flow.products import Held
 
-        self.containers.append(_read_table(path, (kind,)))
+        self.held.append(Held(_read_table(path, (kind,))))
         self.sources.append(source_of(path))
 
 
 def _read_table(path: Path, wanted: tuple[type[Container], ...]) -> Container:
     """Read a CSV table as the first container that has a table and is wanted."""
-    from uwtrack_cli.files.scan_tables import read_contacts, read_roc, read_scans
-    from uwtrack_cli.files.tables import read_navigation, read_series
+    from uwtrack_cli.files.tables.navigation import read_navigation
+    from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
+    from uwtrack_cli.files.tables.series import read_series
 
     readers: dict[str, Callable[[Path], Container]] = {
         "series": read_series,

@@ -5,11 +5,15 @@ array whose axes have names; all columns that share an axis have the same length
 along it. A field made by `scalar` is one value. A field whose type is a container
 itself is a *part*: it is stored as a group of its own beside its owner. The unit
 is the last word of a field's name, and is also given to the field for the files.
+
+A *ragged table* holds what the rows of another axis have in any number: rest
+frequencies of an encounter, reasons. It is an axis of its own whose first column, the
+one with an ``owner``, holds the row of that axis that each row belongs to.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -20,17 +24,25 @@ FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 TextArray = NDArray[np.str_]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Column:
-    """What is known of an array field: axes, unit, element type, description."""
+    """What is known of an array field."""
 
     axes: tuple[str, ...]
+    """Names of its axes, the one of the rows first."""
     unit: str
+    """Unit as files give it; "1" for a plain number, empty for text."""
     dtype: np.dtype[Any]
+    """Type of the elements."""
     description: str
+    """What it is, in one sentence."""
     optional: bool
+    """Whether it may be None."""
+    owner: str = ""
+    """Axis whose row numbers it holds, in a ragged table; else empty."""
 
 
 def column(
@@ -39,9 +51,10 @@ def column(
     *axes: str,
     dtype: DTypeLike = np.float64,
     optional: bool = False,
+    owner: str = "",
 ) -> Any:
-    """Declare an array field with its axes (``optional``: it may be None)."""
-    spec = Column(axes, unit, np.dtype(dtype), description, optional)
+    """Declare an array field: see `Column`."""
+    spec = Column(axes, unit, np.dtype(dtype), description, optional, owner)
     return field(default=None if optional else MISSING, metadata={"column": spec})
 
 
@@ -73,6 +86,16 @@ class Container:
             array = _as_column(values, spec.dtype)
             self._check_axes(name, array, spec.axes, sizes)
             object.__setattr__(self, name, array)
+        for name, spec in self.owner_columns().items():
+            rows, count = getattr(self, name), sizes[spec.owner]
+            if rows is None:
+                continue
+            if rows.size and not (rows.min() >= 0 and rows.max() < count):
+                msg = (
+                    f"{type(self).__name__}.{name} must hold rows from 0 to "
+                    f"{count - 1}, got {rows.min()} to {rows.max()}."
+                )
+                raise DataError(msg)
 
     def _check_axes(
         self,
@@ -106,6 +129,23 @@ class Container:
         return {f.name: f for f in fields(cls) if "unit" in f.metadata}
 
     @classmethod
+    def owner_columns(cls) -> dict[str, Column]:
+        """Columns that say which row of another axis a row belongs to, by name."""
+        return {name: spec for name, spec in cls.columns().items() if spec.owner}
+
+    def owned_rows(self, name: str, row: int) -> IntArray:
+        """Return the rows of a ragged table that belong to one row of its owner.
+
+        Parameters
+        ----------
+        name
+            The column with the row numbers, such as ``rest_encounter``.
+        row
+            Row of the owner.
+        """
+        return np.flatnonzero(getattr(self, name) == row)
+
+    @classmethod
     def parts(cls) -> tuple[str, ...]:
         """Names of the fields that are containers themselves."""
         known = {*cls.columns(), *cls.scalars()}
@@ -127,12 +167,24 @@ class Container:
         return sum(value.nbytes for value in values if value is not None)
 
     def take(self, axis: str, index: NDArray[Any] | slice) -> Self:
-        """Keep the rows ``index`` of every column on ``axis``, in the parts too."""
+        """Keep the rows ``index`` of every column on ``axis``, in the parts too.
+
+        Ragged tables that belong to the axis keep the rows of what is kept, in its
+        order.
+        """
         chosen: dict[str, Any] = {
             name: _take(getattr(self, name), spec.axes.index(axis), index)
             for name, spec in self.columns().items()
             if axis in spec.axes and getattr(self, name) is not None
         }
+        for owner, ragged in self.owner_columns().items():
+            if ragged.owner == axis and getattr(self, owner) is not None:
+                kept = np.arange(self.sizes()[axis])[index]
+                rows, owners = _owned(getattr(self, owner), kept)
+                for name, spec in self.columns().items():
+                    if spec.axes[0] == ragged.axes[0]:
+                        chosen[name] = getattr(self, name)[rows]
+                chosen[owner] = owners
         for name in self.parts():
             part = getattr(self, name)
             if part is not None and axis in part.sizes():
@@ -141,9 +193,10 @@ class Container:
 
     @classmethod
     def join(cls, blocks: Sequence[Self]) -> Self:
-        """Join consecutive blocks of a stream along every axis that grows.
+        """Join consecutive blocks of a stream along every axis but the fixed ones.
 
-        Single values and fixed axes are those of the last block.
+        Single values and fixed axes are those of the last block; ragged tables
+        keep naming the rows that they belong to.
 
         Raises
         ------
@@ -159,8 +212,22 @@ class Container:
         changes: dict[str, Any] = {
             name: np.concatenate([getattr(block, name) for block in blocks])
             for name, spec in cls.columns().items()
-            if spec.axes[0] not in cls.FIXED_AXES and getattr(last, name) is not None
+            if spec.axes[0] not in cls.FIXED_AXES
+            and all(getattr(block, name) is not None for block in blocks)
         }
+        changes |= {
+            name: None
+            for name, spec in cls.columns().items()
+            if spec.optional and name not in changes
+        }
+        for name, spec in cls.owner_columns().items():
+            if changes[name] is None:
+                continue
+            sizes = [block.sizes()[spec.owner] for block in blocks]
+            before = np.cumsum([0, *sizes[:-1]])
+            changes[name] = np.concatenate(
+                [getattr(b, name) + n for b, n in zip(blocks, before, strict=True)]
+            )
         for name in cls.parts():
             part = getattr(last, name)
             if part is not None:
@@ -174,6 +241,103 @@ class Container:
         return all(
             _same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)
         )
+
+
+class HasReasons(Container):
+    """A container whose rows say why a value is missing, as a ragged table.
+
+    It has the columns ``reason_key`` and ``reason_text`` on the axis ``reason``,
+    beside the one with the rows that the reasons belong to.
+    """
+
+    reason_key: TextArray
+    reason_text: TextArray
+
+    def reasons(self, row: int) -> dict[str, str]:
+        """Return what is missing in a row of the main axis, and why, by key."""
+        owner = next(
+            n for n, s in self.owner_columns().items() if s.axes == ("reason",)
+        )
+        rows = self.owned_rows(owner, row)
+        keys, texts = self.reason_key[rows].tolist(), self.reason_text[rows].tolist()
+        return dict(zip(keys, texts, strict=True))
+
+
+class HasNuisances(Container):
+    """A container whose rows rest on facts that are not known exactly.
+
+    It has the columns of a ragged table on the axis ``nuisance``, beside the one with
+    the rows that the nuisances belong to; older files have none.
+    """
+
+    nuisance_name: TextArray | None
+    nuisance_value: FloatArray | None
+    nuisance_std: FloatArray | None
+    nuisance_share: FloatArray | None
+
+    def nuisances(self, row: int) -> dict[str, dict[str, float]]:
+        """Return value, standard deviation and share of each nuisance, by name."""
+        owner = next(
+            n for n, s in self.owner_columns().items() if s.axes == ("nuisance",)
+        )
+        columns = {
+            "value": self.nuisance_value,
+            "std": self.nuisance_std,
+            "share": self.nuisance_share,
+        }
+        if self.nuisance_name is None:
+            return {}
+        return {
+            str(self.nuisance_name[i]): {
+                name: float(values[i])
+                for name, values in columns.items()
+                if values is not None
+            }
+            for i in self.owned_rows(owner, row)
+        }
+
+
+def flatten(lists: Iterable[Iterable[T]]) -> tuple[IntArray, list[T]]:
+    """Return the rows of a ragged table: the number of each one's owner, and itself.
+
+    Examples
+    --------
+    >>> owner, items = flatten([["a", "b"], [], ["c"]])
+    >>> owner.tolist(), items
+    ([0, 0, 2], ['a', 'b', 'c'])
+    """
+    pairs = [(row, item) for row, items in enumerate(lists) for item in items]
+    return np.array([row for row, _ in pairs], np.int64), [item for _, item in pairs]
+
+
+def reason_columns(
+    owner: str, reasons: Iterable[Mapping[str, str]]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table of reasons.
+
+    Parameters
+    ----------
+    owner
+        Name of the column with the rows that the reasons belong to.
+    reasons
+        Reasons by key, for each of these rows.
+    """
+    rows, items = flatten(each.items() for each in reasons)
+    return {
+        owner: rows,
+        "reason_key": np.array([key for key, _ in items], np.str_),
+        "reason_text": np.array([text for _, text in items], np.str_),
+    }
+
+
+def _owned(owner: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the rows of a ragged table that belong to rows kept, and their owners."""
+    order = np.argsort(owner, kind="stable")
+    first = np.searchsorted(owner[order], kept, "left")
+    count = np.searchsorted(owner[order], kept, "right") - first
+    owners = np.repeat(np.arange(kept.size), count)
+    within = np.arange(owners.size) - np.repeat(np.cumsum(count) - count, count)
+    return order[np.repeat(first, count) + within], owners
 
 
 def _as_column(values: Any, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -7,8 +7,8 @@ import numpy as np
 
 from uwtrack_cli.data.base import (
     BoolArray,
-    Container,
     FloatArray,
+    HasReasons,
     IntArray,
     TextArray,
     column,
@@ -21,11 +21,12 @@ second is a stationary repeater), two under its opposite."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Decision(Container):
+class Decision(HasReasons):
     """One row per pair of contacts, and one row per scan of a pair.
 
     Log odds are positive for "the second contact moves". An undecided pair is a result
-    of its own: its odds are those of the last scan.
+    of its own: its odds are those of the last scan. "both move" and "neither reading"
+    say that the measurements reject both hypotheses.
     """
 
     NAME: ClassVar[str] = "decision"
@@ -34,23 +35,29 @@ class Decision(Container):
     first_contact: IntArray = column("1", "First contact.", "pair", dtype=np.int64)
     second_contact: IntArray = column("1", "Second contact.", "pair", dtype=np.int64)
     verdict: TextArray = column(
-        "", "'first moves', 'second moves' or 'undecided'.", "pair", dtype=np.str_
+        "",
+        "'first moves', 'second moves', 'undecided', 'both move' or 'neither reading'.",
+        "pair",
+        dtype=np.str_,
     )
     probability: FloatArray = column(
-        "1", "Probability of the likelier hypothesis, both alike at first.", "pair"
+        "1",
+        "Probability of the likelier hypothesis, both alike at first; nan where both "
+        "are rejected.",
+        "pair",
     )
     final_log_odds: FloatArray = column(
         "1", "Log odds at the decision, or at the last scan.", "pair"
     )
     decision_time_s: FloatArray = column(
-        "s", "Time of the decision; nan if undecided.", "pair"
+        "s", "Time of the decision; nan without one.", "pair"
     )
     decision_scan: IntArray = column(
-        "1", "Scans taken for it, the first included; 0 if undecided.", "pair",
+        "1", "Scans taken for it, the first included; 0 without a decision.", "pair",
         dtype=np.int64,
     )  # fmt: skip
     expected_scans: FloatArray = column(
-        "1", "Mean number of scans that a decision takes at this rate of evidence.",
+        "1", "Mean number of scans to a decision at this growth of the odds.",
         "pair",
     )  # fmt: skip
     fixed_scans: FloatArray = column(
@@ -69,13 +76,20 @@ class Decision(Container):
         "pair", "hypothesis",
     )  # fmt: skip
     observable: BoolArray = column(
-        "1", "Whether bearings told that range at all: second, first contact.",
+        "1", "Whether that range was observable: second, first contact.",
         "pair", "hypothesis", dtype=np.bool_,
     )  # fmt: skip
-    reasons: TextArray = column(
-        "", "What limits the decision, as a JSON object by key.", "pair", dtype=np.str_
+    reason_pair: IntArray = column(
+        "1", "Row of the pair that a reason belongs to.", "reason",
+        dtype=np.int64, owner="pair",
+    )  # fmt: skip
+    reason_key: TextArray = column(
+        "", "Name of the value that is missing or limited.", "reason", dtype=np.str_
     )
-    scan_pair: IntArray = column("1", "Row of the pair.", "scan", dtype=np.int64)
+    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
+    scan_pair: IntArray = column(
+        "1", "Row of the pair.", "scan", dtype=np.int64, owner="pair"
+    )
     scan_time_s: FloatArray = column("s", "Time of the scan.", "scan")
     log_odds: FloatArray = column("1", "Log odds after the scan.", "scan")
     log_likelihood: FloatArray = column(
@@ -91,3 +105,32 @@ class Decision(Container):
         "1", "The contact that was found moving against all others; 0 for none."
     )
     start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """The verdict of every pair in words."""
+        return tuple(map(self._statement, range(self.verdict.size)))
+
+    def _statement(self, pair: int) -> str:
+        first, second = int(self.first_contact[pair]), int(self.second_contact[pair])
+        verdict = str(self.verdict[pair])
+        if verdict == "both move":
+            return f"both contacts move: {first} and {second}."
+        if verdict == "neither reading":
+            return (
+                f"neither reading fits: neither contact {first} nor contact {second} can "
+                "be the moving one with the other a stationary repeater."
+            )
+        odds = f"probability {self.probability[pair]:.4g}"
+        if verdict == "undecided":
+            likelier = second if self.final_log_odds[pair] > 0.0 else first
+            return (
+                f"undecided between contacts {first} and {second}: it is likelier that "
+                f"contact {likelier} moves ({odds})."
+            )
+        moving, still = (first, second) if verdict == "first moves" else (second, first)
+        return (
+            f"contact {moving} moves, contact {still} is a stationary repeater ({odds}, "
+            f"after {self.decision_scan[pair]} scans at "
+            f"{self.decision_time_s[pair]:g} s)."
+        )

@@ -1,7 +1,6 @@
 """Closest approaches, and the positions that follow from them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
@@ -10,6 +9,8 @@ from uwtrack_cli.data.base import (
     BoolArray,
     Container,
     FloatArray,
+    HasNuisances,
+    HasReasons,
     IntArray,
     TextArray,
     column,
@@ -18,12 +19,13 @@ from uwtrack_cli.data.base import (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Encounters(Container):
-    """One row per closest approach of a contact; nan is "cannot be told".
+class Encounters(HasReasons, HasNuisances):
+    """One row per closest approach of a contact; nan is "not observable".
 
     The covariance is over (time_s, range_over_speed_s, speed_mps, bearing_deg),
     in this order, nan where a quantity is not known. Range over speed is the slant
-    range divided by the speed. ``reasons`` is a JSON object: why a value is missing.
+    range divided by the speed. Rest frequencies, ambiguities and reasons are ragged
+    tables: any number of rows per encounter.
     """
 
     NAME: ClassVar[str] = "encounters"
@@ -53,11 +55,20 @@ class Encounters(Container):
     horizontal_range_m: FloatArray = column(
         "m", "Horizontal part of the range; nan without a sensor depth.", "encounter"
     )
+    horizontal_range_std_m: FloatArray | None = column(
+        "m", "Its standard deviation.", "encounter", optional=True
+    )
     range_over_speed_s: FloatArray = column(
         "s", "Slant range divided by speed.", "encounter"
     )
     range_over_speed_std_s: FloatArray = column(
         "s", "Its standard deviation.", "encounter"
+    )
+    horizontal_range_over_speed_s: FloatArray | None = column(
+        "s", "Horizontal range divided by speed.", "encounter", optional=True
+    )
+    horizontal_range_over_speed_std_s: FloatArray | None = column(
+        "s", "Its standard deviation.", "encounter", optional=True
     )
     course_deg: FloatArray = column("degree", "Compass course.", "encounter")
     course_std_deg: FloatArray = column(
@@ -94,15 +105,13 @@ class Encounters(Container):
         "1", "Covariance of time, range over speed, speed and bearing.",
         "encounter", "parameter", "parameter_too",
     )  # fmt: skip
-    ambiguities: TextArray = column(
-        "", "Other readings with weights, as a JSON array.", "encounter", dtype="U"
-    )
-    reasons: TextArray = column(
-        "", "Why a value is missing, as a JSON object by key.", "encounter", dtype="U"
-    )
+    horizontal_covariance: FloatArray | None = column(
+        "1", "The same of the horizontal range over speed.",
+        "encounter", "parameter", "parameter_too", optional=True,
+    )  # fmt: skip
     rest_encounter: IntArray = column(
         "1", "Row of the encounter that a rest frequency belongs to.", "rest_line",
-        dtype=np.int64,
+        dtype=np.int64, owner="encounter",
     )  # fmt: skip
     rest_line_id: IntArray = column(
         "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
@@ -111,6 +120,58 @@ class Encounters(Container):
     rest_frequency_std_hz: FloatArray = column(
         "Hz", "Its standard deviation.", "rest_line"
     )
+    ambiguity_encounter: IntArray = column(
+        "1", "Row of the encounter that another solution belongs to.", "ambiguity",
+        dtype=np.int64, owner="encounter",
+    )  # fmt: skip
+    ambiguity_side: TextArray = column(
+        "", "Side of the vessel on which the sensor lies in that solution.",
+        "ambiguity", dtype=np.str_,
+    )  # fmt: skip
+    ambiguity_weight: FloatArray = column(
+        "1", "Probability of that solution.", "ambiguity"
+    )
+    reason_encounter: IntArray = column(
+        "1", "Row of the encounter that a reason belongs to.", "reason",
+        dtype=np.int64, owner="encounter",
+    )  # fmt: skip
+    reason_key: TextArray = column(
+        "", "Name of the value that is missing or limited.", "reason", dtype=np.str_
+    )
+    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
+    sensor_east_m: FloatArray | None = column(
+        "m", "East of a moving sensor at closest approach; nan for a fixed one.",
+        "encounter", optional=True,
+    )  # fmt: skip
+    sensor_north_m: FloatArray | None = column(
+        "m", "North of a moving sensor at closest approach.", "encounter",
+        optional=True,
+    )  # fmt: skip
+    sensor_velocity_east_mps: FloatArray | None = column(
+        "m/s", "Velocity east of a moving sensor: ranges over speed and covariances "
+        "are those of the motion relative to it.", "encounter", optional=True,
+    )  # fmt: skip
+    sensor_velocity_north_mps: FloatArray | None = column(
+        "m/s", "Velocity north of a moving sensor.", "encounter", optional=True
+    )
+    nuisance_encounter: IntArray | None = column(
+        "1", "Row of the encounter that a nuisance belongs to.", "nuisance",
+        dtype=np.int64, owner="encounter", optional=True,
+    )  # fmt: skip
+    nuisance_name: TextArray | None = column(
+        "", "Fact that is not known exactly, with its unit.", "nuisance",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    nuisance_value: FloatArray | None = column(
+        "1", "Its estimate.", "nuisance", optional=True
+    )
+    nuisance_std: FloatArray | None = column(
+        "1", "Its standard deviation.", "nuisance", optional=True
+    )
+    nuisance_share: FloatArray | None = column(
+        "1", "Share of the variance of the speed that it causes; nan without one.",
+        "nuisance", optional=True,
+    )  # fmt: skip
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
     band_low_hz: float | None = scalar("Hz", "Lower edge of the levels' band.", None)
     band_high_hz: float | None = scalar("Hz", "Upper edge of the levels' band.", None)
@@ -118,20 +179,19 @@ class Encounters(Container):
         "dB", "Spreading law of the source level, per decade of range.", 20.0
     )
 
-    @classmethod
-    def join(cls, blocks: Sequence[Self]) -> Self:
-        """Join the encounters of several sensors; rest frequencies keep their rows."""
-        joined = super().join(blocks)
-        before = np.cumsum([0, *(block.n_encounters for block in blocks[:-1])])
-        rows = [b.rest_encounter + n for b, n in zip(blocks, before, strict=True)]
-        return replace(joined, rest_encounter=np.concatenate(rows))
-
     def of_sensor(self, sensor: str) -> Self:
-        """Return the encounters of one sensor; rest frequencies keep their rows."""
-        rows = np.flatnonzero(self.sensor == sensor)
-        own = np.isin(self.rest_encounter, rows)
-        kept = self.take("encounter", rows).take("rest_line", own)
-        return replace(kept, rest_encounter=np.searchsorted(rows, kept.rest_encounter))
+        """Return the encounters of one sensor."""
+        return self.take("encounter", np.flatnonzero(self.sensor == sensor))
+
+    def ambiguities(self, row: int) -> list[dict[str, str | float]]:
+        """Return the other solutions of an encounter, with their weights."""
+        return [
+            {
+                "side": str(self.ambiguity_side[i]),
+                "weight": float(self.ambiguity_weight[i]),
+            }
+            for i in self.owned_rows("ambiguity_encounter", row)
+        ]
 
     @property
     def n_encounters(self) -> int:
@@ -170,3 +230,4 @@ class Fixes(Container):
     origin: str = scalar("", "What the grid is relative to: a sensor or 'grid'.")
     origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
     origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)
+    statement: str = scalar("", "What the sensors say of each other's clocks.", "")

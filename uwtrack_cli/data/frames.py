@@ -1,4 +1,4 @@
-"""Frames: when each spectral frame was, and how well it could hear."""
+"""Frames: the time, the valid share and the noise of each spectral frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ class Frames(Container):
     time_s: FloatArray = column(
         "s", "Centre of the frame, counted from the first sample.", "frame"
     )
-    effort: FloatArray = column(
+    valid_fraction: FloatArray = column(
         "1", "Share of the frame's samples that are valid; 0 in a gap.", "frame",
         dtype=np.float32,
     )  # fmt: skip

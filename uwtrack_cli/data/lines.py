@@ -36,7 +36,9 @@ class Lines(Container):
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("state", "state_too")
 
     frames: Frames
+    """Time base of the points, with the noise of each frame."""
     families: Families
+    """Harmonic families of the lines."""
     line: IntArray = column("1", "Line of the point.", "point", dtype=np.int32)
     frame: IntArray = column("1", "Frame of the point.", "point", dtype=np.int32)
     time_s: FloatArray = column(

@@ -7,8 +7,9 @@ import numpy as np
 
 from uwtrack_cli.data.base import (
     BoolArray,
-    Container,
     FloatArray,
+    HasNuisances,
+    HasReasons,
     IntArray,
     TextArray,
     column,
@@ -17,14 +18,14 @@ from uwtrack_cli.data.base import (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Motions(Container):
-    """One row per contact and mode, best first; nan is "cannot be told".
+class Motions(HasReasons, HasNuisances):
+    """One row per contact and mode, best first; nan is "not observable".
 
     The state is that at the contact's first measurement. Intervals (low, high) are
     95 % likelihood-ratio intervals; nan is an open end. The covariance is over
-    (range_m, bearing_deg, speed_mps, course_deg), in this order. ``reasons`` is a
-    JSON object: why a value is missing. The rest frequencies are a table of their
-    own, and so are the estimates over time (``update_*``).
+    (range_m, bearing_deg, speed_mps, course_deg), in this order. Rest frequencies and
+    reasons are ragged tables: any number of rows per motion. The estimates over time
+    (``update_*``) are a table of their own.
     """
 
     NAME: ClassVar[str] = "motions"
@@ -65,7 +66,7 @@ class Motions(Container):
         "degree", "Its standard deviation.", "motion"
     )
     observable: BoolArray = column(
-        "1", "Whether the data tell the range.", "motion", dtype=np.bool_
+        "1", "Whether the range is observable.", "motion", dtype=np.bool_
     )
     ellipse_trusted: BoolArray = column(
         "1", "Whether the deviations agree with the intervals.", "motion",
@@ -76,7 +77,10 @@ class Motions(Container):
         "1", "Number of measured values.", "motion", dtype=np.int64
     )
     rank: IntArray = column(
-        "1", "Number of parameter combinations that are told.", "motion", dtype=np.int64
+        "1",
+        "Number of parameter combinations that are observable.",
+        "motion",
+        dtype=np.int64,
     )
     n_parameters: IntArray = column(
         "1", "Number of parameters sought.", "motion", dtype=np.int64
@@ -96,17 +100,14 @@ class Motions(Container):
         dtype=np.bool_,
     )  # fmt: skip
     weakest_direction: TextArray = column(
-        "", "What the data tell least, one sigma of it.", "motion", dtype="U"
+        "", "Worst observed combination, with its deviation.", "motion", dtype="U"
     )
     report: TextArray = column(
-        "", "What the data can and cannot tell, in words.", "motion", dtype="U"
-    )
-    reasons: TextArray = column(
-        "", "Why a value is missing, as a JSON object by key.", "motion", dtype="U"
+        "", "What is observable and what is not, in words.", "motion", dtype="U"
     )
     rest_motion: IntArray = column(
         "1", "Row of the motion that a rest frequency belongs to.", "rest_line",
-        dtype=np.int64,
+        dtype=np.int64, owner="motion",
     )  # fmt: skip
     rest_line_id: IntArray = column(
         "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
@@ -115,6 +116,32 @@ class Motions(Container):
     rest_frequency_std_hz: FloatArray = column(
         "Hz", "Its standard deviation.", "rest_line"
     )
+    reason_motion: IntArray = column(
+        "1", "Row of the motion that a reason belongs to.", "reason",
+        dtype=np.int64, owner="motion",
+    )  # fmt: skip
+    reason_key: TextArray = column(
+        "", "Name of the value that is missing or limited.", "reason", dtype=np.str_
+    )
+    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
+    nuisance_motion: IntArray | None = column(
+        "1", "Row of the motion that a nuisance belongs to.", "nuisance",
+        dtype=np.int64, owner="motion", optional=True,
+    )  # fmt: skip
+    nuisance_name: TextArray | None = column(
+        "", "Fact that is not known exactly, with its unit.", "nuisance",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    nuisance_value: FloatArray | None = column(
+        "1", "Value that was assumed.", "nuisance", optional=True
+    )
+    nuisance_std: FloatArray | None = column(
+        "1", "Its standard deviation.", "nuisance", optional=True
+    )
+    nuisance_share: FloatArray | None = column(
+        "1", "Share of the variance of the range that it causes.", "nuisance",
+        optional=True,
+    )  # fmt: skip
     update_contact: IntArray = column(
         "1", "Contact of an estimate over time.", "update", dtype=np.int64
     )

@@ -28,6 +28,7 @@ class Peaks(Container):
     STREAMS: ClassVar[bool] = True
 
     frames: Frames
+    """Time base of the peaks, with the noise of each frame."""
     frame: IntArray = column(
         "1", "Index of the frame in the recording.", "peak", dtype=np.int64
     )
@@ -95,3 +96,4 @@ class Families(Container):
         "1", "Family of each carried peak; -1 for none.", "peak", dtype=np.int64
     )
     peaks: Peaks | None = None
+    """Peaks that the families were found in; None for families of lines."""

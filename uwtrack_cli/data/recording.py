@@ -1,7 +1,7 @@
 """A recording: samples that are read block by block, and never held as a whole."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -9,12 +9,16 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import Container, IntArray, TextArray, column, scalar
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError
 
 Samples = NDArray[np.float32]
 """Samples in full-scale units, shape (sample, channel)."""
 
 Reader = Callable[[int], Iterator[Samples]]
-"""Opens the recording and yields consecutive blocks of at most so many samples."""
+"""Opens the recording and yields consecutive blocks of at most so many samples.
+
+One that can go back has a method ``stretch(first_sample, n_samples)``, too.
+"""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,6 +31,7 @@ class Recording(Container):
     NAME: ClassVar[str] = "recording"
 
     sensor: Sensor
+    """The sensor that recorded it."""
     name: str = scalar("", "File name of the source.")
     sample_rate_hz: float = scalar("Hz", "Sample rate.")
     n_samples: int = scalar("1", "Number of samples per channel.")
@@ -46,10 +51,95 @@ class Recording(Container):
         """Length of the recording, s."""
         return self.n_samples / self.sample_rate_hz
 
+    def stretch(self, start_s: float, stop_s: float) -> Samples:
+        """Read a stretch of the sound again.
+
+        Parameters
+        ----------
+        start_s, stop_s
+            Where it begins and ends, s from the first sample; what lies outside the
+            recording is left out.
+
+        Returns
+        -------
+        array, shape (sample, channel)
+            Samples in full-scale units.
+
+        Raises
+        ------
+        DataError
+            The sound is not at hand: the recording was read from a product, or a live
+            source has passed the stretch and no longer holds it.
+        """
+        first = max(0, round(start_s * self.sample_rate_hz))
+        last = min(self.n_samples, round(stop_s * self.sample_rate_hz))
+        return read_stretch(self.reader, first, max(0, last - first))
+
     @property
     def first_s(self) -> float:
         """Where in the file the recording begins, s."""
         return self.first_sample / self.sample_rate_hz
+
+
+def read_stretch(reader: Reader | None, first_sample: int, n_samples: int) -> Samples:
+    """Read so many samples from one on with a reader that can go back.
+
+    Raises
+    ------
+    DataError
+        The reader cannot, or no longer has them.
+    """
+    read = getattr(reader, "stretch", None)
+    if read is None:
+        msg = "the sound is not at hand to be read again; open the recording's file."
+        raise DataError(msg)
+    samples: Samples = read(first_sample, n_samples)
+    return samples
+
+
+@dataclass
+class SampleRing:
+    """A reader that keeps the last samples of a source which cannot go back.
+
+    Memory is bounded by what is kept and one block, however long the source is.
+    """
+
+    reader: Reader
+    """Reads the source, once."""
+    kept_samples: int
+    """Samples per channel that can be read again."""
+    _held: list[Samples] = field(default_factory=list, repr=False)
+    _end: int = field(default=0, repr=False)
+
+    def __call__(self, block_samples: int) -> Iterator[Samples]:
+        """Yield the blocks of the source, and keep the last ones."""
+        for block in self.reader(block_samples):
+            self._held.append(block)
+            self._end += block.shape[0]
+            while self._n_held() - self._held[0].shape[0] >= self.kept_samples:
+                self._held.pop(0)
+            yield block
+
+    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+        """Read samples again that are still kept.
+
+        Raises
+        ------
+        DataError
+            They have passed, or have not come yet.
+        """
+        begin = self._end - self._n_held()
+        if not begin <= first_sample <= first_sample + n_samples <= self._end:
+            msg = (
+                f"samples {first_sample} to {first_sample + n_samples} of a live source "
+                f"are not at hand; it keeps {begin} to {self._end}."
+            )
+            raise DataError(msg)
+        held = np.concatenate(self._held)[first_sample - begin :]
+        return held[:n_samples]
+
+    def _n_held(self) -> int:
+        return sum(block.shape[0] for block in self._held)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

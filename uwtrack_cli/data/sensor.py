@@ -32,7 +32,11 @@ class Navigation(Container):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sensor(Container):
-    """One hydrophone or vector sensor; None is unknown and is never invented."""
+    """One hydrophone or vector sensor; None is unknown and is never invented.
+
+    The level of full scale is known from ``full_scale_db``, or from sensitivity, gain
+    and input voltage together; not from both.
+    """
 
     NAME: ClassVar[str] = "sensor"
 
@@ -45,16 +49,24 @@ class Sensor(Container):
     north_m: float | None = scalar("m", "Position on a local grid.", None)
     position_std_m: float = scalar("m", "Deviation of each coordinate.", 0.0)
     depth_m: float | None = scalar("m", "Depth below the surface.", None)
+    depth_std_m: float | None = scalar("m", "Deviation of the depth.", None)
     heading_deg: float = scalar("degree", "Heading of housing-fixed axes.", 0.0)
     sound_speed_mps: float = scalar("m/s", "Sound speed.", SOUND_SPEED_WATER_MPS)
+    sound_speed_std_mps: float | None = scalar(
+        "m/s", "Deviation of the sound speed.", None
+    )
     compass_offset_deg: float = scalar("degree", "Added once to every bearing.", 0.0)
-    compass_std_deg: float = scalar("degree", "Deviation of the compass.", 0.0)
+    compass_std_deg: float | None = scalar("degree", "Deviation of the compass.", None)
     clock_offset_s: float = scalar("s", "Added once to every time.", 0.0)
-    clock_std_s: float = scalar("s", "Deviation of the clock.", 0.0)
+    clock_std_s: float | None = scalar("s", "Deviation of the clock.", None)
     sensitivity_db_re_v_per_upa: float | None = scalar("dB", "Sensitivity.", None)
     gain_db: float | None = scalar("dB", "Gain of the amplifier.", None)
     adc_peak_v: float | None = scalar("V", "Input voltage at full scale.", None)
+    full_scale_db: float | None = scalar(
+        "dB re 1 uPa", "Level of a full-scale peak.", None
+    )
     navigation: Navigation | None = None
+    """Positions and headings of a moving platform; None if it does not move."""
 
     @property
     def has_direction(self) -> bool:
@@ -69,6 +81,8 @@ class Sensor(Container):
     @property
     def full_scale_upa(self) -> float | None:
         """Sound pressure of a full-scale sample, uPa; None without calibration."""
+        if self.full_scale_db is not None:
+            return float(np.power(10.0, self.full_scale_db / 20.0))
         if self.sensitivity_db_re_v_per_upa is None or self.adc_peak_v is None:
             return None
         total_db = self.sensitivity_db_re_v_per_upa + (self.gain_db or 0.0)

@@ -24,6 +24,7 @@ class Spectrogram(Container):
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("frequency",)
 
     frames: Frames
+    """Time base of the rows."""
     frequency_hz: FloatArray = column("Hz", "Centre of a bin.", "frequency")
     power_density: FloatArray = column(
         "reference^2/Hz", "One-sided power density.", "frame", "frequency",
@@ -73,6 +74,7 @@ class Levels(Container):
     STREAMS: ClassVar[bool] = True
 
     frames: Frames
+    """Time base of the rows."""
     level_db: FloatArray = column(
         "dB", "Level in the band, for people (re the reference).", "frame"
     )

@@ -69,11 +69,11 @@ class Target(Container):
     score: FloatArray = column(
         "1", "Log likelihood ratio of the track against clutter alone, so far.", "scan"
     )
-    loss_evidence: FloatArray = column(
-        "1", "Evidence that the target is no longer followed, 0 or more.", "scan"
+    loss_cusum: FloatArray = column(
+        "1", "Cumulative sum (Page 1954) that detects the loss of the target.", "scan"
     )
     lost: BoolArray = column(
-        "1", "Whether this evidence is above the limit.", "scan",
+        "1", "Whether this sum is above its limit.", "scan",
         dtype=np.bool_,
     )  # fmt: skip
     association_scan: IntArray = column(
@@ -101,3 +101,33 @@ class Target(Container):
         variance = np.diagonal(self.state_covariance, axis1=-2, axis2=-1)
         deviation: FloatArray = np.sqrt(variance)
         return deviation
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        """The outcome of the track in words."""
+        n_scans = self.scan.size
+        lost = np.flatnonzero(self.lost)
+        if lost.size and self.lost[-1]:
+            first = int(lost[np.flatnonzero(np.diff(lost, prepend=-2) > 1)[-1]])
+            outcome = (
+                f"the target is lost from scan {self.scan[first]} at "
+                f"{self.time_s[first]:g} s on: its score no longer rises."
+            )
+        else:
+            outcome = (
+                f"the target was followed through {n_scans} scans to "
+                f"{self.time_s[-1]:g} s."
+            )
+        values, deviations = self.state[-1], self.state_std[-1]
+        parts = [
+            f"{name} = {values[2 * i]:.6g} ± {deviations[2 * i]:.2g}{unit}, "
+            f"rate {values[2 * i + 1]:.4g} ± {deviations[2 * i + 1]:.2g}{unit and unit + '/s'}"
+            for i, (name, unit) in enumerate(
+                zip(self.component, self._units(), strict=True)
+            )
+        ]
+        return outcome, f"at the last scan: {'; '.join(parts)}."
+
+    def _units(self) -> list[str]:
+        """Units of the components with a space before, empty where not given."""
+        return [f" {unit}" if unit else "" for unit in self.component_unit.tolist()]

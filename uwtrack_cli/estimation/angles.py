@@ -1,19 +1,44 @@
-"""Compass angles: wrapping and interpolation, in degrees."""
+"""Angles: wrapping, compass bearings and interpolation."""
+
+from typing import Any
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 
 
-def wrap_deg(angle_deg: FloatArray) -> FloatArray:
-    """Wrap differences of angles to [-180, 180).
+def wrap_deg(angle_deg: Any) -> FloatArray:
+    """Wrap angles to [-180, 180) degrees.
+
+    Parameters
+    ----------
+    angle_deg
+        Angles in degrees, any value, of any shape.
 
     Examples
     --------
     >>> wrap_deg(np.array([190.0, -190.0, 720.0])).tolist()
     [-170.0, 170.0, 0.0]
     """
-    return (angle_deg + 180.0) % 360.0 - 180.0
+    wrapped: FloatArray = (np.asarray(angle_deg, float) + 180.0) % 360.0 - 180.0
+    return wrapped
+
+
+def wrap_rad(angle_rad: FloatArray) -> FloatArray:
+    """Wrap angles to [-pi, pi] radians.
+
+    Parameters
+    ----------
+    angle_rad
+        Angles in radians, any value, of any shape.
+
+    Examples
+    --------
+    >>> wrap_rad(np.radians([350.0, -190.0])).round(4).tolist()
+    [-0.1745, 2.9671]
+    """
+    turn = 2.0 * np.pi
+    return np.asarray(angle_rad - turn * np.rint(angle_rad / turn))
 
 
 def compass_deg(east: FloatArray, north: FloatArray) -> FloatArray:

@@ -1,8 +1,8 @@
-"""Correlation of measurements: overlapping frames, and noise with a memory.
+"""Correlation of measurements: overlapping frames, and coloured noise.
 
 **Method.** A frame's small error is a weighted sum of the noise samples in it; frames
-that overlap share samples, which gives their correlation in closed form. Noise with an
-unknown memory (a shaft that does not turn evenly) is met by its long-run variance.
+that overlap share samples, which gives their correlation in closed form. Noise of unknown
+correlation time (a shaft that does not turn evenly) is met by its long-run variance.
 
 **References.** Newey and West (1987), Econometrica 55, 703 (Bartlett's weights);
 Harris (1978), Proc. IEEE 66, 51, eq. 13 (overlap correlation).
@@ -59,9 +59,9 @@ def long_run_excess(
     residual: FloatArray,
     precision: FloatArray,
     time_s: FloatArray,
-    memory_s: float | None,
+    window_s: float | None,
 ) -> FloatArray:
-    """Return the variance that slow noise adds to each measurement, as if white.
+    """Return the variance that coloured noise adds to each measurement, as if white.
 
     Added to every measurement's own variance, it makes the sums over a passage as
     uncertain as they are, though the noise is not white.
@@ -74,17 +74,17 @@ def long_run_excess(
         Inverse variances of the residuals if they were white; zero is missing.
     time_s
         Times in seconds, shape (n,).
-    memory_s
+    window_s
         Length of Bartlett's window in seconds; None looks at single instants.
 
     Notes
     -----
     With weights a, Q = sum a_i a_j k_ij e_i e_j has the mean sum a_i^2 (V_i + x)
-    for white noise V_i plus slow noise of long-run variance x; k is Bartlett's
+    for white noise V_i plus coloured noise of long-run variance x; k is Bartlett's
     window on cells of a twelfth of its length. Solved for x with a = 1/(V + x),
     three rounds; zero where it is within one deviation of the estimate.
     """
-    cells = _Cells.of(time_s, memory_s)
+    cells = _Cells.of(time_s, window_s)
     above = cells.quadratic(precision * residual) - precision.sum(axis=-1)
     if not np.any(above > 0):
         return np.zeros(above.shape)
@@ -108,14 +108,16 @@ class _Cells:
     """Cells of time: first measurement and number of each; none is every instant."""
 
     start: IntArray | None
+    """First measurement of each occupied cell; None with every instant a cell."""
     number: IntArray | None
+    """Number of each occupied cell in time."""
 
     @staticmethod
-    def of(time_s: FloatArray, memory_s: float | None) -> "_Cells":
+    def of(time_s: FloatArray, window_s: float | None) -> "_Cells":
         """Part the time into cells of a twelfth of Bartlett's window."""
-        if memory_s is None or time_s.size < 2:
+        if window_s is None or time_s.size < 2:
             return _Cells(None, None)
-        cell = np.floor((time_s - time_s[0]) * (N_CELLS / memory_s)).astype(np.int64)
+        cell = np.floor((time_s - time_s[0]) * (N_CELLS / window_s)).astype(np.int64)
         start = np.flatnonzero(np.diff(cell, prepend=-1))
         return _Cells(start, cell[start])
 

@@ -89,6 +89,8 @@ def reweigh(belief: Belief, log_likelihood: FloatArray) -> FloatArray:
     log_likelihood
         Logarithm of each model's likelihood of the scan, ``(model, ...)``.
     """
+    if belief.probability.shape[0] == 1:
+        return belief.probability
     scaled = np.exp(log_likelihood - log_likelihood.max(axis=0))
     weight = belief.probability * scaled
     probability: FloatArray = weight / weight.sum(axis=0)

@@ -19,21 +19,27 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.estimation.constant_velocity import white_acceleration
 
 
-class State(NamedTuple):
-    """Position and rate with the three entries of their covariance."""
+class KalmanState(NamedTuple):
+    """Position and rate with the three entries of their covariance, per quantity."""
 
     position: FloatArray
+    """Position (frequency in Hz, bearing in degrees)."""
     rate: FloatArray
+    """Its rate per second."""
     variance: FloatArray
+    """Variance of the position."""
     covariance: FloatArray
+    """Covariance of position and rate."""
     rate_variance: FloatArray
+    """Variance of the rate."""
 
 
 def predict(
-    state: State, step_s: float | FloatArray, noise_density: FloatArray
-) -> State:
+    state: KalmanState, step_s: float | FloatArray, noise_density: FloatArray
+) -> KalmanState:
     """Carry the states over a time step with white acceleration.
 
     Parameters
@@ -49,34 +55,36 @@ def predict(
     -----
     x -> F x, P -> F P F' + q [T^3/3 T^2/2; T^2/2 T] (Choi 2014, eqs. 3 and 6).
     """
-    rate_variance = state.rate_variance + noise_density * step_s
+    noise = white_acceleration(step_s)
+    rate_variance = state.rate_variance + noise_density * noise.rate
     covariance = (
         state.covariance
         + step_s * state.rate_variance
-        + noise_density * (step_s**2 / 2.0)
+        + noise_density * noise.covariance
     )
     variance = (
         state.variance
         + step_s * (2.0 * state.covariance + step_s * state.rate_variance)
-        + noise_density * (step_s**3 / 3.0)
+        + noise_density * noise.position
     )
     position = state.position + step_s * state.rate
-    return State(position, state.rate, variance, covariance, rate_variance)
+    return KalmanState(position, state.rate, variance, covariance, rate_variance)
 
 
-def advance(state: State, step_s: float, noise_density: FloatArray) -> None:
+def advance(state: KalmanState, step_s: float, noise_density: FloatArray) -> None:
     """Carry the states over a time step in place, as `predict` does."""
-    drift = step_s * state.rate_variance
+    noise = white_acceleration(step_s)
+    growth = step_s * state.rate_variance
     position, rate, variance, covariance, rate_variance = state
     position += step_s * rate
-    variance += step_s * (2.0 * covariance + drift) + (
-        noise_density * (step_s**3 / 3.0)
-    )
-    covariance += drift + noise_density * (step_s**2 / 2.0)
-    rate_variance += noise_density * step_s
+    variance += step_s * (2.0 * covariance + growth) + noise_density * noise.position
+    covariance += growth + noise_density * noise.covariance
+    rate_variance += noise_density * noise.rate
 
 
-def update(state: State, innovation: FloatArray, noise_variance: FloatArray) -> State:
+def update(
+    state: KalmanState, innovation: FloatArray, noise_variance: FloatArray
+) -> KalmanState:
     """Improve predicted states by one measurement of each position.
 
     Parameters
@@ -97,7 +105,7 @@ def update(state: State, innovation: FloatArray, noise_variance: FloatArray) -> 
     gain = state.variance / total
     rate_gain = state.covariance / total
     keep = 1.0 - gain
-    return State(
+    return KalmanState(
         state.position + gain * innovation,
         state.rate + rate_gain * innovation,
         keep * state.variance,
@@ -113,7 +121,7 @@ def smooth_all(states: FloatArray, steps_s: FloatArray, noise_density: FloatArra
     Parameters
     ----------
     states
-        The five entries of `State` at every time, ``(time, 5, ...)``, filtered.
+        The five entries of `KalmanState` at every time, ``(time, 5, ...)``, filtered.
     steps_s
         Time from each time's predecessor in s, shape ``(time,)``.
     noise_density
@@ -129,7 +137,7 @@ def smooth_all(states: FloatArray, steps_s: FloatArray, noise_density: FloatArra
     """
     if states.shape[0] < 2:
         return
-    now = State(*np.moveaxis(states[:-1], 1, 0))
+    now = KalmanState(*np.moveaxis(states[:-1], 1, 0))
     step = steps_s[1:].reshape(-1, *(1,) * (states.ndim - 2))
     ahead = predict(now, step, noise_density)
     gain = np.where(is_inside[:-1, None, None], _smoother_gain(now, ahead, step), 0.0)
@@ -146,7 +154,9 @@ def smooth_all(states: FloatArray, steps_s: FloatArray, noise_density: FloatArra
         states[k, 2:] += (two[k] * off[2:]).sum(axis=1)
 
 
-def _smoother_gain(now: State, ahead: State, step_s: FloatArray) -> FloatArray:
+def _smoother_gain(
+    now: KalmanState, ahead: KalmanState, step_s: FloatArray
+) -> FloatArray:
     """Return C = P F' inv(P-) for F = [1 T; 0 1], shape ``(time, 2, 2, ...)``."""
     a00 = now.variance + step_s * now.covariance
     a10 = now.covariance + step_s * now.rate_variance
@@ -162,8 +172,3 @@ def _smoother_gain(now: State, ahead: State, step_s: FloatArray) -> FloatArray:
         a11 * ahead.variance - a10 * ahead.covariance,
     ], 1)  # fmt: skip
     return np.stack([first, second], 1) * scale[:, None, None]
-
-
-def wrap_deg(angle_deg: FloatArray) -> FloatArray:
-    """Bring angles in degrees to [-180, 180)."""
-    return (angle_deg + 180.0) % 360.0 - 180.0

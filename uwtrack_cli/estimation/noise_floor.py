@@ -52,7 +52,7 @@ OWN_BINS = 2.3
 
 
 def noise_floor(
-    power_density: FloatArray, effort: FloatArray, *, zero_padding: int = 1
+    power_density: FloatArray, valid_fraction: FloatArray, *, zero_padding: int = 1
 ) -> FloatArray:
     """Estimate the noise density in every cell.
 
@@ -60,7 +60,7 @@ def noise_floor(
     ----------
     power_density
         Power density, shape (frame, frequency); the first frame starts a tile.
-    effort
+    valid_fraction
         Share of valid samples per frame; frames below one half are left out.
     zero_padding
         Cells per natural bin.
@@ -72,7 +72,9 @@ def noise_floor(
     """
     floor = np.full(power_density.shape, np.nan, np.float32)
     for start in range(0, power_density.shape[0], TILE_FRAMES):
-        rows = np.flatnonzero(effort[start : start + TILE_FRAMES] >= 0.5) + start
+        rows = (
+            np.flatnonzero(valid_fraction[start : start + TILE_FRAMES] >= 0.5) + start
+        )
         if rows.size:
             floor[rows] = _tile_floor(power_density[rows], zero_padding)
     return floor

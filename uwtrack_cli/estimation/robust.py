@@ -75,7 +75,7 @@ def neighbour_scale(
 ) -> FloatArray:
     """Return the scale of the part of the residuals that changes at every step.
 
-    Slow wander does not move it: it looks at differences of neighbours only. It
+    Slow variation does not move it: it looks at differences of neighbours only. It
     leans on the expected scale of one with the say of a few measurements.
 
     Parameters

@@ -3,7 +3,8 @@
 **Method.** The result is written to a file without a name in the folder of its
 target (Linux; elsewhere to a hidden one beside it), synced, and put in place by one
 link, or one rename where a file is replaced. Whatever goes wrong before that, the
-target keeps what it had; a killed program leaves nothing at all.
+target keeps what it had; a killed program leaves nothing at all. A file that the
+command reads is never replaced (see `input_ledger`).
 """
 
 import contextlib
@@ -13,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from uwtrack_cli.errors import OutputError
+from uwtrack_cli.files.input_ledger import refuse_input
 
 NAMELESS = Path("/proc/self/fd")
 """Where Linux shows open files, those without a name included."""
@@ -99,6 +101,7 @@ def _check_existing(
     if target.is_dir():
         msg = f"cannot write {path}: it is a folder; name a file in it with -o."
         raise OutputError(msg)
+    refuse_input(path)
     for source in inputs:
         if Path(source).exists() and target.samefile(source):
             msg = f"{path} is an input of this command and is never overwritten."
@@ -126,6 +129,7 @@ def _scratch(target: Path) -> tuple[int, Path]:
 
 
 def _put(temporary: Path, target: Path, *, overwrite: bool) -> None:
+    refuse_input(target)  # it may have been read after it was checked
     folder = os.open(target.parent, os.O_RDONLY)
     try:
         if not overwrite:

@@ -17,17 +17,20 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OutputError, UwtrackWarning
-from uwtrack_cli.files.json_rows import json_rows
-from uwtrack_cli.files.product import (
+from uwtrack_cli.files.hdf5.product import (
     HistoryStep,
-    Source,
+    ProductWriter,
     read_product,
     verify_product,
-    write_product,
 )
-from uwtrack_cli.flow.chain import run_recipe
-from uwtrack_cli.flow.joining import SLACK_S, join_recordings
-from uwtrack_cli.flow.products import source_of_recording
+from uwtrack_cli.files.input_ledger import input_ledger, not_an_input
+from uwtrack_cli.files.tables.json_rows import json_rows
+from uwtrack_cli.flow.concatenate import SLACK_S, join_recordings
+from uwtrack_cli.flow.products import (
+    history_of_graph,
+    run_into_product,
+    source_of_recording,
+)
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.sources import open_with_options
 
@@ -39,12 +42,19 @@ class Job:
     """One product to make; picklable, about a kilobyte."""
 
     sources: tuple[Path, ...]
+    """Recordings, joined in this order if there are several."""
     target: Path
+    """Product to write."""
     recipe: Recipe
+    """What is run over them."""
     options: Mapping[str, Any] = field(default_factory=dict)
+    """How the recordings are opened: the options of `open_with_options`."""
     resume: bool = False
+    """Whether a complete product is kept."""
     overwrite: bool = False
+    """Whether an existing product may be replaced."""
     slack_s: float = SLACK_S
+    """Difference from UTC up to which a file directly follows the one before it, s."""
     may_repeat: bool = False
     """Whether it may run twice: its worker can be lost after the product was placed."""
 
@@ -54,13 +64,21 @@ class Outcome:
     """What became of a job: a row of the report."""
 
     source: str
+    """First recording, as it was named."""
     target: str
+    """Product."""
     status: str
+    """'done', 'resumed' or 'failed'."""
     message: str = ""
+    """Warnings, or why it failed."""
     n_sources: int = 1
+    """Number of recordings that were joined."""
     duration_s: float | None = None
+    """Length of the recording, s; None if it could not be opened."""
     cpu_s: float | None = None
+    """Processor time that was used, s."""
     encounters: tuple[dict[str, Any], ...] = ()
+    """Rows of the encounters found, as JSON objects."""
 
 
 def run_job(job: Job) -> Outcome:
@@ -79,7 +97,8 @@ def run_job(job: Job) -> Outcome:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UwtrackWarning)
         try:
-            outcome = _make(job, blank)
+            with input_ledger():
+                outcome = _make(job, blank)
         except (DataError, OutputError, ValueError) as error:
             outcome = replace(blank, message=str(error))
         except OSError as error:
@@ -89,9 +108,9 @@ def run_job(job: Job) -> Outcome:
         except Exception as error:  # noqa: BLE001 - a row, whatever happened
             reason = f"the program failed ({type(error).__name__}: {error})."
             outcome = replace(blank, message=reason)
-    heard = [str(w.message) for w in said if issubclass(w.category, UwtrackWarning)]
-    if outcome.status != FAILED and heard:
-        outcome = replace(outcome, message=" ".join(dict.fromkeys(heard)))
+    warned = [str(w.message) for w in said if issubclass(w.category, UwtrackWarning)]
+    if outcome.status != FAILED and warned:
+        outcome = replace(outcome, message=" ".join(dict.fromkeys(warned)))
     return replace(outcome, cpu_s=round(time.process_time() - begin, 3))
 
 
@@ -101,10 +120,13 @@ def _make(job: Job, blank: Outcome) -> Outcome:
     if len(opened) > 1:
         recording, files = join_recordings(opened, slack_s=job.slack_s)
         beside.append(files)
-    history = history_of_job(job.recipe, [source_of_recording(r) for r in opened])
+    sources = [source_of_recording(r) for r in opened]
+    graph = job.recipe.graph().resolved(recording)
+    history = history_of_graph(graph, sources)
     begun = replace(blank, duration_s=recording.duration_s)
     if job.target.exists() and (job.resume or job.may_repeat):
-        found = _complete(job.target, recording, history)
+        with not_an_input():  # a product that is not complete is made again
+            found = _complete(job.target, recording, history)
         if found is not None:
             status = RESUMED if job.resume else DONE
             return replace(begun, status=status, encounters=found)
@@ -112,24 +134,14 @@ def _make(job: Job, blank: Outcome) -> Outcome:
         msg = f"{job.target} exists already; give --resume or --overwrite."
         raise OutputError(msg)
     job.target.parent.mkdir(parents=True, exist_ok=True)
-    made = run_recipe(recording, job.recipe)
-    write_product(
-        job.target,
-        [*made, *beside],
-        history=history,
-        overwrite=job.resume or job.overwrite or job.may_repeat,
-        inputs=job.sources,
-    )
-    rows = [row for c in made if isinstance(c, Encounters) for row in json_rows(c)]
+    overwrite = job.resume or job.overwrite or job.may_repeat
+    with ProductWriter(job.target, overwrite=overwrite, inputs=job.sources) as writer:
+        made = run_into_product(recording, job.recipe, writer, sources=sources)
+        for container in beside:
+            writer.write(container)
+    small = [held.container for held in made]
+    rows = [row for c in small if isinstance(c, Encounters) for row in json_rows(c)]
     return replace(begun, status=DONE, encounters=tuple(rows))
-
-
-def history_of_job(recipe: Recipe, sources: list[Source]) -> list[HistoryStep]:
-    """Return one step per stage of a recipe; the first names what was read."""
-    return [
-        HistoryStep.now(step.stage_name, step.values(), sources if k == 0 else [])
-        for k, step in enumerate(recipe.steps)
-    ]
 
 
 def _complete(

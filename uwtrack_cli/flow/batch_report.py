@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from uwtrack_cli.files.atomic import atomic_target
+from uwtrack_cli.files.input_ledger import refuse_input
+from uwtrack_cli.files.text_escaping import csv_cell, plain_text
 from uwtrack_cli.flow.batch import Outcome
 
 NAMES = ("batch.csv", "batch.jsonl")
@@ -36,6 +38,18 @@ def report_rows(outcomes: Sequence[Outcome], folder: Path) -> list[dict[str, Any
     return rows
 
 
+def check_report(folder: Path) -> None:
+    """Refuse a folder where the report would replace a file that is read.
+
+    Raises
+    ------
+    OutputError
+        The report would replace an input.
+    """
+    for name in NAMES:
+        refuse_input(folder / name)
+
+
 def write_report(outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, Path]:
     """Write the report into the folder of the products.
 
@@ -56,8 +70,10 @@ def write_report(outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, Path]
     text = io.StringIO()
     writer = csv.DictWriter(text, HEADS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
-    lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows)
+    writer.writerows({k: csv_cell(v) for k, v in row.items()} for row in rows)
+    lines = "".join(
+        plain_text(json.dumps(row, ensure_ascii=False)) + "\n" for row in rows
+    )
     written = folder / NAMES[0], folder / NAMES[1]
     for path, content in zip(written, (text.getvalue(), lines), strict=True):
         with atomic_target(path, overwrite=True) as temporary:

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from uwtrack_cli.errors import DataError, OptionError, UwtrackError
-from uwtrack_cli.files.audio_facts import SUFFIXES, sound_facts
-from uwtrack_cli.files.sensors import find_sensor
-from uwtrack_cli.files.start_time import find_start_utc_ns
+from uwtrack_cli.files.audio.opening import SUFFIXES, sound_facts
+from uwtrack_cli.files.audio.start_time import find_start_utc_ns
+from uwtrack_cli.files.input_ledger import as_input, refuse_input
+from uwtrack_cli.files.tables.sensors import find_sensor, sensor_files
 from uwtrack_cli.flow.batch import Job
-from uwtrack_cli.flow.joining import MAX_GAP_S, SLACK_S, Span, group_spans
+from uwtrack_cli.flow.concatenate import MAX_GAP_S, SLACK_S, Span, group_spans
 from uwtrack_cli.flow.recipe import Recipe
 
 SUFFIX = ".run.h5"
@@ -23,7 +24,9 @@ class Found:
     """A recording, and its place below what the user named."""
 
     path: Path
+    """Path of the recording."""
     place: Path
+    """Path relative to what the user named."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,9 @@ class Joining:
     """How files are joined: greatest gap and least difference from UTC, s."""
 
     max_gap_s: float = MAX_GAP_S
+    """Longest gap within a joined recording, s."""
     slack_s: float = SLACK_S
+    """Difference from UTC up to which a file directly follows the one before it, s."""
 
 
 def find_recordings(sources: Sequence[Path]) -> list[Found]:
@@ -69,11 +74,14 @@ def make_jobs(
     ------
     OptionError
         Two recordings would be written to one file.
+    OutputError
+        A product would replace a file that is read, for this or another product.
     """
     groups: list[tuple[int, ...]] = [(k,) for k in range(len(found))]
     if joining is not None:
         groups = _join(found, options, joining)
     targets = _targets([found[group[0]] for group in groups], folder)
+    _protect(found, options.get("sensor"), targets)
     return [
         Job(
             tuple(found[k].path.absolute() for k in group),
@@ -86,6 +94,18 @@ def make_jobs(
         )
         for group, target in zip(groups, targets, strict=True)
     ]
+
+
+def _protect(
+    found: Sequence[Found], sensor_file: Path | None, targets: Sequence[Path]
+) -> None:
+    """Note what the jobs will read, wherever they run, and refuse it as a target."""
+    for item in found:
+        as_input(item.path)
+        for path in sensor_files(item.path, sensor_file):
+            as_input(path)
+    for target in targets:
+        refuse_input(target)
 
 
 def _recordings(source: Path) -> list[Found]:

@@ -13,19 +13,19 @@ if TYPE_CHECKING:
     from uwtrack_cli.flow.stage import Stage
 
 STAGES: dict[str, str] = {
-    "spectrogram": "uwtrack_cli.stages.spectrogram:compute_spectrogram",
-    "overview": "uwtrack_cli.stages.overview:pool_overview",
-    "levels": "uwtrack_cli.stages.levels:measure_levels",
-    "peaks": "uwtrack_cli.stages.peaks:find_peaks",
-    "classify": "uwtrack_cli.stages.classify:classify_peaks",
-    "track": "uwtrack_cli.stages.track:track_lines",
-    "track-pda": "uwtrack_cli.stages.track_pda:track_lines_pda",
-    "trace": "uwtrack_cli.stages.trace:trace_lines",
-    "cpa": "uwtrack_cli.stages.cpa:find_encounters",
-    "locate": "uwtrack_cli.stages.locate:locate_vessels",
-    "tma": "uwtrack_cli.stages.tma:estimate_motion",
-    "pdaf": "uwtrack_cli.stages.pdaf:track_in_clutter",
-    "discriminate": "uwtrack_cli.stages.discriminate:discriminate_contacts",
+    "spectrogram": "uwtrack_cli.spectra.spectrogram:compute_spectrogram",
+    "overview": "uwtrack_cli.spectra.overview:pool_overview",
+    "levels": "uwtrack_cli.spectra.levels:measure_levels",
+    "peaks": "uwtrack_cli.spectra.peaks:find_peaks",
+    "classify": "uwtrack_cli.lines.classify:classify_peaks",
+    "track": "uwtrack_cli.lines.track:track_lines",
+    "track-pda": "uwtrack_cli.lines.track_pda:track_lines_pda",
+    "trace": "uwtrack_cli.lines.trace:trace_lines",
+    "cpa": "uwtrack_cli.motion.cpa:find_encounters",
+    "locate": "uwtrack_cli.motion.locate:locate_vessels",
+    "tma": "uwtrack_cli.motion.tma:estimate_motion",
+    "pdaf": "uwtrack_cli.clutter.pdaf:track_in_clutter",
+    "discriminate": "uwtrack_cli.discrimination.discriminate:discriminate_contacts",
 }
 """Where the function of each stage is, in the order of the chain."""
 

@@ -5,14 +5,12 @@ numbers agree when ``|a - b| <= atol + rtol * max(|a|, |b|)``; nan agrees with n
 What only passes by (spectrogram, peaks, families) is read block by block.
 
 **Conventions.** Angles (``_deg``) are compared around the circle, epochs (``_ns``) in
-seconds. Texts that hold
-JSON are compared by their numbers. When a file was made, by which version and from a
+seconds. When a file was made, by which version and from a
 source of which name is not compared: that is its history.
 """
 
-import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -22,11 +20,10 @@ from numpy.typing import NDArray
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.peaks import Families
-from uwtrack_cli.files.product import Product
-from uwtrack_cli.files.reading import container_group, part_path
-from uwtrack_cli.files.registry import CONTAINERS
-from uwtrack_cli.flow.chain import PASSING
-from uwtrack_cli.flow.tolerances import Closeness
+from uwtrack_cli.files.hdf5.layout import CONTAINERS
+from uwtrack_cli.files.hdf5.product import ContainerKey, Product
+from uwtrack_cli.flow.graph import PASSING
+from uwtrack_cli.flow.scoring.tolerances import Closeness
 
 BLOCK_FRAMES = 256
 NAMES_OF_SOURCES = frozenset({("recording", "name"), ("recording", "digest")})
@@ -40,13 +37,23 @@ class Difference:
     """A quantity in which two products differ, and by how much at most."""
 
     container: str
+    """Name of the container."""
     sensor: str | None
+    """Identifier of its sensor; None for a container of the whole file."""
     quantity: str
+    """Column or single value; empty for the whole container."""
     reason: str
+    """In what they differ, in words."""
     n_values: int = 0
+    """Number of values compared."""
     n_different: int = 0
+    """Number of values outside the tolerance."""
     largest: float = float("nan")
+    """Largest absolute difference, in the quantity's unit."""
     largest_relative: float = float("nan")
+    """Largest difference relative to the larger magnitude."""
+    step: str = ""
+    """Name of the step that made the container, where products keep it."""
 
 
 @dataclass
@@ -54,7 +61,9 @@ class Comparison:
     """Options of a comparison, and the differences found so far."""
 
     default: Closeness = field(default_factory=Closeness)
+    """Tolerance of quantities that have none of their own."""
     tolerances: Tolerances = field(default_factory=dict)
+    """Tolerances by container and quantity."""
 
     def closeness(self, container: str, quantity: str) -> Closeness:
         """Return the tolerance of a quantity."""
@@ -86,18 +95,15 @@ def compare_products(
     """
     wanted = Comparison(Closeness(rtol, atol), tolerances or {})
     found: list[Difference] = []
-    keys = sorted(
-        {*_keys(first), *_keys(second)}, key=lambda key: (key[0] or "", key[1])
-    )
-    for sensor, name in keys:
-        missing = [
-            p.name for p in (first, second) if (sensor, name) not in set(_keys(p))
-        ]
+    keys = {*_keys(first), *_keys(second)}
+    for key in sorted(keys, key=lambda key: (key.sensor or "", *key[1:])):
+        missing = [p.name for p in (first, second) if key not in p.paths]
         if missing:
             reason = f"is not in {missing[0]}"
-            found.append(Difference(name, sensor, "", reason))
+            found.append(Difference(key.name, key.sensor, "", reason, step=key.step))
         else:
-            found += _compare_streams(first, second, (sensor, name), wanted)
+            different = _compare_streams(first, second, key, wanted)
+            found += [replace(item, step=key.step) for item in different]
     return found
 
 
@@ -124,15 +130,12 @@ def compare_containers(
             yield Difference(name, sensor, part, "is in one of them only")
 
 
-def _keys(product: Product) -> Iterator[tuple[str | None, str]]:
+def _keys(product: Product) -> Iterator[ContainerKey]:
     """Yield what a product holds; parts come with their owners."""
-    for sensor, names in product.containers().items():
-        for name in names:
-            if name not in {"frames", "navigation"}:
-                yield sensor, name
+    return (key for key in product.paths if key.name not in {"frames", "navigation"})
 
 
-def is_streamed(product: Product, key: tuple[str | None, str]) -> bool:
+def is_streamed(product: Product, key: ContainerKey) -> bool:
     """Tell whether a container passes by in blocks of frames, and is no small table.
 
     Parameters
@@ -140,25 +143,24 @@ def is_streamed(product: Product, key: tuple[str | None, str]) -> bool:
     product
         The product that holds it.
     key
-        Its sensor and its name.
+        The container.
     """
-    kind = CONTAINERS[key[1]]
+    kind = CONTAINERS[key.name]
     if kind is not Families:
         return kind in PASSING
-    group = container_group(product.file, product.paths[key], kind)
-    return part_path(group, "peaks") is not None  # else a table of lasting families
+    return product.has_part(key, "peaks")  # else a table of lasting families
 
 
 def _compare_streams(
-    first: Product, second: Product, key: tuple[str | None, str], wanted: Comparison
+    first: Product, second: Product, key: ContainerKey, wanted: Comparison
 ) -> list[Difference]:
-    sensor, name = key
+    sensor, name, step = key
     kind = CONTAINERS[name]
     if not (is_streamed(first, key) and is_streamed(second, key)):
-        pair = first.read(kind, sensor), second.read(kind, sensor)
+        pair = first.read(kind, sensor, step), second.read(kind, sensor, step)
         return list(compare_containers(*pair, wanted, sensor))
     merged: dict[str, Difference] = {}
-    streams = (p.stream(kind, sensor, BLOCK_FRAMES) for p in (first, second))
+    streams = (p.stream(kind, sensor, BLOCK_FRAMES, step) for p in (first, second))
     for one, other in zip_longest(*streams):
         if one is None or other is None:
             return [Difference(name, sensor, "frames", "differ in number")]
@@ -192,8 +194,7 @@ def _compare_columns(
     elif a.shape != b.shape:
         yield Difference(*key, f"has shape {a.shape} and {b.shape}")
     elif a.dtype.kind == "U":
-        pairs = zip(a.ravel(), b.ravel(), strict=True)
-        unequal = sum(not _same_text(str(x), str(y), close) for x, y in pairs)
+        unequal = int(np.count_nonzero(a != b))
         if unequal:
             yield Difference(*key, "differs", a.size, unequal)
     else:
@@ -233,41 +234,20 @@ def _compare_numbers(
         return
     one_sided = int(np.count_nonzero(np.isnan(x) != np.isnan(y)))
     reason = f"differs, {one_sided} known in one only" if one_sided else "differs"
-    told = different & np.isfinite(apart)
+    finite = different & np.isfinite(apart)
     yield Difference(
         *key,
         reason,
         int(x.size - np.count_nonzero(unknown)),
         int(np.count_nonzero(different)),
-        float(apart[told].max(initial=0.0)),
+        float(apart[finite].max(initial=0.0)),
         float(
-            np.divide(apart, size, where=size > 0.0, out=np.zeros_like(size))[told].max(
-                initial=0.0
-            )
+            np.divide(apart, size, where=size > 0.0, out=np.zeros_like(size))[
+                finite
+            ].max(initial=0.0)
         ),
     )
 
 
 def _around(angle_deg: NDArray[Any]) -> NDArray[Any]:
     return np.asarray((angle_deg + 180.0) % 360.0 - 180.0)
-
-
-def _same_text(a: str, b: str, close: Closeness) -> bool:
-    if a == b:
-        return True
-    try:
-        return _same_json(json.loads(a), json.loads(b), close)
-    except (ValueError, RecursionError):
-        return False
-
-
-def _same_json(a: Any, b: Any, close: Closeness) -> bool:
-    if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(_same_json(a[k], b[k], close) for k in a)
-    if isinstance(a, list) and isinstance(b, list):
-        pairs = zip(a, b, strict=False)
-        return len(a) == len(b) and all(_same_json(x, y, close) for x, y in pairs)
-    numbers = isinstance(a, int | float) and isinstance(b, int | float)
-    if numbers and not isinstance(a, bool) and not isinstance(b, bool):
-        return bool(abs(a - b) <= close.atol + close.rtol * max(abs(a), abs(b)))
-    return bool(a == b)

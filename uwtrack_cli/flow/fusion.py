@@ -10,12 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.files.product import HistoryStep
-from uwtrack_cli.flow.products import history_of_recipe, whole_stage
-from uwtrack_cli.flow.recipe import Recipe, Step
+from uwtrack_cli.files.hdf5.product import HistoryStep
+from uwtrack_cli.flow.products import (
+    Held,
+    history_of_graph,
+    source_of_recording,
+    whole_result,
+)
+from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.step import Step
 
 
 @dataclass(frozen=True)
@@ -23,20 +28,44 @@ class Fusion:
     """A step that joins several recordings, and the file that its result goes to."""
 
     recipe: Recipe
+    """The recipe of all recordings."""
     step: Step
+    """The step that joins them."""
     recordings: tuple[Recording, ...]
+    """The recordings, opened."""
     target: Path
+    """File of the result."""
 
-    def apply(self, made: Sequence[Container]) -> list[Container]:
-        """Locate over the containers of all recordings; the result comes last."""
-        return whole_stage(self.step, [c for c in made if not isinstance(c, Fixes)], [])
+    def apply(self, made: Sequence[Held]) -> list[Held]:
+        """Locate over the results of all recordings; the fixes come last."""
+        graph = self.recipe.graph()
+        steps = {step.name: step for step in graph.steps()}
+        node = next(n for n in graph.nodes if n.step.name == self.step.name)
+        read = {
+            graph.product_key(steps[name])
+            for names in node.sources.values()
+            for name in names
+        }
+        left = [
+            held
+            for held in made
+            if not isinstance(held.container, Fixes)
+            and (held.step in read or not isinstance(held.container, Encounters))
+        ]
+        return whole_result(self.step, left, [])
 
     def history(self) -> list[HistoryStep]:
         """Return how each recording was read, the steps over each, and the last."""
-        runs = [history_of_recipe(self.recipe, r) for r in self.recordings]
-        rest = [step for step in runs[0][1:] if step.stage != self.step.stage_name]
-        last = HistoryStep.now(self.step.stage_name, self.step.values())
-        return [*(run[0] for run in runs), *rest, last]
+        graph = self.recipe.graph()
+        runs = [
+            history_of_graph(graph.resolved(r), [source_of_recording(r)])
+            for r in self.recordings
+        ]
+        readers = [step for run in runs for step in run if step.sources]
+        own = self.step.name
+        rest = [s for s in runs[0] if not s.sources and s.step_name != own]
+        last = next(s for s in runs[0] if s.step_name == own)
+        return [*readers, *rest, last]
 
 
 def plan_fusion(

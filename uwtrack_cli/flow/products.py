@@ -1,72 +1,216 @@
-"""Apply one stage to product files: what a command of the chain does.
+"""Graphs over recordings and product files, and the products that they make.
 
-**Method.** Streamed containers are read and written in blocks of frames; small ones
-are read whole, found by type and sensor in all the files given. The output carries
-the small containers of its sources forward, so that it explains itself.
+**Method.** A run writes its results into the new file while it goes on, and reads back
+from there what the whole stages take, so that memory does not grow with the recording.
+The command of a single stage is a graph of one step: it reads what passes by in blocks
+of frames and small containers whole, found by type and sensor in all the files given.
+The output carries the small containers of its sources forward, so that it explains
+itself.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.layout import sensor_of
-from uwtrack_cli.files.product import HistoryStep, Product, ProductWriter, Source
-from uwtrack_cli.files.registry import CONTAINERS
-from uwtrack_cli.flow.chain import PASSING, apply_stream, apply_whole
-from uwtrack_cli.flow.recipe import Recipe, Step
+from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
+from uwtrack_cli.files.hdf5.product import (
+    HistoryStep,
+    Product,
+    ProductWriter,
+    Source,
+)
+from uwtrack_cli.files.text_escaping import file_name
+from uwtrack_cli.flow.branches import keys_of_branch, maker, sole_keys, step_names
+from uwtrack_cli.flow.comparison import is_streamed
+from uwtrack_cli.flow.engine import Engine, MemorySink, Progress, context_of
+from uwtrack_cli.flow.graph import PASSING, Graph
+from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.step import Step, simple_step
 
 BLOCK_FRAMES = 256
 """Frames read at once: whole tiles of the noise floor."""
 
 
-def history_of(
-    products: Sequence[Product], step: Step, sources: Sequence[Source]
-) -> list[HistoryStep]:
-    """Return the histories of the sources, extended by a step."""
-    before: list[HistoryStep] = []
-    for product in products:
-        before += [past for past in product.history if past not in before]
-    return [*before, HistoryStep.now(step.stage_name, step.values(), sources)]
+class ProductSink:
+    """Writes results into a product, and reads them back from there.
+
+    Parameters
+    ----------
+    writer
+        The product that is being made.
+    graph
+        The graph of the run: it says under which name each result is kept.
+    """
+
+    def __init__(self, writer: ProductWriter, graph: Graph) -> None:
+        self._writer = writer
+        self._key_of = graph.product_key
+        self._whole: dict[str, Container] = {}
+
+    def append(self, step: Step, block: Container) -> None:
+        """Write a block of a step's result."""
+        self._writer.append(block, self._key_of(step))
+
+    def write(self, step: Step, container: Container) -> None:
+        """Write the whole result of a step."""
+        self._whole[step.name] = container
+        self._writer.write(container, self._key_of(step))
+
+    def read(self, step: Step) -> Container:
+        """Return the whole result of a step."""
+        if step.name not in self._whole:
+            kind = step.stage.output
+            self._whole[step.name] = self._writer.read_back(kind, self._key_of(step))
+        return self._whole[step.name]
 
 
-def stream_stage(
-    step: Step, product: Product, writer: ProductWriter
+class Held(NamedTuple):
+    """A container with the name under which its product keeps it."""
+
+    container: Container
+    """The container."""
+    step: str = ""
+    """Name of the step that made it; empty for the usual one."""
+
+
+def run_into_product(
+    recording: Recording,
+    recipe: Recipe,
+    writer: ProductWriter,
+    *,
+    sources: Sequence[Source] = (),
+    keep: Sequence[type[Container]] = (),
+    progress: Progress | None = None,
+) -> list[Held]:
+    """Run a recipe over a recording into a product.
+
+    Parameters
+    ----------
+    recording
+        The recording, opened for reading.
+    recipe
+        The steps.
+    writer
+        The product, open; it gets the history, too.
+    sources
+        Files that the recording was read from; the recording itself if not given.
+    keep
+        Passing containers that are written all the same.
+    progress
+        Called after each block.
+
+    Returns
+    -------
+    list[Held]
+        The small containers of the product, its encounters among them.
+
+    Raises
+    ------
+    OptionError
+        The steps of the recipe do not join.
+    """
+    graph = recipe.graph(keep).resolved(recording)
+    sink = ProductSink(writer, graph)
+    engine = Engine(graph, context_of(recording), sink)
+    writer.write(recording)
+    writer.write(recording.sensor)
+    engine.run_recording(recording, progress)
+    writer.history = history_of_graph(
+        graph, sources or [source_of_recording(recording)]
+    )
+    small = [s for s in graph.steps() if s.name in graph.outputs]
+    small = [s for s in small if s.stage.output not in PASSING]
+    made = [Held(sink.read(step), graph.product_key(step)) for step in small]
+    return [Held(recording), Held(recording.sensor), *made]
+
+
+def source_into_product(
+    step: Step, recording: Recording, writer: ProductWriter, progress: Progress
+) -> None:
+    """Run a source stage over a recording into a product that has an overview."""
+    steps = (replace(step, is_output=True), simple_step("overview"))
+    recipe = Recipe(step.name, "", steps)
+    run_into_product(recording, recipe, writer, progress=progress)
+
+
+def stream_into_product(
+    step: Step, product: Product, writer: ProductWriter, branch: str | None = None
 ) -> list[Container]:
     """Apply a map or scan to every sensor of a product; return the last blocks of each.
 
     Of a sensor these are the last block with frames and the one that ends the stream.
 
+    Parameters
+    ----------
+    step
+        The step that is applied.
+    product
+        The product that it reads.
+    writer
+        The product that is being made.
+    branch
+        Step whose branch is read, where several steps made what the stage takes.
+
     Raises
     ------
     DataError
-        The product has nothing that the stage reads.
+        The product has nothing that the stage reads, or several of it.
     """
     kinds = step.stage.inputs[0].kinds
+    keys = sole_keys(product, branch, [kind.NAME for kind in kinds])
+    streamed = [key for key in keys if is_streamed(product, key)]
     last: list[Container] = []
-    for sensor, names in product.containers().items():
-        kind = next((k for k in kinds if k.NAME in names), None)
+    for sensor in dict.fromkeys(key.sensor for key in streamed):
+        there = {key.name: key for key in streamed if key.sensor == sensor}
+        kind = next((k for k in kinds if k.NAME in there), None)
         if kind is None:
             continue
-        ends: list[Container] = []
-        for block in apply_stream(step, product.stream(kind, sensor, BLOCK_FRAMES)):
-            writer.append(block)
-            ends = [*ends[-1:], block]
-        last += ends
+        graph = Graph.of_steps((replace(step, is_output=True),), step.name, (kind,))
+        ends = _LastBlocks(writer)
+        engine = Engine(graph, [], ends)
+        made_by = there[kind.NAME].step
+        for block in product.stream(kind, sensor, BLOCK_FRAMES, made_by):
+            engine.push(None, block, None)
+        engine.finish()
+        last += ends.blocks
     if not last:
         raise DataError(_wrong_product(step, [product]))
-    for container in small_containers(product):
-        if container.NAME != step.stage.output.NAME:
-            writer.write(container)
+    for held in small_containers(product, branch):
+        if not isinstance(held.container, step.stage.output):
+            writer.write(held.container, held.step)
+    sources = [source_of_product(product)]
+    writer.history = extended_history([product], step, sources, branch)
     return last
 
 
-def whole_stage(
-    step: Step, available: Sequence[Container], products: Sequence[Product]
-) -> list[Container]:
-    """Apply a whole stage; return its result and the containers carried forward.
+class _LastBlocks:
+    """Writes blocks into a product and keeps the last two."""
+
+    def __init__(self, writer: ProductWriter) -> None:
+        self._writer = writer
+        self.blocks: list[Container] = []
+
+    def append(self, step: Step, block: Container) -> None:  # noqa: ARG002 - a sink
+        self._writer.append(block)
+        self.blocks = [*self.blocks[-1:], block]
+
+    def write(self, step: Step, container: Container) -> None:
+        self.append(step, container)
+
+    def read(self, step: Step) -> Container:
+        msg = f"{step.name} is a stream and is not read back."
+        raise TypeError(msg)
+
+
+def whole_result(
+    step: Step, available: Sequence[Held], products: Sequence[Product]
+) -> list[Held]:
+    """Apply a whole stage; return the containers carried forward, then its result.
 
     A stage that takes lists sees all sensors at once; any other one is applied to
     each sensor in turn.
@@ -77,45 +221,144 @@ def whole_stage(
         The files have nothing that the stage reads, or two different candidates.
     """
     there = _distinct(available)
+    given = [held.container for held in there]
     wanted = tuple(kind for i in step.stage.inputs for kind in i.kinds)
-    required = [c for c in there if isinstance(c, step.stage.inputs[0].kinds)]
-    if not any(isinstance(c, wanted) for c in there):
+    required = [c for c in given if isinstance(c, step.stage.inputs[0].kinds)]
+    if not any(isinstance(c, wanted) for c in given):
         raise DataError(_wrong_product(step, products))
     if any(i.is_list for i in step.stage.inputs):
         if not required:
             raise DataError(_wrong_product(step, products))
-        made = [apply_whole(step, there)]
+        made = [_apply(step, given)]
     else:
-        made = [apply_whole(step, group) for group in _by_sensor(there, wanted)]
+        made = [_apply(step, group) for group in _by_sensor(given, wanted)]
     result = made[0] if len(made) == 1 else type(made[0]).join(made)
-    carried = [c for c in there if type(c) is not type(result)]
-    several = [c for c in carried if isinstance(c, Encounters)]
-    if len(several) > 1:
-        rest = [c for c in carried if not isinstance(c, Encounters)]
-        carried = [*rest, Encounters.join(several)]
-    return [*carried, result]
+    carried = [h for h in there if type(h.container) is not type(result)]
+    tables: dict[str, list[Encounters]] = {}
+    for held in carried:
+        if isinstance(held.container, Encounters):
+            tables.setdefault(held.step, []).append(held.container)
+    rest = [held for held in carried if not isinstance(held.container, Encounters)]
+    rest += [
+        Held(several[0] if len(several) == 1 else Encounters.join(several), name)
+        for name, several in tables.items()
+    ]
+    return [*rest, Held(result)]
 
 
-def small_containers(product: Product) -> Iterator[Container]:
-    """Read what later files carry: everything that does not only pass by."""
-    passing = {kind.NAME for kind in PASSING}
-    for sensor, names in product.containers().items():
-        parts = _part_names(names)
-        for name in names:
-            if name not in passing and name not in parts:
-                yield product.read(CONTAINERS[name], sensor)
+def _apply(step: Step, given: Sequence[Container]) -> Container:
+    kinds = tuple({type(c) for c in given})
+    every = (*kinds, *(k for i in step.stage.inputs for k in i.kinds))
+    sink = MemorySink()
+    alone = replace(step, inputs=None)  # what it reads is given, whoever made it
+    Engine(Graph.of_steps((alone,), step.name, every), given, sink).finish()
+    return sink.read(step)
 
 
-def _part_names(names: Sequence[str]) -> set[str]:
-    """Names that are stored as parts of others and come back with them."""
-    return {"frames", "navigation"} & set(names)
+def small_containers(product: Product, branch: str | None = None) -> Iterator[Held]:
+    """Read what later files carry: everything that does not only pass by.
+
+    Parameters
+    ----------
+    product
+        The product.
+    branch
+        Step whose branch is meant, where several steps made results of one kind.
+    """
+    left_out = {"frames", "navigation", *(kind.NAME for kind in PASSING)}
+    for key in keys_of_branch(product, branch):
+        if key.name not in left_out:  # frames and navigation come with their owners
+            container = product.read(CONTAINERS[key.name], key.sensor, key.step)
+            yield Held(container, key.step)
 
 
-def _distinct(containers: Sequence[Container]) -> list[Container]:
-    found: list[Container] = []
-    for container in containers:
-        if not any(container.equals(other) for other in found):
-            found.append(container)
+def history_of_graph(graph: Graph, sources: Sequence[Source]) -> list[HistoryStep]:
+    """Return the steps of a resolved graph; sources name the recording's files."""
+    return [
+        _history_step(
+            node.step,
+            tuple(s for names in node.sources.values() for s in names),
+            sources if node.step.stage.kind == "source" else (),
+        )
+        for node in graph.nodes
+    ]
+
+
+def extended_history(
+    products: Sequence[Product],
+    step: Step,
+    sources: Sequence[Source],
+    branch: str | None = None,
+) -> list[HistoryStep]:
+    """Return the histories of several products, extended by a step that read them.
+
+    Parameters
+    ----------
+    products
+        What it read.
+    step
+        The step.
+    sources
+        Names and digests of what it read.
+    branch
+        Step whose branch it read, where several steps made results of one kind.
+    """
+    before: list[HistoryStep] = []
+    inputs: list[str] = []
+    for product in products:
+        own = _renamed(product.history, before)
+        names = dict(zip(step_names(product), (p.step_name for p in own), strict=True))
+        before += [past for past in own if past not in before]
+        held = list(keys_of_branch(product, branch))
+        for wanted in step.stage.inputs:
+            there = [k.NAME for k in wanted.kinds if k.NAME in {h.name for h in held}]
+            read = [k for k in held if k.name in there[:1]]  # the first kind that fits
+            inputs += [
+                names[made] for k in read if (made := maker(product, k)) in names
+            ]
+    name = _free_name(step.name, {past.step_name for past in before})
+    inputs = sorted(set(inputs), key=[past.step_name for past in before].index)
+    return [*before, _history_step(replace(step, name=name), inputs, sources)]
+
+
+def _renamed(
+    history: Sequence[HistoryStep], taken: Sequence[HistoryStep]
+) -> list[HistoryStep]:
+    """Return a history whose names do not mean other steps of another history."""
+    known = {past.step_name: past for past in taken}
+    names: dict[str, str] = {}
+    found: list[HistoryStep] = []
+    for past in history:
+        inputs = tuple(names.get(name, name) for name in past.inputs)
+        own = replace(past, name=past.step_name, inputs=inputs)
+        if known.get(own.name, own) != own:
+            names[own.name] = _free_name(own.name, known)
+            own = replace(own, name=names[own.name])
+        found.append(own)
+    return found
+
+
+def _free_name(name: str, taken: Collection[str]) -> str:
+    """Return a name, with a number where it is taken."""
+    numbered = (name, *(f"{name}-{k}" for k in range(2, 1000)))
+    return next(one for one in numbered if one not in taken)
+
+
+def _history_step(
+    step: Step, inputs: Sequence[str], sources: Sequence[Source]
+) -> HistoryStep:
+    return HistoryStep.now(
+        step.stage_name, step.values(), sources, name=step.name, inputs=inputs
+    )
+
+
+def _distinct(available: Sequence[Held]) -> list[Held]:
+    """Leave out what several files hold alike."""
+    found: list[Held] = []
+    for held in available:
+        alike = (h for h in found if h.step == held.step)
+        if not any(held.container.equals(other.container) for other in alike):
+            found.append(held)
     return found
 
 
@@ -152,13 +395,4 @@ def source_of_recording(recording: Recording) -> Source:
 
 def source_of_product(product: Product) -> Source:
     """Name a product in the history."""
-    return Source(name=Path(product.name).name, digest=product.digest)
-
-
-def history_of_recipe(recipe: Recipe, recording: Recording) -> list[HistoryStep]:
-    """Return one step per stage of a recipe; the first names the recording."""
-    sources = [source_of_recording(recording)]
-    return [
-        HistoryStep.now(step.stage_name, step.values(), sources if k == 0 else [])
-        for k, step in enumerate(recipe.steps)
-    ]
+    return Source(name=file_name(Path(product.name)), digest=product.digest)

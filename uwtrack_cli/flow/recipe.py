@@ -1,37 +1,29 @@
-"""A recipe: the stages of a run and their options, as a TOML file.
+"""A recipe: named steps with their stages, inputs and options, as a TOML file.
 
-**Conventions.** The file has a ``description`` and one table per stage, in the order
-of the chain; a table's keys are the options of the stage's function. What is not
-mentioned keeps its default, and ``uwtrack recipes --show NAME`` prints every value.
+**Conventions.** The file has a ``description`` and one table per step. The name of a
+table is the name of its step. ``stage`` names the stage and is the name of the step
+where it is not written; ``input`` names the steps that it reads, and is the nearest
+earlier step that fits where it is not written; ``output = true`` keeps a result that
+would only pass by. All other keys are options of the stage's function. What is not
+mentioned keeps its default; ``uwtrack recipes --show NAME`` prints every value.
 """
 
 import json
-import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.options import convert, refuse_unknown, shown
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.tables.toml_tables import parse_toml
 from uwtrack_cli.flow.catalogue import STAGES, find_stage
-from uwtrack_cli.flow.stage import Stage
+from uwtrack_cli.flow.graph import Graph
+from uwtrack_cli.flow.stage import plain
+from uwtrack_cli.flow.step import Step
 
-
-@dataclass(frozen=True)
-class Step:
-    """A stage bound to its options; a picklable task of about a kilobyte."""
-
-    stage_name: str
-    options: Mapping[str, Any]
-
-    @property
-    def stage(self) -> Stage:
-        """The stage itself, looked up by its name."""
-        return find_stage(self.stage_name)
-
-    def values(self) -> dict[str, Any]:
-        """Every option with its value, defaults too, policies as tables."""
-        merged = {**self.stage.defaults, **self.options}
-        return {name: plain(value) for name, value in merged.items()}
+_STEP_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 
 @dataclass(frozen=True)
@@ -39,97 +31,143 @@ class Recipe:
     """A named list of steps."""
 
     name: str
+    """Name of the recipe, for messages."""
     description: str
+    """What it is for, in one line."""
     steps: tuple[Step, ...]
+    """The steps, in the order of the file."""
 
     @classmethod
     def from_toml(cls, name: str, text: str) -> Self:
-        """Read a recipe.
+        """Read a recipe, and check that its steps join to a graph.
 
         Raises
         ------
         OptionError
-            The text is not TOML, or names a stage or option that does not exist.
+            The text is not TOML; a stage, step or option does not exist; or a step has
+            no input, makes what no step reads, or waits for itself.
         """
         try:
-            tables = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+            tables = parse_toml(text)
+        except DataError as error:
             msg = f"recipe {name} is not readable as TOML: {error}."
             raise OptionError(msg) from error
-        description = str(tables.pop("description", ""))
-        return cls(name, description, tuple(_step(n, t) for n, t in tables.items()))
+        description = convert("description", str, tables.pop("description", ""))
+        steps = tuple(_step(n, t) for n, t in tables.items())
+        return cls(name, description, steps).checked()
 
-    def with_settings(self, settings: Sequence[str]) -> Self:
-        """Override options given as ``STAGE.OPTION=VALUE``, VALUE as in TOML.
+    def checked(self) -> Self:
+        """Return the recipe itself if its steps join.
 
         Raises
         ------
         OptionError
-            A setting has another form, or the recipe has no such stage or option.
+            They do not: see `Graph.over_recording`.
         """
-        tables = {step.stage_name: dict(step.options) for step in self.steps}
+        self.graph()
+        return self
+
+    def graph(self, keep: Collection[type[Container]] = ()) -> Graph:
+        """Return the graph of the steps over a recording.
+
+        Parameters
+        ----------
+        keep
+            Containers that are kept although they only pass by.
+
+        Raises
+        ------
+        OptionError
+            The steps do not join.
+        """
+        return Graph.over_recording(self.steps, f"recipe {self.name}", keep)
+
+    def with_settings(self, settings: Sequence[str]) -> Self:
+        """Override options given as ``STEP.OPTION=VALUE``, VALUE as in TOML.
+
+        Raises
+        ------
+        OptionError
+            A setting has another form, or the recipe has no such step or option.
+        """
+        tables = {step.name: _table(step) for step in self.steps}
         for setting in settings:
-            stage_name, path, value = _parse_setting(setting)
-            if stage_name not in tables:
-                names = ", ".join(tables)
-                msg = (
-                    f"recipe {self.name} has no stage {stage_name!r}; it has: {names}."
-                )
-                raise OptionError(msg)
-            table = tables[stage_name]
+            name, path, value = _parse_setting(setting)
+            refuse_unknown({name: value}, tables, f"recipe {self.name}", "step")
+            table = tables[name]
             if len(path) == 2:
-                before = table.get(path[0])
-                inner = plain(before) if before is not None else {}
-                table[path[0]] = {**inner, path[1]: value}
+                table[path[0]] = {**table.get(path[0], {}), path[1]: value}
             else:
                 table[path[0]] = value
         steps = tuple(_step(name, table) for name, table in tables.items())
-        return type(self)(self.name, self.description, steps)
+        return replace(self, steps=steps).checked()
 
     def to_toml(self) -> str:
         """Write the recipe with every value, so that it can be edited."""
         lines = [f"description = {_toml(self.description)}"]
         for step in self.steps:
-            lines += ["", f"[{step.stage_name}]"]
+            lines += ["", f"[{step.name}]", *_pairs(_wiring(step))]
             nested: list[str] = []
             for name, value in step.values().items():
                 if isinstance(value, dict):
-                    nested += ["", f"[{step.stage_name}.{name}]", *_pairs(value)]
+                    nested += ["", f"[{step.name}.{name}]", *_pairs(value)]
                 else:
                     lines += _pairs({name: value})
             lines += nested
         return "\n".join(lines) + "\n"
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON and TOML know it; a policy becomes a table."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
-    if isinstance(value, tuple):
-        return list(value)
-    return value
+def _wiring(step: Step) -> dict[str, Any]:
+    """Return stage, input and output of a step where they are not the usual ones."""
+    wiring: dict[str, Any] = {}
+    if step.stage_name != step.name:
+        wiring["stage"] = step.stage_name
+    if step.inputs is not None:
+        one = len(step.inputs) == 1
+        wiring["input"] = step.inputs[0] if one else list(step.inputs)
+    if step.is_output:
+        wiring["output"] = True
+    return wiring
+
+
+def _table(step: Step) -> dict[str, Any]:
+    return {**_wiring(step), **{n: plain(v) for n, v in step.options.items()}}
 
 
 def _step(name: str, table: Any) -> Step:
     if not isinstance(table, Mapping):
         names = ", ".join(STAGES)
-        msg = f"a recipe holds one table per stage ({names}), not {name} = {table!r}."
+        msg = f"a recipe holds one table per step ({names}), not {name} = {table!r}."
         raise OptionError(msg)
-    return Step(name, find_stage(name).bind(table))
+    if not _STEP_NAME.fullmatch(name):
+        msg = (
+            f"{name!r} is no name of a step: letters, digits, - and _ are accepted, "
+            f"64 at most."
+        )
+        raise OptionError(msg)
+    options = dict(table)
+    stage_name = convert(f"{name}.stage", str, options.pop("stage", name))
+    written = options.pop("input", None)
+    if isinstance(written, str):
+        written = [written]
+    inputs = convert(f"{name}.input", tuple[str, ...] | None, written)
+    is_output = convert(f"{name}.output", bool, options.pop("output", False))
+    bound = find_stage(stage_name).bind(options)
+    return Step(name, stage_name, bound, inputs, is_output)
 
 
 def _parse_setting(setting: str) -> tuple[str, list[str], Any]:
     left, equals, right = setting.partition("=")
-    stage_name, dot, option = left.strip().partition(".")
+    name, dot, option = left.strip().partition(".")
     path = option.split(".")
     if not equals or not dot or not option or len(path) > 2:
-        msg = f"a setting has the form STAGE.OPTION=VALUE, got {setting!r}."
+        msg = f"a setting has the form STEP.OPTION=VALUE, got {shown(setting)}."
         raise OptionError(msg)
     try:
-        value = tomllib.loads(f"value = {right}")["value"]
-    except tomllib.TOMLDecodeError:
+        value = parse_toml(f"value = {right}")["value"]
+    except DataError:
         value = right.strip()
-    return stage_name, path, value
+    return name, path, value
 
 
 def _pairs(table: Mapping[str, Any]) -> list[str]:

@@ -7,28 +7,39 @@ history gives. One pass over each recording so gives what commands made one by o
 The new product holds the same kinds of containers as the old one.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from uwtrack_cli.data.base import Container
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.product import HistoryStep, Product, read_product, write_product
+from uwtrack_cli.files.hdf5.layout import sensor_of
+from uwtrack_cli.files.hdf5.product import (
+    HistoryStep,
+    Product,
+    ProductWriter,
+    Source,
+    read_product,
+)
+from uwtrack_cli.flow.branches import maker
 from uwtrack_cli.flow.catalogue import find_stage
-from uwtrack_cli.flow.chain import PASSING, run_recipe
 from uwtrack_cli.flow.comparison import is_streamed
-from uwtrack_cli.flow.products import whole_stage
-from uwtrack_cli.flow.recipe import Recipe, Step
+from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
+from uwtrack_cli.flow.graph import PASSING, Graph
+from uwtrack_cli.flow.products import Held, whole_result
 from uwtrack_cli.flow.rerun_sources import SourceFinder, read_tables, reopen
+from uwtrack_cli.flow.step import Step, simple_step
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What must be run: sources, the steps over each of them, the steps over all."""
+    """What must be run."""
 
-    sources: tuple[HistoryStep, ...]
+    sources: tuple[tuple[HistoryStep, ...], ...]
+    """The steps that read each recording, for every recording."""
     each: tuple[Step, ...]
+    """Steps over each recording."""
     last: tuple[Step, ...]
+    """Steps over what came of all recordings and tables."""
 
 
 def rerun_product(
@@ -58,41 +69,57 @@ def rerun_product(
         plan = _plan(product)
         finder = SourceFinder(path, tuple(sources))
         made = _run(product, plan, finder)
-        names = {name for _, name in product.paths}
+        kept = {
+            (key.sensor, key.name, maker(product, key)): key.step
+            for key in product.paths
+        }
         history = [
-            HistoryStep.now(step.stage, step.options, step.sources)
-            for step in product.history
+            HistoryStep.now(
+                past.stage,
+                past.options,
+                past.sources,
+                name=past.step_name,
+                inputs=past.inputs,
+            )
+            for past in product.history
         ]
-    kept = [container for container in made if container.NAME in names]
-    write_product(
-        target, kept, history=history, overwrite=overwrite,
-        inputs=[path, *finder.found],
-    )  # fmt: skip
+    inputs = [path, *finder.found]
+    with ProductWriter(
+        target, history=history, overwrite=overwrite, inputs=inputs
+    ) as writer:
+        for held in made:
+            found = (sensor_of(held.container), held.container.NAME)
+            for key in {(*found, held.step), (*found, "")} & kept.keys():
+                writer.write(held.container, kept[key])
 
 
 def _plan(product: Product) -> Plan:
-    steps = product.history
-    if not steps:
+    history = product.history
+    if not history:
         msg = f"{product.name} has no history, so it cannot be made again."
         raise DataError(msg)
-    sources = tuple(s for s in steps if find_stage(s.stage).kind == "source")
-    rest = [_step(s) for s in steps if s not in sources]
+    readers = [s for s in history if find_stage(s.stage).kind == "source"]
+    rest = [_step(s) for s in history if s not in readers]
     _check_unique(product, rest)
-    held = {name for _, name in product.paths}
+    held = {key.name for key in product.paths}
     has_overview = any(step.stage_name == "overview" for step in rest)
-    if sources and "overview" in held and not has_overview:
-        rest.insert(0, Step("overview", {}))  # `spectrogram` adds one by itself
+    if readers and "overview" in held and not has_overview:
+        rest.insert(0, simple_step("overview"))  # older histories leave it out
+    of_recording: dict[tuple[Source, ...], list[HistoryStep]] = {}
+    for reader in readers:
+        of_recording.setdefault(reader.sources, []).append(reader)
+    sources = tuple(map(tuple, of_recording.values()))
     if len(sources) == 1:
         return Plan(sources, tuple(rest), ())
-    return Plan(sources, tuple(rest[:-1]), tuple(rest[-1:])) if sources else Plan(
-        (), (), tuple(rest)
-    )  # fmt: skip
+    if not sources:
+        return Plan((), (), tuple(rest))
+    return Plan(sources, tuple(rest[:-1]), tuple(rest[-1:]))
 
 
 def _check_unique(product: Product, steps: Sequence[Step]) -> None:
-    names = [step.stage_name for step in steps]
+    names = [step.name for step in steps]
     for name in names:
-        if names.count(name) > 1:
+        if names.count(name) > 1:  # a history of a program that did not name steps
             msg = (
                 f"{product.name} was made with {names.count(name)} settings of {name}: "
                 f"make each of its sources again by itself."
@@ -100,27 +127,40 @@ def _check_unique(product: Product, steps: Sequence[Step]) -> None:
             raise DataError(msg)
 
 
-def _step(step: HistoryStep) -> Step:
-    return Step(step.stage, find_stage(step.stage).bind(step.options))
+def _step(past: HistoryStep) -> Step:
+    options = find_stage(past.stage).bind(past.options)
+    inputs = past.inputs or None
+    return Step(past.step_name, past.stage, options, inputs, is_output=True)
 
 
-def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Container]:
-    streamed = {key[1] for key in product.paths if is_streamed(product, key)}
-    available: list[Container] = []
-    for source in plan.sources:
-        recording, beside = reopen(product, source, finder)
-        steps = (_step(source), *plan.each)
-        recipe = Recipe("history", "", steps)
-        keep = [kind for kind in PASSING if kind.NAME in streamed]
-        available += [*run_recipe(recording, recipe, keep=keep), *beside]
+def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
+    """Return what the plan gives, with the names of the steps that made it."""
+    streamed = {key.name for key in product.paths if is_streamed(product, key)}
+    made: list[Held] = []
+    for readers in plan.sources:
+        recording, beside = reopen(product, readers[0], finder)
+        steps = tuple(_passing(s, streamed) for s in (*map(_step, readers), *plan.each))
+        graph = Graph.over_recording(steps, "the history").resolved(recording)
+        sink = MemorySink()
+        Engine(graph, context_of(recording), sink).run_recording(recording)
+        made += map(Held, (recording, recording.sensor, *beside))
+        kept = (step for step in graph.steps() if step.name in graph.outputs)
+        made += [Held(sink.read(step), step.name) for step in kept]
     if not plan.sources:
-        available += read_tables(product.history, finder)
+        made += map(Held, read_tables(product.history, finder))
     for step in plan.last:
-        if not available:
+        if not made:
             msg = (
                 f"{product.name} began with {step.stage_name}, which reads what was "
                 f"made before, and its history does not tell how: run the chain again."
             )
             raise DataError(msg)
-        available = whole_stage(step, available, [])
-    return available
+        *carried, result = whole_result(step, made, [])
+        made = [*carried, result._replace(step=step.name)]
+    return made
+
+
+def _passing(step: Step, kept: Collection[str]) -> Step:
+    """Return a step whose result is not kept where the product does not hold it."""
+    made = step.stage.output
+    return replace(step, is_output=made not in PASSING or made.NAME in kept)

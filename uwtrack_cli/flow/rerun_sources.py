@@ -9,13 +9,15 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, UwtrackError
-from uwtrack_cli.files.audio import open_recording
-from uwtrack_cli.files.audio_facts import sound_facts
-from uwtrack_cli.files.product import HistoryStep, Product, Source, source_of
-from uwtrack_cli.files.scan_tables import read_contacts, read_roc, read_scans
-from uwtrack_cli.files.tables import read_navigation, read_series
+from uwtrack_cli.files.audio.opening import sound_facts
+from uwtrack_cli.files.audio.recording_file import open_recording
+from uwtrack_cli.files.hdf5.product import HistoryStep, Product, Source, source_of
+from uwtrack_cli.files.tables.navigation import read_navigation
+from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
+from uwtrack_cli.files.tables.series import read_series
+from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.catalogue import find_stage
-from uwtrack_cli.flow.joining import join_recordings
+from uwtrack_cli.flow.concatenate import join_recordings
 
 TABLES = (".csv", ".txt", ".tsv")
 READERS: dict[str, Callable[[Path], Container]] = {
@@ -32,8 +34,11 @@ class SourceFinder:
     """Looks for sources beside a product, or where the user says they are."""
 
     product: Path
+    """The product that is made again."""
     given: tuple[Path, ...]
+    """Files and folders that the user named."""
     found: list[Path] = field(default_factory=list)
+    """Sources that were found, in order."""
 
     def find(self, source: Source) -> Path:
         """Return the file that a history names, the same to the bit.
@@ -48,6 +53,8 @@ class SourceFinder:
         places = [p for p in self.given if p.is_file()]
         places += [folder / name for folder in folders]
         there = [place for place in places if place.is_file()]
+        if not there:  # a name that is not UTF-8 is written out in the history
+            there = [p for f in folders for p in f.glob("*") if file_name(p) == name]
         for place in there:
             if source_of(place).digest == source.digest:
                 self.found.append(place)

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import OptionError
-from uwtrack_cli.files.audio import open_recording
-from uwtrack_cli.files.sensors import find_sensor
-from uwtrack_cli.files.start_time import find_start_utc_ns
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.audio.recording_file import open_recording
+from uwtrack_cli.files.audio.start_time import find_start_utc_ns
+from uwtrack_cli.files.tables.sensors import find_sensor
 
 NO_OPTIONS: dict[str, Any] = {
     "sensor": None, "sensor_sound_speed_mps": None, "start_utc": None,
@@ -31,9 +31,14 @@ def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
 
     Raises
     ------
+    DataError
+        The file is missing, a folder, or no recording.
     OptionError
         The sound speed is not positive, or an option does not fit the recording.
     """
+    if path.is_dir():
+        msg = f"{path} is a folder, not a file; uwtrack batch runs over what it holds."
+        raise DataError(msg)
     chosen = {**NO_OPTIONS, **options}
     start_utc_ns = find_start_utc_ns(
         path,

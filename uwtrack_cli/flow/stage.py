@@ -1,34 +1,38 @@
 """A stage, read from its function: the signature and the docstring define it.
 
 **Method.** Containers come first and are inputs; keyword-only parameters are options;
-the numpydoc text gives the summary and the help of each option. Nothing about a stage
-is written down a second time: commands, recipe steps, tasks and history are views.
+the numpydoc text gives the summary and the help of each option, the annotation its
+type, unit and range. Nothing about a stage is written down a second time: commands,
+recipe steps, tasks and history are views.
 
 **Conventions.** A *source* turns a recording into a stream of blocks, a *map* turns a
 block into a block, a *scan* turns a stream of blocks into another with bounded state,
-and a *whole* stage turns small tables into a table.
+and a *whole* stage turns small tables into a table. A stage with many options gathers
+some in an option group, a small frozen dataclass with a docstring of its own: on the
+command line its fields are flat (``--feedback-alpha``), in a recipe they are a table
+(``[track.feedback]``).
 """
 
+import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from functools import cached_property
 from importlib import import_module
 from inspect import Parameter, getdoc, signature
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import OptionError
-from uwtrack_cli.flow.options import (
-    Option,
-    build_policy,
+from uwtrack_cli.data.options import (
     convert,
-    is_policy,
+    from_table,
     is_union,
-    parameter_texts,
-    policy_options,
+    plain_type,
+    range_of,
+    refuse_unknown,
+    unit_of,
     without_none,
 )
+from uwtrack_cli.data.recording import Recording
 
 Kind = Literal["source", "map", "scan", "whole"]
 
@@ -38,10 +42,48 @@ class Input:
     """A container that a stage reads."""
 
     name: str
+    """Name of the parameter."""
     kinds: tuple[type[Container], ...]
+    """Containers that are accepted, any one of them."""
     is_list: bool
+    """Whether it takes several containers at once."""
     is_optional: bool
+    """Whether the stage does without it."""
     is_stream: bool
+    """Whether it takes blocks one after the other."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of a stage, with all that is known of it."""
+
+    name: str
+    """Name of the parameter, or of the field of its group."""
+    hint: Any
+    """Annotation with unit and range."""
+    default: Any
+    """Value when nothing is said."""
+    text: str
+    """Its description in the docstring."""
+    group: str | None = None
+    """Parameter that holds the group which it is a field of, if any."""
+
+    @property
+    def flat_name(self) -> str:
+        """Name on the command line, with underscores."""
+        return self.name if self.group is None else f"{self.group}_{self.name}"
+
+    @property
+    def type(self) -> Any:
+        """Type without unit and range."""
+        return plain_type(self.hint)
+
+    @property
+    def help(self) -> str:
+        """Description with unit and range."""
+        facts = [unit_of(self.hint), range_of(self.hint)]
+        known = ", ".join(fact for fact in facts if fact)
+        return f"{self.text} ({known})" if known else self.text
 
 
 @dataclass(frozen=True)
@@ -49,7 +91,9 @@ class Stage:
     """One arrow of the chain: its name on the command line and its function."""
 
     name: str
+    """Name of the command and of the recipe step."""
     target: str
+    """Module and function, ``package.module:function``."""
 
     @cached_property
     def function(self) -> Callable[..., Any]:
@@ -62,14 +106,14 @@ class Stage:
     def inputs(self) -> tuple[Input, ...]:
         """Containers that the stage reads, in order."""
         return tuple(
-            _input(p.name, self._hints[p.name])
+            _input(p.name, plain_type(self._hints[p.name]))
             for p in self._parameters
             if p.kind is Parameter.POSITIONAL_OR_KEYWORD
         )
 
     @cached_property
     def defaults(self) -> dict[str, Any]:
-        """Default of every keyword-only parameter, policies as objects."""
+        """Default of every keyword-only parameter, option groups as objects."""
         return {
             p.name: p.default
             for p in self._parameters
@@ -78,15 +122,16 @@ class Stage:
 
     @cached_property
     def options(self) -> tuple[Option, ...]:
-        """Options with their help; fields of policies stand for the policies."""
+        """Options with their help; the fields of a group stand for the group."""
         texts = parameter_texts(self.function)
         found: list[Option] = []
         for name, default in self.defaults.items():
-            if is_policy(self._hints[name]):
-                found += policy_options(name, default)
+            if is_group(self._hints[name]):
+                found += _group_options(name, default)
             else:
-                text = texts.get(name, "")
-                found.append(Option(name, self._hints[name], default, text))
+                found.append(
+                    Option(name, self._hints[name], default, texts.get(name, ""))
+                )
         return tuple(found)
 
     @cached_property
@@ -123,33 +168,91 @@ class Stage:
         return (getdoc(self.function) or "").split("\n", 1)[0]
 
     def bind(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return keyword arguments for the options given, nested for policies.
+        """Return keyword arguments for the options given, nested for groups.
 
         Raises
         ------
         OptionError
-            The stage has no such option; the known ones are listed.
+            The stage has no such option, or a value is not accepted.
         """
-        bound: dict[str, Any] = {}
-        for name, value in given.items():
-            if name not in self.defaults:
-                known = ", ".join(self.defaults)
-                msg = f"{self.name} has no option {name!r}; it has: {known}."
-                raise OptionError(msg)
-            where, hint = f"{self.name}.{name}", self._hints[name]
-            if is_policy(hint):
-                bound[name] = build_policy(where, self.defaults[name], value)
-            else:
-                bound[name] = convert(where, hint, value)
-        return bound
+        refuse_unknown(given, self.defaults, self.name, "option")
+        return {
+            name: self._bound(f"{self.name}.{name}", name, value)
+            for name, value in given.items()
+        }
+
+    def resolve(
+        self, recording: Recording, options: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Return the options as they are used on a recording.
+
+        What a function derives from the recording (`resolved_by`) takes the place of
+        what was left open, so that history says what was done.
+        """
+        resolver = getattr(self.function, "resolver", None)
+        if resolver is None:
+            return dict(options)
+        whole = {**self.defaults, **options}
+        return {**options, **resolver(recording, whole)}
+
+    def _bound(self, where: str, name: str, value: Any) -> Any:
+        hint = self._hints[name]
+        if not is_group(hint) or not isinstance(value, Mapping):
+            return convert(where, hint, value)
+        default = self.defaults[name]
+        before = {f.name: getattr(default, f.name) for f in fields(default)}
+        refuse_unknown(value, before, where, "option")
+        return from_table(type(default), {**before, **value}, where)
 
     @cached_property
     def _hints(self) -> dict[str, Any]:
-        return get_type_hints(self.function)
+        return get_type_hints(self.function, include_extras=True)
 
     @property
     def _parameters(self) -> list[Parameter]:
         return list(signature(self.function).parameters.values())
+
+
+def is_group(hint: Any) -> bool:
+    """Tell whether an annotation is a group of options."""
+    return isinstance(hint, type) and is_dataclass(hint)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON and TOML know it; a group becomes a table."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {name: plain(field) for name, field in asdict(value).items()}
+    if isinstance(value, tuple | list):
+        return [plain(element) for element in value]
+    return value
+
+
+def parameter_texts(function: Callable[..., Any] | type) -> dict[str, str]:
+    """Return the description of every parameter from a numpydoc docstring."""
+    doc = getdoc(function) or ""
+    match = re.search(
+        r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n---|\Z)", doc, re.MULTILINE | re.DOTALL
+    )
+    texts: dict[str, str] = {}
+    names: list[str] = []
+    for line in (match.group(1) if match else "").splitlines():
+        if line and not line.startswith(" "):
+            names = [name.strip() for name in line.split(",")]
+        elif line.strip():
+            for name in names:
+                texts[name] = f"{texts.get(name, '')} {line.strip()}".strip()
+    return texts
+
+
+def _group_options(group: str, default: Any) -> list[Option]:
+    """Return the fields of a group as options, with the values of its default."""
+    kind = type(default)
+    texts = parameter_texts(kind)
+    hints = get_type_hints(kind, include_extras=True)
+    return [
+        Option(f.name, hints[f.name], getattr(default, f.name), texts[f.name], group)
+        for f in fields(kind)
+    ]
 
 
 def _input(name: str, hint: Any) -> Input:

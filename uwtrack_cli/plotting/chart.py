@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.physics.geodesy import Origin, to_grid
+from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.style import contact_color, say_nothing_there
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def draw_map(
         _draw_track(encounters, int(row), places, ax)
     for name, place in places.items():
         ax.plot(*place, "k^", markersize=6)
-        ax.annotate(name, place, textcoords="offset points", xytext=(5, 5))
+        ax.annotate(figure_text(name), place, textcoords="offset points", xytext=(5, 5))
     ax.set(xlabel="east (m)", ylabel="north (m)")
     ax.set_aspect("equal", adjustable="datalim")
     ax.grid(alpha=0.3)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwtrack_cli.data.decisions import FILTERS, Decision
+from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.style import contact_color, say_nothing_there
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ def draw_odds(decision: Decision, ax: "Axes") -> "Axes":
         color = contact_color(pair + 1)
         ax.plot(
             decision.scan_time_s[rows], decision.log_odds[rows], "o-", markersize=3,
-            color=color, label=f"{names[0]} or {names[1]}: {decision.verdict[pair]}",
+            color=color, label=figure_text(f"{names[0]} or {names[1]}: {decision.verdict[pair]}"),
         )  # fmt: skip
         if np.isfinite(decision.decision_time_s[pair]):
             ax.plot(

@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uwtrack_cli.acoustics.passage import Passage, passage_law
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.physics.passage import Passage, passage_law
 from uwtrack_cli.plotting.style import contact_color
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ def draw_motions(motions: Motions, ax: "Axes") -> "Axes":
     """Draw every mode's track, seen from own ship at the first measurement.
 
     A faint track is an unlikely mode; a dotted ray is the bearing of a contact whose
-    range cannot be told.
+    range is not observable.
     """
     ax.plot(0.0, 0.0, "k^", markersize=6)
     known = motions.range_m[np.isfinite(motions.range_m)]
@@ -32,7 +32,7 @@ def draw_motions(motions: Motions, ax: "Axes") -> "Axes":
                 color=color,
             )  # fmt: skip
     if len(ax.lines) == 1:
-        say_nothing_there(ax, "no motion could be told")
+        say_nothing_there(ax, "no motion is observable")
     ax.set(xlabel="east (m)", ylabel="north (m)")
     ax.set_aspect("equal", adjustable="datalim")
     ax.grid(alpha=0.3)
@@ -111,15 +111,15 @@ def draw_updates(motions: Motions, ax: "Axes", quantity: str = "range") -> "Axes
         own = motions.update_contact == name
         # before the range is observable the band would fill the picture
         widest = WIDEST_DEG if unit == "deg" else 2.0 * np.abs(values)
-        sure = own & np.isfinite(spread) & (spread < widest)
-        middle = values[sure]
+        bounded = own & np.isfinite(spread) & (spread < widest)
+        middle = values[bounded]
         if unit == "deg":
             middle = np.unwrap(middle, period=360.0)
         color = contact_color(int(name))
-        time_s, half = motions.update_time_s[sure], spread[sure]
+        time_s, half = motions.update_time_s[bounded], spread[bounded]
         ax.plot(time_s, middle, ".-", color=color)
         ax.fill_between(time_s, middle - half, middle + half, alpha=0.2, color=color)
     if not any(np.size(line.get_xdata()) for line in ax.lines):
-        say_nothing_there(ax, f"the {quantity} could not be told")
+        say_nothing_there(ax, f"the {quantity} is not observable")
     ax.set(xlabel="time (s)", ylabel=label)
     return ax

@@ -13,7 +13,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels, Overview
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.files.atomic import atomic_target
+from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.plotting import encounters as fits
 from uwtrack_cli.plotting.chart import draw_map
 from uwtrack_cli.plotting.lines import draw_line_bearings, draw_lines
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SUFFIXES = (".png", ".pdf", ".svg")
+DPI = 110
+"""Dots per inch of a page that is stored as dots."""
 
 
 def draw_page(
@@ -53,16 +55,29 @@ def draw_page(
         names = ", ".join(SUFFIXES)
         msg = f"a picture is written as {names}, got {output.name!r}."
         raise OptionError(msg)
+    check_target(output, overwrite=overwrite)
+    figure = page_figure(containers)
+    with (
+        atomic_target(output, overwrite=overwrite) as temporary,
+        temporary.open("wb") as file,
+    ):
+        figure.savefig(file, format=output.suffix[1:].lower(), dpi=DPI)
+
+
+def page_figure(containers: Sequence[Container]) -> "Figure":
+    """Return what `draw_page` writes, as a figure.
+
+    Raises
+    ------
+    DataError
+        There is nothing to draw.
+    """
     mpl.use("Agg")
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 9.0), layout="constrained")
     _draw(containers, figure)
-    with (
-        atomic_target(output, overwrite=overwrite) as temporary,
-        temporary.open("wb") as file,
-    ):
-        figure.savefig(file, format=output.suffix[1:].lower(), dpi=110)
+    return figure
 
 
 def _draw(containers: Sequence[Container], figure: "Figure") -> None:
@@ -93,16 +108,14 @@ def _fill(containers: Sequence[Container], panels: dict[str, "Axes"]) -> None:
     lines, encounters = first(containers, Lines), first(containers, Encounters)
     _draw_measurements(overview, levels, lines, panels)
     if encounters is not None and encounters.time_s.size:
-        heard = (
-            encounters if overview is None else encounters.of_sensor(overview.sensor)
-        )
-        time_s = _time_axis(overview, levels, lines, heard)
-        fits.draw_fits(heard, time_s, panels["spectra"])
-        fits.draw_shifts(heard, lines, time_s, panels["doppler"])
-        fits.draw_bearing_fits(heard, time_s, panels["bearing"])
+        own = encounters if overview is None else encounters.of_sensor(overview.sensor)
+        time_s = _time_axis(overview, levels, lines, own)
+        fits.draw_fits(own, time_s, panels["spectra"])
+        fits.draw_shifts(own, lines, time_s, panels["doppler"])
+        fits.draw_bearing_fits(own, time_s, panels["bearing"])
         for name in ("spectra", "doppler", "bearing", "level"):
             if panels[name].has_data():
-                fits.mark_times(heard, panels[name])
+                fits.mark_times(own, panels[name])
         sensors = [c for c in containers if isinstance(c, Sensor)]
         draw_map(encounters, sensors, first(containers, Fixes), panels["map"])
     span = _span(overview, levels, lines)

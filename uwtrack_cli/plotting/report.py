@@ -5,9 +5,8 @@ address. All text that comes from a file is escaped.
 """
 
 import base64
-import tempfile
+import io
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
@@ -18,16 +17,19 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.atomic import atomic_target
-from uwtrack_cli.files.json_rows import json_rows
-from uwtrack_cli.files.layout import sensor_of
-from uwtrack_cli.files.product import HistoryStep, Product
-from uwtrack_cli.files.registry import CONTAINERS
-from uwtrack_cli.files.summaries import SUMMARIES
+from uwtrack_cli.files.atomic import atomic_target, check_target
+from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
+from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, Product
+from uwtrack_cli.files.tables.json_rows import json_rows
+from uwtrack_cli.files.tables.summaries import SUMMARIES
+from uwtrack_cli.files.text_escaping import html_text
 from uwtrack_cli.files.utc import format_utc
-from uwtrack_cli.plotting.page import draw_page
+from uwtrack_cli.plotting.page import DPI, page_figure
 
 LARGE = frozenset({"spectrogram", "peaks", "families", "frames", "navigation"})
+SHOWN = frozenset(CONTAINERS) - LARGE
+"""Containers that a report shows."""
+
 TITLES = {
     "encounters": "Closest approaches",
     "fixes": "Positions",
@@ -36,7 +38,12 @@ TITLES = {
 
 
 def write_report(
-    product: Product, target: Path, *, overwrite: bool = False, inputs: Sequence[Path]
+    product: Product,
+    target: Path,
+    *,
+    keys: Sequence[ContainerKey],
+    overwrite: bool = False,
+    inputs: Sequence[Path],
 ) -> None:
     """Write the page of a product.
 
@@ -46,6 +53,8 @@ def write_report(
         The product, open for reading.
     target
         HTML file to write.
+    keys
+        Containers of one branch of the product; those that are large are left out.
     overwrite
         Whether an existing file may be replaced.
     inputs
@@ -56,20 +65,21 @@ def write_report(
     OutputError
         The target exists, is an input, or cannot be written.
     """
+    order = list(CONTAINERS)
+    chosen = [key for key in keys if key.name in SHOWN]
     containers = [
-        product.read(CONTAINERS[name], sensor)
-        for sensor, names in product.containers().items()
-        for name in names
-        if name not in LARGE
+        product.read(CONTAINERS[key.name], key.sensor, key.step)
+        for key in sorted(chosen, key=lambda k: (k.sensor or "", order.index(k.name)))
     ]
+    check_target(target, overwrite=overwrite, inputs=inputs)
     title = Path(product.name).name
     recordings = [c for c in containers if isinstance(c, Recording)]
     if recordings:
         title = ", ".join(recording.name for recording in recordings)
     page = Template(_template()).substitute(
-        title=escape(title),
+        title=html_text(title),
         body="\n".join(_sections(product, containers, recordings)),
-        footer=escape(
+        footer=html_text(
             f"uwtrack {product.program_version}, {product.created_utc}, "
             f"SHA-256 {product.digest}"
         ),
@@ -115,7 +125,7 @@ def _facts(recording: Recording) -> str:
         "Sound speed": f"{sensor.sound_speed_mps:g} m/s",
         "Levels": "dB re 1 uPa" if sensor.full_scale_upa else "dB re full scale",
     }
-    rows = (f"<div><dt>{k}</dt><dd>{escape(v)}</dd></div>" for k, v in facts.items())
+    rows = (f"<div><dt>{k}</dt><dd>{html_text(v)}</dd></div>" for k, v in facts.items())
     return f"<dl>{''.join(rows)}</dl>"
 
 
@@ -131,7 +141,9 @@ def _result(container: Container) -> Iterator[str]:
     unit = f"dB re {getattr(container, 'reference', 'unknown')}"
     notes = [note for row in rows for note in _notes(row, unit)]
     if notes:
-        yield "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes) + "</ul>"
+        yield (
+            "<ul>" + "".join(f"<li>{html_text(note)}</li>" for note in notes) + "</ul>"
+        )
 
 
 def _notes(row: dict[str, Any], unit: str) -> Iterator[str]:
@@ -165,18 +177,20 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _cells(tag: str, texts: Sequence[str]) -> str:
-    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
+    return "".join(f"<{tag}>{html_text(text)}</{tag}>" for text in texts)
 
 
 def _step(step: HistoryStep) -> str:
     """Return a step of the history: its name and source, and its options."""
     read = ", ".join(source.name for source in step.sources)
-    title = f"<b>{escape(step.stage)}</b>" + (f" of {escape(read)}" if read else "")
+    title = f"<b>{html_text(step.stage)}</b>" + (
+        f" of {html_text(read)}" if read else ""
+    )
     options = ", ".join(_options("", step.options)) or "no options"
     version = step.versions.get("uwtrack", "unknown")
     return (
-        f'<p class="step">{title} <small>uwtrack {escape(version)}</small><br>'
-        f"<code>{escape(options)}</code></p>"
+        f'<p class="step">{title} <small>uwtrack {html_text(version)}</small><br>'
+        f"<code>{html_text(options)}</code></p>"
     )
 
 
@@ -190,16 +204,16 @@ def _options(prefix: str, options: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _pictures(containers: Sequence[Container]) -> Iterator[str]:
-    """Yield a picture for each sensor that heard something, or why there is none."""
-    heard = [c.sensor for c in containers if isinstance(c, Overview)]
-    sensors: list[str | None] = [*heard] if heard else [None]
+    """Yield a picture for each sensor with an overview, or why there is none."""
+    drawn = [c.sensor for c in containers if isinstance(c, Overview)]
+    sensors: list[str | None] = [*drawn] if drawn else [None]
     for sensor in sensors:
-        yield f"<h2>Picture{'' if len(heard) < 2 else f' of {escape(str(sensor))}'}</h2>"
+        yield f"<h2>Picture{'' if len(drawn) < 2 else f' of {html_text(str(sensor))}'}</h2>"
         own = [c for c in containers if sensor is None or _belongs(c, sensor)]
         try:
             yield f'<img alt="lofargram, fits and map" src="{_picture(own)}">'
         except DataError as error:
-            yield f"<p>{escape(str(error))}</p>"
+            yield f"<p>{html_text(str(error))}</p>"
 
 
 def _belongs(container: Container, sensor: str) -> bool:
@@ -209,8 +223,6 @@ def _belongs(container: Container, sensor: str) -> bool:
 
 def _picture(containers: Sequence[Container]) -> str:
     """Return the page of pictures as a data address."""
-    with tempfile.TemporaryDirectory(prefix="uwtrack-") as folder:
-        path = Path(folder) / "page.png"
-        draw_page(containers, path)
-        data = base64.b64encode(path.read_bytes()).decode()
-    return f"data:image/png;base64,{data}"
+    picture = io.BytesIO()
+    page_figure(containers).savefig(picture, format="png", dpi=DPI)
+    return f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}"

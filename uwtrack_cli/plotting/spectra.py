@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwtrack_cli.data.spectra import Levels, Overview
+from uwtrack_cli.files.text_escaping import figure_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +34,10 @@ def draw_levels(levels: Levels, ax: "Axes") -> "Axes":
     time_s = levels.frames.time_s
     ax.plot(time_s, levels.level_db, ".", markersize=2, color="#444444")
     band = f"{levels.band_low_hz:.0f}-{levels.band_high_hz:.0f} Hz"
-    ax.set(xlabel="time (s)", ylabel=f"level {band}\n(dB re {levels.reference})")
+    ax.set(
+        xlabel="time (s)",
+        ylabel=f"level {band}\n(dB re {figure_text(levels.reference)})",
+    )
     return ax
 
 

@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from uwtrack_cli.files.text_escaping import figure_text
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -22,5 +24,5 @@ def say_nothing_there(ax: "Axes", text: str) -> None:
     """Write into an empty panel why it is empty, and leave out its scales."""
     ax.set(xticks=[], yticks=[])
     ax.text(
-        0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color="#666666"
+        0.5, 0.5, figure_text(text), transform=ax.transAxes, ha="center", va="center", color="#666666"
     )  # fmt: skip

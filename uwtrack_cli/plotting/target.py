@@ -6,6 +6,7 @@ import numpy as np
 
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
+from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.style import NO_CONTACT, contact_color, say_nothing_there
 
 if TYPE_CHECKING:
@@ -39,16 +40,18 @@ def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
 
 
 def draw_threshold(target: Target, ax: "Axes") -> "Axes":
-    """Draw the threshold used at each scan, and the evidence of a loss."""
+    """Draw the threshold used at each scan, and the score for a lost target."""
     if not target.scan.size:
         return say_nothing(ax)
     ax.step(target.time_s, target.threshold, where="mid", color=_COLOR)
-    ax.set(xlabel="time (s)", ylabel=f"threshold ({target.threshold_rule})")
+    ax.set(
+        xlabel="time (s)", ylabel=f"threshold ({figure_text(target.threshold_rule)})"
+    )
     other = ax.twinx()
     other.fill_between(
-        target.time_s, target.loss_evidence, step="mid", alpha=0.2, color="k"
+        target.time_s, target.loss_cusum, step="mid", alpha=0.2, color="k"
     )
-    other.set(ylabel="evidence of loss", ylim=(0.0, None))
+    other.set(ylabel="score of loss", ylim=(0.0, None))
     ax.grid(alpha=0.3)
     return ax
 
@@ -99,4 +102,4 @@ def _fit_view(target: Target, ax: "Axes") -> None:
 def _label(target: Target, index: int) -> str:
     unit = str(target.component_unit[index])
     name = str(target.component[index])
-    return f"{name} ({unit})" if unit else name
+    return figure_text(f"{name} ({unit})" if unit else name)

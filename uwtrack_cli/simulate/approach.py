@@ -4,7 +4,7 @@
 after), and each dip is refined by bisection on the sign of the closing speed. A dip
 outside the recording counts only if there is none within.
 
-**Conventions.** Geometric time: when the vessel is nearest, not when that is heard.
+**Conventions.** Geometric time: when the vessel is nearest, not when that sound arrives.
 The side is the side of the vessel on which the sensor lies.
 """
 
@@ -13,34 +13,46 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.simulate.delay import Path
-from uwtrack_cli.simulate.motion import Array, sensor_motion, vessel_motion
 from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
-from uwtrack_cli.simulate.sources import Vessel
+from uwtrack_cli.simulate.trajectories import (
+    Array,
+    sensor_trajectory,
+    vessel_trajectory,
+)
+from uwtrack_cli.simulate.vessels import Vessel
 
 GRID = 60001
-"""Times at which the distance is tabled."""
+"""Number of times at which the distance is tabled."""
 
 
 @dataclass(frozen=True)
 class Approach:
-    """What happens at a closest approach; angles in degrees, true."""
+    """Geometry of a closest approach."""
 
     time_s: float
+    """Time when the vessel is nearest, s."""
     arrival_time_s: float
+    """Time when the sound made then arrives, s."""
     slant_range_m: float
+    """Slant range, m."""
     horizontal_range_m: float
+    """Horizontal range, m."""
     speed_mps: float
+    """Speed of the vessel, m/s."""
     course_deg: float
+    """Course of the vessel, compass degrees."""
     bearing_deg: float
+    """Bearing from the sensor to the vessel, compass degrees."""
     side: str
+    """Side of the vessel on which the sensor lies, 'port' or 'starboard'."""
 
 
 def direct_path(scenario: Scenario, vessel: Vessel, plan: SensorPlan) -> Path:
-    """Return the straight way of the sound from a vessel to a sensor."""
+    """Return the straight path of the sound from a vessel to a sensor."""
     return Path(
-        vessel_motion(vessel, scenario),
+        vessel_trajectory(vessel, scenario),
         vessel.source_depth_m,
-        sensor_motion(plan),
+        sensor_trajectory(plan),
         plan.depth_m,
         scenario.sound_speed_mps,
     )
@@ -59,7 +71,7 @@ def closest_approaches(path: Path, duration_s: float) -> tuple[Approach, ...]:
 
 
 def nearest_range_m(path: Path, duration_s: float) -> float:
-    """Return the slant range at closest approach, or the least one heard."""
+    """Return the slant range at closest approach, or the least one in the recording."""
     found = closest_approaches(path, duration_s)
     if found:
         return min(approach.slant_range_m for approach in found)
@@ -119,6 +131,5 @@ def _describe(path: Path, time_s: float) -> Approach:
 def _arrival(path: Path, time_s: float, travel_s: float) -> float:
     """Return when the sound made at a time arrives (the receiver may move)."""
     for _ in range(50):
-        delay = path.solve(np.array(time_s + travel_s))[0]
-        travel_s = float(delay)
+        travel_s = float(path.solve(np.array(time_s + travel_s)).delay_s)
     return time_s + travel_s

@@ -1,6 +1,6 @@
-"""From when to when: the exact travel time between two moving things.
+"""The exact travel time of sound between a moving source and a moving receiver.
 
-**Method.** The sound heard at t left the source at u, where c (t - u) is the distance
+**Method.** The sound received at t left the source at u, where c (t - u) is the distance
 between the receiver at t and the source at u. Newton's iteration solves this at the
 nodes of a grid; between nodes the delay follows the cubic with the exact slopes
 du/dt = (1 - n.v_r/c) / (1 - n.v_s/c). The grid is halved until the cubic meets the
@@ -14,12 +14,13 @@ Depth is constant; a surface image is a source at negative depth.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.simulate.motion import Motion
+from uwtrack_cli.simulate.trajectories import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -33,18 +34,47 @@ FIRST_STEP = 256
 """Samples between the nodes of the first grid; a power of two."""
 
 
+class Delay(NamedTuple):
+    """Travel time of the sound, at times of arrival, and where it comes from."""
+
+    delay_s: Array
+    """Travel time, s."""
+    rate: Array
+    """Its derivative in time."""
+    east_cosine: Array
+    """Cosine of the direction to the source with east."""
+    north_cosine: Array
+    """Cosine of the direction to the source with north."""
+
+
+class SampleDelay(NamedTuple):
+    """Travel time of the sound for consecutive samples."""
+
+    delay_s: Array
+    """Travel time, s."""
+    east_cosine: Array
+    """Cosine of the direction to the source with east."""
+    north_cosine: Array
+    """Cosine of the direction to the source with north."""
+
+
 @dataclass(frozen=True)
 class Path:
-    """A way of the sound from a source to a receiver."""
+    """A straight path of the sound from a source to a receiver."""
 
-    source: Motion
+    source: Trajectory
+    """Trajectory of the source."""
     source_depth_m: float
-    receiver: Motion
+    """Depth of the source, m; negative for its image in the surface."""
+    receiver: Trajectory
+    """Trajectory of the receiver."""
     receiver_depth_m: float
+    """Depth of the receiver, m."""
     sound_speed_mps: float
+    """Speed of sound, m/s."""
 
-    def solve(self, time_s: Array) -> tuple[Array, Array, Array, Array]:
-        """Return delay (s), its rate, and the cosines east and north to the source."""
+    def solve(self, time_s: Array) -> "Delay":
+        """Return the travel time of what arrives at the given times."""
         east, north, east_rate, north_rate = self.receiver.at(time_s)
         down = self.receiver_depth_m - self.source_depth_m
         c = self.sound_speed_mps
@@ -62,14 +92,14 @@ class Path:
             delay = delay + step
             if np.all(np.abs(step) <= 4e-16 * (1.0 + np.abs(delay))):
                 break
-        heard = (east_cosine * east_rate + north_cosine * north_rate) / c
-        rate = 1.0 - (1.0 + heard) / (1.0 - closing)
-        return delay, rate, east_cosine, north_cosine
+        receding = (east_cosine * east_rate + north_cosine * north_rate) / c
+        rate = 1.0 - (1.0 + receding) / (1.0 - closing)
+        return Delay(delay, rate, east_cosine, north_cosine)
 
     def along(
         self, first_sample: int, count: int, sample_rate_hz: float
-    ) -> tuple[Array, Array, Array]:
-        """Return delay (s) and the two cosines for consecutive samples.
+    ) -> "SampleDelay":
+        """Return the travel time of consecutive samples.
 
         ``count`` is a multiple of `FIRST_STEP`, so that nodes fall on samples.
         """
@@ -80,17 +110,16 @@ class Path:
         while step > 1 and not done:
             middle = np.arange(step // 2, count, step)
             exact = self.solve((first_sample + middle) / sample_rate_hz)
-            guess = _hermite(values[0], values[1] * step / sample_rate_hz, 2)[1::2]
-            done = bool(np.max(np.abs(guess - exact[0])) <= TOLERANCE_S)
-            values = (
-                _interleave(values[0], exact[0]),
-                _interleave(values[1], exact[1]),
-                _interleave(values[2], exact[2]),
-                _interleave(values[3], exact[3]),
-            )
+            slope = values.rate * step / sample_rate_hz
+            guess = _hermite(values.delay_s, slope, 2)[1::2]
+            done = bool(np.max(np.abs(guess - exact.delay_s)) <= TOLERANCE_S)
+            values = Delay(*map(_interleave, values, exact))
             step //= 2
-        delay = _hermite(values[0], values[1] * step / sample_rate_hz, step)
-        return delay, _linear(values[2], step), _linear(values[3], step)
+        return SampleDelay(
+            _hermite(values.delay_s, values.rate * step / sample_rate_hz, step),
+            _linear(values.east_cosine, step),
+            _linear(values.north_cosine, step),
+        )
 
 
 def _interleave(nodes: Array, middles: Array) -> Array:

@@ -1,8 +1,8 @@
-"""What no vessel makes: mains hum of the electronics, and clicks.
+"""Sound that no vessel makes: mains hum of the electronics, and clicks.
 
-**Method.** Hum is a sum of harmonics of the mains whose phase may wander; every
+**Method.** Hum is a sum of harmonics of the mains whose frequency may vary; every
 channel has its own gains and phases, since it is not sound. A click is a short burst
-that decays; it comes from a place of its own, so that a vector sensor hears a bearing.
+that decays; it comes from a direction of its own, so that a vector sensor measures a bearing.
 
 **Conventions.** Levels in dB re 1 uPa: root mean square for hum, peak for clicks.
 """
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.simulate.motion import Array
+from uwtrack_cli.simulate.frequency_jitter import JitterSeries
 from uwtrack_cli.simulate.noise import TILE
 from uwtrack_cli.simulate.scenario import Clicks, Hum
-from uwtrack_cli.simulate.wander import Drift
+from uwtrack_cli.simulate.trajectories import Array
 
 CLICK_SAMPLES = 256
 
@@ -24,10 +24,15 @@ class HumSound:
     """Mains hum in every channel."""
 
     plan: Hum
+    """Levels of the harmonics."""
     seed: tuple[int, ...]
+    """Seed of phases and gains."""
     n_channels: int
+    """Number of channels."""
     sample_rate_hz: float
-    wander: Drift | None
+    """Sample rate, Hz."""
+    jitter: JitterSeries | None
+    """Variation of the mains frequency; None is none."""
 
     def tile(self, number: int) -> Array:
         """Return the hum during a tile, uPa, shape (sample, channel)."""
@@ -36,8 +41,8 @@ class HumSound:
         phases, gains = generator.random(shape), generator.uniform(0.3, 1.0, shape)
         gains[:, 0] = 1.0
         time_s = np.arange(number * TILE, (number + 1) * TILE) / self.sample_rate_hz
-        if self.wander is not None:
-            time_s = time_s + self.wander.excess_s(time_s)
+        if self.jitter is not None:
+            time_s = time_s + self.jitter.excess_s(time_s)
         total = np.zeros((TILE, self.n_channels))
         for i, level_db in enumerate(self.plan.levels_db):
             cycles = (i + 1) * self.plan.mains_hz * time_s[:, None] + phases[i]
@@ -51,9 +56,13 @@ class ClickSound:
     """Clicks in every channel; tiles must be asked for in sequence."""
 
     plan: Clicks
+    """Rate and peak pressure."""
     seed: tuple[int, ...]
+    """Seed of times and directions."""
     n_channels: int
+    """Number of channels."""
     sample_rate_hz: float
+    """Sample rate, Hz."""
 
     def __post_init__(self) -> None:
         """Start with nothing left over from an earlier tile."""

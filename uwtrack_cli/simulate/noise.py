@@ -35,7 +35,10 @@ def ambient_density(noise: Noise, frequency_hz: Array) -> Array:
     held = np.maximum(frequency_hz, noise.corner_hz)
     decades = np.log10(held / noise.reference_hz)
     level_db = noise.density_db + noise.slope_db_per_decade * decades
-    return np.asarray(10.0 ** (level_db / 10.0))
+    density = np.asarray(10.0 ** (level_db / 10.0))
+    for feature in noise.features:
+        density = density * feature.gain(frequency_hz)
+    return density
 
 
 def white_tile(seed: int, stream: tuple[int, ...], tile: int) -> Array:
@@ -65,9 +68,13 @@ class ColouredNoise:
     """A stream of coloured tiles, asked for in any order (cheapest in sequence)."""
 
     seed: int
+    """Seed of the scenario."""
     stream: tuple[int, ...]
+    """Numbers that tell this stream from others."""
     spectrum: NDArray[np.complex128]
+    """Spectrum of the shaping filter."""
     multiple: int = 1
+    """Rate of the samples over that of the white noise."""
 
     def __post_init__(self) -> None:
         """Start with an empty store of white noise."""

@@ -19,8 +19,19 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import OptionError
+from uwtrack_cli.simulate.disturbance_sound import (
+    AmbientGain,
+    Disturbance,
+    MachineSound,
+    RecorderFilter,
+    ambient_gain,
+    dipole_share,
+    disturbances,
+    tile_times_s,
+    turn_dipoles,
+)
+from uwtrack_cli.simulate.frequency_jitter import JitterSeries, draw_jitter
 from uwtrack_cli.simulate.interference import ClickSound, HumSound
-from uwtrack_cli.simulate.motion import Array, sensor_motion
 from uwtrack_cli.simulate.noise import (
     TILE,
     ColouredNoise,
@@ -29,7 +40,7 @@ from uwtrack_cli.simulate.noise import (
 )
 from uwtrack_cli.simulate.scenario import Noise, Scenario, SensorPlan
 from uwtrack_cli.simulate.sound import VesselSound, vessel_sound
-from uwtrack_cli.simulate.wander import Drift, drift
+from uwtrack_cli.simulate.trajectories import Array, sensor_trajectory
 
 
 def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
@@ -55,11 +66,11 @@ def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
 
     Examples
     --------
-    >>> from uwtrack_cli.simulate import Scenario, from_table
+    >>> from uwtrack_cli.simulate import make_scenario
     >>> sensor = {"id": "h1", "depth_m": 20.0, "full_scale_db": 140.0}
     >>> table = {"seed": 1, "duration_s": 2.0, "sample_rate_hz": 500.0}
     >>> table |= {"sensor": [sensor], "noise": {"density_db": 70.0}}
-    >>> (recording,) = simulate_recordings(from_table(Scenario, table))
+    >>> (recording,) = simulate_recordings(make_scenario(table))
     >>> [block.shape for block in recording.reader(600)]
     [(600, 1), (400, 1)]
     """
@@ -70,7 +81,7 @@ def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
 
 def _recording(scenario: Scenario, number: int) -> Recording:
     plan = scenario.sensors[number]
-    _Studio(scenario, number)  # refuses what cannot be made, before anybody reads
+    _SensorSound(scenario, number)  # refuses what cannot be made, before anybody reads
     start = scenario.start_utc_ns
     if start is not None:
         shift_s = plan.clock_error_s - plan.clock_offset_s
@@ -101,8 +112,10 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
         north_m=plan.north_m + plan.position_error_m[1] if on_grid else None,
         position_std_m=plan.position_std_m,
         depth_m=plan.depth_m,
+        depth_std_m=0.0,
         heading_deg=plan.heading_deg,
         sound_speed_mps=scenario.sound_speed_mps,
+        sound_speed_std_mps=0.0,
         compass_offset_deg=plan.compass_offset_deg,
         compass_std_deg=plan.compass_std_deg,
         clock_offset_s=plan.clock_offset_s,
@@ -116,13 +129,13 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
 
 def _navigation(scenario: Scenario, plan: SensorPlan) -> Navigation:
     time_s = np.arange(np.floor(scenario.duration_s) + 2.0)
-    motion = sensor_motion(plan)
-    east, north, _, _ = motion.at(time_s)
+    trajectory = sensor_trajectory(plan)
+    east, north, _, _ = trajectory.at(time_s)
     return Navigation(
         time_s=time_s,
         east_m=east + plan.position_error_m[0],
         north_m=north + plan.position_error_m[1],
-        heading_deg=np.degrees(motion.course_rad(time_s)) % 360.0,
+        heading_deg=np.degrees(trajectory.course_rad(time_s)) % 360.0,
         start_utc_ns=scenario.start_utc_ns,
     )
 
@@ -136,7 +149,9 @@ class ScenarioReader:
     """Makes the samples of one sensor, block by block; it can be pickled."""
 
     scenario: Scenario
+    """What is in the water."""
     sensor_number: int
+    """Number of the sensor, from 0."""
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield consecutive blocks of at most so many samples."""
@@ -158,25 +173,29 @@ class ScenarioReader:
             yield np.concatenate(pending)
 
     def _tiles(self) -> Iterator[Samples]:
-        studio = _Studio(self.scenario, self.sensor_number)
+        sound = _SensorSound(self.scenario, self.sensor_number)
         total = self.scenario.n_samples
         for number in range(-(-total // TILE)):
-            yield studio.tile(number)[: total - number * TILE].astype(np.float32)
+            yield sound.tile(number)[: total - number * TILE].astype(np.float32)
 
 
-class _Studio:
-    """Everything that sounds at one sensor, tile by tile in sequence."""
+class _SensorSound:
+    """All sound at one sensor, tile by tile in sequence."""
 
     def __init__(self, scenario: Scenario, number: int) -> None:
         plan = scenario.sensors[number]
         self.plan, self.rate = plan, scenario.sample_rate_hz
         self.n_channels = _n_channels(plan)
-        self.motion = sensor_motion(plan)
+        self.trajectory = sensor_trajectory(plan)
         self.vessels: list[VesselSound] = [
             vessel_sound(scenario, i, plan) for i in range(len(scenario.vessels))
         ]
         self.ambient: list[ColouredNoise] = []
-        self.others: list[HumSound | ClickSound] = []
+        self.others: list[HumSound | ClickSound | Disturbance] = []
+        self.gain: AmbientGain | None = None
+        self.recorder: RecorderFilter | None = None
+        if plan.recorder is not None:
+            self.recorder = RecorderFilter(plan.recorder, self.rate, self.n_channels)
         if scenario.noise is not None:
             self._add_noise(scenario, scenario.noise, number)
 
@@ -184,29 +203,27 @@ class _Studio:
         spectrum = shaping_filter(lambda f: ambient_density(noise, f), self.rate)
         self.ambient = [
             ColouredNoise(
-                scenario.seed, (100, number, channel), _share(channel) * spectrum
+                scenario.seed, (100, number, channel), dipole_share(channel) * spectrum
             )
             for channel in range(self.n_channels)
         ]
         if noise.hum is not None:
             seed = (scenario.seed, 101, number)
-            wander = _hum_wander(scenario, noise)
-            hum = HumSound(noise.hum, seed, self.n_channels, self.rate, wander)
+            jitter = _hum_jitter(scenario, noise)
+            hum = HumSound(noise.hum, seed, self.n_channels, self.rate, jitter)
             self.others.append(hum)
         if noise.clicks is not None:
             seed = (scenario.seed, 102, number)
             self.others.append(
                 ClickSound(noise.clicks, seed, self.n_channels, self.rate)
             )
+        self.gain = ambient_gain(scenario, noise)
+        self.others += disturbances(scenario, noise, number, self.n_channels)
 
     def tile(self, number: int) -> Array:
         """Return a tile of samples in full-scale units."""
-        total = np.zeros((TILE, self.n_channels))
-        for channel, ambient in enumerate(self.ambient):
-            total[:, channel] = ambient.tile(number)
-        for other in self.others:
-            total += other.tile(number)
         turned = self._axes_rad(number)
+        total = self._background(number, turned)
         for vessel in self.vessels:
             for pressure, east, north in vessel.arrivals(number):
                 total[:, 0] += pressure
@@ -214,7 +231,23 @@ class _Studio:
                     cosine, sine = np.cos(turned), np.sin(turned)
                     total[:, 1] += pressure * (east * cosine - north * sine)
                     total[:, 2] += pressure * (east * sine + north * cosine)
+        if self.recorder is not None:
+            total = self.recorder(total)
         return np.asarray(total / self.plan.full_scale_upa)
+
+    def _background(self, number: int, turned: Array) -> Array:
+        """Return all that no vessel makes during a tile, uPa."""
+        total = np.zeros((TILE, self.n_channels))
+        for channel, ambient in enumerate(self.ambient):
+            total[:, channel] = ambient.tile(number)
+        if self.gain is not None:
+            total *= self.gain(tile_times_s(number, self.rate))[:, None]
+        for other in self.others:
+            sound = other.tile(number)
+            if isinstance(other, MachineSound) and other.has_bearing:
+                sound = turn_dipoles(sound, turned)
+            total += sound
+        return total
 
     def _axes_rad(self, number: int) -> NDArray[np.float64]:
         """Return the compass direction in which the second dipole points, rad."""
@@ -225,17 +258,12 @@ class _Studio:
         if plan.track is None:
             return np.full(1, fixed + np.radians(plan.heading_deg))
         time_s = np.arange(number * TILE, (number + 1) * TILE) / self.rate
-        return np.asarray(fixed + self.motion.course_rad(time_s))
+        return np.asarray(fixed + self.trajectory.course_rad(time_s))
 
 
-def _share(channel: int) -> float:
-    """Return a dipole's part of isotropic noise: a third of the power (3-D)."""
-    return 1.0 if channel == 0 else float(np.sqrt(1.0 / 3.0))
-
-
-def _hum_wander(scenario: Scenario, noise: Noise) -> Drift | None:
+def _hum_jitter(scenario: Scenario, noise: Noise) -> JitterSeries | None:
     if noise.hum is None or noise.hum.fraction == 0.0:
         return None
     last_s = scenario.duration_s + TILE / scenario.sample_rate_hz
     seed = (scenario.seed, 103)
-    return drift(seed, noise.hum.fraction, noise.hum.correlation_s, 0.0, last_s)
+    return draw_jitter(seed, noise.hum.fraction, noise.hum.correlation_s, 0.0, last_s)

@@ -42,6 +42,11 @@ class RepeaterScene:
         Deviation of measured bearings, degrees.
     range_rate_std_mps
         Deviation of measured range rates, m/s.
+    vessel_course_deg
+        Course of a second vessel in place of the repeater, compass degrees; None is the
+        repeater.
+    vessel_speed_mps
+        Speed of the second vessel, m/s.
     drift_mps
         Root intensity of the repeater's drift, m/s^(1/2).
     false_rate_mps
@@ -55,6 +60,8 @@ class RepeaterScene:
     range_std_m: float = 5.0
     bearing_std_deg: float = float(np.rad2deg(0.035))
     range_rate_std_mps: float = 1.0
+    vessel_course_deg: float | None = None
+    vessel_speed_mps: float = 12.0
     drift_mps: float = 1.0
     false_rate_mps: float = 12.8
 
@@ -64,11 +71,13 @@ class RepeaterRuns:
     """Measurements of many runs on one geometry."""
 
     navigation_time_s: FloatArray
+    """Times of own ship's positions, s, ``(time,)``."""
     own_ship_m: FloatArray
     """Own ship's east and north every 0.1 s, ``(time, 2)``."""
     time_s: FloatArray
+    """Times of the scans, s, ``(scan,)``."""
     source: FloatArray
-    """Range, compass bearing, range rate of the source, ``(scan, run, 3)``."""
+    """Range (m), compass bearing (degrees), range rate (m/s) of the source, ``(scan, run, 3)``."""
     repeater: FloatArray
     """The same of the repeater; nan before the separation."""
 
@@ -105,9 +114,15 @@ def simulate_repeater(
     walk = np.diff(np.concatenate([[0.0], after]))
     drift = rng.standard_normal((*size, 2)) * np.sqrt(walk)[:, None, None]
     place = left + scene.drift_mps * np.cumsum(drift, axis=0)
-    echo = _measure(place - own[at][:, None], -own_rate[at][:, None])
-    echo[..., 0] += (scene.false_rate_mps * after)[:, None]
-    echo[..., 2] += scene.false_rate_mps
+    if scene.vessel_course_deg is None:
+        echo = _measure(place - own[at][:, None], -own_rate[at][:, None])
+        echo[..., 0] += (scene.false_rate_mps * after)[:, None]
+        echo[..., 2] += scene.false_rate_mps
+    else:
+        way = np.deg2rad(scene.vessel_course_deg)
+        velocity = scene.vessel_speed_mps * np.array([np.sin(way), np.cos(way)])
+        place = left + np.multiply.outer(after, velocity) - own[at]
+        echo = np.repeat(_measure(place, velocity - own_rate[at])[:, None], runs, 1)
     echo += deviation * rng.standard_normal((*size, 3))
     echo[time_s < _SPLIT_S - 1e-9] = np.nan
     noise = deviation * rng.standard_normal((*size, 3))

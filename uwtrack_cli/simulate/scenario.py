@@ -8,43 +8,119 @@ beside what he does not (the ``_error`` keys), which goes to the truth alone.
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Annotated, Literal
 
 from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.options import (
+    AtLeast,
+    AtMost,
+    Key,
+    OptionGroup,
+    Unit,
+    from_table,
+)
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.simulate.sources import Vessel
-from uwtrack_cli.simulate.table import fact
-from uwtrack_cli.simulate.ways import Track
+from uwtrack_cli.simulate.disturbances import (
+    Gusts,
+    Knocks,
+    LevelDrift,
+    Machine,
+    Rain,
+    Shrimp,
+    Swell,
+)
+from uwtrack_cli.simulate.track_plans import Coordinate, Course, Range, TrackPlan
+from uwtrack_cli.simulate.vessels import (
+    CorrelationTime,
+    Depth,
+    Frequency,
+    JitterFraction,
+    Level,
+    Slope,
+    SpectralFeature,
+    Vessel,
+)
+
+ClockOffset = Annotated[float, Unit("s"), AtLeast(-1e6), AtMost(1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorPlan:
+class Recorder(OptionGroup):
+    """Edges of a recorder's band: Butterworth filters over all that is recorded."""
+
+    high_pass_hz: Frequency | None = None
+    """Lower edge (-3 dB), Hz; None is open."""
+    low_pass_hz: Frequency | None = None
+    """Upper edge (-3 dB), Hz; None is open."""
+    order: Annotated[int, AtLeast(1), AtMost(8)] = 4
+    """Order of each filter."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorPlan(OptionGroup):
     """A sensor, what is known of it, and (the errors) what is not."""
 
-    id: str = fact()
-    kind: str = fact("omni", choices=("omni", "difar"))
-    east_m: float = fact(0.0)
-    north_m: float = fact(0.0)
-    latitude: float | None = fact(None, low=-90.0, high=90.0)
-    longitude: float | None = fact(None, low=-180.0, high=360.0)
-    depth_m: float = fact(low=0.0, high=12e3)
-    axes: str = fact("true", choices=("true", "housing"))
-    heading_deg: float = fact(0.0, low=-360.0, high=360.0)
-    track: Track | None = None
-    full_scale_db: float | None = fact(None, low=0.0, high=300.0)
-    sensitivity_db_re_v_per_upa: float | None = fact(None, low=-300.0, high=0.0)
-    gain_db: float = fact(0.0, low=-120.0, high=120.0)
-    adc_peak_v: float | None = fact(None, low=1e-6, high=1e3)
-    position_std_m: float = fact(0.0, low=0.0)
-    compass_offset_deg: float = fact(0.0, low=-360.0, high=360.0)
-    compass_std_deg: float = fact(0.0, low=0.0, high=180.0)
-    clock_offset_s: float = fact(0.0)
-    clock_std_s: float = fact(0.0, low=0.0)
-    position_error_m: tuple[float, float] = fact((0.0, 0.0))
-    compass_error_deg: float = fact(0.0, low=-180.0, high=180.0)
-    clock_error_s: float = fact(0.0)
+    id: str
+    """Name of the sensor and of its recording."""
+    kind: Literal["omni", "difar"] = "omni"
+    """One hydrophone, or a hydrophone with two horizontal dipoles."""
+    east_m: Coordinate = 0.0
+    """East on the local grid, m."""
+    north_m: Coordinate = 0.0
+    """North on the local grid, m."""
+    latitude: Annotated[float, Unit("degree"), AtLeast(-90.0), AtMost(90.0)] | None = (
+        None
+    )
+    """Latitude, degrees; goes with ``longitude``."""
+    longitude: (
+        Annotated[float, Unit("degree"), AtLeast(-180.0), AtMost(360.0)] | None
+    ) = None
+    """Longitude, degrees."""
+    depth_m: Depth
+    """Depth below the surface, m."""
+    axes: Literal["true", "housing"] = "true"
+    """Axes of the dipoles: east and north, or starboard and bow of the housing."""
+    heading_deg: Course = 0.0
+    """Compass heading of the housing, degrees."""
+    track: TrackPlan | None = None
+    """Track of a moving sensor; None is fixed."""
+    full_scale_db: Annotated[float, Unit("dB"), AtLeast(0.0), AtMost(300.0)] | None = (
+        None
+    )
+    """Sound pressure of a full-scale sample where the calibration is not known to the
+    owner, dB re 1 uPa."""
+    sensitivity_db_re_v_per_upa: (
+        Annotated[float, Unit("dB re V/uPa"), AtLeast(-300.0), AtMost(0.0)] | None
+    ) = None
+    """Sensitivity of the hydrophone, dB re 1 V/uPa."""
+    gain_db: Annotated[float, Unit("dB"), AtLeast(-120.0), AtMost(120.0)] = 0.0
+    """Gain of the amplifier, dB."""
+    adc_peak_v: Annotated[float, Unit("V"), AtLeast(1e-6), AtMost(1e3)] | None = None
+    """Voltage of a full-scale sample, V."""
+    recorder: Recorder | None = None
+    """Band of the recorder; None has no edges."""
+    position_std_m: Range = 0.0
+    """Standard deviation of the stated position, m."""
+    compass_offset_deg: Course = 0.0
+    """Correction to add to compass readings, degrees."""
+    compass_std_deg: Annotated[float, Unit("degree"), AtLeast(0.0), AtMost(180.0)] = 0.0
+    """Standard deviation of that correction, degrees."""
+    clock_offset_s: ClockOffset = 0.0
+    """Correction to add to the recording's times, s."""
+    clock_std_s: Annotated[float, Unit("s"), AtLeast(0.0), AtMost(1e6)] = 0.0
+    """Standard deviation of that correction, s."""
+    position_error_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
+    """Stated minus true position, east and north, m."""
+    compass_error_deg: Annotated[
+        float, Unit("degree"), AtLeast(-180.0), AtMost(180.0)
+    ] = 0.0
+    """Error that the compass correction leaves, degrees."""
+    clock_error_s: ClockOffset = 0.0
+    """Error that the clock correction leaves, s."""
 
     def __post_init__(self) -> None:
         """Refuse a sensor without a scale, or with half a position."""
+        super().__post_init__()
         calibration = (self.sensitivity_db_re_v_per_upa, self.adc_peak_v)
         if calibration.count(None) == 1:
             msg = "a calibration needs sensitivity_db_re_v_per_upa and adc_peak_v."
@@ -75,50 +151,87 @@ class SensorPlan:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hum:
-    """Mains hum of the electronics: harmonics with fixed levels, no place."""
+class Hum(OptionGroup):
+    """Mains hum of the electronics: harmonics with fixed levels, from no direction."""
 
-    mains_hz: float = fact(50.0, low=1.0, high=1000.0)
-    levels_db: tuple[float, ...] = fact()
-    fraction: float = fact(0.0, low=0.0, high=0.05)
-    correlation_s: float = fact(30.0, low=1.0, high=1e5)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Clicks:
-    """Short clicks at random times, each with its own place."""
-
-    rate_per_min: float = fact(low=0.0, high=6000.0)
-    peak_db: float = fact(low=-100.0, high=300.0)
+    mains_hz: Annotated[float, Unit("Hz"), AtLeast(1.0), AtMost(1000.0)] = 50.0
+    """Frequency of the mains, Hz."""
+    levels_db: tuple[Level, ...]
+    """Root-mean-square level of each harmonic, dB re 1 uPa, the mains first."""
+    fraction: JitterFraction = 0.0
+    """Standard deviation of the relative frequency."""
+    correlation_s: CorrelationTime = 30.0
+    """Correlation time of its variation, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class Clicks(OptionGroup):
+    """Short clicks at random times, each from a direction of its own."""
+
+    rate_per_min: Annotated[float, Unit("1/min"), AtLeast(0.0), AtMost(6000.0)]
+    """Mean number of clicks per minute."""
+    peak_db: Annotated[float, Unit("dB"), AtLeast(-100.0), AtMost(300.0)]
+    """Peak pressure of a click, dB re 1 uPa."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise(OptionGroup):
     """Ambient noise, isotropic in three dimensions; flat below ``corner_hz``."""
 
-    density_db: float = fact(low=-300.0, high=300.0)
-    reference_hz: float = fact(1000.0, low=0.1)
-    slope_db_per_decade: float = fact(0.0, low=-60.0, high=60.0)
-    corner_hz: float = fact(20.0, low=0.1)
+    density_db: Level
+    """Spectral density at ``reference_hz``, dB re 1 uPa^2/Hz."""
+    reference_hz: Frequency = 1000.0
+    """Frequency at which the density is given, Hz."""
+    slope_db_per_decade: Slope = 0.0
+    """Slope of the density, dB per decade."""
+    corner_hz: Frequency = 20.0
+    """Frequency below which the density is constant, Hz."""
     hum: Hum | None = None
+    """Mains hum; None is none."""
     clicks: Clicks | None = None
+    """Clicks; None is none."""
+    features: Annotated[tuple[SpectralFeature, ...], Key("feature")] = ()
+    """Bumps and notches of the ambient density."""
+    drift: LevelDrift | None = None
+    """Slow change of the ambient level; None is none."""
+    swell: Swell | None = None
+    """Regular change of the ambient level; None is none."""
+    rain: tuple[Rain, ...] = ()
+    """Rain squalls."""
+    gusts: Gusts | None = None
+    """Gusts of wind; None is none."""
+    shrimp: Shrimp | None = None
+    """Snapping shrimp; None is none."""
+    knocks: Knocks | None = None
+    """Knocks; None is none."""
+    machines: Annotated[tuple[Machine, ...], Key("machine")] = ()
+    """Machines at rest: pumps, generators, ventilators."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scenario:
+class Scenario(OptionGroup):
     """A whole simulation: sensors, vessels, noise, and the seed of all chance."""
 
-    seed: int = fact(low=0, high=2**63 - 1)
-    duration_s: float = fact(low=1e-3, high=4e6)
-    sample_rate_hz: float = fact(low=1.0, high=1e6)
-    sound_speed_mps: float = fact(1500.0, low=100.0, high=1e4)
-    start_utc: str | None = fact(None)
-    sensors: tuple[SensorPlan, ...] = fact(key="sensor")
-    vessels: tuple[Vessel, ...] = fact((), key="vessel")
+    seed: Annotated[int, AtLeast(0)]
+    """Seed of every random number."""
+    duration_s: Annotated[float, Unit("s"), AtLeast(1e-3), AtMost(4e6)]
+    """Length of the recordings, s."""
+    sample_rate_hz: Annotated[float, Unit("Hz"), AtLeast(1.0), AtMost(1e6)]
+    """Sample rate, Hz."""
+    sound_speed_mps: Annotated[float, Unit("m/s"), AtLeast(100.0), AtMost(1e4)] = 1500.0
+    """Speed of sound, m/s."""
+    start_utc: str | None = None
+    """UTC time of the first sample in ISO 8601; None is not known."""
+    sensors: Annotated[tuple[SensorPlan, ...], Key("sensor")]
+    """Sensors, one or more; each makes a recording."""
+    vessels: Annotated[tuple[Vessel, ...], Key("vessel")] = ()
+    """Vessels; none is noise alone."""
     noise: Noise | None = None
+    """Ambient noise; None is silence."""
 
     def __post_init__(self) -> None:
-        """Refuse a scenario that nobody hears, or whose sensors share a name."""
+        """Refuse a scenario without a sensor, or whose sensors share a name."""
+        super().__post_init__()
         names = [sensor.id for sensor in self.sensors]
         if not names or len(set(names)) != len(names):
             msg = f"sensors need names of their own, at least one; got {names}."
@@ -135,6 +248,22 @@ class Scenario:
     def start_utc_ns(self) -> int | None:
         """Time of the first sample since 1970-01-01 UTC, ns."""
         return None if self.start_utc is None else _epoch_ns(self.start_utc)
+
+
+def make_scenario(table: object) -> Scenario:
+    """Make a scenario of a table, as TOML or JSON gives it.
+
+    Parameters
+    ----------
+    table
+        The keys of `Scenario`, with a list of tables under ``sensor`` and ``vessel``.
+
+    Raises
+    ------
+    OptionError
+        A key is unknown or missing, or a value is not accepted.
+    """
+    return from_table(Scenario, table, "scenario")
 
 
 def _epoch_ns(text: str) -> int:

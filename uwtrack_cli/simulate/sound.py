@@ -1,11 +1,11 @@
 """The sound of a vessel as a sensor receives it.
 
-**Method.** A tone's phase is that of its emission time, its wander included; its
+**Method.** A tone's phase is that of its emission time, its jitter included; its
 amplitude falls with the range at emission. Broadband sound is one Gaussian process
 at the source, made at four times the sample rate and read at the emission times by
 cubic B-splines, whose prefilter is part of the process's filter: its delay is exact,
-its spectrum to 0.01 dB (aliases below -65 dB). Direct way and surface image, and all
-sensors, hear the same process, so fringes and time differences are right.
+its spectrum to 0.01 dB (aliases below -65 dB). Direct path and surface image, and all
+sensors, receive the same process, so fringes and time differences are right.
 
 **Conventions.** Pressure in uPa. The surface image has the sign of a soft surface.
 
@@ -15,24 +15,43 @@ Signal Processing Magazine 16(6), 1999, eqs. (8)-(10) (cubic B-spline, prefilter
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.approach import direct_path
 from uwtrack_cli.simulate.delay import Path
-from uwtrack_cli.simulate.levels import Hiss, Tone, hiss, tones
-from uwtrack_cli.simulate.motion import Array
+from uwtrack_cli.simulate.frequency_jitter import (
+    JitterSeries,
+    SpeedCourse,
+    draw_jitter,
+    gear_course,
+)
 from uwtrack_cli.simulate.noise import TILE, ColouredNoise, shaping_filter
 from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
-from uwtrack_cli.simulate.sources import RAMP_S, Vessel
-from uwtrack_cli.simulate.wander import Drift, drift
+from uwtrack_cli.simulate.source_levels import (
+    BroadbandSource,
+    Tone,
+    broadband_source,
+    tones,
+)
+from uwtrack_cli.simulate.trajectories import Array
+from uwtrack_cli.simulate.vessels import RAMP_S, Cavitation, Vessel
 
 MULTIPLE = 4
 """Rate of the broadband process over the sample rate."""
 
-Arrival = tuple[Array, Array, Array]
-"""Pressure (uPa) and the two cosines towards the source, for the samples of a tile."""
+
+class Arrival(NamedTuple):
+    """Sound that arrives along one path during a tile."""
+
+    pressure_upa: Array
+    """Pressure, uPa."""
+    east_cosine: Array
+    """Cosine of the direction to the source with east."""
+    north_cosine: Array
+    """Cosine of the direction to the source with north."""
 
 
 @dataclass
@@ -40,9 +59,13 @@ class SourceSound:
     """Broadband sound at its source, readable at any time near the last one."""
 
     noise: ColouredNoise
+    """The Gaussian process at the source."""
     start_s: float
+    """Time of its first sample, s."""
     rate_hz: float
+    """Its sample rate, Hz."""
     tiles: dict[int, Array] = field(default_factory=dict)
+    """Tiles kept for the next stretch, by number."""
 
     def at(self, time_s: Array) -> Array:
         """Return the pressure at 1 m at emission times, uPa."""
@@ -73,23 +96,35 @@ class SourceSound:
 
 @dataclass
 class VesselSound:
-    """Everything one sensor hears of one vessel."""
+    """All sound of one vessel at one sensor."""
 
     paths: tuple[tuple[float, Path], ...]
+    """Amplitude and path of the direct sound and of the surface image."""
     sample_rate_hz: float
+    """Sample rate of the recording, Hz."""
     exponent: float
+    """Power of the range with which the amplitude falls."""
     tones: tuple[Tone, ...]
+    """Spectral lines at the source."""
     phases: Array
-    wander: Drift | None
+    """Phase of each line at time zero, cycles."""
+    jitter: JitterSeries | None
+    """Variation of all line frequencies; None is none."""
+    gears: SpeedCourse | None
+    """Course of the shaft speed through its gears; None is one gear."""
     broadband: SourceSound | None
+    """Broadband sound at the source; None is none."""
+    cavitation: Cavitation | None
+    """Modulation of the broadband sound; None is none."""
     sounding_s: tuple[float, float] | None
+    """Times between which the vessel sounds, s; None is always."""
 
     def arrivals(self, tile: int) -> Iterator[Arrival]:
-        """Yield what comes along each way during a tile."""
+        """Yield what arrives along each path during a tile."""
         first = tile * TILE
-        heard_s = np.arange(first, first + TILE) / self.sample_rate_hz
+        received_s = np.arange(first, first + TILE) / self.sample_rate_hz
         for factor, path in self.paths:
-            if self._is_silent(path, heard_s[[0, -1]]):
+            if self._is_silent(path, received_s[[0, -1]]):
                 if self.broadband is not None:
                     self.broadband.tiles = {}
                 continue
@@ -98,12 +133,14 @@ class VesselSound:
             spread = (
                 1.0 / distance if self.exponent == 1.0 else distance**-self.exponent
             )
-            yield factor * spread * self._emitted(heard_s - delay), east, north
+            yield Arrival(
+                factor * spread * self._emitted(received_s - delay), east, north
+            )
 
     def _is_silent(self, path: Path, ends_s: Array) -> bool:
         if self.sounding_s is None:
             return False
-        emitted_s = ends_s - path.solve(ends_s)[0]
+        emitted_s = ends_s - path.solve(ends_s).delay_s
         return bool(
             emitted_s[1] < self.sounding_s[0] or emitted_s[0] > self.sounding_s[1]
         )
@@ -111,22 +148,26 @@ class VesselSound:
     def _emitted(self, time_s: Array) -> Array:
         total = np.zeros(time_s.size)
         ticks = time_s
-        if self.wander is not None:
-            ticks = time_s + self.wander.excess_s(time_s)
+        for variation in (self.jitter, self.gears):
+            if variation is not None:
+                ticks = ticks + variation.excess_s(time_s)
         for tone, phase in zip(self.tones, self.phases, strict=True):
             cycles = tone.frequency_hz * ticks + phase
             cycles -= np.floor(cycles)
             angle = (2.0 * np.pi * cycles).astype(np.float32)
             total += tone.amplitude_upa * np.cos(angle)
         if self.broadband is not None:
-            total += self.broadband.at(time_s)
+            hiss = self.broadband.at(time_s)
+            if self.cavitation is not None:
+                hiss *= blade_envelope(self.cavitation, ticks)
+            total += hiss
         if self.sounding_s is not None:
             total *= _ramp(time_s, self.sounding_s)
         return total
 
 
 def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSound:
-    """Prepare what a sensor hears of the vessel with the given number."""
+    """Prepare the sound of the vessel with the given number at a sensor."""
     vessel = scenario.vessels[number]
     path = direct_path(scenario, vessel, plan)
     paths = [(1.0, path)]
@@ -134,7 +175,10 @@ def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSou
         image = replace(path, source_depth_m=-vessel.source_depth_m)
         paths.append((-vessel.surface_image, image))
     lines = tones(scenario, vessel)
-    _check_lines(lines, path, scenario)
+    speed_up = max(
+        (c.factor * (1.0 + c.revving) for c in vessel.gear_changes), default=1
+    )
+    _check_lines(lines, path, scenario, max(float(speed_up), 1.0))
     start_s = first_emission_s(scenario, vessel)
     phases = np.random.default_rng([scenario.seed, 200, number]).random(len(lines))
     return VesselSound(
@@ -143,10 +187,33 @@ def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSou
         exponent=vessel.spreading_db_per_decade / 20.0,
         tones=lines,
         phases=phases,
-        wander=vessel_wander(scenario, number, start_s),
-        broadband=_source_sound(scenario, number, start_s, hiss(scenario, vessel)),
+        jitter=vessel_jitter(scenario, number, start_s),
+        gears=gear_course(vessel.gear_changes),
+        cavitation=None if vessel.broadband is None else vessel.broadband.cavitation,
+        broadband=_source_sound(
+            scenario, number, start_s, broadband_source(scenario, vessel)
+        ),
         sounding_s=vessel.sounding_s,
     )
+
+
+def blade_envelope(plan: Cavitation, time_s: Array) -> Array:
+    """Return the amplitude of blade-modulated cavitation, of unit mean square.
+
+    Parameters
+    ----------
+    plan
+        Blade rate, depth and harmonics.
+    time_s
+        Times in s, stretched by the variation of the shaft speed.
+    """
+    turns = plan.blade_rate_hz * time_s
+    envelope = np.ones(time_s.size)
+    power = 1.0
+    for k in range(1, plan.harmonics + 1):
+        envelope += plan.depth / k * np.cos(2.0 * np.pi * (k * turns % 1.0))
+        power += 0.5 * (plan.depth / k) ** 2
+    return np.asarray(envelope / np.sqrt(power))
 
 
 def _ramp(time_s: Array, sounding_s: tuple[float, float]) -> Array:
@@ -154,31 +221,34 @@ def _ramp(time_s: Array, sounding_s: tuple[float, float]) -> Array:
     return np.asarray(np.sin(0.5 * np.pi * np.clip(inside / RAMP_S, 0.0, 1.0)) ** 2)
 
 
-def vessel_wander(scenario: Scenario, number: int, start_s: float) -> Drift | None:
-    """Return the wander of a vessel's lines, or None if they are steady."""
-    plan = scenario.vessels[number].wander
+def vessel_jitter(
+    scenario: Scenario, number: int, start_s: float
+) -> JitterSeries | None:
+    """Return the jitter of a vessel's lines, or None if they are steady."""
+    plan = scenario.vessels[number].frequency_jitter
     if plan.fraction == 0.0:
         return None
     seed = (scenario.seed, 201, number)
     last_s = scenario.duration_s + TILE / scenario.sample_rate_hz
-    return drift(seed, plan.fraction, plan.correlation_s, start_s, last_s)
+    return draw_jitter(seed, plan.fraction, plan.correlation_s, start_s, last_s)
 
 
 def first_emission_s(scenario: Scenario, vessel: Vessel) -> float:
-    """Return a time before any sound of a vessel that a sensor can hear, s."""
+    """Return a time before any sound of a vessel that a sensor can receive, s."""
     start = np.zeros(1)
+    paths = [direct_path(scenario, vessel, plan) for plan in scenario.sensors]
     delays = [
-        direct_path(scenario, replace(vessel, source_depth_m=sign * depth), plan).solve(
-            start
-        )[0][0]
-        for plan in scenario.sensors
-        for sign, depth in ((1.0, vessel.source_depth_m), (-1.0, vessel.source_depth_m))
+        replace(path, source_depth_m=sign * vessel.source_depth_m)
+        .solve(start)
+        .delay_s[0]
+        for path in paths
+        for sign in (1.0, -1.0)
     ]
     return -float(np.ceil(max(delays))) - 1.0
 
 
 def _source_sound(
-    scenario: Scenario, number: int, start_s: float, plan: Hiss | None
+    scenario: Scenario, number: int, start_s: float, plan: BroadbandSource | None
 ) -> SourceSound | None:
     if plan is None:
         return None
@@ -195,7 +265,9 @@ def _source_sound(
     return SourceSound(noise, start_s, MULTIPLE * rate)
 
 
-def _check_lines(lines: tuple[Tone, ...], path: Path, scenario: Scenario) -> None:
+def _check_lines(
+    lines: tuple[Tone, ...], path: Path, scenario: Scenario, speed_up: float
+) -> None:
     mach = (path.source.top_speed_mps + path.receiver.top_speed_mps) / (
         scenario.sound_speed_mps
     )
@@ -203,7 +275,7 @@ def _check_lines(lines: tuple[Tone, ...], path: Path, scenario: Scenario) -> Non
         msg = f"speeds must stay below half the sound speed, got {mach:.2f} of it."
         raise OptionError(msg)
     limit = 0.49 * scenario.sample_rate_hz * (1.0 - mach)
-    worst = max((tone.frequency_hz for tone in lines), default=0.0)
+    worst = speed_up * max((tone.frequency_hz for tone in lines), default=0.0)
     if worst > limit:
         msg = f"line frequencies must stay below {limit:.6g} Hz, got {worst:g}."
         raise OptionError(msg)

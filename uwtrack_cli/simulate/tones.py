@@ -1,4 +1,4 @@
-"""Tones with wandering frequencies in white noise, for one hydrophone.
+"""Tones of varying frequency in white noise, for one hydrophone.
 
 **Method.** Each tone's phase is the sum of its frequency over the samples, so that any
 course of the frequency may be asked for.

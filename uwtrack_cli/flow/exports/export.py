@@ -7,10 +7,15 @@ from typing import Literal
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.atomic import atomic_target, check_target
-from uwtrack_cli.files.netcdf import write_netcdf
-from uwtrack_cli.files.product import Product
-from uwtrack_cli.files.registry import container_class
-from uwtrack_cli.files.tables import write_table
+from uwtrack_cli.files.hdf5.layout import container_class
+from uwtrack_cli.files.hdf5.netcdf import write_netcdf
+from uwtrack_cli.files.hdf5.product import Product
+from uwtrack_cli.files.tables.container_tables import write_table
+from uwtrack_cli.flow.branches import (
+    read_of_branch,
+    refuse_unknown_step,
+    sole_keys,
+)
 from uwtrack_cli.flow.exports.features import geographic_features
 from uwtrack_cli.flow.exports.geojson import geojson_text
 from uwtrack_cli.flow.exports.kml import kml_text
@@ -25,6 +30,13 @@ ENDINGS: dict[Form, str] = {
 SUMMARIES = ("fixes", "encounters", "motions", "target", "decision", "lines", "levels")
 """Containers that a CSV holds, the first one there is."""
 
+TAKEN: dict[str, frozenset[str]] = {
+    "geojson": frozenset({"encounters", "fixes"}),
+    "kml": frozenset({"encounters", "fixes"}),
+    "raven": frozenset({"lines"}),
+}
+"""Containers of which a format takes one for each sensor."""
+
 
 def export_product(
     product: Product,
@@ -33,6 +45,7 @@ def export_product(
     *,
     container: str | None = None,
     sensor: str | None = None,
+    step: str | None = None,
     overwrite: bool = False,
     inputs: tuple[Path, ...] = (),
 ) -> None:
@@ -50,6 +63,8 @@ def export_product(
         Container that a CSV holds.
     sensor
         Sensor, where there are several.
+    step
+        Step whose branch is meant, where several steps made results of one kind.
     overwrite
         Whether an existing file may be replaced.
     inputs
@@ -63,15 +78,19 @@ def export_product(
         The target exists, is an input, or cannot be written.
     """
     check_target(target, overwrite=overwrite, inputs=inputs)
+    refuse_unknown_step([product], step)
     if form == "csv":
-        text = "\n".join(write_table(_chosen(product, container, sensor), "csv")) + "\n"
+        chosen = _chosen(product, container, sensor, step)
+        text = "\n".join(write_table(chosen, "csv")) + "\n"
     elif form == "netcdf":
         with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
             history = [step.to_json() for step in product.history]
-            write_netcdf(temporary, list(small_containers(product)), history)
+            write_netcdf(temporary, list(small_containers(product, step)), history)
         return
     else:
-        text = TEXTS[form](list(small_containers(product)), product.name)
+        sole_keys(product, step, TAKEN[form])
+        containers = [held.container for held in small_containers(product, step)]
+        text = TEXTS[form](containers, product.name)
     with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -91,10 +110,12 @@ TEXTS: dict[str, Callable[[list[Container], str], str]] = {
 }
 
 
-def _chosen(product: Product, container: str | None, sensor: str | None) -> Container:
-    held = {name for _, name in product.paths}
+def _chosen(
+    product: Product, container: str | None, sensor: str | None, step: str | None
+) -> Container:
+    held = {key.name for key in product.paths}
     name = container or next((name for name in SUMMARIES if name in held), None)
     if name is None:
         msg = f"{product.name} holds no table; name one with --container."
         raise DataError(msg)
-    return product.read(container_class(name), sensor)
+    return read_of_branch(product, container_class(name), sensor, step)

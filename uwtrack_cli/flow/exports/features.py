@@ -14,12 +14,12 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.json_rows import json_rows
-from uwtrack_cli.physics.geodesy import Origin, to_latitude_longitude
+from uwtrack_cli.files.tables.json_rows import json_rows
 
 SCALE_95 = 2.4477468306808166
 """Square root of the 95 % quantile of chi-square with two degrees of freedom."""
@@ -34,10 +34,15 @@ class Feature:
     """One thing on the map."""
 
     kind: Literal["sensor", "encounter", "track", "fix", "ellipse"]
+    """What it shows: 'fix', 'track', 'sensor' ..."""
     shape: Literal["Point", "LineString", "Polygon"]
+    """'Point', 'LineString' or 'Polygon'."""
     name: str
+    """Title."""
     places: tuple[tuple[float, float], ...]
+    """Longitude and latitude of each point, degrees."""
     properties: dict[str, Any] = field(default_factory=dict)
+    """Facts, as plain values."""
 
 
 def geographic_features(containers: Sequence[Container], name: str) -> list[Feature]:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from uwtrack_cli.files.text_escaping import plain_text
 from uwtrack_cli.flow.exports.antimeridian import cut_at_antimeridian
 from uwtrack_cli.flow.exports.features import Feature
 
@@ -23,7 +24,9 @@ def geojson_text(features: Sequence[Feature]) -> str:
         "type": "FeatureCollection",
         "features": [_feature(feature) for feature in features],
     }
-    return json.dumps(collection, ensure_ascii=False, allow_nan=False) + "\n"
+    return (
+        plain_text(json.dumps(collection, ensure_ascii=False, allow_nan=False)) + "\n"
+    )
 
 
 def _feature(feature: Feature) -> dict[str, Any]:

@@ -6,6 +6,7 @@
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
+from uwtrack_cli.files.text_escaping import xml_text
 from uwtrack_cli.flow.exports.features import Feature
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"
@@ -49,7 +50,7 @@ def _placemark(folder: ET.Element, feature: Feature) -> None:
     known = feature.properties
     facts = [f"{key}: {known[key]}" for key in SHOWN if known.get(key) is not None]
     if facts:
-        _text(mark, "description", "\n".join(facts))
+        _text(mark, "description", *facts)
     if known.get("time_utc"):
         _text(ET.SubElement(mark, "TimeStamp"), "when", known["time_utc"])
     parent = ET.SubElement(mark, feature.shape)
@@ -62,7 +63,6 @@ def _placemark(folder: ET.Element, feature: Feature) -> None:
     _text(parent, "coordinates", places)
 
 
-def _text(parent: ET.Element, tag: str, text: str) -> None:
-    """Add an element; characters that XML cannot hold are left out."""
-    allowed = "".join(c for c in text if c.isprintable() or c in "\n\t")
-    ET.SubElement(parent, tag).text = allowed
+def _text(parent: ET.Element, tag: str, *lines: str) -> None:
+    """Add an element with lines of text."""
+    ET.SubElement(parent, tag).text = "\n".join(map(xml_text, lines))

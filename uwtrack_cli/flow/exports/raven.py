@@ -19,6 +19,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.text_escaping import csv_cell, plain_text
 
 HEADS = (
     "Selection", "View", "Channel", "Begin Time (s)", "End Time (s)", "Low Freq (Hz)",
@@ -32,7 +33,9 @@ class Clock:
     """From seconds of a recording to files, offsets and cumulative time."""
 
     recording: Recording
+    """The recording whose first sample is time zero."""
     files: RecordedFiles | None
+    """Files of a joined recording; None if it is one file."""
 
     def place(self, time_s: float) -> tuple[str, float, float]:
         """Return file, offset in it and cumulative time, s."""
@@ -97,7 +100,7 @@ def _rows(
             "", "Spectrogram 1", "1", f"{begin[2]:.6f}", f"{end[2]:.6f}",
             f"{max(0.0, float(frequency.min()) - half_hz):.4f}",
             f"{float(frequency.max()) + half_hz:.4f}",
-            begin[0], f"{begin[1]:.6f}", sensor, str(lines.line_contact[k]), str(line),
+            plain_text(begin[0]), f"{begin[1]:.6f}", csv_cell(sensor), str(lines.line_contact[k]), str(line),
             str(lines.line_status[k]),
         )  # fmt: skip
 

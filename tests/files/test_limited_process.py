@@ -1,0 +1,92 @@
+"""Whatever happens to the child, the parent gets an answer and goes on."""
+
+import os
+import resource
+import signal
+import time
+
+import pytest
+
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files import limited_process
+from uwtrack_cli.files.limited_process import run_limited
+
+
+@pytest.fixture(params=["forked", "spawned"], autouse=True)
+def _way(request, monkeypatch):
+    """Both ways to make the child."""
+    monkeypatch.setattr(limited_process, "CAN_FORK", request.param == "forked")
+
+
+def crash(_):
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def wait(_):
+    time.sleep(60)
+
+
+def spin(_):
+    while True:
+        pass
+
+
+def claim(_):
+    return len(bytearray(4 << 30))
+
+
+def refuse(_):
+    msg = "it is no good."
+    raise DataError(msg)
+
+
+def fail(_):
+    return 1 / 0
+
+
+def recurse(data):
+    return recurse(data)
+
+
+def answer(data):
+    return ["answer", len(data)]
+
+
+def run(what, data=b"", seconds=20.0):
+    function = f"tests.files.test_limited_process:{what}"
+    return run_limited(function, seconds=seconds, data=data)
+
+
+def test_the_answer_and_the_data_pass_through():
+    assert run("answer", b"x" * 1_000_000) == ["answer", 1_000_000]
+
+
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [
+        ("crash", "ends the process"),
+        ("claim", "too much memory"),
+        ("recurse", "too much memory"),
+        ("refuse", "it is no good"),
+        ("fail", "ZeroDivisionError"),
+    ],
+)
+def test_what_goes_wrong_is_a_sentence(what, reason):
+    with pytest.raises(DataError, match=reason):
+        run(what)
+
+
+@pytest.mark.parametrize(("what", "seconds"), [("spin", 1.0), ("wait", 0.2)])
+def test_time_is_limited_and_nothing_is_left_behind(what, seconds):
+    begin = time.monotonic()
+    with pytest.raises(DataError, match="too long"):
+        run(what, seconds=seconds)
+    assert time.monotonic() - begin < 30.0
+    with pytest.raises(ChildProcessError):  # no child remains to be waited for
+        os.waitpid(-1, os.WNOHANG)
+
+
+def test_the_limits_hold_for_the_child_alone():
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    run("answer")
+    assert resource.getrlimit(resource.RLIMIT_AS) == before

@@ -1,0 +1,383 @@
+"""A recipe is a graph: its steps join, nothing runs in vain, branches do not mix."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support import recording_of, white_noise
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.data.spectra import Levels, Spectrogram
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.files.hdf5.product import (
+    ProductWriter,
+    read_product,
+    verify_product,
+)
+from uwtrack_cli.flow.batch import Job, run_job
+from uwtrack_cli.flow.catalogue import STAGES
+from uwtrack_cli.flow.engine import run_recipe, shared_readers
+from uwtrack_cli.flow.products import run_into_product
+from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
+
+RATE_HZ = 2000.0
+
+TWO_RUNGS = """
+[spectrogram]
+band_hz = [10.0, 900.0]
+
+[fine]
+stage = "spectrogram"
+window_s = 0.25
+
+[peaks]
+input = "spectrogram"
+
+[track]
+
+[fine-peaks]
+stage = "peaks"
+input = "fine"
+
+[fine-track]
+stage = "track"
+input = "fine-peaks"
+output = true
+
+[cpa]
+input = "track"
+"""
+
+
+def tones(seconds: float = 60.0, seed: int = 3) -> np.ndarray:
+    time = np.arange(round(RATE_HZ * seconds)) / RATE_HZ
+    sound = white_noise(time.size, seed, density=1e-3, rate_hz=RATE_HZ)
+    for frequency in (200.0, 333.0, 512.5):
+        sound += 0.5 * np.sin(2 * np.pi * (frequency * time + 0.005 * time**2))
+    return sound
+
+
+def results(recipe: Recipe, recording) -> dict[str, Container]:
+    """Every kept result of a recipe by the name of its step."""
+    graph = recipe.graph()
+    made = run_recipe(recording, recipe)[2:]
+    names = [step.name for step in graph.steps() if step.name in graph.outputs]
+    return dict(zip(names, made, strict=True))
+
+
+def test_the_nearest_earlier_step_that_fits_is_read():
+    graph = load_recipe("vessel").graph()
+    read = {node.step.name: dict(node.sources) for node in graph.nodes}
+    assert read["peaks"] == {"spectrogram": ("spectrogram",)}
+    assert read["track"]["blocks"][0] in {"classify", "peaks"}
+    assert read["cpa"] == {"lines": ("track",), "levels": ("levels",)}
+    assert read["locate"] == {"encounters": ("cpa",)}
+
+
+def test_what_is_written_is_read_whatever_is_nearer():
+    recipe = Recipe.from_toml("two", TWO_RUNGS)
+    graph = recipe.graph()
+    read = {node.step.name: dict(node.sources) for node in graph.nodes}
+    assert read["track"] == {"blocks": ("peaks",)}
+    assert read["fine-track"] == {"blocks": ("fine-peaks",)}
+    assert read["cpa"] == {"lines": ("track",)}
+    assert graph.outputs == {"track", "fine-track", "cpa"}
+
+
+def test_steps_may_be_written_in_any_order_when_they_name_their_inputs():
+    text = "[peaks]\ninput = 'spectrogram'\noutput = true\n[spectrogram]\n"
+    names = [s.name for s in Recipe.from_toml("odd", text).graph().steps()]
+    assert names == ["spectrogram", "peaks"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[peaks]\n", ("no step that reads the recording", "[spectrogram]")),
+        ("", ("no step that reads the recording", "none")),
+        ("[spectrogram]\n[track]\n", ("[track]", "families or peaks", "[peaks]")),
+        (
+            "[spectrogram]\n[classify]\n[peaks]\n[track]\n",
+            ("[classify]", "reads peaks", "[peaks] makes it: move it before"),
+        ),
+        ("[spectrogram]\n[levels]\n[peaks]\n", ("[peaks]", "no step reads", "output")),
+        (
+            "[spectrogram]\n[peaks]\n[track]\n[trace]\n[cpa]\n",
+            ("[track]", "no step reads", "input of [cpa]"),
+        ),
+        (
+            "[spectrogram]\n[peaks]\ninput = 'track'\n[track]\ninput = 'peaks'\n",
+            ("[peaks]", "reads spectrogram", "[track] makes lines"),
+        ),
+        ("[spectrogram]\n[peaks]\ninput = 'spektrogram'\n", ("Did you mean",)),
+        (
+            "[spectrogram]\n[fine]\nstage='spectrogram'\n[peaks]\ninput=['spectrogram', 'fine']\n",
+            ("[peaks]", "takes one spectrogram", "'fine' is one more"),
+        ),
+        ("[spectrogram]\n[odd]\n", ("no stage 'odd'", "spectrogram, ")),
+        ("[spectrogram]\nstage = 3\n", ("spectrogram.stage must be a text",)),
+        ("[spectrogram]\ninput = 3\n", ("spectrogram.input must be a list",)),
+        ("[spectrogram]\noutput = 1\n", ("spectrogram.output must be true or false",)),
+        ("['a b']\nstage = 'spectrogram'\n", ("'a b' is no name of a step",)),
+        ("[cpa]\n[spectrogram]\n", ("[cpa]", "reads lines")),
+    ],
+)
+def test_a_recipe_that_does_not_join_is_refused_with_a_remedy(text, words):
+    with pytest.raises(OptionError) as caught:
+        Recipe.from_toml("odd", text)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def smooth_peaks(peaks: Peaks) -> Peaks:
+    """Return peaks as they are: a stage that reads what it makes."""
+    return peaks
+
+
+def test_a_circle_is_named(monkeypatch):
+    monkeypatch.setitem(STAGES, "smooth", f"{__name__}:smooth_peaks")
+    Recipe.from_toml("ok", "[spectrogram]\n[peaks]\n[smooth]\n[track]\n")
+    with pytest.raises(OptionError, match=r"wait for each other: .*one.*two"):
+        Recipe.from_toml(
+            "circle",
+            "[spectrogram]\noutput = true\n"
+            "[one]\nstage = 'smooth'\ninput = 'two'\n"
+            "[two]\nstage = 'smooth'\ninput = 'one'\n"
+            "[track]\n",
+        )
+
+
+@pytest.mark.parametrize("name", ["vessel", "two"])
+def test_a_recipe_with_its_wiring_reads_back(name):
+    recipe = Recipe.from_toml("two", TWO_RUNGS) if name == "two" else load_recipe(name)
+    again = Recipe.from_toml(name, recipe.to_toml())
+    assert [(s.name, s.stage_name, s.inputs, s.is_output) for s in again.steps] == [
+        (s.name, s.stage_name, s.inputs, s.is_output) for s in recipe.steps
+    ]
+    changed = recipe.with_settings(["peaks.false_alarm_probability=1e-5"])
+    (peaks,) = [s for s in changed.steps if s.name == "peaks"]
+    assert peaks.options["false_alarm_probability"] == 1e-5
+
+
+def test_each_branch_is_what_it_is_alone():
+    recording = recording_of(tones(), RATE_HZ)
+    both = results(Recipe.from_toml("two", TWO_RUNGS), recording)
+    coarse = "[spectrogram]\nband_hz = [10.0, 900.0]\n[peaks]\n[track]\n[cpa]\n"
+    fine = "[spectrogram]\nwindow_s = 0.25\n[peaks]\n[track]\n"
+    alone = results(Recipe.from_toml("coarse", coarse), recording)
+    assert both["track"].equals(alone["track"])
+    assert both["cpa"].equals(alone["cpa"])
+    finer = results(Recipe.from_toml("fine", fine), recording)["track"]
+    assert both["fine-track"].equals(finer)
+    assert isinstance(finer, Lines)
+    assert finer.line_id.size >= 3
+
+
+@pytest.mark.parametrize("block", [700, 65_536])
+def test_several_sources_read_the_sound_once_and_see_the_same(block):
+    sound = tones(20.0)
+    passes: list[int] = []
+    plain = recording_of(sound, RATE_HZ, block=block)
+
+    def counted(n_samples):
+        passes.append(n_samples)
+        return plain.reader(n_samples)
+
+    recording = replace(plain, reader=counted)
+    readers = shared_readers(recording, 3)
+    taken = [reader(size) for reader, size in zip(readers, (256, 1000, 7), strict=True)]
+    parts: list[list[np.ndarray]] = [[], [], []]
+    open_ones = [0, 1, 2]
+    rng = np.random.default_rng(1)
+    while open_ones:
+        k = int(rng.choice(open_ones))
+        part = next(taken[k], None)
+        if part is None:
+            open_ones.remove(k)
+        else:
+            parts[k].append(part)
+    for pieces in parts:
+        np.testing.assert_array_equal(
+            np.concatenate(pieces), sound[:, None].astype("f4")
+        )
+    assert len(passes) == 1
+
+
+def test_results_of_a_step_keep_its_name_in_the_product(tmp_path):
+    recipe = Recipe.from_toml("two", TWO_RUNGS)
+    recording = recording_of(tones(), RATE_HZ)
+    expected = results(recipe, recording)
+    with ProductWriter(tmp_path / "p.h5") as writer:
+        run_into_product(recording, recipe, writer)
+    with read_product(tmp_path / "p.h5") as product:
+        usual = product.read(Lines, step="")
+        fine = product.read(Lines, step="fine-track")
+        assert usual.frequency_hz.tobytes() == expected["track"].frequency_hz.tobytes()
+        assert (
+            fine.frequency_hz.tobytes() == expected["fine-track"].frequency_hz.tobytes()
+        )
+        steps = {s.step_name: s for s in product.history}
+    assert steps["fine-track"].stage == "track"
+    assert steps["fine-track"].inputs == ("fine-peaks",)
+    assert steps["cpa"].inputs == ("track",)
+
+
+def test_a_product_of_branches_is_made_again_from_its_history(uwtrack, short_pass):
+    Path("two.toml").write_text(TWO_RUNGS, encoding="utf-8")
+    done = uwtrack("run", short_pass, "--recipe", "two.toml", "-o", "p.run.h5")
+    assert done.exit_code == 0, done.output
+    again = uwtrack("rerun", "p.run.h5", "--source", short_pass, "-o", "again.run.h5")
+    assert again.exit_code == 0, again.output
+    assert uwtrack("diff", "p.run.h5", "again.run.h5").exit_code == 0
+    shown = uwtrack(
+        "show", "p.run.h5", "lines", "--step", "fine-track", "--format", "csv"
+    )
+    assert shown.exit_code == 0, shown.output
+    unclear = uwtrack("show", "p.run.h5", "lines")
+    assert unclear.exit_code == 1
+    said = " ".join(unclear.stderr.split())
+    assert "of several steps: track, fine-track; name one of them with --step" in said
+    usual = uwtrack("show", "p.run.h5", "lines", "--step", "track", "--format", "csv")
+    assert usual.exit_code == 0, usual.output
+    assert usual.stdout != shown.stdout
+
+
+TWO_PASSAGES = """
+[spectrogram]
+band_hz = [10.0, 900.0]
+[levels]
+[peaks]
+[track]
+[trace]
+[fine]
+stage = "spectrogram"
+window_s = 0.5
+[fine-peaks]
+stage = "peaks"
+[fine-track]
+stage = "track"
+[cpa]
+input = ["track", "levels"]
+[lines]
+stage = "cpa"
+input = "trace"
+[h1]
+stage = "cpa"
+input = ["fine-track", "levels"]
+[locate]
+input = ["cpa", "lines", "h1"]
+"""
+
+
+@pytest.fixture(scope="module")
+def branched(short_pass, tmp_path_factory) -> Path:
+    """A product with three steps that make lines, and three that make encounters."""
+    path = tmp_path_factory.mktemp("branched") / "p.run.h5"
+    recipe = Recipe.from_toml("three", TWO_PASSAGES)
+    outcome = run_job(Job((short_pass,), path, recipe))
+    assert outcome.status == "done", outcome.message
+    return path
+
+
+def test_results_of_any_step_have_a_place_of_their_own(branched):
+    assert verify_product(branched) == []
+    with read_product(branched) as product:
+        steps = {(key.name, key.step) for key in product.paths}
+    assert {("lines", "track"), ("lines", "trace"), ("lines", "fine-track")} <= steps
+    assert {("encounters", ""), ("encounters", "lines"), ("encounters", "h1")} <= steps
+
+
+COMMANDS_OF_ONE_RESULT = (
+    "show {} lines", "plot {} -o p.png", "report {} -o p.html", "cpa {} -o c.h5",
+    "locate {} -o f.h5", "export {} --to geojson -o p.geojson",
+    "export {} --to raven -o p.txt", "export {} --to csv --container lines -o p.csv",
+    "score {} --truth pass.truth.json",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("words", COMMANDS_OF_ONE_RESULT)
+def test_a_command_asks_for_the_branch_and_takes_it(words, uwtrack, branched, samples):
+    shutil.copy(samples / "pass.truth.json", ".")
+    plain = uwtrack(*words.format(branched).split())
+    assert plain.exit_code == 1, plain.output
+    assert "name one of them with --step" in " ".join(plain.stderr.split())
+    unknown = uwtrack(*words.format(branched).split(), "--step", "nobody")
+    assert unknown.exit_code == 1
+    assert "without a step 'nobody'; its steps: spectrogram," in " ".join(
+        unknown.stderr.split()
+    )
+    chosen = uwtrack(*words.format(branched).split(), "--step", "fine-track")
+    assert chosen.exit_code == 0, chosen.output
+
+
+def test_a_branch_is_carried_on(uwtrack, branched):
+    done = uwtrack("locate", branched, "--step", "fine-track", "-o", "f.fixes.h5")
+    assert done.exit_code == 0, done.output
+    with read_product(branched) as product, read_product("f.fixes.h5") as located:
+        assert located.read(Lines).equals(product.read(Lines, step="fine-track"))
+        assert located.read(Encounters).equals(product.read(Encounters, step="h1"))
+        assert located.history[-1].inputs == ("h1",)
+
+
+def test_a_command_on_a_run_is_made_again_with_its_own_options(uwtrack, short_pass):
+    Path("one.toml").write_text("[spectrogram]\n[peaks]\n[track]\n[cpa]\n")
+    uwtrack("run", short_pass, "--recipe", "one.toml", "-o", "p.run.h5")
+    done = uwtrack("cpa", "p.run.h5", "--source-depth-m", 15, "-o", "c.h5")
+    assert done.exit_code == 0, done.output
+    again = uwtrack("rerun", "c.h5", "--source", short_pass, "-o", "again.h5")
+    assert again.exit_code == 0, again.output
+    assert uwtrack("diff", "c.h5", "again.h5").exit_code == 0
+    assert uwtrack("diff", "c.h5", "p.run.h5").exit_code == 4
+
+
+def test_a_batch_resumes_a_recipe_with_branches(short_pass, tmp_path):
+    recipe = Recipe.from_toml("two", TWO_RUNGS)
+    job = Job((short_pass,), tmp_path / "p.run.h5", recipe)
+    assert run_job(job).status == "done"
+    assert run_job(replace(job, resume=True)).status == "resumed"
+    other = recipe.with_settings(["fine.window_s=0.2"])
+    assert run_job(replace(job, resume=True, recipe=other)).status == "done"
+
+
+def test_a_marked_output_is_kept_though_it_only_passes_by():
+    text = "[spectrogram]\noutput = true\n[peaks]\noutput = true\n[levels]\n"
+    made = results(Recipe.from_toml("kept", text), recording_of(tones(10.0), RATE_HZ))
+    assert isinstance(made["spectrogram"], Spectrogram)
+    assert isinstance(made["peaks"], Peaks)
+    assert isinstance(made["levels"], Levels)
+
+
+@pytest.mark.parametrize("name", shipped_recipes())
+def test_the_graph_of_a_recipe_is_drawn(uwtrack, name):
+    done = uwtrack("recipes", "--graph", name)
+    assert done.exit_code == 0, done.output
+    assert "spectrogram" in done.stdout
+    drawn = uwtrack("recipes", "--graph", name, "-o", f"{name}.svg")
+    assert drawn.exit_code == 0, drawn.output
+    assert "<svg" in Path(f"{name}.svg").read_text(encoding="utf-8")
+
+
+def test_a_product_of_single_commands_is_made_again(uwtrack, short_pass):
+    for words in (
+        ("spectrogram", short_pass, "--band-hz", 10, 1000, "-o", "p.spectrogram.h5"),
+        ("peaks", "p.spectrogram.h5"),
+        ("classify", "p.peaks.h5"),
+        ("track", "p.families.h5"),
+        ("levels", "p.spectrogram.h5"),
+        ("cpa", "p.lines.h5", "p.levels.h5"),
+    ):
+        assert uwtrack(*words).exit_code == 0
+    for name in ("p.lines.h5", "p.encounters.h5"):
+        again = uwtrack("rerun", name, "--source", short_pass, "-o", f"again.{name}")
+        assert again.exit_code == 0, again.output
+        assert uwtrack("diff", name, f"again.{name}").exit_code == 0
+    with read_product("p.encounters.h5") as product:
+        inputs = {s.step_name: s.inputs for s in product.history}
+    assert inputs["track"] == ("classify",)
+    assert set(inputs["cpa"]) == {"track", "levels"}

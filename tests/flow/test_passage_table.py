@@ -1,0 +1,200 @@
+"""One table over many results: each passage once, nothing lost, read once."""
+
+import csv
+import io
+import json
+import shutil
+import time
+from dataclasses import replace
+
+import duckdb
+import numpy as np
+import pytest
+
+from tests.flow.made_encounters import encounters_of
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.files.hdf5.product import write_product
+from uwtrack_cli.flow.passages import collect_passages, count_passages
+
+START_NS = 1_714_564_800 * 10**9  # 2024-05-01T12:00:00Z
+
+
+def write_result(
+    path, day=0, times=(100.0,), sensor="h1", place=(35.0, 128.5), **facts
+):
+    """Write a product with passages at some times of a day."""
+    start = START_NS + day * 86_400 * 10**9
+    own = Sensor(id=sensor, latitude=place[0], longitude=place[1])
+    recording = Recording(
+        sensor=own, name=f"{path.stem}.wav", sample_rate_hz=1000.0, n_samples=600_000,
+        n_channels=1, start_utc_ns=start, digest=f"{day:064x}", **facts,
+    )  # fmt: skip
+    rows = [
+        {"sensor": sensor, "time_s": t, "time_utc_ns": start + round(t * 1e9),
+         "speed_mps": 6.0, "speed_std_mps": 0.1}
+        for t in times
+    ]  # fmt: skip
+    found = encounters_of(*rows)
+    write_product(path, [recording, own, found], overwrite=True)
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three days with two passages each, and what else lies in such a folder."""
+    for day in range(3):
+        write_result(tmp_path / f"day{day}.run.h5", day, times=(100.0, 400.0))
+    (tmp_path / "notes.txt").write_text("nothing")
+    return tmp_path
+
+
+def test_every_passage_is_a_row_in_the_order_of_time(folder):
+    table = collect_passages([folder])
+    assert [row.time_utc[:16] for row in table.passages] == [
+        f"2024-05-0{day}T12:{minute}" for day in (1, 2, 3) for minute in ("01", "06")
+    ]
+    assert not table.problems
+    assert table.n_read == 3
+    row = table.passages[0]
+    assert row.speed_mps == pytest.approx(6.0)
+    assert row.recording == "day0.run.wav"
+
+
+def test_several_views_of_a_recording_count_once(folder):
+    write_result(folder / "day0.encounters.h5", 0, times=(100.0, 400.0))
+    write_result(folder / "day0.levels.h5", 0, times=())
+    assert len(collect_passages([folder]).passages) == 6
+    write_result(folder / "other.run.h5", 0, times=(100.0,), first_sample=7)
+    assert len(collect_passages([folder]).passages) == 7  # another stretch of it
+
+
+def test_a_damaged_product_is_named_and_left_out(folder):
+    path = folder / "day1.run.h5"
+    path.write_bytes(path.read_bytes()[:5000])
+    table = collect_passages([folder])
+    assert len(table.passages) == 4
+    assert "day1.run.h5" in table.problems[0]
+
+
+def test_one_identifier_at_two_places_is_said(folder):
+    write_result(folder / "far.run.h5", 4, place=(36.0, 128.5))
+    (problem,) = collect_passages([folder]).problems
+    assert "'h1'" in problem
+    assert "different ids" in problem
+
+
+def test_only_what_is_new_is_read(folder, tmp_path):
+    cache = tmp_path / "cache" / "p.sqlite"
+    first = collect_passages([folder], cache=cache)
+    again = collect_passages([folder], cache=cache)
+    assert again.n_read == 0
+    assert again.passages == first.passages
+    write_result(folder / "day1.run.h5", 1, times=(100.0,))
+    (folder / "day2.run.h5").unlink()
+    write_result(folder / "day5.run.h5", 5)
+    third = collect_passages([folder], cache=cache)
+    assert third.n_read == 2
+    assert len(third.passages) == 4
+    cache.write_bytes(b"no database")
+    assert len(collect_passages([folder], cache=cache).passages) == 4
+
+
+def test_ten_thousand_results_cost_little_once_they_are_known(tmp_path):
+    """The table of a year: the second time takes a hundredth of the first."""
+    one = write_result(tmp_path / "a0.run.h5", 0)
+    for k in range(1, 400):
+        shutil.copy(one, tmp_path / f"a{k}.run.h5")
+    cache = tmp_path / "p.sqlite"
+    begin = time.process_time()
+    assert collect_passages([tmp_path], cache=cache).n_read == 400
+    middle = time.process_time()
+    assert collect_passages([tmp_path], cache=cache).n_read == 0
+    assert time.process_time() - middle < 0.1 * (middle - begin)
+
+
+def test_counts_are_per_day_month_and_sensor(folder):
+    rows = collect_passages([folder]).passages
+    rows.append(replace(rows[0], time_utc=None, sensor="h2"))
+    assert count_passages(rows, "day") == [
+        {"day": "2024-05-01", "passages": 2},
+        {"day": "2024-05-02", "passages": 2},
+        {"day": "2024-05-03", "passages": 2},
+        {"day": "unknown", "passages": 1},
+    ]
+    assert count_passages(rows, "month")[0] == {"month": "2024-05", "passages": 6}
+    assert count_passages(rows, "sensor")[1] == {"sensor": "h2", "passages": 1}
+    assert count_passages(rows, "vessel") == [{"vessel": "unknown", "passages": 7}]
+
+
+@pytest.fixture
+def passages(uwtrack, monkeypatch, folder):
+    """Run the command over the folder, with a cache of its own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+
+    def run(*words):
+        done = uwtrack("passages", folder, *words)
+        assert done.exit_code == 0, done.output
+        return done
+
+    return run
+
+
+def test_the_command_prints_tables_that_others_read(passages, folder):
+    assert passages().stdout.count("2024-05-0") == 6
+    rows = list(csv.DictReader(io.StringIO(passages("--to", "csv").stdout)))
+    assert len(rows) == 6
+    assert float(rows[0]["speed_mps"]) == pytest.approx(6.0)
+    lines = passages("--to", "jsonl").stdout.splitlines()
+    assert [json.loads(line)["sensor"] for line in lines] == ["h1"] * 6
+    passages("--to", "parquet", "-o", folder / "p.parquet")
+    found = duckdb.read_parquet(str(folder / "p.parquet")).fetchall()
+    assert len(found) == 6
+    assert str(found[0][0]).startswith("2024-05-01 12:01")
+    counted = passages("--per", "month", "--to", "csv").stdout.splitlines()
+    assert counted == ["month,passages", "2024-05,6"]
+
+
+def test_sql_sees_the_table_and_nothing_else(passages, uwtrack, folder):
+    query = "SELECT sensor, count(*) AS n, avg(speed_mps) AS v FROM passages GROUP BY 1"
+    (row,) = json.loads(passages("--sql", query, "--to", "json").stdout)
+    assert row == {"sensor": "h1", "n": 6, "v": pytest.approx(6.0)}
+    secret = folder / "secret.csv"
+    secret.write_text("a\n1\n")
+    for bad in (f"FROM '{secret}'", "SELECT nothing FROM passages", "DROP"):
+        done = uwtrack("passages", folder, "--sql", bad)
+        assert done.exit_code == 2, done.output
+        assert "is not understood" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "text", "code"),
+    [
+        (("--per", "day", "--sql", "SELECT 1"), "give one of them", 2),
+        (("--to", "parquet"), "name its file with --output", 2),
+        (("--per", "day", "--to", "geojson"), "holds passages", 2),
+        (("--ais", "none.csv"), "none.csv", 1),
+    ],
+)
+def test_what_does_not_fit_is_refused(uwtrack, folder, words, text, code):
+    done = uwtrack("passages", folder, *words)
+    assert done.exit_code == code
+    assert text in " ".join(done.stderr.split())
+
+
+def test_an_empty_folder_and_a_missing_file_are_named(uwtrack, tmp_path):
+    (tmp_path / "empty").mkdir()
+    assert "holds no product" in uwtrack("passages", "empty").stderr
+    assert "does not exist" in uwtrack("passages", "nowhere.h5").stderr
+
+
+def test_a_run_is_in_the_table_with_its_position(
+    uwtrack, samples, monkeypatch, tmp_path
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    start = ("--start-utc", "2024-05-01T12:00:00Z")
+    assert uwtrack("run", samples / "pass.wav", *start, "-o", "p.run.h5").exit_code == 0
+    features = json.loads(uwtrack("passages", "p.run.h5", "--to", "geojson").stdout)
+    (feature,) = features["features"]
+    assert feature["properties"]["status"] == "ok"
+    assert np.abs(np.array(feature["geometry"]["coordinates"])).max() > 1.0

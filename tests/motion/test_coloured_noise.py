@@ -1,0 +1,179 @@
+"""coloured noise, correlation of frames, robust scales, damped steps."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from uwtrack_cli.estimation.correlation import long_run_excess, overlap_correlation
+from uwtrack_cli.estimation.least_squares import damped_least_squares, inverse_or_nan
+from uwtrack_cli.estimation.robust import (
+    bisquare_weight,
+    median_scale,
+    neighbour_scale,
+)
+from uwtrack_cli.motion.coloured_noise import (
+    ColouredNoise,
+    fit_coloured_noise,
+    information_loss,
+)
+
+TIME = np.arange(600.0)
+NOTHING = (np.zeros(0), np.zeros((0, 1)))
+
+
+def drifting(rng, correlation_time_s, deviation):
+    decay = np.exp(-1 / correlation_time_s)
+    value = np.zeros(TIME.size)
+    value[0] = rng.normal()
+    for k in range(1, TIME.size):
+        value[k] = decay * value[k - 1] + np.sqrt(1 - decay**2) * rng.normal()
+    return deviation * value
+
+
+def information(weight, time_s, noise):
+    lag = np.abs(time_s[:, None] - time_s[None, :])
+    slow = sum(
+        variance * np.exp(-lag / correlation_time)
+        for variance, correlation_time in zip(
+            noise.variance, noise.correlation_time_s, strict=True
+        )
+    )
+    return np.linalg.inv(noise.inflation * (np.diag(1 / weight) + slow))
+
+
+def test_strength_and_memory_of_slow_noise_are_found():
+    found = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        series = rng.normal(size=TIME.size) + drifting(rng, 20.0, 1.5)
+        constant = np.ones((TIME.size, 1))
+        noise = fit_coloured_noise(
+            series, np.ones(TIME.size), TIME, constant, 40.0, NOTHING
+        )
+        total = noise.variance.sum()
+        found.append(
+            (total * noise.inflation, noise.variance @ noise.correlation_time_s / total)
+        )
+    variance, correlation_time = np.median(found, axis=0)
+    assert variance == pytest.approx(2.25, rel=0.4)
+    assert 12.0 < correlation_time < 60.0
+
+
+def test_white_noise_has_no_memory():
+    slow = 0
+    for seed in range(40):
+        series = np.random.default_rng(seed).normal(size=TIME.size)
+        constant = np.ones((TIME.size, 1))
+        noise = fit_coloured_noise(
+            series, np.ones(TIME.size), TIME, constant, 40.0, NOTHING
+        )
+        slow += not noise.is_white
+    assert slow <= 4
+
+
+@pytest.mark.parametrize("inflation", [1.0, 1.7])
+def test_the_loss_is_that_of_white_and_slow_noise(inflation):
+    """White precision less the inverse of a covariance that is written out."""
+    noise = ColouredNoise(np.array([1.5, 0.4]), np.array([12.0, 90.0]), inflation)
+    weight = np.where(TIME % 7 == 0, 0.0, 0.5 + TIME % 3)
+    used = np.flatnonzero(weight > 0)
+    expected = np.diag(weight)
+    expected[np.ix_(used, used)] -= information(weight[used], TIME[used], noise)
+    found = information_loss(weight, TIME, noise).times(np.eye(TIME.size))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("correlation_time_s", [5.0, 20.0, 200.0])
+@pytest.mark.parametrize("variance", [1e-2, 1.0, 1e4])
+def test_a_long_series_keeps_its_information_in_cells(correlation_time_s, variance):
+    """Neither more than there is, nor 3 % less, on time, width and speed."""
+    time = np.arange(0.0, 600.0, 0.4)
+    noise = ColouredNoise(np.array([variance]), np.array([correlation_time_s]))
+    x = (time - 300.0) / 40.0
+    rows = np.stack([1 / (1 + x**2) ** 1.5, x / (1 + x**2) ** 1.5, x / np.hypot(1, x)])
+    weight = np.ones(time.size)
+    exact = rows @ information(weight, time, noise) @ rows.T
+    found = (rows * weight - information_loss(weight, time, noise).times(rows)) @ rows.T
+    share = np.linalg.eigvals(np.linalg.solve(exact, found)).real
+    assert share.min() > 0.97
+    assert share.max() < 1 + 1e-6
+
+
+def test_stronger_white_noise_alone_takes_a_share_of_everything():
+    noise = ColouredNoise(np.empty(0), np.empty(0), 4.0)
+    weight = np.where(TIME % 7 == 0, 0.0, 1.0)
+    found = information_loss(weight, TIME, noise).times(np.ones(TIME.size))
+    np.testing.assert_allclose(found, 0.75 * weight)
+
+
+def test_the_long_run_excess_is_the_power_at_frequency_zero():
+    """An exponential correlation time of 5 s at unit variance adds 2 x 5 s at 1-s steps."""
+    rng = np.random.default_rng(2)
+    series = np.stack(
+        [rng.normal(size=TIME.size) + drifting(rng, 5.0, 1.0) for _ in range(60)]
+    )
+    excess = long_run_excess(series, np.ones(series.shape), TIME, 60.0)
+    assert np.mean(excess) == pytest.approx(10.0, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("kind", "overlap", "expected"),
+    [("bearing", 0.5, 1 / 6), ("bearing", 0.75, 0.6591), ("level", 0.5, 1 / 36)],
+)
+def test_overlap_correlation_of_hann_frames_is_that_of_harris(kind, overlap, expected):
+    """Harris (1978), table I: 16.7 % at 50 % overlap, 65.9 % at 75 %."""
+    assert overlap_correlation(kind, overlap)[0] == pytest.approx(expected, abs=1e-3)
+
+
+def test_robust_scales_are_unbiased_and_hardly_moved_by_wild_values():
+    rng = np.random.default_rng(3)
+    clean = 2.0 * rng.normal(size=(50, 600))
+    wild = np.where(rng.random(clean.shape) < 0.1, 100.0, clean)
+    ones = np.ones(clean.shape)
+    assert median_scale(clean, ones).mean() == pytest.approx(2.0, rel=0.02)
+    assert neighbour_scale(clean, ones).mean() == pytest.approx(2.0, rel=0.03)
+    assert median_scale(wild, ones).mean() == pytest.approx(2.0, rel=0.2)
+    assert neighbour_scale(wild, ones).mean() == pytest.approx(2.0, rel=0.25)
+    assert np.all(bisquare_weight(np.array([7.0, 50.0])) == 0)
+
+
+def test_missing_values_do_not_count_for_scales():
+    rng = np.random.default_rng(4)
+    value = rng.normal(size=(20, 900))
+    weight = np.where(rng.random(value.shape) < 0.4, 0.0, 1.0)
+    value = np.where(weight > 0, value, 1e6)
+    assert median_scale(value, weight).mean() == pytest.approx(1.0, rel=0.05)
+    assert neighbour_scale(value, weight).mean() == pytest.approx(1.0, rel=0.05)
+
+
+def test_damped_steps_reach_scipys_optimum_from_every_start():
+    t = np.linspace(0, 4, 60)
+    data = 3 * np.exp(-0.7 * t) + 0.05 * np.random.default_rng(5).normal(size=t.size)
+
+    def residual(theta):
+        return data - theta[0] * np.exp(-theta[1] * t)
+
+    def evaluate(theta):
+        decay = np.exp(-theta[:, 1:] * t)
+        error = data - theta[:, :1] * decay
+        slope = np.stack([-decay, theta[:, :1] * t * decay], axis=-1)
+        gradient = np.einsum("bnp,bn->bp", slope, error)
+        return (
+            0.5 * (error**2).sum(axis=1),
+            gradient,
+            np.swapaxes(slope, 1, 2) @ slope,
+        )
+
+    start = np.array([[1.0, 0.1], [5.0, 2.0], [2.0, 1.0]])
+    found = damped_least_squares(
+        evaluate, start, lambda _, step: step, max_steps=60, tolerance=1e-14
+    )
+    oracle = least_squares(residual, [1.0, 0.1], xtol=1e-14).x
+    np.testing.assert_allclose(found, np.tile(oracle, (3, 1)), rtol=1e-5)
+
+
+def test_a_singular_matrix_has_no_inverse():
+    singular = np.array([[[1.0, 1.0], [1.0, 1.0]]])
+    assert np.isnan(inverse_or_nan(singular)).any()
+    good = np.array([[[4.0, 1e-6], [1e-6, 9e-12]]])
+    np.testing.assert_allclose(inverse_or_nan(good), np.linalg.inv(good), rtol=1e-8)

@@ -1,0 +1,54 @@
+"""Contacts that are two vessels: taken apart, and single ones left whole."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.motion.crowded_sound import drift
+from tests.motion.passage_truth import Scene
+from tests.motion.passing_vessel import lines_of_scenes
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.motion.cpa import find_encounters
+
+DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0, compass_std_deg=0.0)
+FIRST = Scene(
+    speed_mps=4.0, range_m=162.0, rest_hz=(103.7, 155.6, 207.5), closest_s=284.5,
+    bearing_deg=209.3, turn=1,
+)  # fmt: skip
+SECOND = replace(
+    FIRST, speed_mps=3.6, range_m=104.0, rest_hz=(141.5, 212.3), closest_s=290.0,
+    bearing_deg=217.5,
+)  # fmt: skip
+
+
+def one_contact(lines):
+    return replace(lines, line_contact=np.ones(lines.line_id.size, np.int64))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_vessels_on_like_courses_in_one_contact_are_told_apart(seed):
+    lines = lines_of_scenes([FIRST, SECOND], np.random.default_rng(seed))
+    found = find_encounters(one_contact(lines), sensor=DIFAR)
+    assert found.contact.tolist() == [1, 2]
+    for row, scene in enumerate((FIRST, SECOND)):
+        assert abs(found.time_s[row] - scene.closest_s) < 4 * found.time_std_s[row]
+        assert (
+            abs(found.speed_mps[row] - scene.speed_mps) < 4 * (found.speed_std_mps[row])
+        )
+        off = found.bearing_deg[row] - scene.bearing_deg
+        assert abs(off) < 4 * found.bearing_std_deg[row]
+        rest = found.rest_frequency_hz[found.rest_encounter == row]
+        np.testing.assert_allclose(np.sort(rest), scene.rest_hz, atol=0.02)
+
+
+@pytest.mark.parametrize("wander", [0.0, 3e-4])
+def test_one_vessel_stays_one_though_its_shaft_wanders(wander):
+    rng = np.random.default_rng(4)
+    lines = lines_of_scenes([replace(FIRST, rest_hz=(60.0, 90.0, 120.0, 150.0))], rng)
+    path = wander * drift(rng, np.unique(lines.time_s), 20.0)
+    factor = 1 + np.interp(lines.time_s, np.unique(lines.time_s), path)
+    moved = replace(lines, measured_frequency_hz=lines.measured_frequency_hz * factor)
+    found = find_encounters(moved, sensor=DIFAR)
+    assert found.n_encounters == 1
+    assert found.rest_frequency_hz.size == 4

@@ -1,0 +1,89 @@
+"""Imports point down only, and each slow library lives in its own rooms."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import uwtrack_cli
+
+ROOT = Path(uwtrack_cli.__file__).parent
+MODULES = sorted(ROOT.rglob("*.py"))
+
+ROOMS = {
+    "data": set(),
+    "acoustics": {"data"},
+    "estimation": {"data"},
+    "simulate": {"data"},
+    "spectra": {"data", "acoustics", "estimation"},
+    "lines": {"data", "acoustics", "estimation"},
+    "motion": {"data", "acoustics", "estimation"},
+    "clutter": {"data", "acoustics", "estimation"},
+    "discrimination": {"data", "acoustics", "estimation"},
+    "files": {"data"},
+    "flow": {
+        "data", "acoustics", "estimation", "simulate", "spectra", "lines", "motion",
+        "clutter", "discrimination", "files",
+    },
+    "plotting": {"data", "acoustics", "estimation", "motion", "files"},
+    "studies": {
+        "data", "acoustics", "estimation", "simulate", "spectra", "lines", "motion",
+        "clutter", "discrimination", "files", "flow",
+    },
+    "cli": {"data", "files", "flow", "plotting", "studies"},
+}  # fmt: skip
+"""What a room may import beside itself and the ground (errors, constants)."""
+
+LIBRARIES = {
+    "h5py": {"files"},
+    "soundfile": {"files"},
+    "typer": {"cli"},
+    "rich": {"cli"},
+    "matplotlib": {"plotting"},
+    "distributed": {"flow"},
+    "duckdb": {"flow"},
+    "geographiclib": {"acoustics", "files"},
+}
+"""Rooms in which a library may be imported."""
+
+
+def imported(path: Path) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
+    return names
+
+
+def room_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).parts
+    return parts[0] if len(parts) > 1 else ""
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_point_down(path):
+    room = room_of(path)
+    if not room:
+        return
+    allowed = ROOMS[room] | {room}
+    for name in imported(path):
+        parts = name.split(".")
+        if parts[0] == "uwtrack_cli" and len(parts) > 1 and parts[1] in ROOMS:
+            assert parts[1] in allowed, f"{room} imports {name}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_libraries_stay_in_their_rooms(path):
+    room = room_of(path)
+    for name in imported(path):
+        library = name.split(".")[0]
+        if library in LIBRARIES:
+            assert room in LIBRARIES[library], f"{room} imports {library}"
+        assert library != "click", "Typer vendors click: it is not ours to import"
+
+
+def test_nothing_is_unpickled():
+    for path in MODULES:
+        assert not imported(path) & {"pickle", "dill", "cloudpickle", "joblib"}, path

@@ -1,0 +1,1 @@
+"""Closed forms: geometry, retarded time, Doppler, propagation, geodesy."""

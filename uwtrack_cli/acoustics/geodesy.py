@@ -1,0 +1,86 @@
+"""Between latitude and longitude and a local grid of metres, by geodesics.
+
+**Method.** The grid is azimuthal equidistant about its origin on the WGS 84 ellipsoid:
+distance and azimuth of the geodesic from the origin are those on the grid.
+
+**Conventions.** Degrees, north and east positive; east is x and north is y.
+
+**References.** Karney (2013), Journal of Geodesy 87, 43 (geographiclib).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+
+
+class Origin(NamedTuple):
+    """Origin of a local grid."""
+
+    latitude: float
+    """Degrees, north positive."""
+    longitude: float
+    """Degrees, east positive."""
+
+
+def to_grid(latitude: float, longitude: float, origin: Origin) -> tuple[float, float]:
+    """Return east and north in metres of a position.
+
+    Parameters
+    ----------
+    latitude
+        Latitude in degrees, -90 to 90.
+    longitude
+        Longitude in degrees.
+    origin
+        Origin of the grid.
+
+    Examples
+    --------
+    >>> east, north = to_grid(35.01, 129.0, Origin(35.0, 129.0))
+    >>> round(east, 6) + 0.0, round(north, 1)
+    (0.0, 1109.4)
+    """
+    from geographiclib.geodesic import Geodesic
+
+    line = Geodesic.WGS84.Inverse(
+        origin.latitude, origin.longitude, latitude, longitude
+    )
+    azimuth = np.deg2rad(line["azi1"])
+    return float(line["s12"] * np.sin(azimuth)), float(line["s12"] * np.cos(azimuth))
+
+
+def to_latitude_longitude(
+    east_m: FloatArray, north_m: FloatArray, origin: Origin
+) -> tuple[FloatArray, FloatArray]:
+    """Return latitudes and longitudes of grid positions.
+
+    Parameters
+    ----------
+    east_m
+        Positions east of the origin in metres.
+    north_m
+        Positions north of the origin in metres.
+    origin
+        Origin of the grid.
+
+    Examples
+    --------
+    >>> lat, lon = to_latitude_longitude(
+    ...     np.zeros(1), np.array([1109.4]), Origin(35.0, 129.0))
+    >>> round(float(lat[0]), 4), float(lon[0])
+    (35.01, 129.0)
+    """
+    from geographiclib.geodesic import Geodesic
+
+    azimuth = np.rad2deg(np.arctan2(east_m, north_m))
+    distance = np.hypot(east_m, north_m)
+    points = [
+        Geodesic.WGS84.Direct(origin.latitude, origin.longitude, float(a), float(s))
+        for a, s in zip(azimuth, distance, strict=True)
+    ]
+    return (
+        np.array([point["lat2"] for point in points], float),
+        np.array([point["lon2"] for point in points], float),
+    )

@@ -1,0 +1,187 @@
+"""Commands made from the stages' own signatures, and from plain functions.
+
+**Method.** A command is a function whose signature is computed: the inputs, the
+stage's options with their help, and the options that every command shares. Typer
+builds the rest, so a command can have no default of its own.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+import typer
+
+from uwtrack_cli.cli.console import guard, set_verbosity
+from uwtrack_cli.data.options import is_union
+from uwtrack_cli.files.input_ledger import input_ledger
+from uwtrack_cli.flow.stage import Option, Stage
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Say more about what is done.")
+]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace an existing output file.")
+]
+Output = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", help="Output file; - is standard output."),
+]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the result as JSON on standard output.")
+]
+
+Branch = Annotated[
+    str | None,
+    typer.Option(
+        "--step",
+        help="Step whose results are read, where several steps made one kind.",
+    ),
+]
+
+SHARED: dict[str, Any] = {"quiet": Quiet, "verbose": Verbose, "debug": Debug}
+"""Options of every command."""
+
+
+def command(app: typer.Typer, name: str) -> Callable[[Callable[..., None]], None]:
+    """Register a function as a command with the shared options and error handling."""
+
+    def register(function: Callable[..., None]) -> None:
+        signature = inspect.signature(function)
+        parameters = [*signature.parameters.values(), *map(_flag, SHARED)]
+
+        def run(**values: Any) -> None:
+            quiet, verbose, debug = (bool(values.pop(shared)) for shared in SHARED)
+            if quiet or verbose:
+                set_verbosity(-1 if quiet else 1)
+            with guard(debug=debug), input_ledger():
+                function(**values)
+
+        run.__doc__ = flowing(function.__doc__ or "")
+        run.__signature__ = signature.replace(  # type: ignore[attr-defined]
+            parameters=parameters
+        )
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        app.command(name)(run)
+
+    return register
+
+
+def flowing(text: str) -> str:
+    """Return paragraphs without line breaks, for a screen of any width."""
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return "\n\n".join(" ".join(part.split()) for part in paragraphs)
+
+
+def _flag(name: str) -> inspect.Parameter:
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=SHARED[name]
+    )
+
+
+def stage_command(
+    app: typer.Typer,
+    stage: Stage,
+    body: Callable[[Mapping[str, Any], dict[str, Any]], None],
+    own: list[inspect.Parameter],
+) -> None:
+    """Register the command of a stage.
+
+    Parameters
+    ----------
+    app
+        The program.
+    stage
+        The stage; its options become the command's.
+    body
+        Called with the command's own parameters and the bound options.
+    own
+        Parameters of the command beside the stage's options.
+    """
+    flat = [_parameter(option) for option in stage.options]
+
+    def run(**values: Any) -> None:
+        given = {n: values.pop(n) for n in [p.name for p in flat]}
+        body(values, nest(stage, given))
+
+    run.__doc__ = _help(stage)
+    run.__signature__ = inspect.Signature([*own, *flat])  # type: ignore[attr-defined]
+    command(app, stage.name)(run)
+
+
+def nest(stage: Stage, flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Turn the flat options of a command into the stage's own, policies nested."""
+    options: dict[str, Any] = {}
+    for option in stage.options:
+        value = flat[option.flat_name]
+        if option.group is None:
+            options[option.name] = value
+        else:
+            options.setdefault(option.group, {})[option.name] = value
+    return stage.bind(options)
+
+
+def _parameter(option: Option) -> inspect.Parameter:
+    panel = None if option.group is None else f"{option.group.capitalize()} options"
+    return inspect.Parameter(
+        option.flat_name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=option.default,
+        annotation=Annotated[
+            option.type, typer.Option(help=option.help, rich_help_panel=panel)
+        ],
+    )
+
+
+def spread_values(stage: Stage, words: Sequence[str]) -> list[str]:
+    """Let an option that takes a list be followed by all its values.
+
+    ``--start-velocity 50 -50`` becomes ``--start-velocity 50 --start-velocity -50``.
+
+    Parameters
+    ----------
+    stage
+        The stage that is called.
+    words
+        Words of the command line after its name.
+    """
+    flags = {
+        f"--{option.flat_name.replace('_', '-')}"
+        for option in stage.options
+        if takes_list(option.type)
+    }
+    found: list[str] = []
+    flag = ""
+    for word in words:
+        if word in flags:
+            flag = word
+        elif flag and _is_number(word):
+            if found[-1] != flag:
+                found.append(flag)
+        else:
+            flag = ""
+        found.append(word)
+    return found
+
+
+def takes_list(kind: Any) -> bool:
+    """Tell whether a type is a list of any length, or may be one."""
+    if is_union(kind):
+        return any(takes_list(one) for one in get_args(kind))
+    return get_origin(kind) is list
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _help(stage: Stage) -> str:
+    """Summary and meaning, up to the parameters, as paragraphs."""
+    text = inspect.getdoc(stage.function) or ""
+    return text.split("\nParameters\n---", 1)[0].strip()

@@ -1,0 +1,234 @@
+"""What the user sees: words on standard error, data on standard output."""
+
+import _thread
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
+from uwtrack_cli.files.text_escaping import plain_text
+
+DONE, FAILED, USAGE, SOME_FAILED, OUTSIDE = 0, 1, 2, 3, 4
+"""Exit codes of the program; ended by a signal it is 128 and the signal's number."""
+
+MOST_WORDS = 2000
+"""Characters of an error that are shown: it may quote an input of any length."""
+
+ENDING = [
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
+"""Signals that end a command in the same order as an interrupt does."""
+
+
+class EndedError(KeyboardInterrupt):
+    """A signal came that asks the program to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+_verbosity = 0
+
+
+def set_verbosity(level: int) -> None:
+    """Choose how much is said: -1 errors only, 0 results, 1 details."""
+    global _verbosity  # noqa: PLW0603 - the one setting of the process's screen
+    _verbosity = level
+
+
+def say(text: str, level: int = 0) -> None:
+    """Write a line to standard error unless the user asked for less."""
+    if _verbosity >= level:
+        with suppress(OSError):  # the terminal is gone
+            print(plain_text(text), file=sys.stderr)
+
+
+def put(lines: Iterable[str]) -> None:
+    """Write lines of data to standard output."""
+    for line in lines:
+        print(plain_text(line))
+
+
+def show_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], *, is_data: bool = False
+) -> None:
+    """Draw a table for people.
+
+    Parameters
+    ----------
+    heads
+        Titles of the columns.
+    rows
+        The cells.
+    is_data
+        Whether the table is what was asked for, and goes to standard output; else it
+        goes to standard error, beside data, and is left out by ``--quiet``.
+    """
+    if _verbosity < 0 and not is_data:
+        return
+    table = Table(box=None, pad_edge=False)
+    for head in heads:
+        table.add_column(head, justify="right", overflow="fold")
+    for row in rows:
+        table.add_row(*map(plain_text, row))
+    console = _console(stderr=not is_data)
+    if not console.is_terminal:
+        console = _console(stderr=not is_data, width=160)
+    console.print(table)
+
+
+def _console(*, stderr: bool = True, width: int | None = None) -> Console:
+    """Return a console for text in which no mark is markup."""
+    return Console(
+        stderr=stderr, width=width, markup=False, emoji=False, highlight=False
+    )
+
+
+@contextmanager
+def progress_bar(title: str, total_s: float) -> Iterator[Callable[[float], None]]:
+    """Show how far a run is, on a terminal and after two seconds only."""
+    import time
+
+    console = _console()
+    quiet = _verbosity < 0 or not console.is_terminal
+    bar = Progress(
+        TextColumn("{task.description}", markup=False), BarColumn(),
+        "{task.percentage:3.0f} %",
+        TimeRemainingColumn(), console=console, transient=True, disable=quiet,
+    )  # fmt: skip
+    task = bar.add_task(plain_text(title), total=total_s)
+    begin, started = time.monotonic(), False
+
+    def update(done_s: float) -> None:
+        nonlocal started
+        if not started and time.monotonic() - begin > 2.0:
+            bar.start()
+            started = True
+        bar.update(task, completed=done_s)
+
+    try:
+        yield update
+    finally:
+        if started:
+            with suppress(OSError):  # the terminal is gone
+                bar.stop()
+
+
+@contextmanager
+def guard(*, debug: bool) -> Iterator[None]:
+    """Turn errors into one sentence and an exit code; a closed pipe ends quietly."""
+    with warnings.catch_warnings(), _interrupts_kept(), _ending_in_order():
+        warnings.showwarning = _show_warning
+        warnings.simplefilter("always", UwtrackWarning)
+        try:
+            yield
+            sys.stdout.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(DONE) from None
+        except KeyboardInterrupt as error:
+            number = _number_of(error)
+            say("interrupted" if number == signal.SIGINT else "terminated", -1)
+            raise typer.Exit(128 + number) from None
+        except (OptionError, DataError, OutputError, OSError, MemoryError) as error:
+            if debug:
+                raise
+            say(f"error: {_sentence(error)}", -1)
+            code = USAGE if isinstance(error, OptionError) else FAILED
+            raise typer.Exit(code) from None
+        except Exception as error:
+            if debug or isinstance(error, typer.Exit):
+                raise
+            kind = type(error).__name__
+            say(f"error: the program failed ({kind}: {error}); see --debug.", -1)
+            raise typer.Exit(FAILED) from None
+
+
+@contextmanager
+def _ending_in_order() -> Iterator[None]:
+    """Turn the signals that end a program into an interrupt, once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in ENDING}
+    for number, handler in before.items():
+        if handler is signal.SIG_DFL:  # not with nohup, which ignores SIGHUP
+            signal.signal(number, _end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end(number: int, _: FrameType | None) -> None:
+    for other in ENDING:  # what is under way then is not disturbed again
+        signal.signal(other, signal.SIG_IGN)
+    raise EndedError(number)
+
+
+def _number_of(error: BaseException | None) -> int:
+    """Return the number of the signal that an interrupt came from."""
+    return error.number if isinstance(error, EndedError) else int(signal.SIGINT)
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Raise an interrupt again that came while Python could not pass it on.
+
+    In the middle of a weak reference's callback it would be printed and lost.
+    """
+    before = sys.unraisablehook
+
+    def hook(lost: Any) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            # from another thread: here it would be lost again
+            number = _number_of(lost.exc_value)
+            if number in ENDING:
+                signal.signal(number, _end)
+            threading.Timer(0.05, _thread.interrupt_main, [number]).start()
+        else:
+            before(lost)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
+def _sentence(error: BaseException) -> str:
+    """Return what an error says; not more than a screen of it."""
+    text = _words(error)
+    if len(text) <= MOST_WORDS:
+        return text
+    half = MOST_WORDS // 2
+    return f"{text[:half]} ... {text[-half:]}"
+
+
+def _words(error: BaseException) -> str:
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for this."
+    if isinstance(error, OSError) and not isinstance(error, OutputError):
+        name = f"{error.filename}: " if error.filename else ""
+        return f"{name}{error.strerror or error}."
+    return str(error)
+
+
+def _show_warning(
+    message: Warning | str, category: type[Warning], *_: object, **__: object
+) -> None:
+    if issubclass(category, UwtrackWarning):
+        say(f"warning: {message}")

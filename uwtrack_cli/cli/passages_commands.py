@@ -1,0 +1,191 @@
+"""`passages`: one table over many results."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from uwtrack_cli.cli.command_factory import Overwrite, command
+from uwtrack_cli.cli.console import put, say, show_table
+from uwtrack_cli.errors import OptionError
+
+if TYPE_CHECKING:
+    from uwtrack_cli.flow.passages import PassageRow, PassageTable
+
+Form = Literal["table", "csv", "json", "jsonl", "parquet", "geojson"]
+
+HEADS = ("time UTC", "sensor", "status", "speed m/s", "range m", "course deg", "vessel")
+
+
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a name."""
+    command(app, name)(passages)
+
+
+def passages(
+    *,
+    sources: Annotated[
+        list[Path], typer.Argument(help="Products, or folders with them.")
+    ],
+    per: Annotated[
+        Literal["day", "month", "vessel", "sensor"] | None,
+        typer.Option("--per", help="Count passages instead of listing them."),
+    ] = None,
+    sql: Annotated[
+        str | None,
+        typer.Option("--sql", help="SELECT over the table `passages`, by DuckDB."),
+    ] = None,
+    ais: Annotated[
+        Path | None,
+        typer.Option("--ais", help="AIS table that gives passages names of vessels."),
+    ] = None,
+    within_m: Annotated[
+        float, typer.Option(help="Range in m within which AIS vessels must be found.")
+    ] = 2000.0,
+    form: Annotated[Form, typer.Option("--to", help="Format to write.")] = "table",
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Output file; standard output if not given."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Read every product again, and remember nothing."),
+    ] = False,
+) -> None:
+    """List every passage of results and folders in one table.
+
+    Of several products of one recording the last one counts. What was read before is
+    remembered, so that a folder costs its new products alone.
+    """
+    from uwtrack_cli.files.atomic import check_target
+    from uwtrack_cli.flow.passages import collect_passages, count_passages, usual_cache
+
+    _check(per, sql, form, output)
+    if output is not None:
+        check_target(output, overwrite=overwrite)
+    table = collect_passages(
+        sources, ais=ais, within_m=within_m, cache=None if fresh else usual_cache()
+    )
+    if sql is not None:
+        from uwtrack_cli.flow.exports.passage_tables import query_passages
+
+        _write_rows(query_passages(table.passages, sql), form, output, overwrite)
+    elif per is not None:
+        _write_rows(count_passages(table.passages, per), form, output, overwrite)
+    else:
+        _write_passages(table.passages, form, output, overwrite)
+    _tell(table)
+    if output is not None:
+        say(f"wrote {output}")
+
+
+def _check(per: str | None, sql: str | None, form: str, output: Path | None) -> None:
+    if per is not None and sql is not None:
+        msg = "--per and --sql each make a table of their own: give one of them."
+        raise OptionError(msg)
+    if form in {"parquet", "geojson"} and (per is not None or sql is not None):
+        msg = (
+            f"--to {form} holds passages; counts and queries go to table, csv or jsonl."
+        )
+        raise OptionError(msg)
+    if form == "parquet" and output is None:
+        msg = "Parquet is binary: name its file with --output."
+        raise OptionError(msg)
+
+
+def _tell(table: "PassageTable") -> None:
+    for problem in table.problems:
+        say(f"warning: {problem}")
+    say(
+        f"{len(table.passages)} passages in {table.n_results} results, "
+        f"{table.n_read} of them read now",
+        1,
+    )
+    if not table.passages:
+        say("no passage was found")
+
+
+def _write_passages(
+    rows: "Sequence[PassageRow]", form: str, output: Path | None, overwrite: bool
+) -> None:
+    from uwtrack_cli.flow.exports.passage_tables import (
+        COLUMNS,
+        parquet_bytes,
+        passages_geojson,
+    )
+
+    if form == "table" and output is None:
+        show_table(HEADS, [_cells(row) for row in rows], is_data=True)
+    elif form == "geojson":
+        placed = sum(row.latitude is not None for row in rows)
+        if placed < len(rows):
+            say(
+                f"warning: {len(rows) - placed} of {len(rows)} passages have no position"
+            )
+        _place(passages_geojson(rows).splitlines(), output, overwrite)
+    elif form == "parquet" and output is not None:
+        from uwtrack_cli.files.atomic import atomic_target
+
+        content = parquet_bytes(rows)
+        with atomic_target(output, overwrite=overwrite) as temporary:
+            temporary.write_bytes(content)
+    else:
+        _write_rows([asdict(row) for row in rows], form, output, overwrite, COLUMNS)
+
+
+def _write_rows(
+    rows: Sequence[dict[str, Any]],
+    form: str,
+    output: Path | None,
+    overwrite: bool,
+    heads: Sequence[str] = (),
+) -> None:
+    from uwtrack_cli.flow.exports.passage_tables import csv_lines, json_lines
+
+    names = list(heads or (rows[0] if rows else ()))
+    if form == "table" and output is None:
+        cells = [
+            ["-" if row[n] is None else str(row[n]) for n in names] for row in rows
+        ]
+        show_table(names, cells, is_data=True)
+    elif form == "json":
+        _place([json.dumps(list(rows), ensure_ascii=False)], output, overwrite)
+    elif form == "jsonl":
+        _place(json_lines(rows), output, overwrite)
+    else:
+        _place(csv_lines(rows, names), output, overwrite)
+
+
+def _place(lines: Any, output: Path | None, overwrite: bool) -> None:
+    from uwtrack_cli.files.atomic import atomic_target
+
+    if output is None:
+        put(lines)
+        return
+    with atomic_target(output, overwrite=overwrite) as temporary:
+        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def _cells(row: "PassageRow") -> tuple[str, ...]:
+    when = row.time_utc or (f"{row.time_s:.1f} s" if row.time_s is not None else "-")
+    return (
+        when.replace("T", " ")[:19],
+        row.sensor,
+        row.status,
+        _with_std(row.speed_mps, row.speed_std_mps, 2),
+        _with_std(row.slant_range_m, row.slant_range_std_m, 0),
+        _with_std(row.course_deg, row.course_std_deg, 0),
+        row.vessel or "-",
+    )
+
+
+def _with_std(value: float | None, std: float | None, digits: int) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.{digits}f}" + ("" if std is None else f" ± {std:.{digits}f}")

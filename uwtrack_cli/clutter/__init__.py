@@ -1,0 +1,1 @@
+"""One target through clutter with an adaptive detection threshold."""

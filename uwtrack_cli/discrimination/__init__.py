@@ -1,0 +1,1 @@
+"""Which of two contacts moves, and which is a stationary repeater."""

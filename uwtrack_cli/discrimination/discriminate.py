@@ -1,0 +1,335 @@
+"""Tell which of two contacts moves, and which is a stationary repeater.
+
+**Method.** A sequential probability ratio test between two pairs of matched filters. A
+repeater answers an active sonar with a delay and a Doppler shift: its range and range
+rate are false, and only its bearing can be trusted.
+
+**Conventions.** Bearings are compass degrees. More than two contacts are tested in pairs;
+the contact that moves takes part in one pair with each of the others, and the error
+budget is divided among these.
+
+**References.** Jeong and Hong (1996), as corrected; Wald (1947).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, reason_columns
+from uwtrack_cli.data.contacts import Contacts
+from uwtrack_cli.data.decisions import FILTERS, Decision
+from uwtrack_cli.data.options import AtLeast, Below, Unit, checked
+from uwtrack_cli.data.sensor import Navigation
+from uwtrack_cli.discrimination.contact_table import (
+    ContactPair,
+    arrange_contacts,
+)
+from uwtrack_cli.discrimination.options import (
+    ContactErrors,
+    ContactFilters,
+    filter_noise,
+)
+from uwtrack_cli.discrimination.pair_test import (
+    FilterNoise,
+    PairTest,
+    consistency,
+    follow,
+    run_pair,
+)
+from uwtrack_cli.discrimination.sequential_test import (
+    Thresholds,
+    expected_scans,
+    first_crossing,
+    fixed_scans,
+    overshoot_error,
+    wald_thresholds,
+)
+
+ErrorProbability = Annotated[float, Unit("1"), AtLeast(1e-12), Below(0.5)]
+
+
+_IMPROBABLE = 0.05
+"""Innovations less probable than this say that a filter's model is wrong."""
+_UNOBSERVED = 0.9
+"""Share of the first deviation of 1/range above which bearings do not determine the range."""
+_VERDICTS = {-1: "first moves", 0: "undecided", 1: "second moves"}
+_BOTH_MOVE, _NEITHER = "both move", "neither reading"
+_REJECTION_SHARE = 0.1
+"""Share of the accepted error at which a filter is rejected. The right reading has two
+filters, so that it is overruled in less than a fifth of the accepted error."""
+
+
+@dataclass(frozen=True)
+class PairVerdict:
+    """What `Decision` says of one pair."""
+
+    verdict: str
+    """Decision in words."""
+    probability: float
+    """Probability of the likelier hypothesis."""
+    final_log_odds: float
+    """Log odds at the decision, or at the last scan."""
+    decision_time_s: float
+    """Time of the decision, s; nan if undecided."""
+    decision_scan: int
+    """Scans taken for it; 0 if undecided."""
+    expected_scans: float
+    """Mean number of scans that a decision takes; nan where it cannot be given."""
+    fixed_scans: float
+    """Scans that a test of fixed length needs for the same errors."""
+    fixed_verdict: str
+    """Verdict of that test; empty where the scans do not suffice."""
+    consistency: FloatArray
+    """Probability of innovations as large as those of each filter, ``(4,)``."""
+    inverse_range_std: FloatArray
+    """Relative deviation of the drifting filter's range, ``(2,)``: second, first."""
+    observable: BoolArray
+    """Whether bearings determined that range, ``(2,)``."""
+    reasons: dict[str, str]
+    """What limits the decision, by the name of the value."""
+    time_s: FloatArray
+    """Times of the scans, s, ``(scan,)``."""
+    log_odds: FloatArray
+    """Log odds after every scan, ``(scan,)``."""
+    log_likelihood: FloatArray
+    """Sum of each filter's log likelihoods, ``(scan, 4)``."""
+
+
+@checked
+def discriminate_contacts(
+    contacts: Contacts,
+    navigation: Navigation,
+    *,
+    miss: ErrorProbability = 0.05,
+    false_alarm: ErrorProbability = 0.05,
+    errors: ContactErrors = ContactErrors(),  # noqa: B008 - frozen
+    filters: ContactFilters = ContactFilters(),  # noqa: B008 - frozen
+) -> Decision:
+    """Tell which of two contacts moves and which is a stationary repeater.
+
+    Two echoes look alike: one is a vessel under way, the other a moored or drifting
+    repeater whose range and range rate are false. Scan by scan the
+    likelihoods of both readings are compared until one is likely enough, or the scans
+    end undecided. When the innovations of all scans reject both readings, the verdict
+    says so: "both move" where both contacts fit a vessel and neither fits a repeater,
+    "neither reading" otherwise. Far contacts fit both, since bearings alone tell a
+    repeater from a vessel; the test then takes one of them to be the repeater.
+
+    Parameters
+    ----------
+    contacts
+        Ranges, bearings and range rates of two or more contacts.
+    navigation
+        Own ship's positions, covering the times of the contacts.
+    miss
+        Accepted probability of taking the first contact for the moving one when it is
+        the second.
+    false_alarm
+        Accepted probability of the opposite error.
+    errors
+        Deviations of the measurements, where the table has none.
+    filters
+        What the filters assume of moving and drifting contacts.
+
+    Returns
+    -------
+    Decision
+        Verdict, odds over time, consistency and observability of each pair.
+
+    Raises
+    ------
+    DataError
+        Fewer than two contacts share scans, deviations are missing, or own ship's
+        navigation does not cover the scans.
+    OptionError
+        An option is out of range.
+
+    Notes
+    -----
+    L(k) = L(k-1) + ln p(z(k) | Z, H1) - ln p(z(k) | Z, H0); decide at ln((1 - P_M)/P_F)
+    and ln(P_M/(1 - P_F)) (Wald 1947; Jeong and Hong 1996, eqs. 3-4 and 20).
+    """
+    noise = filter_noise(filters)
+    pairs = arrange_contacts(contacts, navigation, errors)
+    n_contacts = np.unique(contacts.contact).size
+    share = 1.0 / (n_contacts - 1)
+    thresholds = wald_thresholds(miss * share, false_alarm * share)
+    level = _REJECTION_SHARE * share * min(miss, false_alarm)
+    verdicts = [judge_pair(pair, noise, thresholds, level) for pair in pairs]
+    per_scan = [v.log_odds.size for v in verdicts]
+    return Decision(
+        first_contact=np.array([pair.first for pair in pairs]),
+        second_contact=np.array([pair.second for pair in pairs]),
+        verdict=np.array([v.verdict for v in verdicts]),
+        probability=np.array([v.probability for v in verdicts]),
+        final_log_odds=np.array([v.final_log_odds for v in verdicts]),
+        decision_time_s=np.array([v.decision_time_s for v in verdicts]),
+        decision_scan=np.array([v.decision_scan for v in verdicts]),
+        expected_scans=np.array([v.expected_scans for v in verdicts]),
+        fixed_scans=np.array([v.fixed_scans for v in verdicts]),
+        fixed_verdict=np.array([v.fixed_verdict for v in verdicts]),
+        consistency=np.stack([v.consistency for v in verdicts]),
+        inverse_range_std=np.stack([v.inverse_range_std for v in verdicts]),
+        observable=np.stack([v.observable for v in verdicts]),
+        **reason_columns("reason_pair", [v.reasons for v in verdicts]),
+        scan_pair=np.repeat(np.arange(len(pairs)), per_scan),
+        scan_time_s=np.concatenate([v.time_s for v in verdicts]),
+        log_odds=np.concatenate([v.log_odds for v in verdicts]),
+        log_likelihood=np.concatenate([v.log_likelihood for v in verdicts]),
+        lower_threshold=thresholds.lower,
+        upper_threshold=thresholds.upper,
+        miss_probability=miss * share,
+        false_alarm_probability=false_alarm * share,
+        moving_contact=_moving([p.first for p in pairs], [p.second for p in pairs],
+                               verdicts),
+        start_utc_ns=contacts.start_utc_ns,
+    )  # fmt: skip
+
+
+def _moving(first: list[int], second: list[int], verdicts: list[PairVerdict]) -> int:
+    """Return the contact that moves against every other, 0 for none."""
+    wins: dict[int, int] = {}
+    for a, b, found in zip(first, second, verdicts, strict=True):
+        winner = {"first moves": a, "second moves": b}.get(found.verdict)
+        if winner is not None:
+            wins[winner] = wins.get(winner, 0) + 1
+    rivals = len({*first, *second}) - 1
+    return next((contact for contact, count in wins.items() if count == rivals), 0)
+
+
+def judge_pair(
+    pair: ContactPair, noise: FilterNoise, thresholds: Thresholds, level: float
+) -> PairVerdict:
+    """Run the test on a pair and describe its outcome.
+
+    Parameters
+    ----------
+    pair
+        Measurements of two contacts.
+    noise
+        Process noise and first deviations of the filters.
+    thresholds
+        Log odds that decide.
+    level
+        Probability of its innovations below which a filter is rejected.
+    """
+    history = follow(pair.history, pair.history_times_s, noise)
+    found = run_pair(*pair.observations, pair.times_s, noise, history=history)
+    odds = np.concatenate([[0.0], found.log_odds])
+    terms = np.concatenate([np.zeros((1, 4)), np.cumsum(found.log_density, axis=0)])
+    crossing = first_crossing(odds, thresholds)
+    fits = consistency(found.distance2, found.degrees)
+    rejected = _rejected_verdict(fits < level)
+    decision = 0 if rejected else int(crossing.decision)
+    at = int(crossing.scan) if decision else odds.size - 1
+    observable = found.inverse_range_std < _UNOBSERVED * noise.inverse_range_std
+    mean_scans, fixed, fixed_verdict = _comparison(odds, thresholds)
+    return PairVerdict(
+        verdict=rejected or _VERDICTS[decision],
+        probability=math.nan if rejected else _probability(float(odds[at])),
+        final_log_odds=float(odds[at]),
+        decision_time_s=float(pair.times_s[at]) if decision else math.nan,
+        decision_scan=at + 1 if decision else 0,
+        expected_scans=mean_scans,
+        fixed_scans=fixed,
+        fixed_verdict=fixed_verdict,
+        consistency=fits,
+        inverse_range_std=found.inverse_range_std,
+        observable=observable,
+        reasons=_reasons(pair, decision, found, observable, rejected),
+        time_s=pair.times_s,
+        log_odds=odds,
+        log_likelihood=terms,
+    )
+
+
+def _rejected_verdict(is_rejected: BoolArray) -> str:
+    """Return the verdict where both readings are rejected; empty where one is not."""
+    first_moves, second_drifts, first_drifts, second_moves = is_rejected.tolist()
+    if not ((first_moves or second_drifts) and (first_drifts or second_moves)):
+        return ""
+    is_both = first_drifts and second_drifts and not (first_moves or second_moves)
+    return _BOTH_MOVE if is_both else _NEITHER
+
+
+def _probability(log_odds: float) -> float:
+    """Return the probability of the likelier reading."""
+    return 1.0 / (1.0 + math.exp(-abs(log_odds)))
+
+
+def _comparison(odds: FloatArray, thresholds: Thresholds) -> tuple[float, float, str]:
+    """Return expected scans, and length and verdict of a test of fixed length."""
+    # All scans: those up to the decision alone would overstate the mean.
+    steps = np.diff(odds)
+    mean = abs(float(steps.mean()))
+    if steps.size < 2 or mean == 0.0:
+        return math.nan, math.nan, ""
+    # The variance of a Gaussian log likelihood ratio is twice its mean.
+    deviation = math.sqrt(2.0 * mean)
+    error = overshoot_error(thresholds, deviation)
+    length = fixed_scans(mean, deviation, error)
+    last = math.ceil(length)
+    verdict = _VERDICTS[int(np.sign(odds[last]))] if last < odds.size else ""
+    return 1.0 + expected_scans(mean, deviation, thresholds, error), length, verdict
+
+
+def _reasons(
+    pair: ContactPair,
+    decision: int,
+    found: PairTest,
+    observable: BoolArray,
+    rejected: str,
+) -> dict[str, str]:
+    """Say in words what limits the decision."""
+    reasons = {}
+    if rejected == _BOTH_MOVE:
+        reasons["verdict"] = (
+            "both contacts fit a moving vessel, and neither fits a stationary repeater"
+        )
+    elif caution := _caution(pair, decision, found):
+        reasons["verdict"] = caution
+    if rejected:
+        reasons["probability"] = "the measurements reject both readings"
+    elif not decision:
+        reasons["decision_time_s"] = "the scans ended before the odds were high enough"
+    for known, number in zip(observable, (pair.second, pair.first), strict=True):
+        if not known:
+            reasons[f"inverse_range_{number}"] = (
+                f"bearings do not determine the range of contact {number} if it is the "
+                "repeater: own ship headed for it or away"
+            )
+    if not pair.history:
+        reasons["history"] = (
+            "there was no single contact before the two: both filters start anew"
+        )
+    return reasons
+
+
+def _caution(pair: ContactPair, decision: int, found: PairTest) -> str:
+    """Say whether the innovations speak against the verdict."""
+    wrong = consistency(found.distance2, found.degrees) < _IMPROBABLE
+    readings = (bool(wrong[:2].any()), bool(wrong[2:].any()))
+    if all(readings):
+        names = [name for name, bad in zip(FILTERS, wrong, strict=True) if bad]
+        return (
+            f"neither reading fits the measurements ({', '.join(names)}): a contact may "
+            "have manoeuvred; compare with filters.manoeuvre_std_mps2"
+        )
+    if decision and readings[0 if decision < 0 else 1]:
+        return "the reading decided for does not fit its measurements"
+    rejected = {-1: 3, 1: 0}.get(decision)
+    if rejected is None or not wrong[rejected]:
+        return ""
+    worst = int(found.distance2[:, rejected].argmax())
+    rest = [np.delete(table[:, rejected], worst) for table in
+            (found.distance2, found.degrees)]  # fmt: skip
+    if not rest[0].size or consistency(*rest) < _IMPROBABLE:
+        return ""
+    contact = pair.second if decision < 0 else pair.first
+    return (
+        f"contact {contact} was improbable as a moving one at {pair.times_s[worst + 1]:g} "
+        "s alone: a manoeuvre then would explain it, too; compare with "
+        "filters.manoeuvre_std_mps2"
+    )

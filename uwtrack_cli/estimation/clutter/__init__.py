@@ -1,1 +1,0 @@
-"""How one target is followed through clutter, and where to set its threshold."""

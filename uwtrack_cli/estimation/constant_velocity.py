@@ -1,0 +1,92 @@
+"""Nearly constant velocity: how a position and its rate go on, and how uncertain.
+
+**Method.** The acceleration is white noise, or it is constant between two times and
+drawn anew at each; both give the covariance of position and rate in closed form. Every
+filter takes its transition and its process noise from here.
+
+**Conventions.** One component of motion: position first, its rate second. Several
+components are Kronecker products with the identity.
+
+**References.** Bar-Shalom, Li & Kirubarajan, "Estimation with Applications to Tracking
+and Navigation" (2001), sections 6.2.2 (continuous) and 6.3.2 (piecewise constant).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+
+
+class WhiteNoise(NamedTuple):
+    """Covariance of position and rate per unit density of the acceleration."""
+
+    position: float | FloatArray
+    """T^3 / 3, s^3."""
+    covariance: float | FloatArray
+    """T^2 / 2, s^2."""
+    rate: float | FloatArray
+    """T, s."""
+
+
+def white_acceleration(step_s: float | FloatArray) -> WhiteNoise:
+    """Return the process noise of white acceleration of unit density.
+
+    Parameters
+    ----------
+    step_s
+        Time step in s, 0 or more.
+
+    Examples
+    --------
+    >>> white_acceleration(2.0).covariance
+    2.0
+    """
+    return WhiteNoise(step_s**3 / 3.0, step_s**2 / 2.0, step_s)
+
+
+def transition(step_s: float) -> FloatArray:
+    """Return F = [[1, T], [0, 1]].
+
+    Parameters
+    ----------
+    step_s
+        Time step in s, 0 or more.
+    """
+    return np.array([[1.0, step_s], [0.0, 1.0]])
+
+
+def constant_velocity(
+    interval_s: float, acceleration_variance: float, dimension: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return F and Q of components alike whose acceleration is constant over the step.
+
+    Parameters
+    ----------
+    interval_s
+        Time step in s, 0 or more.
+    acceleration_variance
+        Variance of the acceleration, constant over the step, in unit^2/s^4.
+    dimension
+        Number of measured components, from 1.
+
+    Returns
+    -------
+    tuple of FloatArray
+        F and Q with the state in the order z_1, v_1, z_2, v_2 ...
+
+    Examples
+    --------
+    >>> constant_velocity(1.0, 10.0, 1)[1].tolist()
+    [[2.5, 5.0], [5.0, 10.0]]
+    """
+    to_position, to_rate = 0.5 * interval_s**2, interval_s
+    forward, noise = np.eye(2 * dimension), np.zeros((2 * dimension, 2 * dimension))
+    position = np.arange(0, 2 * dimension, 2)
+    rate = position + 1
+    forward[position, rate] = interval_s
+    noise[position, position] = acceleration_variance * (to_position * to_position)
+    noise[rate, rate] = acceleration_variance * (to_rate * to_rate)
+    both = acceleration_variance * (to_position * to_rate)
+    noise[position, rate] = noise[rate, position] = both
+    return forward, noise

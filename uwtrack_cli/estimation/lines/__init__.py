@@ -1,1 +1,0 @@
-"""How frequency lines are found, followed and grouped."""

@@ -1,1 +1,0 @@
-"""How two contacts are compared, and when a verdict is due."""

@@ -1,1 +1,0 @@
-"""How a closest approach is fitted to frequencies, bearings and levels."""

@@ -1,1 +1,0 @@
-"""Target motion from bearings and Doppler: model, solvers, modes, regions."""

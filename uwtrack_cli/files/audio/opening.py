@@ -1,0 +1,128 @@
+"""Opening a sound file, whatever its name, and where its header lacks the length.
+
+**Method.** A recorder that loses its power leaves a WAV file whose header says that
+no sound follows, since the length is written last. Such a header is read as if it
+named all that follows it; the file itself is not touched.
+"""
+
+import contextlib
+import io
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import soundfile
+
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.audio.header import sample_bytes
+from uwtrack_cli.files.checks import check_readable
+from uwtrack_cli.files.input_ledger import as_input
+
+DECODE_SAMPLES = 512
+MOST_BYTES = 0xFFFFFFF0
+"""More than this a WAV header cannot name."""
+
+SUFFIXES = (".wav", ".rf64", ".w64", ".flac", ".aif", ".aiff")
+"""Endings of recordings, in lower case."""
+
+
+@dataclass(frozen=True)
+class SoundFacts:
+    """Rate, length and channels as the header tells them."""
+
+    sample_rate_hz: int
+    """Sample rate, Hz."""
+    n_samples: int
+    """Samples per channel."""
+    n_channels: int
+    """Number of channels."""
+
+
+@contextlib.contextmanager
+def open_sound(path: Path) -> Iterator[soundfile.SoundFile]:
+    """Open a sound file for reading.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    SoundFileError
+        The file is no sound.
+    """
+    with contextlib.ExitStack() as stack:
+        counted, completed = sample_bytes(path), None
+        if counted is not None and counted.is_unstated:
+            completed = _Completed(path, counted.start, counted.present)
+            stack.enter_context(completed)
+        file = soundfile.SoundFile(completed or _system_name(as_input(path)))
+        yield stack.enter_context(file)
+
+
+def _system_name(path: Path) -> bytes | str:
+    """Return a name as the system takes it: on POSIX any bytes."""
+    return os.fsencode(path) if os.name == "posix" else str(path)
+
+
+def decodable_samples(path: Path, n_samples: int) -> int:
+    """Return how many samples per channel can be decoded, at most those promised."""
+    with open_sound(path) as file:
+        try:
+            file.seek(n_samples - 1)
+            if len(file.read(1, dtype="float32")) == 1:
+                return n_samples
+        except soundfile.SoundFileError:
+            pass  # cut short: what precedes the cut is counted below
+    count = 0
+    with open_sound(path) as file:
+        try:
+            while part := len(file.read(DECODE_SAMPLES, dtype="float32")):
+                count += part
+        except soundfile.SoundFileError:
+            pass
+    return count
+
+
+def sound_facts(path: Path) -> SoundFacts:
+    """Return what the header of a recording says.
+
+    Raises
+    ------
+    DataError
+        The file is missing or no recording.
+    """
+    check_readable(path)
+    try:
+        with open_sound(path) as sound:
+            return SoundFacts(sound.samplerate, sound.frames, sound.channels)
+    except (soundfile.SoundFileError, RuntimeError, OSError) as error:
+        msg = f"{path} is no recording that can be read ({error})."
+        raise DataError(msg) from error
+
+
+class _Completed(io.FileIO):
+    """A WAV file that is read as if its header named the length of its sound."""
+
+    def __init__(self, path: Path, start: int, n_bytes: int) -> None:
+        super().__init__(path)
+        self._at = start - 4
+        is_big_endian = self.read(4) == b"RIFX"
+        self._length = struct.pack(
+            ">I" if is_big_endian else "<I", min(n_bytes, MOST_BYTES)
+        )
+        self.seek(0)
+
+    def readinto(self, buffer: Any) -> int:
+        """Read bytes, those of the length from memory."""
+        begin = self.tell()
+        count = super().readinto(buffer) or 0
+        view = memoryview(buffer).cast("B")
+        for k, byte in enumerate(self._length, self._at - begin):
+            if 0 <= k < count:
+                view[k] = byte
+        return count

@@ -1,0 +1,166 @@
+"""Samples of a recording, block by block, with an eye on what may be wrong.
+
+**Method.** Blocks are exactly as long as asked for, except the last. While they
+pass, samples at full scale, samples that are no number and channels without any
+sound are counted; what was found is said once, when the recording ends.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from warnings import warn
+
+import numpy as np
+import soundfile
+
+from uwtrack_cli.data.recording import Samples
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.files.audio.opening import open_sound
+
+FULL_SCALE = 1.0 - 2.0**-15
+"""Magnitude from which a sample counts as full scale (that of 16 bit)."""
+
+CLIPPED_SHARE = 1e-4
+"""Share of samples at full scale from which a channel is reported as clipped."""
+
+READ_VALUES = 1 << 22
+"""Most values (samples times channels) that are decoded at once."""
+
+
+def file_stamp(path: Path) -> tuple[int, int]:
+    """Return size and time of change of a file: whether it is still the same.
+
+    Raises
+    ------
+    DataError
+        The file is gone.
+    """
+    try:
+        facts = path.stat()
+    except OSError as error:
+        msg = f"cannot read {path}: {error.strerror or error}."
+        raise DataError(msg) from error
+    return facts.st_size, facts.st_mtime_ns
+
+
+@dataclass
+class AudioReader:
+    """Open the recording and yield its blocks: `reader(block_samples)`.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    columns
+        Channels of the file to yield, in this order, counted from 0.
+    first
+        First sample to yield.
+    last
+        Sample after the last one.
+    stamp
+        Size and time of change when the file was opened; None is not checked.
+    """
+
+    path: Path
+    columns: tuple[int, ...]
+    first: int
+    last: int
+    stamp: tuple[int, int] | None = None
+    has_warned: bool = field(default=False, repr=False)
+
+    def __call__(self, block_samples: int) -> Iterator[Samples]:
+        """Yield blocks of so many samples, float32, shape (sample, channel)."""
+        if block_samples < 1:
+            msg = f"a block must have at least 1 sample, got {block_samples}."
+            raise OptionError(msg)
+        return self._blocks(block_samples)
+
+    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+        """Read so many samples from one on, counted from the first that is yielded.
+
+        Raises
+        ------
+        DataError
+            The file ends before, or cannot be read.
+        """
+        try:
+            with open_sound(self.path) as file:
+                file.seek(self.first + first_sample)
+                return self._read(file, self.first + first_sample, n_samples)
+        except (soundfile.SoundFileError, RuntimeError, OSError) as error:
+            msg = f"{self.path} cannot be read again: {error}."
+            raise DataError(msg) from error
+
+    def _blocks(self, block_samples: int) -> Iterator[Samples]:
+        tally = _Tally(len(self.columns))
+        try:
+            with open_sound(self.path) as file:
+                file.seek(self.first)
+                for start in range(self.first, self.last, block_samples):
+                    count = min(block_samples, self.last - start)
+                    block = self._read(file, start, count)
+                    tally.add(block)
+                    yield block
+        except (soundfile.SoundFileError, RuntimeError, OSError) as error:
+            msg = f"{self.path} cannot be read further: {error}."
+            raise DataError(msg) from error
+        if self.stamp is not None and file_stamp(self.path) != self.stamp:
+            msg = f"{self.path} changed while it was read; run again when it is whole."
+            raise DataError(msg)
+        if not self.has_warned:
+            self.has_warned = True
+            for msg in tally.problems(self.path.name, self.columns):
+                warn(msg, UwtrackWarning, stacklevel=2)
+
+    def _read(self, file: soundfile.SoundFile, start: int, count: int) -> Samples:
+        block = np.empty((count, len(self.columns)), np.float32)
+        step = max(1, READ_VALUES // file.channels)
+        for offset in range(0, count, step):
+            wanted = min(step, count - offset)
+            part = file.read(wanted, dtype="float32", always_2d=True)
+            if part.shape[0] < wanted:
+                end = start + offset + part.shape[0]
+                msg = (
+                    f"{self.path} ends at {end / file.samplerate:.3f} s, its header "
+                    f"promises {self.last / file.samplerate:.3f} s; "
+                    f"give --stop-s {end / file.samplerate:.3f} to use what is there."
+                )
+                raise DataError(msg)
+            block[offset : offset + wanted] = part[:, list(self.columns)]
+        if not np.isfinite(block).all():
+            block[~np.isfinite(block)] = np.nan
+        return block
+
+
+class _Tally:
+    """Counts per channel of what a user should know."""
+
+    def __init__(self, n_channels: int) -> None:
+        self.n_samples = 0
+        self.n_full = np.zeros(n_channels, np.int64)
+        self.n_nan = np.zeros(n_channels, np.int64)
+        self.has_sound = np.zeros(n_channels, np.bool_)
+
+    def add(self, block: Samples) -> None:
+        magnitude = np.abs(block)
+        self.n_samples += block.shape[0]
+        self.n_full += np.count_nonzero(magnitude >= FULL_SCALE, axis=0)
+        self.n_nan += np.count_nonzero(np.isnan(block), axis=0)
+        self.has_sound |= np.any(magnitude > 0.0, axis=0)
+
+    def problems(self, name: str, columns: tuple[int, ...]) -> Iterator[str]:
+        for i, column in enumerate(columns):
+            channel = f"channel {column + 1} of {name}"
+            if self.n_nan[i]:
+                yield (
+                    f"{channel} has {self.n_nan[i]} samples that are no number; "
+                    f"they are treated as gaps."
+                )
+            if not self.has_sound[i]:
+                yield f"{channel} is silent: every sample is zero or no number."
+            share = self.n_full[i] / self.n_samples
+            if share >= CLIPPED_SHARE:
+                yield (
+                    f"{channel} is clipped: {100.0 * share:.3g} % of its samples are "
+                    f"at full scale; levels and harmonics of loud passages are wrong."
+                )

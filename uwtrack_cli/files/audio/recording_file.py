@@ -1,0 +1,237 @@
+"""Recordings: opened, checked against their sensor, and read block by block.
+
+**Conventions.** Samples are float32 in full-scale units, shape (sample, channel).
+Channels come in the order omni, east (x), north (y), whatever their order in the
+file, and `Sensor.channels` of the recording says so. A sample that is no number is
+passed on as nan, so that the frames can count it as a gap.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from warnings import warn
+
+import soundfile
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.files.audio.header import SampleBytes, sample_bytes
+from uwtrack_cli.files.audio.opening import decodable_samples, open_sound
+from uwtrack_cli.files.audio.reader import AudioReader, file_stamp
+from uwtrack_cli.files.audio.writer import write_wav
+from uwtrack_cli.files.checks import check_readable
+from uwtrack_cli.files.hdf5.verify import file_digest
+from uwtrack_cli.files.text_escaping import file_name
+
+__all__ = ["open_recording", "write_wav"]
+
+FORMATS = ("WAV", "WAVEX", "RF64", "W64", "FLAC", "AIFF")
+ORDER = ("omni", "east", "x", "north", "y")
+UNNAMED = "unnamed"
+"""Identifier of the sensor of a recording that comes without a sensor file."""
+
+
+def open_recording(
+    path: Path | str,
+    *,
+    sensor: Sensor | None = None,
+    start_utc_ns: int | None = None,
+    channel: int | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    allow_truncated: bool = False,
+) -> Recording:
+    """Open a WAV, RF64, W64, FLAC or AIFF recording; samples are read later.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    sensor
+        The sensor that made it; without one, a single channel is taken as an omni
+        hydrophone of unknown position and calibration.
+    start_utc_ns
+        Time of the first sample of the file, ns since 1970-01-01 UTC.
+    channel
+        Channel to take from a recording of several, counted from 1.
+    start_s
+        Where to begin, s from the first sample of the file.
+    stop_s
+        Where to end, s from the first sample of the file.
+    allow_truncated
+        Whether to take what there is of a file that ends too early.
+
+    Returns
+    -------
+    Recording
+        Its time zero is ``start_s``; its channels are those of the sensor.
+
+    Raises
+    ------
+    DataError
+        The file is missing, no recording, empty, truncated, or has other channels
+        than its sensor.
+    OptionError
+        The channel or the span is not in the recording.
+    """
+    path = Path(path)
+    check_readable(path)
+    stamp = file_stamp(path)
+    info = _sound_info(path)
+    n_samples = _usable_samples(path, info, allow_truncated=allow_truncated)
+    sensor, columns = _select_channels(path, info.channels, sensor, channel)
+    first, last = _span(path, n_samples, info.samplerate, start_s, stop_s)
+    if start_utc_ns is not None:
+        start_utc_ns += (first * NANOSECONDS + info.samplerate // 2) // info.samplerate
+    return Recording(
+        sensor=sensor,
+        name=file_name(path),
+        sample_rate_hz=float(info.samplerate),
+        n_samples=last - first,
+        n_channels=len(columns),
+        start_utc_ns=start_utc_ns,
+        digest=file_digest(path),
+        first_sample=first,
+        file_channels=",".join(str(column + 1) for column in columns),
+        reader=AudioReader(path, columns, first, last, stamp),
+    )
+
+
+def _sound_info(path: Path) -> Any:
+    try:
+        with open_sound(path) as info:
+            pass  # what the header says is known, also when it is closed
+    except (soundfile.SoundFileError, RuntimeError, OSError) as error:
+        msg = (
+            f"{path} is no recording that can be read ({error}); "
+            f"accepted are WAV, RF64, W64, FLAC and AIFF."
+        )
+        raise DataError(msg) from error
+    if info.format not in FORMATS:
+        msg = f"{path} is {info.format}; accepted are WAV, RF64, W64, FLAC and AIFF."
+        raise DataError(msg)
+    if not 1 <= info.samplerate <= 10_000_000 or info.channels < 1:
+        msg = (
+            f"{path} claims {info.channels} channels at {info.samplerate} Hz, "
+            f"which no recording has: its header is damaged."
+        )
+        raise DataError(msg)
+    return info
+
+
+def _usable_samples(path: Path, info: Any, *, allow_truncated: bool) -> int:
+    """Return how many samples may be read, after comparing header and bytes."""
+    if info.frames >= 1 << 60:
+        msg = f"{path} does not say how long it is; encode it again."
+        raise DataError(msg)
+    counted = sample_bytes(path)
+    present = promised = info.frames
+    if counted is not None and counted.is_truncated:
+        promised = round(promised * counted.promised / max(1, counted.present))
+    elif info.frames:
+        present = decodable_samples(path, info.frames)
+    if promised < 1:
+        msg = f"{path} holds no samples."
+        raise DataError(msg)
+    problem = _shortage(path, counted, present, promised, info.samplerate)
+    if problem:
+        if not allow_truncated or not present:
+            msg = f"{problem}; give --allow-truncated to take what is there."
+            raise DataError(msg)
+        warn(f"{problem}; these are used.", UwtrackWarning, stacklevel=3)
+    return int(present)
+
+
+def _shortage(
+    path: Path, counted: SampleBytes | None, present: int, promised: int, rate: int
+) -> str:
+    """Say how header and bytes disagree; nothing if they do not."""
+    there = f"{present / rate:.3f} s"
+    if counted is not None and counted.is_unstated:
+        return (
+            f"{path} does not say how much sound it holds, as when a recorder lost its "
+            f"power; {there} follow its header"
+        )
+    if present < promised or (counted is not None and counted.is_truncated):
+        return (
+            f"{path} is truncated: its header promises {promised / rate:.3f} s of "
+            f"sound, {there} are there"
+        )
+    return ""
+
+
+def _select_channels(
+    path: Path, n_channels: int, sensor: Sensor | None, channel: int | None
+) -> tuple[Sensor, tuple[int, ...]]:
+    if channel is not None:
+        return _one_channel(path, n_channels, sensor, channel)
+    if sensor is None:
+        if n_channels > 1:
+            msg = (
+                f"{path} has {n_channels} channels: give --channel 1 to {n_channels}, "
+                f"or --sensor with a sensor file that names the channels."
+            )
+            raise DataError(msg)
+        return _unnamed(path), (0,)
+    names = sensor.channel_names
+    if len(names) != n_channels:
+        msg = (
+            f"{path} has {n_channels} channels, but sensor {sensor.id!r} names "
+            f"{len(names)} ({sensor.channels}): correct `channels` in its file, with "
+            f'"-" for a channel to leave out.'
+        )
+        raise DataError(msg)
+    kept = [name for name in ORDER if name in names]
+    columns = tuple(names.index(name) for name in kept)
+    return replace(sensor, channels=",".join(kept)), columns
+
+
+def _one_channel(
+    path: Path, n_channels: int, sensor: Sensor | None, channel: int
+) -> tuple[Sensor, tuple[int, ...]]:
+    if not 1 <= channel <= n_channels:
+        msg = f"{path} has channels 1 to {n_channels}, got channel {channel}."
+        raise OptionError(msg)
+    if sensor is None:
+        return _unnamed(path), (channel - 1,)
+    if sensor.has_direction:
+        msg = (
+            f"sensor {sensor.id!r} is a vector sensor ({sensor.channels}) and needs "
+            f"all its channels; leave out --channel {channel}."
+        )
+        raise OptionError(msg)
+    return replace(sensor, channels="omni"), (channel - 1,)
+
+
+def _unnamed(path: Path) -> Sensor:
+    msg = (
+        f"{path.name} has no sensor file: position, depth and calibration are unknown, "
+        f"levels are relative to full scale; give --sensor to change that."
+    )
+    warn(msg, UwtrackWarning, stacklevel=4)
+    return Sensor(id=UNNAMED)
+
+
+def _span(
+    path: Path, n_samples: int, rate: int, start_s: float | None, stop_s: float | None
+) -> tuple[int, int]:
+    duration_s = n_samples / rate
+    start = 0.0 if start_s is None else start_s
+    stop = duration_s if stop_s is None else stop_s
+    if not 0.0 <= start < duration_s or not start < stop:
+        msg = (
+            f"{path} lasts {duration_s:.3f} s; start_s and stop_s must lie in it, "
+            f"in this order, got {start} and {stop}."
+        )
+        raise OptionError(msg)
+    if stop > duration_s:
+        msg = f"{path.name} ends at {duration_s:.3f} s, before stop_s = {stop}."
+        warn(msg, UwtrackWarning, stacklevel=3)
+    last = min(n_samples, round(min(stop, duration_s) * rate))
+    first = min(round(start * rate), last)
+    if first == last:
+        msg = f"there is no sample of {path} between {start} s and {stop} s."
+        raise OptionError(msg)
+    return first, last

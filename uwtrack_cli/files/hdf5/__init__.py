@@ -1,0 +1,1 @@
+"""Products: HDF5 files of containers."""

@@ -1,0 +1,345 @@
+"""Whether a file is a whole product of ours, found out before anything of it is used.
+
+**Method.** Three steps, each before the next one. The line behind the HDF5 bytes is
+compared with them: damage ends here. Then the file is examined in a child process with
+little time and memory, because HDF5 may crash, hang or claim any memory on a file
+whose checksum was written anew: every link, object, attribute and chunk is looked at,
+and none may lead out of the file, claim more than the file holds, or be of a kind that
+products do not have. Only then is the file opened here. A product that this process
+has written or examined before is known by its checksum.
+
+What the examination accepts is readable; it proves nothing about who wrote the numbers.
+"""
+
+import contextlib
+import io
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import h5py
+import numpy as np
+
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.checks import check_readable
+from uwtrack_cli.files.hdf5.checksum import Checksum, checked
+from uwtrack_cli.files.hdf5.layout import FORMAT, SCHEMA_VERSION
+from uwtrack_cli.files.input_ledger import as_input
+from uwtrack_cli.files.limited_process import run_limited
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+FACTS = ("format", "schema_version", "program_version", "complete")
+MAX_OBJECTS = 100_000
+MAX_DEPTH = 8
+MAX_ATTRIBUTES = 500
+MAX_ATTRIBUTE_BYTES = 1 << 20
+MAX_CHUNK_BYTES = 1 << 24
+PATIENCE_S = 6.0
+BYTES_PER_S = 5e6
+HDF5_ERRORS = (
+    OSError, RuntimeError, KeyError, ValueError, TypeError, UnicodeError,
+    AttributeError, IndexError, OverflowError, MemoryError, RecursionError,
+)  # fmt: skip
+
+examined: set[str] = set()
+"""Checksums of the products that this process has written or examined."""
+
+
+@contextlib.contextmanager
+def reading(name: str) -> Iterator[None]:
+    """Turn what HDF5 says of a damaged file into an error of ours."""
+    try:
+        yield
+    except DataError:
+        raise
+    except HDF5_ERRORS as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        msg = f"{name} is damaged: {reason}. Make it again from its source."
+        raise DataError(msg) from error
+
+
+def open_examined(source: Path | bytes, name: str) -> tuple[h5py.File, Checksum]:
+    """Open a product for reading, and return its checksum, too.
+
+    Parameters
+    ----------
+    source
+        The file, or its bytes.
+    name
+        What it is called in messages.
+
+    Raises
+    ------
+    DataError
+        The file is missing, no HDF5, damaged, foreign, incomplete or too new.
+    """
+    checksum = check_bytes(source, name)
+    if checksum.sha256 not in examined:
+        look_apart(f"{__name__}:structure_problem", source, name)
+        examined.add(checksum.sha256)
+    with reading(name):
+        file = h5py.File(as_input(_openable(source)), "r", locking=False)
+    return file, checksum
+
+
+def check_bytes(source: Path | bytes, name: str) -> Checksum:
+    """Return the checksum of a product, and refuse one that does not match it.
+
+    Raises
+    ------
+    DataError
+        The file is missing, no HDF5, or damaged; what it is, is said.
+    """
+    try:
+        if isinstance(source, Path):
+            check_readable(source)
+            with as_input(source).open("rb") as file:
+                found, head = _checked(file)
+        else:
+            found, head = _checked(io.BytesIO(source))
+    except OSError as error:
+        msg = f"cannot read {name}: {error.strerror or error}."
+        raise DataError(msg) from error
+    if found is not None:
+        return found
+    if head != SIGNATURE:
+        msg = f"{name} is not an HDF5 file, so it is no uwtrack product."
+        raise DataError(msg)
+    try:
+        facts = run_limited(
+            f"{__name__}:root_facts", *_by_path(source),
+            seconds=PATIENCE_S, data=_by_data(source),
+        )  # fmt: skip
+    except DataError as error:
+        msg = (
+            f"{name} is damaged or was cut short: it cannot be opened. "
+            f"Make it again from its source."
+        )
+        raise DataError(msg) from error
+    check_facts(facts, name)
+    msg = (
+        f"{name} was changed or cut short after it was written: its bytes do not "
+        f"match their checksum. Make it again from its source."
+    )
+    raise DataError(msg)
+
+
+def look_apart(function: str, source: Path | bytes, name: str) -> Any:
+    """Run a function, ``module:name``, on a product in a limited child process.
+
+    Raises
+    ------
+    DataError
+        It raised one, or the child died.
+    """
+    size = len(source) if isinstance(source, bytes) else source.stat().st_size
+    try:
+        return run_limited(
+            function, *_by_path(source), name,
+            seconds=PATIENCE_S + size / BYTES_PER_S, data=_by_data(source),
+        )  # fmt: skip
+    except DataError as error:
+        text = str(error)
+        if not text.startswith(name):
+            text = f"{name} is damaged: {text}. Make it again from its source."
+        raise DataError(text) from error
+
+
+def check_facts(facts: Mapping[str, Any], name: str) -> None:
+    """Refuse a file that says itself that it cannot be read.
+
+    Raises
+    ------
+    DataError
+        The file is foreign, too new or incomplete.
+    """
+    version = facts.get("schema_version")
+    if facts.get("format") != FORMAT or not isinstance(version, int):
+        msg = f"{name} is an HDF5 file of another program, not a uwtrack product."
+        raise DataError(msg)
+    if version > SCHEMA_VERSION:
+        msg = (
+            f"{name} has schema version {version}, written by uwtrack "
+            f"{facts.get('program_version')}; this program reads up to version "
+            f"{SCHEMA_VERSION}: install a newer uwtrack, or make the file again."
+        )
+        raise DataError(msg)
+    if version < 1:
+        msg = f"{name} has schema version {version}; the first one is 1."
+        raise DataError(msg)
+    if facts.get("complete") != 1:
+        msg = f"{name} is incomplete: the run that wrote it was stopped. Run it again."
+        raise DataError(msg)
+
+
+def attribute(item: Any, name: str) -> Any:
+    """Return a scalar attribute as str, bool, int or float.
+
+    Raises
+    ------
+    DataError
+        The attribute is missing, too large, an array, or of a foreign type.
+    """
+    key = name.encode()
+    if not h5py.h5a.exists(item.id, key):
+        msg = f"{item.name} lacks the attribute {name!r}"
+        raise DataError(msg)
+    handle = h5py.h5a.open(item.id, key)
+    known = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
+    if handle.shape != () or handle.get_type().get_class() not in known:
+        msg = f"attribute {name!r} of {item.name} is no single number or text"
+        raise DataError(msg)
+    size = handle.get_storage_size()
+    value = item.attrs[name] if size <= MAX_ATTRIBUTE_BYTES else ""
+    if size > MAX_ATTRIBUTE_BYTES or np.size(value) > MAX_ATTRIBUTE_BYTES:
+        msg = f"attribute {name!r} of {item.name} is too large"
+        raise DataError(msg)
+    if isinstance(value, bytes):
+        return value.decode()
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def check_stored(dataset: h5py.Dataset) -> None:
+    """Refuse a dataset whose elements do not lie, plainly, in the file itself.
+
+    Raises
+    ------
+    DataError
+        Elements elsewhere, a foreign filter or type, or more of them than the file
+        holds.
+    """
+    name = dataset.name
+    if dataset.is_virtual or dataset.external:
+        msg = f"{name} keeps its elements in other files"
+        raise DataError(msg)
+    plist = dataset.id.get_create_plist()
+    filters = {plist.get_filter(i)[0] for i in range(plist.get_nfilters())}
+    if filters - {h5py.h5z.FILTER_FLETCHER32}:
+        msg = f"{name} uses a filter that products do not have"
+        raise DataError(msg)
+    if dataset.dtype.kind not in "iufS":
+        msg = f"{name} has elements of a type that products do not have"
+        raise DataError(msg)
+    item_bytes = dataset.dtype.itemsize
+    claimed = int(np.prod([float(n) for n in dataset.shape])) * item_bytes
+    chunk = int(np.prod([float(n) for n in dataset.chunks or ()])) * item_bytes
+    held = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
+    if max(claimed, chunk if claimed and dataset.chunks else 0) > held:
+        msg = f"{name} claims {max(claimed, chunk)} bytes, more than the file holds"
+        raise DataError(msg)
+
+
+def _checked(file: BinaryIO) -> tuple[Checksum | None, bytes]:
+    found = checked(file)
+    file.seek(0)
+    return found, file.read(len(SIGNATURE))
+
+
+def _by_path(source: Path | bytes) -> tuple[str]:
+    return ("" if isinstance(source, bytes) else str(source),)
+
+
+def _by_data(source: Path | bytes) -> bytes:
+    return source if isinstance(source, bytes) else b""
+
+
+def _openable(source: Path | bytes) -> Any:
+    return io.BytesIO(source) if isinstance(source, bytes) else source
+
+
+# What follows runs in a child process.
+
+
+def root_facts(path: str, data: bytes) -> dict[str, Any]:
+    """Return the root attributes that say what a file is, as far as it has them."""
+    found: dict[str, Any] = {}
+    with h5py.File(
+        as_input(_openable(Path(path) if path else data)), "r", locking=False
+    ) as file:
+        for key in FACTS:
+            with contextlib.suppress(*HDF5_ERRORS):
+                found[key] = attribute(file, key)
+    return found
+
+
+def structure_problem(path: str, name: str, data: bytes) -> None:
+    """Raise a DataError if a file has anything that products do not have."""
+    source = Path(path) if path else data
+    with (
+        reading(name),
+        h5py.File(as_input(_openable(source)), "r", locking=False) as file,
+    ):
+        check_facts({key: attribute(file, key) for key in FACTS}, name)
+        check_structure(file)
+
+
+def check_structure(file: h5py.File) -> None:
+    """Look at every object of a file without following a link out of it.
+
+    Raises
+    ------
+    DataError
+        A link leads elsewhere, an object is met twice or is of a foreign kind, or
+        there are too many of them.
+    """
+    seen = {_address(file)}
+    todo: list[tuple[h5py.Group, int]] = [(file, 0)]
+    while todo:
+        group, depth = todo.pop()
+        _check_attributes(group)
+        if len(seen) + len(group) > MAX_OBJECTS or depth > MAX_DEPTH:
+            msg = "it has more objects, or deeper groups, than products have"
+            raise DataError(msg)
+        for name in group:
+            item = _object(group, name)
+            if _address(item) in seen:
+                msg = f"{item.name} is linked twice"
+                raise DataError(msg)
+            seen.add(_address(item))
+            if isinstance(item, h5py.Group):
+                todo.append((item, depth + 1))
+            elif not item.is_scale:
+                check_stored(item)
+                _check_chunks(item)
+
+
+def _check_attributes(group: h5py.Group) -> None:
+    if h5py.h5a.get_num_attrs(group.id) > MAX_ATTRIBUTES:
+        msg = f"{group.name} has more attributes than products have"
+        raise DataError(msg)
+    for name in group.attrs:
+        with contextlib.suppress(DataError):  # read only where a container has it
+            attribute(group, name)
+
+
+def _check_chunks(dataset: h5py.Dataset) -> None:
+    """Refuse a chunk that is not as long as its elements and their checksum."""
+    if not dataset.chunks:
+        return
+    plain = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
+    whole = plain + (4 if dataset.fletcher32 else 0)
+    end = dataset.file.id.get_filesize()
+
+    def check(chunk: Any) -> None:
+        is_within = 0 < chunk.byte_offset <= end - chunk.size
+        if chunk.filter_mask or chunk.size != whole or not is_within:
+            msg = f"a chunk of {dataset.name} is not where or what it should be"
+            raise DataError(msg)
+
+    dataset.id.chunk_iter(check)
+
+
+def _object(group: h5py.Group, name: str) -> Any:
+    link = group.get(name, getlink=True)
+    if not isinstance(link, h5py.HardLink):
+        msg = f"{group.name}/{name} is a link to elsewhere, which products do not have"
+        raise DataError(msg)
+    item = group[name]
+    if not isinstance(item, h5py.Group | h5py.Dataset):
+        msg = f"{group.name}/{name} is neither a group nor a dataset"
+        raise DataError(msg)
+    return item
+
+
+def _address(item: Any) -> int:
+    return int(h5py.h5o.get_info(item.id).addr)

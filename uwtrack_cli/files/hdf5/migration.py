@@ -1,0 +1,152 @@
+"""Older layouts, read as if they were of today's.
+
+**Method.** What changed from each version to the next stands here once: columns that
+got another name, columns that were split into several, and element types. A reader
+asks under which name a column is stored, and passes what it read through all changes
+that follow the file's version. The file itself is never changed.
+
+Version 1 kept every column of lines in double precision. Versions 1 and 2 kept reasons
+and ambiguities as JSON texts, one per row.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.data.base import TextArray, flatten, reason_columns
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.errors import DataError
+
+Columns = dict[str, NDArray[Any]]
+
+RENAMED_IN: Mapping[int, Mapping[tuple[str, str], str]] = {
+    3: {
+        ("frames", "valid_fraction"): "effort",
+        ("target", "loss_cusum"): "loss_evidence",
+    },
+}
+"""By version: container and new name of a column, and the name it had before."""
+
+
+ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
+    3: frozenset(
+        [
+            *(
+                ("sensor", name)
+                for name in ("depth_std_m", "sound_speed_std_mps", "full_scale_db")
+            ),
+            ("fixes", "statement"),
+            *(
+                (kind.NAME, name)
+                for kind in (Encounters, Motions)
+                for name, spec in kind.columns().items()
+                if spec.optional
+            ),
+        ]
+    ),
+}
+"""By version: container and name of single values, and of optional columns, that older
+files do not have."""
+
+
+def is_later(version: int, container: str, name: str) -> bool:
+    """Tell whether a value came after a version: it has its default then, or is None."""
+    return any(
+        (container, name) in added
+        for newer, added in ADDED_IN.items()
+        if version < newer
+    )
+
+
+def stored_name(version: int, container: str, column: str) -> str:
+    """Return the name that a column has in a file of a version."""
+    for newer in sorted(RENAMED_IN, reverse=True):
+        if version < newer:
+            column = RENAMED_IN[newer].get((container, column), column)
+    return column
+
+
+def migrate(
+    version: int, container: str, column: str, values: NDArray[Any]
+) -> NDArray[Any]:
+    """Turn elements of a column as a version stores them into those of today's.
+
+    Parameters
+    ----------
+    version
+        Version of the layout of the file that was read.
+    container
+        Name of the container.
+    column
+        Name of the column today.
+    values
+        Elements as they are stored.
+    """
+    if version > 1 or container != Lines.NAME or column not in Lines.columns():
+        return values
+    now = Lines.columns()[column].dtype
+    if now.kind not in "if" or values.dtype.kind != now.kind:
+        return values
+    with np.errstate(over="ignore"):  # a variance beyond single precision is infinite
+        return values.astype(now, copy=False)
+
+
+def split_columns(
+    version: int, container: str
+) -> Mapping[str, Callable[[TextArray], Columns]]:
+    """Return the columns of a version's container that are several today.
+
+    Each comes with the function that makes today's columns of its decoded elements.
+    """
+    return SPLIT_IN_3.get(container, {}) if version < 3 else {}
+
+
+def _reasons(owner: str) -> Callable[[TextArray], Columns]:
+    def split(texts: TextArray) -> Columns:
+        parsed = [_parsed(text, dict) for text in texts]
+        return reason_columns(
+            owner, [{str(k): str(v) for k, v in row.items()} for row in parsed]
+        )
+
+    return split
+
+
+def _ambiguities(texts: TextArray) -> Columns:
+    rows, items = flatten(_parsed(text, list) for text in texts)
+    try:
+        return {
+            "ambiguity_encounter": rows,
+            "ambiguity_side": np.array([str(item["side"]) for item in items], np.str_),
+            "ambiguity_weight": np.array([float(item["weight"]) for item in items]),
+        }
+    except (TypeError, KeyError, ValueError) as error:
+        msg = f"the ambiguities of an encounter are not readable ({error!r})"
+        raise DataError(msg) from error
+
+
+def _parsed(text: str, kind: type) -> Any:
+    try:
+        value = json.loads(text) if text else kind()
+    except (ValueError, RecursionError) as error:
+        msg = f"a JSON text of an older version is not readable ({error})"
+        raise DataError(msg) from error
+    if not isinstance(value, kind):
+        msg = f"a JSON text of an older version holds no {kind.__name__}"
+        raise DataError(msg)
+    return value
+
+
+SPLIT_IN_3: Mapping[str, Mapping[str, Callable[[TextArray], Columns]]] = {
+    "encounters": {
+        "reasons": _reasons("reason_encounter"),
+        "ambiguities": _ambiguities,
+    },
+    "motions": {"reasons": _reasons("reason_motion")},
+    "decision": {"reasons": _reasons("reason_pair")},
+}
+"""Containers whose JSON texts became ragged tables in version 3."""

@@ -1,0 +1,29 @@
+"""The one codec of product files: write, read, stream and verify.
+
+Everything that reads or writes a product goes through the names of this module;
+`Product` draws what a file looks like inside.
+"""
+
+from uwtrack_cli.files.hdf5.history import HistoryStep, Source
+from uwtrack_cli.files.hdf5.reader import (
+    ContainerKey,
+    Product,
+    read_product,
+    read_product_bytes,
+)
+from uwtrack_cli.files.hdf5.verify import source_of, verify_product
+from uwtrack_cli.files.hdf5.writer import ProductWriter, product_to_bytes, write_product
+
+__all__ = [
+    "ContainerKey",
+    "HistoryStep",
+    "Product",
+    "ProductWriter",
+    "Source",
+    "product_to_bytes",
+    "read_product",
+    "read_product_bytes",
+    "source_of",
+    "verify_product",
+    "write_product",
+]

@@ -1,0 +1,489 @@
+"""Reading a product: container by container, or in blocks of frames.
+
+**Conventions.** A block holds so many frames and the rows that refer to them: rows
+with a column ``frame`` are stored in its order. `Container.join` of the blocks is
+what `Product.read` gives, bit for bit.
+"""
+
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self, TypeVar, cast
+
+import h5py
+import numpy as np
+
+from uwtrack_cli.data.base import Column, Container
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.hdf5.checksum import Checksum
+from uwtrack_cli.files.hdf5.examination import (
+    attribute,
+    check_stored,
+    open_examined,
+    reading,
+)
+from uwtrack_cli.files.hdf5.history import HistoryStep
+from uwtrack_cli.files.hdf5.layout import (
+    CONTAINERS,
+    STEPS,
+    decode,
+    part_classes,
+    scalar_types,
+)
+from uwtrack_cli.files.hdf5.migration import (
+    is_later,
+    migrate,
+    split_columns,
+    stored_name,
+)
+
+C = TypeVar("C", bound=Container)
+Rows = Mapping[tuple[str, str], slice]
+"""Rows to read, by container and axis; axes not named are read whole."""
+
+MAX_READ_BYTES = 1 << 32
+"""Most that is read of a column at once: what is longer is read in blocks."""
+
+INDEXED_AXES: dict[str, tuple[tuple[str, str], ...]] = {
+    "spectrogram": (),
+    "levels": (),
+    "peaks": (("peaks", "peak"),),
+    "families": (("peaks", "peak"), ("families", "family")),
+}
+"""Containers that can be streamed, with the axes whose rows name their frame."""
+
+
+class ContainerKey(NamedTuple):
+    """Which container of a product is meant."""
+
+    sensor: str | None
+    """Identifier of its sensor; None for a container of the whole file."""
+    name: str
+    """Name of the container."""
+    step: str = ""
+    """Name of the step that made it, where that is not the name of its stage."""
+
+
+class Product:
+    """A product file, open for reading; containers are read when asked for.
+
+    ::
+
+        /                        format, schema_version, program_version, complete
+        +- history (step)        one JSON object per stage that was run
+        +- encounters/           containers of the whole file
+        |  +- time_s (encounter) units, long_name; fletcher32
+        |  +- encounter          the axis: a dimension without values
+        +- steps/                containers of the whole file by steps with own names
+        |  +- second/            step = "second"
+        |     +- encounters/
+        +- h1/                   sensor = "h1"
+           +- sensor/            container, absent, and every scalar by its name
+           +- frames/            stored once, named by the attribute ``frames`` of
+           +- spectrogram/       ... every container that it belongs to
+           +- peaks/
+           +- fine/              step = "fine": results of a step with its own name
+           |  +- peaks/
+           +- lines/
+              +- frames/         only where a container's part differs from the
+                                 one that its sensor's other containers have
+
+    and behind the HDF5 bytes the line of `checksum`.
+    """
+
+    def __init__(self, file: h5py.File, name: str, checksum: Checksum) -> None:
+        self.file = file
+        self.name = name
+        with reading(name):
+            self.paths = _container_paths(file)
+            self.program_version = str(attribute(file, "program_version"))
+            self.schema_version = int(attribute(file, "schema_version"))
+            self.digest = checksum.sha256
+            self.created_utc = checksum.created_utc
+            if self.schema_version < 3:
+                self.digest = str(attribute(file, "sha256"))
+                self.created_utc = str(attribute(file, "created_utc"))
+            self.history = _history(file)
+
+    def __enter__(self) -> Self:
+        """Return the product itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+
+    def containers(self) -> dict[str | None, list[str]]:
+        """Return the names of the containers per sensor (None: the whole file)."""
+        found: dict[str | None, set[str]] = {}
+        for key in self.paths:
+            found.setdefault(key.sensor, set()).add(key.name)
+        order = list(CONTAINERS)
+        return {key: sorted(names, key=order.index) for key, names in found.items()}
+
+    def shapes(self, key: ContainerKey) -> dict[str, tuple[int, ...]]:
+        """Return the shapes of a container's columns, as far as it has them."""
+        kind = CONTAINERS[key.name]
+        with reading(self.name):
+            group = _group(self.file, self.paths[key], kind)
+            return {
+                column: _dataset(group, column, spec).shape
+                for column, spec in kind.columns().items()
+                if stored_name(self.schema_version, key.name, column) in group
+            }
+
+    def has_part(self, key: ContainerKey, part: str) -> bool:
+        """Tell whether a container has a part."""
+        with reading(self.name):
+            group = _group(self.file, self.paths[key], CONTAINERS[key.name])
+            return part not in _absent(group)
+
+    def read(
+        self, kind: type[C], sensor: str | None = None, step: str | None = None
+    ) -> C:
+        """Read a container.
+
+        Parameters
+        ----------
+        kind
+            Its class, such as `Lines`.
+        sensor
+            Its sensor; not needed where only one has such a container.
+        step
+            The step that made it, empty for the usual one; not needed where only one
+            step made such a container.
+
+        Raises
+        ------
+        DataError
+            There is none, or several and no sensor is named, or it is damaged.
+        """
+        path = self._path(kind, sensor, step)
+        with reading(self.name):
+            return read_whole(self.file, path, kind)
+
+    def read_all(self, kind: type[C]) -> list[C]:
+        """Read the containers of a kind of all sensors."""
+        return [
+            self.read(kind, key.sensor, key.step)
+            for key in self.paths
+            if key.name == kind.NAME
+        ]
+
+    def stream(
+        self,
+        kind: type[C],
+        sensor: str | None = None,
+        block_rows: int = 256,
+        step: str | None = None,
+    ) -> Iterator[C]:
+        """Read a container in blocks of frames.
+
+        Parameters
+        ----------
+        kind
+            Its class: `Spectrogram`, `Levels`, `Peaks` or `Families`.
+        sensor
+            Its sensor; not needed where only one has such a container.
+        block_rows
+            Frames in a block, 1 or more.
+        step
+            The step that made it, as for `read`.
+
+        Raises
+        ------
+        OptionError
+            A block of no frames.
+        DataError
+            The container does not follow frames, or its rows are not in their order.
+        """
+        if block_rows < 1:
+            msg = f"a block must have at least 1 frame, got {block_rows}."
+            raise OptionError(msg)
+        return self._stream(kind, self._path(kind, sensor, step), block_rows)
+
+    def _stream(self, kind: type[C], path: str, block_rows: int) -> Iterator[C]:
+        with reading(self.name):
+            yield from _stream(self.file, path, kind, block_rows)
+
+    def _path(self, kind: type[Container], sensor: str | None, step: str | None) -> str:
+        found = {
+            key: path
+            for key, path in self.paths.items()
+            if key.name == kind.NAME
+            and sensor in (None, key.sensor)
+            and step in (None, key.step)
+        }
+        if len(found) == 1:
+            return next(iter(found.values()))
+        if found:
+            sensors = ", ".join(sorted({repr(key.sensor) for key in found}))
+            steps = ", ".join(sorted({repr(key.step or kind.NAME) for key in found}))
+            several = "sensors" if len({key.sensor for key in found}) > 1 else "steps"
+            named = sensors if several == "sensors" else steps
+            msg = f"{self.name} holds {kind.NAME} of several {several}: {named}."
+            raise DataError(msg)
+        of = "" if sensor is None else f" of sensor {sensor!r}"
+        of += f" of step {step!r}" if step else ""
+        held = ", ".join(sorted({key.name for key in self.paths})) or "nothing"
+        msg = f"{self.name} holds no {kind.NAME}{of}; it holds: {held}."
+        raise DataError(msg)
+
+
+def read_product(path: Path | str) -> Product:
+    """Open a product file for reading.
+
+    Raises
+    ------
+    DataError
+        The file is missing, no HDF5, damaged, foreign, incomplete or too new.
+    """
+    return _opened(Path(path), str(path))
+
+
+def read_product_bytes(data: bytes, name: str = "standard input") -> Product:
+    """Open a product that was read from a pipe.
+
+    Raises
+    ------
+    DataError
+        The bytes are no product, or a damaged, incomplete or too new one.
+    """
+    if not data:
+        msg = f"{name} is empty."
+        raise DataError(msg)
+    return _opened(data, name)
+
+
+def _opened(source: Path | bytes, name: str) -> Product:
+    file, checksum = open_examined(source, name)
+    try:
+        return Product(file, name, checksum)
+    except BaseException:
+        file.close()
+        raise
+
+
+def _container_paths(file: h5py.File) -> dict[ContainerKey, str]:
+    found: dict[ContainerKey, str] = {}
+    for group in _groups(file):
+        if "container" in group.attrs:
+            name = str(attribute(group, "container"))
+            found[ContainerKey(None, name)] = group.name
+            continue
+        is_of_steps = group.name == f"/{STEPS}" and "sensor" not in group.attrs
+        sensor = None if is_of_steps else str(attribute(group, "sensor"))
+        for inner in _groups(group):
+            if "step" in inner.attrs:
+                step = str(attribute(inner, "step"))
+                for own in _groups(inner):
+                    name = str(attribute(own, "container"))
+                    found[ContainerKey(sensor, name, step)] = own.name
+            else:
+                name = str(attribute(inner, "container"))
+                found[ContainerKey(sensor, name)] = inner.name
+    known = {key: path for key, path in found.items() if key.name in CONTAINERS}
+    return dict(
+        sorted(known.items(), key=lambda row: (row[0].sensor or "", *row[0][1:]))
+    )
+
+
+def _groups(group: h5py.Group) -> list[h5py.Group]:
+    return [item for item in group.values() if isinstance(item, h5py.Group)]
+
+
+def _history(file: h5py.File) -> list[HistoryStep]:
+    steps = file["history"]
+    if (
+        not isinstance(steps, h5py.Dataset)
+        or steps.ndim != 1
+        or steps.dtype.kind != "S"
+    ):
+        msg = "/history is no list of texts"
+        raise DataError(msg)
+    check_stored(steps)
+    return [HistoryStep.from_json(step.decode()) for step in steps[:]]
+
+
+def read_whole(file: h5py.File, path: str, kind: type[C]) -> C:
+    """Read a container in the order that `Container.join` gives its rows."""
+    container = _read(file, path, kind, {})
+    own_order = kind.join.__func__ is not Container.join.__func__  # type: ignore[attr-defined]
+    return kind.join([container]) if own_order else container
+
+
+def _read(file: h5py.File, path: str, kind: type[C], rows: Rows) -> C:
+    """Read a container, or some rows of it, with its parts."""
+    group = _group(file, path, kind)
+    absent = _absent(group)
+    values = _split(group, kind)
+    for name, spec in kind.columns().items():
+        if name in values:
+            continue
+        is_absent = name in absent or is_later(_version(group), kind.NAME, name)
+        if is_absent and spec.optional:
+            values[name] = None
+        else:
+            chosen = rows.get((kind.NAME, spec.axes[0]), slice(None))
+            values[name] = _column(group, name, spec, chosen)
+    values |= _scalars(group, kind, absent)
+    for name, part in part_classes(kind).items():
+        values[name] = None
+        if name not in absent:
+            values[name] = _read(file, str(attribute(group, name)), part, rows)
+    return kind(**values)
+
+
+def _group(file: h5py.File, path: str, kind: type[Container]) -> h5py.Group:
+    """Return the group of a container, made sure of its kind."""
+    group = file.get(path) if path in file else None
+    if not isinstance(group, h5py.Group):
+        msg = f"there is no group {path}"
+        raise DataError(msg)
+    if attribute(group, "container") != kind.NAME:
+        msg = f"{path} holds no {kind.NAME}"
+        raise DataError(msg)
+    return group
+
+
+def _absent(group: h5py.Group) -> set[str]:
+    """Return the names of the fields that are None."""
+    return set(filter(None, str(attribute(group, "absent")).split(",")))
+
+
+def _dataset(group: h5py.Group, name: str, spec: Column) -> h5py.Dataset:
+    """Return the dataset of a column, checked but not yet read."""
+    container, version = str(attribute(group, "container")), _version(group)
+    stored = stored_name(version, container, name)
+    dataset = group.get(stored)
+    if dataset is None:
+        msg = f"{group.name} lacks the column {stored!r}"
+        raise DataError(msg)
+    if not isinstance(dataset, h5py.Dataset) or dataset.ndim != len(spec.axes):
+        msg = f"{group.name}/{stored} is no array with the axes {spec.axes}"
+        raise DataError(msg)
+    check_stored(dataset)
+    dtype = migrate(version, container, name, np.zeros(0, dataset.dtype)).dtype
+    kind = {"b": "i1", "U": "S"}.get(spec.dtype.kind, spec.dtype.str[1:])
+    if not (dtype.kind == "S" if kind == "S" else dtype.str[1:] == kind):
+        msg = f"{dataset.name} holds {dtype}, expected {spec.dtype}"
+        raise DataError(msg)
+    return dataset
+
+
+def _column(group: h5py.Group, name: str, spec: Column, rows: slice) -> Any:
+    """Read the rows of a column as the container wants them."""
+    dataset = _dataset(group, name, spec)
+    n_rows = len(range(*rows.indices(dataset.shape[0])))
+    row_bytes = int(np.prod(dataset.shape[1:], dtype=float)) * dataset.dtype.itemsize
+    if n_rows * row_bytes > MAX_READ_BYTES:
+        msg = f"{dataset.name} is too large to be read at once"
+        raise DataError(msg)
+    container = str(attribute(group, "container"))
+    return decode(migrate(_version(group), container, name, dataset[rows]), spec)
+
+
+def _split(group: h5py.Group, kind: type[Container]) -> dict[str, Any]:
+    """Return the columns that an older version kept together in one."""
+    found: dict[str, Any] = {}
+    for name, split in split_columns(_version(group), kind.NAME).items():
+        axes = next(iter(kind.columns().values())).axes
+        text = Column(axes, "", np.dtype(np.str_), "", optional=False)
+        found |= split(_column(group, name, text, slice(None)))
+    return found
+
+
+def _version(group: h5py.Group) -> int:
+    return int(attribute(group.file, "schema_version"))
+
+
+def _scalars(
+    group: h5py.Group, kind: type[Container], absent: set[str]
+) -> dict[str, Any]:
+    """Return the single values that the file has; the others have their defaults."""
+    return {
+        name: None if name in absent else _scalar(group, name, plain)
+        for name, plain in scalar_types(kind).items()
+        if not is_later(_version(group), kind.NAME, name)
+    }
+
+
+def _scalar(group: h5py.Group, name: str, plain: type) -> Any:
+    value = attribute(group, name)
+    numeric = isinstance(value, int | float) and plain is not str
+    if not (isinstance(value, plain) or numeric):
+        msg = f"attribute {name!r} of {group.name} is {value!r}, expected {plain}"
+        raise DataError(msg)
+    return cast("Any", plain(value))
+
+
+def _stream(file: h5py.File, path: str, kind: type[C], block_rows: int) -> Iterator[C]:
+    """Yield a container in blocks of frames."""
+    paths = _part_paths(file, path, kind)
+    if kind.NAME not in INDEXED_AXES or "frames" not in paths:
+        msg = f"{kind.NAME} cannot be read in blocks of frames"
+        raise DataError(msg)
+    frames = _group(file, paths["frames"], Frames)
+    n_frames = _dataset(frames, "time_s", Frames.columns()["time_s"]).shape[0]
+    first = int(attribute(frames, "first_frame"))
+    begins = dict.fromkeys(INDEXED_AXES[kind.NAME], 0)
+    for start in range(0, max(1, n_frames), block_rows):
+        stop = min(start + block_rows, n_frames)
+        rows: dict[tuple[str, str], slice] = {
+            (name, "frame"): slice(start, stop) for name in CONTAINERS
+        }
+        for name, axis in begins:
+            group = _group(file, paths[name], CONTAINERS[name])
+            begin = begins[name, axis]
+            column = _dataset(group, "frame", CONTAINERS[name].columns()["frame"])
+            last = stop == n_frames
+            end = (
+                column.shape[0] if last else bisect_left(column, first + stop, lo=begin)
+            )
+            _check_order(column[begin:end], first + start, first + stop, column.name)
+            begins[name, axis] = end
+            rows[name, axis] = slice(begin, end)
+        if ("peaks", "peak") in rows:  # families hold a column of their peaks
+            rows["families", "peak"] = rows["peaks", "peak"]
+        yield _numbered(_read(file, path, kind, rows), first + start)
+
+
+def _part_paths(file: h5py.File, path: str, kind: type[Container]) -> dict[str, str]:
+    """Return the groups of a container and its parts, by name."""
+    found = {kind.NAME: path}
+    group = _group(file, path, kind)
+    for name, part in part_classes(kind).items():
+        if name not in _absent(group):
+            found |= _part_paths(file, str(attribute(group, name)), part)
+    return found
+
+
+def _check_order(frame: object, first: int, stop: int, name: str) -> None:
+    rows = np.asarray(frame)
+    if rows.size and (rows[0] < first or rows[-1] >= stop or np.any(np.diff(rows) < 0)):
+        msg = f"{name} is not in the order of the frames"
+        raise DataError(msg)
+
+
+def _numbered(block: C, first_frame: int) -> C:
+    """Return a block whose frames know the index of their first row."""
+    changes: dict[str, object] = {}
+    for name in part_classes(type(block)):
+        part = getattr(block, name)
+        if isinstance(part, Frames):
+            changes[name] = replace(part, first_frame=first_frame)
+        elif part is not None:
+            changes[name] = _numbered(part, first_frame)
+    return replace(block, **changes)

@@ -1,0 +1,150 @@
+"""Whether a product file is what it was when it was written.
+
+**Method.** Everything that opening a product checks, in a child process with limits
+(see `examination`); there every array and every container is read as well. Then the
+digests named in the history are compared with the files of these names that lie
+beside the product.
+"""
+
+import hashlib
+from pathlib import Path
+
+import h5py
+
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.hdf5.examination import (
+    HDF5_ERRORS,
+    check_bytes,
+    examined,
+    look_apart,
+    structure_problem,
+)
+from uwtrack_cli.files.hdf5.history import HistoryStep, Source
+from uwtrack_cli.files.hdf5.layout import CONTAINERS
+from uwtrack_cli.files.hdf5.reader import ContainerKey, Product, read_product
+from uwtrack_cli.files.input_ledger import as_input
+from uwtrack_cli.files.text_escaping import file_name
+
+BLOCK_BYTES = 1 << 22
+READ_WHOLE_BYTES = 1 << 26
+"""Containers up to this size are read as such; of larger ones only the arrays."""
+
+
+def verify_product(path: Path | str) -> list[str]:
+    """Return what is wrong with a product file; an empty list if nothing is.
+
+    This finds damage. It cannot find forgery: see `checksum`.
+
+    Parameters
+    ----------
+    path
+        The product file.
+    """
+    path = Path(path)
+    try:
+        checksum = check_bytes(path, str(path))
+        problems = [
+            str(problem)
+            for problem in look_apart(f"{__name__}:content_problems", path, str(path))
+        ]
+        if problems:
+            return problems
+        examined.add(checksum.sha256)
+        with read_product(path) as product:
+            history = product.history
+    except DataError as error:
+        return [str(error)]
+    for step in history:
+        problems += step.problems()
+        problems += _source_problems(path, step)
+    return problems
+
+
+def content_problems(path: str, name: str, data: bytes) -> list[str]:
+    """Read everything that a product holds; return what cannot be read.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        What it is called in messages.
+    data
+        Nothing: the file is read by its path.
+    """
+    structure_problem(path, name, data)
+    examined.add(check_bytes(Path(path), name).sha256)
+    problems: list[str] = []
+    with read_product(path) as product:
+        product.file.visititems(lambda _, item: _read(item, problems))
+        for key in product.paths:
+            try:
+                if _column_bytes(product, key) <= READ_WHOLE_BYTES:
+                    product.read(CONTAINERS[key.name], key.sensor, key.step)
+            except DataError as error:
+                problems.append(str(error))
+    return problems
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 digest of the bytes of a file, read block by block.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
+    """
+    try:
+        with as_input(path).open("rb") as handle:
+            return hashlib.file_digest(handle, "sha256").hexdigest()
+    except OSError as error:
+        msg = f"cannot read {path}: {error.strerror or error}."
+        raise DataError(msg) from error
+
+
+def source_of(path: Path) -> Source:
+    """Return name and digest of a file, as a step of the history names it.
+
+    A product is named by its checksum, any other file by that of all its bytes.
+    """
+    if h5py.is_hdf5(as_input(path)):
+        with read_product(path) as product:
+            return Source(name=file_name(path), digest=product.digest)
+    return Source(name=file_name(path), digest=file_digest(path))
+
+
+def _read(item: h5py.Group | h5py.Dataset, problems: list[str]) -> None:
+    """Read an array, block by block, as its fletcher32 asks for."""
+    if not isinstance(item, h5py.Dataset) or item.is_scale:
+        return
+    step = max(1, BLOCK_BYTES // max(1, item.nbytes // max(1, len(item))))
+    try:
+        for start in range(0, len(item), step):
+            item[start : start + step]
+    except HDF5_ERRORS as error:
+        problems.append(f"{item.name} is damaged: {error}.")
+
+
+def _column_bytes(product: Product, key: ContainerKey) -> int:
+    group = product.file[product.paths[key]]
+    arrays = [item for item in group.values() if isinstance(item, h5py.Dataset)]
+    return sum(item.nbytes for item in arrays if not item.is_scale)
+
+
+def _source_problems(path: Path, step: HistoryStep) -> list[str]:
+    problems: list[str] = []
+    for source in step.sources:
+        beside = path.parent / Path(source.name).name
+        if not beside.is_file():
+            continue
+        try:
+            now = source_of(beside).digest
+        except DataError as error:
+            problems.append(str(error))
+            continue
+        if now != source.digest:
+            problems.append(
+                f"{beside.name} beside it is no longer the file that step "
+                f"{step.stage!r} read."
+            )
+    return problems

@@ -1,0 +1,1 @@
+"""Tables and settings: CSV, TOML and JSON."""

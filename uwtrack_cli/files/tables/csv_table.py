@@ -1,0 +1,289 @@
+"""CSV tables of measurements, read with care for what people's tables look like.
+
+**Conventions.** The first line that is neither empty nor a comment (``#``) names the
+columns; names are compared in lower case, with underscores for spaces. Comma,
+semicolon and tab are understood as separators. Every error names its line.
+"""
+
+import csv
+import difflib
+import itertools
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+from warnings import warn
+
+import numpy as np
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.options import shown
+from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.files.checks import check_readable
+from uwtrack_cli.files.input_ledger import as_input
+from uwtrack_cli.files.utc import parse_utc
+
+MAX_BYTES = 1 << 26
+"""Largest table that is read as a whole."""
+MAX_CELLS = 4_000_000
+"""Most cells of a table: the columns of a day at ten rows a second."""
+MAX_COLUMNS = 1000
+"""Most columns of a table."""
+MAX_KNOWN = 10_000
+"""Different cells that are looked out for, to keep equal ones once."""
+MAX_NAMED = 20
+"""Most columns that a sentence names."""
+
+ALIASES = {
+    "timestamp": "time_utc", "datetime": "time_utc", "utc": "time_utc",
+    "lat": "latitude", "latitude_deg": "latitude", "lon": "longitude",
+    "long": "longitude", "longitude_deg": "longitude",
+}  # fmt: skip
+"""Other names of a column that leave no doubt about its unit."""
+
+AGREEMENT_S = 1e-3
+"""Most that time_s and time_utc of one row may disagree."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells of a table by column, and the line that each row stood in."""
+
+    path: Path
+    """The file."""
+    cells: Mapping[str, list[str]]
+    """Cells as text, by column."""
+    lines: list[int]
+    """Number of the line of each row in the file, from 1."""
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether the table has a column."""
+        return name in self.cells
+
+    def fail(self, row: int, reason: str) -> NoReturn:
+        """Refuse a row, by its line in the file."""
+        msg = f"{self.path}, line {self.lines[row]}: {reason}"
+        raise DataError(msg)
+
+    def need(self, *names: str) -> None:
+        """Refuse the table unless it has all of these columns."""
+        missing = [name for name in names if name not in self.cells]
+        if missing:
+            msg = (
+                f"{self.path} lacks the column {', '.join(missing)}; "
+                f"it has: {_some(self.cells)}."
+            )
+            raise DataError(msg)
+
+    def numbers(
+        self,
+        name: str,
+        low: float = -np.inf,
+        high: float = np.inf,
+        *,
+        may_miss: bool = False,
+    ) -> FloatArray:
+        """Return a column of finite numbers within limits.
+
+        Parameters
+        ----------
+        name
+            The column.
+        low
+            Least value accepted.
+        high
+            Greatest value accepted.
+        may_miss
+            Whether a cell may be empty or nan.
+        """
+        values = np.full(len(self.lines), np.nan)
+        for row, cell in enumerate(self.cells[name]):
+            if may_miss and cell.lower() in {"", "nan", "null", "none"}:
+                continue
+            try:
+                values[row] = float(cell)
+            except ValueError:
+                self.fail(row, f"{name} must be a number, got {shown(cell)}.")
+            if not (np.isfinite(values[row]) and low <= values[row] <= high):
+                limits = f" from {low:g} to {high:g}" if np.isfinite(low) else ""
+                self.fail(
+                    row, f"{name} must be a finite number{limits}, got {cell[:80]}."
+                )
+        return values
+
+    def contacts(self) -> IntArray:
+        """Return the contact of every row; 1 where the table does not say."""
+        if "contact" not in self.cells:
+            return np.ones(len(self.lines), np.int64)
+        values = self.numbers("contact", 1.0, 2.0**53)
+        for row in np.flatnonzero(values != np.floor(values))[:1]:
+            self.fail(row, f"contact must be a whole number, got {values[row]}.")
+        return values.astype(np.int64)
+
+    def check_known(self, known: Iterable[str]) -> None:
+        """Refuse columns that look misspelt, and name those that are not used."""
+        known = list(known)
+        unused = [name for name in self.cells if name not in known]
+        for name in unused:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.8)
+            if near:
+                msg = f"{self.path}: unknown column {shown(name)}; did you mean {near[0]!r}?"
+                raise DataError(msg)
+        if unused:
+            msg = f"{self.path}: columns not used: {_some(unused)}."
+            warn(msg, UwtrackWarning, stacklevel=3)
+
+
+def read_table(path: Path, rename: Mapping[str, str] | None = None) -> Table:
+    """Read the cells of a CSV file.
+
+    Parameters
+    ----------
+    path
+        The file, UTF-8, with or without a byte-order mark.
+    rename
+        Names for the columns of the file, by their own names.
+
+    Raises
+    ------
+    DataError
+        The file is missing, too large, no text, or not a table.
+    """
+    check_readable(path)
+    if path.stat().st_size > MAX_BYTES:
+        msg = f"{path} is larger than {MAX_BYTES >> 20} MB; split it."
+        raise DataError(msg)
+    try:
+        with as_input(path).open(encoding="utf-8-sig", newline="") as file:
+            return _table(path, _rows(path, file), rename or {})
+    except (UnicodeDecodeError, csv.Error) as error:
+        msg = f"{path} is no CSV table ({error})."
+        raise DataError(msg) from error
+
+
+def _table(
+    path: Path, rows: Iterator[tuple[int, list[str]]], rename: Mapping[str, str]
+) -> Table:
+    """Gather rows by column; a cell that occurs often is kept once."""
+    _, header = next(rows, (0, None))
+    if header is None:
+        msg = f"{path} holds no table: there is no line with column names."
+        raise DataError(msg)
+    columns: dict[str, list[str]] = {name: [] for name in _names(path, header, rename)}
+    lists, lines, known = list(columns.values()), list[int](), dict[str, str]()
+    for line, cells in rows:
+        if len(cells) != len(lists):
+            msg = f"{path}, line {line}: {len(cells)} cells, {len(lists)} columns."
+            raise DataError(msg)
+        if (len(lines) + 1) * len(lists) > MAX_CELLS:
+            msg = f"{path} has more than {MAX_CELLS} cells; split it."
+            raise DataError(msg)
+        lines.append(line)
+        if len(known) > MAX_KNOWN:
+            known.clear()
+        for column, cell in zip(lists, cells, strict=True):
+            column.append(known.setdefault(cell, cell))
+    if not lines:
+        msg = f"{path} has column names, but no rows."
+        raise DataError(msg)
+    return Table(path, columns, lines)
+
+
+def _rows(path: Path, file: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield the cells of every line that is neither empty nor a comment."""
+    numbered = (
+        (line, text)
+        for line, text in enumerate(file, 1)
+        if text.strip() and not text.lstrip().startswith("#")
+    )
+    first = next(numbered, None)
+    if first is None:
+        return
+    delimiter = max(",;\t", key=first[1].count)
+    for line, text in itertools.chain([first], numbered):
+        if text.count(delimiter) >= MAX_COLUMNS:
+            msg = f"{path}, line {line}: more than {MAX_COLUMNS} columns are not read."
+            raise DataError(msg)
+        cells = text.split(delimiter)
+        if '"' in text:
+            cells = next(csv.reader([text], delimiter=delimiter, strict=True), [])
+        yield line, [cell.strip() for cell in cells]
+
+
+def _names(path: Path, header: list[str], rename: Mapping[str, str]) -> list[str]:
+    plain = [rename.get(name, name) for name in header]
+    plain = ["_".join(name.strip().lower().split()) for name in plain]
+    names = [ALIASES.get(name, name) for name in plain]
+    for name, times in Counter(names).items():
+        if not name or times > 1:
+            msg = (
+                f"{path}: column {shown(name)} is empty or named twice: "
+                f"{_some(header)}."
+            )
+            raise DataError(msg)
+    return names
+
+
+def _some(names: Iterable[str]) -> str:
+    """Return names as a list for a sentence, those beyond a few as their number."""
+    names = list(names)
+    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+    return ", ".join(name[:80] for name in names[:MAX_NAMED]) + more
+
+
+def table_times(table: Table) -> tuple[FloatArray, int | None]:
+    """Return the times of all rows, s, and the UTC epoch of time zero, ns.
+
+    Where the table has UTC alone, time zero is its earliest row.
+
+    Raises
+    ------
+    DataError
+        No time column, a cell that is no time, or two columns that disagree.
+    """
+    if "time_s" not in table and "time_utc" not in table:
+        table.need("time_s or time_utc")
+    if "time_utc" not in table:
+        return table.numbers("time_s"), None
+    utc_ns = _utc_ns(table)
+    if "time_s" not in table:
+        start_ns = int(utc_ns.min())
+        return (utc_ns - start_ns) / NANOSECONDS, start_ns
+    time_s = table.numbers("time_s")
+    start_ns = int(utc_ns[0]) - round(float(time_s[0]) * NANOSECONDS)
+    apart = np.abs((utc_ns - start_ns) / NANOSECONDS - time_s)
+    for row in np.flatnonzero(apart > AGREEMENT_S)[:1]:
+        table.fail(row, f"time_s and time_utc disagree by {apart[row]:g} s.")
+    return time_s, start_ns
+
+
+def check_increasing(
+    table: Table, time_s: FloatArray, contact: IntArray | None = None
+) -> None:
+    """Refuse times that do not strictly increase (per contact).
+
+    Raises
+    ------
+    DataError
+        A time is not later than the one before it.
+    """
+    groups = np.zeros(time_s.size, np.int64) if contact is None else contact
+    order = np.argsort(groups, kind="stable")
+    later = np.diff(time_s[order]) > 0.0
+    same = np.diff(groups[order]) == 0
+    for at in np.flatnonzero(same & ~later)[:1]:
+        row = int(order[at + 1])
+        before = time_s[order[at]]
+        table.fail(row, f"time {time_s[row]:g} s is not later than {before:g} s.")
+
+
+def _utc_ns(table: Table) -> IntArray:
+    times = np.zeros(len(table.lines), np.int64)
+    for row, cell in enumerate(table.cells["time_utc"]):
+        try:
+            times[row] = parse_utc(cell)
+        except (DataError, OverflowError) as error:
+            table.fail(row, f"time_utc: {error}")
+    return times

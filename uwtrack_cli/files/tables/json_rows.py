@@ -1,0 +1,185 @@
+"""Containers as rows of plain values: what `--json` and `show` print.
+
+**Conventions.** What is not known is None (null), never nan; every such value of
+an encounter or a motion has its reason under its own key. The keys of encounters,
+fixes and motions are those of the command line's documentation.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container, HasNuisances, HasReasons
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.files.utc import format_utc
+
+Row = dict[str, Any]
+
+ENCOUNTER_KEYS = (
+    "contact", "sensor", "status", "time_utc", "time_s", "time_std_s",
+    "arrival_time_s", "speed_mps", "speed_std_mps", "slant_range_m",
+    "slant_range_std_m", "horizontal_range_m", "range_over_speed_s",
+    "range_over_speed_std_s", "course_deg", "course_std_deg", "bearing_deg",
+    "bearing_std_deg", "side", "rest_frequencies_hz", "rest_frequencies_std_hz",
+    "sound_speed_mps", "received_level_db", "extrapolated", "ambiguities", "reasons",
+    "received_level_std_db", "source_level_db", "source_level_std_db", "spreading_db",
+    "level_reference", "level_band_hz", "horizontal_range_std_m",
+    "horizontal_range_over_speed_s", "horizontal_range_over_speed_std_s", "nuisances",
+)  # fmt: skip
+FIX_KEYS = (
+    "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
+    "latitude", "longitude", "east_std_m", "north_std_m", "covariance_m2",
+    "speed_mps", "course_deg", "sensors",
+)  # fmt: skip
+MOTION_KEYS = (
+    "contact", "mode", "weight", "time_utc", "range_m", "range_std_m", "bearing_deg",
+    "bearing_std_deg", "speed_mps", "speed_std_mps", "course_deg", "course_std_deg",
+    "rest_frequencies_hz", "observable", "reasons", "rest_frequencies_std_hz",
+    "time_s", "range_low_m", "range_high_m", "speed_low_mps", "speed_high_mps",
+    "course_low_deg", "course_high_deg", "covariance", "ellipse_trusted",
+    "now_time_s", "now_range_m", "now_range_std_m", "now_bearing_deg",
+    "now_bearing_std_deg", "misfit", "n_values", "nuisances",
+)  # fmt: skip
+NO_START = "the start time of the recording is not known"
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON has it: nan and infinity are None."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def json_rows(container: Container) -> list[Row]:
+    """Return one object per row of a container's main axis.
+
+    Encounters, fixes and motions have their documented keys; any other container
+    has its columns, and one without columns is a single row of its single values.
+    """
+    if container.NAME in SPECIAL:
+        return list(SPECIAL[container.NAME][1](container))
+    if not container.columns():
+        return [facts(container)]
+    return list(axis_rows(container, main_axis(container)))
+
+
+def main_axis(container: Container) -> str:
+    """Return the axis of a container's first column that blocks add rows to."""
+    axes = [spec.axes[0] for spec in container.columns().values()]
+    rows = [axis for axis in axes if axis not in container.FIXED_AXES]
+    return (rows or axes)[0]
+
+
+def axes_of(container: Container) -> list[str]:
+    """Return the axes that have rows of their own, the main one first."""
+    first = [spec.axes[0] for spec in container.columns().values()]
+    main = main_axis(container) if first else ""
+    return sorted(dict.fromkeys(first), key=lambda axis: axis != main)
+
+
+def axis_rows(container: Container, axis: str) -> Iterator[Row]:
+    """Yield the rows of an axis: its columns by name, matrices as lists.
+
+    Rows of the main axis that have reasons carry them as one JSON text.
+    """
+    columns = {
+        name: getattr(container, name)
+        for name, spec in container.columns().items()
+        if spec.axes[0] == axis and getattr(container, name) is not None
+    }
+    is_main = axis == main_axis(container)
+    for row in range(container.sizes().get(axis, 0)):
+        values = {name: plain(values[row]) for name, values in columns.items()}
+        if is_main and isinstance(container, HasReasons):
+            values["reasons"] = json.dumps(container.reasons(row))
+        yield values
+
+
+def facts(container: Container) -> Row:
+    """Return the single values of a container."""
+    return {
+        name: plain(getattr(container, name))
+        for name in container.scalars()
+        if not callable(getattr(container, name))
+    }
+
+
+def _encounter_rows(container: Container) -> Iterator[Row]:
+    if not isinstance(container, Encounters):
+        return
+    for i, values in enumerate(axis_rows(container, "encounter")):
+        own = container.rest_encounter == i
+        values["time_utc"] = _utc(values["time_utc_ns"])
+        values["side"] = values["side"] or None
+        values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
+        values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
+        values["ambiguities"] = [
+            {key: plain(value) for key, value in other.items()}
+            for other in container.ambiguities(i)
+        ]
+        values["reasons"] = _reasons(container, i, values)
+        values["spreading_db"] = container.spreading_db
+        values["level_reference"] = container.reference
+        band = (container.band_low_hz, container.band_high_hz)
+        values["level_band_hz"] = None if None in band else list(band)
+        values["nuisances"] = _nuisances(container, i)
+        yield {key: values.get(key) for key in ENCOUNTER_KEYS}
+
+
+def _fix_rows(container: Container) -> Iterator[Row]:
+    if not isinstance(container, Fixes):
+        return
+    with np.errstate(invalid="ignore"):
+        std = np.sqrt(np.diagonal(container.covariance_m2, axis1=1, axis2=2))
+    for i, values in enumerate(axis_rows(container, "fix")):
+        values["time_utc"] = _utc(values["time_utc_ns"])
+        values["east_std_m"], values["north_std_m"] = plain(std[i, :2])
+        values["sensors"] = [name for name in values["sensors"].split(",") if name]
+        yield {key: values[key] for key in FIX_KEYS}
+
+
+def _motion_rows(container: Container) -> Iterator[Row]:
+    if not isinstance(container, Motions):
+        return
+    for i, values in enumerate(axis_rows(container, "motion")):
+        own = container.rest_motion == i
+        values["time_utc"] = _utc(values["time_utc_ns"])
+        values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
+        values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
+        values["reasons"] = _reasons(container, i, values)
+        values["nuisances"] = _nuisances(container, i)
+        yield {key: values[key] for key in MOTION_KEYS}
+
+
+SPECIAL: dict[str, tuple[tuple[str, ...], Callable[[Container], Iterator[Row]]]] = {
+    "encounters": (ENCOUNTER_KEYS, _encounter_rows),
+    "fixes": (FIX_KEYS, _fix_rows),
+    "motions": (MOTION_KEYS, _motion_rows),
+}
+"""Containers whose objects have documented keys, with how the rows are made."""
+
+
+def _utc(time_ns: int) -> str | None:
+    """Return a time to the millisecond, finer than any clock at sea."""
+    return None if time_ns < 0 else format_utc((time_ns + 500_000) // 10**6 * 10**6)
+
+
+def _nuisances(container: HasNuisances, row: int) -> dict[str, Any]:
+    return {
+        name: {key: plain(value) for key, value in facts_of.items()}
+        for name, facts_of in container.nuisances(row).items()
+    }
+
+
+def _reasons(container: HasReasons, row: int, values: Row) -> dict[str, str]:
+    reasons = container.reasons(row)
+    if values["time_utc"] is None:
+        reasons.setdefault("time_utc", NO_START)
+    return reasons

@@ -1,0 +1,366 @@
+"""Sensor and deployment files: what the hydrophone is, and where.
+
+**Conventions.** A sensor file is one TOML table, a deployment file several
+``[[sensor]]`` tables, each with ``files``: the patterns of the recordings it made.
+`pass.sensor.toml` beside `pass.wav` is found by itself. Nothing is invented: what
+the file does not say stays unknown.
+
+**Method.** A calibration says which pressure a full-scale sample stands for: directly
+(``full_scale_db``), or as ``adc_peak_v * 10**(-(sensitivity + gain)/20)``, in uPa.
+Recorders saturate between 60 and 240 dB re 1 uPa; a value outside betrays a wrong sign
+or unit, and the term farthest from what is sold is named.
+"""
+
+import math
+from dataclasses import dataclass, fields
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from warnings import warn
+
+from uwtrack_cli.data.options import AtLeast, AtMost, Unit, from_table, shown
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.files.tables.navigation import read_navigation
+from uwtrack_cli.files.tables.toml_tables import read_toml
+
+Degrees = Annotated[float, Unit("degree"), AtLeast(-360), AtMost(360)]
+Place = Annotated[float, Unit("m"), AtLeast(-1e7), AtMost(1e7)]
+
+WAVE_GUIDES = (2_000.0, 2.9e8)
+"""Speeds between these, m/s, belong neither to sound in a fluid nor to light."""
+
+FULL_SCALE_DB = (60.0, 240.0)
+"""Levels of a full-scale sample that recorders have, dB re 1 uPa."""
+
+MAX_ID = 200
+"""Most characters of an identifier."""
+
+USUAL = {
+    "sensitivity_db_re_v_per_upa": (-230.0, -120.0),
+    "gain_db": (-40.0, 80.0),
+    "adc_peak_v": (0.05, 60.0),
+}
+"""What is sold, by term of a calibration, in the term's unit."""
+
+HINTS = {
+    "sensitivity_db_re_v_per_upa": (
+        "hydrophones have -230 to -120 dB re 1 V/uPa; a value re 1 V/Pa needs -120 dB"
+    ),
+    "gain_db": "amplifiers have -40 to 80 dB; an amplification factor is no dB value",
+    "adc_peak_v": "converters have 0.05 to 60 V; the peak is meant, in volts",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorTable:
+    """The keys of a sensor in a file; None is not given, and stays unknown."""
+
+    id: str
+    """Identifier, unique in a deployment."""
+    kind: Literal["omni", "difar"] = "omni"
+    """One hydrophone, or a vector sensor."""
+    channels: list[str] | None = None
+    """Names of the channels in the order of the file; "-" leaves one out."""
+    latitude: Annotated[float, Unit("degree"), AtLeast(-90), AtMost(90)] | None = None
+    """Latitude, north positive."""
+    longitude: Annotated[float, Unit("degree"), AtLeast(-180), AtMost(180)] | None = (
+        None
+    )
+    """Longitude, east positive."""
+    east_m: Place | None = None
+    """Position east of the origin of a local grid."""
+    north_m: Place | None = None
+    """Position north of the origin of a local grid."""
+    position_std_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(1e6)] | None = None
+    """Standard deviation of each coordinate."""
+    depth_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(11_000)] | None = None
+    """Depth below the surface."""
+    depth_std_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(11_000)] | None = None
+    """Standard deviation of the depth."""
+    heading_deg: Degrees | None = None
+    """Compass heading of axes that turn with the housing."""
+    sound_speed_mps: (
+        Annotated[float, Unit("m/s"), AtLeast(100), AtMost(299_792_458)] | None
+    ) = None
+    """Sound speed at the sensor."""
+    sound_speed_std_mps: (
+        Annotated[float, Unit("m/s"), AtLeast(0), AtMost(1e8)] | None
+    ) = None
+    """Standard deviation of the sound speed."""
+    compass_offset_deg: Degrees | None = None
+    """Added once to every bearing."""
+    compass_std_deg: (
+        Annotated[float, Unit("degree"), AtLeast(0), AtMost(180)] | None
+    ) = None
+    """Standard deviation of the compass."""
+    clock_offset_s: Annotated[float, Unit("s"), AtLeast(-1e9), AtMost(1e9)] | None = (
+        None
+    )
+    """Added once to every time."""
+    clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
+    """Standard deviation of the clock."""
+    navigation: str | None = None
+    """File with positions and headings over time, relative to this one."""
+    sensitivity_db_re_v_per_upa: (
+        Annotated[float, Unit("dB re 1 V/uPa"), AtLeast(-400), AtMost(400)] | None
+    ) = None
+    """Sensitivity of the hydrophone."""
+    gain_db: Annotated[float, Unit("dB"), AtLeast(-200), AtMost(200)] | None = None
+    """Gain of the amplifier."""
+    adc_peak_v: Annotated[float, Unit("V"), AtLeast(1e-6), AtMost(1e6)] | None = None
+    """Input voltage at full scale."""
+    full_scale_db: (
+        Annotated[
+            float,
+            Unit("dB re 1 uPa"),
+            AtLeast(FULL_SCALE_DB[0]),
+            AtMost(FULL_SCALE_DB[1]),
+        ]
+        | None
+    ) = None
+    """Level of a full-scale peak, instead of the three terms before."""
+
+    def __post_init__(self) -> None:
+        """Check what concerns several keys.
+
+        Raises
+        ------
+        OptionError
+            Keys are missing, exclude each other, or cannot be true together.
+        """
+        if not (self.id.strip() and self.id.isprintable() and len(self.id) <= MAX_ID):
+            msg = (
+                f"id must be a text of 1 to {MAX_ID} characters that can be printed, "
+                f"got {shown(self.id)}."
+            )
+            raise OptionError(msg)
+        for one, other in (("latitude", "longitude"), ("east_m", "north_m")):
+            given = [key for key in (one, other) if getattr(self, key) is not None]
+            if len(given) == 1:
+                missing = other if given == [one] else one
+                msg = f"{given[0]} is given without {missing}."
+                raise OptionError(msg)
+        if self.latitude is not None and self.east_m is not None:
+            msg = "give latitude and longitude, or east_m and north_m, not both."
+            raise OptionError(msg)
+        self._check_channels()
+        self._check_calibration()
+
+    def _check_channels(self) -> None:
+        if self.channels is None and self.kind == "difar":
+            msg = 'a difar sensor needs channels = ["omni", "east", "north"].'
+            raise OptionError(msg)
+        names = ["omni"] if self.channels is None else self.channels
+        used = sorted(name for name in names if name != "-")
+        accepted = [["omni"]] if self.kind == "omni" else [
+            ["east", "north", "omni"], ["omni", "x", "y"],
+        ]  # fmt: skip
+        if used not in accepted:
+            wanted = '"omni" once' if self.kind == "omni" else (
+                '"omni", "east", "north" or "omni", "x", "y", each once'
+            )  # fmt: skip
+            msg = (
+                f"channels of a {self.kind} sensor must be {wanted} in file order, "
+                f'with "-" for one to leave out, got {names}.'
+            )
+            raise OptionError(msg)
+        if "x" in names and self.heading_deg is None and self.navigation is None:
+            msg = 'channels "x" and "y" turn with the housing: give heading_deg.'
+            raise OptionError(msg)
+
+    def _check_calibration(self) -> None:
+        terms = {key: getattr(self, key) for key in USUAL}
+        missing = [key for key, value in terms.items() if value is None]
+        if len(missing) == len(terms):
+            return
+        if self.full_scale_db is not None:
+            msg = f"give full_scale_db, or {', '.join(terms)}, not both."
+            raise OptionError(msg)
+        if missing:
+            msg = (
+                f"a calibration needs {', '.join(terms)}; {', '.join(missing)} is "
+                f"missing. Give all three, or full_scale_db, or none if unknown."
+            )
+            raise OptionError(msg)
+        level_db = 20.0 * math.log10(terms["adc_peak_v"])
+        level_db -= terms["sensitivity_db_re_v_per_upa"] + terms["gain_db"]
+        if not FULL_SCALE_DB[0] <= level_db <= FULL_SCALE_DB[1]:
+            wrong = max(USUAL, key=lambda key: _oddness_db(key, terms[key]))
+            msg = (
+                f"the calibration gives a full-scale sample {level_db:.4g} dB re 1 uPa, "
+                f"outside {FULL_SCALE_DB[0]:g} to {FULL_SCALE_DB[1]:g}; {wrong} = "
+                f"{terms[wrong]:g} looks wrong ({HINTS[wrong]})."
+            )
+            raise OptionError(msg)
+
+    def sensor(self, folder: Path) -> Sensor:
+        """Return the sensor; files that it names lie relative to a folder."""
+        facts = {f.name: getattr(self, f.name) for f in fields(SensorTable)}
+        facts["channels"] = ",".join(self.channels or ["omni"])
+        if self.navigation is not None:
+            facts["navigation"] = read_navigation(folder / self.navigation)
+        return Sensor(**{k: v for k, v in facts.items() if v is not None})
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeployedSensorTable(SensorTable):
+    """The keys of a sensor in a deployment file."""
+
+    files: str | list[str]
+    """Patterns of the names, or ends of paths, of the recordings that it made."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeployedSensor:
+    """A sensor of a deployment, and the patterns of its recordings."""
+
+    sensor: Sensor
+    """What the file says of it."""
+    files: tuple[str, ...]
+    """Patterns of its recordings; empty in a file of one sensor."""
+
+
+def find_sensor(recording: Path, sensor_file: Path | None = None) -> Sensor | None:
+    """Return the sensor of a recording, None if nothing says what it is.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    sensor_file
+        A sensor or deployment file; without it, `NAME.sensor.toml` beside the
+        recording is taken, if there is one.
+
+    Raises
+    ------
+    DataError
+        The file is wrong, or a deployment names no or several sensors for it.
+    """
+    if sensor_file is None:
+        sensor_file = _beside(recording)
+        if not sensor_file.exists():
+            return None
+    deployed = load_deployment(sensor_file)
+    if len(deployed) == 1 and not deployed[0].files:
+        return deployed[0].sensor
+    matching = [d.sensor for d in deployed if _matches(recording, d.files)]
+    if len(matching) != 1:
+        ids = ", ".join(repr(s.id) for s in matching) or "none"
+        msg = (
+            f"{sensor_file}: exactly one sensor must claim {recording.name} with its "
+            f"`files` patterns, found {ids}."
+        )
+        raise DataError(msg)
+    return matching[0]
+
+
+def sensor_files(recording: Path, sensor_file: Path | None = None) -> list[Path]:
+    """Return the files that `find_sensor` reads for a recording, as far as they tell.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    sensor_file
+        A sensor or deployment file, as for `find_sensor`.
+    """
+    sensor_file = sensor_file or _beside(recording)
+    try:
+        content = read_toml(sensor_file)
+    except DataError:
+        return [sensor_file]
+    tables = content.get("sensor", content)
+    names = [
+        table["navigation"]
+        for table in (tables if isinstance(tables, list) else [tables])
+        if isinstance(table, dict) and isinstance(table.get("navigation"), str)
+    ]
+    return [sensor_file, *(sensor_file.parent / name for name in names)]
+
+
+def load_sensor(path: Path | str) -> Sensor:
+    """Read a sensor file.
+
+    Raises
+    ------
+    DataError
+        The file is wrong, or is a deployment of several sensors.
+    """
+    deployed = load_deployment(Path(path))
+    if len(deployed) != 1:
+        msg = f"{path} describes {len(deployed)} sensors; a single one is needed here."
+        raise DataError(msg)
+    return deployed[0].sensor
+
+
+def load_deployment(path: Path | str) -> list[DeployedSensor]:
+    """Read a deployment file, or a sensor file as a deployment of one.
+
+    Raises
+    ------
+    DataError
+        Missing file, unknown key, wrong type or range, or an id used twice.
+    """
+    path = Path(path)
+    content = read_toml(path)
+    try:
+        deployed = _deployed(content, path)
+    except OptionError as error:
+        msg = f"{path}: {error}"
+        raise DataError(msg) from error
+    for item in deployed:
+        _remark_on_speed(item.sensor, path)
+    return deployed
+
+
+def _deployed(content: dict[str, Any], path: Path) -> list[DeployedSensor]:
+    if "sensor" not in content:
+        table = from_table(SensorTable, content, "sensor")
+        return [DeployedSensor(sensor=table.sensor(path.parent), files=())]
+    tables = content["sensor"]
+    if set(content) != {"sensor"}:
+        unknown = next(key for key in content if key != "sensor")
+        msg = f"unknown key {unknown!r} beside the [[sensor]] tables."
+        raise OptionError(msg)
+    is_list = isinstance(tables, list) and all(isinstance(t, dict) for t in tables)
+    if not is_list or not tables:
+        msg = "sensors are given as one [[sensor]] table each."
+        raise OptionError(msg)
+    found: list[DeployedSensor] = []
+    for number, given in enumerate(tables, 1):
+        table = from_table(DeployedSensorTable, given, f"sensor {number}")
+        files = [table.files] if isinstance(table.files, str) else table.files
+        sensor = table.sensor(path.parent)
+        if any(sensor.id == other.sensor.id for other in found):
+            msg = f"the id {sensor.id!r} is given twice; each sensor needs its own."
+            raise OptionError(msg)
+        found.append(DeployedSensor(sensor=sensor, files=tuple(files)))
+    return found
+
+
+def _remark_on_speed(sensor: Sensor, path: Path) -> None:
+    if WAVE_GUIDES[0] < sensor.sound_speed_mps < WAVE_GUIDES[1]:
+        msg = (
+            f"{path}: sound_speed_mps = {sensor.sound_speed_mps:g} is faster than "
+            f"sound in water or air and slower than light; 4900 ft/s are 1500 m/s."
+        )
+        warn(msg, UwtrackWarning, stacklevel=4)
+
+
+def _oddness_db(key: str, value: float) -> float:
+    """Return how far a term lies outside what is usual, dB."""
+    low, high = USUAL[key]
+    if key == "adc_peak_v":
+        return 20.0 * math.log10(max(value / high, low / value))
+    return max(low - value, value - high)
+
+
+def _beside(recording: Path) -> Path:
+    return recording.with_name(f"{recording.stem}.sensor.toml")
+
+
+def _matches(recording: Path, patterns: tuple[str, ...]) -> bool:
+    """Tell whether a name, or the path's end, matches one of the patterns."""
+    places = ["/".join(recording.parts[i:]) for i in range(len(recording.parts))]
+    return any(fnmatchcase(place, p) for p in patterns for place in places)

@@ -1,0 +1,159 @@
+"""Which of several results of one kind is meant: that of the branch of a step.
+
+**Method.** The history of a product says which step made a result and what that step
+read. The branch of a step is the step itself, all that it follows from and all that
+follows from it. Of several results of one kind that one is taken which lies in the
+branch.
+"""
+
+from collections.abc import Collection, Iterable, Sequence
+from typing import TypeVar
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, Product
+from uwtrack_cli.flow.catalogue import STAGES, find_stage
+
+C = TypeVar("C", bound=Container)
+
+
+def maker(product: Product, key: ContainerKey) -> str:
+    """Return the name of the step that made a container, empty if it is not known."""
+    if key.step:
+        return key.step
+    named = {other.step for other in product.paths if other.name == key.name}
+    made = (
+        past.step_name
+        for past in reversed(product.history)
+        if past.step_name not in named and output_name(past) == key.name
+    )
+    return next(made, "")
+
+
+def output_name(past: HistoryStep) -> str:
+    """Return the name of the container that a step of a history made, if known."""
+    return find_stage(past.stage).output.NAME if past.stage in STAGES else ""
+
+
+def keys_of_branch(product: Product, step: str | None) -> list[ContainerKey]:
+    """Return what a product holds; of several results of a kind those of a branch.
+
+    Parameters
+    ----------
+    product
+        The product.
+    step
+        A step of the branch; everything is returned if it is None, or if the product
+        was made without such a step.
+    """
+    keys = list(product.paths)
+    if step is None or step not in step_names(product):
+        return keys
+    branch = _branch(product.history, step)
+    found: list[ContainerKey] = []
+    for key in keys:
+        others = [k for k in keys if (k.sensor, k.name) == (key.sensor, key.name)]
+        inside = [k for k in others if maker(product, k) in branch]
+        if key in (inside or others):
+            found.append(key)
+    return found
+
+
+def sole_keys(
+    product: Product, step: str | None, kinds: Collection[str]
+) -> list[ContainerKey]:
+    """Return `keys_of_branch` after checking that some kinds are there but once.
+
+    Parameters
+    ----------
+    product
+        The product.
+    step
+        A step of the branch; None if none was named.
+    kinds
+        Names of the containers of which one for each sensor can be used.
+
+    Raises
+    ------
+    DataError
+        There are several; the steps that made them are named.
+    """
+    keys = keys_of_branch(product, step)
+    for key in keys:
+        others = [k for k in keys if (k.sensor, k.name) == (key.sensor, key.name)]
+        if key.name in kinds and len(others) > 1:
+            refuse_unknown_step([product], step)
+            of = "" if key.sensor is None else f" of {key.sensor}"
+            names = ", ".join(maker(product, k) or key.name for k in others)
+            msg = (
+                f"{product.name} holds {key.name}{of} of several steps: {names}; "
+                f"name one of them with --step."
+            )
+            raise DataError(msg)
+    return keys
+
+
+def read_of_branch(
+    product: Product, kind: type[C], sensor: str | None, step: str | None
+) -> C:
+    """Read a container, of several results of its kind that of a branch.
+
+    Parameters
+    ----------
+    product
+        The product.
+    kind
+        Class of the container.
+    sensor
+        Its sensor; not needed where only one has such a container.
+    step
+        A step of the branch; not needed where only one step made such a container.
+
+    Raises
+    ------
+    DataError
+        There is none, or several and no sensor or step is named.
+    """
+    keys = sole_keys(product, step, {kind.NAME})
+    made_by = {
+        key.step
+        for key in keys
+        if key.name == kind.NAME and sensor in (None, key.sensor)
+    }
+    return product.read(kind, sensor, made_by.pop() if len(made_by) == 1 else None)
+
+
+def step_names(product: Product) -> list[str]:
+    """Return the names of the steps that made a product."""
+    return [past.step_name for past in product.history]
+
+
+def refuse_unknown_step(products: Sequence[Product], step: str | None) -> None:
+    """Refuse the name of a step that made nothing of what is in some products.
+
+    Raises
+    ------
+    DataError
+        None of the products was made with such a step.
+    """
+    known = dict.fromkeys(name for p in products for name in step_names(p))
+    if step is not None and step not in known:
+        names = ", ".join(product.name for product in products) or "the input"
+        steps = ", ".join(known) or "none"
+        msg = f"{names} was made without a step {step!r}; its steps: {steps}."
+        raise DataError(msg)
+
+
+def _branch(history: Sequence[HistoryStep], step: str) -> set[str]:
+    """Return a step with all that it follows from and all that follows from it."""
+    edges = [(source, past.step_name) for past in history for source in past.inputs]
+    back = _reached(step, [(after, before) for before, after in edges])
+    return back | _reached(step, edges)
+
+
+def _reached(step: str, edges: Iterable[tuple[str, str]]) -> set[str]:
+    found = {step}
+    pairs = list(edges)
+    while new := {b for a, b in pairs if a in found} - found:
+        found |= new
+    return found

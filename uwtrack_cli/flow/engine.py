@@ -1,0 +1,330 @@
+"""The engine that runs graphs: for recordings, and for the commands of single stages.
+
+**Method.** Blocks are pushed from the sources through maps and scans in the order of
+the graph; a scan is a generator that gives one block for each block it takes, and its
+rest when the input ends. All branches see the same blocks, and the engine holds none:
+what stays goes to a sink. The recording is read once, however many sources there are:
+the source that is behind is advanced, and they share the samples that one of them has
+not taken yet. When the streams have ended, the whole stages follow on what the sink
+gives back.
+
+**Conventions.** Results are known by the step that made them. Options that follow from
+the recording are resolved before the run, and written into history as they are used.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.recording import Reader, Recording, Samples
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.flow.graph import Graph, Node
+from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.stage import Input
+from uwtrack_cli.flow.step import Step
+
+Progress = Callable[[float], None]
+"""Called with the time in seconds that has been dealt with."""
+
+
+class Sink(Protocol):
+    """Takes what stays of a run, and gives it back whole."""
+
+    def append(self, step: Step, block: Container) -> None:
+        """Take a block of a step's result."""
+
+    def write(self, step: Step, container: Container) -> None:
+        """Take the whole result of a step."""
+
+    def read(self, step: Step) -> Container:
+        """Return the whole result of a step."""
+
+
+class MemorySink:
+    """Keeps results in memory: for Python, and for what is small."""
+
+    def __init__(self) -> None:
+        self._blocks: dict[str, list[Container]] = {}
+
+    def append(self, step: Step, block: Container) -> None:
+        """Take a block of a step's result."""
+        self._blocks.setdefault(step.name, []).append(block)
+
+    def write(self, step: Step, container: Container) -> None:
+        """Take the whole result of a step."""
+        self._blocks[step.name] = [container]
+
+    def read(self, step: Step) -> Container:
+        """Return the whole result of a step, its blocks joined."""
+        blocks = self._blocks[step.name]
+        if len(blocks) > 1:
+            blocks[:] = [type(blocks[0]).join(blocks)]
+        return blocks[0]
+
+
+class Engine:
+    """One run of a graph.
+
+    Parameters
+    ----------
+    graph
+        The steps, joined.
+    given
+        Containers from outside, which steps find by their kind.
+    sink
+        Takes the results of the graph's outputs.
+    """
+
+    def __init__(self, graph: Graph, given: Sequence[Container], sink: Sink) -> None:
+        self.graph = graph
+        self._given = list(given)
+        self._sink = sink
+        self._streams = {
+            node.step.name: _StreamNode(node)
+            for node in graph.nodes
+            if node.step.stage.kind in {"map", "scan"}
+        }
+
+    def run_recording(
+        self, recording: Recording, progress: Progress | None = None
+    ) -> None:
+        """Run every step over a recording, reading it once.
+
+        Parameters
+        ----------
+        recording
+            The recording, opened for reading.
+        progress
+            Called after each block.
+        """
+        sources = [n.step for n in self.graph.nodes if n.step.stage.kind == "source"]
+        shared = shared_readers(recording, len(sources))
+        streams: dict[str, Iterator[Container]] = {}
+        for step, reader in zip(sources, shared, strict=True):
+            opened = replace(recording, reader=reader)
+            streams[step.name] = step.stage.function(opened, **step.options)
+        by_name = {step.name: step for step in sources}
+        reached = dict.fromkeys(streams, 0.0)
+        while streams:
+            name = min(streams, key=lambda key: reached[key])
+            block = next(streams[name], None)
+            if block is None:
+                del streams[name]
+                continue
+            reached[name] = max(reached[name], _end_s(block))
+            self.push(name, block, by_name[name])
+            if progress is not None:
+                progress(min(reached[key] for key in streams))
+        self.finish()
+
+    def push(self, origin: str | None, block: Container, step: Step | None) -> None:
+        """Push a block through all that follows from it.
+
+        Parameters
+        ----------
+        origin
+            The step that made it; None if it was given from outside.
+        block
+            The block.
+        step
+            The step that made it, if its result may stay.
+        """
+        if step is not None:
+            self._keep(step, block)
+        made: dict[str | None, Container] = {origin: block}
+        for name, stream in self._streams.items():
+            source = stream.node.stream_source
+            if source in made:
+                made[name] = stream.push(made[source])
+                self._keep(stream.node.step, made[name])
+
+    def finish(self) -> None:
+        """End the streams in order, then run the whole stages."""
+        for name, stream in self._streams.items():
+            for rest in stream.finish():
+                self.push(name, rest, stream.node.step)
+        for node in self.graph.nodes:
+            if node.step.stage.kind == "whole":
+                self._sink.write(node.step, self._whole(node))
+
+    def _keep(self, step: Step, block: Container) -> None:
+        if step.name in self.graph.outputs:
+            self._sink.append(step, block)
+
+    def _whole(self, node: Node) -> Container:
+        by_name = {n.step.name: n.step for n in self.graph.nodes}
+        step = node.step
+        inputs: list[Any] = []
+        for wanted in step.stage.inputs:
+            names = node.sources.get(wanted.name, ())
+            found = [self._sink.read(by_name[name]) for name in names]
+            if not names:
+                found = [c for c in self._given if isinstance(c, wanted.kinds)]
+            inputs.append(_as_argument(step, wanted, found))
+        made: Container = step.stage.function(*inputs, **step.options)
+        return made
+
+
+def _as_argument(step: Step, wanted: Input, found: Sequence[Container]) -> Any:
+    """Return what a parameter takes of the containers found for it."""
+    kinds = " or ".join(kind.NAME for kind in wanted.kinds)
+    if wanted.is_list and (found or wanted.is_optional):
+        return list(found)
+    if not found and not wanted.is_optional:
+        msg = f"{step.name} needs {kinds}, and the input has none."
+        raise DataError(msg)
+    if len(found) > 1:
+        msg = f"{step.name} takes one {kinds}, and the input has {len(found)}."
+        raise DataError(msg)
+    return found[0] if found else None
+
+
+def run_recipe(
+    recording: Recording,
+    recipe: Recipe,
+    *,
+    keep: Sequence[type[Container]] = (),
+    progress: Progress | None = None,
+) -> list[Container]:
+    """Run a recipe over a recording, and keep what follows in memory.
+
+    Parameters
+    ----------
+    recording
+        The recording, opened for reading.
+    recipe
+        The steps.
+    keep
+        Passing containers that are wanted in the result all the same.
+    progress
+        Called after each block.
+
+    Returns
+    -------
+    list[Container]
+        The recording's facts, the sensor and every output, in the order of the
+        recipe.
+
+    Raises
+    ------
+    OptionError
+        The steps of the recipe do not join.
+    """
+    graph = recipe.graph(keep).resolved(recording)
+    sink = MemorySink()
+    given = context_of(recording)
+    Engine(graph, given, sink).run_recording(recording, progress)
+    steps = [step for step in graph.steps() if step.name in graph.outputs]
+    return [recording, recording.sensor, *(sink.read(step) for step in steps)]
+
+
+def context_of(recording: Recording) -> list[Container]:
+    """Return what a recording gives to every step: itself, sensor, navigation."""
+    sensor: Sensor = recording.sensor
+    own = [sensor.navigation] if sensor.navigation is not None else []
+    return [recording, sensor, *own]
+
+
+def shared_readers(recording: Recording, n_readers: int) -> list[Reader | None]:
+    """Return readers of one recording that together read it once.
+
+    They must be advanced in turn: the samples that one has taken and another has not
+    are held.
+    """
+    if n_readers == 1 or recording.reader is None:
+        return [recording.reader] * n_readers
+    tee = _SampleTee(recording.reader, n_readers)
+    return [tee.reader(k) for k in range(n_readers)]
+
+
+class _SampleTee:
+    """Samples of one reader for several, held until the last one has taken them."""
+
+    def __init__(self, reader: Reader, n_readers: int) -> None:
+        self._reader = reader
+        self._blocks: Iterator[Samples] | None = None
+        self._held: deque[Samples] = deque()
+        self._first = 0
+        self._positions = [0] * n_readers
+
+    def reader(self, number: int) -> Reader:
+        """Return the reader of a number."""
+
+        def read(block_samples: int) -> Iterator[Samples]:
+            if self._blocks is None:
+                self._blocks = self._reader(block_samples)
+            while (block := self._take(number, block_samples)).shape[0]:
+                yield block
+                if block.shape[0] < block_samples:
+                    break
+            self._positions[number] = np.iinfo(np.int64).max
+            self._drop()
+
+        return read
+
+    def _take(self, number: int, count: int) -> Samples:
+        begin = self._positions[number]
+        while self._end() < begin + count:
+            block = next(self._blocks or iter(()), None)
+            if block is None:
+                break
+            self._held.append(block)
+        parts: list[Samples] = []
+        start = self._first
+        for held in self._held:
+            low, high = max(begin - start, 0), min(begin + count - start, len(held))
+            if low < high:
+                parts.append(held[low:high])
+            start += len(held)
+        self._positions[number] = begin + sum(len(part) for part in parts)
+        self._drop()
+        if not parts:
+            return np.empty((0, 1), np.float32)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _end(self) -> int:
+        return self._first + sum(len(held) for held in self._held)
+
+    def _drop(self) -> None:
+        least = min(self._positions)
+        while self._held and self._first + len(self._held[0]) <= least:
+            self._first += len(self._held.popleft())
+
+
+class _StreamNode:
+    """A map or scan that blocks are pushed into."""
+
+    def __init__(self, node: Node) -> None:
+        self.node = node
+        self._waiting: list[Container] = []
+        self._results: Iterator[Container] | None = None
+        step = node.step
+        if step.stage.kind == "scan":
+            self._results = step.stage.function(self._feed(), **step.options)
+
+    def push(self, block: Container) -> Container:
+        """Give one block and take the one that follows from it."""
+        if self._results is None:
+            step = self.node.step
+            made: Container = step.stage.function(block, **step.options)
+            return made
+        self._waiting.append(block)
+        return next(self._results)
+
+    def finish(self) -> Iterator[Container]:
+        """Take what the stage still holds."""
+        return iter(()) if self._results is None else self._results
+
+    def _feed(self) -> Iterator[Container]:
+        while self._waiting:
+            yield self._waiting.pop()
+
+
+def _end_s(block: Container) -> float:
+    frames = getattr(block, "frames", None)
+    return float(frames.time_s[-1]) if frames is not None and frames.n_frames else 0.0

@@ -1,0 +1,155 @@
+"""The table of passages for other programs: CSV, JSON Lines, GeoJSON, Parquet, SQL.
+
+**Conventions.** Every format has the same columns, those of `flow.passages.PassageRow`.
+What is not known is an empty cell in CSV, null elsewhere. Parquet and SQL need DuckDB
+(``pip install 'uwtrack[catalogue]'``); in SQL the table is called ``passages``.
+
+**References.** RFC 7946 (2016), The GeoJSON Format.
+"""
+
+import csv
+import io
+import itertools
+import json
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.text_escaping import csv_cell, plain_text
+from uwtrack_cli.flow.passages import PassageRow
+
+Row = dict[str, Any]
+
+COLUMNS = tuple(f.name for f in fields(PassageRow))
+"""Columns of the table, in order."""
+
+_SQL_TYPES = {str: "VARCHAR", int: "BIGINT", float: "DOUBLE"}
+
+
+def csv_lines(rows: Iterable[Row], heads: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of a CSV table, its heads first."""
+    for cells in itertools.chain([heads], ([row[n] for n in heads] for row in rows)):
+        text = io.StringIO()
+        csv.writer(text, lineterminator="").writerow(map(csv_cell, cells))
+        yield text.getvalue()
+
+
+def json_lines(rows: Iterable[Row]) -> Iterator[str]:
+    """Yield one JSON object per row."""
+    return (json.dumps(row, ensure_ascii=False, allow_nan=False) for row in rows)
+
+
+def passages_geojson(passages: Sequence[PassageRow]) -> str:
+    """Return the passages with a position as a GeoJSON feature collection.
+
+    Parameters
+    ----------
+    passages
+        The passages; those without a position are left out.
+    """
+    features = [
+        {
+            "type": "Feature",
+            "geometry": {"type": "Point", "coordinates": [row.longitude, row.latitude]},
+            "properties": asdict(row),
+        }
+        for row in passages
+        if row.latitude is not None and row.longitude is not None
+    ]
+    collection = {"type": "FeatureCollection", "features": features}
+    return (
+        plain_text(json.dumps(collection, ensure_ascii=False, allow_nan=False)) + "\n"
+    )
+
+
+def parquet_bytes(passages: Sequence[PassageRow]) -> bytes:
+    """Return the passages as the bytes of a Parquet file, times as timestamps.
+
+    Raises
+    ------
+    DataError
+        DuckDB is not installed.
+    """
+    connection = _database(passages)
+    with tempfile.TemporaryDirectory(prefix="uwtrack-") as folder:
+        path = Path(folder) / "passages.parquet"
+        connection.table("passages").write_parquet(str(path))
+        connection.close()
+        return path.read_bytes()
+
+
+def query_passages(passages: Sequence[PassageRow], query: str) -> list[Row]:
+    """Return the rows of an SQL query over the table ``passages``.
+
+    The query sees that table alone: files and networks are closed to it.
+
+    Parameters
+    ----------
+    passages
+        The passages.
+    query
+        One SELECT statement.
+
+    Raises
+    ------
+    OptionError
+        The query is not understood.
+    DataError
+        DuckDB is not installed.
+    """
+    import duckdb
+
+    connection = _database(passages)
+    connection.execute("SET enable_external_access = false")
+    connection.execute("SET lock_configuration = true")
+    try:
+        result = connection.execute(query)
+        heads = [column[0] for column in result.description or ()]
+        found = [
+            dict(zip(heads, map(_plain, row), strict=True)) for row in result.fetchall()
+        ]
+    except duckdb.Error as error:
+        first = str(error).split("\n", 1)[0]
+        msg = f"--sql is not understood: {first} Columns: {', '.join(COLUMNS)}."
+        raise OptionError(msg) from error
+    finally:
+        connection.close()
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if value is None or isinstance(value, str | int | float | bool):
+        return value
+    return str(value)
+
+
+def _database(passages: Sequence[PassageRow]) -> Any:
+    """Return a database in memory that holds the table of passages."""
+    try:
+        import duckdb
+    except ImportError as error:
+        msg = (
+            f"Parquet and SQL need DuckDB ({error}); pip install 'uwtrack[catalogue]'."
+        )
+        raise DataError(msg) from error
+    hints = get_type_hints(PassageRow)
+    types = {
+        name: next(_SQL_TYPES[t] for t in (hints[name], *get_args(hints[name]))
+                   if t in _SQL_TYPES)
+        for name in COLUMNS
+    }  # fmt: skip
+    columns = ", ".join(f"{name}: '{kind}'" for name, kind in types.items())
+    connection = duckdb.connect()
+    with tempfile.TemporaryDirectory(prefix="uwtrack-") as folder:
+        path = Path(folder) / "passages.jsonl"
+        path.write_text("\n".join(json_lines(map(asdict, passages))), encoding="utf-8")
+        times = "* REPLACE (CAST(time_utc AS TIMESTAMP) AS time_utc)"
+        connection.execute(
+            f"CREATE TABLE passages AS SELECT {times} FROM read_json(?, "  # noqa: S608
+            f"format = 'newline_delimited', columns = {{{columns}}})",
+            [str(path)],
+        )
+    return connection

@@ -1,0 +1,426 @@
+"""One table over many results: every passage of files and folders, once.
+
+**Method.** Each product is read for its encounters, and for its positions where it has
+them. Products of one recording and sensor are different views of the same passages:
+the one that was made last counts. What a product gave is kept in a cache under its
+path, size and time of change, so that a folder is read once and then only what is new
+in it; the cache is no result and may be deleted at any time.
+
+**Conventions.** Rows are in the order of UTC; those without a start time come last. A
+product that cannot be read is named and left out; it does not end the table.
+"""
+
+import json
+import os
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, suppress
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from uwtrack_cli import __version__
+from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.truth import Truth
+from uwtrack_cli.errors import DataError, UwtrackError
+from uwtrack_cli.files.hdf5.product import Product, read_product
+from uwtrack_cli.files.input_ledger import as_input
+from uwtrack_cli.files.tables.ais import read_ais
+from uwtrack_cli.files.tables.json_rows import json_rows
+from uwtrack_cli.flow.scoring.encounter_scores import SCORED, score_encounters
+from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
+
+Group = Literal["day", "month", "vessel", "sensor"]
+UNKNOWN = "unknown"
+
+SAME_PLACE_M = 50.0
+"""Distance within which two positions of one sensor identifier are the same place."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassageRow:
+    """A closest approach, with where it was found."""
+
+    time_utc: str | None = None
+    """Closest approach, UTC; None where the start of the recording is not known."""
+    sensor: str
+    """Identifier of the sensor."""
+    contact: int
+    """Number of the contact in its result."""
+    status: str
+    """'ok', 'extrapolated' or 'level-only'."""
+    vessel: str | None = None
+    """Name of the vessel by AIS."""
+    mmsi: str | None = None
+    """Its MMSI."""
+    vessel_probability: float | None = None
+    """Probability that it is that vessel."""
+    time_s: float | None = None
+    """Closest approach, s from the first sample."""
+    time_std_s: float | None = None
+    """Standard deviation of the time, s."""
+    speed_mps: float | None = None
+    """Speed, m/s."""
+    speed_std_mps: float | None = None
+    """Standard deviation of the speed, m/s."""
+    slant_range_m: float | None = None
+    """Range at closest approach, m."""
+    slant_range_std_m: float | None = None
+    """Standard deviation of the range, m."""
+    horizontal_range_m: float | None = None
+    """Horizontal range at closest approach, m."""
+    range_over_speed_s: float | None = None
+    """Slant range divided by speed, s."""
+    range_over_speed_std_s: float | None = None
+    """Standard deviation of the range over speed, s."""
+    course_deg: float | None = None
+    """Compass course, degrees."""
+    course_std_deg: float | None = None
+    """Standard deviation of the course, degrees."""
+    bearing_deg: float | None = None
+    """Compass bearing, sensor to vessel, at closest approach, degrees."""
+    bearing_std_deg: float | None = None
+    """Standard deviation of the bearing, degrees."""
+    side: str | None = None
+    """Side of the vessel on which the sensor lies."""
+    received_level_db: float | None = None
+    """Received level at closest approach, dB re the reference."""
+    received_level_std_db: float | None = None
+    """Standard deviation of the received level, dB."""
+    level_reference: str | None = None
+    """'1 uPa' or 'full scale'."""
+    latitude: float | None = None
+    """Latitude at closest approach, degrees."""
+    longitude: float | None = None
+    """Longitude at closest approach, degrees."""
+    recording: str | None = None
+    """File name of the recording."""
+    file: str
+    """Product that the row was read from."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one product says."""
+
+    path: str
+    """The product."""
+    created_utc: str
+    """When it was made."""
+    recordings: tuple[str, ...]
+    """Digest, sensor and first sample of each recording: what it is a view of."""
+    places: dict[str, tuple[float, float]]
+    """Latitude and longitude by sensor, where they are known."""
+    passages: tuple[PassageRow, ...]
+    """Its passages."""
+
+
+@dataclass
+class PassageTable:
+    """All passages, and what was left out on the way."""
+
+    passages: list[PassageRow] = field(default_factory=list)
+    """The rows, in the order of UTC."""
+    problems: list[str] = field(default_factory=list)
+    """Products that could not be read, and what is unclear, in words."""
+    n_results: int = 0
+    """Products that gave rows or could have."""
+    n_read: int = 0
+    """Products that had to be read, since the cache did not know them."""
+
+
+def find_results(sources: Sequence[Path]) -> list[Path]:
+    """Return the products of files and folders, each one once.
+
+    Raises
+    ------
+    DataError
+        A source does not exist, or a folder holds no product.
+    """
+    found: dict[Path, None] = {}
+    for source in sources:
+        if source.is_dir():
+            inside = sorted(p for p in source.rglob("*.h5") if p.is_file())
+            if not inside:
+                msg = f"{source} holds no product (*.h5); `uwtrack batch` makes them."
+                raise DataError(msg)
+            found |= dict.fromkeys(inside)
+        elif source.exists():
+            found[source] = None
+        else:
+            msg = f"{source} does not exist."
+            raise DataError(msg)
+    return list(found)
+
+
+def collect_passages(
+    sources: Sequence[Path],
+    *,
+    ais: Path | None = None,
+    within_m: float = 2000.0,
+    cache: Path | None = None,
+) -> PassageTable:
+    """Read the passages of files and folders.
+
+    Parameters
+    ----------
+    sources
+        Products, or folders with them.
+    ais
+        Table of AIS messages that gives passages the names of vessels.
+    within_m
+        Largest range at which an AIS vessel is expected to be detected, m.
+    cache
+        File that remembers what products gave; None reads every one.
+
+    Raises
+    ------
+    DataError
+        A source does not exist, or a folder holds no product.
+    """
+    table = PassageTable()
+    results: list[Result] = []
+    remembered = _Cache(cache, ais, within_m)
+    truth = None if ais is None else read_ais(ais)
+    for path in find_results(sources):
+        result = remembered.find(as_input(path))  # an input, even if not opened
+        if result is None:
+            table.n_read += 1
+            try:
+                result = _read_result(path, truth, within_m)
+            except UwtrackError as error:
+                table.problems.append(f"left out: {error}")
+                continue
+            remembered.keep(path, result)
+        results.append(result)
+    remembered.save()
+    table.n_results = len(results)
+    table.problems += _places_that_differ(results)
+    rows = [row for result in _last_views(results) for row in result.passages]
+    table.passages = sorted(rows, key=lambda row: (row.time_utc or "9999", row.file))
+    return table
+
+
+def count_passages(passages: Iterable[PassageRow], per: Group) -> list[dict[str, Any]]:
+    """Return the number of passages per day, month, vessel or sensor.
+
+    Parameters
+    ----------
+    passages
+        The passages.
+    per
+        What they are counted by; what is not known is counted as unknown.
+    """
+    keys: dict[str, Callable[[PassageRow], str]] = {
+        "day": lambda row: (row.time_utc or UNKNOWN)[:10],
+        "month": lambda row: (row.time_utc or UNKNOWN)[:7],
+        "vessel": lambda row: row.vessel or row.mmsi or UNKNOWN,
+        "sensor": lambda row: row.sensor,
+    }
+    counts = Counter(keys[per](row) for row in passages)
+    order = sorted(counts, key=lambda name: (name == UNKNOWN, name))
+    return [{per: name, "passages": counts[name]} for name in order]
+
+
+def usual_cache() -> Path:
+    """Return the file that remembers what products gave."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "uwtrack" / "passages.sqlite"
+
+
+def _read_result(path: Path, truth: Truth | None, within_m: float) -> Result:
+    with read_product(path) as product:
+        recordings = product.read_all(Recording)
+        sensors = product.read_all(Sensor)
+        found = _distinct(product)
+        views = [f"{r.digest} {r.sensor.id} {r.first_sample}" for r in recordings]
+        rows: list[PassageRow] = []
+        for encounters in found:
+            names = _names(encounters, truth, sensors, recordings, within_m)
+            places = _positions(product.read_all(Fixes), encounters)
+            facts = zip(json_rows(encounters), names, places, strict=True)
+            for row, name, place in facts:
+                if row["status"] in SCORED:
+                    rows.append(_passage(path, row, recordings, name, place))
+        return Result(
+            str(path), product.created_utc, tuple(sorted(views)),
+            {s.id: place for s in sensors if (place := _place(s)) is not None},
+            tuple(rows),
+        )  # fmt: skip
+
+
+def _distinct(product: Product) -> list[Encounters]:
+    found: list[Encounters] = []
+    for encounters in product.read_all(Encounters):
+        if not any(encounters.equals(other) for other in found):
+            found.append(encounters)
+    return found
+
+
+Name = tuple[str, str | None, float]
+"""Name, MMSI and probability of a vessel."""
+
+
+def _names(
+    encounters: Encounters,
+    truth: Truth | None,
+    sensors: Sequence[Sensor],
+    recordings: Sequence[Recording],
+    within_m: float,
+) -> list[Name | None]:
+    """Return the vessel of each encounter, None where AIS knows none."""
+    if truth is None or not encounters.n_encounters:
+        return [None] * encounters.n_encounters
+    recorded = RecordedSensors(sensors, recordings)
+    scores = score_encounters(encounters, truth, recorded, within_m=within_m)
+    chances = {
+        (who.sensor, who.contact): (who.vessel, dict(who.candidates).get(who.vessel))
+        for who in scores.identities
+        if who.vessel is not None
+    }
+    found: list[Name | None] = []
+    for sensor, contact in zip(encounters.sensor, encounters.contact, strict=True):
+        vessel, chance = chances.get((str(sensor), int(contact)), (None, None))
+        if vessel is None or chance is None:
+            found.append(None)
+            continue
+        name, _, rest = vessel.rpartition(" (")
+        mmsi = rest.rstrip(")") if name else vessel
+        found.append((name or vessel, mmsi, float(chance)))
+    return found
+
+
+def _positions(
+    all_fixes: Sequence[Fixes], encounters: Encounters
+) -> list[tuple[float, float] | None]:
+    """Return the position of each encounter at its closest approach, if there is one."""
+    found: list[tuple[float, float] | None] = []
+    for contact, time_s in zip(encounters.contact, encounters.time_s, strict=True):
+        place = None
+        for fixes in all_fixes:
+            own = (fixes.contact == contact) & (fixes.mode == 1)
+            own &= np.abs(fixes.time_s - time_s) < 0.5
+            for row in np.flatnonzero(own & np.isfinite(fixes.latitude))[:1]:
+                place = (float(fixes.latitude[row]), float(fixes.longitude[row]))
+        found.append(place)
+    return found
+
+
+def _passage(
+    path: Path,
+    row: dict[str, Any],
+    recordings: Sequence[Recording],
+    name: Name | None,
+    place: tuple[float, float] | None,
+) -> PassageRow:
+    own = {f.name: row[f.name] for f in fields(PassageRow) if f.name in row}
+    own |= dict(zip(("vessel", "mmsi", "vessel_probability"), name or (), strict=False))
+    own |= dict(zip(("latitude", "longitude"), place or (), strict=False))
+    names = [r.name for r in recordings if r.sensor.id == row["sensor"]]
+    return PassageRow(**own, recording=names[0] if names else None, file=str(path))
+
+
+def _place(sensor: Sensor) -> tuple[float, float] | None:
+    if sensor.latitude is None or sensor.longitude is None:
+        return None
+    return float(sensor.latitude), float(sensor.longitude)
+
+
+def _last_views(results: Sequence[Result]) -> Iterator[Result]:
+    """Yield of the products of the same recordings the one that was made last."""
+    last: dict[Any, Result] = {}
+    for result in results:
+        key = result.recordings or (result.path,)
+        known = last.get(key)
+        better = known is None or (
+            (bool(result.passages), result.created_utc)
+            >= (bool(known.passages), known.created_utc)
+        )
+        if better:
+            last[key] = result
+    yield from last.values()
+
+
+def _places_that_differ(results: Sequence[Result]) -> list[str]:
+    """Say which sensor identifiers stand for sensors at different places."""
+    known: dict[str, tuple[tuple[float, float], str]] = {}
+    problems: dict[str, str] = {}
+    for result in results:
+        for sensor, place in result.places.items():
+            before, path = known.setdefault(sensor, (place, result.path))
+            if _apart_m(before, place) > SAME_PLACE_M:
+                problems[sensor] = (
+                    f"sensor {sensor!r} is at {before} in {path} and at {place} in "
+                    f"{result.path}: give different sensors different ids."
+                )
+    return list(problems.values())
+
+
+def _apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return float(np.hypot(*to_grid(*b, Origin(*a))))
+
+
+class _Cache:
+    """Remembers what products gave, in a database of one table."""
+
+    def __init__(self, path: Path | None, ais: Path | None, within_m: float) -> None:
+        self._path = path
+        columns = ",".join(f.name for f in fields(PassageRow))
+        named = "" if ais is None else f" {ais.absolute()} {within_m:g} {_stamp(ais)}"
+        self._made_by = f" {__version__} {columns}{named}"
+        self._new: list[tuple[bytes, str, str]] = []
+        self._known: dict[bytes, tuple[str, str]] = {}
+        if path is not None and path.exists():
+            with suppress(sqlite3.Error), closing(sqlite3.connect(path)) as database:
+                rows = database.execute("SELECT path, stamp, result FROM results")
+                self._known = {name: (stamp, text) for name, stamp, text in rows}
+
+    def find(self, path: Path) -> Result | None:
+        """Return what a product gave, None if it has changed or is not known."""
+        stamp, text = self._known.get(_key(path), ("", ""))
+        if stamp != _stamp(path) + self._made_by:
+            return None
+        try:
+            raw = json.loads(text)
+            rows = tuple(PassageRow(**row) for row in raw.pop("passages"))
+            places = {name: (a, b) for name, (a, b) in raw.pop("places").items()}
+            recordings = tuple(raw.pop("recordings"))
+            return Result(**{**raw, "path": str(path)}, recordings=recordings,
+                          places=places, passages=rows)  # fmt: skip
+        except (ValueError, TypeError, KeyError):
+            return None
+
+    def keep(self, path: Path, result: Result) -> None:
+        """Note what a product gave."""
+        stamp = _stamp(path) + self._made_by
+        self._new.append((_key(path), stamp, json.dumps(asdict(result))))
+
+    def save(self) -> None:
+        """Write what is new; a cache that cannot be written is done without."""
+        if self._path is None or not self._new:
+            return
+        with suppress(sqlite3.Error, OSError):
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with closing(sqlite3.connect(self._path)) as database, database:
+                database.execute(
+                    "CREATE TABLE IF NOT EXISTS results"
+                    " (path BLOB PRIMARY KEY, stamp TEXT, result TEXT)"
+                )
+                database.executemany(
+                    "INSERT OR REPLACE INTO results VALUES (?, ?, ?)", self._new
+                )
+
+
+def _key(path: Path) -> bytes:
+    return os.fsencode(path.absolute())
+
+
+def _stamp(path: Path) -> str:
+    facts = path.stat()
+    return f"{facts.st_size} {facts.st_mtime_ns}"

@@ -1,0 +1,220 @@
+"""Simulated recordings on disk: sound, sensor file and truth beside each other.
+
+**Conventions.** ``pass.wav`` has ``pass.sensor.toml`` (what the sensor's owner knows)
+and ``pass.truth.json`` (what happened). A scenario with several sensors makes
+``NAME-ID.wav`` for each of them, and one ``NAME.truth.json`` over all. The sensor of
+a moving platform has its positions in ``NAME.nav.csv``.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from warnings import warn
+
+import numpy as np
+
+from uwtrack_cli.data.recording import Recording, Samples
+from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.files.atomic import atomic_target, check_target
+from uwtrack_cli.files.audio.recording_file import write_wav
+from uwtrack_cli.flow.scenario_file import read_scenario
+from uwtrack_cli.simulate.recordings import simulate_recordings
+from uwtrack_cli.simulate.scenario import Scenario
+from uwtrack_cli.simulate.scenario_truth import truth
+
+SCENARIO_SUFFIX = ".scenario.toml"
+"""What the name of a scenario file in a folder of samples ends with."""
+
+BLOCK_SAMPLES = 65536
+"""Samples made at a time."""
+
+
+def write_simulation(
+    scenario: Scenario,
+    path: Path,
+    *,
+    overwrite: bool = False,
+    subtype: str = "PCM_16",
+) -> tuple[Path, ...]:
+    """Write every recording of a scenario, with sensor files and truth.
+
+    Parameters
+    ----------
+    scenario
+        What is in the water.
+    path
+        The WAV file; with several sensors, ``-ID`` is put before its suffix.
+    overwrite
+        Whether existing files may be replaced.
+    subtype
+        Sample format of the WAV file, as soundfile names it.
+
+    Returns
+    -------
+    tuple of Path
+        The files written, the recordings first.
+
+    Raises
+    ------
+    OutputError
+        A file exists already or cannot be written.
+
+    Warns
+    -----
+    UwtrackWarning
+        Samples exceed full scale and are clipped (not in a FLOAT file).
+    """
+    recordings = simulate_recordings(scenario)
+    several = len(recordings) > 1
+    endings = [f"-{r.sensor.id}" if several else "" for r in recordings]
+    sounds = [path.with_name(f"{path.stem}{end}{path.suffix}") for end in endings]
+    whole = path.with_suffix(".truth.json")
+    targets = [*sounds, whole]
+    for recording, sound in zip(recordings, sounds, strict=True):
+        targets += _names_beside(sound, recording.sensor)
+    for target in targets:  # all or none
+        check_target(target, overwrite=overwrite)
+    others = []
+    for recording, sound in zip(recordings, sounds, strict=True):
+        write_wav(
+            sound,
+            _metered(recording, sound.name, subtype),
+            recording.sample_rate_hz,
+            subtype,
+            overwrite=overwrite,
+        )
+        facts = json.dumps(truth(scenario, recording.sensor.id))
+        others += _write_beside(sound, recording.sensor, facts, overwrite=overwrite)
+    if several:
+        _write_text(whole, json.dumps(truth(scenario)) + "\n", overwrite=overwrite)
+        others.append(whole)
+    return (*sounds, *others)
+
+
+def remake_samples(directory: Path, into: Path | None = None) -> tuple[Path, ...]:
+    """Make all sample recordings again from the scenario files of a folder.
+
+    Parameters
+    ----------
+    directory
+        Folder with ``NAME.scenario.toml`` files.
+    into
+        Folder for the results; by default the same folder.
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
+
+    Raises
+    ------
+    DataError
+        The folder holds no scenario.
+    """
+    scenarios = sorted(directory.glob(f"*{SCENARIO_SUFFIX}"))
+    if not scenarios:
+        msg = f"{directory} holds no file that ends with {SCENARIO_SUFFIX}."
+        raise DataError(msg)
+    target = directory if into is None else into
+    return tuple(
+        written
+        for source in scenarios
+        for written in write_simulation(
+            read_scenario(source),
+            target / f"{source.name.removesuffix(SCENARIO_SUFFIX)}.wav",
+            overwrite=True,
+        )
+    )
+
+
+def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
+    """Return a sensor file: the facts of a sensor as TOML."""
+    facts: dict[str, object] = {
+        "id": sensor.id,
+        "kind": sensor.kind,
+        "channels": list(sensor.channel_names),
+        "latitude": sensor.latitude,
+        "longitude": sensor.longitude,
+        "east_m": sensor.east_m,
+        "north_m": sensor.north_m,
+        "position_std_m": sensor.position_std_m,
+        "depth_m": sensor.depth_m,
+        "depth_std_m": sensor.depth_std_m,
+        "heading_deg": sensor.heading_deg if "x" in sensor.channel_names else None,
+        "sound_speed_mps": sensor.sound_speed_mps,
+        "sound_speed_std_mps": sensor.sound_speed_std_mps,
+        "compass_offset_deg": sensor.compass_offset_deg,
+        "compass_std_deg": sensor.compass_std_deg,
+        "clock_offset_s": sensor.clock_offset_s,
+        "clock_std_s": sensor.clock_std_s,
+        "navigation": navigation_name or None,
+        "sensitivity_db_re_v_per_upa": sensor.sensitivity_db_re_v_per_upa,
+        "gain_db": sensor.gain_db,
+        "adc_peak_v": sensor.adc_peak_v,
+        "full_scale_db": sensor.full_scale_db,
+    }
+    lines = [
+        f"{key} = {json.dumps(value)}"
+        for key, value in facts.items()
+        if value is not None
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]:
+    """Pass the blocks on; warn at the end if any sample exceeds full scale."""
+    assert recording.reader is not None  # noqa: S101 - simulate_recordings gives one
+    peak, clipped = 0.0, 0
+    for block in recording.reader(BLOCK_SAMPLES):
+        size = np.abs(block)
+        peak = max(peak, float(size.max()))
+        clipped += int(np.count_nonzero(size > 1.0))
+        yield block
+    if clipped and "PCM" in subtype:
+        msg = (
+            f"{name}: {clipped} samples exceed full scale and are clipped; raise "
+            f"full_scale_db (or lower gain_db) by {20.0 * np.log10(peak):.1f} dB."
+        )
+        warn(msg, UwtrackWarning, stacklevel=2)
+
+
+def _write_beside(
+    sound: Path, sensor: Sensor, facts: str, *, overwrite: bool
+) -> list[Path]:
+    written = _names_beside(sound, sensor)
+    navigation_name = ""
+    if sensor.navigation is not None:
+        navigation_name = written[2].name
+        navigation = _navigation_text(sensor.navigation)
+        _write_text(written[2], navigation, overwrite=overwrite)
+    _write_text(written[0], sensor_text(sensor, navigation_name), overwrite=overwrite)
+    _write_text(written[1], facts + "\n", overwrite=overwrite)
+    return written
+
+
+def _names_beside(sound: Path, sensor: Sensor) -> list[Path]:
+    """Return where sensor, truth and, if it moves, positions are written."""
+    endings = [".sensor.toml", ".truth.json"]
+    if sensor.navigation is not None:
+        endings.append(".nav.csv")
+    return [sound.with_suffix(ending) for ending in endings]
+
+
+def _navigation_text(navigation: Navigation) -> str:
+    rows = np.stack(
+        [
+            navigation.time_s,
+            navigation.east_m,
+            navigation.north_m,
+            navigation.heading_deg,
+        ],
+        axis=1,
+    )
+    lines = [f"{t:.3f},{e:.4f},{n:.4f},{h:.5f}" for t, e, n, h in rows]
+    return "\n".join(["time_s,east_m,north_m,heading_deg", *lines]) + "\n"
+
+
+def _write_text(path: Path, text: str, *, overwrite: bool) -> None:
+    with atomic_target(path, overwrite=overwrite) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,146 @@
+"""Score positions against true tracks: errors, and GOSPA and OSPA over time.
+
+**Method.** At every time of the fixes (best mode of each contact) the vessels that
+the truth knows then are the set to be found. Both are brought to one grid: that of
+the fixes, by geodesics where the truth or the fixes are in latitude and longitude.
+
+**Conventions.** ``position_m`` is the distance to the nearest vessel; its ``sigmas``
+is the Mahalanobis distance under the covariance of the fix.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.truth import Truth, VesselTrack
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.flow.scoring.ais_passages import interpolate_track
+from uwtrack_cli.flow.scoring.encounter_scores import Score
+from uwtrack_cli.flow.scoring.gospa import gospa, ospa
+
+
+@dataclass(frozen=True)
+class TrackScores:
+    """Errors of positions, and the mean distances of the sets over time."""
+
+    scores: tuple[Score, ...]
+    """Scores of all quantities."""
+    gospa_m: float
+    """Mean GOSPA over the times, m."""
+    ospa_m: float
+    """Mean OSPA over the times, m."""
+    n_times: int
+    """Number of times at which positions were compared."""
+
+
+def score_fixes(
+    fixes: Fixes, truth: Truth, start_utc_ns: int | None, *, cutoff_m: float = 500.0
+) -> TrackScores:
+    """Compare positions with the tracks of the truth.
+
+    Parameters
+    ----------
+    fixes
+        Positions found.
+    truth
+        Tracks of all vessels.
+    start_utc_ns
+        UTC of time zero of the fixes, None if unknown.
+    cutoff_m
+        Distance from which a position and a vessel do not belong together, m.
+
+    Raises
+    ------
+    DataError
+        The two cannot be brought to one grid or one clock.
+    """
+    shift_s = _shift_s(truth, start_utc_ns)
+    tracks = [(track, *_on_grid(track, truth, fixes)) for track in truth.tracks]
+    best = np.flatnonzero(fixes.mode == 1)
+    scores: list[Score] = []
+    distances: list[tuple[float, float]] = []
+    for time_s in np.unique(fixes.time_s[best]):
+        rows = best[fixes.time_s[best] == time_s]
+        found = np.stack([fixes.east_m[rows], fixes.north_m[rows]], axis=-1)
+        names, true = _true_positions(tracks, float(time_s) - shift_s)
+        one = gospa(found, true, cutoff_m=cutoff_m)
+        distances.append((one.distance_m, ospa(found, true, cutoff_m=cutoff_m)))
+        if len(true):
+            scores += [_score(fixes, int(row), names, true) for row in rows]
+    mean = np.mean(distances, axis=0) if distances else (np.nan, np.nan)
+    return TrackScores(tuple(scores), float(mean[0]), float(mean[1]), len(distances))
+
+
+def _shift_s(truth: Truth, start_utc_ns: int | None) -> float:
+    if start_utc_ns is not None and truth.start_utc_ns is not None:
+        return (truth.start_utc_ns - start_utc_ns) / NANOSECONDS
+    if truth.is_geographic:
+        msg = (
+            f"{truth.name} is in UTC, and the positions have no UTC: give --start-utc."
+        )
+        raise DataError(msg)
+    return 0.0
+
+
+def _on_grid(
+    track: VesselTrack, truth: Truth, fixes: Fixes
+) -> tuple[FloatArray, FloatArray]:
+    """Return the positions of a vessel on the grid of the fixes."""
+    latitude, longitude = fixes.origin_latitude, fixes.origin_longitude
+    if latitude is None or longitude is None:
+        if truth.is_geographic:
+            msg = "the positions are on a local grid, and AIS needs latitudes: give "
+            msg += "the sensors their latitude and longitude and run again."
+            raise DataError(msg)
+        place = (0.0, 0.0)
+        if fixes.origin != "grid":  # relative to a sensor
+            place = truth.sensor_places.get(
+                fixes.origin.removeprefix("sensor "), (0.0, 0.0)
+            )
+        return track.first - place[0], track.second - place[1]
+    there = Origin(latitude, longitude)
+    first, second = track.first, track.second
+    if not truth.is_geographic:
+        if truth.origin is None:
+            msg = f"{truth.name} does not say where its grid lies, and the fixes do."
+            raise DataError(msg)
+        if truth.origin == (latitude, longitude):
+            return first, second
+        first, second = to_latitude_longitude(first, second, Origin(*truth.origin))
+    places = [
+        to_grid(float(a), float(b), there) for a, b in zip(first, second, strict=True)
+    ]
+    return np.array([p[0] for p in places]), np.array([p[1] for p in places])
+
+
+def _true_positions(
+    tracks: list[tuple[VesselTrack, FloatArray, FloatArray]], time_s: float
+) -> tuple[list[str], FloatArray]:
+    names, places = [], []
+    for track, east, north in tracks:
+        if track.time_s.size < 2:
+            continue
+        x, y = interpolate_track(track, east, north, np.array([time_s]))
+        if np.isfinite(x[0]):
+            names.append(track.vessel)
+            places.append((float(x[0]), float(y[0])))
+    return names, np.array(places).reshape(-1, 2)
+
+
+def _score(fixes: Fixes, row: int, names: list[str], true: FloatArray) -> Score:
+    apart = np.array([fixes.east_m[row], fixes.north_m[row]]) - true
+    nearest = int(np.argmin(np.hypot(*apart.T)))
+    off, covariance = apart[nearest], fixes.covariance_m2[row]
+    distance = float(np.hypot(*off))
+    std = sigmas = float("nan")
+    if np.isfinite(covariance).all() and np.linalg.det(covariance) > 0.0:
+        std = float(np.sqrt(np.trace(covariance)))
+        sigmas = float(np.sqrt(off @ np.linalg.solve(covariance, off)))
+    return Score(
+        "fixes", int(fixes.contact[row]), str(fixes.sensors[row]), names[nearest],
+        "position_m", distance, 0.0, distance, float("nan"), std, sigmas,
+    )  # fmt: skip

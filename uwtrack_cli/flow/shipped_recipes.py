@@ -1,0 +1,86 @@
+"""What comes with the program: recipes and sample recordings."""
+
+from pathlib import Path
+
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.files.atomic import atomic_target, check_target
+from uwtrack_cli.files.input_ledger import as_input
+from uwtrack_cli.files.shipped_folder import shipped_folder
+from uwtrack_cli.files.tables.toml_tables import MAX_BYTES
+from uwtrack_cli.flow.recipe import Recipe
+
+SAMPLE_SUFFIXES = (".wav", ".csv")
+
+
+def shipped_recipes() -> list[str]:
+    """Return the names of the shipped recipes."""
+    return sorted(path.stem for path in shipped_folder("pipelines").glob("*.toml"))
+
+
+def load_recipe(name: str) -> Recipe:
+    """Return a shipped recipe by its name, or one from a TOML file.
+
+    Raises
+    ------
+    OptionError
+        There is neither such a recipe nor such a file, or it is not valid.
+    """
+    path = Path(name)
+    if path.suffix != ".toml":
+        path = shipped_folder("pipelines") / f"{name}.toml"
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            msg = f"{path} is larger than {MAX_BYTES} bytes; that is no recipe."
+            raise OptionError(msg)
+        text = as_input(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        names = ", ".join(shipped_recipes())
+        msg = f"there is no recipe {name!r}; shipped are {names}, or give a TOML file."
+        raise OptionError(msg) from error
+    return Recipe.from_toml(path.stem, text)
+
+
+def sample_names() -> list[str]:
+    """Return the names of the sample recordings and tables."""
+    found = shipped_folder("sample_data").iterdir()
+    return sorted(path.stem for path in found if path.suffix in SAMPLE_SUFFIXES)
+
+
+def copy_sample(name: str, folder: Path, *, overwrite: bool = False) -> list[Path]:
+    """Copy a sample recording with all that lies beside it.
+
+    Parameters
+    ----------
+    name
+        Name of a sample, or the start of the names of several (``two-sensors``).
+    folder
+        Where to copy to; made if it does not exist.
+    overwrite
+        Whether existing files may be replaced.
+
+    Raises
+    ------
+    OptionError
+        There is no such sample.
+    OutputError
+        A file exists already, or the folder cannot be written.
+    """
+    source = shipped_folder("sample_data")
+    found = sorted(
+        path
+        for path in source.iterdir()
+        if path.name.startswith((f"{name}.", f"{name}-"))
+    )
+    if not any(path.suffix in SAMPLE_SUFFIXES for path in found):
+        msg = f"there is no sample {name!r}; there are {', '.join(sample_names())}."
+        raise OptionError(msg)
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in found:  # all or none
+        check_target(folder / as_input(path).name, overwrite=overwrite)
+    written = []
+    for path in found:
+        target = folder / path.name
+        with atomic_target(target, overwrite=overwrite) as temporary:
+            temporary.write_bytes(as_input(path).read_bytes())
+        written.append(target)
+    return written

@@ -1,0 +1,1 @@
+"""Peaks to harmonic families and frequency lines."""

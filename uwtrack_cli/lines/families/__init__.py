@@ -1,0 +1,1 @@
+"""Harmonic families: combs in a frame, and families that last."""

@@ -1,0 +1,1 @@
+"""Track-before-detect: paths through the spectrogram."""

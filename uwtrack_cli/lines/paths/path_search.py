@@ -1,0 +1,301 @@
+"""Find all lines in a window: best paths one after another, each masked when found.
+
+**Method.** A path visits one cell per frame and moves at most one cell per frame. Its
+score is the sum of the cells' log-likelihood ratios "steady line against noise"
+minus a penalty per move. For every last cell the best path is found by the Viterbi
+recursion, all cells at once; the way back is kept as one byte per cell. Paths above the
+threshold that share nothing are accepted together; their cells are masked as wide as they leak, and
+the search is repeated until nothing is left. The part of a path that holds the line
+is the interval with the greatest sum of scores above half their mean.
+
+**Conventions.** Scores in nepers, shape (frame, cell); paths are cells by frame.
+
+**References.** Streit & Barrett, "Frequency line tracking using hidden Markov
+models", IEEE Trans. ASSP 38(4), 586-598 (1990), for the recursion; Rice (1945) for the
+amplitude of a steady line in noise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.lines.paths.trace_threshold import PathScores
+from uwtrack_cli.lines.sensitivity import amplitude_log_ratio
+
+Steps = NDArray[np.int8]
+"""Move into each cell on its best path: -1, 0 or 1, shape (frame, cell)."""
+
+DESIGN_SNR = 1.5
+"""Power ratio of the line looked for, in its cell."""
+
+MOVE_PENALTY = float(np.log(8.0))
+"""Cost of a move by one cell, in nepers."""
+
+MOST_SCORE = 4.0
+"""Cap on a cell's score: a click in two overlapping frames must not be a line."""
+
+_MOST_PASSES = 12
+_MOST_ENDS = 256
+_MASKED = -2.0
+"""Score of masked cells: paths may cross them, and do not gain by it."""
+
+_STRONG = 20.0
+"""Power ratio above which the loudest cell is surely the line's."""
+
+_LOUD = 6.0
+"""Power ratio to which cells are limited when the noise's shape is sought."""
+
+_SHAPE_BINS = 16
+"""Bins to either side over which the noise's shape is a median."""
+
+_TRIAL_SNRS = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0, 50.0)
+"""Power ratios tried when the ends of a line are sought."""
+
+_INTERVAL_GAIN = 8.0
+"""Gain of likelihood that two free ends must bring, in nepers."""
+
+_SHARED = 0.2
+"""Share of common frames beyond which two paths are one."""
+
+
+@dataclass(frozen=True)
+class FoundPath:
+    """A path and the interval of frames in which the line was."""
+
+    cells: IntArray
+    """Cell in every frame of the window, shape (frame,)."""
+    first: int
+    """First frame with the line."""
+    stop: int
+    """Frame after the last one with the line."""
+    score: float
+    """Score of the whole path, nepers."""
+
+
+def best_scores(score: FloatArray, move_penalty: float) -> tuple[FloatArray, Steps]:
+    """Return the score of the best path into each last cell, and the moves.
+
+    Parameters
+    ----------
+    score
+        Score of each cell, shape (frame, cell).
+    move_penalty
+        Cost of moving by one cell from frame to frame, in nepers.
+    """
+    n_frames, n_cells = score.shape
+    moves = np.zeros((n_frames, n_cells), dtype=np.int8)
+    padded = np.full(n_cells + 2, -np.inf, dtype=score.dtype)
+    total = padded[1:-1]
+    total[:] = score[0]
+    side = np.empty(n_cells, dtype=score.dtype)
+    is_right = np.empty(n_cells, dtype=bool)
+    is_move = np.empty(n_cells, dtype=bool)
+    penalty = score.dtype.type(move_penalty)
+    for k in range(1, n_frames):
+        np.greater(padded[2:], padded[:-2], out=is_right)
+        np.maximum(padded[2:], padded[:-2], out=side)
+        side -= penalty
+        np.greater(side, total, out=is_move)
+        # the move that led here: from the cell above (+1) or below (-1)
+        moves[k] = is_move * (2 * is_right.view(np.int8) - 1)
+        np.maximum(total, side, out=total)
+        total += score[k]
+    return total.copy(), moves
+
+
+def trace_back(moves: Steps, last_cells: IntArray) -> IntArray:
+    """Return the cells of the best paths that end in ``last_cells``.
+
+    Returns
+    -------
+    IntArray
+        Shape (path, frame).
+    """
+    cells = np.asarray(last_cells, dtype=np.int64)
+    path = np.empty((cells.size, moves.shape[0]), dtype=np.int64)
+    for k in range(moves.shape[0] - 1, -1, -1):
+        path[:, k] = cells
+        cells = cells + moves[k, cells]
+    return path
+
+
+def cell_scores(power_ratio: FloatArray) -> FloatArray:
+    """Return ln I0(2 sqrt(d y)) - d for power over noise; nan scores 0.
+
+    Beyond the cap the score grows with its logarithm only, just enough for a path to
+    stay in the middle of a strong line.
+    """
+    from scipy.special import i0e
+
+    argument = 2.0 * np.sqrt(np.float32(DESIGN_SNR) * power_ratio)
+    score = np.log(i0e(argument)) + argument - np.float32(DESIGN_SNR)
+    above = np.maximum(score - np.float32(MOST_SCORE), np.float32(0.0))
+    score = np.minimum(score, np.float32(MOST_SCORE)) + 0.5 * np.log1p(above)
+    return np.where(np.isfinite(score), score, np.float32(0.0)).astype(np.float32)
+
+
+def whiten(power_ratio: FloatArray, cells_per_bin: int) -> FloatArray:
+    """Divide by what is left of the noise's shape over a whole window.
+
+    The floor behind ``power_ratio`` is smooth over tens of bins. What a window shows
+    beyond it, broader than a line, is divided out: the running median along frequency
+    of the cells' mean, loud cells limited.
+    """
+    limited = np.minimum(power_ratio, np.float32(_LOUD))
+    is_known = np.isfinite(limited)
+    total = np.where(is_known, limited, 0.0).sum(axis=0, dtype=np.float64)
+    mean = total / np.maximum(is_known.sum(axis=0), 1)
+    half = _SHAPE_BINS * cells_per_bin
+    padded = np.pad(mean, half, mode="reflect")
+    rows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    shape = np.median(rows, axis=1)
+    return np.asarray(power_ratio / np.clip(shape, 0.5, 10.0).astype(np.float32))
+
+
+def find_paths(
+    scores: FloatArray,
+    power_ratio: FloatArray,
+    least: PathScores,
+    expected: IntArray,
+    cells_per_bin: int,
+) -> list[FoundPath]:
+    """Find the paths that noise does not explain, strongest first.
+
+    Parameters
+    ----------
+    scores
+        Score of each cell.
+    power_ratio
+        Power over noise of each cell, same shape.
+    least
+        Scores that paths must exceed, and what a common bearing adds to them.
+    expected
+        Cells in the first frame where lines are expected, from the window before.
+    cells_per_bin
+        Cells per natural bin.
+    """
+    left = scores.copy()
+    found: list[FoundPath] = []
+    for _ in range(_MOST_PASSES):
+        total, moves = best_scores(left, MOVE_PENALTY)
+        if least.bearing is not None:
+            least = least._replace(bearing=least.bearing.without(left <= _MASKED))
+        fresh = _accepted(total, moves, least, expected, cells_per_bin)
+        if not fresh:
+            break
+        for path, score in fresh:
+            cells = _centred(path, power_ratio, cells_per_bin)
+            first, stop = line_interval(
+                np.take_along_axis(power_ratio, cells[:, None], axis=1)[:, 0]
+            )
+            found.append(FoundPath(cells, first, stop, score))
+            _mask(left, power_ratio, cells, cells_per_bin)
+    return found
+
+
+def _centred(path: IntArray, power_ratio: FloatArray, cells_per_bin: int) -> IntArray:
+    """Move a strong line's path to the loudest cell within a bin of it."""
+    offset = np.arange(-cells_per_bin, cells_per_bin + 1)
+    near = np.clip(path[:, None] + offset, 0, power_ratio.shape[1] - 1)
+    power = np.nan_to_num(np.take_along_axis(power_ratio, near, axis=1))
+    best = np.take_along_axis(near, power.argmax(axis=1)[:, None], axis=1)[:, 0]
+    return np.where(power.max(axis=1) > _STRONG, best, path)
+
+
+def _accepted(
+    total: FloatArray,
+    moves: Steps,
+    least: PathScores,
+    expected: IntArray,
+    cells_per_bin: int,
+) -> list[tuple[IntArray, float]]:
+    """Choose paths above their threshold that share no frames, best first."""
+    is_top = np.ones(total.size, dtype=bool)
+    is_top[1:] &= total[1:] > total[:-1]
+    is_top[:-1] &= total[:-1] >= total[1:]
+    bearing, lowest = least.bearing, min(least.new, least.continued)
+    if bearing is not None:
+        lowest = min(lowest, bearing.least_score)
+    ends = np.flatnonzero(is_top & (total > lowest))
+    ends = ends[np.argsort(-total[ends], kind="stable")][:_MOST_ENDS]
+    paths = trace_back(moves, ends)
+    scores = total[ends]
+    if bearing is not None:
+        scores = scores + bearing.scores(paths)
+        order = np.argsort(-scores, kind="stable")
+        paths, scores = paths[order], scores[order]
+    is_good = scores > least.new
+    if expected.size:
+        away = np.abs(paths[:, :1] - expected[None, :]).min(axis=1)
+        is_good |= (scores > least.continued) & (away <= 2 * cells_per_bin)
+    paths, scores = paths[is_good], scores[is_good]
+    accepted = []
+    while scores.size:
+        best = paths[0]
+        accepted.append((best, float(scores[0])))
+        shared = (np.abs(paths - best) <= 2 * cells_per_bin).mean(axis=1)
+        apart = shared <= _SHARED
+        paths, scores = paths[apart], scores[apart]
+    return accepted
+
+
+def _mask(
+    scores: FloatArray, power_ratio: FloatArray, cells: IntArray, cells_per_bin: int
+) -> None:
+    """Take a line and what it leaks out of the scores.
+
+    Hann's main lobe is two bins to either side; side lobes fall by 18 dB per octave
+    from -31 dB at 2.4 bins on (Harris 1978), so a strong line is masked wider.
+    """
+    at = np.take_along_axis(power_ratio, cells[:, None], axis=1)
+    strength = float(np.nanmean(at)) if np.isfinite(at).any() else 1.0
+    bins = max(2.5, 2.4 * (strength * 10.0**-3.1) ** (1.0 / 3.0))
+    half = int(np.ceil(bins * cells_per_bin))
+    offset = np.arange(-half, half + 1)
+    columns = np.clip(cells[:, None] + offset, 0, scores.shape[1] - 1)
+    np.put_along_axis(scores, columns, np.float32(_MASKED), axis=1)
+
+
+def line_interval(power_ratio: FloatArray) -> tuple[int, int]:
+    """Return the frames [first, stop) in which a path holds a line.
+
+    Parameters
+    ----------
+    power_ratio
+        Power over noise along the path; nan in a gap.
+
+    Notes
+    -----
+    A line of power ratio d in some frames and none in the others is compared with one
+    of another ratio in all frames, both by their greatest likelihood. The interval is
+    taken when it is better by more than its freedom of two ends explains.
+    """
+    trials = np.array(_TRIAL_SNRS)[:, None]
+    gain = amplitude_log_ratio(power_ratio[None, :], trials)
+    gain = np.nan_to_num(gain, nan=0.0)
+    whole = float(gain.sum(axis=1).max())
+    ends = [_greatest_sum(row) for row in gain]
+    sums = [float(row[a:b].sum()) for row, (a, b) in zip(gain, ends, strict=True)]
+    best = int(np.argmax(sums))
+    if sums[best] - whole > _INTERVAL_GAIN:
+        return ends[best]
+    return 0, power_ratio.size
+
+
+def _greatest_sum(values: FloatArray) -> tuple[int, int]:
+    total = np.concatenate([[0.0], np.cumsum(values, dtype=float)])
+    lowest = np.minimum.accumulate(total)
+    stop = int(np.argmax(total[1:] - lowest[:-1])) + 1
+    return int(np.argmin(total[:stop])), stop
+
+
+def is_same_line(
+    cells: IntArray, other: IntArray, is_common: BoolArray, cells_per_bin: int
+) -> bool:
+    """Tell whether two paths over the same frames are one line."""
+    if np.count_nonzero(is_common) < 4:
+        return False
+    away = np.abs(cells - other)[is_common]
+    return bool(np.median(away) <= cells_per_bin)

@@ -1,0 +1,156 @@
+"""A steady line in noise: its likelihood, its detection, and the weakest one found.
+
+**Method.** A line of constant amplitude in Gaussian noise is compared with the noise
+alone by the power of a cell (Rice). The weakest line is the steady one that is started with probability one
+half within a minute: where its expected score reaches the threshold, or where M of N
+hits come about every other time. False lines of counted hits follow from the rate of
+noise peaks and the size of a tentative line's gate.
+
+**Conventions.** SNRs are power over noise in the line's cell; times are in seconds.
+``power_ratio`` is the power of a cell over the noise in it, linear.
+
+**References.** Rice (1945) for the amplitude of a line in noise; Wald (1947).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+
+MINUTE_S = 60.0
+
+_GRID_DB = np.arange(-8.0, 25.0, 0.1)
+_TENTATIVE_GATE = 2.2
+"""Full width of a tentative line's gate in resolutions, with the usual gates."""
+
+_SPATIAL_LOSS = 1.0
+"""Mean loss of a hit by its distance, in nepers: half of chi-square, and tails."""
+
+
+def amplitude_log_ratio(
+    power_ratio: FloatArray, design_snr: float | FloatArray
+) -> FloatArray:
+    """Logarithm of the amplitude's likelihood, steady line against noise.
+
+    Parameters
+    ----------
+    power_ratio
+        Power of the cell over the noise in it, linear.
+    design_snr
+        Power of the line looked for over the noise in its cell, linear.
+
+    Notes
+    -----
+    ln I0(2 sqrt(d y)) - d for a line of power ratio d and a cell of ratio y.
+    """
+    from scipy.special import i0e
+
+    argument = 2.0 * np.sqrt(design_snr * np.maximum(power_ratio, 0.0))
+    return np.log(i0e(argument)) + argument - design_snr
+
+
+def detection_probability(threshold: float, design_snr: float) -> float:
+    """Probability that a steady line's cell exceeds a power ratio.
+
+    Notes
+    -----
+    Marcum's Q1(sqrt(2 d), sqrt(2 threshold)), through the noncentral chi-square.
+    """
+    from scipy.stats import ncx2
+
+    return float(ncx2.sf(2.0 * threshold, 2, 2.0 * design_snr))
+
+
+def line_power_density(snr: FloatArray, power_ratio: FloatArray) -> FloatArray:
+    """Return p(y) of a line's power ratio y, shape (snr, y).
+
+    Notes
+    -----
+    exp(-y - d) I0(2 sqrt(d y)) (Rice 1945), from the likelihood ratio.
+    """
+    ratio = amplitude_log_ratio(power_ratio[None, :], snr[:, None])
+    return np.exp(ratio - power_ratio[None, :])
+
+
+def weakest_by_score(
+    gain: Callable[[FloatArray], FloatArray],
+    threshold: float,
+    detection: float,
+    least_score: float,
+    n_frames: float,
+) -> float:
+    """Return the SNR in dB at which the expected score comes up in a minute.
+
+    Parameters
+    ----------
+    gain
+        Log-likelihood ratio of a hit from its SNR in dB, in nepers.
+    threshold
+        Power ratio above which peaks are kept.
+    detection
+        Probability with which the line looked for has a peak beyond those of noise.
+    least_score
+        Score that starts a line, in nepers.
+    n_frames
+        Independent frames in a minute.
+    """
+    power = np.linspace(threshold, threshold + 60.0, 1500)
+    density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)
+    step = power[1] - power[0]
+    seen = np.minimum(density.sum(axis=1) * step, 1.0)
+    gained = gain(10.0 * np.log10(np.maximum(power - 1.0, 0.1))) - _SPATIAL_LOSS
+    ratio = np.log(1.0 - detection + np.exp(gained))
+    drift = (density * ratio).sum(axis=1) * step + (1.0 - seen) * np.log1p(-detection)
+    return _first_above(drift * n_frames, least_score)
+
+
+def weakest_by_count(
+    threshold: float, hits: int, frames: int, n_frames: float
+) -> float:
+    """Return the SNR in dB at which M of N hits come in a minute every other time."""
+    from scipy.stats import binom, ncx2
+
+    snr = 10.0 ** (_GRID_DB / 10.0)
+    seen = ncx2.sf(2.0 * threshold, 2, 2.0 * snr)
+    started = seen * binom.sf(hits - 2, frames - 1, seen)
+    return _first_above(-np.log1p(-np.minimum(started, 1 - 1e-12)) * n_frames, LN2)
+
+
+def false_lines_by_count(
+    peaks_per_frame_khz: float, resolution_hz: float, hits: int, frames: int,
+    hop_s: float,
+) -> float:  # fmt: skip
+    """Return the expected rate of false lines by M of N, per kHz and hour."""
+    from scipy.stats import binom
+
+    in_gate = -np.expm1(-peaks_per_frame_khz * 1e-3 * _TENTATIVE_GATE * resolution_hz)
+    births_per_hour = peaks_per_frame_khz * 3600.0 / hop_s
+    return float(births_per_hour * binom.sf(hits - 2, frames - 1, in_gate))
+
+
+def weakest_by_path(least_score: float, n_frames: int, path_gain: float) -> float:
+    """Return the SNR in dB at which the expected score of a path comes up.
+
+    Parameters
+    ----------
+    least_score
+        Score that a path must exceed, in nepers.
+    n_frames
+        Frames of the path.
+    path_gain
+        What a path gains per frame by its choice among cells, in nepers.
+    """
+    power = np.linspace(1e-3, 80.0, 4000)
+    density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)
+    score = np.minimum(amplitude_log_ratio(power, 1.5), 4.0)
+    mean = (density * score).sum(axis=1) * (power[1] - power[0])
+    return _first_above(n_frames * (mean + path_gain), least_score)
+
+
+LN2 = float(np.log(2.0))
+
+
+def _first_above(values: FloatArray, level: float) -> float:
+    above = np.flatnonzero(values > level)
+    return float(_GRID_DB[above[0]]) if above.size else float(_GRID_DB[-1])

@@ -1,0 +1,1 @@
+"""The line tracker: association, filters, track management."""

@@ -1,0 +1,188 @@
+"""The cumulative log-likelihood ratio of a line against noise.
+
+**Method.** The peaks near a tentative line's predicted place are compared under two
+statements: noise alone, and noise with the line, which is seen with some probability
+and then has the amplitude of a steady line and the predicted place. The logarithm of the
+ratio is added up, and Wald's inequality gives the score that noise reaches at a wanted
+rate. The density of noise peaks is followed where they are, because noise is not white
+everywhere. A confirmed line goes on until its score has fallen too far (Page's test).
+
+**Conventions.** Scores in nepers.
+
+**References.** Wald, "Sequential Analysis" (1947); Page (1954); Blackman & Popoli
+(1999), section 6.2; Musicki, Evans & Stankovic (1994) for the ratio over all peaks in a
+gate; Rice (1945) for the amplitude.
+"""
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.estimation.window import cell_correlation
+from uwtrack_cli.lines.sensitivity import (
+    MINUTE_S,
+    amplitude_log_ratio,
+    detection_probability,
+    weakest_by_score,
+)
+from uwtrack_cli.lines.tracker_options import ScoreLogic
+from uwtrack_cli.lines.tracking.clutter_density import ClutterDensity
+from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks
+from uwtrack_cli.lines.tracking.track_management import NOISE_PEAKS_PER_CELL
+from uwtrack_cli.lines.tracking.track_store import TrackStore
+
+MOST_GAIN = 3.5
+"""Cap on the amplitude's gain: one loud transient must not make a line."""
+
+MOST_OWN_RATE = 0.65
+"""Bound of a confirmed line's own detection rate: what a miss costs is limited."""
+
+GATE_CELLS = 3.0
+"""Resolutions in a settled line's gate, where noise peaks count as hits, too."""
+
+RATE_FRAMES = 63
+"""Frames over which a line's own hit rate is averaged."""
+
+DISMISSED = -4.0
+"""Score in nepers at which a tentative line is given up."""
+
+SETTLED_WITHIN = 2.0
+"""Fall of the score, in nepers, within which a hit still belongs to the line."""
+
+HEIGHT_EXCESS = 1.225
+"""Mean excess of a noise peak's interpolated power over any threshold, in noise powers:
+1 in a single cell (exponential), more at the maximum of several (3e6 peaks of noise)."""
+
+PEAKS_PER_CELL = 0.48
+"""Noise peaks per resolution at threshold zero, with that excess (same peaks). A line's
+peaks beyond those of noise are as many per peak of Rice's law: they displace some."""
+
+WALD_SHARE = 0.25
+"""Share of Wald's bound that noise uses, rounded up: scores pass the threshold by a step,
+peaks near tentative lines start none, and gates end (0.12 to 0.20 in 6 kHz hours of noise
+with peaks kept at 1e-1 and 1e-2)."""
+
+ECHO = 3.0
+"""Rise of a noise peak's chance beside the last one, in nepers per threshold and
+correlation of their cells: overlapping frames share noise (measured on 1e6 peaks)."""
+
+_SNR_GRID_DB = np.arange(-12.0, 60.0, 0.02)
+
+
+class LlrScore:
+    """Cumulative log-likelihood ratio with Wald's threshold."""
+
+    uses_all_peaks = True
+    is_exclusive = False
+
+    def __init__(self, rule: ScoreLogic, frames: Frames, peaks: Peaks) -> None:
+        self.rule = rule
+        self.design_snr = 10.0 ** (rule.design_snr_db / 10.0)
+        threshold = -np.log(peaks.kept_probability) / HEIGHT_EXCESS
+        seen = detection_probability(threshold, self.design_snr)
+        self.detection = PEAKS_PER_CELL * seen
+        self.first_offset = -threshold - np.log(seen)
+        self.window_s = frames.window_s
+        # frames closer than half a window repeat each other
+        self.weight = min(1.0, frames.hop_s / (0.5 * frames.window_s))
+        births_per_khz_hour = (
+            1e3 * NOISE_PEAKS_PER_CELL * frames.window_s * peaks.kept_probability
+            * 3600.0 / frames.hop_s
+        )  # fmt: skip
+        self.confirming = np.log(
+            max(WALD_SHARE * births_per_khz_hour / rule.false_lines_per_khz_hour, 1.0)
+        )
+        self.chance_hits = -np.expm1(
+            -GATE_CELLS * NOISE_PEAKS_PER_CELL * peaks.kept_probability
+        )
+        self.most_own = max(self.detection, MOST_OWN_RATE)
+        # what frames that are closer repeat, the weight takes off
+        shared = cell_correlation(0.0, max(frames.hop_s / frames.window_s, 0.5))
+        self.echo = ECHO * shared * threshold * HEIGHT_EXCESS
+        self.least_gain = float(np.log1p(-self.detection))
+        self.gains = self._amplitude_gain(_SNR_GRID_DB)
+        self.clutter = ClutterDensity(frames, peaks)
+        self.false_lines_per_khz_hour = rule.false_lines_per_khz_hour
+        self.weakest_line_snr_db = weakest_by_score(
+            self._amplitude_gain, threshold * HEIGHT_EXCESS, self.detection,
+            self.confirming / self.weight, MINUTE_S / frames.hop_s,
+        )  # fmt: skip
+
+    def heights(self, peaks: FramePeaks) -> FloatArray:
+        """Amplitude's log-likelihood ratio, less the excess of the clutter density."""
+        gain = np.interp(peaks.snr_db, _SNR_GRID_DB, self.gains)
+        height: FloatArray = gain - self.clutter.excess(peaks.frequency_hz)
+        return height
+
+    def weigh(
+        self,
+        store: TrackStore,
+        slots: IntArray,
+        distance: FloatArray,
+        variance: FloatArray,
+        line: IntArray,
+        height: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Log-likelihood ratio of "this line's peak" against "noise".
+
+        Agreeing bearings give no credit: a vessel's broadband noise comes from one
+        bearing, too.
+        """
+        place = -0.5 * np.log(2.0 * np.pi * self.window_s**2 * variance)
+        place -= self.echo * store.history[slots]
+        gain = height + place[line] - 0.5 * distance
+        return -gain, gain
+
+    def judge(
+        self,
+        store: TrackStore,
+        slots: IntArray,
+        chosen: Choice,
+        patience: FloatArray,
+    ) -> tuple[BoolArray, BoolArray]:
+        """Add the frame's evidence and compare with Wald's bounds."""
+        n_confirmed = store.confirmed.size
+        is_hit = np.zeros(slots.size, dtype=bool)
+        is_hit[chosen.line] = True
+        rate = store.hit_rate[slots]
+        evidence = np.zeros(slots.size)
+        evidence[chosen.line] = np.exp(chosen.gain)
+        evidence[n_confirmed:] = chosen.evidence
+        # a line that nearly always has a peak is missed sooner
+        own = (rate[:n_confirmed] - self.chance_hits) / (1.0 - self.chance_hits)
+        seen = np.full(slots.size, self.detection)
+        seen[:n_confirmed] = np.minimum(np.maximum(own, self.detection), self.most_own)
+        change = np.log(1.0 - seen + evidence * (seen / self.detection))
+        store.history[slots] = is_hit
+        n_averaged = np.minimum(store.age[slots], RATE_FRAMES)
+        store.hit_rate[slots] = rate + (is_hit - rate) / n_averaged
+        score = store.score[slots] + self.weight * change
+        best = np.maximum(store.best_score[slots], score)
+        store.score[slots], store.best_score[slots] = score, best
+        # where the evidence was greatest is where the line ended, if it did
+        is_own = is_hit & (score >= best - SETTLED_WITHIN)
+        store.settled[slots[is_own]] = store.rows
+        is_confirmed = score >= self.confirming
+        is_lost = best - score > self.rule.patience * patience
+        # Wald's other bound: what is this unlikely is not worth waiting for
+        is_lost[n_confirmed:] |= score[n_confirmed:] < DISMISSED
+        return is_confirmed, is_lost
+
+    def first_score(self, height: FloatArray) -> FloatArray:
+        """Amplitude alone, among the peaks that are kept."""
+        score: FloatArray = self.weight * (height + self.first_offset)
+        return score
+
+    def is_likely(self, store: TrackStore, slots: IntArray) -> BoolArray:
+        """Tell lines that are half way to their confirmation, or confirmed."""
+        return np.asarray(store.score[slots] >= 0.5 * self.confirming)
+
+    def watch(self, peaks: FramePeaks, is_claimed: BoolArray) -> None:
+        """Follow the density of the peaks that no line claims."""
+        self.clutter.watch(peaks.frequency_hz[~is_claimed], peaks.frequency_hz.size)
+
+    def _amplitude_gain(self, snr_db: FloatArray) -> FloatArray:
+        power_ratio = (1.0 + 10.0 ** (snr_db / 10.0)) / HEIGHT_EXCESS
+        ratio = amplitude_log_ratio(power_ratio, self.design_snr)
+        return np.minimum(ratio, MOST_GAIN)

@@ -1,0 +1,328 @@
+"""The states of all tracked lines, their recent history, and its smoothing.
+
+**Method.** Every line has a slot in one table, a row per quantity, so that one
+operation advances all lines and one copy keeps a frame. The copies of the last
+frames form a ring. Whenever a chunk of frames is full, the lines are smoothed from
+the newest frame back (Rauch-Tung-Striebel, all lines at once) and the points
+that lie at least one lag behind the newest frame are final: with a lag much longer
+than the correlation time of the filter this is the fixed-interval smoother, in bounded
+memory. Chunks are counted in frames since the start, so the blocks in which frames
+arrive make no difference.
+
+**Conventions.** The first row of a pair is frequency (Hz), the second bearing (degree,
+unwrapped). A slot is free, tentative, confirmed or ended; an ended line keeps its
+slot until its points are out. The rows of the table are known to this module alone.
+
+**References.** Rauch, Tung & Striebel, AIAA J. 3(8), 1445-1450 (1965).
+"""
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.lines import COASTED, DETECTED, SUB_THRESHOLD
+from uwtrack_cli.estimation.kalman import KalmanState, advance, smooth_all
+from uwtrack_cli.lines.line_points import LinePoints
+
+FREE, TENTATIVE, CONFIRMED, ENDED = 0, 1, 2, 3
+"""Values of `TrackStore.stage`."""
+
+CHUNK_FRAMES = 256
+"""Frames from one emission of points to the next."""
+
+LAG_FRAMES = 256
+"""Frames by which an emitted point lies behind the newest frame, at least."""
+
+MORE_SLOTS = 64
+"""Slots by which a table that is full grows, at least."""
+
+UNKNOWN_BEARING_VARIANCE = 1e8
+"""Variance in degree^2 of a bearing that was never measured."""
+
+_STATE_ROWS, _MEASURED_ROWS = 10, 6
+_ASSOCIATION = _STATE_ROWS + _MEASURED_ROWS
+_N_ROWS = _ASSOCIATION + 1
+_N_COUNTS, _N_GAUGES = 10, 5
+
+
+class TrackStore:
+    """A table of lines, a slot each, with a ring of its recent copies.
+
+    Attributes
+    ----------
+    state
+        Predicted or filtered states of frequency and bearing; each entry has the
+        shape (2, slot).
+    frequency_hz, bearing_deg
+        Frequency in Hz and unwrapped bearing in degree, shape (slot,).
+    frequency_variance_hz2, bearing_variance_deg2
+        Their variances, shape (slot,).
+    measured_frequency_hz
+        Frequency of the peak taken in this frame, Hz; nan without one; shape (slot,).
+    association
+        How the line was measured in this frame, as `Lines.association`; nan in a gap;
+        shape (slot,).
+    noise_density
+        Spectral density of the accelerations, Hz^2/s^3 and degree^2/s^3, shape
+        (2, slot).
+    n_quantities
+        1 as long as no bearing has been measured, then 2.
+    rows
+        Frames kept since the start.
+    next_line, next_serial
+        Number of the next line to be confirmed, and of the next one to be started.
+    stage
+        Free, tentative, confirmed or ended, shape (slot,).
+    line, serial
+        Number of a confirmed line, and of any line in the order of the starts.
+    history
+        Hits of the last frames, owned by the logic that starts and ends lines.
+    age
+        Frames since the start of the line, itself counted.
+    born, emitted, settled
+        Row of the first frame, of the first frame whose point is not out, and of the
+        last frame that belongs to the line.
+    doubled
+        Twice the frames for which the line has been beside another, less the others.
+    hold
+        Frames for which the line stays recognised as a member of a family.
+    score, best_score
+        Log-likelihood ratio of the line in nepers, and its greatest value.
+    hit_rate
+        Share of frames with a peak, averaged.
+    precision
+        Reciprocal variance of the line's measured frequency, averaged, 1/Hz^2.
+    hits
+        Peaks that the line has taken.
+    """
+
+    def __init__(self, capacity: int = 64) -> None:
+        self.rows = 0
+        self.next_line = 1
+        self.next_serial = 1
+        self.n_quantities = 1
+        self.noise_density = np.zeros((2, capacity))
+        self._size = CHUNK_FRAMES + LAG_FRAMES
+        self._table = np.zeros((_N_ROWS, capacity))
+        self._ring = np.zeros((self._size, _N_ROWS, capacity))
+        self._row_frame = np.zeros(self._size, dtype=np.int64)
+        self._row_time = np.zeros(self._size)
+        self._row_step = np.zeros(self._size)
+        self._counts = np.zeros((_N_COUNTS, capacity), dtype=np.int64)
+        self._gauges = np.zeros((_N_GAUGES, capacity))
+        self._name_rows()
+
+    def _name_rows(self) -> None:
+        """Give the rows of the tables names: views of them."""
+        (
+            self.stage, self.line, self.serial, self.history, self.age, self.born,
+            self.emitted, self.settled, self.doubled, self.hold,
+        ) = self._counts  # fmt: skip
+        (
+            self.score, self.best_score, self.hit_rate, self.precision, self.hits,
+        ) = self._gauges  # fmt: skip
+        t, n = self._table, self.n_quantities
+        self.state = KalmanState(t[0:2], t[2:4], t[4:6], t[6:8], t[8:10])
+        self.frequency_hz, self.bearing_deg = t[0], t[1]
+        self.frequency_variance_hz2, self.bearing_variance_deg2 = t[4], t[5]
+        self.measured_frequency_hz, self.association = t[_STATE_ROWS], t[_ASSOCIATION]
+        self._moving = KalmanState(*(pair[:n] for pair in self.state))
+        self._moving_rows = t[:_STATE_ROWS].reshape(5, 2, -1)[:, :n]
+        self._sorted: tuple[IntArray, IntArray] | None = None
+
+    def track_bearings(self) -> None:
+        """Let bearings move, too; until one is measured they are left alone."""
+        self.n_quantities = 2
+        self._name_rows()
+
+    def advance(self, step_s: float) -> None:
+        """Carry all lines over a time step, and forget their measurements."""
+        noise = self.noise_density[: self.n_quantities]
+        advance(self._moving, step_s, noise)
+        self._table[_STATE_ROWS:] = np.nan
+
+    def coast(self, slots: IntArray | slice = slice(None)) -> None:
+        """Mark lines as not measured in this frame."""
+        self.association[slots] = COASTED
+
+    def moving_state(self, slots: IntArray) -> KalmanState:
+        """Return the states of some lines, entries of shape (quantity, line)."""
+        return KalmanState(*self._moving_rows[:, :, slots])
+
+    def correct(self, slots: IntArray, state: KalmanState) -> None:
+        """Replace the states of some lines by corrected ones."""
+        self._moving_rows[:, :, slots] = state
+
+    def note_peaks(
+        self, slots: IntArray, measured: FloatArray, is_detection: BoolArray
+    ) -> None:
+        """Note the peaks that some lines take.
+
+        Parameters
+        ----------
+        slots
+            The lines.
+        measured
+            Rows of `LinePoints.measured`, shape (6, line).
+        is_detection
+            Whether the peaks exceed the detection threshold.
+        """
+        self._table[_STATE_ROWS:_ASSOCIATION, slots] = measured
+        self.association[slots] = np.where(is_detection, DETECTED, SUB_THRESHOLD)
+
+    @property
+    def confirmed(self) -> IntArray:
+        """Slots of the confirmed lines."""
+        return self._by_stage()[0]
+
+    def active(self) -> IntArray:
+        """Slots of the confirmed lines, then of the tentative ones."""
+        return self._by_stage()[1]
+
+    def _by_stage(self) -> tuple[IntArray, IntArray]:
+        if self._sorted is None:
+            confirmed = np.flatnonzero(self.stage == CONFIRMED)
+            tentative = np.flatnonzero(self.stage == TENTATIVE)
+            self._sorted = confirmed, np.concatenate([confirmed, tentative])
+        return self._sorted
+
+    def _free_slots(self, count: int) -> IntArray:
+        """Return ``count`` free slots; the table grows when there are too few."""
+        free = np.flatnonzero(self.stage == FREE)
+        while free.size < count:
+            self._grow()
+            free = np.flatnonzero(self.stage == FREE)
+        return free[:count]
+
+    def _grow(self) -> None:
+        """Add a quarter of the slots: the ring is large, and rarely outgrown."""
+        more = max(MORE_SLOTS, self._table.shape[-1] // 4)
+        for name in ("_table", "_ring", "noise_density", "_counts", "_gauges"):
+            values = getattr(self, name)
+            grown = np.zeros(
+                (*values.shape[:-1], values.shape[-1] + more), values.dtype
+            )
+            grown[..., : values.shape[-1]] = values
+            setattr(self, name, grown)
+        self._name_rows()
+
+    def start(
+        self,
+        state: KalmanState,
+        noise_density: FloatArray,
+        measured: FloatArray,
+        is_detection: BoolArray,
+        score: FloatArray,
+        precision: FloatArray,
+    ) -> None:
+        """Start tentative lines, a peak each.
+
+        Parameters
+        ----------
+        state
+            Their states, entries of shape (2, line).
+        noise_density
+            Spectral densities of their accelerations, shape (2, line).
+        measured
+            Rows of `LinePoints.measured`, shape (6, line).
+        is_detection
+            Whether the peaks exceed the detection threshold.
+        score
+            Log-likelihood ratio of each in nepers.
+        precision
+            Reciprocal variance of a measured frequency of each, 1/Hz^2.
+        """
+        count = score.size
+        slots = self._free_slots(count)
+        self._table[:_STATE_ROWS, slots] = np.concatenate(state)
+        self.note_peaks(slots, measured, is_detection)
+        self.noise_density[:, slots] = noise_density
+        serial = self.next_serial + np.arange(count)
+        self.next_serial += count
+        counts = np.zeros((_N_COUNTS, count), dtype=np.int64)
+        counts[0], counts[2], counts[3:5], counts[5:8] = TENTATIVE, serial, 1, self.rows
+        self._counts[:, slots] = counts
+        self._gauges[:, slots] = np.stack(
+            [score, score, np.ones(count), precision, np.ones(count)]
+        )
+        self._sorted = None
+
+    def confirm(self, slots: IntArray) -> None:
+        """Make confirmed lines of tentative ones; they get their numbers."""
+        if slots.size:
+            self.stage[slots] = CONFIRMED
+            self.line[slots] = self.next_line + np.arange(slots.size)
+            self.next_line += slots.size
+            self._sorted = None
+
+    def release(self, slots: IntArray) -> None:
+        """Take lines out: tentative ones are forgotten, confirmed ones have ended."""
+        if slots.size:
+            is_confirmed = self.stage[slots] == CONFIRMED
+            self.stage[slots] = np.where(is_confirmed, ENDED, FREE)
+            self._sorted = None
+
+    def drop_ended(self) -> None:
+        """Free the slots of ended lines whose points are not wanted."""
+        self.stage[self.stage == ENDED] = FREE
+
+    def keep_frame(self, frame: int, time_s: float, step_s: float) -> None:
+        """Copy the table of this frame into the ring."""
+        at = self.rows % self._size
+        self._ring[at] = self._table
+        self._row_frame[at], self._row_time[at] = frame, time_s
+        self._row_step[at] = step_s
+        self.rows += 1
+
+    @property
+    def is_chunk_full(self) -> bool:
+        """Whether points are due."""
+        return self.rows % CHUNK_FRAMES == 0
+
+    def emit(self, lag: int) -> LinePoints:
+        """Smooth and return the points at least ``lag`` frames old, by line and time.
+
+        Points after the frame up to which a line is settled are not its points
+        yet; lines that ended are returned up to there and leave the table.
+        """
+        slots = np.flatnonzero((self.stage == CONFIRMED) | (self.stage == ENDED))
+        slots = slots[np.argsort(self.line[slots])]
+        start = max(0, self.rows - self._size)
+        first = np.maximum(np.maximum(self.emitted, self.born)[slots], start)
+        is_over = self.stage[slots] == ENDED
+        stop = np.where(is_over, self.rows, self.rows - lag)
+        stop = np.minimum(stop, self.settled[slots] + 1)
+        due = stop > first
+        points = self._smoothed_points(slots[due], first[due], stop[due])
+        self.emitted[slots[due]] = stop[due]
+        self.stage[slots[is_over]] = FREE
+        return points
+
+    def _smoothed_points(
+        self, slots: IntArray, first: IntArray, stop: IntArray
+    ) -> LinePoints:
+        low = int(first.min()) if slots.size else self.rows
+        rows = np.arange(low, self.rows)
+        at = rows % self._size
+        copies = self._ring[np.ix_(at, np.arange(_N_ROWS), slots)]
+        # an ended line is smoothed from its settled end, a living one from now
+        end = np.where(self.stage[slots] == ENDED, self.settled[slots], self.rows - 1)
+        n = self.n_quantities
+        states = copies[:, :_STATE_ROWS].reshape(rows.size, 5, 2, slots.size)
+        is_inside = (rows[:, None] < end)[:, None, :]
+        # rows before a line's birth hold another line's remains: never emitted
+        with np.errstate(all="ignore"):
+            density = self.noise_density[:n, slots]
+            smooth_all(states[:, :, :n], self._row_step[at], density, is_inside)
+        member, row = np.nonzero(
+            (rows[None, :] >= first[:, None]) & (rows[None, :] < stop[:, None])
+        )
+        is_gap = np.isnan(copies[row, _ASSOCIATION, member])
+        member, row = member[~is_gap], row[~is_gap]
+        return LinePoints(
+            line=self.line[slots][member],
+            frame=self._row_frame[at][row],
+            time_s=self._row_time[at][row],
+            state=states[row, :, :, member],
+            measured=copies[row, _STATE_ROWS:_ASSOCIATION, member],
+            association=copies[row, _ASSOCIATION, member].astype(np.int64),
+        )

@@ -1,0 +1,331 @@
+"""One frame of line tracking: predict, associate, update, decide, start lines.
+
+**Method.** The normative order of a frame: all lines are predicted; confirmed lines
+choose among the peaks in their gates, then tentative ones among the rest; filters
+are updated; lines are confirmed, ended and merged; families are sought among the
+confirmed lines; free peaks start new lines. A frame without valid samples is missing
+time: states are carried across it and nothing is counted. `follow_peaks` feeds a tracker
+frame by frame and passes on the points that have become final.
+
+**Conventions.** Every decision depends on the frames alone, never on how they were
+cut into blocks. One block of lines leaves for each block of peaks, and at the end one
+more with the points still held and the table of lines.
+
+**References.** Choi (2014); Blackman & Popoli (1999), section 6.2.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.peaks import Families, Peaks
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation import kalman
+from uwtrack_cli.estimation.angles import wrap_deg
+from uwtrack_cli.lines.contacts import ContactSamples, group_lines
+from uwtrack_cli.lines.families.comb_test import CombRule
+from uwtrack_cli.lines.families.harmonics import find_combs
+from uwtrack_cli.lines.families.lasting_families import FamilyRegister
+from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_lines
+from uwtrack_cli.lines.tracker_options import TrackerOptions
+from uwtrack_cli.lines.tracking.association import Associator
+from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks, split_frames
+from uwtrack_cli.lines.tracking.llr_score import LlrScore
+from uwtrack_cli.lines.tracking.track_management import HitCounter, Logic, merge_lines
+from uwtrack_cli.lines.tracking.track_store import (
+    LAG_FRAMES,
+    UNKNOWN_BEARING_VARIANCE,
+    TrackStore,
+)
+
+_GREATEST_STD = 1.5
+"""Deviation of a prediction, in resolutions, beyond which a line has no identity."""
+
+_USUAL_HITS = 6.0
+"""Hits that the usual precision of a peak is worth at the start of a line."""
+
+_MOST_HITS = 32.0
+"""Hits over which the precision of a line's peaks is averaged."""
+
+_CORRELATION_WINDOWS = 4.0
+"""Windows over which the errors of a smoothed line are taken as correlated."""
+
+_LEAST_JITTER = 0.1
+"""Floor of a line's deviation in the comb test, in resolutions."""
+
+
+class LineTracker:
+    """Carries the lines from frame to frame."""
+
+    def __init__(self, options: TrackerOptions, frames: Frames, peaks: Peaks) -> None:
+        self.options = options
+        self.store = TrackStore()
+        self.resolution_hz = 1.0 / frames.window_s
+        self.band_hz = peaks.highest_hz - peaks.lowest_hz
+        self.logic: Logic = (
+            LlrScore(options.score, frames, peaks)
+            if options.initiation == "score"
+            else HitCounter(options.count, frames, peaks)
+        )
+        self.associator = Associator(
+            self.store, options, self.logic, self.resolution_hz
+        )
+        self.hop_s = frames.hop_s
+        self.reference = peaks.reference
+        self.families = FamilyRegister()
+        self.samples = ContactSamples(max(1, round(frames.window_s / frames.hop_s)))
+        self.frames_seen = 0
+        self.window_frames = frames.window_s / frames.hop_s
+        self.last_time_s: float | None = None
+        self.is_after_gap = False
+        self.usual_precision = 0.0
+
+    def step(
+        self, frame: int, time_s: float, valid_fraction: float, peaks: FramePeaks
+    ) -> None:
+        """Advance all lines by one frame."""
+        store = self.store
+        step_s = 0.0 if self.last_time_s is None else time_s - self.last_time_s
+        self.last_time_s = time_s
+        store.advance(step_s)
+        if valid_fraction > 0.0:
+            if self.is_after_gap or step_s > 1.5 * self.hop_s:
+                # after a long gap a line could be anywhere: it has no identity left
+                slots = store.active()
+                store.release(slots[self._is_vague(slots)])
+            if peaks.has_bearings and store.n_quantities == 1:
+                store.track_bearings()
+            self._observe(peaks, frame)
+        self.is_after_gap = valid_fraction <= 0.0
+        store.keep_frame(frame, time_s, step_s)
+
+    def emit(self) -> LinePoints:
+        """Return the points that have become final."""
+        return self._emit(LAG_FRAMES)
+
+    def finish(self) -> LinePoints:
+        """End all lines and return the points still held."""
+        self.store.release(self.store.active())
+        return self._emit(0)
+
+    def _emit(self, lag: int) -> LinePoints:
+        points = self.store.emit(lag)
+        self.samples.add(points)
+        return points
+
+    def line_table(self) -> LineTable:
+        """Return what is known of the lines, at the end."""
+        lines = self.samples.line_seen()
+        families, family = self.families.lasting(lines, 0.1)
+        samples = self.samples.samples(lines, _CORRELATION_WINDOWS * self.window_frames)
+        contact, status = group_lines(samples, family)
+        return LineTable(lines, contact, family, status, families)
+
+    def scalars(self) -> dict[str, Any]:
+        """Return what the run could have found."""
+        return {
+            "reference": self.reference,
+            "false_lines_per_khz_hour": self.logic.false_lines_per_khz_hour,
+            "weakest_line_snr_db": self.logic.weakest_line_snr_db,
+        }
+
+    def _observe(self, peaks: FramePeaks, frame: int) -> None:
+        store = self.store
+        slots = store.active()
+        store.coast()
+        height = self.logic.heights(peaks)
+        is_used = np.zeros(peaks.frequency_hz.size, dtype=bool)
+        is_likely = is_used
+        if slots.size:
+            chosen = self._associate(slots, peaks, height)
+            self._update(slots[chosen.line], chosen.peak, peaks)
+            is_used[chosen.peak] = True
+            likely = self.logic.is_likely(store, slots[chosen.line])
+            is_likely = np.zeros_like(is_used)
+            is_likely[chosen.peak[likely]] = True
+            self._decide(slots, chosen)
+            merge_lines(store, self.options.gates, self.resolution_hz)
+        is_claimed = self.associator.is_claimed(peaks) | is_likely
+        self.logic.watch(peaks, is_claimed)
+        self.frames_seen += 1
+        if self.frames_seen % self.options.feedback.every_frames == 0:
+            self._classify(frame)
+        if peaks.frequency_hz.size:
+            self._start(peaks, ~(is_used | is_claimed), height)
+
+    def _associate(
+        self, slots: IntArray, peaks: FramePeaks, height: FloatArray
+    ) -> Choice:
+        return self.associator.associate(slots, peaks, height)
+
+    def _update(self, slots: IntArray, peak: IntArray, peaks: FramePeaks) -> None:
+        """Correct the states of some lines by their peaks."""
+        store, n = self.store, self.store.n_quantities
+        before = store.moving_state(slots)
+        innovation = np.empty((n, slots.size))
+        noise = np.empty((n, slots.size))
+        innovation[0] = peaks.frequency_hz[peak]
+        noise[0] = 1.0 / store.precision[slots]
+        if n == 2:
+            innovation[1] = peaks.bearing_deg[peak]
+            noise[1] = peaks.bearing_variance_deg2[peak]
+        innovation -= before.position
+        if n == 2:
+            turn = wrap_deg(innovation[1])
+            innovation[1] = np.where(np.isnan(turn), 0.0, turn)
+        store.correct(slots, kalman.update(before, innovation, noise))
+        self._note_peaks(slots, peak, peaks)
+
+    def _note_peaks(self, slots: IntArray, peak: IntArray, peaks: FramePeaks) -> None:
+        """Keep the peaks of some lines, and average the precision along each line.
+
+        The height of a weak line's single peak is its noise's: a high one is no more
+        exact than a low one.
+        """
+        store = self.store
+        store.note_peaks(slots, peaks.measured[:, peak], peaks.is_detection[peak])
+        precision = 1.0 / peaks.frequency_variance_hz2[peak]
+        hits, known = store.hits[slots] + 1.0, store.precision[slots]
+        weight = 1.0 / np.minimum(_USUAL_HITS + hits, _MOST_HITS)
+        store.hits[slots] = hits
+        store.precision[slots] = known + weight * (precision - known)
+
+    def _decide(self, slots: IntArray, chosen: Choice) -> None:
+        """Confirm and end lines."""
+        store = self.store
+        store.age[slots] += 1
+        patience = np.ones(slots.size)
+        n_confirmed = store.confirmed.size
+        recognised = self.associator.is_recognised(slots[:n_confirmed])
+        patience[:n_confirmed][recognised] = self.options.feedback.gamma
+        is_confirmed, is_lost = self.logic.judge(store, slots, chosen, patience)
+        is_lost |= self._is_vague(slots)
+        is_fresh = is_confirmed[n_confirmed:] & ~is_lost[n_confirmed:]
+        store.confirm(slots[n_confirmed:][is_fresh])
+        store.release(slots[is_lost])
+
+    def _is_vague(self, slots: IntArray) -> BoolArray:
+        """Tell which lines are known too poorly to be separated from others."""
+        widest = self.options.gates.frequency_hz or _GREATEST_STD * self.resolution_hz
+        return np.asarray(self.store.frequency_variance_hz2[slots] > widest**2)
+
+    def _classify(self, frame: int) -> None:
+        """Mark the confirmed lines that belong to harmonic families."""
+        store, feedback = self.store, self.options.feedback
+        store.hold[:] = np.maximum(store.hold - feedback.every_frames, 0)
+        slots = store.confirmed
+        # a line that coasts has no frequency to speak of
+        slots = slots[store.rows - store.settled[slots] <= feedback.hold_frames]
+        if slots.size < 3:
+            return
+        slots = slots[np.argsort(store.frequency_hz[slots], kind="stable")]
+        frequency = store.frequency_hz[slots]
+        sigma = float(np.sqrt(np.median(store.frequency_variance_hz2[slots])))
+        sigma = max(sigma, _LEAST_JITTER * self.resolution_hz)
+        is_known = store.bearing_variance_deg2[slots] < 0.5 * UNKNOWN_BEARING_VARIANCE
+        bearing = np.where(is_known, store.bearing_deg[slots], np.nan)
+        harmonics = self.options.harmonics
+        rule = CombRule(
+            harmonics.spacing_hz, harmonics.teeth, sigma,
+            harmonics.bearing_window_deg, self.band_hz,
+        )  # fmt: skip
+        combs, score = find_combs(frequency, bearing, rule, feedback.chance)
+        is_member = score < np.log10(feedback.chance)
+        if feedback.classifier == "families":
+            store.hold[slots[is_member]] = feedback.hold_frames
+        self.families.note(frame, combs, store.line[slots], frequency, sigma)
+
+    def _start(self, peaks: FramePeaks, is_free: BoolArray, height: FloatArray) -> None:
+        """Start lines from free peaks."""
+        is_start = is_free & (peaks.is_detection | self.logic.uses_all_peaks)
+        if self.options.feedback.births == "families":
+            is_start &= peaks.is_in_family
+        at = np.flatnonzero(is_start)
+        if not at.size:
+            return
+        motion = self.options.motion
+        window_s = 1.0 / self.resolution_hz
+        precision = 1.0 / peaks.frequency_variance_hz2[at]
+        usual = self.usual_precision or float(precision.mean())
+        self.usual_precision = usual + (float(precision.mean()) - usual) / _MOST_HITS
+        precision = (_USUAL_HITS * usual + precision) / (_USUAL_HITS + 1.0)
+        position = np.zeros((2, at.size))
+        variance = np.full((2, at.size), UNKNOWN_BEARING_VARIANCE)
+        rate_variance = np.empty((2, at.size))
+        position[0], variance[0] = peaks.frequency_hz[at], 1.0 / precision
+        if peaks.has_bearings:
+            known = np.isfinite(peaks.bearing_deg[at])
+            position[1, known] = peaks.bearing_deg[at[known]]
+            variance[1, known] = peaks.bearing_variance_deg2[at[known]]
+        rate_variance[0] = motion.rate_std_hzps(window_s, self.hop_s) ** 2
+        rate_variance[1] = motion.bearing_rate_degps**2
+        none = np.zeros((2, at.size))
+        self.store.start(
+            kalman.KalmanState(position, none, variance, none, rate_variance),
+            np.stack([
+                motion.frequency_density(position[0], window_s),
+                np.full(at.size, motion.bearing_deg2ps3),
+            ]),
+            peaks.measured[:, at],
+            peaks.is_detection[at],
+            self.logic.first_score(height[at]),
+            precision,
+        )  # fmt: skip
+
+
+def follow_peaks(
+    blocks: Iterator[Families | Peaks],
+    make_tracker: Callable[[Frames, Peaks], LineTracker],
+) -> Iterator[Lines]:
+    """Follow the peaks of a stream with a tracker made for its first block.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of peaks, or of families that carry their peaks.
+    make_tracker
+        Makes the tracker from the first block's frames and peaks.
+
+    Raises
+    ------
+    DataError
+        The families do not carry their peaks.
+    """
+    tracker: LineTracker | None = None
+    frames: Frames | None = None
+    for block in blocks:
+        peaks = _peaks_of(block)
+        frames = peaks.frames
+        if tracker is None:
+            tracker = make_tracker(frames, peaks)
+        parts = []
+        for index, frame_peaks in enumerate(split_frames(block, peaks)):
+            tracker.step(
+                frames.first_frame + index,
+                float(frames.time_s[index]),
+                float(frames.valid_fraction[index]),
+                frame_peaks,
+            )
+            if tracker.store.is_chunk_full:
+                parts.append(tracker.emit())
+        yield to_lines(frames, LinePoints.join(parts), no_table(), tracker.scalars())
+    if tracker is not None and frames is not None:
+        points = tracker.finish()
+        nothing = frames.take("frame", slice(0, 0))
+        yield to_lines(nothing, points, tracker.line_table(), tracker.scalars())
+
+
+def _peaks_of(block: Families | Peaks) -> Peaks:
+    if isinstance(block, Peaks):
+        return block
+    if block.peaks is None:
+        msg = (
+            "these families do not carry their peaks; give the file that "
+            "'uwtrack classify' or 'uwtrack peaks' wrote."
+        )
+        raise DataError(msg)
+    return block.peaks

@@ -1,0 +1,1 @@
+"""Lines, levels and bearings to the motion of vessels."""

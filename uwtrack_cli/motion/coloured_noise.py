@@ -1,0 +1,350 @@
+"""Coloured noise: its strength and correlation time, and the information it takes.
+
+**Method.** Residuals are white noise (of known variance, or stronger) plus coloured
+noise whose correlation falls exponentially (an Ornstein-Uhlenbeck process). Strengths
+and correlation times are weighed by the restricted likelihood, which knows that the
+fit has absorbed some of the coloured noise; the covariance is the mean over all that
+are likely (uniform in their logarithms). A passage is short compared with the
+correlation time, so the likeliest noise alone would promise too much: where the
+coloured noise looks like the passage, little of it is left in the residuals.
+
+The information is that of means over cells much shorter than the passage, with the
+covariance of white and coloured noise. Differences within a cell are left out:
+coloured noise is rough, so that a slope within a cell has little information. Sums
+over cells and one small matrix stand for a matrix as large as the series is long.
+
+**Conventions.** One series; precision is an inverse variance, zero where a value is
+missing; time in seconds.
+
+**References.** Patterson and Thompson (1971), Biometrika 58, 545 (REML).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+
+N_CORRELATION_TIMES = 9
+FEWEST_CELLS, MOST_CELLS = 60, 160
+CELLS_PER_WIDTH = 12.0
+"""Noise that forgets within such a share of d/v acts as white noise."""
+
+LARGEST_LOSS = 2.0
+"""Log-likelihood behind the best up to which noise counts as likely: 86 % of the truths
+(chi-square with two degrees of freedom)."""
+
+SMALLEST_SHARE = 1e-3
+"""Part of the coloured variance below which a correlation time is left out."""
+
+SMALLEST_GAIN = 2.0
+"""Gain in log-likelihood below which the noise counts as white."""
+
+
+@dataclass(frozen=True)
+class ColouredNoise:
+    """Variances and correlation times of coloured noise, inflation of the white part.
+
+    The covariance is ``inflation`` times (white + the sum of ``variance`` times
+    exponential), one for each correlation time.
+    """
+
+    variance: FloatArray
+    """Variances of the exponential parts, shape (parts,)."""
+    correlation_time_s: FloatArray
+    """Their correlation times, s, shape (parts,)."""
+    inflation: float = 1.0
+    """Factor on the whole covariance, one or more."""
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the noise is as expected: white and not stronger."""
+        return not self.variance.size and self.inflation <= 1
+
+
+NO_COLOUR = np.empty(0)
+WHITE = ColouredNoise(NO_COLOUR, NO_COLOUR)
+
+
+def fit_coloured_noise(
+    residual: FloatArray,
+    precision: FloatArray,
+    time_s: FloatArray,
+    design: FloatArray,
+    width_s: float,
+    others: tuple[FloatArray, FloatArray],
+) -> ColouredNoise:
+    """Find strength and correlation time of coloured noise in the residuals of a fit.
+
+    What other measurements hold in place, the fit cannot absorb: their information
+    enters as measurements of the unknowns themselves.
+
+    Parameters
+    ----------
+    residual
+        Residuals, shape (n,).
+    precision
+        Inverse variances of the white part.
+    time_s
+        Times in seconds.
+    design
+        Partials of the model that was fitted, shape (n, p): what it could absorb.
+    width_s
+        Range over speed in seconds: the time that matters to a passage.
+    others
+        What other measurements say of the columns of the design: values and rows
+        (unit variance).
+
+    Notes
+    -----
+    With C = V + s^2 K(tau) the restricted log-likelihood is
+    -(ln|C| + ln|X' C^-1 X| + e' P e) / 2; V whitens, and the eigenvectors of K give it
+    for every s^2 at once.
+    """
+    cells = _condense(residual, precision, time_s, design, width_s)
+    if cells is None:
+        return WHITE
+    value, columns, size, time = cells
+    columns = np.concatenate([columns, others[1]])
+    basis = _orthonormal(columns)
+    value = np.concatenate([value, others[0]])
+    freedom = value.size - basis.shape[1]
+    plain, inflated, inflation = _white_likelihood(value, basis, freedom)
+    variances = _variances(size)
+    correlation_times = _correlation_times(time)
+    likelihood, inflations = np.empty((2, correlation_times.size, variances.size))
+    for row, correlation_time in enumerate(correlation_times):
+        values, vectors = _spectrum(size, time, correlation_time)
+        likelihood[row], inflations[row] = _likelihood(
+            _turn(vectors, value),
+            _turn(vectors, basis),
+            np.concatenate([values, np.zeros(others[0].size)]),
+            variances,
+            freedom,
+        )
+    white = max(plain, inflated - SMALLEST_GAIN)
+    if float(likelihood.max()) <= white + 2 * SMALLEST_GAIN:
+        if inflated <= plain + SMALLEST_GAIN:
+            return WHITE
+        return ColouredNoise(NO_COLOUR, NO_COLOUR, inflation)
+    behind = likelihood.max() - likelihood
+    chance = np.where(behind <= LARGEST_LOSS, np.exp(-behind), 0.0)
+    chance /= chance.sum()
+    inner = float((chance * inflations).sum())
+    strength = (chance * inflations) @ variances / inner
+    kept = strength > SMALLEST_SHARE * strength.sum()
+    return ColouredNoise(strength[kept], correlation_times[kept], inner)
+
+
+def _variances(root: FloatArray) -> FloatArray:
+    """Strengths of coloured noise to try, beside that of the white noise of a cell."""
+    return np.asarray(np.mean(root**-2.0) * np.geomspace(1e-3, 1e6, 46))
+
+
+def _turn(vectors: FloatArray, rows: FloatArray) -> FloatArray:
+    """Turn the rows of the series into its eigenvectors; the others stay."""
+    count = vectors.shape[0]
+    return np.concatenate([vectors.T @ rows[:count], rows[count:]])
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    basis, singular, _ = np.linalg.svd(columns / _column_scale(columns), False)
+    return np.asarray(basis[:, singular > 1e-8 * singular[0]])
+
+
+def coloured_likelihoods(
+    series: list[tuple[FloatArray, FloatArray]],
+    precision: FloatArray,
+    time_s: FloatArray,
+    width_s: float,
+) -> FloatArray:
+    """Return the best log-likelihood of rival readings of one series.
+
+    Every reading may have coloured noise of its own strength and correlation time: a
+    drift is not taken for a signal.
+
+    Parameters
+    ----------
+    series
+        For each reading the residuals (n,) and the columns (n, p) that are free.
+    precision
+        Inverse variances of the white part.
+    time_s
+        Times in seconds.
+    width_s
+        Range over speed in seconds: the time that matters to a passage.
+    """
+    cells = [_condense(e, precision, time_s, x, width_s) for e, x in series]
+    if any(cell is None for cell in cells):
+        return np.zeros(len(series))
+    known = [cell for cell in cells if cell is not None]
+    root, time = known[0][2], known[0][3]
+    rivals = [(value, _orthonormal(columns)) for value, columns, _, _ in known]
+    best = np.array([_white_likelihood(e, x, None)[1] for e, x in rivals])
+    for correlation_time in _correlation_times(time):
+        values, vectors = _spectrum(root, time, correlation_time)
+        for row, (value, columns) in enumerate(rivals):
+            found = _best_variance(vectors.T @ value, vectors.T @ columns, values, root)
+            best[row] = max(best[row], found)
+    return best
+
+
+def _condense(
+    residual: FloatArray,
+    precision: FloatArray,
+    time_s: FloatArray,
+    design: FloatArray,
+    width_s: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
+    """Whitened means of cells of measurements: value, design, root size, time."""
+    used = np.flatnonzero(precision > 0)
+    if used.size < design.shape[1] + 8:
+        return None
+    wanted = CELLS_PER_WIDTH * float(np.ptp(time_s)) / width_s
+    count = int(np.clip(wanted, FEWEST_CELLS, MOST_CELLS))
+    starts = np.unique(np.linspace(0, used.size, count, endpoint=False).astype(int))
+    weight = precision[used]
+    size = np.add.reduceat(weight, starts)
+    root = np.sqrt(size)
+    value = np.add.reduceat(weight * residual[used], starts) / root
+    columns = np.add.reduceat(weight[:, None] * design[used], starts, axis=0)
+    columns = columns / root[:, None]
+    time = np.add.reduceat(weight * time_s[used], starts) / size
+    return value, columns, root, time
+
+
+def _column_scale(columns: FloatArray) -> FloatArray:
+    scale = np.sqrt((columns**2).sum(axis=0))
+    return np.where(scale > 0, scale, 1.0)
+
+
+def _white_likelihood(
+    value: FloatArray, columns: FloatArray, freedom: int | None
+) -> tuple[float, float, float]:
+    """Log-likelihood of white noise as expected, and with its best inflation."""
+    left = value - columns @ (columns.T @ value)
+    square = np.array([left @ left])
+    likelihood, inflation = _with_inflation(square, value.size, freedom)
+    return float(-0.5 * square[0]), float(likelihood[0]), float(inflation[0])
+
+
+def _with_inflation(
+    square: FloatArray, size: int, freedom: int | None
+) -> tuple[FloatArray, FloatArray]:
+    """Maximise over a common factor of the covariance that is not below one."""
+    count = size if freedom is None else freedom
+    inflation = np.maximum(square / count, 1.0)
+    return -0.5 * (square / inflation + count * np.log(inflation)), inflation
+
+
+def _correlation_times(time: FloatArray) -> FloatArray:
+    span = float(time[-1] - time[0])
+    step = span / max(time.size - 1, 1)
+    return np.geomspace(2 * step, max(span, 3 * step), N_CORRELATION_TIMES)
+
+
+def _spectrum(
+    root: FloatArray, time: FloatArray, correlation_time_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues and vectors of the coloured noise, relative to the white noise."""
+    kernel = np.exp(-np.abs(time[:, None] - time[None, :]) / correlation_time_s)
+    values, vectors = np.linalg.eigh(root[:, None] * kernel * root[None, :])
+    return np.maximum(values, 0.0), vectors
+
+
+def _best_variance(
+    turned: FloatArray, design: FloatArray, values: FloatArray, root: FloatArray
+) -> float:
+    """Maximise the likelihood over the variances, for one correlation time."""
+    variances = _variances(root)
+    likelihood = _likelihood(turned, design, values, variances, None)[0]
+    middle = int(np.argmax(likelihood))
+    fine = variances[middle] * np.geomspace(0.65, 1.55, 9)
+    return float(_likelihood(turned, design, values, fine, None)[0].max())
+
+
+def _likelihood(
+    value: FloatArray,
+    design: FloatArray,
+    eigen: FloatArray,
+    variances: FloatArray,
+    freedom: int | None,
+) -> tuple[FloatArray, FloatArray]:
+    spread = 1 + variances[:, None] * eigen[None, :]
+    weighted = design[None] / spread[..., None]
+    normal = np.swapaxes(weighted, 1, 2) @ design
+    right = np.einsum("vnp,n->vp", weighted, value)
+    solved = np.linalg.solve(normal, right[..., None])[..., 0]
+    square = (value**2 / spread).sum(axis=-1) - (right * solved).sum(axis=-1)
+    likelihood, inflation = _with_inflation(square, value.size, freedom)
+    likelihood = likelihood - 0.5 * np.log(spread).sum(axis=-1)
+    if freedom is not None:
+        likelihood = likelihood - 0.5 * np.linalg.slogdet(normal)[1]
+    return likelihood, inflation
+
+
+MOST_INFORMATION_CELLS = 600
+"""Cells of a long series: instants a few times as many lose less than 3 % (a test)."""
+
+
+@dataclass(frozen=True)
+class InformationLoss:
+    """Inverse covariance of the white noise less that of white and coloured noise."""
+
+    weight: FloatArray
+    """Inverse variances of the white part, shape (n,)."""
+    starts: IntArray
+    """First instants of the cells, shape (cells,)."""
+    core: FloatArray
+    """Inverse covariance of the cells' means over the weights of both, shape (cells,
+    cells)."""
+
+    def times(self, rows: FloatArray) -> FloatArray:
+        """Multiply rows by the loss.
+
+        Parameters
+        ----------
+        rows
+            Shape (..., n).
+
+        Returns
+        -------
+        FloatArray
+            Of the same shape.
+        """
+        weighted = rows * self.weight
+        kept = np.add.reduceat(weighted, self.starts, axis=-1) @ self.core
+        lengths = np.diff(self.starts, append=self.weight.size)
+        return weighted - self.weight * np.repeat(kept, lengths, axis=-1)
+
+
+def information_loss(
+    weight: FloatArray, time_s: FloatArray, noise: ColouredNoise
+) -> InformationLoss:
+    """Find what coloured noise takes from the information of a series.
+
+    Parameters
+    ----------
+    weight
+        Inverse variances of the white part, shape (n,); zero is missing.
+    time_s
+        Times in seconds.
+    noise
+        Strength and correlation time of the coloured part.
+    """
+    used = np.flatnonzero(weight > 0)
+    count = min(used.size, MOST_INFORMATION_CELLS)
+    starts = used[np.linspace(0, used.size, count, endpoint=False).astype(int)]
+    starts[:1] = 0
+    size = np.add.reduceat(weight, starts)
+    time = np.add.reduceat(weight * time_s, starts) / size
+    lag = np.abs(time[:, None] - time[None, :])
+    kernel = np.zeros_like(lag)
+    for variance, correlation_time in zip(
+        noise.variance, noise.correlation_time_s, strict=True
+    ):
+        kernel += variance * np.exp(-lag / correlation_time)
+    root = np.sqrt(size)
+    outer = root[:, None] * root[None, :]
+    inverse = np.linalg.inv(np.eye(size.size) + outer * kernel)
+    return InformationLoss(weight, starts, inverse / (outer * noise.inflation))

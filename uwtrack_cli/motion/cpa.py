@@ -1,0 +1,241 @@
+"""Closest approaches: when, how near and how fast each contact passed.
+
+**Method.** One contact at a time: starts from a search over time and width, a joint
+maximum-likelihood fit of its raw frequencies, bearings and levels with the exact
+retarded-time law, and a decision whether it is a passage at all.
+
+**Conventions.** Times count from the first sample; time of closest approach is
+geometric, and its sound arrives d/c later. What the data do not tell is nan, with the
+reason under its key.
+
+**References.** Choi et al. (2014), corrected: free rest frequencies, level and floor;
+the sign of eq. 5; the side from the bearing trend.
+"""
+
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+
+from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.data.spectra import FULL_SCALE, Levels
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.motion.options import Probability
+from uwtrack_cli.motion.passage.contacts import (
+    CandidatePassage,
+    RecordingSpan,
+    examine,
+    not_a_passage,
+)
+from uwtrack_cli.motion.passage.measurements import series_data
+from uwtrack_cli.motion.passage.nuisances import NuisancePriors, nuisance_priors
+from uwtrack_cli.motion.passage.recording import examine_recording
+from uwtrack_cli.motion.passage.report import (
+    EXTRAPOLATED,
+    LEVEL_ONLY,
+    NOT_A_PASSAGE,
+    CpaContext,
+    Row,
+    add_levels,
+    add_sensor_motion,
+    advise_frames,
+    empty_row,
+    make_encounters,
+    passage_row,
+    widen_for_others,
+)
+
+LASTING_SHARE = 0.5
+"""A contact measured in a smaller share of the recording is not reported without a
+passage."""
+
+UNSEEN = "the closest approach lies outside, and no Doppler shift shows it"
+"""Why bearings and levels alone give no approach beyond the recording."""
+
+
+@checked
+def find_encounters(  # noqa: PLR0913 (four inputs that may be absent)
+    lines: Lines | None = None,
+    levels: Levels | None = None,
+    sensor: Sensor | None = None,
+    series: Series | None = None,
+    *,
+    sound_speed_mps: Annotated[
+        float | None, Unit("m/s"), AtLeast(100), AtMost(299_792_458)
+    ] = None,
+    sound_speed_std_mps: Annotated[
+        float | None, Unit("m/s"), AtLeast(0), AtMost(1e8)
+    ] = None,
+    source_depth_m: Annotated[
+        float, Unit("m"), AtLeast(0), AtMost(11_000)
+    ] = SOURCE_DEPTH_M,
+    source_depth_std_m: Annotated[
+        float, Unit("m"), AtLeast(0), AtMost(11_000)
+    ] = SOURCE_DEPTH_STD_M,
+    false_alarm_probability: Probability = 1e-3,
+    spreading_db: Annotated[float, Unit("dB"), AtLeast(1), AtMost(60)] = 20.0,
+) -> Encounters:
+    """Find the closest approach of every contact that passed the sensor.
+
+    Each passing vessel gives one row: when it was nearest, how fast, how far, on
+    which course and side, with deviations that hold. A steady hum, a ship that
+    only comes or goes, and noise give none.
+
+    Parameters
+    ----------
+    lines
+        Tracked frequency lines.
+    levels
+        Broadband levels and bearings.
+    sensor
+        The sensor; without it one of unknown position and depth is assumed.
+    series
+        Frequencies, bearings or levels measured elsewhere, instead of the others.
+    sound_speed_mps
+        Sound speed; by default that of the sensor. An error of 1 % in it is an error
+        of 1 % in speed and range.
+    sound_speed_std_mps
+        Standard deviation of the sound speed, 0 for exactly known; by default that of
+        the sensor, else 0.5 % of a speed that is given and 1 % of the nominal one.
+    source_depth_m
+        Depth of the vessel's source.
+    source_depth_std_m
+        Standard deviation of that depth, 0 for exactly known.
+    false_alarm_probability
+        Probability that noise alone is reported as a passage.
+    spreading_db
+        Spreading loss per decade of range, for the source level.
+
+    Returns
+    -------
+    Encounters
+        One row per passage, in the order of time.
+
+    Raises
+    ------
+    DataError
+        There is nothing to work on.
+    OptionError
+        An option is out of its range.
+
+    Notes
+    -----
+    Choi et al. (2014), eqs. 3-6, as one joint likelihood with the corrected eq. 5;
+    rest frequencies, level and noise floor are free.
+    """
+    if lines is None and levels is None and series is None:
+        msg = (
+            "closest approaches need lines, levels or a series, got none: run "
+            "'uwtrack track' or 'uwtrack levels' first, or give a CSV file."
+        )
+        raise DataError(msg)
+    known = sensor if sensor is not None else Sensor(id=_name(lines, levels))
+    priors = nuisance_priors(
+        known, sound_speed_mps, sound_speed_std_mps, source_depth_m, source_depth_std_m
+    )
+    context = _context((lines, levels, series), known, priors, spreading_db)
+    medium = priors.medium
+    limits = _limits(lines, levels, series)
+    if series is not None:
+        found = _from_series(series, medium, false_alarm_probability)
+    else:
+        found = examine_recording(
+            lines, levels, medium, false_alarm_probability, limits
+        )
+    pairs = [(item, _row(item, context, limits)) for item in found]
+    rows = [row for _, row in pairs if row is not None]
+    passed = [(item, row) for item, row in pairs if row and row.status != NOT_A_PASSAGE]
+    fits = [item.fit for item, _ in passed]
+    add_levels([row for _, row in passed], levels, fits, context)
+    for item, row in passed:
+        advise_frames(row, context, limits.window_s)
+        if len(found) > 1:
+            widen_for_others(row, lines, item.line_ids)
+    rows = [_over_ground(row, context) for row in rows]
+    rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
+    return make_encounters(rows, context)
+
+
+def _name(lines: Lines | None, levels: Levels | None) -> str:
+    """Return what the sensor is called in the measurements."""
+    frames = levels.frames if levels else lines.frames if lines else None
+    return (frames.sensor if frames else "series") or "sensor"
+
+
+def _context(
+    sources: tuple[Lines | None, Levels | None, Series | None],
+    sensor: Sensor,
+    priors: NuisancePriors,
+    spreading_db: float,
+) -> CpaContext:
+    lines, levels, series = sources
+    frames = levels.frames if levels else lines.frames if lines else None
+    start = frames.start_utc_ns if frames else series.start_utc_ns if series else None
+    band = (levels.band_low_hz, levels.band_high_hz) if levels else None
+    source = levels or lines
+    reference = source.reference if source else FULL_SCALE
+    return CpaContext(sensor, priors, start, reference, band, spreading_db)
+
+
+def _from_series(
+    series: Series, medium: Medium, probability: float
+) -> list[CandidatePassage]:
+    found = []
+    for contact in np.unique(series.contact):
+        columns = np.arange(1, series.frequency_hz.shape[1] + 1)
+        one = examine(
+            series_data(series, int(contact)), (int(contact),), columns, medium,
+            probability,
+        )  # fmt: skip
+        found += [one] if one else []
+    return found
+
+
+def _limits(
+    lines: Lines | None, levels: Levels | None, series: Series | None
+) -> RecordingSpan:
+    frames = levels.frames if levels else lines.frames if lines else None
+    if frames is None:
+        time = series.time_s if series is not None else np.zeros(1)
+        return RecordingSpan(0.0, float(time.min()), float(time.max()))
+    if not frames.n_frames:
+        return RecordingSpan(frames.window_s, 0.0, 0.0)
+    return RecordingSpan(
+        frames.window_s, float(frames.time_s[0]), float(frames.time_s[-1])
+    )
+
+
+def _row(
+    candidate: CandidatePassage, context: CpaContext, limits: RecordingSpan
+) -> Row | None:
+    """Turn a candidate into a row; None if it is a mere fragment."""
+    contact, fit = candidate.contacts[0], candidate.fit
+    time = candidate.blocks.time_s
+    reason = not_a_passage(fit, candidate.blocks, limits)
+    row = passage_row(contact, fit, context, candidate.line_ids)
+    if not time[0] <= fit.theta[0, 0] <= time[-1]:
+        if row.status == LEVEL_ONLY:
+            reason = reason or UNSEEN
+        row = replace(row, status=EXTRAPOLATED, extrapolated=True)
+    if reason is not None:
+        whole = limits.last_s - limits.first_s
+        is_lasting = float(np.ptp(time)) > LASTING_SHARE * whole
+        return empty_row(contact, reason) if is_lasting else None
+    if row.side and candidate.other_turn > 1e-3:
+        other = "port" if row.side == "starboard" else "starboard"
+        row.other_sides.append((other, candidate.other_turn))
+    return row
+
+
+def _over_ground(row: Row, context: CpaContext) -> Row:
+    """Add the sensor's own motion, or say why the passage cannot be given."""
+    if row.status == NOT_A_PASSAGE:
+        return row
+    reason = add_sensor_motion(row, context)
+    return row if reason is None else empty_row(row.contact, reason)

@@ -1,0 +1,1 @@
+"""Several sensors: which encounters are one vessel, and where it was."""

@@ -1,0 +1,276 @@
+"""One grid and one clock for the encounters of several sensors.
+
+**Method.** Sensors with latitude and longitude share a grid about the first of them;
+sensors on a local grid keep it; a single sensor without a position is the origin.
+
+**Conventions.** Times count from the first sample of the earliest recording.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.constants import NANOSECONDS, SOURCE_DEPTH_M
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.motion.fusion.motion_fit import Approaches
+
+CLOCK_STD_S = 5.0
+"""Deviation of the clocks of several recorders where none is given, s."""
+
+USABLE = ("ok", "extrapolated", "level-only")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The common grid: its name, its origin, and where the sensors are."""
+
+    name: str
+    """What the grid is relative to: a sensor or 'grid'."""
+    origin: Origin | None
+    """Latitude and longitude of its origin; None on a local grid."""
+    place: dict[str, tuple[float, float]]
+    """East and north of every sensor, m, by its identifier."""
+
+
+@dataclass(frozen=True)
+class Passages:
+    """All usable encounters, one row each, on one grid and one clock."""
+
+    approaches: Approaches
+    """The closest approaches as numbers, one row each."""
+    contact: list[int]
+    """Contact number of every row."""
+    sensor: list[str]
+    """Identifier of the sensor of every row."""
+    rest: list[FloatArray]
+    """Rest frequencies and deviations of every row, Hz, shape (lines, 2)."""
+    other_turn: list[float]
+    """Weight of the opposite side of every row, 0 to 1."""
+    start_utc_ns: int | None
+    """UTC epoch of time zero, ns; None if unknown."""
+    clock_std_s: FloatArray
+    """Deviation of the clock of every row, s, shape (rows,)."""
+    grid: Grid
+    """The common grid."""
+
+
+def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
+    """Lay one grid under the sensors.
+
+    Parameters
+    ----------
+    sensors
+        Sensors known.
+    wanted
+        Identifiers of those with encounters.
+    """
+    used = [_at_origin(sensor) for sensor in sensors if sensor.id in wanted]
+    missing = wanted - {sensor.id for sensor in used}
+    if len(wanted) <= 1 and not (used and _is_placed(used)):
+        name = next(iter(wanted), "sensor")
+        return Grid(f"sensor {name}", None, {name: (0.0, 0.0)})
+    if missing:
+        msg = f"no sensor file for {', '.join(sorted(missing))}: give one with its id."
+        raise DataError(msg)
+    if all(s.latitude is not None and s.longitude is not None for s in used):
+        origin = Origin(float(used[0].latitude or 0), float(used[0].longitude or 0))
+        place = {
+            s.id: to_grid(float(s.latitude or 0), float(s.longitude or 0), origin)
+            for s in used
+        }
+        return Grid(f"sensor {used[0].id}", origin, place)
+    if all(s.east_m is not None and s.north_m is not None for s in used):
+        place = {s.id: (float(s.east_m or 0), float(s.north_m or 0)) for s in used}
+        return Grid("grid", None, place)
+    msg = (
+        "the sensors need positions of one kind: latitude and longitude, or east_m "
+        "and north_m, for every sensor."
+    )
+    raise DataError(msg)
+
+
+def _at_origin(sensor: Sensor) -> Sensor:
+    """Place a moving sensor at the origin of its navigation."""
+    navigation = sensor.navigation
+    if navigation is None:
+        return sensor
+    if navigation.origin_latitude is None:
+        return replace(sensor, east_m=0.0, north_m=0.0)
+    return replace(
+        sensor,
+        latitude=navigation.origin_latitude,
+        longitude=navigation.origin_longitude,
+    )
+
+
+def _is_placed(sensors: list[Sensor]) -> bool:
+    return all(s.latitude is not None or s.east_m is not None for s in sensors)
+
+
+def gather_passages(encounters: list[Encounters], sensors: list[Sensor]) -> Passages:
+    """Bring the usable encounters together.
+
+    Parameters
+    ----------
+    encounters
+        Encounters of any number of sensors.
+    sensors
+        The sensors, found by their identifiers.
+    """
+    names = {str(name) for item in encounters for name in item.sensor}
+    known = {sensor.id: sensor for sensor in sensors}
+    grid = make_grid(sensors, names)
+    start = _start_utc_ns(encounters)
+    rows = [
+        (item, row)
+        for item in encounters
+        for row in range(item.time_s.size)
+        if item.status[row] in USABLE and np.isfinite(item.time_s[row])
+    ]
+    clocks = _clock_deviations(known, [str(item.sensor[row]) for item, row in rows])
+    parts = [
+        _approach(item, row, known, (grid, start, float(clock)))
+        for (item, row), clock in zip(rows, clocks, strict=True)
+    ]
+    return Passages(
+        _stack(parts),
+        [int(item.contact[row]) for item, row in rows],
+        [str(item.sensor[row]) for item, row in rows],
+        [
+            np.stack(
+                [
+                    item.rest_frequency_hz[item.rest_encounter == row],
+                    item.rest_frequency_std_hz[item.rest_encounter == row],
+                ],
+                axis=-1,
+            )
+            for item, row in rows
+        ],
+        [_other_turn(item, row) for item, row in rows],
+        start,
+        clocks,
+        grid,
+    )
+
+
+def _clock_deviations(known: dict[str, Sensor], names: list[str]) -> FloatArray:
+    """Return the deviation of the clock of every row; one recorder has one clock."""
+    if len(set(names)) < 2:
+        stated = [known[name].clock_std_s if name in known else None for name in names]
+        return np.array([std or 0.0 for std in stated])
+    return np.array([
+        CLOCK_STD_S if (std := known[name].clock_std_s) is None else std
+        for name in names
+    ])  # fmt: skip
+
+
+def _other_turn(encounters: Encounters, row: int) -> float:
+    """Weight of the opposite side, from the ambiguities of an encounter."""
+    rows = encounters.owned_rows("ambiguity_encounter", row)
+    return float(encounters.ambiguity_weight[rows].sum())
+
+
+def _start_utc_ns(encounters: list[Encounters]) -> int | None:
+    starts = [
+        int(item.time_utc_ns[row]) - round(float(item.time_s[row]) * NANOSECONDS)
+        for item in encounters
+        for row in range(item.time_s.size)
+        if item.time_utc_ns[row] >= 0
+    ]
+    unknown = any(
+        item.time_utc_ns[row] < 0 and np.isfinite(item.time_s[row])
+        for item in encounters
+        for row in range(item.time_s.size)
+    )
+    if starts and unknown:
+        msg = (
+            "some recordings have a start time and some have none: give all of them "
+            "one (--start-utc or --time-pattern), or none."
+        )
+        raise DataError(msg)
+    return min(starts) if starts else None
+
+
+def _approach(
+    item: Encounters,
+    row: int,
+    known: dict[str, Sensor],
+    common: tuple[Grid, int | None, float],
+) -> Approaches:
+    grid, start, clock_std_s = common
+    name = str(item.sensor[row])
+    sensor = known.get(name, Sensor(id=name))
+    speed = float(item.speed_mps[row])
+    time = float(item.time_s[row])
+    if start is not None:
+        time = (int(item.time_utc_ns[row]) - start) / NANOSECONDS
+    if not np.isfinite(speed):
+        time += float(item.arrival_time_s[row] - item.time_s[row])
+    height = 0.0 if sensor.depth_m is None else abs(sensor.depth_m - SOURCE_DEPTH_M)
+    width, covariance = float(item.range_over_speed_s[row]), item.covariance[row]
+    horizontal, own = item.horizontal_range_over_speed_s, item.horizontal_covariance
+    if horizontal is not None and own is not None and np.isfinite(horizontal[row]):
+        width, covariance, height = float(horizontal[row]), own[row], 0.0
+    turn = {"starboard": 1.0, "port": -1.0}.get(str(item.side[row]), 0.0)
+    place: FloatArray = np.array(grid.place[name])
+    velocity: FloatArray = np.zeros(2)
+    if _is_moving(item, row):
+        place = place + _pair(item.sensor_east_m, item.sensor_north_m, row)
+        velocity = _pair(
+            item.sensor_velocity_east_mps, item.sensor_velocity_north_mps, row
+        )
+        course = np.deg2rad(item.course_deg[row])
+        ground = speed * np.array([np.sin(course), np.cos(course)])
+        speed = float(np.hypot(*(ground - velocity)))
+        # the side of the relative motion is the sign of the bearing trend
+        relative = np.arctan2(*(ground - velocity)) - np.deg2rad(item.bearing_deg[row])
+        turn = float(np.nan_to_num(np.sign(np.sin(relative))))
+    values = np.array([time, width, speed, np.deg2rad(item.bearing_deg[row])])
+    unit = np.array([1.0, 1.0, 1.0, np.deg2rad(1.0)])
+    covariance = covariance * unit[:, None] * unit[None, :]
+    covariance[0, 0] += clock_std_s**2
+    known_values = np.isfinite(np.diag(covariance)) & np.isfinite(values)
+    delay = 0.0 if np.isfinite(speed) else 1 / float(item.sound_speed_mps[row])
+    return Approaches(
+        np.where(known_values, values, np.nan)[None],
+        covariance[None],
+        np.array([turn]),
+        place[None],
+        np.array([sensor.position_std_m]),
+        np.array([height]),
+        np.array([delay]),
+        velocity[None],
+    )
+
+
+def _is_moving(item: Encounters, row: int) -> bool:
+    east = item.sensor_velocity_east_mps
+    return east is not None and bool(np.isfinite(east[row]))
+
+
+def _pair(east: FloatArray | None, north: FloatArray | None, row: int) -> FloatArray:
+    return np.array([np.nan if v is None else v[row] for v in (east, north)], float)
+
+
+def _stack(parts: list[Approaches]) -> Approaches:
+    if not parts:
+        return Approaches(
+            np.empty((0, 4)), np.empty((0, 4, 4)), np.empty(0), np.empty((0, 2)),
+            np.empty(0), np.empty(0), np.empty(0), np.empty((0, 2)),
+        )  # fmt: skip
+    return Approaches(
+        np.concatenate([part.measured for part in parts]),
+        np.concatenate([part.covariance for part in parts]),
+        np.concatenate([part.turn for part in parts]),
+        np.concatenate([part.sensor for part in parts]),
+        np.concatenate([part.position_std_m for part in parts]),
+        np.concatenate([part.height_m for part in parts]),
+        np.concatenate([part.delay for part in parts]),
+        np.concatenate(
+            [part.velocity_mps for part in parts if part.velocity_mps is not None]
+        ),
+    )

@@ -1,0 +1,324 @@
+"""Positions: where a vessel was, is and will be, from its closest approaches.
+
+**Method.** One sensor whose lines gave a speed fixes the motion by itself; several
+sensors are fused by weighted least squares, without Doppler too. Encounters belong
+together if a chi-square gate says so; what remains ambiguous is listed with weights.
+
+**Conventions.** Straight motion; east and north in metres on the grid of the sensors,
+latitude and longitude where the sensors have them. The covariance grows with the time
+from the closest approaches.
+
+**References.** Choi et al. (2014), eqs. 1-2 and 8-19 corrected.
+"""
+
+import warnings
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Annotated
+
+import numpy as np
+
+from uwtrack_cli.acoustics.geodesy import to_latitude_longitude
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.motion.fusion.motion_fit import clock_errors
+from uwtrack_cli.motion.fusion.sensor_table import Passages, gather_passages
+from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
+from uwtrack_cli.motion.options import Probability
+
+
+@checked
+def locate_vessels(
+    encounters: list[Encounters],
+    sensors: list[Sensor],
+    *,
+    at: list[str] | None = None,
+    every_s: Annotated[float | None, Unit("s"), AtLeast(1e-3), AtMost(1e7)] = None,
+    until: str | None = None,
+    gate_probability: Probability = 0.999,
+) -> Fixes:
+    """Locate every vessel from its closest approaches to one sensor or more.
+
+    With one sensor the speed must be known from the lines; with several it need
+    not. Without times, the positions at the closest approaches are given.
+
+    Parameters
+    ----------
+    encounters
+        Closest approaches, of any number of sensors and recordings.
+    sensors
+        The sensors, found by their identifiers.
+    at
+        Times of the positions: UTC such as 2026-01-31T12:00:00Z, or seconds from
+        the first sample.
+    every_s
+        Interval of regular times.
+    until
+        End of the regular times: UTC, or seconds from the first sample; by default
+        the last closest approach.
+    gate_probability
+        Probability that encounters of one vessel are joined.
+
+    Returns
+    -------
+    Fixes
+        One row per vessel, time and mode.
+
+    Raises
+    ------
+    DataError
+        Sensors are missing, or their positions or clocks cannot be combined.
+    OptionError
+        An option is out of its range.
+
+    Notes
+    -----
+    Choi et al. (2014), eq. 1 with the side per sensor; eqs. 15-16 with
+    A = t_d^2 - |D|^2 as the start without Doppler; weighted least squares on times,
+    widths, speeds and bearings with the deviations of position, clock and compass.
+    """
+    if until is not None and every_s is None:
+        msg = f"until ({until}) needs every_s: the interval of the times."
+        raise OptionError(msg)
+    passages = gather_passages(encounters, sensors)
+    parts: list[dict[str, FloatArray | list[str]]] = []
+    clocks: list[str] = []
+    vessel = 0
+    groups = group_encounters(passages, gate_probability)
+    listed = list_modes(passages, groups, gate_probability)
+    for members, modes in zip(groups, listed, strict=True):
+        if not modes:
+            names = ", ".join(passages.sensor[row] for row in members)
+            msg = (
+                f"no position for the encounter of sensor {names}: one sensor needs "
+                "a speed and a bearing; give the encounters of more sensors."
+            )
+            warnings.warn(msg, UwtrackWarning, stacklevel=2)
+            continue
+        vessel += 1
+        clocks += _clock_statements(passages, modes[0])
+        contact = passages.contact[members[0]] if _is_single(passages) else vessel
+        times = fix_times(
+            passages.approaches.measured[list(members), 0],
+            passages.start_utc_ns, at, every_s, until,
+        )  # fmt: skip
+        parts += [
+            _rows(contact, number, mode, times, passages)
+            for number, mode in enumerate(modes, 1)
+        ]
+    return replace(_fixes(parts, passages), statement=" ".join(clocks))
+
+
+def _clock_statements(passages: Passages, mode: Mode) -> list[str]:
+    """Name the differences of clocks that a vessel heard by several sensors shows."""
+    rows = list(mode.members)
+    prior = passages.clock_std_s[rows]
+    if len(rows) < 2 or not (prior > 0).any():
+        return []
+    offset, spread = clock_errors(
+        passages.approaches.take(rows), mode.state, mode.reference_s, prior
+    )
+    found = []
+    for second in range(1, len(rows)):
+        change: FloatArray = np.zeros(len(rows))
+        change[[0, second]] = -1.0, 1.0
+        difference = float(change @ offset)
+        std = float(np.sqrt(max(float(change @ spread @ change), 0.0)))
+        expected = float(np.hypot(prior[0], prior[second]))
+        if std > CLOCK_SHARE * expected or abs(difference) < CLOCK_DEVIATIONS * std:
+            continue
+        one, other = passages.sensor[rows[0]], passages.sensor[rows[second]]
+        found.append(
+            f"The clocks of {one} and {other} differ by {abs(difference):.1f} +- "
+            f"{std:.1f} s: {other if difference > 0 else one} is ahead."
+        )
+    return found
+
+
+def _is_single(passages: Passages) -> bool:
+    return len(set(passages.sensor)) <= 1
+
+
+def _rows(
+    contact: int,
+    number: int,
+    mode: Mode,
+    times: FloatArray,
+    passages: Passages,
+) -> dict[str, FloatArray | list[str]]:
+    """Predict one mode at all times: state and covariance grow with the lag."""
+    lag = times - mode.reference_s
+    transition = np.tile(np.eye(4), (times.size, 1, 1))
+    transition[:, 0, 2] = transition[:, 1, 3] = lag
+    state = transition @ mode.state
+    covariance = transition @ mode.covariance @ np.swapaxes(transition, 1, 2)
+    velocity = mode.state[2:]
+    speed = float(np.hypot(*velocity))
+    along = velocity / speed
+    across = np.array([along[1], -along[0]])
+    spread = mode.covariance[2:, 2:]
+    names = sorted({passages.sensor[row] for row in mode.members})
+    count = times.size
+    return {
+        "contact": np.full(count, float(contact)),
+        "mode": np.full(count, float(number)),
+        "weight": np.full(count, mode.weight),
+        "time_s": times,
+        "east_m": state[:, 0],
+        "north_m": state[:, 1],
+        "covariance_m2": covariance[:, :2, :2],
+        "speed_mps": np.full(count, speed),
+        "speed_std_mps": np.full(count, np.sqrt(along @ spread @ along)),
+        "course_deg": np.full(count, np.rad2deg(np.arctan2(*velocity)) % 360.0),
+        "course_std_deg": np.full(
+            count, np.rad2deg(np.sqrt(across @ spread @ across) / speed)
+        ),
+        "sensors": [",".join(names)] * count,
+    }
+
+
+def _fixes(parts: list[dict[str, FloatArray | list[str]]], passages: Passages) -> Fixes:
+    def gather(name: str) -> FloatArray:
+        values = [np.asarray(part[name], float) for part in parts]
+        return np.concatenate(values) if values else np.empty(0)
+
+    origin = passages.grid.origin
+    east, north = gather("east_m"), gather("north_m")
+    unknown = np.full(east.shape, np.nan)
+    latitude, longitude = (
+        to_latitude_longitude(east, north, origin) if origin else (unknown, unknown)
+    )
+    time = gather("time_s")
+    covariance = gather("covariance_m2")
+    return Fixes(
+        weight=gather("weight"),
+        speed_mps=gather("speed_mps"),
+        speed_std_mps=gather("speed_std_mps"),
+        course_deg=gather("course_deg"),
+        course_std_deg=gather("course_std_deg"),
+        contact=gather("contact").astype(np.int64),
+        mode=gather("mode").astype(np.int64),
+        time_s=time,
+        time_utc_ns=to_utc_ns(time, passages.start_utc_ns),
+        east_m=east,
+        north_m=north,
+        latitude=latitude,
+        longitude=longitude,
+        covariance_m2=covariance.reshape(-1, 2, 2),
+        sensors=np.array(
+            [name for part in parts for name in part["sensors"]], dtype=np.str_
+        ),
+        origin=passages.grid.name,
+        origin_latitude=origin.latitude if origin else None,
+        origin_longitude=origin.longitude if origin else None,
+    )
+
+
+CLOCK_SHARE, CLOCK_DEVIATIONS = 0.5, 3.0
+"""A difference of clocks is named when its deviation is this share of the prior one, and
+it is this many deviations from zero."""
+
+MOST_TIMES = 100_000
+"""Regular times beyond this number are taken for a slip."""
+
+
+def fix_times(
+    approach_s: FloatArray,
+    start_utc_ns: int | None,
+    at: list[str] | None,
+    every_s: float | None,
+    until: str | None,
+) -> FloatArray:
+    """Return the times of the positions, in order.
+
+    Parameters
+    ----------
+    approach_s
+        Times of the closest approaches in seconds.
+    start_utc_ns
+        Time of the first sample, or None.
+    at
+        Single times.
+    every_s
+        Interval of regular times in seconds.
+    until
+        End of the regular times.
+
+    Examples
+    --------
+    >>> fix_times(np.array([10.0]), None, ["60", "30.5"], None, None).tolist()
+    [30.5, 60.0]
+    """
+    wanted = [parse_time(text, start_utc_ns) for text in at or []]
+    if every_s is not None:
+        first = float(np.min(approach_s))
+        last = float(np.max(approach_s))
+        end = parse_time(until, start_utc_ns) if until is not None else last
+        count = int(np.floor(max(end - first, 0.0) / every_s)) + 1
+        if count > MOST_TIMES:
+            msg = (
+                f"every_s {every_s} until {until} makes {count} times; at most "
+                f"{MOST_TIMES} are accepted."
+            )
+            raise OptionError(msg)
+        wanted += [first + every_s * number for number in range(count)]
+    return np.unique(np.array(wanted or approach_s, float))
+
+
+def parse_time(text: str, start_utc_ns: int | None) -> float:
+    """Return seconds from the first sample of a time given as text.
+
+    Parameters
+    ----------
+    text
+        UTC such as 2026-01-31T12:00:00Z, or seconds from the first sample.
+    start_utc_ns
+        Time of the first sample, or None.
+
+    Examples
+    --------
+    >>> parse_time("1970-01-01T00:01:00Z", 0)
+    60.0
+    """
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError as error:
+        msg = (
+            f"cannot read the time {text!r}: give UTC such as 2026-01-31T12:00:00Z "
+            "or seconds from the first sample."
+        )
+        raise OptionError(msg) from error
+    if start_utc_ns is None:
+        msg = (
+            f"the time {text!r} is UTC, but the recording has no start time: give "
+            "seconds from the first sample, or run again with --start-utc."
+        )
+        raise DataError(msg)
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=UTC)
+    since = moment - datetime(1970, 1, 1, tzinfo=UTC)
+    whole = (since.days * 86400 + since.seconds) * NANOSECONDS
+    return (whole + since.microseconds * 1000 - start_utc_ns) / NANOSECONDS
+
+
+def to_utc_ns(time_s: FloatArray, start_utc_ns: int | None) -> IntArray:
+    """Return epochs of times, -1 without a start time.
+
+    Parameters
+    ----------
+    time_s
+        Seconds from the first sample.
+    start_utc_ns
+        Time of the first sample, or None.
+    """
+    if start_utc_ns is None:
+        return np.full(time_s.shape, -1, np.int64)
+    return start_utc_ns + np.rint(time_s * NANOSECONDS).astype(np.int64)

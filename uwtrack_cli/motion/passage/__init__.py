@@ -1,0 +1,1 @@
+"""The closest approach in one recording: model, fit and report."""

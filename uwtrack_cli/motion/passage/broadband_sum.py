@@ -1,0 +1,417 @@
+"""Several passages at once in broadband levels and bearings.
+
+**Method.** Powers add, and so do intensities: the level is that of the sum of all
+passing sources and a constant background, the bearing is the direction of the sum of
+their intensities. All motions are fitted together (Levenberg-Marquardt steps with
+robust weights), from a batch of starts. What one source alone would have given is the
+working response of the joint fit: its own model plus the residual, with the
+deviation, over its share of the whole.
+
+**Conventions.** Powers are natural logarithms, bearings radians clockwise from north,
+times those of reception. Unknowns of a start are ln N (background), the spreading
+exponent over 20 log R (common to all: else one more source would make up for it),
+ln K of the sources whose motion is known, and (t, ln d/v, ln K, bearing at closest
+approach) of each other.
+
+**References.** Choi et al. (2014), eq. 3, as a sum; Golub and Van Loan, section 6.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.estimation.least_squares import (
+    Evaluation,
+    damped_least_squares,
+    inverse_or_nan,
+)
+from uwtrack_cli.estimation.robust import (
+    CONSTANT,
+    bisquare_weight,
+    median_scale,
+    neighbour_scale,
+)
+
+N_COMMON = 2
+"""Unknowns common to all: background and law of spreading."""
+
+N_EACH = 4
+"""Unknowns of a source: time, ln of d/v, ln of its power, bearing."""
+
+
+@dataclass(frozen=True)
+class BroadbandSeries:
+    """Levels and bearings with their deviations, all (n,); nan is missing."""
+
+    time_s: FloatArray
+    """Times of reception, s, shape (n,)."""
+    power: FloatArray
+    """Natural logarithm of the power, shape (n,); nan is missing."""
+    power_std: FloatArray
+    """Its standard deviation."""
+    bearing: FloatArray
+    """Bearing in radians, shape (n,); nan is missing."""
+    bearing_std: FloatArray
+    """Its standard deviation in radians."""
+
+
+@dataclass(frozen=True)
+class KnownSources:
+    """Sources whose motion is known: ln of (d/R)^2 and bearing, shape (m, n)."""
+
+    spread: FloatArray
+    """Natural logarithm of (d/R)^2, shape (m, n)."""
+    bearing: FloatArray
+    """Bearing in radians, shape (m, n); nan where unknown."""
+
+
+def source_parts(
+    theta: FloatArray, turn: FloatArray, time_s: FloatArray, known: KnownSources
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Powers and intensities of all sources (batch, m + k, n), and the background.
+
+    Parameters
+    ----------
+    theta
+        Unknowns, shape (batch, 2 + m + 4 k).
+    turn
+        Sign of the bearing trend of the free sources, shape (batch, k).
+    time_s
+        Times of reception in seconds, shape (n,).
+    known
+        Sources of known motion.
+    """
+    n_known, batch = known.spread.shape[0], theta.shape[0]
+    free = theta[:, N_COMMON + n_known :].reshape(batch, -1, N_EACH)
+    law = theta[:, 1, None, None]
+    x = (time_s - free[..., 0:1]) / np.exp(free[..., 1:2])
+    moving = np.exp(free[..., 2:3] - law * np.log1p(x**2))
+    angle = free[..., 3:4] + turn[..., None] * np.arctan(x)
+    own = theta[:, N_COMMON : N_COMMON + n_known, None]
+    steady = np.exp(own + law * known.spread)
+    power = np.concatenate([steady, moving], axis=1)
+    # a known source without bearings has no share in the intensity
+    seen = np.nan_to_num(np.exp(1j * np.broadcast_to(known.bearing, steady.shape)))
+    direction = np.concatenate([seen, np.exp(1j * angle)], axis=1)
+    return power, power * direction, np.exp(theta[:, :1])
+
+
+def sum_residuals(
+    theta: FloatArray, turn: FloatArray, sound: BroadbandSeries, known: KnownSources
+) -> tuple[FloatArray, FloatArray]:
+    """Residuals of levels and bearings (batch, 2 n), and their partials.
+
+    Parameters
+    ----------
+    theta
+        Unknowns, shape (batch, 2 + m + 4 k).
+    turn
+        Sign of the bearing trend of the free sources, shape (batch, k).
+    sound
+        Levels and bearings.
+    known
+        Sources of known motion.
+    """
+    power, vector, background = source_parts(theta, turn, sound.time_s, known)
+    n_known, (batch, n_all, n) = known.spread.shape[0], power.shape
+    total = background + power.sum(axis=1)
+    whole = vector.sum(axis=1)
+    size = np.maximum(np.abs(whole) ** 2, 1e-300)
+    turned = wrap_rad(np.nan_to_num(sound.bearing) - np.angle(whole))
+    residual = np.concatenate(
+        [np.nan_to_num(sound.power) - np.log(total), turned], axis=1
+    )
+    slope = np.zeros((batch, 2 * n, theta.shape[1]))
+    slope[:, :n, 0] = -background / total
+    share = power / total[:, None]
+    pull = vector * (whole.conj() / size)[:, None]
+    known_ones = slice(N_COMMON, N_COMMON + n_known)
+    slope[:, :n, known_ones] = -np.swapaxes(share[:, :n_known], 1, 2)
+    slope[:, n:, known_ones] = -np.swapaxes(pull[:, :n_known].imag, 1, 2)
+    by_law = np.broadcast_to(known.spread, share[:, :n_known].shape)
+    slope[:, :n, 1] = -(share[:, :n_known] * by_law).sum(axis=1)
+    slope[:, n:, 1] = -(pull[:, :n_known].imag * by_law).sum(axis=1)
+    law = theta[:, 1, None]
+    for row in range(n_all - n_known):
+        first = N_COMMON + n_known + N_EACH * row
+        t0, width = theta[:, first, None], np.exp(theta[:, first + 1, None])
+        x = (sound.time_s - t0) / width
+        own, drawn = share[:, n_known + row], pull[:, n_known + row]
+        twist = turn[:, row, None]
+        slow = 1 / (1 + x**2)
+        slope[:, :n, 1] += own * np.log1p(x**2)
+        slope[:, n:, 1] += drawn.imag * np.log1p(x**2)
+        slope[:, :n, first] = -own * law * 2 * x * slow / width
+        slope[:, :n, first + 1] = -own * law * 2 * x**2 * slow
+        slope[:, :n, first + 2] = -own
+        fall, swing = 2 * law * x, 1j * twist
+        slope[:, n:, first] = -(drawn * (fall - swing)).imag * slow / width
+        slope[:, n:, first + 1] = -(drawn * (fall - swing) * x).imag * slow
+        slope[:, n:, first + 2] = -drawn.imag
+        slope[:, n:, first + 3] = -drawn.real
+    return residual, slope
+
+
+BACKGROUND_STD = 2.0
+"""Weak prior of ln N about its start, so that an unheard background is harmless."""
+
+LAW_STD, LOWEST_LAW, HIGHEST_LAW = 0.25, 0.4, 1.6
+"""The law of spreading over 20 log R: prior deviation (15 to 25 log R), and bounds."""
+
+ROUNDS = 3
+"""Rounds of robust weights."""
+
+SMALLEST_SHARE = 0.2
+"""A source's share of the intensity below which a bearing is not used for it."""
+
+LARGEST_SCATTER_RAD = 1.0
+"""Bearings less certain than this are not used in a search."""
+
+
+@dataclass(frozen=True)
+class SourceFit:
+    """A joint fit: unknowns, turns of the free sources, cost, the known ones."""
+
+    theta: FloatArray
+    """Unknowns, shape (2 + m + 4 k,)."""
+    turn: FloatArray
+    """Sign of the bearing trend of the free sources, shape (k,)."""
+    cost: float
+    """Robust loss of the residuals plus the priors."""
+    n_known: int
+    """Number m of sources whose motion is known."""
+
+    @property
+    def background(self) -> float:
+        """Natural logarithm of the background power."""
+        return float(self.theta[0])
+
+    @property
+    def motion(self) -> FloatArray:
+        """Rows of (t, ln d/v, ln K, bearing) of the free sources."""
+        return self.theta[N_COMMON + self.n_known :].reshape(-1, N_EACH)
+
+    def take(self, rows: list[int]) -> "SourceFit":
+        """Return some of the free sources."""
+        head = self.theta[: N_COMMON + self.n_known]
+        theta = np.concatenate([head, self.motion[rows].ravel()])
+        return replace(self, theta=theta, turn=self.turn[rows])
+
+
+def no_sources(sound: BroadbandSeries, known: KnownSources) -> SourceFit:
+    """Fit the background and the powers of the known sources alone.
+
+    Parameters
+    ----------
+    sound
+        Levels and bearings.
+    known
+        Sources of known motion.
+    """
+    count = known.spread.shape[0]
+    loudest = float(np.nanquantile(sound.power, 0.98))
+    theta = np.full((1, N_COMMON + count), loudest)
+    theta[0, :N_COMMON] = _quiet(sound), 1.0
+    return fit_sources(sound, known, theta, np.empty((1, 0)))
+
+
+def fit_sources(
+    sound: BroadbandSeries, known: KnownSources, start: FloatArray, turn: FloatArray
+) -> SourceFit:
+    """Fit all sources together from every start; the best is returned.
+
+    Parameters
+    ----------
+    sound
+        Levels and bearings.
+    known
+        Sources of known motion.
+    start
+        Unknowns to start from, shape (batch, 2 + m + 4 k).
+    turn
+        Sign of the bearing trend of the free sources, shape (batch, k).
+    """
+    theta = start
+    n_known = known.spread.shape[0]
+    precision = _precision(sound)
+    quiet, prior = _quiet(sound), np.array([BACKGROUND_STD, LAW_STD]) ** -2.0
+    for _ in range(ROUNDS):
+        residual = sum_residuals(theta, turn, sound, known)[0]
+        weight = _weights(residual, precision)
+
+        def evaluate(theta: FloatArray, weight: FloatArray = weight) -> Evaluation:
+            residual, slope = sum_residuals(theta, turn, sound, known)
+            weighted = weight[..., None] * slope
+            gradient = np.einsum("bnp,bn->bp", weighted, residual)
+            matrix = np.swapaxes(weighted, 1, 2) @ slope
+            offset = theta[:, :N_COMMON] - [quiet, 1.0]
+            gradient[:, :N_COMMON] += offset * prior
+            matrix[:, :N_COMMON, :N_COMMON] += np.diag(prior)
+            cost = 0.5 * (weight * residual**2).sum(axis=-1)
+            return cost + 0.5 * (prior * offset**2).sum(axis=-1), gradient, matrix
+
+        theta = damped_least_squares(
+            evaluate, theta, _limiter(n_known, sound), max_steps=25, tolerance=0.01
+        )
+    residual = sum_residuals(theta, turn, sound, known)[0]
+    share = np.minimum(residual**2 * precision / CONSTANT**2, 1.0)
+    cost = (CONSTANT**2 / 6 * (1 - (1 - share) ** 3)).sum(axis=-1)
+    cost += 0.5 * (prior * (theta[:, :N_COMMON] - [quiet, 1.0]) ** 2).sum(axis=-1)
+    best = int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))
+    return SourceFit(theta[best], turn[best], float(cost[best]), n_known)
+
+
+def widening(
+    sources: SourceFit, sound: BroadbandSeries, known: KnownSources
+) -> FloatArray:
+    """Return how much the other sources widen (t, ln d/v, bearing) of each free one.
+
+    Parameters
+    ----------
+    sources
+        Joint fit.
+    sound
+        Levels and bearings.
+    known
+        Sources of known motion.
+
+    Returns
+    -------
+    FloatArray
+        Factors of the deviations, shape (k, 3), one or more.
+    """
+    residual, slope = sum_residuals(
+        sources.theta[None], sources.turn[None], sound, known
+    )
+    precision = _precision(sound)
+    weight = _weights(residual, precision)
+    matrix: FloatArray = (np.swapaxes(weight[..., None] * slope, 1, 2) @ slope)[0]
+    matrix[np.diag_indices_from(matrix)] += 1e-9
+    matrix[0, 0] += BACKGROUND_STD**-2
+    matrix[1, 1] += LAW_STD**-2
+    joint = np.sqrt(np.diag(inverse_or_nan(matrix)))
+    factors = np.ones((sources.turn.size, 3))
+    for row in range(sources.turn.size):
+        first = N_COMMON + sources.n_known + N_EACH * row
+        own = np.array([*range(N_COMMON), *range(first, first + N_EACH)])
+        alone = np.sqrt(np.diag(inverse_or_nan(matrix[np.ix_(own, own)])))
+        factors[row] = np.nan_to_num(joint[own] / alone, nan=1.0)[[2, 3, 5]]
+    return np.maximum(factors, 1.0)
+
+
+def alone(
+    sources: SourceFit, row: int | None, sound: BroadbandSeries, known: KnownSources
+) -> BroadbandSeries:
+    """Return what one source alone would have given, or what is yet unexplained.
+
+    Parameters
+    ----------
+    sources
+        Joint fit.
+    row
+        The source, the known ones first; None for what is not explained, to search.
+    sound
+        Levels and bearings.
+    known
+        Sources of known motion, on the same times.
+    """
+    parts, vectors, background = source_parts(
+        sources.theta[None], sources.turn[None], sound.time_s, known
+    )
+    power, vector = parts[0], vectors[0]
+    total = background[0] + power.sum(axis=0)
+    whole = vector.sum(axis=0)
+    left = sound.power - np.log(total)
+    if row is None:
+        return _unexplained(sound, left, whole, float(background[0, 0]))
+    own = power[row] + background[0]
+    factor = total / own
+    direction = vector[row]
+    size = np.maximum(np.abs(whole) ** 2, 1e-300)
+    share = (direction * whole.conj()).real / size
+    turned = wrap_rad(sound.bearing - np.angle(whole))
+    usable = share > SMALLEST_SHARE
+    share = np.where(usable, share, np.nan)
+    return BroadbandSeries(
+        sound.time_s,
+        np.log(own) + left * factor,
+        sound.power_std * factor,
+        np.angle(direction) + turned / share,
+        sound.bearing_std / share,
+    )
+
+
+def _unexplained(
+    sound: BroadbandSeries, left: FloatArray, whole: FloatArray, background: float
+) -> BroadbandSeries:
+    """Levels over what is explained; directions of the intensity that is not."""
+    measured = np.maximum(np.exp(sound.power) - background, 0.0)
+    vector = measured * np.exp(1j * sound.bearing) - whole
+    error = np.hypot(
+        measured * sound.bearing_std, np.exp(sound.power) * sound.power_std
+    )
+    std = error / np.maximum(np.abs(vector), 1e-300)
+    return BroadbandSeries(
+        sound.time_s,
+        left + np.log(background),
+        sound.power_std,
+        np.angle(vector),
+        np.where(std < LARGEST_SCATTER_RAD, std, np.nan),
+    )
+
+
+def _quiet(sound: BroadbandSeries) -> float:
+    """Return the level that one frame of ten stays below."""
+    return float(np.nanquantile(sound.power, 0.1))
+
+
+def _precision(sound: BroadbandSeries) -> FloatArray:
+    """Inverse variances of levels and bearings, at the scale of their neighbours."""
+    parts = []
+    for value, std in (
+        (sound.power, sound.power_std),
+        (np.unwrap(np.nan_to_num(sound.bearing)), sound.bearing_std),
+    ):
+        good = np.isfinite(value) & np.isfinite(std) & (std > 0)
+        weight = np.where(good, 1 / np.where(good, std, 1.0) ** 2, 0.0)
+        scale = neighbour_scale(np.where(good, value, 0.0), weight)
+        parts.append(weight / np.maximum(scale, 1.0) ** 2)
+    return np.concatenate(parts)
+
+
+def _weights(residual: FloatArray, precision: FloatArray) -> FloatArray:
+    """Robust weights, at the residuals' own scale while sources are missing."""
+    kinds = []
+    half = precision.size // 2
+    for part in (slice(0, half), slice(half, None)):
+        deviation = residual[:, part] * np.sqrt(precision[part])
+        known = np.broadcast_to(precision[part], deviation.shape)
+        scale = np.maximum(median_scale(deviation, known), 1.0)[:, None]
+        kinds.append(precision[part] * bisquare_weight(deviation / scale) / scale**2)
+    return np.concatenate(kinds, axis=1)
+
+
+def _limiter(
+    n_known: int, sound: BroadbandSeries
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """Keep steps within the reach of the linearisation, and widths sensible."""
+    step_s = float(np.median(np.diff(sound.time_s)))
+    low, high = np.log(step_s), np.log(2 * float(np.ptp(sound.time_s)))
+
+    def limit(theta: FloatArray, step: FloatArray) -> FloatArray:
+        limited = np.clip(step, -2.0, 2.0)
+        times = slice(N_COMMON + n_known, None, N_EACH)
+        widths = slice(N_COMMON + n_known + 1, None, N_EACH)
+        limited[:, 0] = np.clip(step[:, 0], -0.5, 0.5)
+        law = theta[:, 1] + np.clip(step[:, 1], -0.1, 0.1)
+        limited[:, 1] = np.clip(law, LOWEST_LAW, HIGHEST_LAW) - theta[:, 1]
+        reach = 2 * np.exp(theta[:, widths])
+        limited[:, times] = np.clip(step[:, times], -reach, reach)
+        wider = theta[:, widths] + np.clip(step[:, widths], -1.0, 1.0)
+        limited[:, widths] = np.clip(wider, low, high) - theta[:, widths]
+        return limited
+
+    return limit

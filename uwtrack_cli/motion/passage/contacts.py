@@ -1,0 +1,465 @@
+"""From the measurements of contacts to candidate passages, one per vessel.
+
+**Method.** A contact is fitted by itself. Contacts whose measurements agree with the
+motion of a stronger one are parts of the same vessel (a tracker may split its lines)
+and are fitted together. Conversely, vessels that pass close together on like courses
+look like one contact until their closest approach is fitted: a line whose residuals,
+less what all lines share, still follow the partials of the passage has a motion of
+its own. Where there is such a line, every line is fitted by itself and lines that
+agree are fitted together again; the contact is divided only if two vessels with two
+lines each result, neither of which accepts the other's motion.
+
+A passage must have its closest approach within the recording, be slower than a frame
+and be measured on both sides of it: else time and width are those of the data's ends.
+
+**Conventions.** Agreement is a difference of log-likelihoods, robust against coloured
+noise; see `likelihood_ratio`. The strongest vessel keeps the contact number.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.acoustics.passage import slant_over_speed_s
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.passage.estimator import (
+    PassageFit,
+    fit_passage,
+    fit_with_coloured_noise,
+    take_row,
+)
+from uwtrack_cli.motion.passage.initial_estimates import find_initial_estimates
+from uwtrack_cli.motion.passage.likelihood_ratio import (
+    LikelihoodRatio,
+    motion_likelihood,
+    passage_likelihood_ratio,
+)
+from uwtrack_cli.motion.passage.measurements import (
+    Blocks,
+    PassageData,
+    condense,
+    contact_data,
+    contact_ids,
+    lines_of,
+    make_blocks,
+    thin,
+)
+
+FEWEST_MEASUREMENTS = 8
+"""Instants with a measurement below which nothing is fitted."""
+
+LARGEST_LEVEL_MISFIT = 4.0
+"""Variance of level residuals, slow changes included, over what is expected: beyond it
+the levels are left out where lines or bearings determine the passage."""
+
+AGREEMENT = 9.2
+"""Loss of log-likelihood that another contact's motion may cost: 99.9 % of the true
+ones cost less (chi-square with four degrees of freedom)."""
+
+
+@dataclass(frozen=True)
+class CandidatePassage:
+    """A significant fit of one vessel's measurements."""
+
+    contacts: tuple[int, ...]
+    """Contact numbers that the measurements came from."""
+    line_ids: IntArray
+    """Lines, in the order of the rows of frequencies."""
+    data: PassageData
+    """Measurements, condensed about the passage."""
+    blocks: Blocks
+    """The same in the units of the fit."""
+    fit: PassageFit
+    """Fit of one row."""
+    likelihood_ratio: LikelihoodRatio
+    """Gains over readings without a passage."""
+    other_turn: float
+    """Weight of the opposite side, 0 to 1."""
+
+
+def examine(
+    data: PassageData,
+    contacts: tuple[int, ...],
+    line_ids: IntArray,
+    medium: Medium,
+    false_alarm_probability: float,
+) -> CandidatePassage | None:
+    """Fit one contact and keep it if it is significant.
+
+    Parameters
+    ----------
+    data
+        Its measurements.
+    contacts
+        Contact numbers that they came from.
+    line_ids
+        Lines in the order of the rows of frequencies.
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    """
+    thinned = thin(data)
+    blocks = make_blocks(thinned)
+    used = np.zeros(thinned.time_s.size, np.bool_)
+    for block in (blocks.shift, blocks.bearing, blocks.level):
+        used |= (block.weight[0] > 0).any(axis=0)
+    if used.sum() < FEWEST_MEASUREMENTS:
+        return None
+    rough, other = best_start(blocks, medium)
+    if rough is None:
+        return None
+    return examine_from(
+        thinned, (contacts, line_ids), (rough.theta, rough.turn), medium,
+        false_alarm_probability, other,
+    )  # fmt: skip
+
+
+def examine_from(
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    start: tuple[FloatArray, FloatArray],
+    medium: Medium,
+    false_alarm_probability: float,
+    other_turn: float = 0.0,
+) -> CandidatePassage | None:
+    """Fit measurements from a known start and keep the fit if it is significant.
+
+    Parameters
+    ----------
+    data
+        Measurements.
+    owner
+        Contact numbers and lines that they came from.
+    start
+        Unknowns, shape (1, 4), and turn, shape (1,).
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    other_turn
+        Weight of the opposite turn.
+    """
+    theta, turn = start
+    height = medium.height_m if theta[0, 2] else 0.0
+    width = slant_over_speed_s(np.exp(theta[0, 1]), theta[0, 2], height)
+    short = condense(data, float(theta[0, 0]), float(width))
+    blocks = make_blocks(short)
+    fit = fit_passage(blocks, theta, turn, medium)
+    if _is_misfit(fit, blocks):
+        short = replace(short, level_db=np.full_like(short.level_db, np.nan))
+        blocks = make_blocks(short)
+        fit = fit_passage(blocks, fit.theta, fit.turn, medium)
+    fit = fit_with_coloured_noise(fit, blocks)
+    likelihood_ratio = passage_likelihood_ratio(fit, blocks, false_alarm_probability)
+    if not likelihood_ratio.is_passage:
+        return None
+    return CandidatePassage(*owner, short, blocks, fit, likelihood_ratio, other_turn)
+
+
+def _is_misfit(fit: PassageFit, blocks: Blocks) -> bool:
+    """Return whether levels follow another law, and other kinds determine the passage.
+
+    Fringes of the surface image and other spreading laws leave correlated residuals.
+    """
+    known = not blocks.shift.is_empty or not blocks.bearing.is_empty
+    misfit = float(fit.noises[2].inflation[0] * fit.noises[2].scale[0, 0] ** 2)
+    return known and not blocks.level.is_empty and misfit > LARGEST_LEVEL_MISFIT
+
+
+def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float]:
+    """Fit one data set from many starts, and weigh the opposite turn.
+
+    Parameters
+    ----------
+    blocks
+        Measurements in fit units.
+    medium
+        Sound speed and depth difference.
+    """
+    starts = find_initial_estimates(blocks, medium)
+    fixed = replace(medium, height_std_m=0.0)
+    if not starts.turn.size:
+        return None, 0.0
+    fits = fit_passage(
+        blocks, starts.theta, starts.turn, fixed, with_coloured_noise=False
+    )
+    sane = np.isfinite(fits.cost)
+    if not blocks.shift.is_empty:
+        sane &= fits.theta[:, 2] > 0
+    cost = np.where(sane, fits.cost, np.inf)
+    if not np.isfinite(cost).any():
+        return None, 0.0
+    best = int(np.argmin(cost))
+    opposite = cost[starts.turn != starts.turn[best]]
+    behind = float(opposite.min() - cost[best]) if opposite.size else np.inf
+    weight = 0.0 if blocks.bearing.is_empty else 1 / (1 + np.exp(min(behind, 50.0)))
+    return take_row(fits, best), float(weight)
+
+
+def examine_contacts(
+    lines: Lines, medium: Medium, false_alarm_probability: float
+) -> list[CandidatePassage]:
+    """Examine the lines of every contact; contacts that are one vessel are joined.
+
+    Parameters
+    ----------
+    lines
+        Tracked lines.
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    """
+    found: list[CandidatePassage] = []
+    for contact in contact_ids(lines):
+        part = (contact,)
+        one = examine(
+            contact_data(lines, None, part), part, lines_of(lines, part),
+            medium, false_alarm_probability,
+        )  # fmt: skip
+        found += [one] if one else []
+    return _merge(found, lines, medium, false_alarm_probability)
+
+
+def _merge(
+    found: list[CandidatePassage], lines: Lines, medium: Medium, probability: float
+) -> list[CandidatePassage]:
+    """Join contacts that agree with the motion of a stronger one."""
+    left = sorted(found, key=lambda item: -item.likelihood_ratio.total)
+    kept: list[CandidatePassage] = []
+    while left:
+        leader, *left = left
+        same = [item for item in left if agrees(item, leader)]
+        if same:
+            contacts = tuple(
+                number for item in (leader, *same) for number in item.contacts
+            )
+            joint = examine(
+                contact_data(lines, None, contacts), contacts,
+                lines_of(lines, contacts), medium, probability,
+            )  # fmt: skip
+            leader = joint or leader
+            left = [item for item in left if item not in same]
+        kept.append(leader)
+    return kept
+
+
+def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
+    """Return whether a candidate's measurements agree with another's motion.
+
+    Parameters
+    ----------
+    item
+        Candidate whose measurements are tried.
+    leader
+        Candidate whose motion is tried.
+    """
+    own = motion_likelihood(item.blocks, item.fit, item.fit)
+    other = motion_likelihood(item.blocks, item.fit, leader.fit)
+    return own - other < AGREEMENT
+
+
+LARGEST_RELATIVE_WIDTH = 1.0 / 3.0
+"""A bend whose d/v is less certain than this is no passage: machinery drifts, too."""
+
+ONE_SIDE = 0.3
+"""Share of d/v that must be measured on either side of the closest approach."""
+
+
+@dataclass(frozen=True)
+class RecordingSpan:
+    """Length of the frames, and first and last instant of the recording, s."""
+
+    window_s: float
+    """Length of the frames, s; 0 for tables."""
+    first_s: float
+    """First instant, s."""
+    last_s: float
+    """Last instant, s."""
+
+
+def not_a_passage(fit: PassageFit, blocks: Blocks, limits: RecordingSpan) -> str | None:
+    """Return why a fit that moves has no closest approach to give, or None.
+
+    Parameters
+    ----------
+    fit
+        Fit of one row.
+    blocks
+        The measurements.
+    limits
+        Length of the frames and ends of the recording.
+    """
+    width = float(fit.range_over_speed_s[0])
+    closest = float(fit.theta[0, 0])
+    deviation = np.sqrt(np.maximum(np.diag(fit.covariance[0])[:2], 0.0))
+    if not np.all(np.isfinite(deviation)):
+        return "the measurements do not tell time and width of a passage apart"
+    if width < limits.window_s:
+        return (
+            f"the change within {width:.3g} s is shorter than the frames "
+            f"({limits.window_s:.3g} s): use a shorter window_s"
+        )
+    if deviation[1] > LARGEST_RELATIVE_WIDTH * width or deviation[0] > width:
+        return "too little of the passage is in the recording"
+    return _one_sided(closest, width, _extent(blocks), limits)
+
+
+def _one_sided(
+    closest: float, width: float, extent: tuple[float, float], limits: RecordingSpan
+) -> str | None:
+    first, last = extent
+    if not first - width < closest < last + width:
+        return "the closest approach lies far outside the recording"
+    slack = 0.1 * (limits.last_s - limits.first_s) + 2 * limits.window_s
+    if closest - ONE_SIDE * width < first and first > limits.first_s + slack:
+        return "the measurements begin at the closest approach"
+    if closest + ONE_SIDE * width > last and last < limits.last_s - slack:
+        return "the measurements end at the closest approach"
+    return None
+
+
+def _extent(blocks: Blocks) -> tuple[float, float]:
+    used = np.zeros(blocks.time_s.size, np.bool_)
+    for block in (blocks.shift, blocks.bearing, blocks.level):
+        used |= (block.weight[0] > 0).any(axis=0)
+    times = blocks.time_s[used]
+    return float(times[0]), float(times[-1])
+
+
+FEWEST_LINES = 2
+"""Lines that a vessel must have to be separated from another in the same contact."""
+
+SUSPICION = 30.0
+"""Gain of a line's own motion (half a chi-square) beyond which the lines are tried."""
+
+DISAGREEMENT = 3.0 * AGREEMENT
+"""Loss that the other vessel's motion must cost either."""
+
+
+def split(
+    candidate: CandidatePassage, medium: Medium, false_alarm_probability: float
+) -> list[CandidatePassage]:
+    """Divide a contact whose lines have two motions; else return it alone.
+
+    Parameters
+    ----------
+    candidate
+        Fit of the lines of a contact, without broadband.
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    """
+    count = candidate.line_ids.size
+    if count < 2 * FEWEST_LINES or own_motion_gain(candidate).max() < SUSPICION:
+        return [candidate]
+    groups = _groups(candidate, medium, false_alarm_probability)
+    whole = [item for item in groups if item.line_ids.size >= FEWEST_LINES]
+    if len(whole) < 2:
+        return [candidate]
+    first, second = whole[:2]
+    if _loss(first, second) < DISAGREEMENT:
+        return [candidate]
+    if _loss(second, first) < DISAGREEMENT:
+        return [candidate]
+    return [first, second]
+
+
+def own_motion_gain(candidate: CandidatePassage) -> FloatArray:
+    """Return for each line what a motion of its own would gain, half a chi-square.
+
+    Parameters
+    ----------
+    candidate
+        Fit of several lines.
+    """
+    fit, blocks = candidate.fit, candidate.blocks
+    law = fit.law(blocks.time_s)
+    shift = blocks.shift.value[0] - law.shift[0]
+    angle = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
+    bearing = wrap_rad(blocks.bearing.value[0] - angle)
+    gain = np.zeros(candidate.line_ids.size)
+    for residual, block, noise, slope in (
+        (
+            _centred(shift, blocks.shift.weight[0]),
+            blocks.shift,
+            0,
+            law.shift_d[0, :, :3],
+        ),
+        (bearing, blocks.bearing, 1, law.angle_d[0, :, :3]),
+    ):
+        weight = block.weight[0] / fit.noises[noise].scale[0][:, None] ** 2
+        total = np.maximum(weight.sum(axis=0), 1e-300)
+        own = residual - (weight * residual).sum(axis=0) / total
+        gain += _projected(own, weight, slope)
+    return gain
+
+
+def _centred(value: FloatArray, weight: FloatArray) -> FloatArray:
+    """Take off every line's mean: its rest frequency is free."""
+    size = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    centred: FloatArray = value - (weight * value).sum(axis=1, keepdims=True) / size
+    return centred
+
+
+def _projected(
+    residual: FloatArray, weight: FloatArray, slope: FloatArray
+) -> FloatArray:
+    """Half the square of every row's residuals along a constant and the partials."""
+    design = np.column_stack([np.ones(slope.shape[0]), slope])
+    design = design / np.sqrt((design**2).sum(axis=0))
+    gain = np.zeros(residual.shape[0])
+    for row, (value, root) in enumerate(zip(residual, np.sqrt(weight), strict=True)):
+        basis, size, _ = np.linalg.svd(root[:, None] * design, full_matrices=False)
+        basis = basis[:, size > 1e-6 * max(float(size[0]), 1e-300)]
+        gain[row] = 0.5 * float(((basis.T @ (root * value)) ** 2).sum())
+    return gain
+
+
+def _groups(
+    candidate: CandidatePassage, medium: Medium, probability: float
+) -> list[CandidatePassage]:
+    """Fit each line alone, and together again those that agree; strongest first."""
+    rows = np.arange(candidate.line_ids.size)
+    alone = [_refit(candidate, rows[[n]], medium, probability) for n in rows]
+    left = sorted(
+        [(item, n) for n, item in enumerate(alone) if item is not None],
+        key=lambda pair: -pair[0].likelihood_ratio.total,
+    )
+    groups: list[CandidatePassage] = []
+    while left:
+        (leader, first), *left = left
+        members = [n for item, n in left if agrees(item, leader)]
+        left = [(item, n) for item, n in left if n not in members]
+        joint = _refit(candidate, np.array([first, *members]), medium, probability)
+        if joint is not None:
+            groups.append(joint)
+    return sorted(groups, key=lambda item: -item.likelihood_ratio.total)
+
+
+def _refit(
+    candidate: CandidatePassage, rows: IntArray, medium: Medium, probability: float
+) -> CandidatePassage | None:
+    """Fit some of the lines of a contact, from the motion of all."""
+    data = candidate.data
+    some = replace(
+        data,
+        frequency_hz=data.frequency_hz[rows],
+        frequency_std_hz=data.frequency_std_hz[rows],
+        bearing_deg=data.bearing_deg[rows],
+        bearing_std_deg=data.bearing_std_deg[rows],
+    )
+    return examine_from(
+        some, (candidate.contacts, candidate.line_ids[rows]),
+        (candidate.fit.theta, candidate.fit.turn), medium, probability,
+    )  # fmt: skip
+
+
+def _loss(item: CandidatePassage, other: CandidatePassage) -> float:
+    own = motion_likelihood(item.blocks, item.fit, item.fit)
+    return own - motion_likelihood(item.blocks, item.fit, other.fit)

@@ -1,0 +1,252 @@
+"""Initial estimates of a passage: a search over time and width, all else closed form.
+
+**Method.** On a grid of (t0, d/v) the frequencies are linear in speed and rest
+frequency, the bearings in the bearing at closest approach, the levels in the level
+(for a few floors). So each kind gives its gain in log-likelihood over "nothing passes"
+by matrix products; starts are the best cells of each kind alone and of all together.
+
+**Conventions.** Gains are in units of half a chi-square. The grid follows the data:
+widths from the distance of measurements to the time covered, times at a share of the
+width; nothing is fixed in seconds.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.acoustics.passage import SLOWEST_MPS
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.estimation.robust import median_scale, neighbour_scale
+from uwtrack_cli.motion.passage.measurements import Blocks
+
+FLOORS = (-9.0, -6.0, -3.5, -1.5)
+"""Natural logarithms of the floor relative to the level at closest approach."""
+
+SMALLEST_HORIZONTAL = 0.1
+"""Share of the slant range that the horizontal range is not below at the start."""
+
+WIDTH_RATIO = 1.5
+TIME_SHARE = 0.6
+
+
+@dataclass(frozen=True)
+class InitialEstimates:
+    """Unknowns to start fits from (rows as in `normal`) and their turns."""
+
+    theta: FloatArray
+    """Unknowns as in `estimator`, shape (starts, 4)."""
+    turn: FloatArray
+    """Sign of the bearing trend, shape (starts,)."""
+    gain: FloatArray
+    """Gain in log-likelihood over "nothing passes", shape (starts,)."""
+
+
+@dataclass(frozen=True)
+class _Grid:
+    time: FloatArray
+    """Time of closest approach of every cell, s, shape (cells,)."""
+    width: FloatArray
+    """Range over speed of every cell, s, same shape."""
+    x: FloatArray
+    """(t - t0) over the width, shape (cells, n)."""
+    slant: FloatArray
+    """sqrt(1 + x^2), same shape."""
+
+
+@dataclass(frozen=True)
+class _Coarse:
+    """Cells of time with summed weights: the data at the grid's resolution."""
+
+    time: FloatArray
+    """Mean times, s, shape (n,)."""
+    shift: FloatArray
+    """Mean frequencies over the line's mean, less one, shape (lines, n)."""
+    shift_weight: FloatArray
+    """Their inverse variances."""
+    vector: FloatArray
+    """Weighted sum of unit vectors of the bearings, complex, shape (n,)."""
+    level: FloatArray
+    """Mean levels, ln of power, shape (n,)."""
+    level_weight: FloatArray
+    """Their inverse variances."""
+
+
+def find_initial_estimates(
+    blocks: Blocks, medium: Medium, *, n_starts: int = 3, n_cells: int = 400
+) -> InitialEstimates:
+    """Find starts for a fit of one data set.
+
+    Parameters
+    ----------
+    blocks
+        Measurements in fit units; the first row of the batch is used.
+    medium
+        Sound speed and depth difference.
+    n_starts
+        Initial estimates of each kind.
+    n_cells
+        Cells of time to which longer data are condensed.
+    """
+    coarse = _condense(blocks, n_cells)
+    grid = _grid(coarse.time)
+    doppler, speed = _doppler_gain(grid, coarse, medium.sound_speed_mps)
+    turns = _bearing_gain(grid, coarse)
+    level, floor = _level_gain(grid, coarse)
+    gains = [doppler, turns[0], turns[1], level]
+    both = [doppler + level + turn for turn in turns]
+    picks: list[tuple[int, float, float]] = []
+    for number, gain in enumerate([*both, *gains]):
+        turn = (1.0, -1.0, 0.0, 1.0, -1.0, 0.0)[number]
+        for cell in _best(grid, gain, n_starts):
+            better = 1.0 if turns[0][cell] >= turns[1][cell] else -1.0
+            picks.append((int(cell), turn or better, float(both[0][cell])))
+    chosen = list(dict.fromkeys((cell, turn) for cell, turn, _ in picks))
+    cells = np.array([cell for cell, _ in chosen], dtype=np.int64)
+    turn_of = np.array([turn for _, turn in chosen])
+    theta = np.stack(
+        [
+            grid.time[cells],
+            np.log(grid.width[cells]),
+            np.where(speed[cells] > 0, speed[cells], _slow(speed)),
+            floor[cells],
+        ],
+        axis=-1,
+    )
+    if blocks.shift.is_empty:
+        theta[:, 2] = 0.0
+    else:
+        rise = medium.height_m / np.maximum(theta[:, 2], SLOWEST_MPS)
+        least = SMALLEST_HORIZONTAL * grid.width[cells]
+        square = np.maximum(grid.width[cells] ** 2 - rise**2, least**2)
+        theta[:, 1] = 0.5 * np.log(square)
+    total = np.where(turn_of > 0, both[0][cells], both[1][cells])
+    return InitialEstimates(theta, turn_of, total)
+
+
+def _slow(speed: FloatArray) -> float:
+    """Choose a small positive speed where the grid's own fit had the wrong sign."""
+    positive = speed[speed > 0]
+    return float(np.median(positive)) if positive.size else 1e-3
+
+
+def _condense(blocks: Blocks, n_cells: int) -> _Coarse:
+    time = blocks.time_s
+    starts = _cell_starts(time, n_cells)
+    shift, shift_weight = _scaled(blocks.shift.value[0], blocks.shift.weight[0])
+    level, level_weight = _scaled(blocks.level.value[0], blocks.level.weight[0])
+    bearing, bearing_weight = blocks.bearing.value[0], blocks.bearing.weight[0]
+    vector = (bearing_weight * np.exp(1j * bearing)).sum(axis=0)
+    count = np.diff(np.append(starts, time.size))
+    weight = np.add.reduceat(shift_weight, starts, axis=-1)
+    total = np.add.reduceat(level_weight.sum(axis=0), starts)
+    return _Coarse(
+        np.add.reduceat(time, starts) / count,
+        np.add.reduceat(shift_weight * shift, starts, axis=-1)
+        / np.where(weight > 0, weight, 1.0),
+        weight,
+        np.add.reduceat(vector, starts),
+        np.add.reduceat((level_weight * level).sum(axis=0), starts)
+        / np.where(total > 0, total, 1.0),
+        total,
+    )
+
+
+def _cell_starts(time: FloatArray, n_cells: int) -> IntArray:
+    if time.size <= n_cells:
+        return np.arange(time.size)
+    cell = (time - time[0]) / (time[-1] - time[0]) * n_cells
+    _, starts = np.unique(np.floor(cell).astype(np.int64), return_index=True)
+    return starts
+
+
+def _scaled(value: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Clip outliers and bring the weights to the scale of the data."""
+    if value.shape[0] == 0:
+        return value, weight
+    known = np.where(weight > 0, value, np.nan)
+    has_any = np.isfinite(known).any(axis=-1, keepdims=True)
+    middle = np.nanmedian(np.where(has_any, known, 0.0), axis=-1, keepdims=True)
+    reach = 8 * median_scale(value - middle, weight)[:, None]
+    clipped = np.clip(value, middle - reach, middle + reach)
+    scale = neighbour_scale(clipped, weight)
+    return clipped, weight / scale[:, None] ** 2
+
+
+def _grid(time: FloatArray) -> _Grid:
+    span = max(float(time[-1] - time[0]), 1e-9)
+    step = span / max(time.size - 1, 1)
+    n_widths = int(np.ceil(np.log(span / step) / np.log(WIDTH_RATIO))) + 2
+    widths = 1.2 * step * WIDTH_RATIO ** np.arange(max(n_widths, 2))
+    times, wide = [], []
+    for width in widths:
+        margin = 0.5 * min(width, span)
+        count = max(int(np.ceil((span + 2 * margin) / (TIME_SHARE * width))), 3)
+        times.append(np.linspace(time[0] - margin, time[-1] + margin, count))
+        wide.append(np.full(count, width))
+    t0, r = np.concatenate(times), np.concatenate(wide)
+    x = (time[None, :] - t0[:, None]) / r[:, None]
+    return _Grid(t0, r, x, np.sqrt(1 + x**2))
+
+
+def _doppler_gain(
+    grid: _Grid, data: _Coarse, sound_speed_mps: float
+) -> tuple[FloatArray, FloatArray]:
+    g = grid.x / grid.slant
+    size = data.shift_weight.sum(axis=-1)
+    size = np.where(size > 0, size, 1.0)
+    value = data.shift_weight * data.shift
+    sum_g = g @ data.shift_weight.T
+    slope = (g @ value.T - sum_g * value.sum(axis=-1) / size).sum(axis=-1)
+    square = ((g**2) @ data.shift_weight.T - sum_g**2 / size).sum(axis=-1)
+    square = np.where(square > 0, square, np.inf)
+    speed = -sound_speed_mps * slope / square
+    usable = (speed > 0) & (speed < 0.8 * sound_speed_mps)
+    gain: FloatArray = np.where(usable, 0.5 * slope**2 / square, 0.0)
+    return gain, np.where(usable, speed, 0.0)
+
+
+def _bearing_gain(grid: _Grid, data: _Coarse) -> tuple[FloatArray, FloatArray]:
+    rotation = (1 + 1j * grid.x) / grid.slant
+    constant = abs(data.vector.sum())
+    clockwise = np.abs(rotation.conj() @ data.vector) - constant
+    counter = np.abs(rotation @ data.vector) - constant
+    return clockwise, counter
+
+
+def _level_gain(grid: _Grid, data: _Coarse) -> tuple[FloatArray, FloatArray]:
+    weight = data.level_weight
+    size = weight.sum()
+    best = np.zeros(grid.time.size)
+    floor = np.full(grid.time.size, FLOORS[0])
+    if size <= 0:
+        return best, floor
+    centred = data.level - (weight * data.level).sum() / size
+    null = 0.5 * (weight * centred**2).sum()
+    best -= np.inf
+    for candidate in FLOORS:
+        shape = np.log(1 / grid.slant**2 + np.exp(candidate))
+        residual = centred - shape
+        mean = residual @ weight / size
+        cost = 0.5 * ((residual**2) @ weight - size * mean**2)
+        better = null - cost > best
+        best = np.where(better, null - cost, best)
+        floor = np.where(better, candidate, floor)
+    return best, floor
+
+
+def _best(grid: _Grid, gain: FloatArray, count: int) -> list[int]:
+    """Take the best cells that are apart by a width in time or by its double."""
+    if not np.any(gain > 0):
+        return []
+    left = gain.copy()
+    found = []
+    for _ in range(count):
+        cell = int(np.argmax(left))
+        if left[cell] <= 0:
+            break
+        found.append(cell)
+        ratio = grid.width / grid.width[cell]
+        near = np.abs(grid.time - grid.time[cell]) < grid.width[cell]
+        left = np.where(near & (ratio < 2.1) & (ratio > 1 / 2.1), -np.inf, left)
+    return found

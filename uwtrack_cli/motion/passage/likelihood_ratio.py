@@ -1,0 +1,257 @@
+"""Is it a passage? Likelihood ratio of a fit against "nothing passes".
+
+**Method.** A generalised likelihood ratio: every kind of measurement is read as a
+passage, as a constant and as a straight line in time, each with white noise and
+coloured noise of its own best strength and correlation time; frequencies are read as
+two constants with a break, too. Hum has no gain over a constant, a slow drift none over
+a line, a line with frequency jitter none over its coloured noise, and two steady lines
+that were joined none over a break.
+The threshold follows from the false-alarm probability and the number of places that
+the search could have hit.
+
+**Conventions.** Gains are differences of log-likelihood.
+
+**References.** Davies (1987), Biometrika 74, 33: a search over a nuisance parameter.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.estimation.robust import median_scale
+from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
+from uwtrack_cli.motion.passage.estimator import PassageFit
+from uwtrack_cli.motion.passage.measurements import Blocks
+from uwtrack_cli.motion.passage.noise import clip_wild
+
+WIDEST_SCATTER_RAD = 1.2
+"""Bearings that scatter more than this (69 degrees) carry no information: they wrap."""
+
+Series = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
+"""Values of the instants used, columns of the rows' constants, precision, use."""
+
+NOWHERE = np.empty(0)
+
+N_BREAKS = 17
+"""Instants within d/v of the closest approach at which a line may be two."""
+
+
+@dataclass(frozen=True)
+class LikelihoodRatio:
+    """Gains of the kinds over a constant, over a straight line and over a break.
+
+    Only frequencies may break: over it, the other kinds gain what they do over a
+    constant.
+    """
+
+    doppler: float
+    """Gain of the frequencies over constants."""
+    bearing: float
+    """Gain of the bearings over a constant."""
+    level: float
+    """Gain of the levels over a constant."""
+    over_line: float
+    """Gain of all kinds over straight lines in time."""
+    over_break: float
+    """Gain over constants, with one break in the frequencies."""
+    threshold: float
+    """Gain that noise exceeds with the false-alarm probability."""
+
+    @property
+    def total(self) -> float:
+        """Gain of all kinds over constants."""
+        return self.doppler + self.bearing + self.level
+
+    @property
+    def is_passage(self) -> bool:
+        """Whether something passes, at the stated false-alarm probability."""
+        return min(self.total, self.over_line, self.over_break) > self.threshold
+
+
+def passage_likelihood_ratio(
+    fit: PassageFit, blocks: Blocks, false_alarm_probability: float
+) -> LikelihoodRatio:
+    """Weigh the fit of one data set against "nothing passes".
+
+    Parameters
+    ----------
+    fit
+        Fit of one row.
+    blocks
+        The measurements that it was made from.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    """
+    width_s = float(fit.range_over_speed_s[0])
+    near_s = float(fit.theta[0, 0]) + width_s * np.linspace(-1.0, 1.0, N_BREAKS)
+    passing = _readings(fit, blocks)
+    resting = (
+        blocks.shift.value[0],
+        wrap_rad(
+            blocks.bearing.value[0]
+            - _mean_direction(blocks.bearing.value[0], blocks.bearing.weight[0])
+        ),
+        blocks.level.value[0],
+    )
+    gains = [
+        _gains(
+            _series(one, block.weight[0], noise.scale[0]),
+            _series(other, block.weight[0], noise.scale[0])[0],
+            blocks.time_s,
+            width_s,
+            breaks_s,
+        )
+        for one, other, block, noise, breaks_s in zip(
+            passing,
+            resting,
+            (blocks.shift, blocks.bearing, blocks.level),
+            fit.noises,
+            (near_s, NOWHERE, NOWHERE),
+            strict=True,
+        )
+    ]
+    if _is_wrapped(passing[1], blocks.bearing.weight[0]):
+        gains[1] = (0.0, 0.0, 0.0)
+    places = _independent_places(blocks)
+    return LikelihoodRatio(
+        gains[0][0],
+        gains[1][0],
+        gains[2][0],
+        sum(gain[1] for gain in gains),
+        sum(gain[2] for gain in gains),
+        float(np.log(places / false_alarm_probability)),
+    )
+
+
+def motion_likelihood(blocks: Blocks, own: PassageFit, motion: PassageFit) -> float:
+    """Return the log-likelihood of measurements under a given motion.
+
+    Rest frequencies, level and the bearing at closest approach are free; bearings
+    count only if both motions have them.
+
+    Parameters
+    ----------
+    blocks
+        Measurements of one contact.
+    own
+        Its own fit: floor, bearing and scales of the noise.
+    motion
+        The fit whose time, width, speed and turn are tried.
+    """
+    width_s = float(own.range_over_speed_s[0])
+    theta = np.concatenate([motion.theta[:, :3], own.theta[:, 3:4]], axis=1)
+    medium = replace(motion.medium, height_m=float(motion.height_m[0]))
+    tried = replace(
+        own, theta=theta, medium=medium, turn=motion.turn,
+        bearing_deg=motion.bearing_deg,
+    )  # fmt: skip
+    if not np.isfinite(motion.covariance[0, 3, 3]):
+        tried = replace(tried, turn=own.turn, bearing_deg=own.bearing_deg)
+    total = 0.0
+    kinds = (blocks.shift, blocks.bearing, blocks.level)
+    for reading, block, noise in zip(
+        _readings(tried, blocks), kinds, own.noises, strict=True
+    ):
+        series, constants, precision, used = _series(
+            reading, block.weight[0], noise.scale[0]
+        )
+        if used.any():
+            total += float(
+                coloured_likelihoods(
+                    [(series, constants)], precision, blocks.time_s[used], width_s
+                )[0]
+            )
+    return total
+
+
+def _readings(
+    fit: PassageFit, blocks: Blocks
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Subtract the passage from the measurements, but for its constants."""
+    law = fit.law(blocks.time_s)
+    angle = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
+    return (
+        blocks.shift.value[0] - law.shift[0],
+        wrap_rad(blocks.bearing.value[0] - angle),
+        blocks.level.value[0] - np.logaddexp(law.spread[0], fit.theta[0, 3]),
+    )
+
+
+def _mean_direction(bearing: FloatArray, weight: FloatArray) -> float:
+    return float(np.angle((weight * np.exp(1j * bearing)).sum()))
+
+
+def _is_wrapped(residual: FloatArray, weight: FloatArray) -> bool:
+    """Return whether bearings scatter all round: then they carry no information."""
+    scatter = median_scale(residual, weight)
+    return float(np.min(scatter, initial=np.inf)) > WIDEST_SCATTER_RAD
+
+
+def _series(reading: FloatArray, weight: FloatArray, scale: FloatArray) -> Series:
+    """Condense rows to one value per instant; a constant per row stays free.
+
+    A row's constant enters an instant with the row's share of the weight.
+    """
+    precision = weight / scale[:, None] ** 2
+    total = precision.sum(axis=0)
+    used = total > 0
+    share = precision[:, used] / total[used]
+    clipped = clip_wild(_centred(reading, weight), precision)
+    return (share * clipped[:, used]).sum(axis=0), share.T, total[used], used
+
+
+def _gains(
+    passing: Series,
+    still: FloatArray,
+    time_s: FloatArray,
+    width_s: float,
+    breaks_s: FloatArray,
+) -> tuple[float, float, float]:
+    """Compute the gain of "passes" over a constant per row, a line, and a break."""
+    moving, constants, precision, used = passing
+    if not used.any():
+        return 0.0, 0.0, 0.0
+    time = time_s[used]
+    lag = (time - time.mean()) / max(float(np.ptp(time_s)), 1e-300)
+    line = np.concatenate([constants, lag[:, None]], axis=1)
+    rivals = [constants, line, *(_broken(constants, time > at) for at in breaks_s)]
+    likelihood = coloured_likelihoods(
+        [(moving, constants), *((still, columns) for columns in rivals)],
+        precision,
+        time,
+        width_s,
+    )
+    gain = likelihood[0] - likelihood[1:]
+    return float(gain[0]), float(gain[1]), float(gain[[0, *range(2, gain.size)]].min())
+
+
+def _broken(constants: FloatArray, is_late: BoolArray) -> FloatArray:
+    """Give every row one constant before a break and one behind it."""
+    halves = (constants * ~is_late[:, None], constants * is_late[:, None])
+    columns = np.concatenate(halves, axis=1)
+    return columns[:, columns.any(axis=0)]
+
+
+def _centred(value: FloatArray, weight: FloatArray) -> FloatArray:
+    """Take the median of every row from it."""
+    known = np.where(weight > 0, value, np.nan)
+    measured = np.isfinite(known).any(axis=-1, keepdims=True)
+    middle = np.nanmedian(np.where(measured, known, 0.0), axis=-1, keepdims=True)
+    centred: FloatArray = np.where(weight > 0, value - middle, 0.0)
+    return centred
+
+
+def _independent_places(blocks: Blocks) -> float:
+    """Count the places and widths at which noise could look like a passage."""
+    used = (
+        (
+            (blocks.shift.weight[0] > 0).any(axis=0)
+            | (blocks.bearing.weight[0] > 0).any(axis=0)
+            | (blocks.level.weight[0] > 0).any(axis=0)
+        )
+        if blocks.time_s.size
+        else np.zeros(0, np.bool_)
+    )
+    return 2.0 * max(int(used.sum()), 2)

@@ -1,0 +1,395 @@
+"""Raw measurements of one contact, gathered from the containers on one time axis.
+
+**Method.** Lines give a frequency and a bearing each, the broadband levels a level and
+a bearing. The raw associated measurements are taken, never the smoothed states.
+
+**Conventions.** Missing is nan. Overlapping frames are known to be correlated from
+their window and hop.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.estimation.correlation import Kind, overlap_correlation
+
+MOST_SEARCHED = 6000
+"""Instants among which a closest approach is sought; longer series are averaged."""
+
+WINDOW_WIDTHS = 25.0
+"""Of a long series, so many d/v on either side of the closest approach are kept."""
+
+
+@dataclass(frozen=True)
+class PassageData:
+    """Raw measurements of one contact."""
+
+    time_s: FloatArray
+    """Times of reception, s, shape (n,)."""
+    frequency_hz: FloatArray
+    """Frequencies, Hz, shape (..., lines, n); nan is missing."""
+    frequency_std_hz: FloatArray
+    """Their standard deviations, Hz."""
+    bearing_deg: FloatArray
+    """Bearings, degrees, shape (..., sources, n); nan is missing."""
+    bearing_std_deg: FloatArray
+    """Their standard deviations, degrees."""
+    level_db: FloatArray
+    """Levels, dB, shape (..., 1, n); nan is missing."""
+    level_std_db: FloatArray
+    """Their standard deviations, dB."""
+    frequency_correlation: float = 0.0
+    """Correlation of neighbouring frequencies' errors."""
+    bearing_correlation: float = 0.0
+    """Correlation of neighbouring bearings' errors."""
+    level_correlation: float = 0.0
+    """Correlation of neighbouring levels' errors."""
+
+    @property
+    def step_s(self) -> float:
+        """Typical distance of measurements, s."""
+        return float(np.median(np.diff(self.time_s))) if self.time_s.size > 1 else 1.0
+
+    @property
+    def span_s(self) -> float:
+        """Time covered, s."""
+        return float(self.time_s[-1] - self.time_s[0]) if self.time_s.size else 0.0
+
+
+def condense(
+    data: PassageData, time_s: float, width_s: float, most: int = 1500
+) -> PassageData:
+    """Keep what matters to a passage of a long series, averaged if need be.
+
+    Parameters
+    ----------
+    data
+        Raw measurements of one contact.
+    time_s
+        Time of closest approach, seconds, about.
+    width_s
+        Range over speed, seconds, about.
+    most
+        Instants to keep at most, about.
+    """
+    if data.time_s.size <= most:
+        return data
+    near = np.flatnonzero(np.abs(data.time_s - time_s) <= WINDOW_WIDTHS * width_s)
+    return _averaged(data, near if near.size >= 8 else slice(None), most)
+
+
+def thin(data: PassageData) -> PassageData:
+    """Average a very long series, so that a search through it stays affordable."""
+    if data.time_s.size <= MOST_SEARCHED:
+        return data
+    return _averaged(data, slice(None), MOST_SEARCHED)
+
+
+def _averaged(data: PassageData, kept: IntArray | slice, most: int) -> PassageData:
+    """Average runs of neighbouring instants, so that about ``most`` are left."""
+    time = data.time_s[kept]
+    starts = np.arange(0, time.size, -(-time.size // most))
+
+    def mean(
+        value: FloatArray, std: FloatArray, period: float | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        value, std = value[..., kept], std[..., kept]
+        good = np.isfinite(value) & (std > 0)
+        weight = np.where(good, 1 / np.where(good, std, 1.0) ** 2, 0.0)
+        size = np.add.reduceat(weight, starts, axis=-1)
+        some = np.where(size > 0, size, np.nan)
+        if period is None:
+            total = np.add.reduceat(weight * np.where(good, value, 0), starts, axis=-1)
+            return total / some, 1 / np.sqrt(some)
+        turn = np.exp(2j * np.pi / period * np.where(good, value, 0))
+        vector = np.add.reduceat(weight * turn, starts, axis=-1)
+        angle = np.angle(vector) * period / (2 * np.pi) % period
+        return np.where(size > 0, angle, np.nan), 1 / np.sqrt(some)
+
+    count = np.diff(np.append(starts, time.size))
+    return PassageData(
+        np.add.reduceat(time, starts) / count,
+        *mean(data.frequency_hz, data.frequency_std_hz),
+        *mean(data.bearing_deg, data.bearing_std_deg, 360.0),
+        *mean(data.level_db, data.level_std_db),
+    )
+
+
+def contact_ids(lines: Lines) -> list[int]:
+    """Return the contacts that have a line that is not mains hum.
+
+    Parameters
+    ----------
+    lines
+        Tracked lines.
+    """
+    usable = (lines.line_contact > 0) & (lines.line_status != "hum")
+    return [int(contact) for contact in np.unique(lines.line_contact[usable])]
+
+
+def lines_of(lines: Lines, contacts: tuple[int, ...]) -> IntArray:
+    """Return the identifiers of the lines of some contacts, hum left out.
+
+    Parameters
+    ----------
+    lines
+        Tracked lines.
+    contacts
+        Contacts whose lines are wanted.
+    """
+    wanted = np.isin(lines.line_contact, contacts) & (lines.line_status != "hum")
+    return np.asarray(lines.line_id[wanted])
+
+
+def contact_data(
+    lines: Lines | None, levels: Levels | None, contacts: tuple[int, ...]
+) -> PassageData:
+    """Gather the measurements of a contact (or of several that are one vessel).
+
+    Parameters
+    ----------
+    lines
+        Tracked lines, or None.
+    levels
+        Broadband levels and bearings that belong to the contact, or None.
+    contacts
+        Contacts whose lines are taken.
+    """
+    ids = lines_of(lines, contacts) if lines is not None else np.empty(0, np.int64)
+    if lines is not None and levels is not None and ids.size:
+        levels = _around(levels, lines.time_s[np.isin(lines.line, ids)])
+    time = _time_axis(lines, levels, ids)
+    frequency, frequency_std, bearing, bearing_std = _line_rows(lines, ids, time)
+    level, level_std = np.full((2, 1, time.size), np.nan)
+    if levels is not None:
+        place = np.searchsorted(time, levels.frames.time_s)
+        level[0, place] = levels.excess_db
+        level_std[0, place] = levels.excess_std_db
+        wide, wide_std = np.full((2, 1, time.size), np.nan)
+        wide[0, place] = levels.bearing_deg
+        wide_std[0, place] = levels.bearing_std_deg
+        bearing = np.concatenate([bearing, wide])
+        bearing_std = np.concatenate([bearing_std, wide_std])
+    frames = lines.frames if lines is not None else None
+    frames = levels.frames if frames is None and levels is not None else frames
+    return PassageData(
+        time, frequency, frequency_std, bearing, bearing_std, level, level_std,
+        _neighbour("frequency", frames),
+        _neighbour("bearing", frames),
+        _neighbour("level", frames),
+    )  # fmt: skip
+
+
+def _around(levels: Levels, heard_s: FloatArray) -> Levels:
+    """Keep the levels while lines were measured, and as long before and after."""
+    first, last = float(heard_s.min()), float(heard_s.max())
+    length = last - first
+    time = levels.frames.time_s
+    near = np.flatnonzero((time >= first - length) & (time <= last + length))
+    return levels.take("frame", slice(int(near[0]), int(near[-1]) + 1))
+
+
+def series_data(series: Series, contact: int) -> PassageData:
+    """Gather the measurements of one contact of a table.
+
+    Deviations that the table does not give are one unit: the fit finds its scale
+    from the data.
+
+    Parameters
+    ----------
+    series
+        Measurements made elsewhere.
+    contact
+        Contact whose rows are taken.
+    """
+    rows = np.flatnonzero(series.contact == contact)
+    rows = rows[np.argsort(series.time_s[rows], kind="stable")]
+    time, inverse = np.unique(series.time_s[rows], return_inverse=True)
+
+    def spread(values: FloatArray) -> FloatArray:
+        full = np.full((values.shape[1], time.size), np.nan)
+        full[:, inverse] = values[rows].T
+        return full
+
+    frequency = spread(series.frequency_hz)
+    bearing = spread(series.bearing_deg[:, None])
+    level = spread(series.level_db[:, None])
+    return PassageData(
+        time,
+        frequency,
+        _deviation(spread(series.frequency_std_hz), frequency),
+        bearing,
+        _deviation(spread(series.bearing_std_deg[:, None]), bearing, 360.0),
+        level,
+        _deviation(spread(series.level_std_db[:, None]), level),
+    )
+
+
+def _deviation(
+    std: FloatArray, value: FloatArray, period: float | None = None
+) -> FloatArray:
+    """Take the scatter of neighbours where the table gives no deviation."""
+    if np.isfinite(std).any() or not np.isfinite(value).any():
+        return std
+    filled = std.copy()
+    for row, values in enumerate(value):
+        steps = np.diff(values[np.isfinite(values)])
+        if period is not None:
+            steps = steps - period * np.rint(steps / period)
+        largest = float(np.nanmax(np.abs(values), initial=0.0))
+        typical = float(np.median(np.abs(steps))) / 0.954 if steps.size else 1.0
+        filled[row] = max(typical, 1e-12 * largest, 1e-300)
+    return filled
+
+
+def _time_axis(lines: Lines | None, levels: Levels | None, ids: IntArray) -> FloatArray:
+    times = [np.empty(0)]
+    if lines is not None:
+        times.append(np.asarray(lines.time_s[np.isin(lines.line, ids)], float))
+    if levels is not None:
+        times.append(np.asarray(levels.frames.time_s, float))
+    return np.unique(np.concatenate(times))
+
+
+def _line_rows(
+    lines: Lines | None, ids: IntArray, time: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    full = np.full((4, ids.size, time.size), np.nan)
+    if lines is not None and ids.size:
+        points = np.flatnonzero(np.isin(lines.line, ids))
+        order = np.argsort(ids)
+        row = order[np.searchsorted(ids, lines.line[points], sorter=order)]
+        place = np.searchsorted(time, lines.time_s[points])
+        for number, values in enumerate(
+            (
+                lines.measured_frequency_hz,
+                lines.measured_frequency_std_hz,
+                lines.measured_bearing_deg,
+                lines.measured_bearing_std_deg,
+            )
+        ):
+            full[number, row, place] = values[points]
+    return full[0], full[1], full[2], full[3]
+
+
+def _neighbour(kind: Kind, frames: Frames | None) -> float:
+    """Correlation of neighbouring frames' errors; zero without overlap."""
+    if frames is None or frames.hop_samples >= frames.window_samples:
+        return 0.0
+    overlap = 1 - frames.hop_samples / frames.window_samples
+    values = overlap_correlation(kind, overlap)
+    return float(values[0]) if values.size else 0.0
+
+
+NEPER_DB = 10 / np.log(10)
+"""Decibels in a natural-logarithm unit of power."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Values of one kind in fit units and their inverse variances (0: missing)."""
+
+    value: FloatArray
+    """Values in the units of the fit, shape (batch, rows, n)."""
+    weight: FloatArray
+    """Inverse variances, same shape; 0 is missing."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing of this kind was measured."""
+        return not bool(self.weight.any())
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The three kinds under one another, so that one operation serves all rows."""
+
+    time_s: FloatArray
+    """Times of reception, s, shape (n,)."""
+    value: FloatArray
+    """Lines, then sources of bearings, then levels, shape (batch, rows, n)."""
+    weight: FloatArray
+    """Inverse variances, same shape; 0 is missing."""
+    correlation: FloatArray
+    """Correlation of neighbouring errors of every row, shape (rows,)."""
+    count: tuple[int, int, int]
+    """Number of rows of frequencies, bearings and levels."""
+    kinds: FloatArray
+    """One where a row is of a kind, shape (3, rows)."""
+    mean_hz: FloatArray
+    """Mean frequency of every line, Hz, shape (batch, lines)."""
+
+    @property
+    def parts(self) -> tuple[slice, slice, slice]:
+        """The rows of the frequencies, the bearings and the levels."""
+        first, second = self.count[0], self.count[0] + self.count[1]
+        return slice(0, first), slice(first, second), slice(second, None)
+
+    @property
+    def shift(self) -> Block:
+        """The frequencies, over the line's mean and less one."""
+        return self._block(self.parts[0])
+
+    @property
+    def bearing(self) -> Block:
+        """The bearings in radians."""
+        return self._block(self.parts[1])
+
+    @property
+    def level(self) -> Block:
+        """The levels in natural logarithms of power."""
+        return self._block(self.parts[2])
+
+    def _block(self, rows: slice) -> Block:
+        return Block(self.value[:, rows], self.weight[:, rows])
+
+
+def make_blocks(data: PassageData) -> Blocks:
+    """Bring measurements into fit units.
+
+    Parameters
+    ----------
+    data
+        Raw measurements.
+    """
+    frequency = _batched(data.frequency_hz)
+    good = np.isfinite(frequency)
+    total = np.maximum(good.sum(axis=-1), 1)
+    mean = np.where(good, frequency, 0.0).sum(axis=-1) / total
+    mean = np.where(mean > 0, mean, 1.0)
+    pairs = (
+        (frequency / mean[..., None] - 1, data.frequency_std_hz, 1 / mean[..., None]),
+        (np.deg2rad(_batched(data.bearing_deg)), data.bearing_std_deg, np.deg2rad(1.0)),
+        (_batched(data.level_db) / NEPER_DB, data.level_std_db, 1 / NEPER_DB),
+    )
+    value = np.concatenate([pair[0] for pair in pairs], axis=1)
+    std = np.concatenate(
+        [np.broadcast_to(_batched(std) * unit, v.shape) for v, std, unit in pairs],
+        axis=1,
+    )
+    known = np.isfinite(value) & (std > 0) & (std < np.inf)
+    count = (pairs[0][0].shape[1], pairs[1][0].shape[1], pairs[2][0].shape[1])
+    given = (
+        data.frequency_correlation,
+        data.bearing_correlation,
+        data.level_correlation,
+    )
+    return Blocks(
+        data.time_s,
+        np.where(known, value, 0.0),
+        np.where(known, 1 / np.where(known, std, 1.0) ** 2, 0.0),
+        np.repeat(given, count),
+        count,
+        np.repeat(np.eye(3), count, axis=1),
+        mean,
+    )
+
+
+def _batched(values: FloatArray) -> FloatArray:
+    """Give the array one leading batch axis."""
+    return values[None] if values.ndim == 2 else values

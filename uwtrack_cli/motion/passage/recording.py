@@ -1,0 +1,190 @@
+"""Every passage of a recording: those of its lines, and those of its broadband.
+
+**Method.** The broadband belongs to nobody in particular. It is given to the only
+contact that passes, if it agrees with its lines; where no line shows a passage, the
+broadband is examined first, with the lines that follow it. Where it tells of passages
+that no contact accounts for, each is examined with what the others put into the
+broadband taken out (see `several`).
+
+**Conventions.** As in `contacts`.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.motion.passage.contacts import (
+    CandidatePassage,
+    RecordingSpan,
+    agrees,
+    examine,
+    examine_contacts,
+    not_a_passage,
+    split,
+)
+from uwtrack_cli.motion.passage.likelihood_ratio import motion_likelihood
+from uwtrack_cli.motion.passage.measurements import contact_data, contact_ids, lines_of
+from uwtrack_cli.motion.passage.source_separation import separate_sources
+
+SMALLEST_LINE_GAIN = 5.0
+"""Gain in log-likelihood by which the lines of a contact must follow a passage that
+the broadband has shown."""
+
+
+class SearchTerms(NamedTuple):
+    """Medium, false-alarm probability, and the frames and ends of the recording."""
+
+    medium: Medium
+    """Sound speed and depth difference."""
+    probability: float
+    """Probability of a passage in noise alone."""
+    limits: RecordingSpan
+    """Frames and ends of the recording."""
+
+
+def examine_recording(
+    lines: Lines | None,
+    levels: Levels | None,
+    medium: Medium,
+    false_alarm_probability: float,
+    limits: RecordingSpan,
+) -> list[CandidatePassage]:
+    """Examine every contact of a recording, and its broadband.
+
+    Parameters
+    ----------
+    lines
+        Tracked lines, or None.
+    levels
+        Broadband levels and bearings, or None.
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    limits
+        Length of the frames and ends of the recording.
+    """
+    terms = SearchTerms(medium, false_alarm_probability, limits)
+    found = _of_lines(lines, terms) if lines is not None else []
+    if levels is None:
+        return found
+    if len(found) == 1:
+        found = [_with_broadband(found[0], lines, levels, terms)]
+    passing = [item for item in found if _is_passage(item, limits)]
+    shares, more = separate_sources(levels, passing, *terms)
+    if more:
+        passing = _apart(passing, more, shares, lines, terms)
+    elif not passing:
+        passing = _broadband_first(lines, levels, terms)
+        # a contact that moves without passing is reported once
+        if found and not all(_is_passage(item, limits) for item in passing):
+            passing = []
+    used = {number for item in passing for number in item.contacts}
+    return passing + [item for item in found if used.isdisjoint(item.contacts)]
+
+
+def _is_passage(item: CandidatePassage, limits: RecordingSpan) -> bool:
+    return not_a_passage(item.fit, item.blocks, limits) is None
+
+
+def _of_lines(lines: Lines, terms: SearchTerms) -> list[CandidatePassage]:
+    """Examine the contacts; one that is two vessels gives a new contact."""
+    medium, probability, _ = terms
+    found: list[CandidatePassage] = []
+    number = int(lines.line_contact.max(initial=0))
+    for contact in examine_contacts(lines, medium, probability):
+        first, *others = split(contact, medium, probability)
+        found.append(first)
+        for other in others:
+            number += 1
+            found.append(replace(other, contacts=(number,)))
+    return found
+
+
+def _apart(
+    found: list[CandidatePassage],
+    more: list[CandidatePassage],
+    shares: list[Levels],
+    lines: Lines | None,
+    terms: SearchTerms,
+) -> list[CandidatePassage]:
+    """Examine every passage with its own share of the broadband."""
+    first = len(found)
+    if len(found) == 1:
+        found = [_with_broadband(found[0], lines, shares[0], terms)]
+    taken = {number for item in found for number in item.contacts}
+    free = (
+        [n for n in contact_ids(lines) if n not in taken] if lines is not None else []
+    )
+    used = lines.line_contact.max(initial=0) if lines is not None else 0
+    number = max([*taken, int(used)], default=0)
+    pairs = zip(more, shares[first:], strict=True)
+    for passage, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
+        best = _with_lines(passage, lines, free, own, terms)
+        free = [n for n in free if n not in best.contacts]
+        if best is passage:
+            number += 1
+            best = replace(passage, contacts=(number,))
+        found = [*found, best]
+    return found
+
+
+def _broadband_first(
+    lines: Lines | None, levels: Levels, terms: SearchTerms
+) -> list[CandidatePassage]:
+    """Examine the broadband, with the lines that fit it if any do.
+
+    Lines too weak to show a passage by themselves can still give its speed.
+    """
+    data = contact_data(None, levels, ())
+    alone = examine(data, (1,), np.empty(0, np.int64), terms.medium, terms.probability)
+    if alone is None or lines is None:
+        return [alone] if alone else []
+    return [_with_lines(alone, lines, contact_ids(lines), levels, terms)]
+
+
+def _with_lines(
+    alone: CandidatePassage,
+    lines: Lines | None,
+    contacts: list[int],
+    levels: Levels,
+    terms: SearchTerms,
+) -> CandidatePassage:
+    """Add the lines that follow a passage which the broadband has shown."""
+    best, gain = alone, SMALLEST_LINE_GAIN
+    if lines is None:
+        return alone
+    for contact in contacts:
+        part = (contact,)
+        joint = examine(
+            contact_data(lines, levels, part), part, lines_of(lines, part),
+            terms.medium, terms.probability,
+        )  # fmt: skip
+        if joint is not None and joint.likelihood_ratio.doppler > gain:
+            best, gain = joint, joint.likelihood_ratio.doppler
+    # a line that follows by chance must not spoil what the broadband has shown
+    spoils = _is_passage(alone, terms.limits) and not _is_passage(best, terms.limits)
+    return alone if spoils else best
+
+
+def _with_broadband(
+    only: CandidatePassage, lines: Lines | None, levels: Levels, terms: SearchTerms
+) -> CandidatePassage:
+    """Fit the lines with the broadband, unless the two have different motions."""
+    medium, probability, _ = terms
+    wide = contact_data(None, levels, ())
+    alone = examine(wide, only.contacts, np.empty(0, np.int64), medium, probability)
+    if alone is not None and not agrees(alone, only):
+        alone_shape = motion_likelihood(alone.blocks, alone.fit, alone.fit)
+        flat = alone_shape - alone.likelihood_ratio.total
+        if motion_likelihood(alone.blocks, alone.fit, only.fit) < flat:
+            return only
+    joint = examine(
+        contact_data(lines, levels, only.contacts), only.contacts, only.line_ids,
+        medium, probability,
+    )  # fmt: skip
+    return joint or only

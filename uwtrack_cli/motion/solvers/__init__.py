@@ -1,0 +1,1 @@
+"""Optimisers of the target motion problem, the published ones among them."""

@@ -1,0 +1,1 @@
+"""Target motion from bearings and frequencies: model, modes, report."""

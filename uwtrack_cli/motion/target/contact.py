@@ -1,0 +1,235 @@
+"""Target motion of one contact: deviations, solution, modes, observability.
+
+**Method.** Measurements made of overlapping windows are not independent; their
+deviations are first raised by the correlation of the residuals. A constant error of
+the compass turns the whole solution, and enters the covariance as one more source.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.motion.solvers.marquardt import (
+    DescentResult,
+    SearchBounds,
+    minimise,
+    search_bounds,
+)
+from uwtrack_cli.motion.solvers.solvers import SOLVERS
+from uwtrack_cli.motion.target.inputs import (
+    Measurements,
+    check_measurements,
+    correlation_inflation,
+    own_path,
+    white_scatter,
+)
+from uwtrack_cli.motion.target.model import to_motion
+from uwtrack_cli.motion.target.modes import (
+    ModeAnswer,
+    Modes,
+    TmaOptions,
+    describe_mode,
+    find_modes,
+)
+from uwtrack_cli.motion.target.objective import residuals
+from uwtrack_cli.motion.target.observability import (
+    assess,
+    information,
+    is_manoeuvring,
+    misfit_scale,
+)
+from uwtrack_cli.motion.target.own_ship import OwnPath, make_observer_track
+from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target.starts import multistart
+
+
+@dataclass(frozen=True, eq=False)
+class ContactAnswer:
+    """Modes of one contact, and its estimates over time."""
+
+    data: Measurements
+    """The measurements."""
+    modes: list[ModeAnswer]
+    """What each mode says, best first."""
+    n_values: int
+    """Number of measured values."""
+    manoeuvring: bool
+    """Whether own ship leaves a straight and steady track."""
+    update_rows: IntArray
+    """Last row of every estimate over time, shape (updates,)."""
+    update_motion: FloatArray
+    """Range, bearing, speed and course (SI) of each, shape (updates, 4)."""
+    update_std: FloatArray
+    """Their deviations, same shape; nan where not observable."""
+
+
+def analyse_contact(data: Measurements, options: TmaOptions) -> ContactAnswer:
+    """Estimate the motion of one contact."""
+    check_measurements(data)
+    path = own_path(options.navigation, data)
+    problem = build_problem(data, path, options)
+    limits = search_bounds(
+        options.search.range_limits_m, options.search.speed_limit_mps
+    )
+    if data.overlap_rows:
+        problem = _allow_for_overlap(problem, limits, data.overlap_rows)
+    ends = _growing(problem.n_rows, options.updates)
+    estimates = SOLVERS[options.solver](problem, limits, ends, options.seed)
+    modes = _modes(problem, limits, estimates[-1], options)
+    scale = misfit_scale(problem, modes.q[0])
+    answers = [
+        describe_mode(problem, limits, modes, index, options, scale=scale)
+        for index in range(len(modes.q))
+    ]
+    deviations = [
+        _deviations(problem.rows(slice(0, int(end))), q)
+        for end, q in zip(ends, estimates, strict=True)
+    ]
+    return ContactAnswer(
+        data=data,
+        modes=answers,
+        n_values=problem.n_values,
+        manoeuvring=is_manoeuvring(problem.track),
+        update_rows=ends - 1,
+        update_motion=to_motion(estimates),
+        update_std=np.stack(deviations),
+    )
+
+
+def build_problem(data: Measurements, path: OwnPath, options: TmaOptions) -> Problem:
+    """Put the measurements of a contact into the form that solvers take."""
+    model, weights = options.model, options.misfit
+    steps = np.diff(data.time_s)
+    interval = model.interval_s or data.window_s
+    if interval is None:
+        interval = float(np.median(steps)) if steps.size else 1.0
+    bearing_std = _filled(
+        data.bearing_deg, data.bearing_std_deg, weights.bearing_std_deg, circular=True
+    )
+    frequency_std = _filled(
+        data.frequency_hz, data.frequency_std_hz, weights.frequency_std_hz
+    )
+    bearing_weight, bearing = _weigh(
+        np.radians(data.bearing_deg), np.radians(bearing_std)
+    )
+    frequency_weight, frequency = _weigh(data.frequency_hz, frequency_std)
+    share = 1.0
+    if weights.line_weighting == "mean":
+        share = 1.0 / max(1, frequency_weight.shape[0])
+    return Problem(
+        track=make_observer_track(path, data.time_s, model.doppler, interval),
+        bearing_rad=bearing[np.newaxis],
+        bearing_weight=bearing_weight,
+        frequency_hz=frequency[np.newaxis],
+        frequency_weight=frequency_weight * np.sqrt(share),
+        sound_speed_mps=options.sound_speed_mps,
+        delayed=options.delayed,
+        array_heading_rad=_array_heading(path, data.time_s, interval, options),
+        loss=weights.loss,
+        frequency_share=share,
+        height_m=options.height_m,
+    )
+
+
+def _filled(
+    values: FloatArray, std: FloatArray, option: float | None, *, circular: bool = False
+) -> FloatArray:
+    """Give every value a deviation: its own, the option's, or from the scatter."""
+    missing = np.isnan(std) & ~np.isnan(values)
+    if not missing.any():
+        return std
+    filled = std.copy()
+    for stream in np.flatnonzero(missing.any(1)):
+        default = option
+        if default is None:
+            course = np.radians(values[stream]) if circular else values[stream]
+            default = white_scatter(course, circular=circular)
+            default = float(np.degrees(default)) if circular else default
+        if not default > 0:
+            kind = "bearing_std_deg" if circular else "frequency_std_hz"
+            msg = (
+                f"a deviation cannot be estimated from {np.count_nonzero(missing)} "
+                f"values that state none: give {kind} as a column or an option."
+            )
+            raise DataError(msg)
+        filled[stream, missing[stream]] = default
+    return filled
+
+
+def _weigh(values: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    heard = ~np.isnan(values)
+    weight = np.where(heard, 1.0 / np.where(heard, std, 1.0), 0.0)
+    return weight, np.where(heard, values, 0.0)
+
+
+def _array_heading(
+    path: OwnPath, time_s: FloatArray, interval_s: float, options: TmaOptions
+) -> FloatArray | None:
+    if options.array_heading == "none":
+        return None
+    if options.array_heading == "course":
+        if path.time_s.size < 2:
+            msg = "array_heading 'course' needs navigation: own ship has no course."
+            raise DataError(msg)
+        return path.course_at(time_s, interval_s)
+    heading = path.heading_at(time_s)
+    if np.isnan(heading).any() and options.fixed_heading_deg is not None:
+        heading = np.full(time_s.size, np.radians(options.fixed_heading_deg))
+    if np.isnan(heading).any():
+        msg = (
+            "array_heading 'heading' needs a column heading_deg in the navigation, or "
+            "a sensor with a heading."
+        )
+        raise DataError(msg)
+    return heading
+
+
+def _growing(rows: int, updates: int) -> IntArray:
+    return np.unique(np.ceil(rows * np.arange(1, updates + 1) / updates).astype(int))
+
+
+def _allow_for_overlap(problem: Problem, limits: SearchBounds, lags: int) -> Problem:
+    first = multistart(problem, limits)
+    r = residuals(problem, first.q[:1])
+    bearing = correlation_inflation(r.bearing[0], problem.bearing_weight, lags)
+    frequency = correlation_inflation(r.frequency[0], problem.frequency_weight, lags)
+    return replace(
+        problem,
+        bearing_weight=problem.bearing_weight / np.sqrt(bearing),
+        frequency_weight=problem.frequency_weight / np.sqrt(frequency),
+    )
+
+
+def _modes(
+    problem: Problem, limits: SearchBounds, solution: FloatArray, options: TmaOptions
+) -> Modes:
+    """List the solver's answer and every other motion within the region."""
+    from scipy.special import chdtri
+
+    fit = multistart(problem, limits)
+    own = minimise(problem, solution[np.newaxis], limits, iterations=0)
+    merged = DescentResult.join(own, fit)
+    order = np.argsort(merged.value, kind="stable")
+    # the solver's own answer is the best mode unless it missed the minimum
+    if own.value[0] - merged.value[order[0]] < 1e-3:
+        order = np.concatenate([[0], order[order != 0]])
+    merged = merged.take(order)
+    freedom = 4 + problem.n_lines
+    threshold = float(chdtri(freedom, 1.0 - options.search.confidence))
+    found = information(problem, merged.q[0])
+    return find_modes(
+        problem,
+        merged,
+        threshold * misfit_scale(problem, merged.q[0]),
+        singular=found.rank < len(found.bread),
+    )
+
+
+def _deviations(problem: Problem, q: FloatArray) -> FloatArray:
+    """Deviations of range, bearing, speed and course; nan where not observable."""
+    found = information(problem, q)
+    observable = assess(found, to_motion(q)).observable[:4]
+    variance = np.diagonal(found.covariance())[:4]
+    return np.where(observable, np.sqrt(np.maximum(variance, 0.0)), np.nan)

@@ -1,0 +1,278 @@
+"""Error budget of a motion: what nuisances and coloured noise add to white noise.
+
+**Method.** A fact that is not known exactly moves the fitted motion by B^-1 J' dz, with
+the residuals' change dz per deviation of that fact; its covariance is added (the
+Schmidt form: the estimate stays, its covariance holds the nuisance). Own position and
+velocity are Ornstein-Uhlenbeck processes, whose covariance between the rows is summed.
+The noise of a table may be coloured: strength and correlation time of every series
+come from the restricted likelihood of its residuals, and the meat of the sandwich is
+that of white and coloured noise.
+
+**Conventions.** Solver coordinates and rest frequencies; everything in SI.
+
+**References.** Schmidt (1966), Adv. Control Systems 3, 293; Huber (1967); Van Trees,
+Bell and Tian (2013), section 4.3.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.motion.coloured_noise import fit_coloured_noise
+from uwtrack_cli.motion.target.model import state_jacobian
+from uwtrack_cli.motion.target.objective import Residuals, loss_weight, residuals
+from uwtrack_cli.motion.target.observability import (
+    Information,
+    design_rows,
+    series_slopes,
+)
+from uwtrack_cli.motion.target.problem import Problem
+
+MOST_CELLS = 1000
+"""Cells of a series beyond which rows are summed before their covariance is taken."""
+
+WIDTH_SHARE = 0.25
+"""Share of the record that matters as a whole to the motion."""
+
+
+@dataclass(frozen=True)
+class NuisanceDeviations:
+    """Standard deviations of what a motion is fitted with; zero is known exactly."""
+
+    sound_speed_mps: float = 0.0
+    """Of the sound speed, m/s."""
+    compass_deg: float = 0.0
+    """Of the compass, degrees."""
+    own_position_m: float = 0.0
+    """Of each coordinate of own position, m."""
+    own_velocity_mps: float = 0.0
+    """Of each component of own velocity, m/s."""
+    correlation_time_s: float = 100.0
+    """Correlation time of own position and velocity, s."""
+
+    def values(self) -> dict[str, float]:
+        """Return the deviations by the name under which they are reported."""
+        return {
+            "sound_speed_mps": self.sound_speed_mps,
+            "compass_deg": self.compass_deg,
+            "own_position_m": self.own_position_m,
+            "own_velocity_mps": self.own_velocity_mps,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBudget:
+    """Covariance of a motion and where it comes from."""
+
+    covariance: FloatArray
+    """Of solver coordinates and rest frequencies, all causes together, shape (p, p)."""
+    parts: dict[str, FloatArray]
+    """Covariance that each nuisance causes, shape (p, p), by its name."""
+
+
+def error_budget(
+    problem: Problem,
+    q: FloatArray,
+    found: Information,
+    deviations: NuisanceDeviations,
+    *,
+    with_coloured_noise: bool,
+) -> ErrorBudget:
+    """Add nuisances and coloured noise to the covariance of a motion.
+
+    Parameters
+    ----------
+    problem
+        One record.
+    q
+        The motion in solver coordinates, shape (4,).
+    found
+        Information at the motion.
+    deviations
+        Standard deviations of the nuisances.
+    with_coloured_noise
+        Whether the residuals are searched for coloured noise.
+    """
+    r = residuals(problem, q[np.newaxis])
+    chain = np.eye(len(found.bread))
+    chain[:4, :4] = state_jacobian(q[np.newaxis])[0]
+    rows = design_rows(problem, r) @ chain
+    meat = found.meat
+    if with_coloured_noise:
+        meat = meat + _coloured_meat(problem, r, rows)
+    inverse = found.inverse()
+    total = inverse @ meat @ inverse
+    slopes = series_slopes(problem, r)
+    pull = slopes[:, np.newaxis, np.newaxis] * rows
+    parts: dict[str, FloatArray] = {}
+    for name, std in deviations.values().items():
+        if not std:
+            continue
+        if name.startswith("own_"):
+            is_position = name == "own_position_m"
+            moved = sum(
+                markov_covariance(time, gradient, deviations.correlation_time_s)
+                for time, gradient in _own_ship(problem, r, pull, is_position)
+            )
+            parts[name] = std**2 * (inverse @ moved @ inverse)
+        else:
+            change = _whitened_change(problem, q, r, name, std)
+            shift = inverse @ np.einsum("snp,sn->p", pull, change)
+            parts[name] = np.outer(shift, shift)
+        total = total + parts[name]
+    return ErrorBudget(total, parts)
+
+
+def _whitened_change(
+    problem: Problem, q: FloatArray, r: Residuals, name: str, std: float
+) -> FloatArray:
+    """Change of the whitened residuals by one deviation of a constant nuisance."""
+    if name == "compass_deg":
+        turned = problem.bearing_weight * r.side[0] * np.radians(std)
+        return np.concatenate([turned, np.zeros_like(problem.frequency_weight)])
+    moved = replace(problem, sound_speed_mps=problem.sound_speed_mps + std)
+    other = residuals(moved, q[np.newaxis], rest_hz=r.rest_hz)
+    return np.concatenate(
+        [other.bearing[0] - r.bearing[0], other.frequency[0] - r.frequency[0]]
+    )
+
+
+def _own_ship(
+    problem: Problem, r: Residuals, pull: FloatArray, is_position: bool
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return times and gradients by own east and by own north: (m,) and (m, p).
+
+    An error of own position moves the bearing, and its change over an interval moves
+    the range rate; an error of own velocity moves the range rate alone.
+    """
+    streams = problem.bearing_weight.shape[0]
+    track, time = problem.track, problem.row_time_s
+    behind = track.interval_s * (0.5 if track.before is None else 1.0)
+    early: FloatArray = time - behind
+    late: FloatArray = early + track.interval_s
+    found: list[tuple[FloatArray, FloatArray]] = []
+    for axis, sight in enumerate(
+        (np.sin(r.prediction.bearing_rad[0]), np.cos(r.prediction.bearing_rad[0]))
+    ):
+        # the range opens by less when own ship follows
+        slope = r.rest_hz[0][:, np.newaxis] * sight / problem.sound_speed_mps
+        rate = np.einsum("snp,sn->np", pull[streams:], problem.frequency_weight * slope)
+        if not is_position:
+            found.append((time, rate))
+            continue
+        turn = -r.prediction.bearing_jacobian[0, axis] * r.side[0]
+        angle = np.einsum("snp,sn->np", pull[:streams], problem.bearing_weight * turn)
+        step = rate / track.interval_s[:, np.newaxis]
+        times = np.concatenate([time, late, early])
+        found.append((times, np.concatenate([angle, step, -step])))
+    return found
+
+
+def markov_covariance(
+    time_s: FloatArray, gradient: FloatArray, correlation_time_s: float
+) -> FloatArray:
+    """Sum g_i g_j' exp(-|t_i - t_j| / tau) over all pairs, in one pass.
+
+    Parameters
+    ----------
+    time_s
+        Times in seconds, shape (m,), in any order.
+    gradient
+        One gradient per time, shape (m, p).
+    correlation_time_s
+        Correlation time tau, s.
+
+    Examples
+    --------
+    >>> one = np.ones((2, 1))
+    >>> float(markov_covariance(np.array([0.0, 1.0]), one, 1.0)[0, 0].round(6))
+    2.735759
+    """
+    order = np.argsort(time_s, kind="stable")
+    rows = gradient[order]
+    decay = np.exp(
+        -np.diff(time_s[order], prepend=time_s[order[:1]]) / correlation_time_s
+    )
+    past = np.zeros_like(rows)
+    for row in range(1, len(rows)):
+        past[row] = decay[row] * (past[row - 1] + rows[row - 1])
+    cross = past.T @ rows
+    return np.asarray(rows.T @ rows + cross + cross.T)
+
+
+def looks_white(deviation: FloatArray) -> bool:
+    """Return whether unit residuals show neither colour nor a larger variance.
+
+    Parameters
+    ----------
+    deviation
+        Residuals over their stated deviations, in the order of time.
+
+    Notes
+    -----
+    Sums of blocks of 1, 4, 16 ... residuals over the root of their number have unit
+    variance when white; each mean square must lie within two deviations of one. It
+    saves the search for a correlation time where there is none to find.
+    """
+    length = 1
+    while deviation.size // length >= 8:
+        count = deviation.size // length
+        sums = deviation[: count * length].reshape(count, length).sum(axis=1)
+        if float(np.mean(sums**2)) / length > 1.0 + 2.0 * np.sqrt(2.0 / count):
+            return False
+        length *= 4
+    return True
+
+
+def _coloured_meat(problem: Problem, r: Residuals, rows: FloatArray) -> FloatArray:
+    """Sum over the series what coloured noise adds to the variance of the gradient."""
+    z = np.concatenate([r.bearing[0], r.frequency[0]])
+    weight = np.concatenate([problem.bearing_weight, problem.frequency_weight])
+    influence = loss_weight(z, problem.loss) * z
+    size = rows.shape[-1]
+    added = np.zeros((size, size))
+    width_s = WIDTH_SHARE * float(np.ptp(problem.row_time_s))
+    if not width_s:
+        return added
+    for number, (series, measured) in enumerate(
+        zip(influence, weight > 0, strict=True)
+    ):
+        others = np.delete(rows, number, axis=0).reshape(-1, size)
+        design = rows[number]
+        if not measured.any():
+            continue
+        power = float(np.mean(series[measured] ** 2))
+        if problem.loss == "squares":
+            power = 1.0 if number < len(r.bearing[0]) else problem.frequency_share
+        scale = np.sqrt(max(power, 1e-300))
+        if looks_white(series[measured] / scale):
+            continue
+        upper = np.asarray(np.linalg.qr(others, mode="r"))
+        noise = fit_coloured_noise(
+            series / scale,
+            measured.astype(float),
+            problem.row_time_s,
+            design,
+            width_s,
+            (np.zeros(len(upper)), upper),
+        )
+        if noise.is_white:
+            continue
+        kept = np.flatnonzero(measured)
+        starts = np.unique(
+            np.linspace(0, kept.size, min(kept.size, MOST_CELLS), endpoint=False)
+        ).astype(int)
+        count = np.diff(np.append(starts, kept.size))
+        cells = np.add.reduceat(design[kept], starts, axis=0)
+        time = np.add.reduceat(problem.row_time_s[kept], starts) / count
+        lag = np.abs(time[:, None] - time[None, :])
+        kernel = np.zeros_like(lag)
+        for variance, correlation_time in zip(
+            noise.variance, noise.correlation_time_s, strict=True
+        ):
+            kernel += variance * np.exp(-lag / correlation_time)
+        white = design[kept].T @ design[kept]
+        coloured = cells.T @ kernel @ cells
+        added += scale**2 * (noise.inflation * (white + coloured) - white)
+    return added

@@ -1,0 +1,329 @@
+"""From containers to the measurements of each contact, checked on the way.
+
+**Method.** Deviations that nobody stated come from the scatter of second differences;
+those of measurements that overlap are raised by the correlation of the residuals.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.sensor import Navigation
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.target.own_ship import OwnPath
+
+LONGEST_EXTRAPOLATION_S = 60.0
+"""Beyond the last row of navigation own ship may have turned."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """All that was measured of one contact; nan is "not measured"."""
+
+    contact: int
+    """Contact number."""
+    time_s: FloatArray
+    """Times of the rows, s, shape (rows,)."""
+    bearing_deg: FloatArray
+    """Bearings, degrees, shape (streams, rows)."""
+    bearing_std_deg: FloatArray
+    """Their deviations, degrees; nan if not stated."""
+    frequency_hz: FloatArray
+    """Frequencies, Hz, shape (lines, rows)."""
+    frequency_std_hz: FloatArray
+    """Their deviations, Hz; nan if not stated."""
+    line_id: IntArray
+    """Identifiers of the lines, shape (lines,)."""
+    start_utc_ns: int | None
+    """UTC epoch of time zero, ns; None if unknown."""
+    window_s: float | None
+    """Length of the frames, s; None for tables."""
+    overlap_rows: int
+    """Distance in rows within which measurements share samples."""
+
+
+def measurements_from_series(series: Series) -> list[Measurements]:
+    """Take a table apart into contacts, dropping rows and lines without values."""
+    found = []
+    for contact in np.unique(series.contact):
+        rows = np.flatnonzero(series.contact == contact)
+        heard = ~np.isnan(series.bearing_deg[rows])
+        tone = ~np.isnan(series.frequency_hz[rows])
+        lines = np.flatnonzero(tone.any(0))
+        rows = rows[heard | tone.any(1)]
+        found.append(
+            Measurements(
+                contact=int(contact),
+                time_s=series.time_s[rows],
+                bearing_deg=series.bearing_deg[np.newaxis, rows],
+                bearing_std_deg=series.bearing_std_deg[np.newaxis, rows],
+                frequency_hz=series.frequency_hz[np.ix_(rows, lines)].T,
+                frequency_std_hz=series.frequency_std_hz[np.ix_(rows, lines)].T,
+                line_id=lines + 1,
+                start_utc_ns=series.start_utc_ns,
+                window_s=None,
+                overlap_rows=0,
+            )
+        )
+    return found
+
+
+def measurements_from_lines(lines: Lines) -> list[Measurements]:
+    """Take lines apart into contacts, without unassigned and stationary ones."""
+    frames = lines.frames
+    lasting = (lines.line_contact > 0) & (lines.line_status != "hum")
+    found = []
+    for contact in np.unique(lines.line_contact[lasting]):
+        ids = lines.line_id[lasting & (lines.line_contact == contact)]
+        measured = ~np.isnan(lines.measured_frequency_hz)
+        measured |= ~np.isnan(lines.measured_bearing_deg)
+        points = np.flatnonzero(np.isin(lines.line, ids) & measured)
+        if points.size == 0:
+            continue
+        time, row = np.unique(lines.time_s[points], return_inverse=True)
+        line = np.searchsorted(np.sort(ids), lines.line[points])
+
+        def spread(
+            values: FloatArray,
+            place: tuple[IntArray, IntArray] = (line, row),
+            shape: tuple[int, int] = (ids.size, time.size),
+            points: IntArray = points,
+        ) -> FloatArray:
+            table = np.full(shape, np.nan)
+            table[place] = values[points]
+            return table
+
+        found.append(
+            Measurements(
+                contact=int(contact),
+                time_s=time,
+                bearing_deg=spread(lines.measured_bearing_deg),
+                bearing_std_deg=spread(lines.measured_bearing_std_deg),
+                frequency_hz=spread(lines.measured_frequency_hz),
+                frequency_std_hz=spread(lines.measured_frequency_std_hz),
+                line_id=np.sort(ids),
+                start_utc_ns=frames.start_utc_ns,
+                window_s=frames.window_s,
+                overlap_rows=-(-frames.window_samples // frames.hop_samples) - 1,
+            )
+        )
+    return found
+
+
+def check_measurements(data: Measurements) -> None:
+    """Refuse what cannot be a record of bearings and frequencies.
+
+    Raises
+    ------
+    DataError
+        Times do not increase, units are off by a known factor, or a line changes
+        by more than Doppler can.
+    """
+    who = f"contact {data.contact}"
+    if data.time_s.size == 0:
+        msg = f"{who} has neither bearings nor frequencies."
+        raise DataError(msg)
+    steps = np.diff(data.time_s)
+    if np.any(~(steps > 0)):
+        row = int(np.flatnonzero(~(steps > 0))[0])
+        msg = (
+            f"the times of {who} do not increase: {data.time_s[row]:g} s is followed "
+            f"by {data.time_s[row + 1]:g} s. Sort the rows by time, and give each "
+            f"contact its own number in a column 'contact'."
+        )
+        raise DataError(msg)
+    _check_bearings(data, who)
+    _check_frequencies(data, who)
+
+
+def _check_bearings(data: Measurements, who: str) -> None:
+    bearing, std = data.bearing_deg, data.bearing_std_deg
+    heard = bearing[~np.isnan(bearing)]
+    if heard.size == 0:
+        return
+    if np.any((heard < -360.0) | (heard > 720.0)):
+        worst = heard[np.abs(heard).argmax()]
+        msg = f"a bearing of {who} is {worst:g} degrees; 0 to 360 is accepted."
+        raise DataError(msg)
+    stated = std[~np.isnan(std)]
+    _check_positive(stated, f"bearing_std_deg of {who}")
+    turn = 2.0 * np.pi + 1e-6
+    scatter = np.degrees(white_scatter(np.radians(bearing).ravel(), circular=True))
+    small_std = stated.size > 0 and np.median(stated) < 0.1
+    # as degrees, the scatter of radians falls short of its deviation 57-fold
+    too_smooth = stated.size > 0 and 0.0 < scatter < np.median(stated) / 25.0
+    if np.all(np.abs(heard) <= turn) and (small_std or too_smooth):
+        msg = (
+            f"the bearings of {who} lie between {heard.min():.3g} and "
+            f"{heard.max():.3g} with a scatter of {scatter:.2g} and a deviation of "
+            f"{np.median(stated):.2g}: they seem to be radians; degrees are accepted."
+        )
+        raise DataError(msg)
+
+
+def _check_frequencies(data: Measurements, who: str) -> None:
+    _check_positive(
+        data.frequency_std_hz[~np.isnan(data.frequency_std_hz)],
+        f"frequency_std_hz of {who}",
+    )
+    for line, values in zip(data.line_id, data.frequency_hz, strict=True):
+        heard = values[~np.isnan(values)]
+        if heard.size and np.any(heard <= 0):
+            msg = f"line {line} of {who} has a frequency of {heard.min():g} Hz."
+            raise DataError(msg)
+        if heard.size < FEWEST:
+            continue
+        low, middle, high = np.percentile(heard, [25.0, 50.0, 75.0])
+        if (high - low) / middle > 0.1:
+            msg = (
+                f"half of the values of line {line} of {who} spread over "
+                f"{high - low:.3g} Hz about {middle:.4g} Hz, more than the Doppler "
+                f"shift of any vessel: does the column hold several lines?"
+            )
+            raise DataError(msg)
+
+
+def _check_positive(stated: FloatArray, name: str) -> None:
+    if np.any(~(stated > 0)):
+        msg = f"{name} must be positive, got {stated[~(stated > 0)][0]:g}."
+        raise DataError(msg)
+
+
+def own_path(navigation: Navigation | None, data: Measurements) -> OwnPath:
+    """Return own ship's path in the clock of the measurements, or a fixed place.
+
+    Raises
+    ------
+    DataError
+        The navigation is not in order, does not cover the measurements, or moves
+        faster than a ship.
+    """
+    if navigation is None:
+        zero = np.zeros(1)
+        return OwnPath(zero, zero, zero, np.full(1, np.nan))
+    shift = 0.0
+    if navigation.start_utc_ns is not None and data.start_utc_ns is not None:
+        shift = (navigation.start_utc_ns - data.start_utc_ns) / NANOSECONDS
+    time = navigation.time_s + shift
+    _check_navigation(time, navigation, data)
+    return OwnPath(
+        time, navigation.east_m, navigation.north_m, np.radians(navigation.heading_deg)
+    )
+
+
+def _check_navigation(
+    time: FloatArray, navigation: Navigation, data: Measurements
+) -> None:
+    steps = np.diff(time)
+    if time.size == 0 or np.any(~(steps > 0)):
+        msg = "the times of the navigation must increase from row to row."
+        raise DataError(msg)
+    first, last = float(data.time_s[0]), float(data.time_s[-1])
+    slack = _extrapolation(steps, data.time_s)
+    if first < time[0] - slack or last > time[-1] + slack:
+        msg = (
+            f"the navigation covers {time[0]:.6g} to {time[-1]:.6g} s, but contact "
+            f"{data.contact} was measured from {first:.6g} to {last:.6g} s: do both "
+            f"count from the same start (give both time_utc, or one clock)? The last "
+            f"leg needs a row at its end."
+        )
+        raise DataError(msg)
+    if time.size < 2:
+        return
+    speed = np.hypot(np.diff(navigation.east_m), np.diff(navigation.north_m)) / steps
+    if np.median(speed) > 40.0:
+        msg = (
+            f"own ship moves at {np.median(speed):.3g} m/s by its navigation; ships "
+            f"stay below 40 m/s. Are the positions in metres and the speeds in the "
+            f"unit of their column (speed_mps or speed_kn)?"
+        )
+        raise DataError(msg)
+
+
+def _extrapolation(steps: FloatArray, measured_s: FloatArray) -> float:
+    """Return how far own ship may be taken straight on beyond its last row, s."""
+    if steps.size == 0:
+        return np.inf
+    spacing = float(np.median(np.diff(measured_s))) if measured_s.size > 1 else 0.0
+    return max(2.0 * spacing, min(float(steps.max()), LONGEST_EXTRAPOLATION_S))
+
+
+FITTED = 4
+"""Parameters of a motion, that the residuals were fitted with."""
+
+FEWEST = 6
+"""Values from which a scatter can be estimated."""
+
+
+def white_scatter(values: FloatArray, *, circular: bool = False) -> float:
+    """Estimate the deviation of white noise on a smooth course of values.
+
+    Parameters
+    ----------
+    values
+        Values in the order of time; nan where there is none; rad if circular.
+    circular
+        Whether the values are angles.
+
+    Notes
+    -----
+    Median absolute second difference over 0.6745 sqrt(6): a straight course
+    cancels, and outliers do not count.
+    """
+    heard = values[~np.isnan(values)]
+    if heard.size < FEWEST:
+        return float("nan")
+    first = np.diff(heard)
+    if circular:
+        first = wrap_rad(first)
+    second = wrap_rad(np.diff(first)) if circular else np.diff(first)
+    return float(np.median(np.abs(second)) / (0.6745 * np.sqrt(6.0)))
+
+
+def correlation_inflation(z: FloatArray, heard: FloatArray, fewest_lags: int) -> float:
+    """Return the variance factor that correlated measurements need, at least 1.
+
+    Measurements of overlapping windows share samples, and all lines of a vessel
+    vary with the speed of its shaft: neither is independent.
+
+    Parameters
+    ----------
+    z
+        Whitened residuals (stream, row).
+    heard
+        Weights; zero where nothing was measured.
+    fewest_lags
+        Distance in rows at which measurements still overlap.
+
+    Notes
+    -----
+    Power of the residuals at zero frequency, s^2 (1 + 2 sum (1 - l/L) rho_l), with
+    Bartlett's window over an eighth of the record (Newey & West 1987), for the sum
+    over streams: correlation between streams counts as well. The window holds
+    m = 1.5 n / L independent values of that power, and the fit of a motion has taken
+    four of them away: the sum is raised by m / (m - 4).
+    """
+    valid = heard > 0
+    count = np.count_nonzero(valid, axis=0)
+    known = count > 0
+    if np.count_nonzero(known) < FEWEST:
+        return 1.0
+    # outliers are for the loss to weigh, not for the deviations
+    pooled = np.where(valid, np.clip(z, -5.0, 5.0), 0.0).sum(0)
+    pooled = pooled / np.sqrt(np.maximum(count, 1))
+    power = float((pooled**2).sum() / np.count_nonzero(known))
+    total = power
+    width = max(fewest_lags + 1, known.size // 8)
+    for lag in range(1, width):
+        pairs = np.count_nonzero(known[lag:] & known[:-lag])
+        if pairs < FEWEST:
+            break
+        shared = float((pooled[lag:] * pooled[:-lag]).sum() / pairs)
+        total += 2.0 * (1.0 - lag / width) * shared
+    bands = 1.5 * known.size / width
+    return float(max(total * bands / max(bands - FITTED, 1.0), power, 1.0))

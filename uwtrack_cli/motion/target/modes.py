@@ -1,0 +1,426 @@
+"""Modes: the motions that explain the data about equally well, and what each says.
+
+**Method.** Minima within the likelihood-ratio region of the best are kept when a
+barrier lies between them, and weighted by Laplace's approximation of their
+posterior mass, exp(-F/2) |C|^(1/2) (MacKay 2003, eq. 27.8), flat in the solver's
+coordinates. The 95 % interval of a quantity holds the values for which the best fit
+of everything else is worse by no more than the chi-square quantile of one degree of
+freedom (Cox & Hinkley 1974, ch. 9). The profile is followed outwards in steps of the
+Laplace deviation with one batched descent, and interpolated at the crossing. An
+interval that meets the limits of the search is open on that side.
+
+**Conventions.** Under a robust loss, or with estimated deviations, the rise of the
+misfit is divided by ``scale`` (Wilks' statistic of an M-estimate).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.sensor import Navigation
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.options import Misfit, MotionModel, Search
+from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
+from uwtrack_cli.motion.solvers.solvers import SolverName
+from uwtrack_cli.motion.target.error_budget import NuisanceDeviations, error_budget
+from uwtrack_cli.motion.target.model import (
+    state_jacobian,
+    to_motion,
+    to_polar,
+    to_state,
+)
+from uwtrack_cli.motion.target.objective import misfit
+from uwtrack_cli.motion.target.observability import (
+    Observability,
+    assess,
+    information,
+)
+from uwtrack_cli.motion.target.problem import Problem
+
+STEPS = 12
+"""Points of the profile on each side."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A likelihood-ratio interval and whether the search limits cut it."""
+
+    low: float
+    """Lower end."""
+    high: float
+    """Upper end."""
+    open_low: bool
+    """Whether the search limits cut the lower side."""
+    open_high: bool
+    """Whether the search limits cut the upper side."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether either side is cut by the limits."""
+        return self.open_low or self.open_high
+
+    def widened(self, centre: float, ratio: float) -> "Interval":
+        """Return the interval stretched about its centre."""
+        return Interval(
+            centre - ratio * (centre - self.low),
+            centre + ratio * (self.high - centre),
+            self.open_low,
+            self.open_high,
+        )
+
+
+def profile_interval(
+    problem: Problem,
+    q: FloatArray,
+    coordinate: int,
+    deviation: float,
+    limits: SearchBounds,
+    *,
+    rise: float,
+) -> Interval:
+    """Find where the profile likelihood of one coordinate has fallen by ``rise``.
+
+    Parameters
+    ----------
+    problem
+        One record.
+    q
+        The minimum in solver coordinates.
+    coordinate
+        0 for ln R, 1 bearing, 2 speed, 3 course.
+    deviation
+        Its Laplace deviation, the first guess of the width.
+    limits
+        Bounds of the search.
+    rise
+        Rise of the misfit at the ends of the interval.
+    """
+    polar = coordinate >= 2
+    centre = to_polar(q) if polar else q.copy()
+    bounds = _bounds(limits, polar=polar)
+    low, open_low = _side(
+        problem, centre, coordinate, -deviation, bounds, rise=rise, polar=polar
+    )
+    high, open_high = _side(
+        problem, centre, coordinate, deviation, bounds, rise=rise, polar=polar
+    )
+    return Interval(low, high, open_low, open_high)
+
+
+def _bounds(limits: SearchBounds, *, polar: bool) -> SearchBounds:
+    if not polar:
+        return limits
+    lower, upper = limits.lower.copy(), limits.upper.copy()
+    lower[2], lower[3], upper[3] = 0.0, -np.inf, np.inf
+    upper[2] *= np.sqrt(2.0)
+    return SearchBounds(lower, upper)
+
+
+def _side(
+    problem: Problem,
+    centre: FloatArray,
+    coordinate: int,
+    deviation: float,
+    bounds: SearchBounds,
+    *,
+    rise: float,
+    polar: bool,
+) -> tuple[float, bool]:
+    """Follow the profile to one side: the crossing, and whether it was cut."""
+    ends = (bounds.lower, bounds.upper)[int(deviation > 0)][coordinate]
+    reach = 2.0 * np.sqrt(rise) * deviation
+    room = ends - centre[coordinate] if np.isfinite(ends) else np.sign(reach) * np.pi
+    start, base, done = centre, 0.0, 0.0
+    for _ in range(6):
+        reach = reach if abs(reach) < abs(room) else room
+        share = np.linspace(0.0, 1.0, STEPS + 1)
+        value = done + (reach - done) * share
+        trials = np.repeat(start[np.newaxis], value.size, axis=0)
+        trials[:, coordinate] = centre[coordinate] + value
+        fit = minimise(
+            problem, trials, bounds, held=(coordinate,), polar=polar, iterations=25,
+            tolerance=1e-7,
+        )  # fmt: skip
+        if done == 0.0:
+            base = float(fit.value[0])
+        over = np.flatnonzero(fit.value - base > rise)
+        if over.size:
+            return _crossing(centre[coordinate] + value, fit.value - base, rise), False
+        if reach == room:
+            return float(centre[coordinate] + room), True
+        start, done, reach = fit.q[-1], reach, 3.0 * reach
+    return float(centre[coordinate] + done), True
+
+
+def _crossing(place: FloatArray, excess: FloatArray, rise: float) -> float:
+    """Interpolate the square root of the excess, linear for a parabola."""
+    last = int(np.flatnonzero(excess > rise)[0])
+    if last == 0:
+        return float(place[0])
+    root = np.sqrt(np.maximum(excess[last - 1 : last + 1], 0.0))
+    share = (np.sqrt(rise) - root[0]) / max(root[1] - root[0], 1e-300)
+    return float(place[last - 1] + share * (place[last] - place[last - 1]))
+
+
+BARRIER = 0.5
+"""Rise of the misfit between two minima that makes two modes of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Distinct motions, best first, with weights that sum to one."""
+
+    q: FloatArray
+    """Motions in solver coordinates, shape (modes, 4)."""
+    rest_hz: FloatArray
+    """Rest frequencies, Hz, shape (modes, lines)."""
+    value: FloatArray
+    """Misfit, shape (modes,)."""
+    weight: FloatArray
+    """Probabilities that sum to one, shape (modes,)."""
+
+
+def find_modes(
+    problem: Problem, fit: DescentResult, threshold: float, *, singular: bool = False
+) -> Modes:
+    """Pick the distinct minima within a rise of the misfit.
+
+    Parameters
+    ----------
+    problem
+        One record.
+    fit
+        Minima, best first.
+    threshold
+        Largest rise over the best.
+    singular
+        Whether a whole line of motions fits alike: then one of them stands for all
+        on its side of the array.
+    """
+    kept = [0]
+    for index in range(1, len(fit.q)):
+        if fit.value[index] - fit.value[0] > threshold:
+            break
+        apart = _other_side if singular else _apart
+        if all(apart(problem, fit, index, other) for other in kept):
+            kept.append(index)
+    q = fit.q[kept].copy()
+    q[:, 1] = np.mod(q[:, 1], 2.0 * np.pi)
+    log_weight = -0.5 * fit.value[kept] + 0.5 * _log_volume(fit.matrix[kept])
+    weight = np.exp(log_weight - log_weight.max())
+    return Modes(q, fit.rest_hz[kept], fit.value[kept], weight / weight.sum())
+
+
+def _apart(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
+    """Return whether a barrier lies on the straight line from one to the other."""
+    change = fit.q[b] - fit.q[a]
+    change[1] = wrap_rad(change[1])
+    # curvature of the better one: a distance far below a sigma is the same minimum
+    if change @ fit.matrix[b] @ change < 1e-2:
+        return False
+    share = np.linspace(0.0, 1.0, 11)[1:-1, np.newaxis]
+    between = misfit(problem, fit.q[a] + share * change)
+    top = max(fit.value[a], fit.value[b])
+    return bool(between.value.max() > top + BARRIER)
+
+
+def _other_side(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
+    """Return whether two motions start on different sides of a line array."""
+    if problem.array_heading_rad is None:
+        return False
+    off = wrap_rad(fit.q[[a, b], 1] - problem.array_heading_rad[0])
+    return bool(off[0] * off[1] < 0)
+
+
+def _log_volume(matrix: FloatArray) -> FloatArray:
+    """Half-log volumes up to a constant; flat directions are cut at the bounds."""
+    values = np.linalg.eigvalsh(matrix)
+    # a direction flatter than this would reach beyond any search box
+    return np.asarray(-np.log(np.maximum(values, 1e-2)).sum(-1))
+
+
+@dataclass(frozen=True, eq=False)
+class TmaOptions:
+    """What an analysis of one contact needs besides the measurements."""
+
+    navigation: Navigation | None
+    """Own ship; None for a platform that stands still."""
+    solver: SolverName
+    """Name of the solver."""
+    array_heading: str
+    """Direction of a line array: 'none', 'course' or 'heading'."""
+    fixed_heading_deg: float | None
+    """Heading of a fixed sensor, degrees; None without a sensor."""
+    nuisances: NuisanceDeviations
+    """Deviations of sound speed, compass and own ship."""
+    height_m: float
+    """Depth between sensor and source, m."""
+    sound_speed_mps: float
+    """Sound speed, m/s."""
+    delayed: bool
+    """Whether sound takes its time."""
+    is_table: bool
+    """Whether the measurements come from a table, not from lines."""
+    updates: int
+    """Number of estimates over time."""
+    seed: int
+    """Seed of the random solvers."""
+    misfit: Misfit
+    """Deviations of the measurements and loss of residuals."""
+    model: MotionModel
+    """Model of Doppler and propagation."""
+    search: Search
+    """Limits of the search and of the modes."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModeAnswer:
+    """What is known of one mode."""
+
+    q: FloatArray
+    """Motion in solver coordinates, shape (4,)."""
+    rest_hz: FloatArray
+    """Rest frequencies, Hz, shape (lines,)."""
+    value: float
+    """Misfit."""
+    weight: float
+    """Probability of the mode."""
+    covariance: FloatArray
+    """Of range, bearing, speed, course (SI) and rest frequencies, shape (p, p)."""
+    solver_covariance: FloatArray
+    """Of the solver coordinates and rest frequencies, shape (p, p)."""
+    now: FloatArray
+    """Range (m) and bearing (rad) at the last measurement, shape (2,)."""
+    now_std: FloatArray
+    """Their deviations."""
+    observability: Observability
+    """Rank, condition and weakest direction."""
+    intervals: dict[str, Interval]
+    """Likelihood-ratio intervals of 'range' (ln m), 'speed' (m/s) and 'course'
+    (rad)."""
+    range_per_sound_speed: float
+    """Relative change of range per relative change of sound speed."""
+    at_limit_m: float | None
+    """Limit of the search that stopped the range, m; None if none did."""
+    nuisance_shares: dict[str, float]
+    """Share of the variance of the range that each nuisance causes."""
+
+
+def describe_mode(
+    problem: Problem,
+    limits: SearchBounds,
+    modes: Modes,
+    index: int,
+    options: TmaOptions,
+    *,
+    scale: float,
+) -> ModeAnswer:
+    """Work out what one mode says of the target.
+
+    Parameters
+    ----------
+    problem
+        The measurements.
+    limits
+        Bounds of the search.
+    modes
+        All modes.
+    index
+        Which of them.
+    options
+        Options.
+    scale
+        Scale of likelihood ratios under the loss, 1 for least squares.
+    """
+    from scipy.special import chdtri
+
+    q = modes.q[index]
+    found = information(problem, q)
+    budget = error_budget(
+        problem, q, found, options.nuisances, with_coloured_noise=options.is_table
+    )
+    inner = budget.covariance
+    covariance = found.turn @ inner @ found.turn.T
+    white = found.covariance()
+    now, now_std = _last_position(problem, q, inner)
+    rise = scale * float(chdtri(1, 1.0 - options.search.confidence))
+    return ModeAnswer(
+        q=q,
+        rest_hz=modes.rest_hz[index],
+        value=float(modes.value[index]),
+        weight=float(modes.weight[index]),
+        covariance=covariance,
+        solver_covariance=inner,
+        now=now,
+        now_std=now_std,
+        observability=assess(found, to_motion(q)),
+        intervals=_intervals(problem, q, (white, covariance), limits, rise),
+        range_per_sound_speed=_sound_speed_effect(problem, q, limits),
+        at_limit_m=_limit_met(q, limits),
+        nuisance_shares={
+            name: float(part[0, 0] / max(inner[0, 0], 1e-300))
+            for name, part in budget.parts.items()
+        },
+    )
+
+
+def _limit_met(q: FloatArray, limits: SearchBounds) -> float | None:
+    """Return the limit of the range that stopped the fit, m; None if none did."""
+    for limit in (limits.lower[0], limits.upper[0]):
+        if abs(q[0] - limit) < 1e-6:
+            return float(np.exp(limit))
+    return None
+
+
+def _last_position(
+    problem: Problem, q: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Range and bearing at the last measurement, with deviations."""
+    track = problem.track
+    node = track.now[-1]
+    time = track.time_s[node]
+    state = to_state(q)
+    east = state[0] + state[2] * time - track.east_m[node]
+    north = state[1] + state[3] * time - track.north_m[node]
+    distance = np.hypot(east, north)
+    sight = np.array([
+        [east, north, time * east, time * north],
+        [north / distance, -east / distance, time * north / distance,
+         -time * east / distance],
+    ]) / distance  # fmt: skip
+    jacobian = sight @ state_jacobian(q[np.newaxis])[0]
+    variance = np.diagonal(jacobian @ covariance[:4, :4] @ jacobian.T)
+    bearing = np.mod(np.arctan2(east, north), 2.0 * np.pi)
+    return np.array([distance, bearing]), np.sqrt(np.maximum(variance, 0.0))
+
+
+def _intervals(
+    problem: Problem,
+    q: FloatArray,
+    covariances: tuple[FloatArray, FloatArray],
+    limits: SearchBounds,
+    rise: float,
+) -> dict[str, Interval]:
+    """Follow the profiles, and widen them by what white noise does not explain."""
+    motion = to_motion(q)
+    std, wide = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in covariances)
+    first_steps = {
+        "range": (0, min(float(std[0] / motion[0]), 1.0)),
+        "speed": (2, min(float(std[2]), float(limits.upper[2]) / 2.0)),
+        "course": (3, min(float(std[3]), 0.8)),
+    }
+    centres = {"range": q[0], "speed": motion[2], "course": to_polar(q)[3]}
+    found = {}
+    for name, (axis, step) in first_steps.items():
+        span = profile_interval(problem, q, axis, max(step, 1e-6), limits, rise=rise)
+        ratio = wide[axis] / std[axis] if std[axis] > 0 else 1.0
+        found[name] = span.widened(centres[name], float(max(ratio, 1.0)))
+    return found
+
+
+def _sound_speed_effect(problem: Problem, q: FloatArray, limits: SearchBounds) -> float:
+    """Relative change of range when the assumed sound speed is 1 % higher."""
+    other = replace(problem, sound_speed_mps=1.01 * problem.sound_speed_mps)
+    moved = minimise(other, q[np.newaxis], limits, iterations=20)
+    return float((moved.q[0, 0] - q[0]) / np.log(1.01))

@@ -1,0 +1,358 @@
+"""The answers of target motion analysis as one table, with its observability report."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
+from uwtrack_cli.data.base import flatten, reason_columns
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.motion.target.contact import ContactAnswer
+from uwtrack_cli.motion.target.model import to_motion
+from uwtrack_cli.motion.target.modes import ModeAnswer, TmaOptions
+
+LARGEST_LOG_RANGE_STD = 1.0
+"""Deviation of ln R above which the range is not given."""
+
+LARGEST_SPEED_STD_MPS = 5.0
+LARGEST_COURSE_STD_RAD = np.radians(60.0)
+
+
+def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
+    """Return why a value is not observable, by column."""
+    observable = mode.observability.observable.copy()
+    # what scales or turns freely drags speed and course along, even where their
+    # slopes happen to vanish
+    observable[2:4] &= observable[0] & observable[1]
+    motion = to_motion(mode.q)
+    std = np.sqrt(np.maximum(np.diagonal(mode.covariance), 0.0))
+    spans = mode.intervals
+    cause = _cause(mode, answer)
+    reasons: dict[str, str] = {}
+    if not observable[0]:
+        reasons["range_m"] = cause
+    elif spans["range"].open_high or std[0] > LARGEST_LOG_RANGE_STD * motion[0]:
+        low = "" if spans["range"].open_low else _at_least(np.exp(spans["range"].low))
+        reasons["range_m"] = f"the data do not bound the range yet{low}; {cause}"
+    if "range_m" in reasons and mode.at_limit_m is not None and observable[0]:
+        reasons["range_m"] = (
+            f"the best fit lies on the limit of the search, {mode.at_limit_m:.0f} m: "
+            f"widen range_limits_m, or the data do not bound the range"
+        )
+    if not observable[1]:
+        reasons["bearing_deg"] = "no bearings: only the shape of the pass is observable"
+    reasons |= {
+        key: cause
+        for key, hidden in (
+            ("speed_mps", not observable[2] or std[2] > LARGEST_SPEED_STD_MPS),
+            ("course_deg", not observable[3] or std[3] > LARGEST_COURSE_STD_RAD),
+            ("rest_frequencies_hz", not observable[4:].all()),
+        )
+        if hidden
+    }
+    now = {"now_range_m": "range_m", "now_bearing_deg": "bearing_deg"}
+    return reasons | {key: reasons[of] for key, of in now.items() if of in reasons}
+
+
+def _at_least(range_m: float) -> str:
+    return f" (at least {range_m:.0f} m)"
+
+
+def _cause(mode: ModeAnswer, answer: ContactAnswer) -> str:
+    """Name what is missing for the range to be observable."""
+    weakest = mode.observability.weakest
+    n_parameters = mode.observability.n_parameters
+    if answer.n_values < n_parameters:
+        return f"{answer.n_values} values cannot fix {n_parameters} parameters"
+    no_bearings = bool(np.isnan(answer.data.bearing_deg).all())
+    singular = mode.observability.rank < n_parameters
+    if no_bearings:
+        return f"frequencies alone do not fix the motion: {weakest} fits alike"
+    if singular and not answer.manoeuvring:
+        if answer.data.line_id.size == 0:
+            missing = "there are no frequency lines and own ship does not manoeuvre"
+        else:
+            missing = "the bearing does not change and own ship does not manoeuvre"
+        return f"{missing}: {weakest} fits alike"
+    return f"too little change of bearing and frequency so far: {weakest} is one sigma"
+
+
+def ellipse_agrees(mode: ModeAnswer) -> bool:
+    """Return whether deviations and likelihood-ratio intervals say the same."""
+    motion = to_motion(mode.q)
+    std = np.sqrt(np.maximum(np.diagonal(mode.covariance), 0.0))
+    centres = {"range": np.log(motion[0]), "speed": motion[2], "course": motion[3]}
+    widths = {"range": std[0] / motion[0], "speed": std[2], "course": std[3]}
+    for name, span in mode.intervals.items():
+        if span.is_open:
+            return False
+        # the course of the interval is counted from -180 to 180 degrees
+        centre = centres[name] if name != "course" else (span.low + span.high) / 2.0
+        half = max(span.high - centre, centre - span.low)
+        other = min(span.high - centre, centre - span.low)
+        if half > 1.25 * 1.96 * widths[name] or other < 0.75 * 1.96 * widths[name]:
+            return False
+    return True
+
+
+def report_of(
+    mode: ModeAnswer,
+    answer: ContactAnswer,
+    reasons: dict[str, str],
+    *,
+    manoeuvre_needed: bool,
+) -> str:
+    """Describe in a few sentences what the data determine."""
+    seen = mode.observability
+    std = np.sqrt(np.maximum(np.diagonal(mode.covariance), 0.0))
+    motion = to_motion(mode.q)
+    known = [
+        f"{name} to {value:.2g} {unit}"
+        for name, key, value, unit in (
+            ("range", "range_m", 100.0 * std[0] / motion[0], "%"),
+            ("speed", "speed_mps", std[2] / KNOT_MPS, "kn"),
+            ("course", "course_deg", np.degrees(std[3]), "deg"),
+        )
+        if key not in reasons
+    ]
+    parts = [f"{seen.rank} of {seen.n_parameters} parameters are observable"]
+    if np.isfinite(seen.condition):
+        parts[0] += f" (condition {seen.condition:.3g})"
+    if "range_m" in reasons:
+        parts.append(f"range is not observable: {reasons['range_m']}")
+    if known:
+        parts.append(f"known (one sigma): {', '.join(known)}")
+    parts.append(f"weakest direction: {seen.weakest}")
+    if manoeuvre_needed:
+        parts.append("a manoeuvre of own ship is needed")
+    elif not answer.manoeuvring and answer.data.line_id.size:
+        parts.append("own ship does not manoeuvre: the range rests on Doppler")
+    parts.append(
+        f"chance of range within 10 %, speed within 3 kn and course within 7 deg: "
+        f"{seen.probability:.3f}"
+    )
+    parts += _complaints(mode, answer)
+    if "range_m" in reasons:
+        return "; ".join(parts) + "."
+    parts.append(
+        f"a sound speed wrong by 1 % moves the range by "
+        f"{mode.range_per_sound_speed:+.2g} %"
+    )
+    if not ellipse_agrees(mode):
+        parts.append("the deviations mislead here: use the intervals")
+    return "; ".join(parts) + "."
+
+
+def _complaints(mode: ModeAnswer, answer: ContactAnswer) -> list[str]:
+    """Say when the residuals are larger than the deviations allow."""
+    freedom = answer.n_values - mode.observability.n_parameters
+    if freedom < 1:
+        return []
+    ratio = mode.value / freedom
+    if ratio < 1.0 + 5.0 * np.sqrt(2.0 / freedom):
+        return []
+    words = (
+        f"the misfit is {ratio:.3g} times what the deviations explain: outliers (try a "
+        f"robust loss), a manoeuvre of the target, or deviations that are too small"
+    )
+    return [words]
+
+
+DEGREES = np.array([1.0, np.degrees(1.0), 1.0, np.degrees(1.0)])
+
+STATEMENT = (
+    "Range and speed rest on the assumed sound speed ({speed:g} m/s) and on one-way "
+    "Doppler. Between straight tracks neither leaves a trace in the residuals: 1 % of "
+    "sound speed is then 1 % of range, and frequencies that carry the two-way shift of "
+    "an echo double the range."
+)
+
+
+def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
+    """Gather the answers of all contacts."""
+    rows = [
+        _row(answer, mode, number)
+        for answer in answers
+        for number, mode in enumerate(answer.modes, start=1)
+    ]
+    reasons = [row["reasons"] for row in rows]
+    columns = {
+        name: _column(name, [row[name] for row in rows])
+        for name, spec in Motions.columns().items()
+        if spec.axes[0] == "motion"
+    }
+    return Motions(
+        **columns,
+        **_rest_table(answers, reasons),
+        **reason_columns("reason_motion", reasons),
+        **_update_table(answers),
+        **_nuisance_table(answers, options),
+        solver=options.solver,
+        loss=options.misfit.loss,
+        doppler=options.model.doppler,
+        propagation="delayed" if options.delayed else "instant",
+        sound_speed_mps=options.sound_speed_mps,
+        statement=STATEMENT.format(speed=options.sound_speed_mps),
+    )
+
+
+def _column(name: str, values: list[Any]) -> NDArray[Any]:
+    spec = Motions.columns()[name]
+    if not values:
+        shape = (0, *(4 for _ in spec.axes[1:]))
+        return np.empty(shape, dtype="U1" if spec.dtype.kind == "U" else spec.dtype)
+    return np.array(values, dtype=None if spec.dtype.kind == "U" else spec.dtype)
+
+
+def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]:
+    data = answer.data
+    motion = to_motion(mode.q) * DEGREES
+    covariance = mode.covariance[:4, :4] * np.outer(DEGREES, DEGREES)
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    reasons = reasons_of(mode, answer)
+    spans = mode.intervals
+    first = float(data.time_s[0])
+    values = {
+        "contact": data.contact,
+        "mode": number,
+        "weight": mode.weight,
+        "time_s": first,
+        "time_utc_ns": _utc(data.start_utc_ns, first),
+        **_with_std("range", "m", motion[0], std[0]),
+        **_with_std("bearing", "deg", motion[1], std[1]),
+        **_with_std("speed", "mps", motion[2], std[2]),
+        **_with_std("course", "deg", motion[3], std[3]),
+        "range_low_m": np.nan
+        if spans["range"].open_low
+        else np.exp(spans["range"].low),
+        "range_high_m": (
+            np.nan if spans["range"].open_high else np.exp(spans["range"].high)
+        ),
+        "speed_low_mps": spans["speed"].low,
+        "speed_high_mps": np.nan if spans["speed"].open_high else spans["speed"].high,
+        "course_low_deg": np.degrees(spans["course"].low) % 360.0,
+        "course_high_deg": np.degrees(spans["course"].high) % 360.0,
+        "covariance": covariance,
+        "now_time_s": float(data.time_s[-1]),
+        **_with_std("now_range", "m", mode.now[0], mode.now_std[0]),
+        **_with_std("now_bearing", "deg", *np.degrees([mode.now[1], mode.now_std[1]])),
+        "ellipse_trusted": ellipse_agrees(mode),
+        "misfit": mode.value,
+        "n_values": answer.n_values,
+        "reasons": dict(sorted(reasons.items())),
+        **_observability(answer, mode, reasons),
+    }
+    _blank(values, reasons)
+    return values
+
+
+def _with_std(name: str, unit: str, value: float, std: float) -> dict[str, float]:
+    return {f"{name}_{unit}": float(value), f"{name}_std_{unit}": float(std)}
+
+
+def _utc(start_utc_ns: int | None, time_s: float) -> int:
+    if start_utc_ns is None:
+        return -1
+    return start_utc_ns + int(np.rint(time_s * NANOSECONDS))
+
+
+def _observability(
+    answer: ContactAnswer, mode: ModeAnswer, reasons: dict[str, str]
+) -> dict[str, Any]:
+    seen = mode.observability
+    observable = "range_m" not in reasons
+    needed = not observable and not answer.manoeuvring
+    return {
+        "observable": observable,
+        "rank": seen.rank,
+        "n_parameters": seen.n_parameters,
+        "condition_number": seen.condition if np.isfinite(seen.condition) else np.nan,
+        "criterion_probability": seen.probability,
+        "range_per_sound_speed": mode.range_per_sound_speed,
+        "manoeuvre_needed": needed,
+        "weakest_direction": seen.weakest,
+        "report": report_of(mode, answer, reasons, manoeuvre_needed=needed),
+    }
+
+
+def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
+    """Take out what is not observable, with everything that depends on it."""
+    order = ["range_m", "bearing_deg", "speed_mps", "course_deg"]
+    covariance = np.array(values["covariance"])
+    for key in reasons:
+        if key not in values:
+            continue
+        stem, unit = key.rsplit("_", 1)
+        values[key] = values[f"{stem}_std_{unit}"] = np.nan
+        if key in order:
+            place = order.index(key)
+            covariance[place, :] = covariance[:, place] = np.nan
+    if "course_deg" in reasons:
+        values["course_low_deg"] = values["course_high_deg"] = np.nan
+    values["covariance"] = covariance
+
+
+def _rest_table(
+    answers: list[ContactAnswer], reasons: list[dict[str, str]]
+) -> dict[str, NDArray[Any]]:
+    rows: list[tuple[int, int, float, float]] = []
+    number = 0
+    for answer in answers:
+        for mode in answer.modes:
+            std = np.sqrt(np.maximum(np.diagonal(mode.covariance)[4:], 0.0))
+            hidden = "rest_frequencies_hz" in reasons[number]
+            rows += [
+                (number, int(line), np.nan if hidden else float(f), float(s))
+                for line, f, s in zip(
+                    answer.data.line_id, mode.rest_hz, std, strict=True
+                )
+            ]
+            number += 1
+    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
+    table[np.isnan(table[:, 2]), 3] = np.nan
+    return {
+        "rest_motion": table[:, 0].astype(np.int64),
+        "rest_line_id": table[:, 1].astype(np.int64),
+        "rest_frequency_hz": table[:, 2],
+        "rest_frequency_std_hz": table[:, 3],
+    }
+
+
+def _nuisance_table(
+    answers: list[ContactAnswer], options: TmaOptions
+) -> dict[str, NDArray[Any]]:
+    deviations = options.nuisances.values()
+    means = {"sound_speed_mps": options.sound_speed_mps}
+    owner, rows = flatten(
+        mode.nuisance_shares.items() for answer in answers for mode in answer.modes
+    )
+    names = [name for name, _ in rows]
+    return {
+        "nuisance_motion": owner,
+        "nuisance_name": np.array(names, np.str_),
+        "nuisance_value": np.array([means.get(name, 0.0) for name in names]),
+        "nuisance_std": np.array([deviations[name] for name in names]),
+        "nuisance_share": np.array([share for _, share in rows], float),
+    }
+
+
+def _update_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
+    empty = np.empty((0, 4))
+    motion = np.concatenate([empty, *(a.update_motion for a in answers)]) * DEGREES
+    std = np.concatenate([empty, *(a.update_std for a in answers)]) * DEGREES
+    names = ("range_m", "bearing_deg", "speed_mps", "course_deg")
+    table: dict[str, NDArray[Any]] = {
+        "update_contact": np.concatenate(
+            [np.empty(0, dtype=np.int64)]
+            + [np.full(a.update_rows.size, a.data.contact) for a in answers]
+        ),
+        "update_time_s": np.concatenate(
+            [np.empty(0), *(a.data.time_s[a.update_rows] for a in answers)]
+        ),
+    }
+    for place, name in enumerate(names):
+        stem, unit = name.rsplit("_", 1)
+        table[f"update_{name}"] = motion[:, place]
+        table[f"update_{stem}_std_{unit}"] = std[:, place]
+    return table

@@ -1,0 +1,94 @@
+"""The inverse problem: what was measured, from where, and with which model.
+
+**Conventions.** East is x, north is y, angles are radians clockwise from north,
+everything else SI. Times and positions are relative to own ship at the first
+measurement. The last axis of every array is the measurement row; a leading axis of
+the data counts independent records of one geometry (Monte Carlo runs), normally
+one. A weight is the inverse of a standard deviation and zero where nothing was
+measured.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.motion.target.own_ship import ObserverTrack
+
+Loss = Literal["squares", "huber", "student", "tukey"]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Measurements of one contact with their weights, and the physics assumed."""
+
+    track: ObserverTrack
+    """Own ship at the instants that the model needs."""
+    bearing_rad: FloatArray
+    """Bearings, rad, shape (records, streams, rows)."""
+    bearing_weight: FloatArray
+    """Inverse deviations, 1/rad, shape (streams, rows)."""
+    frequency_hz: FloatArray
+    """Frequencies, Hz, shape (records, lines, rows)."""
+    frequency_weight: FloatArray
+    """Inverse deviations, 1/Hz, shape (lines, rows)."""
+    sound_speed_mps: float
+    """Sound speed, m/s."""
+    delayed: bool = False
+    """Whether sound takes its time."""
+    array_heading_rad: FloatArray | None = None
+    """Heading of a line array that cannot resolve left from right, rad, shape (rows,);
+    None for bearings that resolve the side."""
+    loss: Loss = "squares"
+    """Loss of a whitened residual."""
+    frequency_share: float = 1.0
+    """Factor by which squared weights of frequencies lie below their inverse
+    variances."""
+    height_m: float = 0.0
+    """Depth between sensor and source, m."""
+
+    @property
+    def n_rows(self) -> int:
+        """Number of measurement rows."""
+        return int(self.track.now.size)
+
+    @property
+    def n_lines(self) -> int:
+        """Number of frequency lines."""
+        return int(self.frequency_weight.shape[0])
+
+    @property
+    def n_values(self) -> int:
+        """Number of measured values."""
+        return int(
+            np.count_nonzero(self.bearing_weight)
+            + np.count_nonzero(self.frequency_weight)
+        )
+
+    @property
+    def row_time_s(self) -> FloatArray:
+        """Time of every row from the first measurement, s."""
+        return self.track.time_s[self.track.now]
+
+    def rows(self, index: IntArray | slice) -> "Problem":
+        """Keep some rows of the measurements."""
+        heading = self.array_heading_rad
+        return replace(
+            self,
+            track=self.track.rows(index),
+            bearing_rad=self.bearing_rad[:, :, index],
+            bearing_weight=self.bearing_weight[:, index],
+            frequency_hz=self.frequency_hz[:, :, index],
+            frequency_weight=self.frequency_weight[:, index],
+            array_heading_rad=None if heading is None else heading[index],
+        )
+
+    def record(self, index: int) -> "Problem":
+        """Keep one record."""
+        chosen = slice(index, index + 1)
+        return replace(
+            self,
+            bearing_rad=self.bearing_rad[chosen],
+            frequency_hz=self.frequency_hz[chosen],
+        )

@@ -1,0 +1,215 @@
+"""Multi-start search: a grid on block averages, then descent from the best.
+
+**Method.** Measurements are gathered into at most forty blocks (averages; medians
+under a robust loss, which a tenth of outliers does not move). Every motion of a grid
+over range, bearing, speed and course is scored there with its best rest frequencies,
+the best few descend on the blocks, and what remains distinct descends on all data.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
+from uwtrack_cli.motion.target.model import from_motion
+from uwtrack_cli.motion.target.objective import loss_value, residuals
+from uwtrack_cli.motion.target.problem import Problem
+
+BLOCKS = 40
+HOPELESS = 60.0
+"""Rise of the misfit on blocks beyond which a minimum is not followed."""
+
+SAME = np.array([0.02, 0.01, 0.05, 0.05])
+"""Distance in solver coordinates within which two minima of the blocks are one."""
+
+RANGES, SPEEDS, COURSES, BEARINGS = 10, 4, 16, 8
+
+
+@dataclass(frozen=True)
+class StartCounts:
+    """How many grid points descend on the blocks, and how many on all data."""
+
+    on_blocks: int = 24
+    """Grid points that descend on the block averages."""
+    on_all: int = 6
+    """Minima that descend on all data."""
+
+
+def multistart(
+    problem: Problem,
+    limits: SearchBounds,
+    *,
+    counts: StartCounts | None = None,
+    extra: FloatArray | None = None,
+) -> DescentResult:
+    """Find the minima of the misfit of one record, best first.
+
+    Parameters
+    ----------
+    problem
+        One record.
+    limits
+        Bounds of the search.
+    counts
+        How many starts descend.
+    extra
+        Further starts on all data, for instance the previous solution.
+    """
+    counts = StartCounts() if counts is None else counts
+    coarse = block_averages(problem)
+    grid = start_grid(coarse, limits)
+    chosen = _best_of_each_range(coarse, grid, counts.on_blocks)
+    rough = minimise(coarse, chosen, limits, iterations=40, tolerance=1e-6)
+    starts = _distinct(rough, counts.on_all)
+    if extra is not None:
+        starts = np.concatenate([starts, extra])
+    final = minimise(problem, starts, limits)
+    return final.take(np.argsort(final.value, kind="stable"))
+
+
+def block_averages(problem: Problem, blocks: int = BLOCKS) -> Problem:
+    """Gather consecutive rows of one record into blocks.
+
+    The value of a block is placed on its central row: bearings and frequencies
+    change nearly in proportion to time within a block.
+    """
+    n = problem.n_rows
+    if n <= 2 * blocks:
+        return problem
+    edges = np.linspace(0, n, blocks + 1).astype(np.int64)
+    centre = (edges[:-1] + edges[1:]) // 2
+    reduced = problem.rows(centre)
+    robust = problem.loss != "squares"
+    heading = problem.array_heading_rad
+    bearing = problem.bearing_rad[0]
+    if heading is not None:  # the folded angle, put back on the starboard side
+        bearing = np.abs(wrap_rad(bearing - heading))
+    angle, angle_weight = _gather(
+        bearing, problem.bearing_weight, edges, robust=robust, circular=True
+    )
+    if reduced.array_heading_rad is not None:
+        angle = angle + reduced.array_heading_rad
+    frequency, frequency_weight = _gather(
+        problem.frequency_hz[0], problem.frequency_weight, edges, robust=robust
+    )
+    return replace(
+        reduced,
+        bearing_rad=angle[np.newaxis],
+        bearing_weight=angle_weight,
+        frequency_hz=frequency[np.newaxis],
+        frequency_weight=frequency_weight,
+    )
+
+
+def _gather(
+    data: FloatArray,
+    weight: FloatArray,
+    edges: IntArray,
+    *,
+    robust: bool,
+    circular: bool = False,
+) -> tuple[FloatArray, FloatArray]:
+    """Average (or take the median of) every block; weights are those of means."""
+    power = np.add.reduceat(weight**2, edges[:-1], axis=1)
+    reference = np.zeros_like(data)
+    if circular:
+        turned = np.add.reduceat(weight**2 * np.exp(1j * data), edges[:-1], axis=1)
+        reference = np.repeat(np.angle(turned), np.diff(edges), axis=1)
+        offset = wrap_rad(data - reference)
+    else:
+        offset = data
+    if robust:
+        middle = _block_medians(np.where(weight > 0, offset, np.nan), edges)
+    else:
+        total = np.add.reduceat(weight**2 * offset, edges[:-1], axis=1)
+        middle = total / np.where(power > 0, power, 1.0)
+    return reference[:, edges[:-1]] + middle, np.sqrt(power)
+
+
+def _block_medians(data: FloatArray, edges: IntArray) -> FloatArray:
+    """Median of the measured values of each block; 0 where there is none."""
+    longest = int(np.diff(edges).max())
+    index = edges[:-1, np.newaxis] + np.arange(longest)
+    outside = index >= edges[1:, np.newaxis]
+    cells = data[:, np.minimum(index, data.shape[1] - 1)]
+    cells = np.sort(np.where(outside, np.nan, cells), axis=-1)  # nan sorts last
+    count = np.count_nonzero(~np.isnan(cells), axis=-1)
+    low = np.maximum((count - 1) // 2, 0)[..., np.newaxis]
+    high = (count // 2)[..., np.newaxis]
+    high = np.minimum(high, longest - 1)
+    pair = np.take_along_axis(cells, low, -1) + np.take_along_axis(cells, high, -1)
+    return np.where(count > 0, pair[..., 0] / 2.0, 0.0)
+
+
+def start_grid(problem: Problem, limits: SearchBounds) -> FloatArray:
+    """Lay a grid over range, bearing, speed and course, in solver coordinates."""
+    low, high = limits.lower[0], limits.upper[0]
+    ranges = np.exp(low + (high - low) * (np.arange(RANGES) + 0.5) / RANGES)
+    speeds = limits.upper[2] * (np.arange(SPEEDS) + 0.5) / SPEEDS
+    courses = 2.0 * np.pi * np.arange(COURSES) / COURSES
+    axes = np.meshgrid(ranges, first_bearings(problem), speeds, courses, indexing="ij")
+    return from_motion(*(axis.ravel() for axis in axes)).reshape(-1, 4)
+
+
+def first_bearings(problem: Problem) -> FloatArray:
+    """Return the candidates for the bearing at time zero, rad.
+
+    A straight line through the first bearings gives it; an array that does not
+    resolve the side has two; without bearings a ring of them must do.
+    """
+    heard = (problem.bearing_weight > 0).any(0)
+    rows = np.flatnonzero(heard)[: max(4, problem.n_rows // 10)]
+    if rows.size < 2:
+        return 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
+    weight = problem.bearing_weight[:, rows] ** 2
+    heading = problem.array_heading_rad
+    angle = problem.bearing_rad[0][:, rows]
+    if heading is not None:
+        angle = np.abs(wrap_rad(angle - heading[rows]))
+    reference = np.median(np.angle((weight * np.exp(1j * angle)).sum(0)))
+    offset = wrap_rad(angle - reference)
+    middle = (weight * offset).sum(0) / weight.sum(0)
+    if problem.loss == "squares":
+        start = np.polyfit(problem.row_time_s[rows], middle, 1)[1]
+    else:
+        start = np.median(middle)
+    guess = reference + start
+    if heading is None:
+        return np.array([guess])
+    return np.array([heading[rows[0]] + guess, heading[rows[0]] - guess])
+
+
+def _best_of_each_range(problem: Problem, grid: FloatArray, count: int) -> FloatArray:
+    """Choose good starts, but some from every range and bearing."""
+    r = residuals(problem, grid)
+    value = loss_value(r.bearing, problem.loss).sum((1, 2))
+    value += loss_value(r.frequency, problem.loss).sum((1, 2))
+    groups = value.reshape(-1, SPEEDS * COURSES)
+    share = max(1, count // (2 * groups.shape[0]))
+    firsts = np.argsort(groups, axis=1)[:, :share]
+    per_group = firsts + SPEEDS * COURSES * np.arange(groups.shape[0])[:, np.newaxis]
+    overall = np.argsort(value)[: count // 2]
+    chosen = np.unique(np.concatenate([per_group.ravel(), overall]))
+    return np.asarray(grid[chosen])
+
+
+def _distinct(fit: DescentResult, count: int) -> FloatArray:
+    """Keep the best of those minima that lie apart and could matter.
+
+    A minimum of the blocks far above the best is no mode of all data either; the
+    margin grows where even the best fits the blocks badly.
+    """
+    kept: list[int] = []
+    margin = fit.value.min() + HOPELESS
+    for index in np.argsort(fit.value):
+        if fit.value[index] > fit.value.min() + margin:
+            break
+        apart = fit.q[kept] - fit.q[index]
+        apart[:, 1] = wrap_rad(apart[:, 1])
+        if not np.any(np.all(np.abs(apart) < SAME, axis=1)):
+            kept.append(int(index))
+        if len(kept) == count:
+            break
+    return fit.q[kept]

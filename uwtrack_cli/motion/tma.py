@@ -1,0 +1,204 @@
+"""Target motion from bearings and Doppler: range, course and speed of a contact.
+
+**Method.** The motion of a target on a straight track is fitted to raw bearings and
+frequencies by maximum likelihood (Chang et al. 2003, corrected; Nardone, Lindgren &
+Gong 1984), with rest frequencies projected out, from many starts. Every motion
+within the likelihood-ratio region is returned as a mode, and what the data cannot
+tell is said, with the reason.
+
+**Conventions.** The state is that at the contact's first measurement; bearings are
+compass degrees from own ship to the target, ranges horizontal. A platform without
+navigation stands still. A sensor of known depth hears a source at the depth of a
+surface vessel's propeller.
+
+**References.** Chang, Park, Kim, Ryu & Kim 2003, J. Acoust. Soc. Korea; Jauffret &
+Pillon 1996, IEEE Trans. Aerosp. Electron. Syst. 32; Golub & Pereyra 1973, SIAM J.
+Numer. Anal. 10.
+"""
+
+from typing import Annotated, Literal
+
+from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS, SOURCE_DEPTH_M
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
+from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
+from uwtrack_cli.motion.passage.nuisances import COMPASS_STD_DEG
+from uwtrack_cli.motion.sound_speed import sound_speed_std
+from uwtrack_cli.motion.target.contact import analyse_contact
+from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target.inputs import (
+    Measurements,
+    measurements_from_lines,
+    measurements_from_series,
+)
+from uwtrack_cli.motion.target.modes import TmaOptions
+from uwtrack_cli.motion.target.motion_table import motions_table
+
+DEFAULT_MODEL, DEFAULT_SEARCH, DEFAULT_MISFIT = MotionModel(), Search(), Misfit()
+DEFAULT_NUISANCES = Nuisances()
+
+OWN_COMPASS_STD_DEG, OWN_POSITION_STD_M, OWN_VELOCITY_STD_MPS = 1.0, 10.0, 0.1
+"""Deviations of own ship's compass and navigation where none are given."""
+
+
+@checked
+def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
+    series: Series | None = None,
+    lines: Lines | None = None,
+    navigation: Navigation | None = None,
+    sensor: Sensor | None = None,
+    *,
+    solver: Literal["mle", "recursive", "genetic", "annealing"] = "mle",
+    array_heading: Literal["none", "course", "heading"] = "none",
+    sound_speed_mps: Annotated[
+        float | None, Unit("m/s"), AtLeast(200), AtMost(2000)
+    ] = None,
+    updates: Annotated[int, AtLeast(1), AtMost(100_000)] = 20,
+    seed: Annotated[int, AtLeast(0), AtMost(2**32 - 1)] = 1,
+    misfit: Misfit = DEFAULT_MISFIT,
+    model: MotionModel = DEFAULT_MODEL,
+    search: Search = DEFAULT_SEARCH,
+    nuisances: Nuisances = DEFAULT_NUISANCES,
+) -> Motions:
+    """Estimate range, course and speed of contacts from bearings and Doppler.
+
+    A passive sonar measures where a contact is and how its tones shift, not how far
+    it is. Over time, and best with a manoeuvre of own ship, both together fix the
+    range. The answer lists every motion that fits about equally well, and says
+    what cannot be observable from the data.
+
+    Parameters
+    ----------
+    series
+        Bearings and frequencies measured elsewhere.
+    lines
+        Tracked frequency lines; their raw measurements are fitted.
+    navigation
+        Own ship; by default that of the sensor, or a platform that stands still.
+    sensor
+        The sensor that recorded the lines: its navigation, sound speed and compass.
+    solver
+        How the minimum is found: mle descends from many starts, is exact and the
+        fastest; recursive updates the estimate with every row and is the fastest for
+        an estimate after each; genetic and annealing are the paper's hybrids with a
+        simplex, which find the same, several times slower, and miss it sometimes.
+    array_heading
+        Direction of a line array that cannot resolve left from right: own course, the
+        heading of own ship (of a fixed sensor: its own), or none for bearings that
+        resolve the side.
+    sound_speed_mps
+        Sound speed; by default that of the sensor, or 1500 m/s. Sea water has about
+        1500, air 340.
+    updates
+        Number of estimates over time, of growing parts of the record.
+    seed
+        Seed of the random solvers.
+    misfit
+        Deviations of the measurements and loss of residuals.
+    model
+        Model of Doppler and propagation.
+    search
+        Limits of the search and of the modes.
+    nuisances
+        Deviations of sound speed, compass and own ship.
+
+    Returns
+    -------
+    Motions
+        One row per contact and mode, best first; estimates over time.
+
+    Raises
+    ------
+    DataError
+        There are no measurements, two kinds of them, or they cannot be right.
+    OptionError
+        An option is outside what is accepted.
+
+    Notes
+    -----
+    The misfit is the sum over rows and lines of the loss of
+    (theta_k(p) - theta_k) / sigma and (f_nk(p) - f_nk) / sigma with
+    f = f0 (1 - rate / c) (Chang et al. 2003, eqs 1-4, corrected).
+    """
+    contacts = _contacts(series, lines)
+    if navigation is None and sensor is not None:
+        navigation = sensor.navigation
+    speed = sound_speed_mps
+    if speed is None:
+        speed = SOUND_SPEED_WATER_MPS if sensor is None else sensor.sound_speed_mps
+    propagation = model.propagation
+    if propagation == "auto":
+        propagation = "instant" if lines is None else "delayed"
+    analysis = TmaOptions(
+        navigation=navigation,
+        solver=solver,
+        array_heading=array_heading,
+        fixed_heading_deg=None if sensor is None else sensor.heading_deg,
+        nuisances=_deviations(
+            nuisances, sensor, navigation is not None, sound_speed_mps
+        ),
+        height_m=_height(sensor),
+        sound_speed_mps=speed,
+        delayed=propagation == "delayed",
+        is_table=lines is None,
+        updates=updates,
+        seed=seed,
+        misfit=misfit,
+        model=model,
+        search=search,
+    )
+    results = [analyse_contact(data, analysis) for data in contacts]
+    return motions_table(results, analysis)
+
+
+def _deviations(
+    given: Nuisances,
+    sensor: Sensor | None,
+    is_moving: bool,
+    sound_speed_mps: float | None,
+) -> NuisanceDeviations:
+    """Fill in what the options leave open."""
+    sound = given.sound_speed_std_mps
+    if sound is None:
+        sound = sound_speed_std(sensor or Sensor(id="own ship"), sound_speed_mps)
+    compass = given.compass_std_deg
+    if compass is None and sensor is not None:
+        compass = sensor.compass_std_deg
+    if compass is None:
+        compass = OWN_COMPASS_STD_DEG if sensor is None else COMPASS_STD_DEG
+    position, velocity = given.position_std_m, given.velocity_std_mps
+    if position is None:
+        position = OWN_POSITION_STD_M if is_moving else 0.0
+    if velocity is None:
+        velocity = OWN_VELOCITY_STD_MPS if is_moving else 0.0
+    return NuisanceDeviations(
+        sound, compass, position, velocity, given.correlation_time_s
+    )
+
+
+def _height(sensor: Sensor | None) -> float:
+    """Depth between the sensor and a surface vessel; 0 when unknown."""
+    if sensor is None or sensor.depth_m is None:
+        return 0.0
+    return sensor.depth_m - SOURCE_DEPTH_M
+
+
+def _contacts(series: Series | None, lines: Lines | None) -> list[Measurements]:
+    if (series is None) == (lines is None):
+        found = "neither" if series is None else "both"
+        msg = (
+            f"target motion needs either a table of bearings and frequencies or "
+            f"tracked lines, got {found}; make lines with 'uwtrack track' or "
+            f"'uwtrack trace'."
+        )
+        raise DataError(msg)
+    if series is not None:
+        if series.time_s.size == 0:
+            msg = "the table of bearings and frequencies has no rows."
+            raise DataError(msg)
+        return measurements_from_series(series)
+    return [] if lines is None else measurements_from_lines(lines)

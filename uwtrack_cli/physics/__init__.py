@@ -1,1 +1,0 @@
-"""Closed forms on arrays: Doppler, propagation, sound speed, geometry."""

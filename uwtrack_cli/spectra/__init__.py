@@ -1,0 +1,1 @@
+"""Sound to spectrogram, levels, overview and peaks."""

@@ -1,0 +1,102 @@
+"""Frames of sound to one-sided power density and active intensity.
+
+**Method.** Hann window with the scale to density in it, zero padding, one real
+transform per frame and channel, a few frames at a time so that they stay in the cache.
+
+**References.** Welch 1967 for the density; D'Spain et al. 1991 for the intensity.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.window import hann
+
+CACHED_SAMPLES = 1 << 16
+"""Samples transformed at once: they and their spectra stay in the cache."""
+
+
+@dataclass(frozen=True)
+class FrameTransform:
+    """How sound is cut into frames; lengths in samples after decimation."""
+
+    rate_hz: float
+    """Sample rate after decimation, Hz."""
+    decimation: int
+    """Factor by which the sample rate was reduced."""
+    window: int
+    """Length of the analysis window."""
+    hop: int
+    """Distance of two frames."""
+    fft_length: int
+    """Length of the transform."""
+    kept: slice
+    """Cells that are returned."""
+
+    @property
+    def frequency_hz(self) -> FloatArray:
+        """Frequency of every cell kept, Hz."""
+        return np.fft.rfftfreq(self.fft_length, 1.0 / self.rate_hz)[self.kept]
+
+    def power(self, channel: FloatArray, n_frames: int) -> FloatArray:
+        """Return the power density of a channel, shape (frame, frequency), float32."""
+        out = np.empty((n_frames, self.frequency_hz.size), np.float32)
+        for rows, spectrum in self._spectra(channel, n_frames):
+            kept = spectrum[:, self.kept]
+            np.add(kept.real**2, kept.imag**2, out=out[rows])
+        return self._one_sided(out)
+
+    def intensity(
+        self, channels: FloatArray, n_frames: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return power density and the real cross densities of omni and dipoles.
+
+        Parameters
+        ----------
+        channels
+            Samples of omni and two dipoles, shape (sample, 3).
+        n_frames
+            Frames to make.
+        """
+        shape = (n_frames, self.frequency_hz.size)
+        out = [np.empty(shape, np.float32) for _ in range(3)]
+        parts = [self._spectra(channels[:, k], n_frames) for k in range(3)]
+        for (rows, omni), *dipoles in zip(*parts, strict=True):
+            first = omni[:, self.kept]
+            for k, spectrum in enumerate([omni, *(d[1] for d in dipoles)]):
+                other = spectrum[:, self.kept]
+                cross = (first.real * other.real, first.imag * other.imag)
+                np.add(*cross, out=out[k][rows])
+        power, across, along = (self._one_sided(part) for part in out)
+        return power, across, along
+
+    def _spectra(
+        self, channel: FloatArray, n_frames: int
+    ) -> Iterator[tuple[slice, NDArray[np.complex64]]]:
+        from scipy.fft import rfft
+
+        window = self._scaled_window()
+        view = np.lib.stride_tricks.sliding_window_view(channel, self.window)
+        step = max(1, CACHED_SAMPLES // self.fft_length)
+        for first in range(0, n_frames, step):
+            rows = slice(first, min(first + step, n_frames))
+            frames = view[rows.start * self.hop : rows.stop * self.hop : self.hop]
+            windowed = frames[: rows.stop - first] * window
+            yield rows, np.asarray(rfft(windowed, self.fft_length), np.complex64)
+
+    def _scaled_window(self) -> FloatArray:
+        window = hann(self.window)
+        scale = 2.0 / (self.rate_hz * float(np.sum(window**2)))
+        return np.asarray(window * np.sqrt(scale), np.float32)
+
+    def _one_sided(self, density: FloatArray) -> FloatArray:
+        """Halve what has no mirror image: zero and the Nyquist frequency."""
+        if self.kept.start == 0:
+            density[:, 0] *= np.float32(0.5)
+        last = self.fft_length // 2 + 1
+        if self.kept.stop == last and self.fft_length % 2 == 0:
+            density[:, -1] *= np.float32(0.5)
+        return density

@@ -1,0 +1,244 @@
+"""Broadband level and bearing of each frame, between the lines.
+
+**Method.** The band is cut into sub-bands. In each frame and sub-band, cells far above
+the sub-band's own median are lines and left out. What remains is divided by a
+quiet-time density (the lowest of the tile medians within half an hour either way), so
+that every sub-band weighs as its noise is known, and averaged: the excess. For a vector
+sensor the whitened intensity gives the bearing, and its scatter across the line of
+sight gives the deviation.
+
+**Conventions.** Excess in dB above the quiet time; level in dB re the reference over
+the whole band. Tiles count absolute frames, so blocks have no influence.
+
+**References.** Choi et al. 2014 (level envelope of a proximity sensor); D'Spain et al.
+1991 (active intensity).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container, FloatArray, column, scalar
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
+from uwtrack_cli.data.spectra import Levels, Spectrogram
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.estimation.angles import compass_deg
+from uwtrack_cli.estimation.noise_floor import LN2
+
+TILE_FRAMES = 64
+"""Frames whose median makes one quiet-time value."""
+
+REACH_TILES = 56
+"""Tiles on either side among which the quietest one is sought."""
+
+LINE_FACTOR = 5.0
+"""Cells above this multiple of the sub-band's mean are lines."""
+
+KEPT_MEAN = 1.0 - LINE_FACTOR / (np.exp(LINE_FACTOR) - 1.0)
+"""Mean of exponential cells below the line factor, over the mean of all."""
+
+BIN_CORRELATION = 1.944
+"""Correlation sum of natural bins under a Hann window, 1 + 2 (4/9 + 1/36)."""
+
+
+@checked
+def measure_levels(
+    blocks: Iterator[Spectrogram],
+    *,
+    band_hz: Annotated[
+        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
+    ] = (100.0, 1500.0),
+    n_bands: Annotated[int, AtLeast(1), AtMost(256)] = 16,
+) -> Iterator[Levels]:
+    """Measure the broadband level and bearing of each frame between the lines.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of a spectrogram.
+    band_hz
+        Lowest and highest frequency used, Hz; cut to what the spectrogram holds.
+    n_bands
+        Number of sub-bands that are whitened one by one.
+
+    Returns
+    -------
+    Iterator[Levels]
+        One block per block read, and the frames that waited for a quiet time at last.
+
+    Raises
+    ------
+    OptionError
+        The band holds too few cells, or an option is out of range.
+
+    Notes
+    -----
+    Cells below c times their mean have 1 - c / (e^c - 1) of it: levels are corrected.
+    The excess deviates by 4.34 dB over the root of the number of independent cells.
+    """
+    waiting: list[_Bands] = []
+    quiet: list[FloatArray] = []
+    rest: _Bands | None = None
+    done = 0
+    for block in blocks:
+        cut = _measure(block, band_hz, n_bands)
+        rest = cut if rest is None else _Bands.join([rest, cut])
+        n_whole = rest.frames.n_frames // TILE_FRAMES
+        for k in range(n_whole):
+            waiting.append(rest.take("frame", _rows(k)))
+            quiet.append(_quiet_density(waiting[-1]))
+        rest = rest.take("frame", slice(n_whole * TILE_FRAMES, None))
+        n_ready = max(0, len(quiet) - REACH_TILES - done)
+        yield _levels(waiting[:n_ready], quiet, done, rest)
+        done, waiting = done + n_ready, waiting[n_ready:]
+    if rest is not None:
+        if rest.frames.n_frames >= TILE_FRAMES // 4 or not quiet:
+            quiet.append(_quiet_density(rest))
+        else:
+            quiet.append(np.full(rest.density.shape[1], np.nan))
+        yield _levels([*waiting, rest], quiet, done, rest.take("frame", slice(0)))
+
+
+def _rows(tile: int) -> slice:
+    return slice(tile * TILE_FRAMES, (tile + 1) * TILE_FRAMES)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Bands(Container):
+    """Means over the cells of each sub-band that are not lines."""
+
+    FIXED_AXES = ("band",)
+
+    frames: Frames
+    low_hz: FloatArray = column("Hz", "Lower edge.", "band")
+    high_hz: FloatArray = column("Hz", "Upper edge.", "band")
+    density: FloatArray = column("", "Mean power density.", "frame", "band")
+    n_cells: FloatArray = column("", "Independent cells.", "frame", "band")
+    intensity: FloatArray = column("", "Mean east, north.", "frame", "band", "axis")
+    square: FloatArray = column(
+        "", "Mean east^2, north^2, east north.", "frame", "band", "moment"
+    )
+    reference: str = scalar("", "Level reference.")
+
+
+def _measure(block: Spectrogram, band_hz: tuple[float, float], n_bands: int) -> _Bands:
+    frequency_hz = block.frequency_hz
+    edges = _edges(frequency_hz, band_hz, n_bands)
+    padding = block.frames.fft_length / block.frames.window_samples
+    shape = (block.frames.n_frames, edges.size - 1)
+    density, n_cells = np.empty(shape), np.empty(shape)
+    intensity, square = np.full((*shape, 2), np.nan), np.full((*shape, 3), np.nan)
+    for k, cells in enumerate(map(slice, edges[:-1], edges[1:])):
+        power = block.power_density[:, cells]
+        kept = power <= _median(power) * np.float32(LINE_FACTOR / LN2)
+        count = np.maximum(kept.sum(axis=1), 1)
+        density[:, k] = (power * kept).sum(axis=1) / count / KEPT_MEAN
+        n_cells[:, k] = np.maximum(count / (padding * BIN_CORRELATION), 1.0)
+        if block.intensity_east is not None and block.intensity_north is not None:
+            east = block.intensity_east[:, cells] * kept
+            north = block.intensity_north[:, cells] * kept
+            for j, part in enumerate((east, north)):
+                intensity[:, k, j] = part.sum(axis=1) / count
+            for j, part in enumerate((east * east, north * north, east * north)):
+                square[:, k, j] = part.sum(axis=1) / count
+    return _Bands(
+        frames=block.frames,
+        low_hz=frequency_hz[edges[:-1]],
+        high_hz=frequency_hz[edges[1:] - 1],
+        density=density,
+        n_cells=n_cells,
+        intensity=intensity,
+        square=square,
+        reference=block.reference,
+    )
+
+
+def _edges(
+    frequency_hz: FloatArray, band_hz: tuple[float, float], n_bands: int
+) -> FloatArray:
+    low, high = np.searchsorted(frequency_hz, band_hz)
+    if high - low < 16:
+        msg = (
+            f"band_hz = {band_hz[0]:g} {band_hz[1]:g} holds {max(high - low, 0)} cells "
+            f"of the spectrogram, which reaches {frequency_hz[0]:g} to "
+            f"{frequency_hz[-1]:g} Hz; at least 16 are needed."
+        )
+        raise OptionError(msg)
+    n_bands = min(n_bands, int(high - low) // 16)
+    return np.linspace(low, high, n_bands + 1).astype(np.int64)
+
+
+def _median(power: FloatArray) -> FloatArray:
+    middle = power.shape[1] // 2
+    return np.partition(power, middle, axis=1)[:, middle, None]
+
+
+def _quiet_density(tile: _Bands) -> FloatArray:
+    """Median density per sub-band over the frames with sound."""
+    has_sound = (tile.frames.valid_fraction > 0.5) & (tile.density > 0).all(axis=1)
+    if not has_sound.any():
+        return np.full(tile.density.shape[1], np.nan)
+    return np.median(tile.density[has_sound], axis=0)
+
+
+def _levels(
+    tiles: list[_Bands], quiet: list[FloatArray], first_tile: int, pattern: _Bands
+) -> Levels:
+    """Turn whole tiles into levels; without any, a block of no rows."""
+    parts = []
+    for k, tile in enumerate(tiles, start=first_tile):
+        around = np.array(quiet[max(0, k - REACH_TILES) : k + REACH_TILES + 1])
+        known = np.isfinite(around).all(axis=1)
+        noise = around[known].min(axis=0) if known.any() else around[0]
+        parts.append(_tile_levels(tile, noise))
+    if not parts:
+        empty = pattern.take("frame", slice(0))
+        return _tile_levels(empty, np.full(empty.density.shape[1], np.nan))
+    return Levels.join(parts)
+
+
+def _tile_levels(tile: _Bands, noise: FloatArray) -> Levels:
+    width_hz = tile.high_hz - tile.low_hz + tile.frames.bin_hz
+    share = width_hz / width_hz.sum()
+    ratio = tile.density / noise
+    mean = (share * ratio).sum(axis=1)
+    variance = (share**2 * ratio**2 / tile.n_cells).sum(axis=1)
+    bearing_deg, bearing_std_deg = _bearing(tile, noise, share)
+    silent = (tile.frames.valid_fraction < 0.5) | ~(mean > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level_db = 10 * np.log10((width_hz * tile.density).sum(axis=1))
+        excess_db = 10 * np.log10(mean)
+        excess_std_db = 10 / np.log(10) * np.sqrt(variance) / mean
+    columns = {
+        "level_db": level_db,
+        "excess_db": excess_db,
+        "excess_std_db": excess_std_db,
+        "bearing_deg": bearing_deg,
+        "bearing_std_deg": bearing_std_deg,
+    }
+    return Levels(
+        frames=tile.frames,
+        **{name: np.where(silent, np.nan, values) for name, values in columns.items()},
+        band_low_hz=float(tile.low_hz[0]),
+        band_high_hz=float(tile.high_hz[-1]),
+        reference=tile.reference,
+    )
+
+
+def _bearing(
+    tile: _Bands, noise: FloatArray, share: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Bearing of the whitened intensity; deviation from its transverse scatter."""
+    weight = (share / noise)[:, None]
+    east, north = (tile.intensity * weight).sum(axis=1).T
+    bearing = np.arctan2(east, north)
+    cos, sin = np.cos(bearing)[:, None], np.sin(bearing)[:, None]
+    east2, north2, product = np.moveaxis(tile.square, 2, 0)
+    scatter = cos**2 * east2 + sin**2 * north2 - 2 * cos * sin * product
+    variance = (weight[:, 0] ** 2 * np.maximum(scatter, 0.0) / tile.n_cells).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        std = np.sqrt(variance) / np.hypot(east, north)
+    return compass_deg(east, north), np.degrees(np.minimum(std, 1.8))

@@ -1,0 +1,241 @@
+"""Spectrogram to spectral peaks above a threshold of stated false-alarm rate.
+
+**Method.** A cell is a peak when it is the largest of its neighbourhood of one natural
+bin and exceeds the noise by a factor that noise alone exceeds with a stated
+probability per cell. Frequency: bias-free parabola through the three largest cells.
+Peaks are kept down to a weaker threshold, marked, because a tracker can use them.
+
+**Conventions.** SNR is the power of the line over the noise in one cell, dB.
+
+**References.** Rohling 1983 for the threshold; Rife & Boorstyn 1974 for the
+deviation of the frequency.
+"""
+
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
+from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.estimation.noise_floor import (
+    TILE_FRAMES,
+    independent_cells,
+    noise_floor,
+    own_share,
+    threshold_factor,
+)
+from uwtrack_cli.estimation.window import (
+    NOISE_BANDWIDTH_BINS,
+    frequency_std_hz,
+    peak_offset_bins,
+    response,
+)
+from uwtrack_cli.spectra.peak_bearings import background_intensity, peak_bearings
+
+N_NOISE_BANDS = 16
+"""Bands in which the noise density is reported."""
+
+
+@checked
+def find_peaks(
+    spectrogram: Spectrogram,
+    *,
+    false_alarm_probability: Annotated[float, AtLeast(1e-9), AtMost(0.5)] = 1e-4,
+    kept_probability: Annotated[float, AtLeast(1e-9), AtMost(0.5)] = 1e-2,
+    band_hz: Annotated[
+        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
+    ]
+    | None = None,
+    dipole_noise_ratio: Annotated[float, AtLeast(1e-6), AtMost(10)] = 1.0 / 3.0,
+) -> Peaks:
+    """Find the spectral peaks of each frame.
+
+    Parameters
+    ----------
+    spectrogram
+        A spectrogram, or a block of one that starts with a whole tile.
+    false_alarm_probability
+        Probability that noise alone exceeds the threshold in a cell.
+    kept_probability
+        The same for the weakest peaks kept, not below the first.
+    band_hz
+        Lowest and highest frequency searched, Hz; everything unless given.
+    dipole_noise_ratio
+        Noise power of a dipole channel over the omni channel's, 1/3 if isotropic.
+
+    Returns
+    -------
+    Peaks
+        In the order of frame and frequency.
+
+    Raises
+    ------
+    OptionError
+        An option is out of range.
+
+    Notes
+    -----
+    The rate of *peaks* is below the rate of *cells*, since a peak is the largest of
+    its neighbourhood: half of it at 1e-2 and two thirds at 1e-4, with zero padding 2.
+    Bearings are those of the intensity above the background's; see `peak_bearings`.
+    """
+    if kept_probability < false_alarm_probability:
+        msg = (
+            "kept_probability must be at least false_alarm_probability = "
+            f"{false_alarm_probability:g}, got {kept_probability:g}."
+        )
+        raise OptionError(msg)
+    chosen = _chosen_cells(spectrogram.frequency_hz, band_hz)
+    frames, power = spectrogram.frames, spectrogram.power_density[:, chosen]
+    padding = max(1, round(frames.fft_length / frames.window_samples))
+    floor = noise_floor(power, frames.valid_fraction, zero_padding=padding)
+    detect, keep = (
+        _thresholds(frames, power.shape[1], padding, probability)
+        for probability in (false_alarm_probability, kept_probability)
+    )
+    ratio = power / floor
+    row, cell = _maxima(ratio, keep, padding)
+    measured = _measure(spectrogram, chosen, power, floor, row, cell)
+    snr = np.maximum(measured["ratio"] - 1.0, 0.1 * measured["ratio"])
+    bearing_deg, bearing_std_deg = _bearings(
+        spectrogram, chosen, (power, floor), (row, cell), snr, dipole_noise_ratio
+    )
+    frequency_hz = spectrogram.frequency_hz[chosen]
+    return Peaks(
+        frames=_with_noise(frames, frequency_hz, floor, detect),
+        frame=row + frames.first_frame,
+        frequency_hz=measured["frequency_hz"],
+        frequency_std_hz=frequency_std_hz(snr, frames.window_s),
+        level_db=10 * np.log10(measured["line_power"]),
+        snr_db=10 * np.log10(snr),
+        bearing_deg=bearing_deg,
+        bearing_std_deg=bearing_std_deg,
+        is_detection=ratio[row, cell] > detect[row],
+        false_alarm_probability=false_alarm_probability,
+        kept_probability=kept_probability,
+        reference=spectrogram.reference,
+        lowest_hz=float(frequency_hz[0]),
+        highest_hz=float(frequency_hz[-1]),
+    )
+
+
+def _chosen_cells(
+    frequency_hz: FloatArray, band_hz: tuple[float, float] | None
+) -> slice:
+    if band_hz is None:
+        return slice(0, frequency_hz.size)
+    inside = np.flatnonzero((frequency_hz >= band_hz[0]) & (frequency_hz <= band_hz[1]))
+    if inside.size < 8:
+        msg = (
+            f"band_hz = {band_hz[0]:g} {band_hz[1]:g} holds {inside.size} cells of the "
+            f"spectrogram, which reaches {frequency_hz[0]:g} to {frequency_hz[-1]:g} Hz."
+        )
+        raise OptionError(msg)
+    return slice(int(inside[0]), int(inside[-1]) + 1)
+
+
+def _thresholds(
+    frames: Frames, n_cells: int, padding: int, probability: float
+) -> FloatArray:
+    """Factor above the floor per frame; nan-floor tiles cannot be exceeded anyway."""
+    factor = np.empty(frames.n_frames)
+    for start in range(0, frames.n_frames, TILE_FRAMES):
+        tile = slice(start, start + TILE_FRAMES)
+        n_valid = max(1, int(np.sum(frames.valid_fraction[tile] >= 0.5)))
+        independent = independent_cells(
+            n_valid,
+            n_cells,
+            zero_padding=padding,
+            hop_windows=frames.hop_samples / frames.window_samples,
+        )
+        factor[tile] = threshold_factor(
+            probability, round(independent, 1), own_share(n_valid)
+        )
+    return factor
+
+
+def _maxima(
+    ratio: FloatArray, keep: FloatArray, padding: int
+) -> tuple[IntArray, IntArray]:
+    """Rows and cells that exceed and are the largest within one natural bin."""
+    inner = ratio[:, padding:-padding]
+    is_peak = inner > keep[:, None]
+    for shift in range(1, padding + 1):
+        is_peak &= inner >= ratio[:, padding - shift : -padding - shift]
+        is_peak &= inner > ratio[:, padding + shift : ratio.shape[1] - padding + shift]
+    row, cell = np.divmod(np.flatnonzero(is_peak), inner.shape[1])
+    return row, cell + padding
+
+
+def _measure(
+    spectrogram: Spectrogram,
+    chosen: slice,
+    power: FloatArray,
+    floor: FloatArray,
+    row: IntArray,
+    cell: IntArray,
+) -> dict[str, FloatArray]:
+    frames = spectrogram.frames
+    step_bins = frames.window_samples / frames.fft_length
+    three = [power[row, cell + k].astype(np.float64) for k in (-1, 0, 1)]
+    offset_bins = peak_offset_bins(three[0], three[1], three[2], step_bins)
+    first_hz = spectrogram.frequency_hz[chosen.start]
+    natural_bin_hz = frames.bin_hz / step_bins
+    peak = _peak_power(three[1], offset_bins, step_bins)
+    return {
+        "frequency_hz": first_hz + cell * frames.bin_hz + offset_bins * natural_bin_hz,
+        "ratio": peak / floor[row, cell],
+        "line_power": peak * NOISE_BANDWIDTH_BINS * natural_bin_hz,
+    }
+
+
+def _bearings(
+    spectrogram: Spectrogram,
+    chosen: slice,
+    density: tuple[FloatArray, FloatArray],
+    place: tuple[IntArray, IntArray],
+    snr: FloatArray,
+    dipole_noise_ratio: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Bearings of the peaks without their background; nan without direction."""
+    east, north = spectrogram.intensity_east, spectrogram.intensity_north
+    if east is None or north is None:
+        return np.full(snr.size, np.nan), np.full(snr.size, np.nan)
+    frames, floor = spectrogram.frames, density[1]
+    padding = max(1, round(frames.fft_length / frames.window_samples))
+    parts = (east[:, chosen], north[:, chosen])
+    background = background_intensity(parts, *density, *place, zero_padding=padding)
+    return peak_bearings(
+        parts, background, floor[place], *place, snr,
+        zero_padding=padding, dipole_noise_ratio=dipole_noise_ratio,
+    )  # fmt: skip
+
+
+def _peak_power(
+    centre: FloatArray, offset_bins: FloatArray, step_bins: float
+) -> FloatArray:
+    """Power at the interpolated maximum, from the window's own shape."""
+    return centre / response(np.clip(offset_bins, -step_bins, step_bins)) ** 2
+
+
+def _with_noise(
+    frames: Frames, frequency_hz: FloatArray, floor: FloatArray, detect: FloatArray
+) -> Frames:
+    """Note the noise per band and the threshold in the frames."""
+    edges = np.linspace(0, frequency_hz.size, N_NOISE_BANDS + 1).astype(int)
+    edges = np.unique(edges)
+    middles = (edges[:-1] + edges[1:]) // 2
+    with np.errstate(divide="ignore"):
+        noise_db = 10 * np.log10(floor[:, middles])
+    return replace(
+        frames,
+        band_low_hz=frequency_hz[edges[:-1]],
+        band_high_hz=frequency_hz[edges[1:] - 1],
+        noise_db=noise_db,
+        threshold_db=10 * np.log10(detect),
+    )

@@ -1,1 +1,0 @@
-"""The arrows of the chain: one plain function per stage."""

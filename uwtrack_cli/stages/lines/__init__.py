@@ -1,1 +1,0 @@
-"""Parts of the line stages: association, logics, policies, families, paths."""

@@ -1,1 +1,0 @@
-"""Parts of the stage that tells two contacts apart."""

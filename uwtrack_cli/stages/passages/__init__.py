@@ -1,1 +1,0 @@
-"""Parts of the closest-approach and position stages."""
