@@ -324,13 +324,15 @@ def test_a_lost_worker_costs_its_own_file_and_is_replaced(many):
     psutil.wait_procs(workers[:1], timeout=5)
     after = workers_of(running, 2)
     _, said = running.communicate(timeout=200)
-    assert running.returncode == 3, said
     assert workers[1].pid in {worker.pid for worker in after}
     rows = rows_of(many / "out").values()
-    (failed,) = (row for row in rows if row["status"] == "failed")
-    assert "the process that ran it was ended by SIGKILL" in failed["message"]
+    failed = [row for row in rows if row["status"] == "failed"]
+    assert len(failed) <= 1  # none if it was lost just after it placed its product
+    assert running.returncode == (3 if failed else 0), said
+    for row in failed:
+        assert "the process that ran it was ended by SIGKILL" in row["message"]
     assert len(rows) == N_MANY
-    assert len(list((many / "out").glob("*.h5"))) == N_MANY - 1
+    assert len(list((many / "out").glob("*.h5"))) == N_MANY - len(failed)
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")

@@ -18,8 +18,8 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OutputError, UwtrackWarning
 from uwtrack_cli.files.hdf5.product import (
-    HistoryStep,
     ProductWriter,
+    Source,
     read_product,
     verify_product,
 )
@@ -115,18 +115,11 @@ def run_job(job: Job) -> Outcome:
 
 
 def _make(job: Job, blank: Outcome) -> Outcome:
-    opened = [open_with_options(path, job.options) for path in job.sources]
-    recording, beside = opened[0], list[Container]()
-    if len(opened) > 1:
-        recording, files = join_recordings(opened, slack_s=job.slack_s)
-        beside.append(files)
-    sources = [source_of_recording(r) for r in opened]
-    graph = job.recipe.graph().resolved(recording)
-    history = history_of_graph(graph, sources)
+    recording, sources, beside = _opened(job)
     begun = replace(blank, duration_s=recording.duration_s)
     if job.target.exists() and (job.resume or job.may_repeat):
         with not_an_input():  # a product that is not complete is made again
-            found = _complete(job.target, recording, history)
+            found = _complete(job, recording, sources)
         if found is not None:
             status = RESUMED if job.resume else DONE
             return replace(begun, status=status, encounters=found)
@@ -144,13 +137,54 @@ def _make(job: Job, blank: Outcome) -> Outcome:
     return replace(begun, status=DONE, encounters=tuple(rows))
 
 
+def finished(job: Job) -> Outcome | None:
+    """Return the outcome of a job whose product is complete, though none was told.
+
+    A process can be lost between placing its product and saying so.
+
+    Parameters
+    ----------
+    job
+        What was to be made.
+    """
+    try:
+        with warnings.catch_warnings(), input_ledger(), not_an_input():
+            warnings.simplefilter("ignore")  # said when it was run
+            recording, sources, _ = _opened(job)
+            found = _complete(job, recording, sources)
+    except (DataError, OutputError, ValueError, OSError, MemoryError):
+        return None
+    if found is None:
+        return None
+    return Outcome(
+        str(job.sources[0]),
+        str(job.target),
+        DONE,
+        n_sources=len(job.sources),
+        duration_s=recording.duration_s,
+        encounters=found,
+    )
+
+
+def _opened(job: Job) -> tuple[Recording, list[Source], list[Container]]:
+    """Open what a job reads: the recording, its files, and how they were joined."""
+    opened = [open_with_options(path, job.options) for path in job.sources]
+    sources = [source_of_recording(r) for r in opened]
+    if len(opened) == 1:
+        return opened[0], sources, []
+    recording, files = join_recordings(opened, slack_s=job.slack_s)
+    return recording, sources, [files]
+
+
 def _complete(
-    target: Path, recording: Recording, history: list[HistoryStep]
+    job: Job, recording: Recording, sources: list[Source]
 ) -> tuple[dict[str, Any], ...] | None:
     """Return the encounters of a product that need not be made again."""
-    if not target.is_file() or verify_product(target):
+    if not job.target.is_file() or verify_product(job.target):
         return None
-    with read_product(target) as product:
+    graph = job.recipe.graph().resolved(recording)
+    history = history_of_graph(graph, sources)
+    with read_product(job.target) as product:
         before = [step.to_json() for step in product.history]
         if before != [step.to_json() for step in history]:
             return None

@@ -25,7 +25,7 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any, NoReturn
 
-from uwtrack_cli.flow.batch import FAILED, Job, Outcome, run_job
+from uwtrack_cli.flow.batch import FAILED, Job, Outcome, finished, run_job
 
 PATIENCE_S = 10.0
 """How long a worker may take to remove what it has begun, s."""
@@ -109,6 +109,8 @@ def _lost(worker: Worker, job: Job) -> Outcome:
     """Say how a worker ended that took its job along."""
     worker.pipe.close()
     worker.process.join(PATIENCE_S)
+    if (outcome := finished(job)) is not None:
+        return outcome
     code = worker.process.exitcode
     how = f"ended with code {code}"
     if code is not None and code < 0:
