@@ -148,9 +148,15 @@ def _serve(pipe: connection.Connection, parent_pid: int) -> None:
         signal.signal(held, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD)
-    with contextlib.suppress(EOFError, OSError):
+    try:
         while True:
             pipe.send(_run(pipe.recv()))
+    except (EOFError, OSError):
+        return
+    except SystemExit as ending:
+        # What was begun is removed. An interpreter that takes itself down would
+        # still let HDF5 close files whose Python half is gone, and report it.
+        os._exit(int(ending.code or 0))
 
 
 def _run(job: Job) -> Outcome:

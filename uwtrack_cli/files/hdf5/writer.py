@@ -280,6 +280,12 @@ class FailSafeFile(io.FileIO):
                 self.failure = error
         return len(view)
 
+    def flush(self) -> None:
+        """Do nothing: there is no buffer.
+
+        HDF5 may ask for it when the interpreter has taken its own classes down.
+        """
+
     def truncate(self, size: int | None = None) -> int:
         """Set the length of the file, or keep the failure."""
         if self.failure is None:
