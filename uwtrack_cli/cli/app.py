@@ -4,6 +4,8 @@
 the first line of its docstring is read. So `uwtrack --help` answers at once.
 """
 
+import itertools
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -11,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from uwtrack_cli import __version__
-from uwtrack_cli.cli.console import set_verbosity
+from uwtrack_cli.cli.console import USAGE, say, set_verbosity
 from uwtrack_cli.flow.catalogue import STAGES, summary_of
 
 COMMANDS: dict[str, str] = {
@@ -52,7 +54,9 @@ class CommandList(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that is called, and import it."""
         if args and args[0] in COMMANDS:
-            return args[0], _load(args[0]), _words(*args)
+            found, words = _load(args[0]), _words(*args)
+            _refuse_repeated(found, words)
+            return args[0], found, words
         return super().resolve_command(ctx, args)
 
 
@@ -70,6 +74,33 @@ def _words(name: str, *words: str) -> list[str]:
     from uwtrack_cli.flow.catalogue import find_stage
 
     return spread_values(find_stage(name), words)
+
+
+def _refuse_repeated(found: Any, words: Sequence[str]) -> None:
+    """Refuse a second value of an option that takes one: the first would be lost.
+
+    Raises
+    ------
+    typer.Exit
+        With the code of a usage error, after one sentence.
+    """
+    single = {
+        flag: parameter.name
+        for parameter in found.params
+        for flag in parameter.opts
+        if flag.startswith("-") and not (parameter.multiple or parameter.count)
+        and not parameter.is_flag
+    }  # fmt: skip
+    given: dict[str, str] = {}
+    for word in itertools.takewhile(lambda word: word != "--", words):
+        flag = word.partition("=")[0] if word.startswith("--") else word
+        name = single.get(flag)
+        if name is None:
+            continue
+        if name in given:
+            say(f"error: {flag} takes one value and is given twice.", -1)
+            raise typer.Exit(USAGE)
+        given[name] = flag
 
 
 def _load(name: str) -> Any:

@@ -15,7 +15,7 @@ from uwtrack_cli.cli.command_factory import (
     Overwrite,
     stage_command,
 )
-from uwtrack_cli.cli.console import progress_bar, say
+from uwtrack_cli.cli.console import progress_bar, say_wrote
 from uwtrack_cli.cli.results import is_shown, print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source
@@ -105,7 +105,7 @@ def _source_body(stage: Stage) -> Any:
             writer_for(target, overwrite=own["overwrite"], inputs=[source]) as writer,
         ):
             source_into_product(_step(stage, options), recording, writer, done)
-        say(f"wrote {target}")
+        say_wrote(target)
 
     return body
 
@@ -126,7 +126,7 @@ def _stream_body(stage: Stage) -> Any:
             refuse_unknown_step([product], branch)
             made = stream_into_product(_step(stage, options), product, writer, branch)
         say_sensitivity(made)
-        say(f"wrote {target}")
+        say_wrote(target)
 
     return body
 
@@ -155,7 +155,7 @@ def _whole_body(stage: Stage) -> Any:
         result = made[-1].container
         if is_shown(result):
             print_result(result, as_json=own["json_output"])
-        say(f"wrote {target}")
+        say_wrote(target)
 
     return body
 

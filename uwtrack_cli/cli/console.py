@@ -8,6 +8,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -53,6 +54,12 @@ def say(text: str, level: int = 0) -> None:
     if _verbosity >= level:
         with suppress(OSError):  # the terminal is gone
             print(plain_text(text), file=sys.stderr)
+
+
+def say_wrote(target: Path) -> None:
+    """Say which file was written; what went to standard output is no file."""
+    if str(target) != "-":
+        say(f"wrote {target}")
 
 
 def put(lines: Iterable[str]) -> None:

@@ -10,6 +10,7 @@ import typer
 
 from uwtrack_cli.cli.command_factory import Overwrite, command
 from uwtrack_cli.cli.console import put, say, show_table
+from uwtrack_cli.cli.targets import PIPE
 from uwtrack_cli.errors import OptionError
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ def passages(
     from uwtrack_cli.files.atomic import check_target
     from uwtrack_cli.flow.passages import collect_passages, count_passages, usual_cache
 
+    output = None if output == PIPE else output
     _check(per, sql, form, output)
     if output is not None:
         check_target(output, overwrite=overwrite)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite, command
-from uwtrack_cli.cli.console import progress_bar, put, say
+from uwtrack_cli.cli.console import progress_bar, put, say, say_wrote
 from uwtrack_cli.cli.results import print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
@@ -125,7 +125,7 @@ def _run_one(
     ):
         made = run_into_product(recording, recipe, writer, keep=keep, progress=done)
     say_sensitivity([held.container for held in made])
-    say(f"wrote {target}")
+    say_wrote(target)
     return made
 
 

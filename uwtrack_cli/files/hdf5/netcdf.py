@@ -58,9 +58,15 @@ def write_netcdf(
 
 def _start_ns(containers: Sequence[Container]) -> int | None:
     """Return UTC of the earliest time zero: that of the fixes and encounters."""
-    starts = [getattr(c, "start_utc_ns", None) for c in containers]
-    known = [int(start) for start in starts if start is not None]
-    return min(known) if known else None
+    starts = [_time_zero_ns(container) for container in containers]
+    return min((start for start in starts if start is not None), default=None)
+
+
+def _time_zero_ns(container: Container) -> int | None:
+    """Return UTC of a container's time zero; files that were joined have many."""
+    if "start_utc_ns" not in container.scalars():
+        return None
+    return getattr(container, "start_utc_ns", None)
 
 
 def _write(
@@ -90,8 +96,8 @@ def _write(
 
 def _own_start_ns(container: Container, start_ns: int | None) -> int | None:
     frames = getattr(container, "frames", None)
-    own = getattr(frames if frames is not None else container, "start_utc_ns", None)
-    return start_ns if own is None else int(own)
+    own = _time_zero_ns(frames if frames is not None else container)
+    return start_ns if own is None else own
 
 
 def _scale(file: h5py.File, name: str, size: int) -> Any:

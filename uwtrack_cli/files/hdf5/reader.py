@@ -6,11 +6,11 @@ what `Product.read` gives, bit for bit.
 """
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self, TypeVar, cast
+from typing import Any, NamedTuple, Self, TypeVar, cast, overload
 
 import h5py
 import numpy as np
@@ -29,6 +29,7 @@ from uwtrack_cli.files.hdf5.history import HistoryStep
 from uwtrack_cli.files.hdf5.layout import (
     CONTAINERS,
     STEPS,
+    container_class,
     decode,
     part_classes,
     scalar_types,
@@ -150,15 +151,28 @@ class Product:
             group = _group(self.file, self.paths[key], CONTAINERS[key.name])
             return part not in _absent(group)
 
+    @overload
     def read(
         self, kind: type[C], sensor: str | None = None, step: str | None = None
-    ) -> C:
+    ) -> C: ...
+
+    @overload
+    def read(
+        self, kind: str, sensor: str | None = None, step: str | None = None
+    ) -> Container: ...
+
+    def read(
+        self,
+        kind: type[Container] | str,
+        sensor: str | None = None,
+        step: str | None = None,
+    ) -> Container:
         """Read a container.
 
         Parameters
         ----------
         kind
-            Its class, such as `Lines`.
+            Its class, such as `Lines`, or its name, such as ``"lines"``.
         sensor
             Its sensor; not needed where only one has such a container.
         step
@@ -168,18 +182,27 @@ class Product:
         Raises
         ------
         DataError
-            There is none, or several and no sensor is named, or it is damaged.
+            There is none, or several and no sensor is named, or it is damaged, or no
+            container has such a name.
         """
-        path = self._path(kind, sensor, step)
+        wanted = container_class(kind) if isinstance(kind, str) else kind
+        path = self._path(wanted, sensor, step)
         with reading(self.name):
-            return read_whole(self.file, path, kind)
+            return read_whole(self.file, path, wanted)
 
-    def read_all(self, kind: type[C]) -> list[C]:
-        """Read the containers of a kind of all sensors."""
+    @overload
+    def read_all(self, kind: type[C]) -> list[C]: ...
+
+    @overload
+    def read_all(self, kind: str) -> list[Container]: ...
+
+    def read_all(self, kind: type[Container] | str) -> Sequence[Container]:
+        """Read the containers of a kind, a class or its name, of all sensors."""
+        wanted = container_class(kind) if isinstance(kind, str) else kind
         return [
-            self.read(kind, key.sensor, key.step)
+            self.read(wanted, key.sensor, key.step)
             for key in self.paths
-            if key.name == kind.NAME
+            if key.name == wanted.NAME
         ]
 
     def stream(

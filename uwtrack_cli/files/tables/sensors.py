@@ -221,7 +221,9 @@ class DeployedSensor:
     """Patterns of its recordings; empty in a file of one sensor."""
 
 
-def find_sensor(recording: Path, sensor_file: Path | None = None) -> Sensor | None:
+def find_sensor(
+    recording: Path | str, sensor_file: Path | str | None = None
+) -> Sensor | None:
     """Return the sensor of a recording, None if nothing says what it is.
 
     Parameters
@@ -237,6 +239,7 @@ def find_sensor(recording: Path, sensor_file: Path | None = None) -> Sensor | No
     DataError
         The file is wrong, or a deployment names no or several sensors for it.
     """
+    recording = Path(recording)
     if sensor_file is None:
         sensor_file = _beside(recording)
         if not sensor_file.exists():

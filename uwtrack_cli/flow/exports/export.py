@@ -3,14 +3,16 @@
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
+from warnings import warn
 
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.hdf5.layout import container_class
 from uwtrack_cli.files.hdf5.netcdf import write_netcdf
 from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.container_tables import write_table
+from uwtrack_cli.files.tables.json_rows import main_axis
 from uwtrack_cli.flow.branches import (
     read_of_branch,
     refuse_unknown_step,
@@ -28,7 +30,7 @@ ENDINGS: dict[Form, str] = {
     "raven": ".selections.txt", "netcdf": ".nc",
 }  # fmt: skip
 SUMMARIES = ("fixes", "encounters", "motions", "target", "decision", "lines", "levels")
-"""Containers that a CSV holds, the first one there is."""
+"""Containers that a CSV holds, the first one there is with a row in it."""
 
 TAKEN: dict[str, frozenset[str]] = {
     "geojson": frozenset({"encounters", "fixes"}),
@@ -113,9 +115,30 @@ TEXTS: dict[str, Callable[[list[Container], str], str]] = {
 def _chosen(
     product: Product, container: str | None, sensor: str | None, step: str | None
 ) -> Container:
+    if container is not None:
+        found = read_of_branch(product, container_class(container), sensor, step)
+        return _remarked(found, product.name)
     held = {key.name for key in product.paths}
-    name = container or next((name for name in SUMMARIES if name in held), None)
-    if name is None:
+    there: Container | None = None
+    for name in (name for name in SUMMARIES if name in held):
+        found = read_of_branch(product, container_class(name), sensor, step)
+        if _n_rows(found):
+            return found
+        there = there or found
+    if there is None:
         msg = f"{product.name} holds no table; name one with --container."
         raise DataError(msg)
-    return read_of_branch(product, container_class(name), sensor, step)
+    return _remarked(there, product.name)
+
+
+def _n_rows(container: Container) -> int:
+    """Return the rows of a table; a container without any is one row of facts."""
+    return container.sizes().get(main_axis(container), 0) if container.columns() else 1
+
+
+def _remarked(container: Container, name: str) -> Container:
+    """Say of a table without rows that it is one."""
+    if not _n_rows(container):
+        msg = f"{name} has no {container.NAME}: the table has a head and no rows."
+        warn(msg, UwtrackWarning, stacklevel=4)
+    return container

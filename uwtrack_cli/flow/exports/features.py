@@ -11,6 +11,7 @@ its closest approach. Longitudes of one feature do not jump at the date line.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar
+from warnings import warn
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.tables.json_rows import json_rows
 
 SCALE_95 = 2.4477468306808166
@@ -72,7 +73,22 @@ def geographic_features(containers: Sequence[Container], name: str) -> list[Feat
             f"file and run again, or export to csv."
         )
         raise DataError(msg)
+    _remark(containers, found, name)
     return found
+
+
+def _remark(
+    containers: Sequence[Container], found: Sequence[Feature], name: str
+) -> None:
+    """Say which encounters have no place on the map: they are not left out in silence."""
+    n_found = sum(e.n_encounters for e in _of(containers, Encounters))
+    n_placed = sum(feature.kind == "encounter" for feature in found)
+    if n_placed < n_found:
+        msg = (
+            f"{n_found - n_placed} of {n_found} encounters of {name} have no place on "
+            f"the map, which takes a bearing and a range; export to csv holds them."
+        )
+        warn(msg, UwtrackWarning, stacklevel=4)
 
 
 def _of(containers: Sequence[Container], kind: type[C]) -> list[C]:
