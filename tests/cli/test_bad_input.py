@@ -48,6 +48,21 @@ def a_setting_of_a_step_that_is_not_in_the_recipe(folder):
     return ["run", "a.wav", "--set", "trace.window_s=3"]
 
 
+@case(2, "fine-track.gates.sigmas must be a number (at least 0.1, at most 100)")
+def a_wrong_setting_of_a_named_step(folder):
+    two_recordings(folder)
+    steps = "[spectrogram]\n[peaks]\n[fine-track]\nstage = 'track'\n"
+    (folder / "fine.toml").write_text(steps)
+    fine = "fine-track.gates.sigmas=1e9"
+    return ["run", "a.wav", "--recipe", "fine.toml", "--set", fine]
+
+
+@case(2, "--sound-speed-mps must be a number (m/s, at least 100")
+def a_sound_speed_beyond_all_speeds(folder):
+    two_recordings(folder)
+    return ["run", "a.wav", "--sound-speed-mps", "1e308"]
+
+
 @case(2, "[track] of recipe gap reads families or peaks")
 def a_recipe_with_a_gap(folder):
     two_recordings(folder)

@@ -264,6 +264,13 @@ def test_one_sensor_without_doppler_has_no_position_and_says_why():
     assert fixes.time_s.size == 0
 
 
+def test_two_readings_of_one_sensor_are_two_contacts():
+    sensor = sensor_at("h1", 600.0, 250.0)
+    one = encounter_of(sensor, 600.0, 250.0)
+    assert locate_vessels([one], [sensor]).contact.tolist() == [1]
+    assert locate_vessels([one, one], [sensor]).contact.tolist() == [1, 2]
+
+
 def test_regular_times_run_from_the_first_closest_approach():
     sensor = sensor_at("h1", 600.0, 250.0)
     fixes = locate_vessels(
@@ -278,6 +285,8 @@ def test_regular_times_run_from_the_first_closest_approach():
         ({"every_s": 0.0}, "every_s must be a number .s, at least 0.001"),
         ({"until": "5"}, "needs every_s"),
         ({"at": ["noon"]}, "cannot read the time"),
+        ({"at": ["1e308"]}, "1e308 is no number of seconds within 1e.09"),
+        ({"at": ["nan"]}, "nan is no number of seconds"),
         ({"gate_probability": 1.0}, "gate_probability"),
     ],
 )

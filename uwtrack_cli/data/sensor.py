@@ -1,12 +1,16 @@
 """The sensor: what it is, where it is, and how well its facts are known."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS
 from uwtrack_cli.data.base import Container, FloatArray, column, scalar
+from uwtrack_cli.data.options import AtLeast, AtMost, Unit
+
+SoundSpeed = Annotated[float, Unit("m/s"), AtLeast(100), AtMost(299_792_458)]
+"""A speed of sound in any medium; up to that of light, for Doppler of other waves."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -152,7 +152,7 @@ def _step(name: str, table: Any) -> Step:
         written = [written]
     inputs = convert(f"{name}.input", tuple[str, ...] | None, written)
     is_output = convert(f"{name}.output", bool, options.pop("output", False))
-    bound = find_stage(stage_name).bind(options)
+    bound = find_stage(stage_name).bind(options, name)
     return Step(name, stage_name, bound, inputs, is_output)
 
 

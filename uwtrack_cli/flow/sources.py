@@ -5,8 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from uwtrack_cli.data.options import convert
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.data.sensor import SoundSpeed
+from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.audio.start_time import find_start_utc_ns
 from uwtrack_cli.files.tables.sensors import find_sensor
@@ -58,8 +60,6 @@ def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
     speed_mps = chosen["sensor_sound_speed_mps"]
     if speed_mps is None:
         return recording
-    if not speed_mps > 0.0:
-        msg = f"--sound-speed-mps must be positive, got {speed_mps}."
-        raise OptionError(msg)
+    speed_mps = convert("--sound-speed-mps", SoundSpeed, speed_mps)
     sensor = replace(recording.sensor, sound_speed_mps=speed_mps)
     return replace(recording, sensor=sensor)

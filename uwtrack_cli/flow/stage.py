@@ -167,17 +167,25 @@ class Stage:
         """First line of the docstring."""
         return (getdoc(self.function) or "").split("\n", 1)[0]
 
-    def bind(self, given: Mapping[str, Any]) -> dict[str, Any]:
+    def bind(self, given: Mapping[str, Any], step: str = "") -> dict[str, Any]:
         """Return keyword arguments for the options given, nested for groups.
+
+        Parameters
+        ----------
+        given
+            Options by name, a table for a group.
+        step
+            Name of the step that is bound, for messages; empty: the stage's.
 
         Raises
         ------
         OptionError
             The stage has no such option, or a value is not accepted.
         """
-        refuse_unknown(given, self.defaults, self.name, "option")
+        whose = step or self.name
+        refuse_unknown(given, self.defaults, whose, "option")
         return {
-            name: self._bound(f"{self.name}.{name}", name, value)
+            name: self._bound(f"{whose}.{name}", name, value)
             for name, value in given.items()
         }
 

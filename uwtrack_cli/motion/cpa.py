@@ -22,7 +22,7 @@ from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
-from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError
@@ -66,9 +66,7 @@ def find_encounters(  # noqa: PLR0913 (four inputs that may be absent)
     sensor: Sensor | None = None,
     series: Series | None = None,
     *,
-    sound_speed_mps: Annotated[
-        float | None, Unit("m/s"), AtLeast(100), AtMost(299_792_458)
-    ] = None,
+    sound_speed_mps: SoundSpeed | None = None,
     sound_speed_std_mps: Annotated[
         float | None, Unit("m/s"), AtLeast(0), AtMost(1e8)
     ] = None,

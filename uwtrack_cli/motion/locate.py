@@ -12,6 +12,7 @@ from the closest approaches.
 """
 
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated
@@ -101,7 +102,7 @@ def locate_vessels(
             continue
         vessel += 1
         clocks += _clock_statements(passages, modes[0])
-        contact = passages.contact[members[0]] if _is_single(passages) else vessel
+        contact = passages.contact[members[0]] if _keeps_numbers(passages) else vessel
         times = fix_times(
             passages.approaches.measured[list(members), 0],
             passages.start_utc_ns, at, every_s, until,
@@ -139,8 +140,11 @@ def _clock_statements(passages: Passages, mode: Mode) -> list[str]:
     return found
 
 
-def _is_single(passages: Passages) -> bool:
-    return len(set(passages.sensor)) <= 1
+def _keeps_numbers(passages: Passages) -> bool:
+    """Tell whether the contacts of one sensor, each named once, keep their numbers."""
+    return len(set(passages.sensor)) <= 1 and len(set(passages.contact)) == len(
+        passages.contact
+    )
 
 
 def _rows(
@@ -222,6 +226,9 @@ CLOCK_SHARE, CLOCK_DEVIATIONS = 0.5, 3.0
 """A difference of clocks is named when its deviation is this share of the prior one, and
 it is this many deviations from zero."""
 
+FARTHEST_S = 1e9
+"""Times farther from the first sample (thirty years) are taken for a slip."""
+
 MOST_TIMES = 100_000
 """Regular times beyond this number are taken for a slip."""
 
@@ -284,10 +291,17 @@ def parse_time(text: str, start_utc_ns: int | None) -> float:
     >>> parse_time("1970-01-01T00:01:00Z", 0)
     60.0
     """
-    try:
-        return float(text)
-    except ValueError:
-        pass
+    seconds = None
+    with suppress(ValueError):
+        seconds = float(text)
+    if seconds is not None:
+        if not abs(seconds) <= FARTHEST_S:
+            msg = (
+                f"the time {text} is no number of seconds within {FARTHEST_S:g} of the "
+                f"first sample."
+            )
+            raise OptionError(msg)
+        return seconds
     try:
         moment = datetime.fromisoformat(text)
     except ValueError as error:

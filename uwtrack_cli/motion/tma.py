@@ -21,8 +21,8 @@ from typing import Annotated, Literal
 from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS, SOURCE_DEPTH_M
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
-from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
-from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.data.options import AtLeast, AtMost, checked
+from uwtrack_cli.data.sensor import Navigation, Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
@@ -54,9 +54,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     *,
     solver: Literal["mle", "recursive", "genetic", "annealing"] = "mle",
     array_heading: Literal["none", "course", "heading"] = "none",
-    sound_speed_mps: Annotated[
-        float | None, Unit("m/s"), AtLeast(200), AtMost(2000)
-    ] = None,
+    sound_speed_mps: SoundSpeed | None = None,
     updates: Annotated[int, AtLeast(1), AtMost(100_000)] = 20,
     seed: Annotated[int, AtLeast(0), AtMost(2**32 - 1)] = 1,
     misfit: Misfit = DEFAULT_MISFIT,

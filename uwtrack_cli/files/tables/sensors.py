@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 from warnings import warn
 
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, from_table, shown
-from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.toml_tables import read_toml
@@ -80,9 +80,7 @@ class SensorTable:
     """Standard deviation of the depth."""
     heading_deg: Degrees | None = None
     """Compass heading of axes that turn with the housing."""
-    sound_speed_mps: (
-        Annotated[float, Unit("m/s"), AtLeast(100), AtMost(299_792_458)] | None
-    ) = None
+    sound_speed_mps: SoundSpeed | None = None
     """Sound speed at the sensor."""
     sound_speed_std_mps: (
         Annotated[float, Unit("m/s"), AtLeast(0), AtMost(1e8)] | None
