@@ -8,9 +8,8 @@ from geojson_pydantic import FeatureCollection
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uwtrack_cli.flow.exports.antimeridian import cut_at_antimeridian
 from uwtrack_cli.flow.exports.features import Feature
-from uwtrack_cli.flow.exports.geojson import geojson_text
+from uwtrack_cli.flow.exports.geojson import cut_at_antimeridian, geojson_text
 
 
 def ring_around(longitude, radius_deg, turn=1.0):

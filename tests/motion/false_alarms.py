@@ -39,7 +39,7 @@ def gauss_markov(rng, time_s, correlation_time_s):
 
 
 def _path(rng, time_s):
-    """Fractional wander of a machine: none, a random walk, or one that returns."""
+    """Fractional jitter of a machine: none, a random walk, or one that returns."""
     kind = rng.integers(3)
     if kind == 0:
         return np.zeros(time_s.size)
@@ -121,7 +121,7 @@ def heard_claims(scenario, stated):
 
 
 def noise_scenario(seed):
-    """Draw a recording of noise, half of them with a machine's hum that wanders."""
+    """Draw a recording of noise, half of them with a machine's hum that jitters."""
     rng = np.random.default_rng([seed, 1])
     noise = {
         "density_db": 70.0,
@@ -248,8 +248,8 @@ def main(measured, recorded, passages):
     sys.stdout.write(
         "# Noise taken for passages, and passages found, at the same thresholds\n\n"
         f"Made by `{command}`. Noise: machines that stay, their lines steady, walking or "
-        "wandering by up to a thousandth, levels that drift by up to 4 dB; recordings "
-        "of noise of 480 s, half of them with a wandering hum. Passages at 6 m/s, "
+        "jittering by up to a thousandth, levels that drift by up to 4 dB; recordings "
+        "of noise of 480 s, half of them with a jittering hum. Passages at 6 m/s, "
         f"250 m.\n\n{noise_table(noise)}\n\n{detection_table(found)}\n"
     )
 

@@ -6,8 +6,8 @@ partials by central differences of the law solved by Newton's method.
 
 **Conventions.** Lines in frames of 0.8 / sqrt(f v^2 / (c d)) within 0.5 and 8 s, used
 above E/N0 = 10; levels and bearings each second. Broadband sound of the vessels is
-noise to the lines. Wander is noise common to the lines with a known correlation time; of several
-wandering lines the rest frequencies count as one unknown, which can only lower the
+noise to the lines. Jitter is noise common to the lines with a known correlation time; of several
+jittering lines the rest frequencies count as one unknown, which can only lower the
 bound. No image, no turn: the path ends where it is straight.
 
 **References.** Section 3 of the specification after Choi et al. (2014).
@@ -144,7 +144,7 @@ def _line(scenario, vessel, line, last_s):
 
 
 def _wandering(scenario, vessel, last_s):
-    """Information of the frequencies of all lines together under wander (3, 3)."""
+    """Information of the frequencies of all lines together under jitter (3, 3)."""
     time = np.arange(0.5, last_s)
     values, slope = _partials(scenario, vessel, time)
     precision = np.zeros(time.size)

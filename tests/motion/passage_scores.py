@@ -171,7 +171,7 @@ def main(count, first):
         "# Passages drawn by lot, through the whole chain\n\n"
         f"Made by `{command}`; ranges in tests/motion/random_passages.py. A quantity is "
         "outside its band beyond the larger of the floor of its class and five times the "
-        "Cramer-Rao bound of the passage (wander counts as noise of known correlation time); "
+        "Cramer-Rao bound of the passage (jitter counts as noise of known correlation time); "
         "it is due where this bound is below 5 %. "
         f"Nothing is given of a missed vessel.\n\n{table(results)}\n"
     )

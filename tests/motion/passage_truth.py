@@ -26,8 +26,8 @@ class Scene:
     height_m: float = 19.0
     sound_speed_mps: float = 1500.0
     level_snr_db: float = 10.0
-    wander: float = 0.0
-    wander_s: float = 20.0
+    jitter: float = 0.0
+    jitter_time_s: float = 20.0
 
 
 ROWS = (
@@ -167,13 +167,13 @@ def measure(scene, rng, runs):
 
 
 def _wander(scene, rng, runs, time_s):
-    if scene.wander == 0:
+    if scene.jitter == 0:
         return np.zeros((runs, time_s.size))
-    decay = np.exp(-np.diff(time_s) / scene.wander_s)
+    decay = np.exp(-np.diff(time_s) / scene.jitter_time_s)
     value = np.zeros((runs, time_s.size))
     value[:, 0] = rng.normal(size=runs)
     for number, factor in enumerate(decay, 1):
         value[:, number] = factor * value[:, number - 1] + np.sqrt(
             1 - factor**2
         ) * rng.normal(size=runs)
-    return scene.wander * value
+    return scene.jitter * value

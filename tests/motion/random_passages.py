@@ -1,7 +1,7 @@
 """Recordings of passages drawn by lot, from ranges fixed before anything was tuned.
 
 5-15 knots, 80-500 m, either side, one to six lines, strong to weak; and by class: two
-vessels, mono, a weak line without broadband, surface image, wander of the shaft up to
+vessels, mono, a weak line without broadband, surface image, jitter of the shaft up to
 1e-3, a passage cut short, a turn, noise only.
 """
 
@@ -11,11 +11,11 @@ from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.simulate import make_scenario
 
 CLASSES = (
-    "plain", "two", "mono", "weak-line", "image", "wander", "truncated", "turn", "noise",
+    "plain", "two", "mono", "weak-line", "image", "jitter", "truncated", "turn", "noise",
 )  # fmt: skip
 BAND_OF = {
     "plain": "clean", "mono": "clean", "two": "hard", "weak-line": "hard",
-    "image": "hard", "wander": "robust", "truncated": "robust", "turn": "robust",
+    "image": "hard", "jitter": "robust", "truncated": "robust", "turn": "robust",
 }  # fmt: skip
 BANDS = {
     "clean": {"speed": 0.015, "range": 0.03, "width": 0.03, "time": 1.0, "course": 1.5},
@@ -77,7 +77,7 @@ def _vessel(kind, rng):
             for number in range(2, 2 + count)
         ],
         "frequency_jitter": {
-            "fraction": float(10 ** rng.uniform(-4, -3)) if kind == "wander" else 0.0
+            "fraction": float(10 ** rng.uniform(-4, -3)) if kind == "jitter" else 0.0
         },
     }
     if kind != "weak-line":

@@ -13,7 +13,7 @@ from uwtrack_cli.motion.passage.broadband_sum import (
 
 TIME_S = np.arange(0.0, 400.0, 1.0)
 TRUTH = ((120.0, 30.0, 8.0, 0.5, 1.0), (260.0, 20.0, 5.0, 2.5, -1.0))
-NOBODY = KnownSources(np.empty((0, TIME_S.size)), np.empty((0, TIME_S.size)))
+NONE_KNOWN = KnownSources(np.empty((0, TIME_S.size)), np.empty((0, TIME_S.size)))
 
 
 def source(time, width, power, bearing, turn):
@@ -44,7 +44,7 @@ def start(truth):
 
 
 def test_exact_sums_are_taken_apart_exactly():
-    sources = fit_sources(together(TRUTH), NOBODY, *start(TRUTH))
+    sources = fit_sources(together(TRUTH), NONE_KNOWN, *start(TRUTH))
     expected = [(t, np.log(r), np.log(p), b) for t, r, p, b, _ in TRUTH]
     np.testing.assert_allclose(sources.motion, expected, atol=2e-3)
     assert abs(sources.background) < 1e-3
@@ -52,9 +52,12 @@ def test_exact_sums_are_taken_apart_exactly():
 
 def test_what_one_source_alone_would_give_is_what_it_gives_alone():
     sound = together(TRUTH)
-    sources = fit_sources(sound, NOBODY, *start(TRUTH))
+    sources = fit_sources(sound, NONE_KNOWN, *start(TRUTH))
     for row in range(2):
-        own, truth = alone(sources, row, sound, NOBODY), together(TRUTH[row : row + 1])
+        own, truth = (
+            alone(sources, row, sound, NONE_KNOWN),
+            together(TRUTH[row : row + 1]),
+        )
         np.testing.assert_allclose(own.power, truth.power, atol=5e-3)
         kept = np.isfinite(own.bearing)
         assert kept.sum() > 100
@@ -72,7 +75,7 @@ def test_the_joint_fit_has_no_bias():
             TIME_S, sound.power + 0.1 * rng.normal(size=TIME_S.size), sound.power_std,
             sound.bearing + 0.1 * rng.normal(size=TIME_S.size), sound.bearing_std,
         )  # fmt: skip
-        sources = fit_sources(noisy, NOBODY, *start(TRUTH))
+        sources = fit_sources(noisy, NONE_KNOWN, *start(TRUTH))
         errors.append(sources.motion[:, 0] - [120.0, 260.0])
     errors = np.array(errors)
     assert np.all(np.abs(errors.mean(axis=0)) < 4 * errors.std(axis=0) / np.sqrt(60))
@@ -91,7 +94,7 @@ def test_a_source_far_from_others_is_not_widened_and_a_near_one_is():
     near = (TRUTH[0], (150.0, 30.0, 8.0, 2.0, 1.0))
     for truth, most in ((TRUTH, 1.5), (near, 5.0)):
         sound = together(truth, noise=0.1)
-        sources = fit_sources(sound, NOBODY, *start(truth))
-        wider = widening(sources, sound, NOBODY)
+        sources = fit_sources(sound, NONE_KNOWN, *start(truth))
+        wider = widening(sources, sound, NONE_KNOWN)
         assert np.all((wider >= 1.0) & (wider < most))
     assert wider[:, :2].max() > 1.5

@@ -141,9 +141,9 @@ def test_the_search_finds_the_optimum_whatever_the_side(seed):
     assert abs(start.theta[0, 0] - scene.closest_s) < 1.0
 
 
-@pytest.mark.parametrize("wander", [1e-4, 1e-3], ids=["1e-4", "1e-3"])
-def test_error_bars_hold_when_the_shaft_wanders(wander):
-    scene = Scene(rest_hz=(63.0, 126.0, 189.0, 310.0), wander=wander)
+@pytest.mark.parametrize("jitter", [1e-4, 1e-3], ids=["1e-4", "1e-3"])
+def test_error_bars_hold_when_the_shaft_wanders(jitter):
+    scene = Scene(rest_hz=(63.0, 126.0, 189.0, 310.0), jitter=jitter)
     scores = []
     for seed in range(8):
         blocks = make_blocks(measure(scene, np.random.default_rng(seed), 1))
@@ -167,7 +167,7 @@ def test_error_bars_hold_where_the_wander_is_as_slow_as_the_passage():
     """Few correlation times fit into a near, weak passage: little is left of the noise."""
     scene = Scene(
         6.57, 102.0, 21.0, tuple(69.377 * np.arange(2, 7)), closest_s=233.0,
-        length_s=480.0, wander=7.6e-4,
+        length_s=480.0, jitter=7.6e-4,
     )  # fmt: skip
     scores = []
     for seed in range(120):

@@ -30,7 +30,7 @@ def test_the_bounds_are_the_published_ones(ratios, published):
 
 
 def test_wander_bounds_the_speed_as_published():
-    """Section 6: (wander / M) sqrt(2 tau / W) of the speed; a fit to it 7 %."""
+    """Section 6: (jitter / M) sqrt(2 tau / W) of the speed; a fit to it 7 %."""
     case = {
         "cn0_db_hz": 28.0,
         "snr_db": 3.0,

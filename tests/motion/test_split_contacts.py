@@ -42,11 +42,11 @@ def test_two_vessels_on_like_courses_in_one_contact_are_told_apart(seed):
         np.testing.assert_allclose(np.sort(rest), scene.rest_hz, atol=0.02)
 
 
-@pytest.mark.parametrize("wander", [0.0, 3e-4])
-def test_one_vessel_stays_one_though_its_shaft_wanders(wander):
+@pytest.mark.parametrize("jitter", [0.0, 3e-4])
+def test_one_vessel_stays_one_though_its_shaft_wanders(jitter):
     rng = np.random.default_rng(4)
     lines = lines_of_scenes([replace(FIRST, rest_hz=(60.0, 90.0, 120.0, 150.0))], rng)
-    path = wander * drift(rng, np.unique(lines.time_s), 20.0)
+    path = jitter * drift(rng, np.unique(lines.time_s), 20.0)
     factor = 1 + np.interp(lines.time_s, np.unique(lines.time_s), path)
     moved = replace(lines, measured_frequency_hz=lines.measured_frequency_hz * factor)
     found = find_encounters(moved, sensor=DIFAR)

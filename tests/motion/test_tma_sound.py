@@ -13,7 +13,7 @@ from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 SPEED_MPS, COURSE_DEG = 6.0, 290.0
-PLACES_M = {"far": (700.0, 500.0), "wandering": (700.0, 500.0), "deep": (400.0, 250.0)}
+PLACES_M = {"far": (700.0, 500.0), "jittering": (700.0, 500.0), "deep": (400.0, 250.0)}
 """Where the vessel starts, east and north of the sensor's start."""
 CHI_SQUARE_4 = {0.95: 9.488, 0.999: 18.467}
 
@@ -35,7 +35,7 @@ def recording(seed, scene="far"):
     vessel = {
         "track": {"east_m": east_m, "north_m": north_m, "speed_mps": SPEED_MPS,
                   "course_deg": COURSE_DEG},
-        "frequency_jitter": {"fraction": 1e-4 if scene == "wandering" else 0.0,
+        "frequency_jitter": {"fraction": 1e-4 if scene == "jittering" else 0.0,
                    "correlation_s": 20.0},
         "line": [{"frequency_hz": 126.0, "source_level_db": 140.0}],
     }  # fmt: skip
@@ -86,8 +86,8 @@ def test_the_truth_lies_in_the_stated_region(scene, seed):
 @pytest.mark.parametrize("scene", PLACES_M)
 def test_nineteen_of_twenty_truths_lie_in_the_95_percent_region(scene):
     distances = np.array([distance_of(seed, scene) for seed in range(20)])
-    # a wandering shaft leaves a dozen independent values to tell the deviations from
-    enough = 18 if scene == "wandering" else 19
+    # a jittering shaft leaves a dozen independent values to tell the deviations from
+    enough = 18 if scene == "jittering" else 19
     assert np.count_nonzero(distances < CHI_SQUARE_4[0.95]) >= enough
     # wide error bars are wrong, too: the median of a chi-square of 4 is 3.36
     assert 0.3 < np.median(distances) / 3.357 < 2.0

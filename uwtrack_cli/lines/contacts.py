@@ -44,7 +44,7 @@ _LEAST_COMMON = 4
 """Common times below which two lines are not compared."""
 
 _LINE_WANDER = 2e-5
-"""Relative wander of one machine's lines against each other."""
+"""Relative jitter of one machine's lines against each other."""
 
 _SHAPE_SHARE = 0.2
 """Difference of the Doppler curves of one vessel, relative to their spread."""

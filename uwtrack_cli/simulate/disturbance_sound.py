@@ -34,8 +34,8 @@ from uwtrack_cli.simulate.frequency_jitter import (
 )
 from uwtrack_cli.simulate.noise import (
     TILE,
-    ColouredNoise,
     Density,
+    NoiseGenerator,
     shaping_filter,
 )
 from uwtrack_cli.simulate.scenario import Noise, Recorder, Scenario
@@ -113,7 +113,7 @@ Envelope = Callable[[Array], Array]
 class WeatherNoise:
     """Coloured noise in every channel under an envelope of power."""
 
-    channels: tuple[ColouredNoise, ...]
+    channels: tuple[NoiseGenerator, ...]
     """Noise of every channel at full strength."""
     envelope: Envelope
     """Share of the full power over time."""
@@ -400,7 +400,7 @@ def disturbances(
     def weather(density: Density, stream: int, envelope: Envelope) -> WeatherNoise:
         spectrum = shaping_filter(density, rate)
         channels = [
-            ColouredNoise(
+            NoiseGenerator(
                 scenario.seed, (stream, sensor, c), dipole_share(c) * spectrum
             )
             for c in range(n_channels)

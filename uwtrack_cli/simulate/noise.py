@@ -64,7 +64,7 @@ def shaping_filter(
 
 
 @dataclass
-class ColouredNoise:
+class NoiseGenerator:
     """A stream of coloured tiles, asked for in any order (cheapest in sequence)."""
 
     seed: int

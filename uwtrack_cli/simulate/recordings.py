@@ -34,7 +34,7 @@ from uwtrack_cli.simulate.frequency_jitter import JitterSeries, draw_jitter
 from uwtrack_cli.simulate.interference import ClickSound, HumSound
 from uwtrack_cli.simulate.noise import (
     TILE,
-    ColouredNoise,
+    NoiseGenerator,
     ambient_density,
     shaping_filter,
 )
@@ -190,7 +190,7 @@ class _SensorSound:
         self.vessels: list[VesselSound] = [
             vessel_sound(scenario, i, plan) for i in range(len(scenario.vessels))
         ]
-        self.ambient: list[ColouredNoise] = []
+        self.ambient: list[NoiseGenerator] = []
         self.others: list[HumSound | ClickSound | Disturbance] = []
         self.gain: AmbientGain | None = None
         self.recorder: RecorderFilter | None = None
@@ -202,7 +202,7 @@ class _SensorSound:
     def _add_noise(self, scenario: Scenario, noise: Noise, number: int) -> None:
         spectrum = shaping_filter(lambda f: ambient_density(noise, f), self.rate)
         self.ambient = [
-            ColouredNoise(
+            NoiseGenerator(
                 scenario.seed, (100, number, channel), dipole_share(channel) * spectrum
             )
             for channel in range(self.n_channels)

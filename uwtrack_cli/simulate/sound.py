@@ -28,7 +28,7 @@ from uwtrack_cli.simulate.frequency_jitter import (
     draw_jitter,
     gear_course,
 )
-from uwtrack_cli.simulate.noise import TILE, ColouredNoise, shaping_filter
+from uwtrack_cli.simulate.noise import TILE, NoiseGenerator, shaping_filter
 from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
 from uwtrack_cli.simulate.source_levels import (
     BroadbandSource,
@@ -58,7 +58,7 @@ class Arrival(NamedTuple):
 class SourceSound:
     """Broadband sound at its source, readable at any time near the last one."""
 
-    noise: ColouredNoise
+    noise: NoiseGenerator
     """The Gaussian process at the source."""
     start_s: float
     """Time of its first sample, s."""
@@ -261,7 +261,7 @@ def _source_sound(
         )
 
     spectrum = shaping_filter(prefiltered, rate, MULTIPLE)
-    noise = ColouredNoise(scenario.seed, (202, number), spectrum, MULTIPLE)
+    noise = NoiseGenerator(scenario.seed, (202, number), spectrum, MULTIPLE)
     return SourceSound(noise, start_s, MULTIPLE * rate)
 
 

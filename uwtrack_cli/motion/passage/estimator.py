@@ -5,7 +5,7 @@ the residuals: a robust loss, scales from the data, and the long-run variance of
 coloured noise. All rows of the batch go at once: starts of one data set, or data sets
 of a study. A single data set with coloured noise is then fitted again with the
 covariance of that noise (`fit_with_coloured_noise`): each kind is condensed to one
-residual per instant (the lines of a shaft wander together), and strength and
+residual per instant (the lines of a shaft jitter together), and strength and
 correlation time come from the restricted likelihood.
 
 Rest frequencies, the bearing at closest approach and the level are linear in the

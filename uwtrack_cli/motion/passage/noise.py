@@ -1,7 +1,7 @@
 """Noise of the three kinds of measurement, judged from the residuals of a fit.
 
 **Method.** A scale per row from neighbouring residuals, a variance common to all rows
-of an instant (a shaft whose speed wanders moves all its lines together), and the
+of an instant (a shaft whose speed jitters moves all its lines together), and the
 long-run excess of that common part, which decides how uncertain a sum over a passage
 is. Outliers get Tukey's weights.
 

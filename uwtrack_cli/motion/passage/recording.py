@@ -1,6 +1,6 @@
 """Every passage of a recording: those of its lines, and those of its broadband.
 
-**Method.** The broadband belongs to nobody in particular. It is given to the only
+**Method.** The broadband has no contact of its own. It is given to the only
 contact that passes, if it agrees with its lines; where no line shows a passage, the
 broadband is examined first, with the lines that follow it. Where it tells of passages
 that no contact accounts for, each is examined with what the others put into the
