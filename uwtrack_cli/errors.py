@@ -24,3 +24,7 @@ class OptionError(UwtrackError, ValueError):
 
 class UwtrackWarning(UserWarning):
     """Something was repaired or assumed; the message says what to do about it."""
+
+
+class UwtrackNote(UwtrackWarning):
+    """Something does not follow from the input; the result says so in its place."""

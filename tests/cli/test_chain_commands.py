@@ -62,7 +62,7 @@ def test_a_second_product_that_a_page_would_not_show_is_refused(uwtrack, short_p
 def test_show_alone_prints_the_table_of_the_command(uwtrack, samples):
     done = uwtrack("run", samples / "pass.wav", "-o", "one.run.h5")
     shown = uwtrack("show", "one.run.h5").stdout
-    assert "range/speed" in shown
+    assert "speed m/s" in shown
     assert shown in done.stderr
     located = uwtrack("locate", "one.run.h5", "--at", 300, "-o", "one.fixes.h5")
     shown = uwtrack("show", "one.fixes.h5").stdout

@@ -45,7 +45,7 @@ def hostile(tmp_path_factory, short_pass):
         f"id = '{SENSOR}'\ndepth_m = 20.0\nlatitude = 50.0\nlongitude = -4.0\n"
         'kind = "difar"\nchannels = ["omni", "east", "north"]\n'
     )
-    words = ["run", folder / NAME, "--sensor", folder / "sensor.toml"]
+    words = ["run", folder / NAME, "--sensor", folder / "sensor.toml", "-v"]
     done = CliRunner().invoke(
         app, [*map(str, words), "-o", str(folder / "p\x1b.run.h5")]
     )
@@ -66,6 +66,7 @@ def test_a_terminal_shows_names_and_obeys_none(uwtrack, hostile, tmp_path):
         "out",
         "--jobs",
         1,
+        "-v",
         "--sensor",
         hostile.with_name("sensor.toml"),
     )
@@ -91,6 +92,7 @@ def test_the_report_of_a_batch_is_read_back(uwtrack, hostile, tmp_path):
         "out",
         "--jobs",
         1,
+        "-v",
         "--sensor",
         hostile.with_name("sensor.toml"),
     ]

@@ -1,4 +1,4 @@
-"""What could have been found is said by every command that follows lines."""
+"""What could have been found is said, with -v, by every command that follows lines."""
 
 import re
 
@@ -20,8 +20,8 @@ def spectrogram(uwtrack, short_pass):
 
 def test_track_and_trace_say_what_they_would_have_found(uwtrack, spectrogram):
     assert uwtrack("peaks", spectrogram, "-q").exit_code == 0
-    tracked = PROMISE.search(uwtrack("track", "p.peaks.h5").stderr)
-    done = uwtrack("trace", spectrogram, "-o", "t.lines.h5")
+    tracked = PROMISE.search(uwtrack("track", "p.peaks.h5", "-v").stderr)
+    done = uwtrack("trace", spectrogram, "-o", "t.lines.h5", "-v")
     traced = PROMISE.search(done.stderr)
     assert tracked is not None
     assert traced is not None
@@ -32,11 +32,12 @@ def test_track_and_trace_say_what_they_would_have_found(uwtrack, spectrogram):
     assert traced[4] is None
 
 
-def test_a_run_says_it_too_and_quietly_says_nothing(uwtrack, short_pass):
-    loud = uwtrack("run", short_pass, "-o", "a.h5", "--set",
+def test_a_run_says_it_when_details_are_asked_for(uwtrack, short_pass):
+    loud = uwtrack("run", short_pass, "-o", "a.h5", "-v", "--set",
                    "track.score.false_lines_per_khz_hour=0.25")  # fmt: skip
     said = PROMISE.search(loud.stderr)
     assert said is not None
     assert said[1] == "0.25"
-    quiet = uwtrack("run", short_pass, "-o", "b.h5", "-q")
-    assert PROMISE.search(quiet.stderr) is None
+    for words in ([], ["-q"]):
+        quiet = uwtrack("run", short_pass, "-o", "b.h5", "--overwrite", *words)
+        assert PROMISE.search(quiet.stderr) is None

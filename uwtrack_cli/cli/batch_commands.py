@@ -2,14 +2,21 @@
 
 import inspect
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite, command
-from uwtrack_cli.cli.console import SOME_FAILED, progress_bar, put, say, show_table
+from uwtrack_cli.cli.console import (
+    SOME_FAILED,
+    is_verbose,
+    progress_bar,
+    put,
+    say,
+    show_table,
+)
 from uwtrack_cli.cli.run_commands import DEFAULT_RECIPE, RecipeName, Settings
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, with_parameters
 from uwtrack_cli.errors import OptionError
@@ -154,16 +161,39 @@ def _tell(outcomes: "Sequence[Outcome]", folder: Path, *, as_json: bool) -> None
     if as_json:
         put([json.dumps(rows, ensure_ascii=False)])
         return
-    heads = ("source", "status", "encounters", "message")
-    shown = [
-        (Path(r["source"]).name, r["status"], str(r["n_encounters"]), r["message"])
-        for r in rows
-    ]
-    show_table(heads, shown)
+    if is_verbose():
+        heads = ("source", "status", "passages")
+        show_table(
+            heads,
+            [
+                (Path(r["source"]).name, r["status"], str(r["n_encounters"]))
+                for r in rows
+            ],
+        )
+    for row in rows:
+        if row["status"] == "failed":
+            say(f"failed: {Path(row['source']).name}: {row['message']}")
+    for text in _repeated(rows):
+        say(f"warning: {text}")
     counts = {
         s: sum(r["status"] == s for r in rows) for s in ("done", "resumed", "failed")
     }
-    say(", ".join(f"{n} {status}" for status, n in counts.items() if n))
+    told = ", ".join(f"{n} {status}" for status, n in counts.items() if n)
+    n_passages = sum(r["n_encounters"] for r in rows)
+    say(f"{told}; {n_passages} passages: uwtrack passages {folder}")
+
+
+def _repeated(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the warnings of a batch, one that many recordings share but once."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        if row["status"] != "failed" and row["message"]:
+            name = Path(row["source"]).name
+            text = str(row["message"]).replace(row["source"], "").replace(name, "")
+            found.setdefault(text, []).append(str(row["message"]))
+    for messages in found.values():
+        others = len(messages) - 1
+        yield messages[0] + (f" (and {others} more like it)" if others else "")
 
 
 def rerun(

@@ -17,7 +17,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
+from uwtrack_cli.errors import (
+    DataError,
+    OptionError,
+    OutputError,
+    UwtrackNote,
+    UwtrackWarning,
+)
 from uwtrack_cli.files.text_escaping import plain_text
 
 DONE, FAILED, USAGE, SOME_FAILED, OUTSIDE = 0, 1, 2, 3, 4
@@ -49,6 +55,11 @@ def set_verbosity(level: int) -> None:
     _verbosity = level
 
 
+def is_verbose() -> bool:
+    """Tell whether the user asked for details."""
+    return _verbosity > 0
+
+
 def say(text: str, level: int = 0) -> None:
     """Write a line to standard error unless the user asked for less."""
     if _verbosity >= level:
@@ -68,10 +79,18 @@ def put(lines: Iterable[str]) -> None:
         print(plain_text(line))
 
 
+TABLE_COLUMNS = 80
+"""Characters in a line of a table that goes to a file or another program."""
+
+
 def show_table(
-    heads: Sequence[str], rows: Iterable[Sequence[str]], *, is_data: bool = False
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    is_data: bool = False,
+    spare: Sequence[str] = (),
 ) -> None:
-    """Draw a table for people.
+    """Draw a table for people, with fewer columns where all of them do not fit.
 
     Parameters
     ----------
@@ -82,18 +101,41 @@ def show_table(
     is_data
         Whether the table is what was asked for, and goes to standard output; else it
         goes to standard error, beside data, and is left out by ``--quiet``.
+    spare
+        Titles of the columns that are left out of a narrow table, the first one first.
     """
     if _verbosity < 0 and not is_data:
         return
+    console = _console(stderr=not is_data)
+    width = console.width if console.is_terminal else TABLE_COLUMNS
+    kept = _fitting(heads, rows, spare, width)
+    heads = [heads[k] for k in kept]
+    rows = [[row[k] for k in kept] for row in rows]
     table = Table(box=None, pad_edge=False)
     for head in heads:
         table.add_column(head, justify="right", overflow="fold")
     for row in rows:
         table.add_row(*map(plain_text, row))
-    console = _console(stderr=not is_data)
-    if not console.is_terminal:
+    if not console.is_terminal:  # what still does not fit is not broken there
         console = _console(stderr=not is_data, width=160)
     console.print(table)
+
+
+def _fitting(
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    spare: Sequence[str],
+    width: int,
+) -> list[int]:
+    """Return the numbers of the columns that fit, without the spare ones if need be."""
+    cells = [[head, *(row[k] for row in rows)] for k, head in enumerate(heads)]
+    widths = [max(len(plain_text(cell)) for cell in column) for column in cells]
+    kept = list(range(len(heads)))
+    for title in spare:
+        if sum(widths[k] + 2 for k in kept) - 2 <= width:
+            break
+        kept = [k for k in kept if heads[k] != title]
+    return kept
 
 
 def _console(*, stderr: bool = True, width: int | None = None) -> Console:
@@ -237,5 +279,7 @@ def _words(error: BaseException) -> str:
 def _show_warning(
     message: Warning | str, category: type[Warning], *_: object, **__: object
 ) -> None:
-    if issubclass(category, UwtrackWarning):
+    if issubclass(category, UwtrackNote):
+        say(f"note: {message}", 1)
+    elif issubclass(category, UwtrackWarning):
         say(f"warning: {message}")

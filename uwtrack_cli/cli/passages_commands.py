@@ -12,13 +12,22 @@ from uwtrack_cli.cli.command_factory import Overwrite, command
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.cli.targets import PIPE
 from uwtrack_cli.errors import OptionError
+from uwtrack_cli.files.tables.summaries import Head, utc_text
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.passages import PassageRow, PassageTable
 
 Form = Literal["table", "csv", "json", "jsonl", "parquet", "geojson"]
 
-HEADS = ("time UTC", "sensor", "status", "speed m/s", "range m", "course deg", "vessel")
+NUMBERS = (
+    Head("speed m/s", "speed_mps", 2, "speed_std_mps"),
+    Head("range m", "slant_range_m", 0, "slant_range_std_m"),
+    Head("course deg", "course_deg", 0, "course_std_deg"),
+    Head("level dB", "received_level_db", 1, "received_level_std_db"),
+)
+HEADS = ("time UTC", "sensor", "vessel", "status", *(head.title for head in NUMBERS))
+SPARE = ("level dB", "status", "course deg", "sensor")
+"""Columns that a narrow table does without."""
 
 
 def register(app: typer.Typer, name: str) -> None:
@@ -123,7 +132,7 @@ def _write_passages(
     )
 
     if form == "table" and output is None:
-        show_table(HEADS, [_cells(row) for row in rows], is_data=True)
+        _show_passages(rows)
     elif form == "geojson":
         placed = sum(row.latitude is not None for row in rows)
         if placed < len(rows):
@@ -174,20 +183,21 @@ def _place(lines: Any, output: Path | None, overwrite: bool) -> None:
         temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
+def _show_passages(rows: "Sequence[PassageRow]") -> None:
+    """Print the table for people; columns in which nothing is known are left out."""
+    cells = [_cells(row) for row in rows]
+    columns = zip(HEADS, zip(*cells, strict=True), strict=True) if cells else ()
+    known = {head: column for head, column in columns if set(column) != {"-"}}
+    shown = list(zip(*known.values(), strict=True)) if known else []
+    show_table(list(known or HEADS), shown, is_data=True, spare=SPARE)
+
+
 def _cells(row: "PassageRow") -> tuple[str, ...]:
-    when = row.time_utc or (f"{row.time_s:.1f} s" if row.time_s is not None else "-")
-    return (
-        when.replace("T", " ")[:19],
-        row.sensor,
-        row.status,
-        _with_std(row.speed_mps, row.speed_std_mps, 2),
-        _with_std(row.slant_range_m, row.slant_range_std_m, 0),
-        _with_std(row.course_deg, row.course_std_deg, 0),
-        row.vessel or "-",
-    )
-
-
-def _with_std(value: float | None, std: float | None, digits: int) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.{digits}f}" + ("" if std is None else f" ± {std:.{digits}f}")
+    when = f"{row.time_s:.1f} s" if row.time_s is not None else "-"
+    name = row.vessel or "-"
+    if row.vessel_probability is not None:
+        name += f" {100.0 * row.vessel_probability:.0f} %"
+    facts = asdict(row)
+    numbers = (head.text(facts) for head in NUMBERS)
+    when = utc_text(row.time_utc) if row.time_utc else when
+    return (when, row.sensor, name, row.status, *numbers)

@@ -1,12 +1,15 @@
 """Results for people and for programs: a short table or sentences, or JSON."""
 
+from collections.abc import Iterator, Sequence
+from typing import Any
+
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.data.base import Container, HasReasons
-from uwtrack_cli.files.tables.summaries import SUMMARIES
+from uwtrack_cli.files.tables.summaries import SUMMARIES, summary_of
 
 NOTHING = {
     "encounters": "no vessel was found",
-    "fixes": "no position follows",
+    "fixes": "no position follows; -v says why",
     "motions": "no motion follows",
 }
 
@@ -68,16 +71,31 @@ def _print_summary(container: Container, *, is_data: bool) -> None:
     if not rows:
         say(NOTHING[container.NAME])
         return
-    heads = SUMMARIES[container.NAME]
-    shown = [[head.text(row) for head in heads] for row in rows]
-    show_table([head.title for head in heads], shown, is_data=is_data)
+    summary = summary_of(container.NAME, rows)
+    show_table(summary.titles, summary.rows, is_data=is_data, spare=summary.spare)
     for name in SPOKEN.get(container.NAME, ()):
         texts = getattr(container, name)
         for text in [texts] if isinstance(texts, str) else texts.tolist():
             if text:
                 say(text)
-    keys = {head.key for head in heads}
+    for text in _reasons(container.NAME, rows):
+        say(text)
+
+
+def _reasons(name: str, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield why values of a summary are missing, every reason once."""
+    shown = {head.key for head in SUMMARIES[name]}
+    keys: dict[str, dict[str, None]] = {}
+    contacts: dict[str, dict[int, None]] = {}
     for row in rows:
         for key, reason in (row.get("reasons") or {}).items():
-            if key in keys:
-                say(f"contact {row['contact']}: no {key}: {reason}")
+            if key in shown:
+                keys.setdefault(reason, {})[key] = None
+                contacts.setdefault(reason, {})[row["contact"]] = None
+    everyone = {row["contact"] for row in rows}
+    for reason, missing in keys.items():
+        whose = ""
+        if set(contacts[reason]) != everyone:
+            numbers = ", ".join(map(str, contacts[reason]))
+            whose = f"contact {numbers}: "
+        yield f"{whose}no {', '.join(missing)}: {reason}"

@@ -128,7 +128,8 @@ HEADS = ("contact", "sensor", "vessel", "quantity", "estimate", "truth", "error"
 
 def _show(found: "ProductScore") -> None:
     if found.scores:
-        show_table(HEADS, [_cells(item) for item in found.scores])
+        rows = [_cells(item) for item in found.scores]
+        show_table(HEADS, rows, spare=("std", "contact", "sensor", "truth"))
     for who in found.identities:
         chances = ", ".join(f"{name} {p:.3f}" for name, p in who.candidates)
         say(

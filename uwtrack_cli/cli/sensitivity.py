@@ -1,6 +1,7 @@
 """What a run could have found, said beside what it found.
 
-**Conventions.** One sentence per sensor, on standard error.
+**Conventions.** One sentence per sensor, on standard error, with ``--verbose``; the
+numbers are in the product's lines.
 """
 
 from collections.abc import Iterable
@@ -36,4 +37,4 @@ def say_sensitivity(made: Iterable[Container]) -> None:
         )
         if np.isfinite(row["threshold"]):
             text += f"; the detection threshold is {row['threshold']:.1f} dB"
-        say(text)
+        say(text, 1)

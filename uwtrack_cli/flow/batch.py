@@ -16,7 +16,7 @@ from typing import Any
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import DataError, OutputError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OutputError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.hdf5.product import (
     ProductWriter,
     Source,
@@ -108,10 +108,16 @@ def run_job(job: Job) -> Outcome:
         except Exception as error:  # noqa: BLE001 - a row, whatever happened
             reason = f"the program failed ({type(error).__name__}: {error})."
             outcome = replace(blank, message=reason)
-    warned = [str(w.message) for w in said if issubclass(w.category, UwtrackWarning)]
+    warned = [str(w.message) for w in said if _is_warning(w.category)]
     if outcome.status != FAILED and warned:
         outcome = replace(outcome, message=" ".join(dict.fromkeys(warned)))
     return replace(outcome, cpu_s=round(time.process_time() - begin, 3))
+
+
+def _is_warning(category: type[Warning]) -> bool:
+    return issubclass(category, UwtrackWarning) and not issubclass(
+        category, UwtrackNote
+    )
 
 
 def _make(job: Job, blank: Outcome) -> Outcome:

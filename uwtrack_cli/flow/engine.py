@@ -31,6 +31,9 @@ from uwtrack_cli.flow.step import Step
 Progress = Callable[[float], None]
 """Called with the time in seconds that has been dealt with."""
 
+STREAM_SHARE = 0.8
+"""Share of a run's time that is told while its sound passes by; the fits follow."""
+
 
 class Sink(Protocol):
     """Takes what stays of a run, and gives it back whole."""
@@ -100,7 +103,7 @@ class Engine:
         recording
             The recording, opened for reading.
         progress
-            Called after each block.
+            Called after each block, and after each of the fits that follow.
         """
         sources = [n.step for n in self.graph.nodes if n.step.stage.kind == "source"]
         shared = shared_readers(recording, len(sources))
@@ -119,8 +122,8 @@ class Engine:
             reached[name] = max(reached[name], _end_s(block))
             self.push(name, block, by_name[name])
             if progress is not None:
-                progress(min(reached[key] for key in streams))
-        self.finish()
+                progress(STREAM_SHARE * min(reached[key] for key in streams))
+        self.finish(_share_of(progress, recording.duration_s))
 
     def push(self, origin: str | None, block: Container, step: Step | None) -> None:
         """Push a block through all that follows from it.
@@ -143,14 +146,22 @@ class Engine:
                 made[name] = stream.push(made[source])
                 self._keep(stream.node.step, made[name])
 
-    def finish(self) -> None:
-        """End the streams in order, then run the whole stages."""
+    def finish(self, progress: Progress | None = None) -> None:
+        """End the streams in order, then run the whole stages.
+
+        Parameters
+        ----------
+        progress
+            Called after each whole stage, with the share of them that is done.
+        """
         for name, stream in self._streams.items():
             for rest in stream.finish():
                 self.push(name, rest, stream.node.step)
-        for node in self.graph.nodes:
-            if node.step.stage.kind == "whole":
-                self._sink.write(node.step, self._whole(node))
+        last = [node for node in self.graph.nodes if node.step.stage.kind == "whole"]
+        for number, node in enumerate(last, 1):
+            self._sink.write(node.step, self._whole(node))
+            if progress is not None:
+                progress(number / len(last))
 
     def _keep(self, step: Step, block: Container) -> None:
         if step.name in self.graph.outputs:
@@ -221,6 +232,15 @@ def run_recipe(
     Engine(graph, given, sink).run_recording(recording, progress)
     steps = [step for step in graph.steps() if step.name in graph.outputs]
     return [recording, recording.sensor, *(sink.read(step) for step in steps)]
+
+
+def _share_of(progress: Progress | None, duration_s: float) -> Progress | None:
+    """Return the progress of what follows when the sound has passed by."""
+    if progress is None:
+        return None
+    return lambda done: progress(
+        duration_s * (STREAM_SHARE + (1 - STREAM_SHARE) * done)
+    )
 
 
 def context_of(recording: Recording) -> list[Container]:

@@ -25,7 +25,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
 from uwtrack_cli.motion.fusion.motion_fit import clock_errors
 from uwtrack_cli.motion.fusion.sensor_table import Passages, gather_passages
 from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
@@ -98,7 +98,7 @@ def locate_vessels(
                 f"no position for the encounter of sensor {names}: one sensor needs "
                 "a speed and a bearing; give the encounters of more sensors."
             )
-            warnings.warn(msg, UwtrackWarning, stacklevel=2)
+            warnings.warn(msg, UwtrackNote, stacklevel=2)
             continue
         vessel += 1
         clocks += _clock_statements(passages, modes[0])

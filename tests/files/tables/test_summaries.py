@@ -2,7 +2,13 @@
 
 import pytest
 
-from uwtrack_cli.files.tables.summaries import SUMMARIES, Head
+from uwtrack_cli.files.tables.summaries import (
+    SPARE,
+    SUMMARIES,
+    Head,
+    summary_of,
+    utc_text,
+)
 
 HEAD = Head("time s", "time_s", 1, "time_std_s")
 
@@ -28,3 +34,47 @@ def test_every_deviation_stands_beside_its_value():
         for head in heads:
             stem, _, unit = head.key.rpartition("_")
             assert head.std in (None, f"{stem}_std_{unit}")
+
+
+ROW = {"contact": 1, "sensor": "h1", "status": "ok", "time_s": 148.05,
+       "time_std_s": 0.04, "time_utc": "2024-05-01T12:02:28.0496Z",
+       "speed_mps": 6.0, "speed_std_mps": 0.01, "course_deg": None}  # fmt: skip
+
+
+def test_what_is_nowhere_known_has_no_column():
+    titles = summary_of("encounters", [ROW]).titles
+    assert "course deg" not in titles
+    assert (
+        "course deg"
+        in summary_of("encounters", [ROW, ROW | {"course_deg": 8.0}]).titles
+    )
+
+
+def test_times_are_utc_where_all_of_them_are_known():
+    column = {title: cells[0] for title, *cells in zip(*_table([ROW]), strict=True)}
+    assert column["UTC 2024-05-01"] == "12:02:28.05 ± 0.04"
+    later = ROW | {"time_utc": "2024-05-02T00:00:01Z", "time_std_s": 2.0}
+    column = dict(zip(*_table([ROW, later])[::2], strict=True))
+    assert column["time UTC"] == "2024-05-02 00:00:01.0 ± 2.0"
+    unknown = _table([ROW, ROW | {"time_utc": None}])
+    assert "time s" in unknown[0]
+
+
+def _table(rows):
+    summary = summary_of("encounters", rows)
+    return [summary.titles, *summary.rows]
+
+
+def test_the_day_of_a_rounded_time_is_that_of_what_is_shown():
+    assert utc_text("2024-12-31T23:59:59.5Z") == "2025-01-01 00:00:00"
+    assert utc_text("2024-05-01T12:00:00.123456Z", 3) == "2024-05-01 12:00:00.123"
+
+
+def test_the_sensor_is_spared_only_where_there_is_one():
+    assert "sensor" in summary_of("encounters", [ROW]).spare
+    assert "sensor" not in summary_of("encounters", [ROW, ROW | {"sensor": "h2"}]).spare
+
+
+@pytest.mark.parametrize("name", SUMMARIES)
+def test_what_can_be_spared_is_a_column(name):
+    assert set(SPARE[name]) <= {head.title for head in SUMMARIES[name]}

@@ -1,11 +1,19 @@
-"""Results in the words and digits of a short table, for screens and reports."""
+"""Results in the words and digits of a short table, for screens and reports.
 
+**Conventions.** A column in which nothing is known is left out. Times are UTC where the
+start of every recording is known, and seconds from the first sample where not.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from uwtrack_cli.files.utc import format_utc, parse_utc
+
 Row = dict[str, Any]
+NOT_KNOWN = "-"
 
 
 @dataclass(frozen=True)
@@ -25,7 +33,7 @@ class Head:
         """Return the cell of a row; a dash stands for what is not known."""
         value = row.get(self.key)
         if value is None:
-            return "-"
+            return NOT_KNOWN
         if self.digits is None:
             return str(value)
         deviation = row.get(self.std) if self.std else None
@@ -72,6 +80,84 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
     ),
 }
 """Columns of the summary by the name of the container."""
+
+
+SPARE: dict[str, tuple[str, ...]] = {
+    "encounters": ("range/speed s", "sensor", "bearing deg", "side", "contact"),
+    "fixes": ("east m", "north m", "speed m/s", "course deg", "weight"),
+    "motions": ("weight", "mode", "observable"),
+}
+"""Columns that a narrow screen can do without, by the name of the container."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A table for people."""
+
+    titles: tuple[str, ...]
+    """Headings of the columns."""
+    rows: tuple[tuple[str, ...], ...]
+    """Cells, row by row."""
+    spare: tuple[str, ...]
+    """Headings of what a narrow screen can do without, the first one first."""
+
+
+def summary_of(name: str, rows: Sequence[Row]) -> Summary:
+    """Return the summary of a container.
+
+    Parameters
+    ----------
+    name
+        Name of the container, a key of ``SUMMARIES``.
+    rows
+        Its rows, as plain values.
+    """
+    columns = {head.title: [head.text(r) for r in rows] for head in SUMMARIES[name]}
+    titles = {title: title for title in columns}
+    if rows and all(row.get("time_utc") for row in rows) and "time s" in columns:
+        head = next(head for head in SUMMARIES[name] if head.title == "time s")
+        titles["time s"], columns["time s"] = _times(rows, head)
+    known = {
+        title: cells
+        for title, cells in columns.items()
+        if not cells or any(cell != NOT_KNOWN for cell in cells)
+    }
+    spare = [s for s in SPARE[name] if s in known]
+    if len(set(known.get("sensor", ()))) > 1:
+        spare.remove("sensor")
+    return Summary(
+        tuple(titles[title] for title in known),
+        tuple(zip(*known.values(), strict=True)),
+        tuple(spare),
+    )
+
+
+def utc_text(time_utc: str, digits: int = 0) -> str:
+    """Return a time for people, rounded to so many decimals of a second.
+
+    Examples
+    --------
+    >>> utc_text("2024-05-01T23:59:59.96Z", 1)
+    '2024-05-02 00:00:00.0'
+    """
+    step = 10 ** (9 - digits)
+    rounded = (parse_utc(time_utc) + step // 2) // step * step
+    whole, _, fraction = format_utc(rounded)[:-1].replace("T", " ").partition(".")
+    return f"{whole}.{fraction.ljust(digits, '0')[:digits]}" if digits else whole
+
+
+def _times(rows: Sequence[Row], head: Head) -> tuple[str, list[str]]:
+    """Return title and cells of a column of UTC; a day common to all is its title."""
+    stds = [row.get(head.std) if head.std else None for row in rows]
+    digits = [max(head.digits or 0, _digits(std or 0.0)) for std in stds]
+    cells = [utc_text(r["time_utc"], n) for r, n in zip(rows, digits, strict=True)]
+    days = {cell[:10] for cell in cells}
+    title = f"UTC {min(days)}" if len(days) == 1 else "time UTC"
+    shown = [cell[11:] for cell in cells] if len(days) == 1 else cells
+    return title, [
+        cell if std is None else f"{cell} ± {std:.{n}f}"
+        for cell, std, n in zip(shown, stds, digits, strict=True)
+    ]
 
 
 def _digits(deviation: float) -> int:
