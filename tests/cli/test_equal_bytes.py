@@ -1,5 +1,8 @@
 """The same recordings give the same bytes, whoever makes the products and when."""
 
+import os
+import subprocess
+import sys
 import time
 
 import pytest
@@ -59,3 +62,23 @@ def test_a_product_made_from_one_that_was_made_again_is_the_same(recordings, uwt
         assert any(source.name == "a.spectrogram.h5"
                    for step in product.history for source in step.sources)  # fmt: skip
     assert uwtrack("verify", "a.levels.h5").exit_code == 0
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "1"), ("3", "3")])
+def test_blas_has_one_thread_unless_the_environment_says_otherwise(given, used):
+    program = (
+        "import os, sys\n"
+        "from uwtrack_cli.cli import main\n"
+        "assert 'numpy' not in sys.modules\n"
+        "sys.argv = ['uwtrack', '--version']\n"
+        "try:\n    main()\n"
+        "finally:\n    print(os.environ['OPENBLAS_NUM_THREADS'])\n"
+    )
+    environment = {k: v for k, v in os.environ.items() if "NUM_THREADS" not in k}
+    if given is not None:
+        environment["OPENBLAS_NUM_THREADS"] = given
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True,
+        text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.splitlines()[-1] == used

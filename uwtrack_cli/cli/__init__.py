@@ -1,8 +1,19 @@
 """The command line: the only floor that knows typer, rich and exit codes."""
 
+import os
+
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+"""Variables by which the usual BLAS libraries are told their number of threads."""
+
 
 def main() -> None:
-    """Run the program; the console script's entry."""
+    """Run the program; the console script's entry.
+
+    BLAS works in one thread unless the environment says otherwise: how sums are parted
+    among threads changes their last digits, and the matrices are too small to gain.
+    """
+    for name in BLAS_THREADS:  # before numpy is imported
+        os.environ.setdefault(name, "1")
     from uwtrack_cli.cli.app import app
 
     app()
