@@ -222,6 +222,36 @@ def _ending_in_order() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+@contextmanager
+def signals_end(end: Callable[[], None]) -> Iterator[None]:
+    """Let the first signal to end call a function; the next one ends the command.
+
+    Parameters
+    ----------
+    end
+        Ends what is waited for, so that the command goes on to its own end.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in [signal.SIGINT, *ENDING]}
+
+    def meet(number: int, _: FrameType | None) -> None:
+        for other, handler in before.items():
+            signal.signal(other, handler)
+        say(f"{signal.Signals(number).name}: finishing what is open; once more to stop")
+        end()
+
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:  # not with nohup
+            signal.signal(number, meet)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def _end(number: int, _: FrameType | None) -> None:
     for other in ENDING:  # what is under way then is not disturbed again
         signal.signal(other, signal.SIG_IGN)

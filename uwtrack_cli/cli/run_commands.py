@@ -8,6 +8,12 @@ import typer
 
 from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite, command
 from uwtrack_cli.cli.console import progress_bar, put, say, say_wrote
+from uwtrack_cli.cli.live_run import (
+    LIVE_PARAMETERS,
+    LiveOptions,
+    live_target,
+    run_live,
+)
 from uwtrack_cli.cli.results import print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
@@ -48,7 +54,7 @@ def register(app: typer.Typer, name: str) -> None:
         p.replace(annotation=SENSOR_EACH) if p.name == "sensor" else p
         for p in SOURCE_PARAMETERS
     ]
-    named = {"run": with_parameters(run, own), "recipes": recipes}
+    named = {"run": with_parameters(run, [*LIVE_PARAMETERS, *own]), "recipes": recipes}
     command(app, name)(named[name])
 
 
@@ -56,7 +62,9 @@ def run(
     *,
     sources: Annotated[
         list[Path],
-        typer.Argument(help="Recordings: WAV, RF64, W64, FLAC or AIFF."),
+        typer.Argument(
+            help="Recordings: WAV, RF64, W64, FLAC or AIFF; - or a named pipe is live."
+        ),
     ],
     recipe: RecipeName = DEFAULT_RECIPE,
     settings: Settings = None,
@@ -72,6 +80,10 @@ def run(
 
     Writes pass.run.h5 with everything but the spectrogram and prints the encounters.
     Recordings of different sensors that overlap in time are fused into one more file.
+
+    Sound that is still coming is taken from a pipe (uwtrack run - -o pass.run.h5), from
+    a named pipe, or with --follow from a file that is being written. Ctrl-C finishes
+    what is open and writes the file.
     """
     from uwtrack_cli.cli.targets import PIPE, product_name, write_containers
     from uwtrack_cli.files.atomic import check_target
@@ -83,6 +95,17 @@ def run(
         msg = f"--output names one file, and there are {len(sources)} recordings."
         raise OptionError(msg)
     keep: list[type[Container]] = [Peaks, Families] if keep_peaks else []
+    live = LiveOptions(**{p.name: source_options.pop(p.name) for p in LIVE_PARAMETERS})
+    if live.is_live(sources):
+        (source,) = sources
+        (sensor,) = _sensor_of_each(sources, source_options.pop("sensor"))
+        target = live_target(source, output, as_json=json_output)
+        options = {**source_options, "sensor": sensor}
+        held = run_live(
+            source, live, options, chosen, keep, target, overwrite=overwrite
+        )
+        _print_all(held, as_json=json_output)
+        return
     sensors = _sensor_of_each(sources, source_options.pop("sensor"))
     recordings = [
         open_source(source, {**source_options, "sensor": sensor})

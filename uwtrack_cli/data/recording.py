@@ -1,8 +1,8 @@
 """A recording: samples that are read block by block, and never held as a whole."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,27 @@ Reader = Callable[[int], Iterator[Samples]]
 
 One that can go back has a method ``stretch(first_sample, n_samples)``, too.
 """
+
+UNENDED = 1 << 62
+"""Samples of a recording that has not ended: more than there can be."""
+
+
+@runtime_checkable
+class LiveSource(Protocol):
+    """A reader of sound that is still coming, and can be read once."""
+
+    n_samples: int
+    """Samples per channel that were read so far."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything that came."""
+
+    def __call__(self, block_samples: int) -> Iterator[Samples]:
+        """Yield blocks of so many samples, the last one shorter."""
+
+    def end(self) -> None:
+        """End the sound here."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,8 +69,32 @@ class Recording(Container):
 
     @property
     def duration_s(self) -> float:
-        """Length of the recording, s."""
+        """Length of the recording, s; of one that has not ended, beyond all bounds."""
         return self.n_samples / self.sample_rate_hz
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the sound is still coming, so that its length is not known."""
+        return self.n_samples == UNENDED
+
+    def ended(self) -> "Recording":
+        """Return the recording as it is when its sound has been read.
+
+        Live sound has its length and digest then; any other recording stays as it is.
+        """
+        if not (self.is_live and isinstance(self.reader, LiveSource)):
+            return self
+        return replace(self, n_samples=self.reader.n_samples, digest=self.reader.digest)
+
+    def block_samples(self, usual: int) -> int:
+        """Return how many samples to read at once: of live sound at most a second.
+
+        Parameters
+        ----------
+        usual
+            Samples per channel that are read at once when nobody waits for them.
+        """
+        return min(usual, max(1, round(self.sample_rate_hz))) if self.is_live else usual
 
     def stretch(self, start_s: float, stop_s: float) -> Samples:
         """Read a stretch of the sound again.

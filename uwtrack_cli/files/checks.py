@@ -1,9 +1,24 @@
 """Whether a path names a file that can be read."""
 
+import stat
 from pathlib import Path
 
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.input_ledger import as_input
+
+STANDARD_INPUT = Path("-")
+"""How standard input is named."""
+
+
+def is_pipe(path: Path) -> bool:
+    """Tell whether a path is standard input, a named pipe or a device: read once."""
+    if path == STANDARD_INPUT:
+        return True
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
 
 
 def check_readable(path: Path) -> None:

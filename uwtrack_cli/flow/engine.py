@@ -113,17 +113,23 @@ class Engine:
             streams[step.name] = step.stage.function(opened, **step.options)
         by_name = {step.name: step for step in sources}
         reached = dict.fromkeys(streams, 0.0)
+        began: set[str] = set()
         while streams:
             name = min(streams, key=lambda key: reached[key])
             block = next(streams[name], None)
             if block is None:
+                if name not in began:
+                    raise DataError(_too_short(recording.ended(), by_name[name]))
                 del streams[name]
                 continue
+            began.add(name)
             reached[name] = max(reached[name], _end_s(block))
             self.push(name, block, by_name[name])
             if progress is not None:
                 progress(STREAM_SHARE * min(reached[key] for key in streams))
-        self.finish(_share_of(progress, recording.duration_s))
+        ended = recording.ended()
+        self._given = [ended if c is recording else c for c in self._given]
+        self.finish(_share_of(progress, ended.duration_s))
 
     def push(self, origin: str | None, block: Container, step: Step | None) -> None:
         """Push a block through all that follows from it.
@@ -181,6 +187,13 @@ class Engine:
         return made
 
 
+def _too_short(recording: Recording, step: Step) -> str:
+    return (
+        f"{recording.name} lasts {recording.duration_s:g} s, which is too short for "
+        f"the first frame of {step.name}; give it a shorter window."
+    )
+
+
 def _as_argument(step: Step, wanted: Input, found: Sequence[Container]) -> Any:
     """Return what a parameter takes of the containers found for it."""
     kinds = " or ".join(kind.NAME for kind in wanted.kinds)
@@ -231,7 +244,7 @@ def run_recipe(
     given = context_of(recording)
     Engine(graph, given, sink).run_recording(recording, progress)
     steps = [step for step in graph.steps() if step.name in graph.outputs]
-    return [recording, recording.sensor, *(sink.read(step) for step in steps)]
+    return [recording.ended(), recording.sensor, *(sink.read(step) for step in steps)]
 
 
 def _share_of(progress: Progress | None, duration_s: float) -> Progress | None:

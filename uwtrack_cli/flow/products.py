@@ -117,9 +117,10 @@ def run_into_product(
     graph = recipe.graph(keep).resolved(recording)
     sink = ProductSink(writer, graph)
     engine = Engine(graph, context_of(recording), sink)
+    engine.run_recording(recording, progress)
+    recording = recording.ended()
     writer.write(recording)
     writer.write(recording.sensor)
-    engine.run_recording(recording, progress)
     writer.history = history_of_graph(
         graph, sources or [source_of_recording(recording)]
     )

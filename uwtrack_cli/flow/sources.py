@@ -9,8 +9,14 @@ from uwtrack_cli.data.options import convert
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import SoundSpeed
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.audio.live_recording import (
+    NOW,
+    RawSound,
+    open_live_recording,
+)
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.audio.start_time import find_start_utc_ns
+from uwtrack_cli.files.checks import STANDARD_INPUT
 from uwtrack_cli.files.tables.sensors import find_sensor
 
 NO_OPTIONS: dict[str, Any] = {
@@ -57,7 +63,62 @@ def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
         stop_s=chosen["stop_s"],
         allow_truncated=chosen["allow_truncated"],
     )
-    speed_mps = chosen["sensor_sound_speed_mps"]
+    return _with_sound_speed(recording, chosen["sensor_sound_speed_mps"])
+
+
+def open_live_with_options(
+    path: Path,
+    options: Mapping[str, Any],
+    *,
+    raw: RawSound | None = None,
+    idle_s: float | None = None,
+) -> Recording:
+    """Open sound that is still coming, with its sensor and start time.
+
+    Parameters
+    ----------
+    path
+        ``-`` for standard input, a named pipe, or a file that is being written.
+    options
+        Those of ``NO_OPTIONS``; ``start_utc`` may be ``now``.
+    raw
+        What the samples are, where there is no header.
+    idle_s
+        The sound has ended when nothing came for so long, s; None waits for ever.
+
+    Raises
+    ------
+    DataError
+        There is no sound, or it is of a kind that cannot be read so.
+    OptionError
+        An option does not fit.
+    """
+    chosen = {**NO_OPTIONS, **options}
+    is_now = chosen["start_utc"] == "now"
+    named = None if path == STANDARD_INPUT else path
+    start_utc_ns: int | None = NOW
+    if not is_now:
+        start_utc_ns = find_start_utc_ns(
+            Path() if named is None else named,
+            start_utc=chosen["start_utc"],
+            time_pattern=None if named is None else chosen["time_pattern"],
+            time_zone=chosen["time_zone"],
+        )
+    has_sensor = named is not None or chosen["sensor"] is not None
+    recording = open_live_recording(
+        path,
+        sensor=find_sensor(path, chosen["sensor"]) if has_sensor else None,
+        start_utc_ns=start_utc_ns,
+        channel=chosen["channel"],
+        start_s=chosen["start_s"],
+        stop_s=chosen["stop_s"],
+        raw=raw,
+        idle_s=idle_s,
+    )
+    return _with_sound_speed(recording, chosen["sensor_sound_speed_mps"])
+
+
+def _with_sound_speed(recording: Recording, speed_mps: float | None) -> Recording:
     if speed_mps is None:
         return recording
     speed_mps = convert("--sound-speed-mps", SoundSpeed, speed_mps)

@@ -137,10 +137,10 @@ def _blocks(recording: Recording, layout: FrameTransform) -> Iterator[Spectrogra
     scale_to_upa = np.float32(sensor.full_scale_upa or 1.0)
     pending = np.zeros((0, recording.n_channels), np.float32)
     next_frame = 0
-    for samples in recording.reader(READ_SAMPLES):
+    wanted = TILE_FRAMES if recording.is_live else _block_frames(layout)
+    for samples in recording.reader(recording.block_samples(READ_SAMPLES)):
         thinned = decimator.feed(samples * scale_to_upa)
         pending = np.concatenate([pending, thinned])
-        wanted = _block_frames(layout)
         while pending.shape[0] >= layout.window + (wanted - 1) * layout.hop:
             yield _block(recording, layout, pending, next_frame, wanted)
             next_frame += wanted

@@ -92,7 +92,7 @@ class AudioReader:
             raise DataError(msg) from error
 
     def _blocks(self, block_samples: int) -> Iterator[Samples]:
-        tally = _Tally(len(self.columns))
+        tally = Tally(len(self.columns))
         try:
             with open_sound(self.path) as file:
                 file.seek(self.first)
@@ -132,7 +132,7 @@ class AudioReader:
         return block
 
 
-class _Tally:
+class Tally:
     """Counts per channel of what a user should know."""
 
     def __init__(self, n_channels: int) -> None:
@@ -142,6 +142,7 @@ class _Tally:
         self.has_sound = np.zeros(n_channels, np.bool_)
 
     def add(self, block: Samples) -> None:
+        """Count what a block holds."""
         magnitude = np.abs(block)
         self.n_samples += block.shape[0]
         self.n_full += np.count_nonzero(magnitude >= FULL_SCALE, axis=0)
@@ -149,6 +150,7 @@ class _Tally:
         self.has_sound |= np.any(magnitude > 0.0, axis=0)
 
     def problems(self, name: str, columns: tuple[int, ...]) -> Iterator[str]:
+        """Yield what is wrong with the channels of a recording, in words."""
         for i, column in enumerate(columns):
             channel = f"channel {column + 1} of {name}"
             if self.n_nan[i]:

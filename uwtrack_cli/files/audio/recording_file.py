@@ -81,7 +81,7 @@ def open_recording(
     stamp = file_stamp(path)
     info = _sound_info(path)
     n_samples = _usable_samples(path, info, allow_truncated=allow_truncated)
-    sensor, columns = _select_channels(path, info.channels, sensor, channel)
+    sensor, columns = select_channels(path, info.channels, sensor, channel)
     first, last = _span(path, n_samples, info.samplerate, start_s, stop_s)
     if start_utc_ns is not None:
         start_utc_ns += (first * NANOSECONDS + info.samplerate // 2) // info.samplerate
@@ -162,9 +162,29 @@ def _shortage(
     return ""
 
 
-def _select_channels(
+def select_channels(
     path: Path, n_channels: int, sensor: Sensor | None, channel: int | None
 ) -> tuple[Sensor, tuple[int, ...]]:
+    """Return the sensor as the recording has it, and its channels' columns.
+
+    Parameters
+    ----------
+    path
+        The recording, as it is named in messages.
+    n_channels
+        Channels of the recording.
+    sensor
+        The sensor; without one an omni hydrophone of which nothing is known.
+    channel
+        Channel to take, counted from 1; None takes those of the sensor.
+
+    Raises
+    ------
+    DataError
+        The recording has other channels than its sensor.
+    OptionError
+        There is no such channel.
+    """
     if channel is not None:
         return _one_channel(path, n_channels, sensor, channel)
     if sensor is None:

@@ -1,0 +1,138 @@
+"""`run` on live sound: the product is that of the same sound run at once."""
+
+import io
+import os
+import signal
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import soundfile
+import typer
+
+from uwtrack_cli.cli.console import guard, signals_end
+from uwtrack_cli.files.hdf5.product import verify_product
+
+PROGRAM = [sys.executable, "-c", "from uwtrack_cli.cli import main; main()"]
+RATE = 1000
+
+
+@pytest.fixture
+def sound(tmp_path):
+    """Forty seconds of noise with a tone."""
+    rng = np.random.default_rng(4)
+    time_s = np.arange(40 * RATE) / RATE
+    values = 0.1 * rng.standard_normal(time_s.size) + 0.1 * np.sin(600.0 * time_s)
+    path = tmp_path / "a.wav"
+    soundfile.write(path, values, RATE, "PCM_16")
+    return path
+
+
+def unstated(content):
+    """Return a WAV file as a program writes it into a pipe."""
+    return content[:40] + struct.pack("<I", 0xFFFFFFFF) + content[44:]
+
+
+@pytest.mark.parametrize("form", ["whole", "unstated", "raw"])
+def test_sound_from_a_pipe_makes_the_product_of_the_file(uwtrack, sound, form):
+    assert uwtrack("run", "a.wav", "-q").exit_code == 0
+    content = sound.read_bytes()
+    words = ["run", "-", "-o", "live.h5", "-q"]
+    if form == "unstated":
+        content = unstated(content)
+    if form == "raw":
+        content, words = content[44:], [*words, "--raw", "s16le", "--rate-hz", RATE]
+    assert uwtrack(*words, input=content).exit_code == 0
+    done = uwtrack("diff", "a.run.h5", "live.h5")
+    assert done.exit_code == 0, done.stdout
+    assert verify_product(sound.parent / "live.h5") == []
+
+
+def test_a_followed_file_makes_the_same_product(uwtrack, sound):
+    assert uwtrack("run", "a.wav", "-q", "-o", "whole.h5").exit_code == 0
+    done = uwtrack("run", "--follow", sound, "--idle-s", "0.3", "-q")
+    assert done.exit_code == 0
+    assert uwtrack("diff", "whole.h5", "a.run.h5").exit_code == 0
+
+
+def test_a_recipe_with_two_sources_reads_a_pipe_once(uwtrack, sound, tmp_path):
+    (tmp_path / "two.toml").write_text(
+        "[spectrogram]\n[levels]\nband_hz = [50.0, 400.0]\noutput = true\n"
+        '[fine]\nstage = "spectrogram"\nwindow_s = 0.25\n'
+        '[fine-levels]\nstage = "levels"\ninput = "fine"\nband_hz = [50.0, 400.0]\n'
+        "output = true\n"
+    )
+    recipe = ("--recipe", "two.toml", "-q")
+    assert uwtrack("run", "a.wav", *recipe).exit_code == 0
+    content = sound.read_bytes()
+    assert uwtrack("run", "-", "-o", "l.h5", *recipe, input=content).exit_code == 0
+    assert uwtrack("diff", "a.run.h5", "l.h5").exit_code == 0
+
+
+def test_a_pipe_writes_to_a_pipe(sound):
+    done = subprocess.run(
+        [*PROGRAM, "run", "-", "-q"], input=sound.read_bytes(), capture_output=True,
+        check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(b"\x89HDF")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_ends_the_sound_and_the_second_the_command(number):
+    ended = []
+
+    def run():
+        with guard(debug=True), signals_end(lambda: ended.append(number)):
+            os.kill(os.getpid(), number)
+            assert ended == [number]
+            os.kill(os.getpid(), number)
+            signal.pause()
+
+    with pytest.raises(typer.Exit) as raised:
+        run()
+    assert raised.value.exit_code == 128 + number
+    assert ended == [number]
+
+
+@pytest.mark.parametrize(
+    ("words", "content", "code", "said"),
+    [
+        (("-",), b"", 1, "is empty: no sound came"),
+        (("-",), b"%PDF-1.4 of no use", 1, "is no WAV sound"),
+        (("-", "--raw", "s16le"), b"", 2, "needs --rate-hz"),
+        (("-", "--rate-hz", "8000"), b"", 2, "go with --raw"),
+        (("-", "--follow"), b"", 2, "is a pipe: leave it out"),
+        (("-", "a.wav"), b"", 2, "live sound is run alone"),
+        (("a.wav", "--raw", "s16le"), b"", 2, "--raw is for sound that comes through"),
+        (("a.wav", "--idle-s", "3"), b"", 2, "--idle-s is for sound that comes"),
+        (("-", "--raw", "s16le", "--rate-hz", "1000"), bytes(99), 1, "too short for"),
+        (("-", "--start-utc", "soon"), b"x", 2, "cannot be understood"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")
+def test_what_cannot_be_run_live_is_one_sentence(
+    uwtrack, sound, tmp_path, words, content, code, said
+):
+    where = [] if "a.wav" in words else ["-o", "out.h5"]
+    done = uwtrack("run", *words, *where, input=content)
+    assert done.exit_code == code, done.output
+    assert said in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {sound.name}
+
+
+def test_events_and_product_do_not_share_standard_output(uwtrack, sound):
+    done = uwtrack("run", "-", "--json", input=sound.read_bytes())
+    assert done.exit_code == 2
+    assert "give -o FILE" in done.stderr
+
+
+def test_sound_that_is_only_silence_is_said(uwtrack):
+    memory = io.BytesIO()
+    soundfile.write(memory, np.zeros(40 * RATE), RATE, "PCM_16", format="WAV")
+    done = uwtrack("run", "-", "-o", "s.h5", input=memory.getvalue())
+    assert done.exit_code == 0
+    assert "is silent" in done.stderr

@@ -1,0 +1,194 @@
+"""`run` on sound that is still coming: from a pipe, or from a file that grows.
+
+**Conventions.** An interrupt, SIGTERM and SIGHUP end the sound, not the run: what is
+open is finished, and the file is written. A second signal ends the run without a file.
+"""
+
+import inspect
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from uwtrack_cli.cli.console import say, say_wrote, signals_end
+from uwtrack_cli.cli.sensitivity import say_sensitivity
+from uwtrack_cli.cli.targets import PIPE, product_name, writer_for
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.recording import LiveSource
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.files.checks import is_pipe
+
+if TYPE_CHECKING:
+    from uwtrack_cli.files.audio.live_recording import RawSound
+    from uwtrack_cli.flow.products import Held
+    from uwtrack_cli.flow.recipe import Recipe
+
+IDLE_S = 60.0
+"""A file that did not grow for so long is complete, unless --idle-s says otherwise."""
+
+HINTS: dict[str, tuple[Any, Any, str]] = {
+    "raw": (
+        str | None, None,
+        "Sample format of sound without a header: s16le, s24le, f32le, ... (as ffmpeg).",
+    ),
+    "rate_hz": (float | None, None, "Sample rate of --raw, Hz."),
+    "channels": (int | None, None, "Number of channels of --raw; 1."),
+    "follow": (bool, False, "The file is still being written."),
+    "idle_s": (
+        float | None, None,
+        "End when no sound came for so long, s; 60 with --follow, else never.",
+    ),
+}  # fmt: skip
+LIVE_PARAMETERS = [
+    inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[
+            hint, typer.Option(f"--{name.replace('_', '-')}", help=text)
+        ],
+    )
+    for name, (hint, default, text) in HINTS.items()
+]
+"""Options of `run` for sound that is still coming."""
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """Options of `run` that only live sound has."""
+
+    raw: str | None = None
+    """Sample format of sound without a header."""
+    rate_hz: float | None = None
+    """Its sample rate, Hz."""
+    channels: int | None = None
+    """Its number of channels."""
+    follow: bool = False
+    """Whether a file is still being written."""
+    idle_s: float | None = None
+    """When the sound has ended, s without any."""
+
+    def is_live(self, sources: Sequence[Path]) -> bool:
+        """Tell whether sound is still coming.
+
+        Raises
+        ------
+        OptionError
+            There are several sources then, or an option that would be ignored.
+        """
+        pipes = [source for source in sources if is_pipe(source)]
+        if not (pipes or self.follow):
+            for name in ("raw", "rate_hz", "channels", "idle_s"):
+                if getattr(self, name) is not None:
+                    flag = f"--{name.replace('_', '-')}"
+                    msg = (
+                        f"{flag} is for sound that comes through a pipe, as in "
+                        f"cat FILE | uwtrack run -, or for a file with --follow."
+                    )
+                    raise OptionError(msg)
+            return False
+        if len(sources) > 1:
+            msg = f"live sound is run alone, got {len(sources)} sources."
+            raise OptionError(msg)
+        if pipes and self.follow:
+            msg = f"--follow is for a file, and {pipes[0]} is a pipe: leave it out."
+            raise OptionError(msg)
+        return True
+
+    def raw_sound(self) -> "RawSound | None":
+        """Return what samples without a header are; None for sound with one.
+
+        Raises
+        ------
+        OptionError
+            The options do not go together.
+        """
+        from uwtrack_cli.files.audio.live_recording import RawSound
+
+        if self.raw is None:
+            if self.rate_hz is not None or self.channels is not None:
+                msg = (
+                    "--rate-hz and --channels go with --raw FORMAT; a header has them."
+                )
+                raise OptionError(msg)
+            return None
+        if self.rate_hz is None:
+            msg = f"--raw {self.raw} needs --rate-hz: nothing else tells the rate."
+            raise OptionError(msg)
+        return RawSound(self.raw, self.rate_hz, self.channels or 1)
+
+
+def live_target(source: Path, output: Path | None, *, as_json: bool) -> Path:
+    """Return where the product of live sound goes: a pipe for a pipe, unless named.
+
+    Raises
+    ------
+    OptionError
+        Standard output is a terminal, or is wanted twice.
+    """
+    target = output or (PIPE if is_pipe(source) else product_name(source, ".run.h5"))
+    if target == PIPE and as_json:
+        msg = "--json and the product both want standard output; give -o FILE."
+        raise OptionError(msg)
+    if target == PIPE and sys.stdout.isatty():
+        msg = "a product is binary and does not belong on a terminal; give -o FILE."
+        raise OptionError(msg)
+    return target
+
+
+def run_live(
+    source: Path,
+    live: LiveOptions,
+    source_options: Mapping[str, Any],
+    recipe: "Recipe",
+    keep: Sequence[type[Container]],
+    target: Path,
+    *,
+    overwrite: bool,
+) -> "list[Held]":
+    """Run a recipe over sound until it ends or a signal ends it.
+
+    Parameters
+    ----------
+    source
+        Standard input, a pipe, or a file that is being written.
+    live
+        What it is, and when it ends.
+    source_options
+        Options of every command that reads sound.
+    recipe
+        What is run.
+    keep
+        Passing containers that are written, too.
+    target
+        The product.
+    overwrite
+        Whether it may replace a file.
+
+    Returns
+    -------
+    list[Held]
+        The small containers of the product.
+    """
+    from uwtrack_cli.flow.products import run_into_product
+    from uwtrack_cli.flow.sources import open_live_with_options
+
+    idle_s = live.idle_s
+    if live.follow and idle_s is None:
+        idle_s = IDLE_S
+    raw = live.raw_sound()
+    with writer_for(target, overwrite=overwrite, inputs=[source]) as writer:
+        recording = open_live_with_options(
+            source, source_options, raw=raw, idle_s=idle_s
+        )
+        say(f"{recording.name}: live, {recording.sample_rate_hz:g} Hz", 1)
+        reader = recording.reader
+        assert isinstance(reader, LiveSource)  # noqa: S101 - it was opened so
+        with signals_end(reader.end):
+            made = run_into_product(recording, recipe, writer, keep=keep)
+    say_sensitivity([held.container for held in made])
+    say_wrote(target)
+    return made

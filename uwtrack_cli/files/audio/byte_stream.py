@@ -1,0 +1,257 @@
+"""Bytes that are still coming: through a pipe, or into a file that is being written.
+
+**Method.** A thread reads a pipe and holds at most ``HELD_BYTES`` that have not been
+worked on. When these are full it reads no further, the pipe fills, and the program
+that writes into it waits or drops sound: that is all the back-pressure there is. A
+file that grows is asked again and again for what has been added.
+
+**Conventions.** Waiting is done in short turns, so that a signal is met at once.
+"""
+
+import abc
+import hashlib
+import io
+import os
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.hdf5.verify import file_digest
+from uwtrack_cli.files.input_ledger import as_input
+
+HELD_BYTES = 1 << 26
+"""Bytes that a pipe may be ahead of the work: 11 minutes of 16 bit at 48 kHz."""
+
+PIECE_BYTES = 1 << 16
+"""Bytes that are asked for at once."""
+
+TURN_S = 0.2
+"""How long is waited before it is looked whether to go on, s."""
+
+STALL_S = 5.0
+"""A pipe that gives nothing for so long has stalled, s."""
+
+JUMP_S = 1.0
+"""A change of the computer's clock by so much is a jump, s."""
+
+
+class ByteStream(abc.ABC):
+    """Bytes taken in order, as many as asked for unless the stream ends.
+
+    Parameters
+    ----------
+    name
+        What it is called in messages.
+    idle_s
+        The stream ends when nothing came for so long, s; None waits for ever.
+    """
+
+    def __init__(self, name: str, idle_s: float | None = None) -> None:
+        self.name = name
+        self.n_bytes = 0
+        """Bytes taken so far."""
+        self.stalls_s: list[float] = []
+        """How long it stalled, s, since somebody emptied the list."""
+        self.clock_jumps_s: list[float] = []
+        """By how much the computer's clock jumped, s, likewise."""
+        self._idle_s = idle_s
+        self._held = bytearray()
+        self._is_over = False
+        self._sha256 = hashlib.sha256()
+        self._last_s = time.monotonic()
+        self._clock_s = time.time() - self._last_s
+
+    def take(self, count: int) -> bytes:
+        """Take so many bytes; fewer only when the stream has ended."""
+        while len(self._held) < count and not self._is_over:
+            self._wait()
+        found = bytes(self._held[:count])
+        del self._held[:count]
+        self.n_bytes += len(found)
+        return found
+
+    def end(self) -> None:
+        """End the stream here: what has not been taken is left."""
+        self._is_over = True
+        self._held.clear()
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything that came."""
+        return self._sha256.hexdigest()
+
+    @abc.abstractmethod
+    def _next(self) -> bytes | None:
+        """Return what came; nothing at the end, None when there is nothing yet."""
+
+    def _wait(self) -> None:
+        piece = self._next()
+        now_s = time.monotonic()
+        waited_s = now_s - self._last_s
+        if piece is None:
+            self._is_over |= self._idle_s is not None and waited_s >= self._idle_s
+            return
+        if waited_s > STALL_S and self.n_bytes:
+            self.stalls_s.append(waited_s)
+        self._last_s = now_s
+        jump_s = time.time() - now_s - self._clock_s
+        if abs(jump_s) > JUMP_S:
+            self.clock_jumps_s.append(jump_s)
+            self._clock_s += jump_s
+        if not piece and not self._is_over:
+            self._is_over = True
+        elif not self._is_over:
+            self._sha256.update(piece)
+            self._held += piece
+
+
+class PipeStream(ByteStream):
+    """Standard input, a named pipe, or another file that cannot be read twice.
+
+    Parameters
+    ----------
+    name
+        What it is called in messages.
+    opener
+        Opens it, unbuffered.
+    idle_s
+        It ends when nothing came for so long, s; None waits for ever.
+    """
+
+    def __init__(
+        self, name: str, opener: Callable[[], BinaryIO], idle_s: float | None = None
+    ) -> None:
+        super().__init__(name, idle_s)
+        self._opener = opener
+        self._pieces: deque[bytes] = deque()
+        self._n_waiting = 0
+        self._failure: OSError | None = None
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    @property
+    def n_waiting(self) -> int:
+        """Bytes that have come and wait to be worked on."""
+        return self._n_waiting
+
+    def end(self) -> None:
+        """End the stream here: what has not been taken is left."""
+        super().end()
+        with self._changed:
+            self._changed.notify_all()
+
+    def _next(self) -> bytes | None:
+        with self._changed:
+            if not self._pieces:
+                self._changed.wait(TURN_S)
+            if not self._pieces:
+                return None
+            piece = self._pieces.popleft()
+            self._n_waiting -= len(piece)
+            self._changed.notify_all()
+        if not piece and self._failure is not None:
+            reason = self._failure.strerror or self._failure
+            msg = f"cannot read {self.name}: {reason}."
+            raise DataError(msg)
+        return piece
+
+    def _read(self) -> None:
+        """Read until the end; the thread ends with the program or with the stream."""
+        try:
+            with self._opener() as file:
+                while piece := file.read(PIECE_BYTES):
+                    with self._changed:
+                        while self._n_waiting >= HELD_BYTES and not self._is_over:
+                            self._changed.wait(TURN_S)
+                        if self._is_over:
+                            return
+                        self._pieces.append(piece)
+                        self._n_waiting += len(piece)
+                        self._changed.notify_all()
+        except OSError as error:
+            self._failure = error
+        with self._changed:
+            self._pieces.append(b"")
+            self._changed.notify_all()
+
+
+class GrowingFile(ByteStream):
+    """A file that another program is still writing.
+
+    Parameters
+    ----------
+    path
+        The file.
+    idle_s
+        It is complete when it has not grown for so long, s; None waits for ever.
+    stated_end
+        Tells where the sound ends as the file says by now; None if it does not.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        idle_s: float | None,
+        stated_end: Callable[[Path], int | None] | None = None,
+    ) -> None:
+        super().__init__(str(path), idle_s)
+        self._stated_end = stated_end
+        self._path = as_input(path)
+        self._position = 0
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the file as it is now: its header is written last."""
+        return file_digest(self._path)
+
+    def _next(self) -> bytes | None:
+        if self._path.stat().st_size < self._position:
+            msg = f"{self.name} has become shorter while it was followed."
+            raise DataError(msg)
+        end = None if self._stated_end is None else self._stated_end(self._path)
+        room = PIECE_BYTES if end is None else max(0, end - self._position)
+        with self._path.open("rb", buffering=0) as file:
+            file.seek(self._position)
+            piece = file.read(min(PIECE_BYTES, room))
+        self._position += len(piece)
+        if piece:
+            return piece
+        time.sleep(TURN_S)
+        return None
+
+
+def open_pipe(path: Path, idle_s: float | None) -> PipeStream:
+    """Open a named pipe or a device; it is waited for its writer."""
+    return PipeStream(str(path), lambda: as_input(path).open("rb", buffering=0), idle_s)
+
+
+def open_standard_input(idle_s: float | None) -> PipeStream:
+    """Open standard input as a stream of bytes.
+
+    Raises
+    ------
+    DataError
+        It is a terminal, or closed.
+    """
+    name = "standard input"
+    if sys.stdin is None or sys.stdin.closed:
+        msg = "standard input is closed: there is no sound."
+        raise DataError(msg)
+    if sys.stdin.isatty():
+        msg = (
+            "standard input is a terminal: send sound through a pipe, as with "
+            "sox FILE -t wav - | uwtrack run - -o pass.run.h5."
+        )
+        raise DataError(msg)
+    try:
+        number = os.dup(sys.stdin.fileno())
+    except (OSError, io.UnsupportedOperation):  # a stream without a file
+        content = sys.stdin.buffer
+        return PipeStream(name, lambda: io.BytesIO(content.read()), idle_s)
+    return PipeStream(name, lambda: os.fdopen(number, "rb", buffering=0), idle_s)

@@ -1,0 +1,246 @@
+"""Samples of sound that is still coming, block by block, with what disturbs it.
+
+**Method.** The stream is decoded as it comes, in blocks of at most a second. Where
+samples are no number, where the sound does not change at all, and where the pipe
+stalled, a disturbance is noted; whoever works on the sound takes the notes.
+
+**Conventions.** Times count samples. A pipe that stalls does not say what was lost in
+the meantime, so nothing is put in its place.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from warnings import warn
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray
+from uwtrack_cli.data.recording import Samples
+from uwtrack_cli.errors import OptionError, UwtrackWarning
+from uwtrack_cli.files.audio.byte_stream import ByteStream
+from uwtrack_cli.files.audio.reader import Tally
+from uwtrack_cli.files.audio.stream_header import StreamHeader
+
+UNCHANGED_S = 60.0
+"""Sound that does not change for so long is noted, s."""
+
+TRAILING_BYTES = 1 << 16
+"""More bytes than this after the promised end are told: they are no usual chunk."""
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Something that disturbs the sound."""
+
+    reason: str
+    """What it is, in words."""
+    start_sample: int
+    """Where it begins, in samples from the first."""
+    n_samples: int
+    """How long it is so far; 0 for a moment between two samples."""
+    is_over: bool
+    """Whether it has ended."""
+
+
+@dataclass
+class LiveReader:
+    """Read the samples of a stream, once: `reader(block_samples)`.
+
+    Parameters
+    ----------
+    stream
+        The bytes, taken up to the first sample.
+    header
+        What they are.
+    columns
+        Channels to yield, in this order, counted from 0.
+    first
+        First sample to yield.
+    last
+        Sample after the last one; None for all that come.
+    """
+
+    stream: ByteStream
+    header: StreamHeader
+    columns: tuple[int, ...]
+    first: int = 0
+    last: int | None = None
+    n_samples: int = 0
+    """Samples per channel that were yielded so far."""
+    disturbances: list[Disturbance] = field(default_factory=list)
+    """What was noted since somebody emptied the list."""
+
+    def __post_init__(self) -> None:
+        """Begin to look for what disturbs the sound."""
+        self._missing = _Run("the samples are no number", 0.0)
+        self._unchanged = _Run("the sound does not change", UNCHANGED_S)
+        self._taken = 0
+        self._is_cut = False
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything that came, the header included."""
+        return self.stream.digest
+
+    def __call__(self, block_samples: int) -> Iterator[Samples]:
+        """Yield blocks of so many samples, the last one shorter.
+
+        Parameters
+        ----------
+        block_samples
+            Samples per channel of a block, 1 or more.
+
+        Yields
+        ------
+        array, shape (sample, channel)
+            Float32 in full-scale units, nan where there is no number.
+
+        Raises
+        ------
+        OptionError
+            Less than one sample.
+        """
+        if block_samples < 1:
+            msg = f"a block must have at least 1 sample, got {block_samples}."
+            raise OptionError(msg)
+        tally = Tally(len(self.columns))
+        self._pass_over()
+        while True:
+            block = self._take(block_samples)
+            if block.shape[0]:
+                tally.add(block)
+                self._note(block)
+                self.n_samples += block.shape[0]
+                yield block
+            if block.shape[0] < block_samples:
+                break
+        self._finish(tally)
+
+    def end(self) -> None:
+        """End the sound here, as if the stream had ended."""
+        self._is_cut = True
+        self.stream.end()
+
+    def take_disturbances(self) -> list[Disturbance]:
+        """Return what was noted since this was last asked."""
+        found, self.disturbances = self.disturbances, []
+        return found
+
+    def _pass_over(self) -> None:
+        left = self.first
+        while left:
+            block = self._frames(min(left, int(self.header.sample_rate_hz)))
+            if not block.shape[0]:
+                break
+            left -= block.shape[0]
+
+    def _take(self, count: int) -> Samples:
+        if self.last is not None:
+            count = min(count, self.last - self.first - self.n_samples)
+        block = self._frames(count)
+        return block[:, list(self.columns)]
+
+    def _frames(self, count: int) -> Samples:
+        """Decode so many samples of every channel, fewer at the end."""
+        header = self.header
+        wanted = count * header.frame_bytes
+        if header.n_bytes is not None:
+            wanted = min(wanted, header.n_bytes - self._taken)
+        content = self.stream.take(wanted)
+        self._taken += len(content)
+        odd = len(content) % header.frame_bytes
+        if odd:
+            msg = (
+                f"{self.stream.name} ends in the middle of a sample: its last {odd} "
+                f"bytes are left out."
+            )
+            warn(msg, UwtrackWarning, stacklevel=2)
+        whole = content[: len(content) - odd]
+        return header.sample_format.decode(whole, header.n_channels)
+
+    def _note(self, block: Samples) -> None:
+        rate_hz = self.header.sample_rate_hz
+        is_lost = np.asarray(np.isnan(block).any(axis=1))
+        same = (block == block[0]).all(axis=0) | np.isnan(block).all(axis=0)
+        is_same = np.full(block.shape[0], bool(same.all()) and not is_lost.any())
+        for run, flags in ((self._missing, is_lost), (self._unchanged, is_same)):
+            self.disturbances += run.add(self.n_samples, flags, rate_hz)
+        for stall_s in self._emptied(self.stream.stalls_s):
+            self._note_moment(f"no sound came for {stall_s:.1f} s")
+        for jump_s in self._emptied(self.stream.clock_jumps_s):
+            self._note_moment(
+                f"the computer's clock jumped by {jump_s:+.1f} s; times count samples"
+            )
+
+    def _emptied(self, noted: list[float]) -> list[float]:
+        found = list(noted)
+        noted.clear()
+        return found
+
+    def _note_moment(self, reason: str) -> None:
+        self.disturbances.append(Disturbance(reason, self.n_samples, 0, True))
+
+    def _finish(self, tally: Tally) -> None:
+        for run in (self._missing, self._unchanged):
+            self.disturbances += run.finish(self.header.sample_rate_hz)
+        promised = self.header.n_bytes
+        if promised is not None and self.last is None and not self._is_cut:
+            self._compare(promised)
+        for msg in tally.problems(self.stream.name, self.columns):
+            warn(msg, UwtrackWarning, stacklevel=2)
+
+    def _compare(self, promised: int) -> None:
+        """Compare the end of the sound with the end that the header promises."""
+        per_second = self.header.sample_rate_hz * self.header.frame_bytes
+        came = f"{self._taken / per_second:.3f} s"
+        if self._taken < promised:
+            msg = (
+                f"{self.stream.name} ended after {came}; its header promises "
+                f"{promised / per_second:.3f} s."
+            )
+            warn(msg, UwtrackWarning, stacklevel=3)
+            return
+        n_trailing = 0
+        while piece := self.stream.take(TRAILING_BYTES):
+            n_trailing += len(piece)
+        if n_trailing > TRAILING_BYTES:
+            msg = (
+                f"{self.stream.name} went on for {n_trailing} bytes after the {came} "
+                f"that its header promises; they are left out."
+            )
+            warn(msg, UwtrackWarning, stacklevel=3)
+
+
+class _Run:
+    """Samples in a row of which something is true."""
+
+    def __init__(self, reason: str, least_s: float) -> None:
+        self.reason = reason
+        self.least_s = least_s
+        self.start = self.count = self.told = 0
+
+    def add(
+        self, first_sample: int, flags: BoolArray, rate_hz: float
+    ) -> Iterator[Disturbance]:
+        """Take the flags of a block; return what has ended or is worth a word now."""
+        at = np.flatnonzero(flags)
+        is_broken = not at.size or at[0] > 0 or self.start + self.count != first_sample
+        if self.count and is_broken:
+            yield from self.finish(rate_hz)
+        if not at.size:
+            return
+        if not self.count:
+            self.start = first_sample + int(at[0])
+        self.count = first_sample + int(at[-1]) + 1 - self.start
+        least = max(self.least_s, UNCHANGED_S) * rate_hz
+        if not self.told and self.count >= least:
+            self.told = 1
+            yield Disturbance(self.reason, self.start, self.count, False)
+        if at[-1] + 1 < flags.size:
+            yield from self.finish(rate_hz)
+
+    def finish(self, rate_hz: float) -> Iterator[Disturbance]:
+        """End the run; return it if it was long enough."""
+        if self.count and self.count >= self.least_s * rate_hz:
+            yield Disturbance(self.reason, self.start, self.count, True)
+        self.count = self.told = 0
