@@ -185,7 +185,7 @@ def test_scenario_of_the_readme_is_accepted_and_can_be_heard(tmp_path):
 
 def test_disturbances_of_the_readme_are_accepted_and_can_be_made(tmp_path):
     prose = (SAMPLES / "README.md").read_text(encoding="utf-8")
-    text = prose.split("```toml\n")[2].split("```")[0]
+    text = prose.split("```toml\n")[-1].split("```")[0]
     (tmp_path / "readme.toml").write_text(text, encoding="utf-8")
     scenario = read_scenario(tmp_path / "readme.toml")
     (recording,) = simulate_recordings(scenario)

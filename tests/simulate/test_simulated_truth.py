@@ -113,7 +113,7 @@ MINIMAL = {"seed": 1, "duration_s": 5.0, "sample_rate_hz": 1000.0, "sensor": [OM
         ({"sensor": []}, "at least one"),
         ({"sensor": [OMNI, OMNI]}, "names of their own"),
         ({"sensor": [{"id": "h1", "depth_m": 3.0}]}, r"sensor\[1\]: give either"),
-        ({"sensor": [OMNI | {"kind": "mono"}]}, "'omni', 'difar', got 'mono'"),
+        ({"sensor": [OMNI | {"kind": "mono"}]}, "'omni', 'difar', 'array', got 'mono'"),
         ({"sensor": {"id": "h1"}}, "must be a list"),
         ({"sensor": [OMNI | {"latitude": 3.0}]}, "go together"),
         ({"vessel": [{"line": []}]}, "exactly one of closest_approach and track"),

@@ -36,7 +36,7 @@ class Navigation(Container):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sensor(Container):
-    """One hydrophone or vector sensor; None is unknown and is never invented.
+    """One hydrophone, vector sensor or line array; None is unknown, never invented.
 
     The level of full scale is known from ``full_scale_db``, or from sensitivity, gain
     and input voltage together; not from both.
@@ -45,7 +45,7 @@ class Sensor(Container):
     NAME: ClassVar[str] = "sensor"
 
     id: str = scalar("", "Identifier, unique in a deployment.")
-    kind: str = scalar("", "'omni' or 'difar'.", "omni")
+    kind: str = scalar("", "'omni', 'difar' or 'array'.", "omni")
     channels: str = scalar("", "Channel names in file order, comma separated.", "omni")
     latitude: float | None = scalar("degree", "Latitude.", None)
     longitude: float | None = scalar("degree", "Longitude.", None)
@@ -69,6 +69,20 @@ class Sensor(Container):
     full_scale_db: float | None = scalar(
         "dB re 1 uPa", "Level of a full-scale peak.", None
     )
+    element_along_m: str | None = scalar(
+        "m",
+        "Places of the hydrophones of a line array from its middle, positive to its "
+        "head, comma separated.",
+        None,
+    )
+    tow_offset_m: float | None = scalar(
+        "m", "Way from the place that the navigation gives to the array's middle.", None
+    )
+    heading_source: str | None = scalar(
+        "",
+        "What tells an array's heading: 'way', 'compass' or 'fixed'; None: nothing.",
+        None,
+    )
     navigation: Navigation | None = None
     """Positions and headings of a moving platform; None if it does not move."""
 
@@ -76,6 +90,17 @@ class Sensor(Container):
     def has_direction(self) -> bool:
         """Whether the sensor hears directions."""
         return self.kind == "difar"
+
+    @property
+    def is_array(self) -> bool:
+        """Whether it is a line array."""
+        return self.kind == "array"
+
+    @property
+    def element_places_m(self) -> FloatArray:
+        """Places of the hydrophones of an array, positive to its head; else none."""
+        texts = self.element_along_m.split(",") if self.element_along_m else []
+        return np.array([float(text) for text in texts])
 
     @property
     def channel_names(self) -> tuple[str, ...]:

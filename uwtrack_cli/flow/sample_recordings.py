@@ -141,7 +141,16 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
         "position_std_m": sensor.position_std_m,
         "depth_m": sensor.depth_m,
         "depth_std_m": sensor.depth_std_m,
-        "heading_deg": sensor.heading_deg if "x" in sensor.channel_names else None,
+        "heading_deg": sensor.heading_deg
+        if "x" in sensor.channel_names or sensor.heading_source == "fixed"
+        else None,
+        "element_along_m": None
+        if sensor.element_along_m is None
+        else sensor.element_places_m.tolist(),
+        "tow_offset_m": sensor.tow_offset_m,
+        "heading_source": None
+        if sensor.heading_source == "fixed"
+        else sensor.heading_source,
         "sound_speed_mps": sensor.sound_speed_mps,
         "sound_speed_std_mps": sensor.sound_speed_std_mps,
         "compass_offset_deg": sensor.compass_offset_deg,

@@ -63,6 +63,44 @@ def shaping_filter(
     return np.fft.rfft(taps, size)
 
 
+def delayed_filters(
+    density: Density, sample_rate_hz: float, delays_s: Array
+) -> NDArray[np.complex128]:
+    """Return spectra of the filter of `shaping_filter` with delays of its middle.
+
+    Parameters
+    ----------
+    density
+        One-sided density, uPa^2/Hz, at frequencies in Hz.
+    sample_rate_hz
+        Sample rate, Hz.
+    delays_s
+        Delays, s, shape (delay,), small against the length of the filter.
+
+    Returns
+    -------
+    array, shape (delay, frequency)
+        One spectrum per delay, ``TAIL + 1`` taps each.
+    """
+    frequency = sample_rate_hz / TRANSFORM * np.arange(TRANSFORM // 2 + 1.0)
+    gain = np.sqrt(0.5 * sample_rate_hz * density(frequency))
+    taper = np.hanning(TAIL + 3)[1:-1]
+    found = np.empty((delays_s.size, frequency.size), np.complex128)
+    for row, delay_s in enumerate(delays_s):
+        turned = gain * np.exp(-2j * np.pi * frequency * delay_s)
+        taps = np.roll(np.fft.irfft(turned, TRANSFORM), TAIL // 2)[: TAIL + 1]
+        found[row] = np.fft.rfft(taps * taper, TRANSFORM)
+    return found
+
+
+def white_spectrum(
+    seed: int, stream: tuple[int, ...], tile: int
+) -> NDArray[np.complex128]:
+    """Return the spectrum of a tile of white noise with the tail of the one before."""
+    before = white_tile(seed, stream, tile - 1)[-TAIL:]
+    return np.fft.rfft(np.concatenate([before, white_tile(seed, stream, tile)]))
+
+
 @dataclass
 class NoiseGenerator:
     """A stream of coloured tiles, asked for in any order (cheapest in sequence)."""

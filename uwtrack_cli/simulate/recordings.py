@@ -6,11 +6,13 @@ not grow with the length of the recording.
 
 **Conventions.** Samples are float32 in full-scale units (a stronger sound exceeds 1
 and is clipped by whoever writes it). Channels are omni, east, north, or omni, x, y
-for axes fixed to the housing (y forward, x to starboard of it).
+for axes fixed to the housing (y forward, x to starboard of it), or the hydrophones of
+an array, e1 first.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import OptionError
+from uwtrack_cli.simulate.array_noise import ArrayNoise
 from uwtrack_cli.simulate.disturbance_sound import (
     AmbientGain,
     Disturbance,
@@ -39,8 +42,12 @@ from uwtrack_cli.simulate.noise import (
     shaping_filter,
 )
 from uwtrack_cli.simulate.scenario import Noise, Scenario, SensorPlan
-from uwtrack_cli.simulate.sound import VesselSound, vessel_sound
-from uwtrack_cli.simulate.trajectories import Array, sensor_trajectory
+from uwtrack_cli.simulate.sound import VesselSound, sound_at_elements, vessel_sound
+from uwtrack_cli.simulate.trajectories import (
+    Array,
+    sensor_trajectory,
+    track_trajectory,
+)
 
 
 def simulate_recordings(scenario: Scenario) -> tuple[Recording, ...]:
@@ -102,10 +109,20 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
     true_axes, moving = plan.axes == "true", plan.track is not None
     directional = "omni,east,north" if true_axes else "omni,x,y"
     on_grid = plan.latitude is None and not moving
+    channels = directional if plan.kind == "difar" else "omni"
+    array: dict[str, Any] = {}
+    if plan.kind == "array":
+        numbers = range(1, len(plan.element_along_m) + 1)
+        channels = ",".join(f"e{number}" for number in numbers)
+        array = {
+            "element_along_m": ",".join(map(repr, plan.element_along_m)),
+            "tow_offset_m": plan.tow_offset_m if moving else None,
+            "heading_source": plan.heading_source if moving else "fixed",
+        }
     return Sensor(
         id=plan.id,
         kind=plan.kind,
-        channels=directional if plan.kind == "difar" else "omni",
+        channels=channels,
         latitude=plan.latitude,
         longitude=plan.longitude,
         east_m=plan.east_m + plan.position_error_m[0] if on_grid else None,
@@ -124,24 +141,37 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
         gain_db=None if plan.sensitivity_db_re_v_per_upa is None else plan.gain_db,
         adc_peak_v=plan.adc_peak_v,
         navigation=_navigation(scenario, plan) if moving else None,
+        **array,
     )
 
 
 def _navigation(scenario: Scenario, plan: SensorPlan) -> Navigation:
-    time_s = np.arange(np.floor(scenario.duration_s) + 2.0)
-    trajectory = sensor_trajectory(plan)
+    """Return the positions that the owner knows: of the platform, not of its array."""
+    assert plan.track is not None  # noqa: S101 - it moves
+    trajectory, first_s = track_trajectory(plan.track), 0.0
+    heading = trajectory
+    error_deg = 0.0
+    if plan.kind == "array":
+        longest_m = plan.tow_offset_m - min(plan.element_along_m)
+        first_s = -np.ceil(longest_m / trajectory.top_speed_mps) - 1.0
+        if plan.heading_source == "compass":
+            heading = sensor_trajectory(plan)
+            error_deg = plan.compass_error_deg - plan.compass_offset_deg
+    time_s = np.arange(first_s, np.floor(scenario.duration_s) + 2.0)
     east, north, _, _ = trajectory.at(time_s)
+    course_deg = np.degrees(heading.course_rad(time_s)) + error_deg
     return Navigation(
         time_s=time_s,
         east_m=east + plan.position_error_m[0],
         north_m=north + plan.position_error_m[1],
-        heading_deg=np.degrees(trajectory.course_rad(time_s)) % 360.0,
+        heading_deg=course_deg % 360.0,
         start_utc_ns=scenario.start_utc_ns,
     )
 
 
 def _n_channels(plan: SensorPlan) -> int:
-    return 3 if plan.kind == "difar" else 1
+    counts = {"omni": 1, "difar": 3, "array": len(plan.element_along_m)}
+    return counts[plan.kind]
 
 
 @dataclass(frozen=True)
@@ -187,10 +217,13 @@ class _SensorSound:
         self.plan, self.rate = plan, scenario.sample_rate_hz
         self.n_channels = _n_channels(plan)
         self.trajectory = sensor_trajectory(plan)
-        self.vessels: list[VesselSound] = [
-            vessel_sound(scenario, i, plan) for i in range(len(scenario.vessels))
+        sounds = [vessel_sound(scenario, i, plan) for i in range(len(scenario.vessels))]
+        is_array = plan.kind == "array"
+        self.vessels: list[list[VesselSound]] = [
+            sound_at_elements(sound, plan) if is_array else [sound] for sound in sounds
         ]
         self.ambient: list[NoiseGenerator] = []
+        self.field: ArrayNoise | None = None
         self.others: list[HumSound | ClickSound | Disturbance] = []
         self.gain: AmbientGain | None = None
         self.recorder: RecorderFilter | None = None
@@ -200,6 +233,10 @@ class _SensorSound:
             self._add_noise(scenario, scenario.noise, number)
 
     def _add_noise(self, scenario: Scenario, noise: Noise, number: int) -> None:
+        if self.plan.kind == "array":
+            self.field = ArrayNoise(scenario, noise, number)
+            self.gain = ambient_gain(scenario, noise)
+            return
         spectrum = shaping_filter(lambda f: ambient_density(noise, f), self.rate)
         self.ambient = [
             NoiseGenerator(
@@ -224,10 +261,11 @@ class _SensorSound:
         """Return a tile of samples in full-scale units."""
         turned = self._axes_rad(number)
         total = self._background(number, turned)
-        for vessel in self.vessels:
-            for pressure, east, north in vessel.arrivals(number):
-                total[:, 0] += pressure
-                if self.n_channels == 3:
+        heard = [(k, one) for vessel in self.vessels for k, one in enumerate(vessel)]
+        for channel, sound in heard:
+            for pressure, east, north in sound.arrivals(number):
+                total[:, channel] += pressure
+                if self.plan.kind == "difar":
                     cosine, sine = np.cos(turned), np.sin(turned)
                     total[:, 1] += pressure * (east * cosine - north * sine)
                     total[:, 2] += pressure * (east * sine + north * cosine)
@@ -240,6 +278,8 @@ class _SensorSound:
         total = np.zeros((TILE, self.n_channels))
         for channel, ambient in enumerate(self.ambient):
             total[:, channel] = ambient.tile(number)
+        if self.field is not None:
+            total += self.field.tile(number)
         if self.gain is not None:
             total *= self.gain(tile_times_s(number, self.rate))[:, None]
         for other in self.others:

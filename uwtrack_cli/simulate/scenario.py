@@ -62,8 +62,16 @@ class SensorPlan(OptionGroup):
 
     id: str
     """Name of the sensor and of its recording."""
-    kind: Literal["omni", "difar"] = "omni"
-    """One hydrophone, or a hydrophone with two horizontal dipoles."""
+    kind: Literal["omni", "difar", "array"] = "omni"
+    """One hydrophone, one with two horizontal dipoles, or a line of hydrophones."""
+    element_along_m: tuple[Coordinate, ...] = ()
+    """Place of each hydrophone of an array, from its middle, positive to its head, m."""
+    tow_offset_m: Range = 0.0
+    """Way from the place on the track back to the array's middle, m."""
+    heading_source: Literal["way", "compass"] = "way"
+    """What the owner of a towed array knows: the ship's way, or the array's compass."""
+    element_noise_db: Level | None = None
+    """Density of each hydrophone's own noise, dB re 1 uPa^2/Hz; None is none."""
     east_m: Coordinate = 0.0
     """East on the local grid, m."""
     north_m: Coordinate = 0.0
@@ -136,6 +144,12 @@ class SensorPlan(OptionGroup):
             raise OptionError(msg)
         if self.latitude is not None and self.position_error_m != (0.0, 0.0):
             msg = "position_error_m goes with east_m and north_m, not with latitude."
+            raise OptionError(msg)
+        if (self.kind == "array") != (len(self.element_along_m) > 1):
+            msg = 'element_along_m goes with kind = "array", two places or more.'
+            raise OptionError(msg)
+        if self.kind != "array" and (self.tow_offset_m or self.element_noise_db):
+            msg = 'tow_offset_m and element_noise_db go with kind = "array".'
             raise OptionError(msg)
         if self.track is not None and (self.heading_deg or self.latitude is not None):
             msg = "a sensor with a track has neither heading_deg nor latitude."

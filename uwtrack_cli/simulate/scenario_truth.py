@@ -87,6 +87,8 @@ def _sensor(scenario: Scenario, plan: SensorPlan) -> dict[str, Any]:
         "compass_error_deg": plan.compass_error_deg,
         "clock_error_s": plan.clock_error_s,
     }
+    if plan.kind == "array":
+        facts["element_along_m"] = list(plan.element_along_m)
     if plan.track is not None:
         facts["track"] = _track(sensor_trajectory(plan), scenario.duration_s)
     return facts

@@ -36,7 +36,7 @@ from uwtrack_cli.simulate.source_levels import (
     broadband_source,
     tones,
 )
-from uwtrack_cli.simulate.trajectories import Array
+from uwtrack_cli.simulate.trajectories import Array, array_place
 from uwtrack_cli.simulate.vessels import RAMP_S, Cavitation, Vessel
 
 MULTIPLE = 4
@@ -197,6 +197,23 @@ def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSou
     )
 
 
+def sound_at_elements(sound: VesselSound, plan: SensorPlan) -> list[VesselSound]:
+    """Return the sound of a vessel at every hydrophone of an array.
+
+    All hear one source: its lines, their jitter and one broadband process.
+    """
+    return [
+        replace(
+            sound,
+            paths=tuple(
+                (factor, replace(path, receiver=array_place(plan, along_m)))
+                for factor, path in sound.paths
+            ),
+        )
+        for along_m in plan.element_along_m
+    ]
+
+
 def blade_envelope(plan: Cavitation, time_s: Array) -> Array:
     """Return the amplitude of blade-modulated cavitation, of unit mean square.
 
@@ -244,7 +261,10 @@ def first_emission_s(scenario: Scenario, vessel: Vessel) -> float:
         for path in paths
         for sign in (1.0, -1.0)
     ]
-    return -float(np.ceil(max(delays))) - 1.0
+    farther_m = max(
+        (abs(x) for plan in scenario.sensors for x in plan.element_along_m), default=0.0
+    )
+    return -float(np.ceil(max(delays) + farther_m / scenario.sound_speed_mps)) - 1.0
 
 
 def _source_sound(

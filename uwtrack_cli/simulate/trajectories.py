@@ -95,10 +95,51 @@ def fixed(east_m: float, north_m: float) -> Trajectory:
 
 
 def sensor_trajectory(plan: SensorPlan) -> Trajectory:
-    """Return the trajectory of a sensor."""
+    """Return the trajectory of a sensor; of an array that of its middle."""
+    if plan.kind == "array":
+        return array_place(plan, 0.0)
     if plan.track is None:
         return fixed(plan.east_m, plan.north_m)
     return track_trajectory(plan.track)
+
+
+def array_place(plan: SensorPlan, along_m: float) -> Trajectory:
+    """Return the trajectory of a place on an array.
+
+    A towed array lies on the way of its ship: each place comes where the ship was, as
+    much later as it is behind. A fixed one points where its compass says.
+
+    Parameters
+    ----------
+    plan
+        The array.
+    along_m
+        The place, from the array's middle, positive to its head, m.
+
+    Raises
+    ------
+    OptionError
+        The ship stops or changes its speed, so that the array could not follow.
+    """
+    if plan.track is None:
+        known = plan.heading_deg + plan.compass_offset_deg
+        heading = np.radians(known - plan.compass_error_deg)
+        return fixed(
+            plan.east_m + along_m * float(np.sin(heading)),
+            plan.north_m + along_m * float(np.cos(heading)),
+        )
+    segments = track_trajectory(plan.track).segments
+    speeds = {segment.speed_mps for segment in segments}
+    if len(speeds) > 1 or min(speeds) <= 0.0:
+        msg = (
+            f"an array is towed at one speed above 0, got "
+            f"{', '.join(f'{speed:g}' for speed in sorted(speeds))} m/s."
+        )
+        raise OptionError(msg)
+    later_s = (plan.tow_offset_m - along_m) / speeds.pop()
+    return Trajectory(
+        tuple(part._replace(start_s=part.start_s + later_s) for part in segments)
+    )
 
 
 def vessel_trajectory(vessel: Vessel, scenario: Scenario) -> Trajectory:

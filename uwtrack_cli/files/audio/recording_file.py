@@ -2,7 +2,7 @@
 
 **Conventions.** Samples are float32 in full-scale units, shape (sample, channel).
 Channels come in the order omni, east (x), north (y), whatever their order in the
-file, and `Sensor.channels` of the recording says so. A sample that is no number is
+file, those of an array in the order of the file, and `Sensor.channels` of the recording says so. A sample that is no number is
 passed on as nan, so that the frames can count it as a gap.
 """
 
@@ -203,7 +203,8 @@ def select_channels(
             f'"-" for a channel to leave out.'
         )
         raise DataError(msg)
-    kept = [name for name in ORDER if name in names]
+    order = names if sensor.is_array else ORDER
+    kept = [name for name in order if name in names and name != "-"]
     columns = tuple(names.index(name) for name in kept)
     return replace(sensor, channels=",".join(kept)), columns
 
@@ -222,7 +223,11 @@ def _one_channel(
             f"all its channels; leave out --channel {channel}."
         )
         raise OptionError(msg)
-    return replace(sensor, channels="omni"), (channel - 1,)
+    one = replace(
+        sensor, kind="omni", channels="omni",
+        element_along_m=None, tow_offset_m=None, heading_source=None,
+    )  # fmt: skip
+    return one, (channel - 1,)
 
 
 def _unnamed(path: Path) -> Sensor:

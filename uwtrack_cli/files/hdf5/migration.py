@@ -38,7 +38,14 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
         [
             *(
                 ("sensor", name)
-                for name in ("depth_std_m", "sound_speed_std_mps", "full_scale_db")
+                for name in (
+                    "depth_std_m",
+                    "sound_speed_std_mps",
+                    "full_scale_db",
+                    "element_along_m",
+                    "tow_offset_m",
+                    "heading_source",
+                )
             ),
             ("fixes", "statement"),
             *(

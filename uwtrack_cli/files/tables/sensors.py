@@ -36,6 +36,27 @@ FULL_SCALE_DB = (60.0, 240.0)
 MAX_ID = 200
 """Most characters of an identifier."""
 
+FEWEST_ELEMENTS = 3
+"""Hydrophones that an array needs."""
+
+APERTURES_M = (0.01, 2000.0)
+"""Shortest and longest line array; millimetres and inches come out beyond."""
+
+TOW_KEYS = {
+    "tow_offset_m": (
+        "the way from the navigation's place back to the array's middle, 0 if the "
+        "navigation is the array's own"
+    ),
+    "heading_source": (
+        '"way" if the array follows the ship\'s way, "compass" if heading_deg of the '
+        "navigation is the array's"
+    ),
+}
+"""What must be known of a towed array, and what it means."""
+
+ARRAY_KEYS = ("element_along_m", *TOW_KEYS)
+"""Keys that only an array has."""
+
 USUAL = {
     "sensitivity_db_re_v_per_upa": (-230.0, -120.0),
     "gain_db": (-40.0, 80.0),
@@ -58,8 +79,8 @@ class SensorTable:
 
     id: str
     """Identifier, unique in a deployment."""
-    kind: Literal["omni", "difar"] = "omni"
-    """One hydrophone, or a vector sensor."""
+    kind: Literal["omni", "difar", "array"] = "omni"
+    """One hydrophone, a vector sensor, or a line of hydrophones."""
     channels: list[str] | None = None
     """Names of the channels in the order of the file; "-" leaves one out."""
     latitude: Annotated[float, Unit("degree"), AtLeast(-90), AtMost(90)] | None = None
@@ -79,7 +100,7 @@ class SensorTable:
     depth_std_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(11_000)] | None = None
     """Standard deviation of the depth."""
     heading_deg: Degrees | None = None
-    """Compass heading of axes that turn with the housing."""
+    """Compass heading of axes that turn with the housing, or of a fixed array."""
     sound_speed_mps: SoundSpeed | None = None
     """Sound speed at the sensor."""
     sound_speed_std_mps: (
@@ -98,6 +119,12 @@ class SensorTable:
     """Added once to every time."""
     clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
     """Standard deviation of the clock."""
+    element_along_m: list[Place] | None = None
+    """Place of each hydrophone of an array, from its middle, positive to its head."""
+    tow_offset_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(1e5)] | None = None
+    """Way from the place that the navigation gives back to the array's middle."""
+    heading_source: Literal["way", "compass"] | None = None
+    """Heading of an array: along the ship's way, or the navigation's heading_deg."""
     navigation: str | None = None
     """File with positions and headings over time, relative to this one."""
     sensitivity_db_re_v_per_upa: (
@@ -142,10 +169,61 @@ class SensorTable:
         if self.latitude is not None and self.east_m is not None:
             msg = "give latitude and longitude, or east_m and north_m, not both."
             raise OptionError(msg)
-        self._check_channels()
+        if self.kind == "array":
+            self._check_array()
+        else:
+            self._check_channels()
         self._check_calibration()
 
+    def _check_array(self) -> None:
+        used = [name for name in self.channels or [] if name != "-"]
+        places = self.element_along_m or []
+        if len(used) != len(places) or len(used) < FEWEST_ELEMENTS:
+            msg = (
+                f"an array needs a channel and a place in element_along_m for each of "
+                f"at least {FEWEST_ELEMENTS} hydrophones, got {len(used)} channels to "
+                f'use and {len(places)} places; "-" leaves a channel out.'
+            )
+            raise OptionError(msg)
+        wrong = [n for n in used if used.count(n) > 1 or "," in n or not n.strip()]
+        if wrong:
+            msg = (
+                f"channels of an array must have names of their own without a comma, "
+                f"got {shown(wrong[0])}."
+            )
+            raise OptionError(msg)
+        twice = [place for place in places if places.count(place) > 1]
+        if twice:
+            msg = (
+                f"element_along_m puts two hydrophones at {twice[0]:g} m: give each its "
+                f'own place, or leave one out with channel name "-".'
+            )
+            raise OptionError(msg)
+        aperture_m = max(places) - min(places)
+        if not APERTURES_M[0] <= aperture_m <= APERTURES_M[1]:
+            msg = (
+                f"element_along_m spans {aperture_m:g} m; line arrays have "
+                f"{APERTURES_M[0]:g} to {APERTURES_M[1]:g} m. Are the places in metres?"
+            )
+            raise OptionError(msg)
+        self._check_tow()
+
+    def _check_tow(self) -> None:
+        if self.navigation is None:
+            return
+        if self.heading_deg is not None:
+            msg = "an array has heading_deg (it is fixed) or navigation, not both."
+            raise OptionError(msg)
+        for key, meaning in TOW_KEYS.items():
+            if getattr(self, key) is None:
+                msg = f"an array with navigation needs {key}: {meaning}."
+                raise OptionError(msg)
+
     def _check_channels(self) -> None:
+        own = [key for key in ARRAY_KEYS if getattr(self, key) is not None]
+        if own:
+            msg = f'{own[0]} belongs to an array: give kind = "array".'
+            raise OptionError(msg)
         if self.channels is None and self.kind == "difar":
             msg = 'a difar sensor needs channels = ["omni", "east", "north"].'
             raise OptionError(msg)
@@ -196,6 +274,10 @@ class SensorTable:
         """Return the sensor; files that it names lie relative to a folder."""
         facts = {f.name: getattr(self, f.name) for f in fields(SensorTable)}
         facts["channels"] = ",".join(self.channels or ["omni"])
+        if self.element_along_m is not None:
+            facts["element_along_m"] = ",".join(map(repr, self.element_along_m))
+        if self.kind == "array" and self.heading_deg is not None:
+            facts["heading_source"] = "fixed"
         if self.navigation is not None:
             facts["navigation"] = read_navigation(folder / self.navigation)
         return Sensor(**{k: v for k, v in facts.items() if v is not None})

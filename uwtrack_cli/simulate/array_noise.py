@@ -1,0 +1,114 @@
+"""Ambient noise at the hydrophones of a line array: isotropic, and each one's own.
+
+**Method.** Isotropic noise is a sum of plane waves from directions whose cosines with
+the array are the nodes of a Gauss-Legendre rule, with its weights as powers: the mean
+over all directions of a sphere is the mean over that cosine, and a rule of M nodes is
+exact for phases up to about 2 M radians across the array. Each wave is a stream of
+noise of its own, delayed to every hydrophone by its shaping filter. A hydrophone's own
+noise (flow, electronics) is white and shared with no other.
+
+**Conventions.** Pressure in uPa. A delay shifts the middle of the filter, whose taper
+ends well beyond it. The array is taken as straight: noise has no turn to follow.
+
+**References.** H. Cox, Spatial correlation in arbitrary noise fields, J. Acoust. Soc.
+Am. 54 (1973): the field as a superposition of plane waves.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.simulate.noise import (
+    TAIL,
+    TILE,
+    NoiseGenerator,
+    ambient_density,
+    delayed_filters,
+    shaping_filter,
+    white_spectrum,
+)
+from uwtrack_cli.simulate.scenario import Noise, Scenario
+from uwtrack_cli.simulate.trajectories import Array
+
+UNPLACED = ("hum", "clicks", "rain", "gusts", "shrimp", "knocks", "machines")
+"""Parts of the noise that the simulator gives no direction along an array."""
+
+SPARE_NODES = 8
+"""Nodes beyond those that the aperture needs."""
+
+LONGEST_DELAY = TAIL // 8
+"""Samples by which a filter may be delayed before its taper cuts it."""
+
+
+class ArrayNoise:
+    """The ambient noise at all hydrophones of an array, tile by tile in sequence.
+
+    Parameters
+    ----------
+    scenario
+        What is in the water.
+    noise
+        Its noise.
+    number
+        Number of the array among the sensors.
+
+    Raises
+    ------
+    OptionError
+        The noise has parts that are not simulated for arrays, or the array is too long
+        for its sample rate.
+    """
+
+    def __init__(self, scenario: Scenario, noise: Noise, number: int) -> None:
+        plan, rate = scenario.sensors[number], scenario.sample_rate_hz
+        other = [name for name in UNPLACED if getattr(noise, name)]
+        if other:
+            msg = (
+                f"noise.{other[0]} is not simulated for arrays ({plan.id}); leave it "
+                f"out, or use a sensor of another kind."
+            )
+            raise OptionError(msg)
+        self._seed = scenario.seed
+        self._number = number
+        along_m = np.array(plan.element_along_m)
+        along_m = along_m - along_m.mean()
+        crossing_s = 2.0 * float(np.abs(along_m).max()) / scenario.sound_speed_mps
+        if crossing_s * rate > 2 * LONGEST_DELAY:
+            msg = (
+                f"sound crosses {plan.id} in {crossing_s * rate:.0f} samples; the noise "
+                f"of an array is simulated up to {2 * LONGEST_DELAY}: lower the rate."
+            )
+            raise OptionError(msg)
+        n_nodes = int(np.ceil(0.5 * np.pi * rate * crossing_s)) + SPARE_NODES
+        cosines, weights = np.polynomial.legendre.leggauss(n_nodes)
+        delays_s = -np.outer(along_m, cosines) / scenario.sound_speed_mps
+        filters = delayed_filters(
+            lambda f: ambient_density(noise, f), rate, delays_s.ravel()
+        )
+        scaled = filters.reshape(*delays_s.shape, -1) * np.sqrt(0.5 * weights)[:, None]
+        self._filters: NDArray[np.complex64] = np.ascontiguousarray(
+            np.moveaxis(scaled, -1, 0), np.complex64
+        )
+        self._own: list[NoiseGenerator] = []
+        if plan.element_noise_db is not None:
+            density = 10.0 ** (plan.element_noise_db / 10.0)
+            white = shaping_filter(lambda f: np.full_like(f, density), rate)
+            self._own = [
+                NoiseGenerator(scenario.seed, (110, number, k), white)
+                for k in range(along_m.size)
+            ]
+
+    def tile(self, number: int) -> Array:
+        """Return a tile of pressure, shape (sample, hydrophone), uPa."""
+        waves = np.stack(
+            [
+                white_spectrum(self._seed, (111, self._number, wave), number)
+                for wave in range(self._filters.shape[2])
+            ],
+            axis=-1,
+        )
+        heard = np.einsum("fem,fm->fe", self._filters, waves, optimize=False)
+        found = np.fft.irfft(heard, TILE + TAIL, axis=0)[TAIL:]
+        for element, own in enumerate(self._own):
+            found[:, element] += own.tile(number)
+        return np.asarray(found)
