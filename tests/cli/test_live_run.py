@@ -1,6 +1,7 @@
 """`run` on live sound: the product is that of the same sound run at once."""
 
 import io
+import json
 import os
 import signal
 import struct
@@ -136,3 +137,29 @@ def test_sound_that_is_only_silence_is_said(uwtrack):
     done = uwtrack("run", "-", "-o", "s.h5", input=memory.getvalue())
     assert done.exit_code == 0
     assert "is silent" in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_finishes_the_product(uwtrack, tmp_path, number):
+    """The sound has a gap, whose event says that all before it has been worked on."""
+    rng = np.random.default_rng(6)
+    sound = 0.1 * rng.standard_normal(60 * RATE).astype("<f4")
+    sound[30 * RATE : 31 * RATE] = np.nan
+    running = subprocess.Popen(
+        [*PROGRAM, "run", "-", "-o", "cut.h5", "--start-utc", "now", "--json",
+         "--raw", "f32le", "--rate-hz", str(RATE)],
+        cwd=tmp_path, stdin=subprocess.PIPE, stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )  # fmt: skip
+    running.stdin.write(sound.tobytes())
+    running.stdin.flush()
+    assert json.loads(running.stdout.readline())["event"] == "gap"
+    running.send_signal(number)
+    _, said = running.communicate(timeout=120)
+    assert running.returncode == 0, said
+    assert b"finishing what is open" in said
+    assert verify_product(tmp_path / "cut.h5") == []
+    shown = uwtrack("show", "cut.h5", "recording", "--format", "json")
+    facts = json.loads(shown.stdout)
+    assert 31 * RATE <= facts["n_samples"] <= 60 * RATE
+    assert facts["start_utc_ns"] > 1.7e18

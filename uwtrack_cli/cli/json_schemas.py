@@ -110,9 +110,47 @@ _LISTS = {"rest_frequencies_hz": "rest_frequency_hz",
 """Keys that hold the rows of a ragged table, with its column."""
 
 
+_NUMBER: Schema = {"type": "number"}
+
+_EVENT: dict[str, Schema] = {
+    "event": {"enum": ["line", "presence", "encounter", "gap"]},
+    "sensor": _TEXT,
+    "time_s": {**_NUMBER, "description": "Where it begins, or the approach. [s]"},
+    "time_utc": _TIME,
+    "revision": {"type": "integer", "description": "How often it was told before."},
+    "final": {"type": "boolean", "description": "Whether it is decided."},
+    "decided_s": {**_NUMBER, "description": "Sound that had come when told. [s]"},
+}
+"""Keys of every event of live sound."""
+
+_OF_LINES_AND_GAPS: dict[str, Schema] = {
+    "step": {**_TEXT, "description": "Step that tracked the line."},
+    "line": {"type": "integer", "description": "Identifier of the line."},
+    "end_time_s": {**_NUMBER, "description": "Last point of the line so far. [s]"},
+    "frequency_hz": {**_NUMBER, "description": "Frequency at its last point. [Hz]"},
+    "frequency_low_hz": {**_NUMBER, "description": "Lowest frequency so far. [Hz]"},
+    "frequency_high_hz": {**_NUMBER, "description": "Highest frequency so far. [Hz]"},
+    "snr_db": {"type": ["number", "null"], "description": "Median SNR. [dB]"},
+    "n_points": {"type": "integer", "description": "Points of the line so far."},
+    "duration_s": {**_NUMBER, "description": "Length of the gap so far. [s]"},
+    "reason": {**_TEXT, "description": "What disturbs the sound."},
+}
+
+
+def _events() -> Schema:
+    """Return the schema of one line of `run - --json`; an encounter has its own keys."""
+    encounter = _container(CONTAINERS["encounters"])["items"]["properties"]
+    return {
+        "title": "An event of live sound: one JSON object per line.",
+        "type": "object",
+        "properties": {**encounter, **_OF_LINES_AND_GAPS, **_EVENT},
+        "required": list(_EVENT),
+    }
+
+
 def schema_names() -> list[str]:
     """Return the names of all outputs that have a schema."""
-    return [*CONTAINERS, "info", *REPORTS]
+    return [*CONTAINERS, "info", "events", *REPORTS]
 
 
 def json_schema(name: str) -> Schema:
@@ -134,6 +172,8 @@ def json_schema(name: str) -> Schema:
         body = _container(CONTAINERS[name])
     elif name == "info":
         body = _INFO
+    elif name == "events":
+        body = _events()
     else:
         module, _, kind = REPORTS[name][0].partition(":")
         body = _of_dataclass(getattr(import_module(module), kind))

@@ -5,6 +5,8 @@ open is finished, and the file is written. A second signal ends the run without 
 """
 
 import inspect
+import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.console import say, say_wrote, signals_end
+from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.targets import PIPE, product_name, writer_for
 from uwtrack_cli.data.base import Container
@@ -148,6 +150,7 @@ def run_live(
     target: Path,
     *,
     overwrite: bool,
+    as_json: bool,
 ) -> "list[Held]":
     """Run a recipe over sound until it ends or a signal ends it.
 
@@ -167,6 +170,8 @@ def run_live(
         The product.
     overwrite
         Whether it may replace a file.
+    as_json
+        Whether events are printed as soon as they are decided.
 
     Returns
     -------
@@ -188,7 +193,22 @@ def run_live(
         reader = recording.reader
         assert isinstance(reader, LiveSource)  # noqa: S101 - it was opened so
         with signals_end(reader.end):
-            made = run_into_product(recording, recipe, writer, keep=keep)
+            made = run_into_product(
+                recording,
+                recipe,
+                writer,
+                keep=keep,
+                tell=put_event if as_json else None,
+            )
     say_sensitivity([held.container for held in made])
     say_wrote(target)
     return made
+
+
+def put_event(event: Mapping[str, Any]) -> None:
+    """Print an event as one line of JSON; a reader that is gone does not end the run."""
+    try:
+        put([json.dumps(event, ensure_ascii=False)])
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,6 +1,6 @@
 """`run` and `recipes`: the whole chain in one pass."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -97,14 +97,10 @@ def run(
     keep: list[type[Container]] = [Peaks, Families] if keep_peaks else []
     live = LiveOptions(**{p.name: source_options.pop(p.name) for p in LIVE_PARAMETERS})
     if live.is_live(sources):
-        (source,) = sources
-        (sensor,) = _sensor_of_each(sources, source_options.pop("sensor"))
-        target = live_target(source, output, as_json=json_output)
-        options = {**source_options, "sensor": sensor}
-        held = run_live(
-            source, live, options, chosen, keep, target, overwrite=overwrite
-        )
-        _print_all(held, as_json=json_output)
+        _run_live(
+            sources[0], live, source_options, chosen, keep, output,
+            overwrite=overwrite, as_json=json_output,
+        )  # fmt: skip
         return
     sensors = _sensor_of_each(sources, source_options.pop("sensor"))
     recordings = [
@@ -128,6 +124,29 @@ def run(
         write_containers(fusion.target, fused, fusion.history(), overwrite=overwrite)
         print_result(fused[-1].container, as_json=False)
         say(f"wrote {fusion.target}")
+
+
+def _run_live(
+    source: Path,
+    live: LiveOptions,
+    source_options: Mapping[str, Any],
+    recipe: "Recipe",
+    keep: Sequence[type[Container]],
+    output: Path | None,
+    *,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Run over sound that is still coming; as JSON its events are printed instead."""
+    (sensor,) = _sensor_of_each([source], source_options["sensor"])
+    target = live_target(source, output, as_json=as_json)
+    options = {**source_options, "sensor": sensor}
+    made = run_live(
+        source, live, options, recipe, keep, target,
+        overwrite=overwrite, as_json=as_json,
+    )  # fmt: skip
+    if not as_json:
+        _print_all(made, as_json=False)
 
 
 def _run_one(

@@ -48,6 +48,19 @@ class Sink(Protocol):
         """Return the whole result of a step."""
 
 
+class Watch(Protocol):
+    """Sees what passes through an engine, while it passes."""
+
+    def entering(self, step: Step, block: Container) -> None:
+        """See a block that a map or scan is about to take."""
+
+    def made(self, step: Step, block: Container) -> None:
+        """See a block that a step has made."""
+
+    def advanced(self, now_s: float) -> None:
+        """See how far all sources are, s from the first sample."""
+
+
 class MemorySink:
     """Keeps results in memory: for Python, and for what is small."""
 
@@ -81,10 +94,19 @@ class Engine:
         Containers from outside, which steps find by their kind.
     sink
         Takes the results of the graph's outputs.
+    watch
+        Sees the blocks that pass, if anybody wants to.
     """
 
-    def __init__(self, graph: Graph, given: Sequence[Container], sink: Sink) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        given: Sequence[Container],
+        sink: Sink,
+        watch: Watch | None = None,
+    ) -> None:
         self.graph = graph
+        self._watch = watch
         self._given = list(given)
         self._sink = sink
         self._streams = {
@@ -125,6 +147,8 @@ class Engine:
             began.add(name)
             reached[name] = max(reached[name], _end_s(block))
             self.push(name, block, by_name[name])
+            if self._watch is not None:
+                self._watch.advanced(min(reached[key] for key in streams))
             if progress is not None:
                 progress(STREAM_SHARE * min(reached[key] for key in streams))
         ended = recording.ended()
@@ -145,12 +169,31 @@ class Engine:
         """
         if step is not None:
             self._keep(step, block)
+            if self._watch is not None:
+                self._watch.made(step, block)
         made: dict[str | None, Container] = {origin: block}
         for name, stream in self._streams.items():
             source = stream.node.stream_source
             if source in made:
+                if self._watch is not None:
+                    self._watch.entering(stream.node.step, made[source])
                 made[name] = stream.push(made[source])
                 self._keep(stream.node.step, made[name])
+                if self._watch is not None:
+                    self._watch.made(stream.node.step, made[name])
+
+    def feed(self, name: str, block: Container) -> None:
+        """Give a map or scan a block of its input, and push on what follows.
+
+        Parameters
+        ----------
+        name
+            Name of the step.
+        block
+            The block.
+        """
+        stream = self._streams[name]
+        self.push(name, stream.push(block), stream.node.step)
 
     def finish(self, progress: Progress | None = None) -> None:
         """End the streams in order, then run the whole stages.

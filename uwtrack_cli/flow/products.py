@@ -29,6 +29,7 @@ from uwtrack_cli.flow.branches import keys_of_branch, maker, sole_keys, step_nam
 from uwtrack_cli.flow.comparison import is_streamed
 from uwtrack_cli.flow.engine import Engine, MemorySink, Progress, context_of
 from uwtrack_cli.flow.graph import PASSING, Graph
+from uwtrack_cli.flow.live_events import LiveWatch, Tell
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.step import Step, simple_step
 
@@ -86,6 +87,7 @@ def run_into_product(
     sources: Sequence[Source] = (),
     keep: Sequence[type[Container]] = (),
     progress: Progress | None = None,
+    tell: Tell | None = None,
 ) -> list[Held]:
     """Run a recipe over a recording into a product.
 
@@ -103,6 +105,8 @@ def run_into_product(
         Passing containers that are written all the same.
     progress
         Called after each block.
+    tell
+        Takes events as soon as they are decided; None if nobody waits for them.
 
     Returns
     -------
@@ -116,7 +120,8 @@ def run_into_product(
     """
     graph = recipe.graph(keep).resolved(recording)
     sink = ProductSink(writer, graph)
-    engine = Engine(graph, context_of(recording), sink)
+    watch = None if tell is None else LiveWatch(graph, recording, tell)
+    engine = Engine(graph, context_of(recording), sink, watch)
     engine.run_recording(recording, progress)
     recording = recording.ended()
     writer.write(recording)
@@ -126,6 +131,8 @@ def run_into_product(
     )
     small = [s for s in graph.steps() if s.name in graph.outputs]
     small = [s for s in small if s.stage.output not in PASSING]
+    if watch is not None:
+        watch.finish([sink.read(step) for step in small])
     made = [Held(sink.read(step), graph.product_key(step)) for step in small]
     return [Held(recording), Held(recording.sensor), *made]
 

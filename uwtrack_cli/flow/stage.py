@@ -102,6 +102,26 @@ class Stage:
         found: Callable[..., Any] = getattr(import_module(module), function)
         return found
 
+    def condensed(self, block: Container, options: Mapping[str, Any]) -> Container:
+        """Return what the stage needs of a block it takes, to take this later instead.
+
+        A module may define ``condense`` for its stage, with the stage's own options,
+        where the block itself is too large to be kept.
+
+        Parameters
+        ----------
+        block
+            A block that the stage takes.
+        options
+            Options of the step.
+        """
+        module = import_module(self.target.partition(":")[0])
+        condense = getattr(module, "condense", None)
+        if condense is None:
+            return block
+        made: Container = condense(block, **{**self.defaults, **options})
+        return made
+
     @cached_property
     def inputs(self) -> tuple[Input, ...]:
         """Containers that the stage reads, in order."""

@@ -215,24 +215,31 @@ def test_a_stall_and_a_jump_of_the_clock_are_noted(monkeypatch):
     monkeypatch.setattr(byte_stream.time, "monotonic", lambda: now["steady"])
     monkeypatch.setattr(byte_stream.time, "time", lambda: now["clock"])
 
-    class Scripted(byte_stream.ByteStream):
-        def _next(self):
-            now["steady"] += 1.0
-            now["clock"] += 1.0
-            if self.n_bytes == 4000:
-                now["steady"] += 9.0
-                now["clock"] += 3609.0
-            return bytes(2000) if self.n_bytes < 8000 else b""
+    class Slow(io.RawIOBase):
+        """Sound whose third piece comes late, and after a step of the clock."""
 
+        pieces = 0
+
+        def read(self, _=-1):
+            self.pieces += 1
+            if self.pieces == 3:
+                now["steady"] += 10.0
+                now["clock"] += 3610.0
+            return bytes(2000) if self.pieces < 6 else b""
+
+    stream = PipeStream("pipe", Slow)
+    stream._thread.join()  # the work begins later: that is no stall
+    now["steady"] += 100.0
+    now["clock"] += 100.0
     header = StreamHeader(1000.0, 1, SampleFormat("s", 2))
-    reader = LiveReader(Scripted("pipe"), header, (0,))
+    reader = LiveReader(stream, header, (0,))
     with pytest.warns(UwtrackWarning, match="silent"):
         list(reader(1000))
-    noted = {d.reason: d.start_sample for d in reader.take_disturbances()}
-    assert noted == {
-        "no sound came for 10.0 s": 2000,
-        "the computer's clock jumped by +3600.0 s; times count samples": 2000,
-    }
+    noted = [d.reason for d in reader.take_disturbances()]
+    assert sorted(noted) == [
+        "no sound came for 10.0 s",
+        "the computer's clock jumped by +3600.0 s; times count samples",
+    ]
 
 
 def test_samples_that_are_no_number_and_sound_that_does_not_change_are_noted():

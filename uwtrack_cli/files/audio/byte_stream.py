@@ -96,8 +96,6 @@ class ByteStream(abc.ABC):
         if piece is None:
             self._is_over |= self._idle_s is not None and waited_s >= self._idle_s
             return
-        if waited_s > STALL_S and self.n_bytes:
-            self.stalls_s.append(waited_s)
         self._last_s = now_s
         jump_s = time.time() - now_s - self._clock_s
         if abs(jump_s) > JUMP_S:
@@ -128,7 +126,7 @@ class PipeStream(ByteStream):
     ) -> None:
         super().__init__(name, idle_s)
         self._opener = opener
-        self._pieces: deque[bytes] = deque()
+        self._pieces: deque[tuple[bytes, float]] = deque()
         self._n_waiting = 0
         self._failure: OSError | None = None
         self._changed = threading.Condition()
@@ -152,9 +150,11 @@ class PipeStream(ByteStream):
                 self._changed.wait(TURN_S)
             if not self._pieces:
                 return None
-            piece = self._pieces.popleft()
+            piece, read_s = self._pieces.popleft()
             self._n_waiting -= len(piece)
             self._changed.notify_all()
+        if piece and read_s > STALL_S and self.n_bytes:
+            self.stalls_s.append(read_s)
         if not piece and self._failure is not None:
             reason = self._failure.strerror or self._failure
             msg = f"cannot read {self.name}: {reason}."
@@ -165,20 +165,27 @@ class PipeStream(ByteStream):
         """Read until the end; the thread ends with the program or with the stream."""
         try:
             with self._opener() as file:
-                while piece := file.read(PIECE_BYTES):
-                    with self._changed:
-                        while self._n_waiting >= HELD_BYTES and not self._is_over:
-                            self._changed.wait(TURN_S)
-                        if self._is_over:
-                            return
-                        self._pieces.append(piece)
-                        self._n_waiting += len(piece)
-                        self._changed.notify_all()
+                piece = b" "
+                while piece:
+                    begin_s = time.monotonic()
+                    piece = file.read(PIECE_BYTES)
+                    if not self._hold(piece, time.monotonic() - begin_s):
+                        return
         except OSError as error:
             self._failure = error
+            self._hold(b"", 0.0)
+
+    def _hold(self, piece: bytes, read_s: float) -> bool:
+        """Hold a piece when there is room; return False if nobody wants it."""
         with self._changed:
-            self._pieces.append(b"")
+            while self._n_waiting >= HELD_BYTES and not self._is_over:
+                self._changed.wait(TURN_S)
+            if self._is_over:
+                return False
+            self._pieces.append((piece, read_s))
+            self._n_waiting += len(piece)
             self._changed.notify_all()
+            return True
 
 
 class GrowingFile(ByteStream):

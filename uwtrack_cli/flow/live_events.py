@@ -1,0 +1,489 @@
+"""What is told of live sound while it comes: lines, closest approaches, gaps.
+
+**Method.** The blocks that the scans of a recipe take are kept for the last
+``RING_S`` seconds. At fixed times of the sound the scans and the whole stages are run
+anew over the last of them: often over short stretches, which hold the passages of small
+``range_over_speed_s`` (d/v), and seldom over long ones. What a stretch shows is told as
+provisional as soon as the closest approach lies d/v behind. When 4 d/v and a minute have
+passed, the longest stretch decides, and what is told is final. The product is made from
+the whole sound, whatever was told.
+
+**Conventions.** Everything depends on the sound alone, never on the clock: the same
+sound gives the same events. An event is told again, with the next ``revision``, when a
+value has moved by its deviation or the deviation has shrunk by a third.
+"""
+
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.lines import COASTED, Lines
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.audio.live_reader import UNCHANGED_S, LiveReader
+from uwtrack_cli.files.tables.json_rows import json_rows, plain
+from uwtrack_cli.files.utc import format_utc
+from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
+from uwtrack_cli.flow.graph import Graph
+from uwtrack_cli.flow.step import Step
+
+Event = dict[str, Any]
+"""A JSON object: ``event`` names its kind, ``revision`` and ``final`` its state."""
+
+Tell = Callable[[Event], None]
+"""Takes an event as soon as it is decided."""
+
+STRETCHES_S = (160.0, 400.0, 1000.0, 2500.0)
+"""Stretches of sound that are looked at: 2500 s hold 4 times the longest d/v, 600 s."""
+
+LOOKS = 10
+"""A stretch is looked at again when this share of it is new: one tenth."""
+
+RING_S = STRETCHES_S[-1]
+RING_BYTES = 1 << 28
+"""Most bytes of blocks that are kept for one scan; stretches are shorter then."""
+
+FINAL_WIDTHS, FINAL_S = 4.0, 60.0
+"""A passage is final when so many d/v and seconds have passed since."""
+
+PASSED = ("ok", "level-only")
+"""Status of a closest approach that lies in the sound."""
+
+KNOWN_WIDTH_S = 10.0
+"""d/v of a passage of which it is not known, s."""
+
+WITHDRAWN = "not-a-passage"
+
+
+class LiveWatch:
+    """Watches an engine that runs over live sound, and tells what is decided.
+
+    Parameters
+    ----------
+    graph
+        The graph of the run, its options resolved.
+    recording
+        The live recording.
+    tell
+        Takes the events.
+    """
+
+    def __init__(self, graph: Graph, recording: Recording, tell: Tell) -> None:
+        self._tell = tell
+        self._recording = recording
+        self._passages = _Passages(self._say)
+        self._lines: dict[str, _OpenLines] = {}
+        self._whole = [
+            node.step
+            for node in graph.nodes
+            if node.step.stage.kind == "whole" and node.step.stage.output is Encounters
+        ]
+        self._graph = _part(graph, self._whole)
+        self._rings = {step.name: _Ring(step) for step in _roots(self._graph)}
+        self._results = {step.name: _Ring(step) for step in _direct(self._graph)}
+        self._due_s = {stretch: stretch / LOOKS for stretch in STRETCHES_S}
+        self._now_s = 0.0
+
+    def entering(self, step: Step, block: Container) -> None:
+        """Note a block that a step is about to take."""
+        if step.name in self._rings:
+            kept = step.stage.condensed(block, step.options)
+            self._rings[step.name].add(kept)
+
+    def made(self, step: Step, block: Container) -> None:
+        """Note a block that a step has made."""
+        if step.name in self._results:
+            self._results[step.name].add(block)
+        if isinstance(block, Lines):
+            lines = self._lines.setdefault(step.name, _OpenLines(step, self._say))
+            lines.add(block)
+
+    def advanced(self, now_s: float) -> None:
+        """Tell what the sound up to now decides.
+
+        Parameters
+        ----------
+        now_s
+            Time that every source has reached, s from the first sample.
+        """
+        self._now_s = now_s
+        self._tell_gaps()
+        if not self._whole:
+            return
+        before = 0.0
+        for stretch_s, due_s in self._due_s.items():
+            if now_s >= due_s:
+                self._due_s[stretch_s] = now_s + stretch_s / LOOKS
+                if now_s > before:  # a shorter stretch does not hold it all
+                    self._look(stretch_s)
+            before = stretch_s
+        if self._passages.some_are_due(now_s):
+            rows, _ = self._rows(RING_S)
+            self._passages.decide(rows, now_s)
+
+    def finish(self, found: Sequence[Container]) -> None:
+        """Tell what the whole sound has decided.
+
+        Parameters
+        ----------
+        found
+            The results of the run, its encounters among them.
+        """
+        self._tell_gaps()
+        for lines in self._lines.values():
+            lines.finish()
+        tables = [c for c in found if isinstance(c, Encounters)]
+        self._passages.finish([row for table in tables for row in json_rows(table)])
+
+    def _look(self, stretch_s: float) -> None:
+        rows, start_s = self._rows(stretch_s)
+        for row in rows:
+            width_s = _width_s(row)
+            margin_s = width_s if row["status"] == "ok" else 3.0 * width_s
+            is_inside = start_s <= max(0.0, row["time_s"] - margin_s)
+            if is_inside and row["time_s"] + width_s <= self._now_s:
+                self._passages.see(row, stretch_s)
+
+    def _rows(self, stretch_s: float) -> tuple[list[Event], float]:
+        """Run the last stretch of the sound anew; return its passages and its begin."""
+        sink = MemorySink()
+        engine = Engine(self._graph, context_of(self._recording), sink)
+        start_s = self._now_s
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the run itself will say it
+                for name, ring in self._rings.items():
+                    for block in ring.since(self._now_s - stretch_s):
+                        start_s = min(start_s, _span(block)[0])
+                        engine.feed(name, block)
+                for ring in self._results.values():
+                    for block in ring.since(self._now_s - stretch_s):
+                        sink.append(ring.step, block)
+                engine.finish()
+        except DataError:  # too little sound for one of the stages
+            return [], start_s
+        rows = [row for step in self._whole for row in json_rows(sink.read(step))]
+        return [row for row in rows if row["status"] in PASSED], start_s
+
+    def _tell_gaps(self) -> None:
+        reader = self._recording.reader
+        if not isinstance(reader, LiveReader):
+            return
+        rate_hz = self._recording.sample_rate_hz
+        for gap in reader.take_disturbances():
+            time_s = gap.start_sample / rate_hz
+            is_long = gap.is_over and gap.n_samples >= UNCHANGED_S * rate_hz
+            facts = {"duration_s": gap.n_samples / rate_hz, "reason": gap.reason}
+            self._say("gap", time_s, facts, int(is_long), is_final=gap.is_over)
+
+    def _say(
+        self, kind: str, time_s: float, facts: Event, revision: int, *, is_final: bool
+    ) -> None:
+        start_ns = self._recording.start_utc_ns
+        event: Event = {"event": kind, "sensor": self._recording.sensor.id}
+        event |= {"time_s": time_s, "time_utc": None}
+        if start_ns is not None:
+            time_ns = start_ns + round(time_s * 1000) * (NANOSECONDS // 1000)
+            event["time_utc"] = format_utc(time_ns)
+        event |= facts
+        event |= {"revision": revision, "final": is_final, "decided_s": self._now_s}
+        self._tell(event)
+
+
+@dataclass
+class _Passage:
+    """A closest approach that was told."""
+
+    row: Event
+    contact: int
+    revision: int
+    stretch_s: float
+    is_final: bool = False
+
+    @property
+    def due_s(self) -> float:
+        """When it is decided, s."""
+        return float(self.row["time_s"] + FINAL_WIDTHS * _width_s(self.row) + FINAL_S)
+
+
+class _Passages:
+    """The closest approaches that were told, each with its last values."""
+
+    def __init__(self, say: Callable[..., None]) -> None:
+        self._say = say
+        self._known: list[_Passage] = []
+
+    def see(self, row: Event, stretch_s: float) -> None:
+        """Take a passage that a stretch shows."""
+        known = _nearest(row, self._known)
+        if known is None:
+            known = _Passage(row, 1 + len(self._known), 0, stretch_s)
+            self._known.append(known)
+            self._tell(known)
+        elif not known.is_final and _is_news(row, known, stretch_s):
+            known.stretch_s = max(stretch_s, known.stretch_s)
+            self._revise(known, row)
+
+    def some_are_due(self, now_s: float) -> bool:
+        """Tell whether a passage waits to be decided."""
+        return any(not p.is_final and p.due_s <= now_s for p in self._known)
+
+    def decide(self, rows: Sequence[Event], now_s: float) -> None:
+        """Decide what is due by what the longest stretch shows."""
+        due = [p for p in self._known if not p.is_final and p.due_s <= now_s]
+        found = _paired(rows, due)
+        for k, passage in enumerate(due):
+            passage.is_final = True
+            self._revise(passage, found.get(k) or _withdrawn(passage.row))
+
+    def finish(self, rows: Sequence[Event]) -> None:
+        """Tell what the whole sound says otherwise, or for the first time."""
+        wanted = [row for row in rows if row["status"] in (*PASSED, "extrapolated")]
+        found = _paired(wanted, self._known)
+        paired = [id(row) for row in found.values()]
+        for k, passage in enumerate(self._known):
+            row = found.get(k)
+            was_final, passage.is_final = passage.is_final, True
+            if row is None and passage.row["status"] != WITHDRAWN:
+                self._revise(passage, _withdrawn(passage.row))
+            elif row is not None and not (was_final and _agrees(row, passage.row)):
+                self._revise(passage, row)
+        for row in wanted:
+            if id(row) not in paired:
+                known = _Passage(row, 1 + len(self._known), 0, RING_S, is_final=True)
+                self._known.append(known)
+                self._tell(known)
+
+    def _revise(self, passage: _Passage, row: Event) -> None:
+        passage.row, passage.revision = row, passage.revision + 1
+        self._tell(passage)
+
+    def _tell(self, passage: _Passage) -> None:
+        row = {**passage.row, "contact": passage.contact}
+        self._say(
+            "encounter", row["time_s"], row, passage.revision, is_final=passage.is_final
+        )
+
+
+def _width_s(row: Event) -> float:
+    """Return d/v of a passage, s."""
+    known = row["range_over_speed_s"] or row["horizontal_range_over_speed_s"]
+    return float(known or KNOWN_WIDTH_S)
+
+
+def _apart(row: Event, other: Event) -> float:
+    """Return how far two passages are apart, in what they may differ; 1 is the limit."""
+    allowed_s = 3.0 * float(np.hypot(row["time_std_s"] or 0, other["time_std_s"] or 0))
+    allowed_s = max(allowed_s, 0.5 * min(_width_s(row), _width_s(other)), 1.0)
+    apart = abs(row["time_s"] - other["time_s"]) / allowed_s
+    pair = row["rest_frequencies_hz"], other["rest_frequencies_hz"]
+    if all(pair):
+        ratio = np.divide.outer(*map(np.asarray, pair))
+        if np.abs(ratio - 1.0).min() > 5e-3:  # other machines: another vessel
+            return np.inf
+    return float(apart)
+
+
+def _nearest(row: Event, known: Sequence[_Passage]) -> _Passage | None:
+    near = [(_apart(row, p.row), k) for k, p in enumerate(known)]
+    best = min(near, default=(np.inf, 0))
+    return known[best[1]] if best[0] <= 1.0 else None
+
+
+def _paired(rows: Sequence[Event], known: Sequence[_Passage]) -> dict[int, Event]:
+    """Pair rows with passages one to one, the nearest first."""
+    near = sorted(
+        (_apart(row, p.row), k, n)
+        for n, row in enumerate(rows)
+        for k, p in enumerate(known)
+    )
+    found: dict[int, Event] = {}
+    taken: set[int] = set()
+    for apart, k, n in near:
+        if apart <= 1.0 and k not in found and n not in taken:
+            found[k] = rows[n]
+            taken.add(n)
+    return found
+
+
+TOLD = ("time_s", "speed_mps", "range_over_speed_s")
+"""Quantities whose change is worth a revision; each has a deviation."""
+
+
+def _std(row: Event, name: str) -> float | None:
+    stem, unit = name.rsplit("_", 1)
+    value: float | None = row.get(f"{stem}_std_{unit}")
+    return value
+
+
+def _agrees(row: Event, told: Event) -> bool:
+    """Tell whether a passage is within a deviation of what was told."""
+    if row["status"] != told["status"]:
+        return False
+    for name in TOLD:
+        new, old, std = row[name], told[name], _std(told, name)
+        if (new is None) != (old is None):
+            return False
+        if new is not None and std is not None and abs(new - old) > std:
+            return False
+    return True
+
+
+def _is_news(row: Event, known: _Passage, stretch_s: float) -> bool:
+    """Tell whether a look is worth a revision: it knows more, and something new."""
+    sharper = []
+    for name in TOLD:
+        new, old = _std(row, name), _std(known.row, name)
+        sharper.append(new is not None and (old is None or new < 0.67 * old))
+    longer = stretch_s >= known.stretch_s
+    return any(sharper) or (longer and not _agrees(row, known.row))
+
+
+def _withdrawn(row: Event) -> Event:
+    reasons = {**row["reasons"], "status": "more sound does not confirm the passage"}
+    return {**row, "status": WITHDRAWN, "reasons": reasons}
+
+
+class _Ring:
+    """The last blocks that a step took, or made."""
+
+    def __init__(self, step: Step) -> None:
+        self.step = step
+        self._blocks: deque[Container] = deque()
+        self._n_bytes = 0
+
+    def add(self, block: Container) -> None:
+        """Keep a block, and let go of what is too old."""
+        self._blocks.append(block)
+        self._n_bytes += block.nbytes
+        oldest_s = _span(block)[1] - RING_S
+        while len(self._blocks) > 1 and (
+            _span(self._blocks[0])[1] < oldest_s or self._n_bytes > RING_BYTES
+        ):
+            self._n_bytes -= self._blocks.popleft().nbytes
+
+    def since(self, start_s: float) -> Iterator[Container]:
+        """Return the blocks that end after a time."""
+        return (block for block in self._blocks if _span(block)[1] > start_s)
+
+
+class _OpenLines:
+    """The lines of a step that have not ended, and what was told of them."""
+
+    def __init__(self, step: Step, say: Callable[..., None]) -> None:
+        self._step = step
+        self._say = say
+        self._open: dict[int, Event] = {}
+
+    def add(self, block: Lines) -> None:
+        """Take the points that have become final; tell which lines begin and end."""
+        if not block.line.size:
+            return
+        present = set(np.unique(block.line).tolist())
+        for line in [line for line in self._open if line not in present]:
+            self._end(line)
+        for line in sorted(present):
+            is_new = line not in self._open
+            self._open[line] = self._facts(line, block)
+            if is_new:
+                self._tell(line, 0, is_final=False)
+
+    def finish(self) -> None:
+        """Tell that the lines that are open have ended."""
+        for line in list(self._open):
+            self._end(line)
+
+    def _facts(self, line: int, block: Lines) -> Event:
+        own = block.line == line
+        known = self._open.get(line)
+        times, frequency = block.time_s[own], block.frequency_hz[own]
+        heard = block.association[own] != COASTED
+        snr_db = block.measured_snr_db[own][heard]
+        facts: Event = {
+            "step": self._step.name,
+            "line": line,
+            "time_s": float(times.min()),
+            "end_time_s": float(times.max()),
+            "frequency_hz": float(frequency[np.argmax(times)]),
+            "frequency_low_hz": float(frequency.min()),
+            "frequency_high_hz": float(frequency.max()),
+            "snr_db": plain(float(np.median(snr_db)) if snr_db.size else np.nan),
+            "n_points": int(own.sum()),
+        }
+        if known is not None:
+            low = min(known["frequency_low_hz"], facts["frequency_low_hz"])
+            high = max(known["frequency_high_hz"], facts["frequency_high_hz"])
+            facts |= {"time_s": known["time_s"], "frequency_low_hz": low,
+                      "frequency_high_hz": high,
+                      "n_points": known["n_points"] + facts["n_points"]}  # fmt: skip
+        return facts
+
+    def _end(self, line: int) -> None:
+        self._tell(line, 1, is_final=True)
+        del self._open[line]
+
+    def _tell(self, line: int, revision: int, *, is_final: bool) -> None:
+        facts = self._open[line]
+        self._say("line", facts["time_s"], facts, revision, is_final=is_final)
+
+
+def _span(block: Container) -> tuple[float, float]:
+    """Return the times of a block's first and last frame, s."""
+    time_s = getattr(block, "frames").time_s  # noqa: B009 - blocks of a stream have it
+    return (float(time_s[0]), float(time_s[-1])) if time_s.size else (np.inf, -np.inf)
+
+
+def _part(graph: Graph, wanted: Sequence[Step]) -> Graph:
+    """Return the part of a graph that some steps need."""
+    by_name = {node.step.name: node for node in graph.nodes}
+    names = {step.name for step in wanted}
+    waiting = list(names)
+    while waiting:
+        for sources in by_name[waiting.pop()].sources.values():
+            waiting += [name for name in sources if name not in names]
+            names.update(sources)
+    nodes = tuple(node for node in graph.nodes if node.step.name in names)
+    return replace(graph, nodes=nodes, outputs=graph.outputs & names)
+
+
+def _direct(graph: Graph) -> list[Step]:
+    """Return the steps without a scan before them whose results a whole stage reads."""
+    roots = {step.name for step in _roots(graph)}
+    by_name = {node.step.name: node for node in graph.nodes}
+    read = {
+        name
+        for node in graph.nodes
+        if node.step.stage.kind == "whole"
+        for names in node.sources.values()
+        for name in names
+    }
+
+    def follows_a_scan(name: str | None) -> bool:
+        node = by_name.get(name or "")
+        if node is None or node.step.stage.kind in {"source", "whole"}:
+            return node is not None and node.step.stage.kind == "whole"
+        return (
+            name in roots
+            or node.step.stage.kind == "scan"
+            or follows_a_scan(node.stream_source)
+        )
+
+    return [by_name[name].step for name in sorted(read) if not follows_a_scan(name)]
+
+
+def _roots(graph: Graph) -> Iterator[Step]:
+    """Yield the scans that no other scan precedes: from them on all can be done anew."""
+    after: set[str] = set()
+    for node in graph.nodes:
+        kind, source = node.step.stage.kind, node.stream_source
+        if kind == "scan" and source not in after:
+            yield node.step
+        if kind in {"map", "scan"} and (kind == "scan" or source in after):
+            after.add(node.step.name)
