@@ -7,9 +7,10 @@ import soundfile
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.flow.concatenate import Span, group_spans, join_recordings
+from uwtrack_cli.flow.concatenate import join_recordings
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.exports.raven import Clock
+from uwtrack_cli.flow.recorder_folder import Span, group_spans
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.sources import open_with_options
 

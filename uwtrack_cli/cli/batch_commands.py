@@ -2,9 +2,10 @@
 
 import inspect
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -23,7 +24,7 @@ from uwtrack_cli.errors import OptionError
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.batch import Job, Outcome
-    from uwtrack_cli.flow.batch_sources import Joining
+    from uwtrack_cli.flow.recorder_folder import Joining
 
 PER_FILE = ("start_utc", "start_s", "stop_s")
 """Options of one recording, which mean nothing for many."""
@@ -37,6 +38,14 @@ OWN: dict[str, tuple[Any, Any, str]] = {
     ),
     "join_slack_s": (
         float | None, None, "How exact the start times are, in s; 1 if unset."
+    ),
+    "per": (
+        Literal["day", "file"] | None, None,
+        "Cut what is joined: one product per UTC day, or per file.",
+    ),
+    "overlap_s": (
+        float | None, None,
+        "Sound in s that a part reads beside its own span; 900 if unset.",
     ),
 }  # fmt: skip
 OWN_PARAMETERS = [
@@ -94,44 +103,62 @@ def batch(
     some failed; after an interrupt, --resume goes on where it ended. Sensors are not
     fused: uwtrack locate takes the products of the sensors that detected the same vessel.
     """
-    from uwtrack_cli.flow.batch_sources import find_recordings, make_jobs
+    from uwtrack_cli.flow.batch_sources import (
+        describe_recorders,
+        find_recordings,
+        make_jobs,
+    )
     from uwtrack_cli.flow.shipped_recipes import load_recipe
 
     own = {parameter.name: options.pop(parameter.name) for parameter in OWN_PARAMETERS}
+    joining = _joining(own)
+    found = find_recordings(sources)
     made = make_jobs(
-        find_recordings(sources),
+        found,
         folder,
         load_recipe(recipe).with_settings(settings or []),
         options,
         resume=resume,
         overwrite=overwrite,
-        joining=_joining(own),
+        joining=joining,
     )
+    for text in describe_recorders(found, options, joining):
+        say(text)
     outcomes = _run(made, folder, own["jobs"], own["scheduler"])
-    _tell(outcomes, folder, as_json=json_output)
-    if any(outcome.status == "failed" for outcome in outcomes):
+    rows = _tell(outcomes, folder, as_json=json_output)
+    if any(row["status"] in {"failed", "truncated"} for row in rows):
         raise typer.Exit(SOME_FAILED)
 
 
 def _joining(own: Mapping[str, Any]) -> "Joining | None":
-    from uwtrack_cli.flow.batch_sources import Joining
+    from uwtrack_cli.flow.recorder_folder import Joining
 
-    if not own["join"]:
-        return None
     given = {
         "max_gap_s": own["join_gap_s"],
         "slack_s": own["join_slack_s"],
+        "per": own["per"],
+        "overlap_s": own["overlap_s"],
     }
-    for name, value in given.items():
-        if value is not None and not value >= 0.0:
+    known = {k: v for k, v in given.items() if v is not None}
+    if not own["join"]:
+        if known:
+            msg = "--join-gap-s, --join-slack-s, --per and --overlap-s go with --join."
+            raise OptionError(msg)
+        return None
+    for name, value in known.items():
+        if name != "per" and not value >= 0.0:
             msg = f"{name} of --join must be 0 or more, got {value}."
             raise OptionError(msg)
-    return Joining(**{k: v for k, v in given.items() if v is not None})
+    if "overlap_s" in known and "per" not in known:
+        msg = "--overlap-s goes with --per, which cuts what is joined."
+        raise OptionError(msg)
+    return Joining(**known)
 
 
 def _run(
     made: "Sequence[Job]", folder: Path, jobs: int | None, scheduler: str | None
 ) -> "list[Outcome]":
+    from uwtrack_cli.flow.batch import count_once
     from uwtrack_cli.flow.batch_report import check_report, write_report
     from uwtrack_cli.flow.executors import available_processors, run_jobs
 
@@ -148,19 +175,22 @@ def _run(
                 if outcome.status == "failed":
                     say(f"failed: {outcome.source}: {outcome.message}", 1)
     finally:
-        outcomes = [found[k] for k in sorted(found)]
+        outcomes = [outcome for _, outcome in sorted(count_once(made, found).items())]
         for path in write_report(outcomes, folder):
             say(f"wrote {path}", 1)
     return outcomes
 
 
-def _tell(outcomes: "Sequence[Outcome]", folder: Path, *, as_json: bool) -> None:
+def _tell(
+    outcomes: "Sequence[Outcome]", folder: Path, *, as_json: bool
+) -> list[dict[str, Any]]:
+    """Print what became of the jobs; return the rows of the report."""
     from uwtrack_cli.flow.batch_report import report_rows
 
     rows = report_rows(outcomes, folder)
     if as_json:
         put([json.dumps(rows, ensure_ascii=False)])
-        return
+        return rows
     if is_verbose():
         heads = ("source", "status", "passages")
         show_table(
@@ -171,23 +201,22 @@ def _tell(outcomes: "Sequence[Outcome]", folder: Path, *, as_json: bool) -> None
             ],
         )
     for row in rows:
-        if row["status"] == "failed":
-            say(f"failed: {Path(row['source']).name}: {row['message']}")
+        if row["status"] in {"failed", "truncated"}:
+            say(f"{row['status']}: {Path(row['source']).name}: {row['message']}")
     for text in _repeated(rows):
         say(f"warning: {text}")
-    counts = {
-        s: sum(r["status"] == s for r in rows) for s in ("done", "resumed", "failed")
-    }
-    told = ", ".join(f"{n} {status}" for status, n in counts.items() if n)
+    counts = Counter(row["status"] for row in rows)
+    told = ", ".join(f"{n} {status}" for status, n in counts.items())
     n_passages = sum(r["n_encounters"] for r in rows)
     say(f"{told}; {n_passages} passages: uwtrack passages {folder}")
+    return rows
 
 
 def _repeated(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield the warnings of a batch, one that many recordings share but once."""
     found: dict[str, list[str]] = {}
     for row in rows:
-        if row["status"] != "failed" and row["message"]:
+        if row["status"] not in {"failed", "truncated"} and row["message"]:
             name = Path(row["source"]).name
             text = str(row["message"]).replace(row["source"], "").replace(name, "")
             found.setdefault(text, []).append(str(row["message"]))

@@ -7,12 +7,16 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Container, IntArray, TextArray, column, scalar
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
 
 Samples = NDArray[np.float32]
 """Samples in full-scale units, shape (sample, channel)."""
+
+GUARD_S = 60.0
+"""A part of a recording keeps closest approaches so far beside its own span, s."""
 
 Reader = Callable[[int], Iterator[Samples]]
 """Opens the recording and yields consecutive blocks of at most so many samples.
@@ -189,7 +193,10 @@ class SampleRing:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RecordedFiles(Container):
-    """Files that were joined to one recording, in order of time; gaps lie between."""
+    """Files that were joined to one recording, in order of time; gaps lie between.
+
+    A part of a longer recording has a span of its own and reads some sound beside it.
+    """
 
     NAME: ClassVar[str] = "files"
 
@@ -204,4 +211,30 @@ class RecordedFiles(Container):
     start_utc_ns: IntArray = column(
         "ns", "Time of its first sample since 1970-01-01 UTC.", "file", dtype=np.int64
     )
+    first_sample: IntArray | None = column(
+        "1", "Sample of the file that is its first here.", "file", dtype=np.int64,
+        optional=True,
+    )  # fmt: skip
     sensor: str = scalar("", "Identifier of the sensor.")
+    own_start_utc_ns: int | None = scalar(
+        "ns", "Where a part's own span begins; None for a whole recording.", None
+    )
+    own_stop_utc_ns: int | None = scalar(
+        "ns", "Where a part's own span ends; None for a whole recording.", None
+    )
+
+    def kept_span_s(self, start_utc_ns: int | None) -> tuple[float, float] | None:
+        """Return where closest approaches are kept, s of a recording; None: everywhere.
+
+        Parameters
+        ----------
+        start_utc_ns
+            Time of the first sample of the recording, ns since 1970-01-01 UTC.
+        """
+        own = (self.own_start_utc_ns, self.own_stop_utc_ns)
+        if start_utc_ns is None or own[0] is None or own[1] is None:
+            return None
+        return (
+            (own[0] - start_utc_ns) / NANOSECONDS - GUARD_S,
+            (own[1] - start_utc_ns) / NANOSECONDS + GUARD_S,
+        )

@@ -2,20 +2,21 @@
 
 **Method.** A job reads its source, runs the recipe and writes one product, exactly as
 `uwtrack run` does; it returns what became of it instead of raising, so that one bad
-file is a row of the report. A product counts as complete when it is undamaged and
+file is a row of the report. Of files that are joined, one that cannot be read is a gap,
+and one that ends too early a gap from there on; both are told. A product counts as complete when it is undamaged and
 its own history names this source, recipe and program: there is no other bookkeeping.
 """
 
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from uwtrack_cli.data.base import Container
+from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
-from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.errors import DataError, OutputError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.hdf5.product import (
     ProductWriter,
@@ -25,16 +26,18 @@ from uwtrack_cli.files.hdf5.product import (
 )
 from uwtrack_cli.files.input_ledger import input_ledger, not_an_input
 from uwtrack_cli.files.tables.json_rows import json_rows
-from uwtrack_cli.flow.concatenate import SLACK_S, join_recordings
+from uwtrack_cli.files.utc import parse_utc
+from uwtrack_cli.flow.concatenate import clip_recording, join_recordings
 from uwtrack_cli.flow.products import (
     history_of_graph,
     run_into_product,
     source_of_recording,
 )
 from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.recorder_folder import Joining, OwnSpan, distinct_passages
 from uwtrack_cli.flow.sources import open_with_options
 
-DONE, RESUMED, FAILED = "done", "resumed", "failed"
+DONE, RESUMED, FAILED, TRUNCATED = "done", "resumed", "failed", "truncated"
 
 
 @dataclass(frozen=True)
@@ -53,8 +56,10 @@ class Job:
     """Whether a complete product is kept."""
     overwrite: bool = False
     """Whether an existing product may be replaced."""
-    slack_s: float = SLACK_S
-    """Difference from UTC up to which a file directly follows the one before it, s."""
+    joining: Joining | None = None
+    """How the recordings are joined; None is one recording by itself."""
+    own_ns: tuple[int, int] | None = None
+    """Span whose closest approaches are kept, ns since 1970-01-01 UTC; None is all."""
     may_repeat: bool = False
     """Whether it may run twice: its worker can be lost after the product was placed."""
 
@@ -79,6 +84,9 @@ class Outcome:
     """Processor time that was used, s."""
     encounters: tuple[dict[str, Any], ...] = ()
     """Rows of the encounters found, as JSON objects."""
+    faults: tuple[dict[str, Any], ...] = ()
+    """Recordings that could not be joined whole: source, status ('failed', 'truncated'),
+    message."""
 
 
 def run_job(job: Job) -> Outcome:
@@ -120,12 +128,32 @@ def _is_warning(category: type[Warning]) -> bool:
     )
 
 
+@dataclass(frozen=True)
+class _Opened:
+    """What a job reads."""
+
+    recording: Recording
+    """The recording, joined if there are several."""
+    sources: list[Source]
+    """Its files, for the history."""
+    files: RecordedFiles | None = None
+    """How they were joined."""
+    faults: tuple[dict[str, Any], ...] = ()
+    """Files that could not be read, or not to their end."""
+
+
 def _make(job: Job, blank: Outcome) -> Outcome:
-    recording, sources, beside = _opened(job)
-    begun = replace(blank, duration_s=recording.duration_s)
+    opened = _opened(job)
+    recording = opened.recording
+    begun = replace(
+        blank,
+        n_sources=len(opened.sources),
+        duration_s=recording.duration_s,
+        faults=opened.faults,
+    )
     if job.target.exists() and (job.resume or job.may_repeat):
         with not_an_input():  # a product that is not complete is made again
-            found = _complete(job, recording, sources)
+            found = _complete(job, recording, opened.sources)
         if found is not None:
             status = RESUMED if job.resume else DONE
             return replace(begun, status=status, encounters=found)
@@ -135,12 +163,44 @@ def _make(job: Job, blank: Outcome) -> Outcome:
     job.target.parent.mkdir(parents=True, exist_ok=True)
     overwrite = job.resume or job.overwrite or job.may_repeat
     with ProductWriter(job.target, overwrite=overwrite, inputs=job.sources) as writer:
-        made = run_into_product(recording, job.recipe, writer, sources=sources)
-        for container in beside:
-            writer.write(container)
+        made = run_into_product(
+            recording, job.recipe, writer, sources=opened.sources, files=opened.files
+        )
     small = [held.container for held in made]
     rows = [row for c in small if isinstance(c, Encounters) for row in json_rows(c)]
     return replace(begun, status=DONE, encounters=tuple(rows))
+
+
+def count_once(
+    jobs: Sequence[Job], outcomes: Mapping[int, Outcome]
+) -> dict[int, Outcome]:
+    """Return outcomes in which a passage of two parts of a recording stands once.
+
+    Parameters
+    ----------
+    jobs
+        What was made.
+    outcomes
+        What became of the jobs, by their numbers.
+    """
+    numbers = sorted(outcomes)
+    owns = [
+        OwnSpan(*own, frozenset(map(str, jobs[k].sources)))
+        if (own := jobs[k].own_ns) is not None
+        else None
+        for k in numbers
+    ]
+    rows = [outcomes[k].encounters for k in numbers]
+    kept = distinct_passages(rows, owns, _time_of)
+    return {
+        k: replace(outcomes[k], encounters=tuple(own))
+        for k, own in zip(numbers, kept, strict=True)
+    }
+
+
+def _time_of(row: Mapping[str, Any]) -> tuple[int, float] | None:
+    time_utc = row["time_utc"]
+    return None if time_utc is None else (parse_utc(time_utc), row["time_std_s"] or 0.0)
 
 
 def finished(job: Job) -> Outcome | None:
@@ -156,8 +216,8 @@ def finished(job: Job) -> Outcome | None:
     try:
         with warnings.catch_warnings(), input_ledger(), not_an_input():
             warnings.simplefilter("ignore")  # said when it was run
-            recording, sources, _ = _opened(job)
-            found = _complete(job, recording, sources)
+            opened = _opened(job)
+            found = _complete(job, opened.recording, opened.sources)
     except (DataError, OutputError, ValueError, OSError, MemoryError):
         return None
     if found is None:
@@ -166,20 +226,59 @@ def finished(job: Job) -> Outcome | None:
         str(job.sources[0]),
         str(job.target),
         DONE,
-        n_sources=len(job.sources),
-        duration_s=recording.duration_s,
+        n_sources=len(opened.sources),
+        duration_s=opened.recording.duration_s,
         encounters=found,
+        faults=opened.faults,
     )
 
 
-def _opened(job: Job) -> tuple[Recording, list[Source], list[Container]]:
+def _opened(job: Job) -> _Opened:
     """Open what a job reads: the recording, its files, and how they were joined."""
-    opened = [open_with_options(path, job.options) for path in job.sources]
-    sources = [source_of_recording(r) for r in opened]
-    if len(opened) == 1:
-        return opened[0], sources, []
-    recording, files = join_recordings(opened, slack_s=job.slack_s)
-    return recording, sources, [files]
+    if job.joining is None:
+        recording = open_with_options(job.sources[0], job.options)
+        return _Opened(recording, [source_of_recording(recording)])
+    there: list[Recording] = []
+    faults: list[dict[str, Any]] = []
+    for path in job.sources:
+        found, fault = _what_is_there(path, job.options)
+        if fault is not None:
+            faults.append(fault)
+        if found is not None and job.own_ns is not None:
+            overlap_ns = round(job.joining.overlap_s * NANOSECONDS)
+            begin, end = job.own_ns
+            found = clip_recording(found, begin - overlap_ns, end + overlap_ns)
+        if found is not None:
+            there.append(found)
+    if not there:
+        raise DataError(
+            faults[0]["message"] if faults else "there is no sound to join."
+        )
+    sources = [source_of_recording(recording) for recording in there]
+    if len(there) == 1 and job.own_ns is None:
+        return _Opened(there[0], sources, None, tuple(faults))
+    slack_s = job.joining.slack_s
+    recording, files = join_recordings(there, slack_s=slack_s, own_ns=job.own_ns)
+    return _Opened(recording, sources, files, tuple(faults))
+
+
+def _what_is_there(
+    path: Path, options: Mapping[str, Any]
+) -> tuple[Recording | None, dict[str, Any] | None]:
+    """Open a file as far as it can be read; tell what is wrong with it."""
+    try:
+        return open_with_options(path, options), None
+    except (DataError, OSError) as error:
+        fault = {"source": str(path), "status": FAILED, "message": str(error)}
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", UwtrackWarning)
+        try:
+            recording = open_with_options(path, {**options, "allow_truncated": True})
+        except (DataError, OSError):
+            return None, fault
+    message = " ".join(str(w.message) for w in said if str(path) in str(w.message))
+    fault |= {"status": TRUNCATED, "message": f"{message} The rest is a gap."}
+    return recording, fault
 
 
 def _complete(

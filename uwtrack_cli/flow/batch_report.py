@@ -1,6 +1,7 @@
 """The report of a batch: CSV and JSON Lines beside the products.
 
-**Conventions.** One row per job, in the order of the jobs; paths are relative to the
+**Conventions.** One row per job, in the order of the jobs, and one per recording that
+could not be joined whole, after the product that misses it; paths are relative to the
 folder of the report where they lie in it. The file appears whole, after every run.
 """
 
@@ -34,7 +35,14 @@ def report_rows(outcomes: Sequence[Outcome], folder: Path) -> list[dict[str, Any
         target = Path(outcome.target)
         if target.is_relative_to(folder.absolute()):
             row["target"] = str(target.relative_to(folder.absolute()))
+        row["faults"] = list(outcome.faults)
         rows.append(row)
+        rows += [
+            {**row, **fault, "n_sources": 1, "duration_s": None, "cpu_s": None,
+             "encounters": [], "n_encounters": 0, "faults": []}
+            for fault in outcome.faults
+            if not any(fault.items() <= known.items() for known in rows)
+        ]  # fmt: skip
     return rows
 
 

@@ -1,22 +1,31 @@
 """From files, folders and patterns to jobs whose products mirror the source tree."""
 
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from glob import has_magic
 from pathlib import Path
 from typing import Any
 
-from uwtrack_cli.errors import DataError, OptionError, UwtrackError
-from uwtrack_cli.files.audio.opening import SUFFIXES, sound_facts
-from uwtrack_cli.files.audio.start_time import find_start_utc_ns
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.audio.opening import SUFFIXES
 from uwtrack_cli.files.input_ledger import as_input, refuse_input
-from uwtrack_cli.files.tables.sensors import find_sensor, sensor_files
+from uwtrack_cli.files.tables.sensors import sensor_files
 from uwtrack_cli.flow.batch import Job
-from uwtrack_cli.flow.concatenate import MAX_GAP_S, SLACK_S, Span, group_spans
 from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.recorder_folder import (
+    Joining,
+    Part,
+    find_span,
+    plan_parts,
+    remarks,
+)
 
 SUFFIX = ".run.h5"
+
+TIME_DIGITS = re.compile(r"[ ._-]*\d{4}[\dTZ._-]*$")
+"""The time at the end of the name of a recorder's file."""
 
 
 @dataclass(frozen=True)
@@ -27,16 +36,6 @@ class Found:
     """Path of the recording."""
     place: Path
     """Path relative to what the user named."""
-
-
-@dataclass(frozen=True)
-class Joining:
-    """How files are joined: greatest gap and least difference from UTC, s."""
-
-    max_gap_s: float = MAX_GAP_S
-    """Longest gap within a joined recording, s."""
-    slack_s: float = SLACK_S
-    """Difference from UTC up to which a file directly follows the one before it, s."""
 
 
 def find_recordings(sources: Sequence[Path]) -> list[Found]:
@@ -77,23 +76,53 @@ def make_jobs(
     OutputError
         A product would replace a file that is read, for this or another product.
     """
-    groups: list[tuple[int, ...]] = [(k,) for k in range(len(found))]
+    parts = [Part((k,)) for k in range(len(found))]
     if joining is not None:
-        groups = _join(found, options, joining)
-    targets = _targets([found[group[0]] for group in groups], folder)
+        parts = _parts(found, options, joining)
+    targets = _targets([_product_place(found, part) for part in parts], folder)
     _protect(found, options.get("sensor"), targets)
     return [
         Job(
-            tuple(found[k].path.absolute() for k in group),
+            tuple(found[k].path.absolute() for k in part.files),
             target.absolute(),
             recipe,
             dict(options),
             resume,
             overwrite,
-            joining.slack_s if joining else SLACK_S,
+            joining,
+            part.own_ns,
         )
-        for group, target in zip(groups, targets, strict=True)
+        for part, target in zip(parts, targets, strict=True)
     ]
+
+
+def describe_recorders(
+    found: Sequence[Found],
+    options: Mapping[str, Any],
+    joining: Joining | None = None,
+) -> list[str]:
+    """Return what recordings have to do with each other, in words.
+
+    Parameters
+    ----------
+    found
+        The recordings.
+    options
+        How they are opened.
+    joining
+        How they are joined; None if they are not.
+    """
+    spans = {k: find_span(item.path, options) for k, item in enumerate(found)}
+    known = {k: span for k, span in spans.items() if span is not None}
+    paths = [found[k].path for k in known]
+    return list(
+        remarks(
+            paths,
+            list(known.values()),
+            joining or Joining(),
+            is_joined=joining is not None,
+        )
+    )
 
 
 def _protect(
@@ -130,59 +159,58 @@ def _is_sound(path: Path, base: Path) -> bool:
     return path.suffix.lower() in SUFFIXES and not hidden and path.is_file()
 
 
-def _targets(found: Sequence[Found], folder: Path) -> list[Path]:
-    short = [item.place.with_name(item.place.stem + SUFFIX) for item in found]
+def _targets(places: Sequence[tuple[Path, Path]], folder: Path) -> list[Path]:
+    """Return the products of recordings, each given with its place without an ending."""
+    short = [place.with_name(place.name + SUFFIX) for _, place in places]
     counts = Counter(short)
-    places = [
-        name if counts[name] == 1 else item.place.with_name(item.place.name + SUFFIX)
-        for name, item in zip(short, found, strict=True)
+    full = [
+        name if counts[name] == 1 else name.with_name(path.name + SUFFIX)
+        for name, (path, _) in zip(short, places, strict=True)
     ]
-    twice = [place for place, n in Counter(places).items() if n > 1]
+    twice = [place for place, n in Counter(full).items() if n > 1]
     if twice:
-        clash = [item.path for item, p in zip(found, places, strict=True)
+        clash = [path for (path, _), p in zip(places, full, strict=True)
                  if p == twice[0]]  # fmt: skip
         msg = (
             f"{' and '.join(map(str, clash))} would both be written to "
             f"{folder / twice[0]}: name the folder above them, or run them apart."
         )
         raise OptionError(msg)
-    return [folder / place for place in places]
+    return [folder / place for place in full]
 
 
-def _join(
+def _product_place(found: Sequence[Found], part: Part) -> tuple[Path, Path]:
+    """Return the recording that a product is named after, and the product's place."""
+    first = found[part.files[0] if part.first is None else part.first]
+    if not part.label:
+        return first.path, first.place.with_name(first.place.stem)
+    name = TIME_DIGITS.sub("", first.path.stem) or first.path.absolute().parent.name
+    return first.path, first.place.with_name(f"{name or 'recording'}_{part.label}")
+
+
+def _parts(
     found: Sequence[Found], options: Mapping[str, Any], joining: Joining
-) -> list[tuple[int, ...]]:
-    """Group the files whose time is known; the others stay alone."""
-    spans: dict[int, Span] = {}
-    for k, item in enumerate(found):
-        span = _span(item, options)
-        if span is not None:
-            spans[k] = span
-    known = list(spans)
-    groups = group_spans(list(spans.values()), joining.max_gap_s)
-    joined = [tuple(known[k] for k in group) for group in groups]
-    alone = [(k,) for k in range(len(found)) if k not in spans]
-    return sorted([*joined, *alone])
-
-
-def _span(item: Found, options: Mapping[str, Any]) -> Span | None:
-    try:
-        facts = sound_facts(item.path)
-        sensor = find_sensor(item.path, options.get("sensor"))
-        start = find_start_utc_ns(
-            item.path,
-            time_pattern=options.get("time_pattern"),
-            time_zone=options.get("time_zone") or "UTC",
+) -> list[Part]:
+    """Join and cut the files whose time is known; the others stay alone."""
+    spans = {k: find_span(item.path, options) for k, item in enumerate(found)}
+    known = {k: span for k, span in spans.items() if span is not None}
+    numbers = list(known)
+    parts = [
+        replace(
+            part,
+            files=tuple(numbers[k] for k in part.files),
+            first=None if part.first is None else numbers[part.first],
         )
-    except UwtrackError:
-        return None  # its own job tells what is wrong with it
-    if start is None:
-        return None
-    place = str(item.path.parent) if sensor is None else ""
-    recorder = (
-        place,
-        None if sensor is None else sensor.id,
-        facts.sample_rate_hz,
-        facts.n_channels,
-    )
-    return Span(recorder, start, facts.n_samples / facts.sample_rate_hz)
+        for part in plan_parts(list(known.values()), joining)
+    ]
+    parts += [Part((k,)) for k, span in spans.items() if span is None]
+    return sorted(_numbered(parts), key=lambda part: part.files)
+
+
+def _numbered(parts: Sequence[Part]) -> Iterator[Part]:
+    """Yield parts, with a number where several recordings have a part of one label."""
+    seen: Counter[str] = Counter()
+    for part in parts:
+        seen[part.label] += 1
+        n = seen[part.label]
+        yield replace(part, label=f"{part.label}-{n}") if part.label and n > 1 else part

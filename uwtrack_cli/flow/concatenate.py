@@ -4,15 +4,17 @@
 Between two files the samples are nan, which frames count as a gap: lines coast
 through it. Names of files often tell whole seconds only; a file that begins within
 ``slack_s`` of where the one before it ended is taken to follow it directly. Since
-each file is compared with UTC itself, such differences never add up.
+each file is compared with UTC itself, such differences never add up. Where a file can
+be read no further, the rest of it is a gap, too.
 
 **Conventions.** The joined recording has the name of its first file and the digest of
-all their digests.
+all their digests, and of its own span if it is a part.
 """
 
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from warnings import warn
 
 import numpy as np
 
@@ -24,28 +26,9 @@ from uwtrack_cli.data.recording import (
     Samples,
     read_stretch,
 )
-from uwtrack_cli.errors import DataError
-
-SLACK_S = 1.0
-MAX_GAP_S = 600.0
-"""Files further apart than this are recordings of their own."""
-
-
-@dataclass(frozen=True)
-class Span:
-    """When a file was recorded, on which kind of recorder."""
-
-    recorder: tuple[object, ...]
-    """What tells recorders apart: folder or sensor, sample rate, channels."""
-    start_utc_ns: int
-    """First sample, ns since 1970-01-01 UTC."""
-    duration_s: float
-    """Length of the file, s."""
-
-    @property
-    def end_utc_ns(self) -> int:
-        """UTC after its last sample."""
-        return self.start_utc_ns + round(self.duration_s * NANOSECONDS)
+from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.files.audio.reader import AudioReader
+from uwtrack_cli.flow.recorder_folder import SLACK_S
 
 
 @dataclass(frozen=True)
@@ -90,46 +73,33 @@ class JoinedReader:
             for begin in range(position, start, block_samples):
                 count = min(block_samples, start - begin)
                 yield np.full((count, self.n_channels), np.nan, np.float32)
-            yield from reader(block_samples)
+            yield from self._file(reader, n_samples, block_samples)
             position = start + n_samples
 
-
-def group_spans(
-    spans: Sequence[Span], max_gap_s: float = MAX_GAP_S
-) -> list[tuple[int, ...]]:
-    """Group files that follow each other on the same recorder.
-
-    Parameters
-    ----------
-    spans
-        When each file was recorded.
-    max_gap_s
-        Longest gap within a group, s.
-
-    Returns
-    -------
-    list of tuples
-        Indices of the files of each group, in order of time.
-    """
-    order = sorted(range(len(spans)), key=lambda k: spans[k].start_utc_ns)
-    groups: list[list[int]] = []
-    latest: dict[tuple[object, ...], list[int]] = {}
-    for k in order:
-        group = latest.get(spans[k].recorder)
-        gap_s = np.inf
-        if group:
-            before = spans[group[-1]].end_utc_ns
-            gap_s = (spans[k].start_utc_ns - before) / NANOSECONDS
-        if group is None or gap_s > max_gap_s:
-            group = []
-            groups.append(group)
-            latest[spans[k].recorder] = group
-        group.append(k)
-    return [tuple(group) for group in groups]
+    def _file(
+        self, reader: Reader, n_samples: int, block_samples: int
+    ) -> Iterator[Samples]:
+        """Yield the samples of a file; where it breaks off, the rest is a gap."""
+        count = 0
+        try:
+            for block in reader(block_samples):
+                count += len(block)
+                yield block
+        except DataError as error:
+            if count == n_samples:  # it has changed: what was read is not what it is
+                raise
+            msg = f"{error} The rest of the file is a gap."
+            warn(msg, UwtrackWarning, stacklevel=2)
+        for begin in range(count, n_samples, block_samples):
+            rest = min(block_samples, n_samples - begin)
+            yield np.full((rest, self.n_channels), np.nan, np.float32)
 
 
 def join_recordings(
-    recordings: Sequence[Recording], *, slack_s: float = SLACK_S
+    recordings: Sequence[Recording],
+    *,
+    slack_s: float = SLACK_S,
+    own_ns: tuple[int, int] | None = None,
 ) -> tuple[Recording, RecordedFiles]:
     """Join recordings of one sensor by their UTC times.
 
@@ -139,6 +109,9 @@ def join_recordings(
         Recordings in order of time.
     slack_s
         Difference from UTC up to which a file directly follows the one before it, s.
+    own_ns
+        Begin and end of the span whose closest approaches are kept, ns since 1970-01-01
+        UTC; None keeps all.
 
     Returns
     -------
@@ -169,9 +142,12 @@ def join_recordings(
         parts.append((start, recording.n_samples, recording.reader))
         end = start + recording.n_samples
     digests = "".join(recording.digest for recording in recordings)
+    if own_ns is not None:  # parts of one day may read the same files
+        digests += f"{own_ns[0]} {own_ns[1]}"
     joined = replace(
         first,
         n_samples=end,
+        first_sample=0,
         digest=hashlib.sha256(digests.encode()).hexdigest(),
         reader=JoinedReader(tuple(parts), first.n_channels),
     )
@@ -181,9 +157,43 @@ def join_recordings(
         start_sample=np.array([start for start, _, _ in parts]),
         n_samples=np.array([n_samples for _, n_samples, _ in parts]),
         start_utc_ns=np.array([r.start_utc_ns for r in recordings]),
+        first_sample=np.array([r.first_sample for r in recordings]),
         sensor=first.sensor.id,
+        own_start_utc_ns=None if own_ns is None else own_ns[0],
+        own_stop_utc_ns=None if own_ns is None else own_ns[1],
     )
     return joined, files
+
+
+def clip_recording(
+    recording: Recording, begin_ns: int, end_ns: int
+) -> Recording | None:
+    """Return what of a recording lies in a span of time, None if nothing does.
+
+    Parameters
+    ----------
+    recording
+        A recording of one file; one whose start is not known is returned whole.
+    begin_ns, end_ns
+        The span, ns since 1970-01-01 UTC.
+    """
+    start_ns, reader = recording.start_utc_ns, recording.reader
+    if start_ns is None or not isinstance(reader, AudioReader):
+        return recording
+    rate = recording.sample_rate_hz
+    first = max(0, -round((start_ns - begin_ns) * rate / NANOSECONDS))
+    last = min(recording.n_samples, round((end_ns - start_ns) * rate / NANOSECONDS))
+    if first >= last:
+        return None
+    if (first, last) == (0, recording.n_samples):
+        return recording
+    return replace(
+        recording,
+        n_samples=last - first,
+        first_sample=recording.first_sample + first,
+        start_utc_ns=start_ns + round(first * NANOSECONDS / rate),
+        reader=replace(reader, first=reader.first + first, last=reader.first + last),
+    )
 
 
 def _check_same(first: Recording, other: Recording) -> None:

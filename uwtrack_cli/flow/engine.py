@@ -20,6 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Reader, Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
@@ -96,6 +97,9 @@ class Engine:
         Takes the results of the graph's outputs.
     watch
         Sees the blocks that pass, if anybody wants to.
+    kept_span_s
+        Begin and end of the span whose closest approaches are kept, s of the recording;
+        None keeps all.
     """
 
     def __init__(
@@ -104,9 +108,11 @@ class Engine:
         given: Sequence[Container],
         sink: Sink,
         watch: Watch | None = None,
+        kept_span_s: tuple[float, float] | None = None,
     ) -> None:
         self.graph = graph
         self._watch = watch
+        self._kept_span_s = kept_span_s
         self._given = list(given)
         self._sink = sink
         self._streams = {
@@ -227,7 +233,17 @@ class Engine:
                 found = [c for c in self._given if isinstance(c, wanted.kinds)]
             inputs.append(_as_argument(step, wanted, found))
         made: Container = step.stage.function(*inputs, **step.options)
+        if isinstance(made, Encounters) and self._kept_span_s is not None:
+            return _within(made, self._kept_span_s)
         return made
+
+
+def _within(encounters: Encounters, span_s: tuple[float, float]) -> Encounters:
+    """Return the encounters of a span; without a time, those whose sound came in it."""
+    unknown = np.isnan(encounters.time_s)
+    time_s = np.where(unknown, encounters.arrival_time_s, encounters.time_s)
+    outside = (time_s < span_s[0]) | (time_s >= span_s[1])
+    return encounters.take("encounter", np.flatnonzero(~outside))
 
 
 def _too_short(recording: Recording, step: Step) -> str:

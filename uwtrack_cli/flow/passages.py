@@ -25,7 +25,7 @@ import numpy as np
 from uwtrack_cli import __version__
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.data.encounters import Encounters, Fixes
-from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth
 from uwtrack_cli.errors import DataError, UwtrackError
@@ -33,6 +33,8 @@ from uwtrack_cli.files.hdf5.product import Product, read_product
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.tables.ais import read_ais
 from uwtrack_cli.files.tables.json_rows import json_rows
+from uwtrack_cli.files.utc import parse_utc
+from uwtrack_cli.flow.recorder_folder import OwnSpan, distinct_passages
 from uwtrack_cli.flow.scoring.encounter_scores import SCORED, score_encounters
 from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
 
@@ -119,6 +121,10 @@ class Result:
     """Latitude and longitude by sensor, where they are known."""
     passages: tuple[PassageRow, ...]
     """Its passages."""
+    own_ns: tuple[int, int] | None = None
+    """Span whose passages it counts, ns since 1970-01-01 UTC; None is everything."""
+    files: tuple[str, ...] = ()
+    """Digests of the files that it was joined of."""
 
 
 @dataclass
@@ -202,7 +208,7 @@ def collect_passages(
     remembered.save()
     table.n_results = len(results)
     table.problems += _places_that_differ(results)
-    rows = [row for result in _last_views(results) for row in result.passages]
+    rows = [row for part in _once(list(_last_views(results))) for row in part]
     table.passages = sorted(rows, key=lambda row: (row.time_utc or "9999", row.file))
     return table
 
@@ -248,11 +254,20 @@ def _read_result(path: Path, truth: Truth | None, within_m: float) -> Result:
             for row, name, place in facts:
                 if row["status"] in SCORED:
                     rows.append(_passage(path, row, recordings, name, place))
+        joined = product.read_all(RecordedFiles)
         return Result(
             str(path), product.created_utc, tuple(sorted(views)),
             {s.id: place for s in sensors if (place := _place(s)) is not None},
             tuple(rows),
+            next(map(_own_span, joined), None),
+            tuple(str(digest) for files in joined for digest in files.digest),
         )  # fmt: skip
+
+
+def _own_span(files: RecordedFiles) -> tuple[int, int] | None:
+    if files.own_start_utc_ns is None or files.own_stop_utc_ns is None:
+        return None
+    return files.own_start_utc_ns, files.own_stop_utc_ns
 
 
 def _distinct(product: Product) -> list[Encounters]:
@@ -347,6 +362,21 @@ def _last_views(results: Sequence[Result]) -> Iterator[Result]:
     yield from last.values()
 
 
+def _once(results: Sequence[Result]) -> list[list[PassageRow]]:
+    """Return the passages of results; those in two parts of a recording stand once."""
+    owns = [
+        None if r.own_ns is None else OwnSpan(*r.own_ns, frozenset(r.files))
+        for r in results
+    ]
+    return distinct_passages([r.passages for r in results], owns, _time_of)
+
+
+def _time_of(row: PassageRow) -> tuple[int, float] | None:
+    if row.time_utc is None:
+        return None
+    return parse_utc(row.time_utc), row.time_std_s or 0.0
+
+
 def _places_that_differ(results: Sequence[Result]) -> list[str]:
     """Say which sensor identifiers stand for sensors at different places."""
     known: dict[str, tuple[tuple[float, float], str]] = {}
@@ -371,7 +401,7 @@ class _Cache:
 
     def __init__(self, path: Path | None, ais: Path | None, within_m: float) -> None:
         self._path = path
-        columns = ",".join(f.name for f in fields(PassageRow))
+        columns = ",".join(f.name for f in (*fields(PassageRow), *fields(Result)))
         named = "" if ais is None else f" {ais.absolute()} {within_m:g} {_stamp(ais)}"
         self._made_by = f" {__version__} {columns}{named}"
         self._new: list[tuple[bytes, str, str]] = []
@@ -390,9 +420,13 @@ class _Cache:
             raw = json.loads(text)
             rows = tuple(PassageRow(**row) for row in raw.pop("passages"))
             places = {name: (a, b) for name, (a, b) in raw.pop("places").items()}
-            recordings = tuple(raw.pop("recordings"))
-            return Result(**{**raw, "path": str(path)}, recordings=recordings,
-                          places=places, passages=rows)  # fmt: skip
+            lists = ("recordings", "files")
+            raw |= {name: tuple(raw[name]) for name in lists}
+            own_ns = raw.pop("own_ns")
+            return Result(
+                **{**raw, "path": str(path)}, places=places, passages=rows,
+                own_ns=None if own_ns is None else (own_ns[0], own_ns[1]),
+            )  # fmt: skip
         except (ValueError, TypeError, KeyError):
             return None
 

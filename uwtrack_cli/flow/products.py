@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
-from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
 from uwtrack_cli.files.hdf5.product import (
@@ -88,6 +88,7 @@ def run_into_product(
     keep: Sequence[type[Container]] = (),
     progress: Progress | None = None,
     tell: Tell | None = None,
+    files: RecordedFiles | None = None,
 ) -> list[Held]:
     """Run a recipe over a recording into a product.
 
@@ -107,6 +108,9 @@ def run_into_product(
         Called after each block.
     tell
         Takes events as soon as they are decided; None if nobody waits for them.
+    files
+        How the recording was joined, if it was; it is written, too, and tells which
+        closest approaches are kept.
 
     Returns
     -------
@@ -121,9 +125,12 @@ def run_into_product(
     graph = recipe.graph(keep).resolved(recording)
     sink = ProductSink(writer, graph)
     watch = None if tell is None else LiveWatch(graph, recording, tell)
-    engine = Engine(graph, context_of(recording), sink, watch)
+    kept_s = None if files is None else files.kept_span_s(recording.start_utc_ns)
+    engine = Engine(graph, context_of(recording), sink, watch, kept_s)
     engine.run_recording(recording, progress)
     recording = recording.ended()
+    if files is not None:
+        writer.write(files)
     writer.write(recording)
     writer.write(recording.sensor)
     writer.history = history_of_graph(

@@ -11,6 +11,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from uwtrack_cli.data.recording import RecordedFiles
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import sensor_of
 from uwtrack_cli.files.hdf5.product import (
@@ -142,7 +143,10 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
         steps = tuple(_passing(s, streamed) for s in (*map(_step, readers), *plan.each))
         graph = Graph.over_recording(steps, "the history").resolved(recording)
         sink = MemorySink()
-        Engine(graph, context_of(recording), sink).run_recording(recording)
+        joined = [c for c in beside if isinstance(c, RecordedFiles)]
+        kept_s = joined[0].kept_span_s(recording.start_utc_ns) if joined else None
+        engine = Engine(graph, context_of(recording), sink, kept_span_s=kept_s)
+        engine.run_recording(recording)
         made += map(Held, (recording, recording.sensor, *beside))
         kept = (step for step in graph.steps() if step.name in graph.outputs)
         made += [Held(sink.read(step), step.name) for step in kept]

@@ -4,8 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.base import Container, IntArray
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, UwtrackError
@@ -84,7 +86,10 @@ def reopen(
     """
     paths = [finder.find(source) for source in step.sources]
     stored = _stored(product, step)
-    if len(paths) == 1:
+    joined = [
+        f for f in product.read_all(RecordedFiles) if f.sensor == stored.sensor.id
+    ]
+    if len(paths) == 1 and not joined:
         return _reopen_one(paths[0], stored), []
     files = product.read(RecordedFiles, stored.sensor.id)
     if len(paths) != files.name.size:
@@ -93,15 +98,37 @@ def reopen(
     opened = [
         _reopen_one(
             path,
-            replace(stored, n_samples=int(n), start_utc_ns=int(start), first_sample=0),
+            replace(
+                stored,
+                n_samples=int(n),
+                start_utc_ns=int(start),
+                first_sample=int(first),
+            ),
         )
-        for path, n, start in zip(
-            paths, files.n_samples, files.start_utc_ns, strict=True
+        for path, n, start, first in zip(
+            paths,
+            files.n_samples,
+            files.start_utc_ns,
+            _first_samples(files),
+            strict=True,
         )
     ]
     slack_s = _slack_s(files, stored.sample_rate_hz)
-    joined, again = join_recordings(opened, slack_s=slack_s)
-    return joined, [again]
+    recording, again = join_recordings(opened, slack_s=slack_s, own_ns=_own_ns(files))
+    return recording, [again]
+
+
+def _first_samples(files: RecordedFiles) -> IntArray:
+    """Return the sample of each file that is its first; 0 in older products."""
+    if files.first_sample is None:
+        return np.zeros(files.name.size, np.int64)
+    return files.first_sample
+
+
+def _own_ns(files: RecordedFiles) -> tuple[int, int] | None:
+    if files.own_start_utc_ns is None or files.own_stop_utc_ns is None:
+        return None
+    return files.own_start_utc_ns, files.own_stop_utc_ns
 
 
 def read_tables(

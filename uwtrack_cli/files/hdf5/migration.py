@@ -48,6 +48,9 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
                 )
             ),
             ("fixes", "statement"),
+            ("files", "first_sample"),
+            ("files", "own_start_utc_ns"),
+            ("files", "own_stop_utc_ns"),
             *(
                 (kind.NAME, name)
                 for kind in (Encounters, Motions)

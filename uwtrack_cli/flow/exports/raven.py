@@ -46,9 +46,13 @@ class Clock:
         sample = at_s * rate
         starts, counts = self.files.start_sample, self.files.n_samples
         k = max(0, int(np.searchsorted(starts, sample, side="right")) - 1)
-        offset_s = min(sample - float(starts[k]), float(counts[k])) / rate
-        before_s = float(counts[:k].sum()) / rate
-        return str(self.files.name[k]), offset_s, before_s + offset_s
+        inside_s = min(sample - float(starts[k]), float(counts[k])) / rate
+        left_out = self.files.first_sample  # Raven opens the files whole
+        skipped_s = (0.0, 0.0)
+        if left_out is not None:
+            skipped_s = float(left_out[0]) / rate, float(left_out[k]) / rate
+        before_s = float(counts[:k].sum()) / rate + skipped_s[0]
+        return str(self.files.name[k]), inside_s + skipped_s[1], before_s + inside_s
 
 
 def raven_text(containers: Sequence[Container], name: str) -> str:
