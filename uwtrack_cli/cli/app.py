@@ -19,6 +19,7 @@ from uwtrack_cli.flow.catalogue import STAGES, summary_of
 COMMANDS: dict[str, str] = {
     "run": "run_commands:run",
     "batch": "batch_commands:batch",
+    "watch": "watch_commands:watch",
     "passages": "passages_commands:passages",
     "recipes": "run_commands:recipes",
     "rerun": "batch_commands:rerun",

@@ -1,0 +1,101 @@
+"""`watch`: the recordings of a folder, as they arrive."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from uwtrack_cli.cli.batch_commands import PER_FILE
+from uwtrack_cli.cli.command_factory import AsJson, command
+from uwtrack_cli.cli.console import SOME_FAILED, put, say, signals_end
+from uwtrack_cli.cli.run_commands import DEFAULT_RECIPE, RecipeName, Settings
+from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, with_parameters
+from uwtrack_cli.errors import OptionError
+
+if TYPE_CHECKING:
+    from uwtrack_cli.flow.batch import Outcome
+
+WATCH_PARAMETERS = [p for p in SOURCE_PARAMETERS if p.name not in PER_FILE]
+"""Options of many recordings that read sound."""
+
+
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a name."""
+    command(app, name)(with_parameters(watch, WATCH_PARAMETERS))
+
+
+def watch(
+    *,
+    folder: Annotated[Path, typer.Argument(help="Folder in which recordings arrive.")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Folder of the products and of the journal."
+        ),
+    ],
+    recipe: RecipeName = DEFAULT_RECIPE,
+    settings: Settings = None,
+    settle_s: Annotated[
+        float,
+        typer.Option(
+            "--settle-s", help="A recording is complete when unchanged for so long, s."
+        ),
+    ] = 5.0,
+    idle_s: Annotated[
+        float | None,
+        typer.Option(
+            "--idle-s", help="End when nothing has arrived for so long, s; else never."
+        ),
+    ] = None,
+    json_output: AsJson = False,
+    **options: Any,
+) -> None:
+    """Run a recipe over the recordings of a folder as they arrive.
+
+    Files that are still being written are awaited. watch.jsonl beside the products
+    notes what is done; started again, after a kill too, it goes on from there. Ctrl-C
+    ends after the recording that is being run. Exit code 3 when some failed.
+    """
+    from uwtrack_cli.flow.shipped_recipes import load_recipe
+    from uwtrack_cli.flow.watch import WatchTimes, watch_folder
+
+    for flag, value in (("--settle-s", settle_s), ("--idle-s", idle_s)):
+        if value is not None and not value > 0.0:
+            msg = f"{flag} must be more than 0 s, got {value:g}."
+            raise OptionError(msg)
+    chosen = load_recipe(recipe).with_settings(settings or [])
+    n_failed = 0
+    with _ending() as asked:
+        times = WatchTimes(settle_s, idle_s)
+        done = watch_folder(folder, output, chosen, options, times, lambda: bool(asked))
+        for outcome in done:
+            n_failed += outcome.status == "failed"
+            _tell(outcome, output, as_json=json_output)
+    if n_failed:
+        raise typer.Exit(SOME_FAILED)
+
+
+@contextmanager
+def _ending() -> Iterator[list[bool]]:
+    """Give a list that is no longer empty when a signal has asked for the end."""
+    asked: list[bool] = []
+    with signals_end(lambda: asked.append(True)):
+        yield asked
+
+
+def _tell(outcome: "Outcome", folder: Path, *, as_json: bool) -> None:
+    from uwtrack_cli.flow.batch_report import report_rows
+
+    (row,) = report_rows([outcome], folder)
+    if as_json:
+        put([json.dumps(row, ensure_ascii=False)])
+        return
+    name = Path(row["source"]).name
+    if outcome.status == "failed":
+        say(f"failed: {name}: {row['message']}")
+        return
+    n = row["n_encounters"]
+    say(f"{row['status']}: {name}: {n} encounter{'' if n == 1 else 's'}")
