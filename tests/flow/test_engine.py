@@ -61,8 +61,9 @@ def by_library(short_pass):
 
 
 def test_a_run_is_the_library(short_pass, by_library):
-    made = run_recipe(opened(short_pass), load_recipe("vessel"), keep=[Peaks, Families])
-    for kind, expected in by_library.items():
+    made = run_recipe(opened(short_pass), load_recipe("vessel"), keep=[Peaks])
+    for kind in set(by_library) - {Families}:  # the recipe tracks the peaks themselves
+        expected = by_library[kind]
         (found,) = [c for c in made if type(c) is kind]
         assert found.equals(expected), kind.__name__
 
