@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+import soundfile
 from typer import Exit
 
 
@@ -69,13 +70,57 @@ def test_every_container_is_shown_in_every_form(uwtrack, product, container, for
 
 
 def test_info_names_containers_units_and_history(uwtrack, product):
-    text = uwtrack("info", product).stdout
+    text = uwtrack("info", product, "-v").stdout
     assert "lines of h1" in text
     assert "frequency_hz [Hz]" in text
     assert "window_s=1.0" in text
     facts = json.loads(uwtrack("info", product, "--json").stdout)
     assert facts["history"][0]["sources"][0]["name"] == "pass.wav"
     assert len(facts["sha256"]) == 64
+
+
+def test_info_fits_ten_lines(uwtrack, product, short_pass):
+    lines = uwtrack("info", product).stdout.splitlines()
+    assert len(lines) <= 10
+    facts = dict(line.split(": ", 1) for line in lines)
+    assert facts["sound"] == "pass.wav, 2 min 0 s at 2000 Hz, 3 channels"
+    assert facts["start"].startswith("not known")
+    assert facts["gaps"] == "none"
+    assert facts["levels"] == "dB re 1 uPa"
+    assert facts["passages"] == "1 (1 ok)"
+    assert "depth 22 m" in facts["sensor"]
+    sound = uwtrack("info", short_pass).stdout.splitlines()
+    assert sound[1:4] == [lines[1], lines[2], lines[4]]
+    refused = uwtrack("info", short_pass, "--json")
+    assert (refused.exit_code, "--json tells of products" in refused.stderr) == (
+        2,
+        True,
+    )
+
+
+def test_info_of_a_folder_tells_what_follows(uwtrack, tmp_path):
+    (tmp_path / "day").mkdir()
+    for minute in (0, 1, 3):
+        path = tmp_path / "day" / f"h1_20240501_12{minute:02d}00.wav"
+        soundfile.write(path, np.zeros(60_000), 1000)
+    first, follows = uwtrack("info", "day").stdout.splitlines()
+    assert first == "day: 3 recordings"
+    assert "3 files from h1_20240501_120000.wav on" in follows
+    assert "with 1 gap of 60.0 s together: --join" in follows
+
+
+def test_info_of_a_joined_recording_tells_its_gaps(uwtrack, tmp_path):
+    rng = np.random.default_rng(5)
+    (tmp_path / "day").mkdir()
+    for second in (0, 30):
+        path = tmp_path / "day" / f"h1_20240501_1200{second:02d}.wav"
+        soundfile.write(path, 0.1 * rng.standard_normal(20_000), 1000)
+    done = uwtrack("batch", "day", "-o", "out", "--join", "--jobs", 1)
+    assert done.exit_code == 0, done.output
+    text = uwtrack("info", "out/h1_20240501_120000.run.h5").stdout
+    assert "gaps: 1 of 10.0 s together, between 2 files" in text
+    assert "start: 2024-05-01 12:00:00.000 UTC" in text
+    assert "levels: dB re full scale; not calibrated" in text
 
 
 def test_verify_tells_a_sound_file_from_a_damaged_one(uwtrack, product, tmp_path):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from uwtrack_cli.cli.command_factory import AsJson, Branch, Overwrite, command
-from uwtrack_cli.cli.console import FAILED, put, say
+from uwtrack_cli.cli.console import FAILED, is_verbose, put, say
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.errors import DataError, OptionError
 
@@ -33,14 +33,41 @@ def register(app: typer.Typer, name: str) -> None:
     command(app, name)(named[name])
 
 
-def info(*, file: ProductFile, json_output: AsJson = False) -> None:
-    """Tell what is inside a product: containers, units and history."""
-    with open_product(file) as product:
-        facts = _facts(product)
-    if json_output:
-        put([json.dumps(facts, ensure_ascii=False)])
+def info(
+    *,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Product, recording, or folder of recordings; - is a product on "
+            "standard input."
+        ),
+    ],
+    json_output: AsJson = False,
+) -> None:
+    """Tell in ten lines what a product or recording is; with -v every column and option.
+
+    Of a folder, tell which recordings follow each other.
+    """
+    from uwtrack_cli.files.audio.opening import SUFFIXES
+    from uwtrack_cli.flow.information import (
+        folder_lines,
+        product_lines,
+        recording_lines,
+    )
+
+    if file.is_dir() or file.suffix.lower() in SUFFIXES:
+        if json_output:
+            msg = f"--json tells of products; {file} is none."
+            raise OptionError(msg)
+        put(folder_lines(file) if file.is_dir() else recording_lines(file))
         return
-    put(_lines(facts))
+    with open_product(file) as product:
+        if json_output:
+            put([json.dumps(_facts(product), ensure_ascii=False)])
+        elif is_verbose():
+            put(_lines(_facts(product)))
+        else:
+            put(product_lines(product))
 
 
 def _facts(product: Any) -> dict[str, Any]:
