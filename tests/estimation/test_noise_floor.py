@@ -35,6 +35,32 @@ def test_a_loud_frame_has_its_own_floor():
     assert floor[6].mean() == pytest.approx(1.0, rel=0.1)
 
 
+def test_in_swell_the_floor_is_that_of_every_frame():
+    frame = np.arange(640)
+    gain = 10 ** (0.6 * np.sin(2 * np.pi * frame / 18.0))  # +-6 dB
+    power = cells((640, 1000)) * gain[:, None].astype(np.float32)
+    floor = noise_floor(power, np.ones(640))
+    # pooled before the gains are taken out, it is 2.2 dB too low
+    off_db = 10 * np.log10(floor.mean(axis=1) / gain)
+    assert off_db.mean() == pytest.approx(0.0, abs=0.05)
+    rate = (power > threshold_factor(1e-3, 1e3) * floor).mean()
+    assert rate <= 1.2e-3
+
+
+def test_gusts_at_low_frequencies_pass_as_seldom_as_steady_noise():
+    rng = np.random.default_rng(5)
+    gust_db = np.zeros(1600)
+    for k in range(1, gust_db.size):
+        gust_db[k] = 0.85 * gust_db[k - 1] + np.sqrt(1 - 0.85**2) * rng.normal(0, 10)
+    power = cells((1600, 1000))
+    power[:, :192] *= 10 ** (gust_db[:, None].astype(np.float32) / 10)
+    factor = threshold_factor(1e-4, 1e3)
+    high = power > factor * noise_floor(power, np.ones(1600))
+    # one gain for all frequencies lets 40 times as many pass below the corner
+    assert high[:, :192].mean() <= 4e-4
+    assert high.mean() <= 1.5e-4
+
+
 def test_frames_of_a_gap_neither_have_a_floor_nor_lower_it():
     power, valid_fraction = cells((32, 500)), np.ones(32)
     power[4:12], valid_fraction[4:12] = 0.0, 0.0

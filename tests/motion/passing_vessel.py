@@ -65,6 +65,7 @@ def lines_of_scenes(scenes, rng, *, has_bearing=True, status="moving", frames=No
                     std,
                     measured % 360 if has_bearing else np.full(time.size, np.nan),
                     bearing_std if has_bearing else np.full(time.size, np.nan),
+                    -20 * np.log10(far),
                 )
             )
     columns = [np.concatenate(column) for column in zip(*points, strict=True)]
@@ -87,8 +88,8 @@ def lines_of_scenes(scenes, rng, *, has_bearing=True, status="moving", frames=No
         measured_frequency_std_hz=columns[2],
         measured_bearing_deg=columns[3],
         measured_bearing_std_deg=columns[4],
-        measured_level_db=np.full(n, 100.0),
-        measured_snr_db=np.full(n, 20.0),
+        measured_level_db=100.0 + columns[5],
+        measured_snr_db=20.0 + columns[5],
         line_id=np.array(numbers),
         line_contact=np.array(contacts),
         line_family=np.full(len(numbers), -1),

@@ -172,6 +172,15 @@ class Encounters(HasReasons, HasNuisances):
         "1", "Share of the variance of the speed that it causes; nan without one.",
         "nuisance", optional=True,
     )  # fmt: skip
+    rest_frame_evidence: FloatArray | None = column(
+        "1", "Nepers by which the sound of its lines is sharper in the vessel's own "
+        "time than in any rival's; nan where the sound was not asked.",
+        "encounter", optional=True,
+    )  # fmt: skip
+    misfit: FloatArray | None = column(
+        "1", "What its lines leave of their curve beyond noise, as a share of the "
+        "Doppler shift; nan without lines.", "encounter", optional=True,
+    )  # fmt: skip
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
     band_low_hz: float | None = scalar("Hz", "Lower edge of the levels' band.", None)
     band_high_hz: float | None = scalar("Hz", "Upper edge of the levels' band.", None)

@@ -30,11 +30,17 @@ TILE_BINS = 16
 
 LN2 = float(np.log(2.0))
 
+SMALLEST = np.float32(1e-37)
+"""Density of silence."""
+
 LINE_FACTOR = 3.0
 """Cells above this multiple of the mean noise are left out of it."""
 
 KEPT_MEDIAN = -float(np.log((1.0 + np.exp(-LINE_FACTOR)) / 2.0))
 """Median of exponential cells below the line factor, over the mean of all."""
+
+LEAST_AGAIN = 0.93
+"""Part of the median that is left at least when lines have raised it."""
 
 TRUNCATION_LOSS = 1.25
 """Variance of that median over the plain one's (measured on 1e7 cells of noise)."""
@@ -45,6 +51,19 @@ slope: neighbouring medians of even noise differ by less than a tenth."""
 
 EDGE_BINS = 2
 """Natural bins by which a Hann window widens the loud side of an edge."""
+
+BAND_BLOCKS = 5
+"""Blocks of 16 natural bins in a band that may have a gain of its own."""
+
+BAND_VARIANCE = 0.05
+"""Variance of a band's gain in one frame of noise, nepers squared (measured)."""
+
+OWN_GAIN = 3.0
+"""Mean square of a band's gains over that variance from which they are its own."""
+
+OWN_MARGIN = 0.2
+"""Raise of a gain of its own, nepers: noise of variance s^2 in the floor lets noise pass
+a threshold T as often as a floor lower by T s^2 / 2 does (T = 9.2 at 1e-4)."""
 
 OWN_BINS = 2.3
 """Natural bins beside a high cell of noise that are high with it and raise its floor
@@ -81,12 +100,17 @@ def noise_floor(
 
 
 def _tile_floor(power: FloatArray, zero_padding: int) -> FloatArray:
-    n_frames, n_cells = power.shape
+    n_cells = power.shape[1]
     width = min(TILE_BINS * zero_padding, n_cells)
     n_blocks = n_cells // width
-    blocks = power[:, : n_blocks * width].reshape(n_frames, n_blocks, width)
+    gain, margin = _frame_gain(_blocks_of(power, n_blocks, width))
+    # cells beyond the last whole block have its gain
+    of_block = np.minimum(np.arange(n_cells) // width, n_blocks - 1)
+    cell_gain = gain[:, of_block]
+    steady = power / cell_gain
+    blocks = _blocks_of(steady, n_blocks, width)
     whole = _noise_median(blocks.transpose(1, 0, 2).reshape(n_blocks, -1))
-    whole = np.maximum(whole, np.float32(1e-37))
+    whole = np.maximum(whole, SMALLEST)
     centres = (np.arange(n_blocks) + 0.5) * width - 0.5
     level = np.log(whole)
     shape = np.interp(np.arange(n_cells), centres, level)
@@ -100,12 +124,37 @@ def _tile_floor(power: FloatArray, zero_padding: int) -> FloatArray:
             last = k + 2
         left, right = level[first : k + 1].max(), level[k + 1 : last + 1].max()
         at = slice(int(centres[first]) + 1, int(centres[last]) + 1)
-        shape[at] = _edge(power[:, at], left, right, EDGE_BINS * zero_padding)
-    shape = np.exp(shape) / LN2
-    gain = _median(_median(blocks) / whole)
-    normal = _median(gain[None, :])[0]
-    relative = gain / normal if normal > 0 else np.ones_like(gain)
-    return (shape * relative[:, None]).astype(np.float32)
+        shape[at] = _edge(steady[:, at], left, right, EDGE_BINS * zero_padding)
+    floor: FloatArray = cell_gain
+    floor *= (np.exp(shape + margin[of_block]) / LN2).astype(np.float32)
+    return np.maximum(floor, SMALLEST)
+
+
+def _blocks_of(power: FloatArray, n_blocks: int, width: int) -> FloatArray:
+    return power[:, : n_blocks * width].reshape(power.shape[0], n_blocks, width)
+
+
+def _frame_gain(blocks: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return how loud each frame is in each block, and what to raise a block by.
+
+    The gains are about one, shape (frame, block); the raise is in nepers.
+
+    All blocks of a frame share a gain. Where the bands of a tile leave it by more than
+    the medians of noise do, each has a gain of its own, less what noise makes of it
+    (James and Stein 1961).
+    """
+    usual = _median(blocks)
+    typical = np.maximum(_median(usual.T), SMALLEST)
+    lag = np.log(np.maximum(usual / typical, SMALLEST))
+    common = _median(lag)[:, None]
+    if blocks.shape[1] < BAND_BLOCKS:
+        return np.exp(np.broadcast_to(common, lag.shape)), np.zeros(lag.shape[1])
+    padded = np.pad(lag - common, ((0, 0), (BAND_BLOCKS // 2,) * 2), mode="edge")
+    own = _median(np.lib.stride_tricks.sliding_window_view(padded, BAND_BLOCKS, axis=1))
+    spread = np.maximum((own**2).mean(axis=0), 1e-9)
+    share = np.where(spread > OWN_GAIN * BAND_VARIANCE, 1 - BAND_VARIANCE / spread, 0.0)
+    gain: FloatArray = np.exp(common + share.astype(np.float32) * own)
+    return gain, OWN_MARGIN * share
 
 
 def _edge(power: FloatArray, left: float, right: float, margin: int) -> FloatArray:
@@ -115,7 +164,7 @@ def _edge(power: FloatArray, left: float, right: float, margin: int) -> FloatArr
     spoils few cells and hardly moves the step; the loud side gets a margin, for a
     window leaks.
     """
-    usual = np.log(np.maximum(_median(power.T), np.float32(1e-37)))
+    usual = np.log(np.maximum(_median(power.T), SMALLEST))
     votes = np.sign(0.5 * (left + right) - usual) * np.sign(right - left)
     score = np.cumsum(np.append(0.0, votes))
     split = int(np.argmax(score)) + (margin if left > right else -margin)
@@ -130,8 +179,15 @@ def _noise_median(values: FloatArray) -> FloatArray:
     exponential noise is undone.
     """
     ordered = np.sort(values, axis=-1)
-    middle = ordered[..., values.shape[-1] // 2, None]
-    kept = np.sum(ordered <= LINE_FACTOR / LN2 * middle, axis=-1)
+    first = _kept_median(ordered, ordered[..., values.shape[-1] // 2])
+    # lines that fill a part of the cells raise the first median, and what it keeps;
+    # an edge within the cells moves it further
+    again = _kept_median(ordered, first)
+    return np.where(again > LEAST_AGAIN * first, again, first)
+
+
+def _kept_median(ordered: FloatArray, typical: FloatArray) -> FloatArray:
+    kept = np.sum(ordered <= LINE_FACTOR / LN2 * typical[..., None], axis=-1)
     median = np.take_along_axis(ordered, kept[..., None] // 2, axis=-1)[..., 0]
     return median * np.float32(LN2 / KEPT_MEDIAN)
 

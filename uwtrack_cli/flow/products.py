@@ -31,6 +31,7 @@ from uwtrack_cli.flow.engine import Engine, MemorySink, Progress, context_of
 from uwtrack_cli.flow.graph import PASSING, Graph
 from uwtrack_cli.flow.live_events import LiveWatch, Tell
 from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.rerun_sources import with_sound
 from uwtrack_cli.flow.step import Step, simple_step
 
 BLOCK_FRAMES = 256
@@ -236,7 +237,7 @@ def whole_result(
         The files have nothing that the stage reads, or two different candidates.
     """
     there = _distinct(available)
-    given = [held.container for held in there]
+    given = [_sounding(held.container, step, products) for held in there]
     wanted = tuple(kind for i in step.stage.inputs for kind in i.kinds)
     required = [c for c in given if isinstance(c, step.stage.inputs[0].kinds)]
     if not any(isinstance(c, wanted) for c in given):
@@ -259,6 +260,16 @@ def whole_result(
         for name, several in tables.items()
     ]
     return [*rest, Held(result)]
+
+
+def _sounding(
+    container: Container, step: Step, products: Sequence[Product]
+) -> Container:
+    """Return a recording with its sound where a stage reads it and it is at hand."""
+    reads = any(Recording in wanted.kinds for wanted in step.stage.inputs)
+    if not (reads and isinstance(container, Recording) and container.reader is None):
+        return container
+    return with_sound(container, products)
 
 
 def _apply(step: Step, given: Sequence[Container]) -> Container:

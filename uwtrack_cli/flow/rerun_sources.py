@@ -131,6 +131,29 @@ def _own_ns(files: RecordedFiles) -> tuple[int, int] | None:
     return files.own_start_utc_ns, files.own_stop_utc_ns
 
 
+def with_sound(stored: Recording, products: Sequence[Product]) -> Recording:
+    """Return a recording with its sound, if its files lie unchanged beside a product.
+
+    Parameters
+    ----------
+    stored
+        A recording that was read from a product.
+    products
+        The products that it may have come from.
+    """
+    for product in products:
+        for step in product.history:
+            named = {source.name for source in step.sources}
+            if find_stage(step.stage).kind != "source" or stored.name not in named:
+                continue
+            try:
+                opened, _ = reopen(product, step, SourceFinder(Path(product.name), ()))
+            except UwtrackError:
+                continue
+            return replace(stored, reader=opened.reader)
+    return stored
+
+
 def read_tables(
     history: Sequence[HistoryStep], finder: SourceFinder
 ) -> list[Container]:

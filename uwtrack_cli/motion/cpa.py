@@ -2,7 +2,8 @@
 
 **Method.** One contact at a time: starts from a search over time and width, a joint
 maximum-likelihood fit of its raw frequencies, bearings and levels with the exact
-retarded-time law, and a decision whether it is a passage at all.
+retarded-time law, and a decision whether it is a passage at all. A passage of lines is
+then held against its own residuals, the lines' levels, its halves and the sound itself.
 
 **Conventions.** Times count from the first sample; time of closest approach is
 geometric, and its sound arrives d/c later. What the data do not tell is nan, with the
@@ -22,6 +23,7 @@ from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
+from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
@@ -33,6 +35,7 @@ from uwtrack_cli.motion.passage.contacts import (
     examine,
     not_a_passage,
 )
+from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.measurements import series_data
 from uwtrack_cli.motion.passage.nuisances import NuisancePriors, nuisance_priors
 from uwtrack_cli.motion.passage.recording import examine_recording
@@ -42,6 +45,7 @@ from uwtrack_cli.motion.passage.report import (
     NOT_A_PASSAGE,
     CpaContext,
     Row,
+    add_checks,
     add_levels,
     add_sensor_motion,
     advise_frames,
@@ -60,11 +64,12 @@ UNSEEN = "the closest approach lies outside, and no Doppler shift shows it"
 
 
 @checked
-def find_encounters(  # noqa: PLR0913 (four inputs that may be absent)
+def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     lines: Lines | None = None,
     levels: Levels | None = None,
     sensor: Sensor | None = None,
     series: Series | None = None,
+    recording: Recording | None = None,
     *,
     sound_speed_mps: SoundSpeed | None = None,
     sound_speed_std_mps: Annotated[
@@ -95,6 +100,9 @@ def find_encounters(  # noqa: PLR0913 (four inputs that may be absent)
         The sensor; without it one of unknown position and depth is assumed.
     series
         Frequencies, bearings or levels measured elsewhere, instead of the others.
+    recording
+        The recording. Where its sound is at hand, a passage of lines must make them
+        steadier in the vessel's own time than any other reading does.
     sound_speed_mps
         Sound speed; by default that of the sensor. An error of 1 % in it is an error
         of 1 % in speed and range.
@@ -144,9 +152,10 @@ def find_encounters(  # noqa: PLR0913 (four inputs that may be absent)
         found = _from_series(series, medium, false_alarm_probability)
     else:
         found = examine_recording(
-            lines, levels, medium, false_alarm_probability, limits
+            lines, levels, medium, false_alarm_probability, limits, recording
         )
-    pairs = [(item, _row(item, context, limits)) for item in found]
+    has_sound = recording is not None and recording.reader is not None
+    pairs = [(item, _row(item, context, limits, has_sound=has_sound)) for item in found]
     rows = [row for _, row in pairs if row is not None]
     passed = [(item, row) for item, row in pairs if row and row.status != NOT_A_PASSAGE]
     fits = [item.fit for item, _ in passed]
@@ -191,7 +200,7 @@ def _from_series(
             series_data(series, int(contact)), (int(contact),), columns, medium,
             probability,
         )  # fmt: skip
-        found += [one] if one else []
+        found += [check_fit(one, None)] if one else []
     return found
 
 
@@ -210,12 +219,16 @@ def _limits(
 
 
 def _row(
-    candidate: CandidatePassage, context: CpaContext, limits: RecordingSpan
+    candidate: CandidatePassage,
+    context: CpaContext,
+    limits: RecordingSpan,
+    *,
+    has_sound: bool,
 ) -> Row | None:
     """Turn a candidate into a row; None if it is a mere fragment."""
     contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
-    reason = not_a_passage(fit, candidate.blocks, limits)
+    reason = not_a_passage(fit, candidate.blocks, limits) or candidate.doubt or None
     row = passage_row(contact, fit, context, candidate.line_ids)
     if not time[0] <= fit.theta[0, 0] <= time[-1]:
         if row.status == LEVEL_ONLY:
@@ -224,7 +237,12 @@ def _row(
     if reason is not None:
         whole = limits.last_s - limits.first_s
         is_lasting = float(np.ptp(time)) > LASTING_SHARE * whole
-        return empty_row(contact, reason) if is_lasting else None
+        if not is_lasting:
+            return None
+        row = empty_row(contact, reason)
+    add_checks(row, candidate, has_sound=has_sound)
+    if row.status == NOT_A_PASSAGE:
+        return row
     if row.side and candidate.other_turn > 1e-3:
         other = "port" if row.side == "starboard" else "starboard"
         row.other_sides.append((other, candidate.other_turn))

@@ -78,6 +78,12 @@ class CandidatePassage:
     """Gains over readings without a passage."""
     other_turn: float
     """Weight of the opposite side, 0 to 1."""
+    rest_frame_evidence: float = np.nan
+    """Evidence of the sound for the passage, nepers; nan if it was not asked."""
+    misfit: float = np.nan
+    """Misfit of its lines: see `fit_checks`; nan if it was not checked."""
+    doubt: str = ""
+    """What speaks against the passage; empty if nothing does."""
 
 
 def examine(

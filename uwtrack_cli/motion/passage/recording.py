@@ -16,6 +16,7 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.passage.contacts import (
     CandidatePassage,
@@ -26,8 +27,10 @@ from uwtrack_cli.motion.passage.contacts import (
     not_a_passage,
     split,
 )
+from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.likelihood_ratio import motion_likelihood
 from uwtrack_cli.motion.passage.measurements import contact_data, contact_ids, lines_of
+from uwtrack_cli.motion.passage.rest_frame import ask_the_sound
 from uwtrack_cli.motion.passage.source_separation import separate_sources
 
 SMALLEST_LINE_GAIN = 5.0
@@ -36,7 +39,7 @@ the broadband has shown."""
 
 
 class SearchTerms(NamedTuple):
-    """Medium, false-alarm probability, and the frames and ends of the recording."""
+    """Medium, false-alarm probability, frames, ends and sound of the recording."""
 
     medium: Medium
     """Sound speed and depth difference."""
@@ -44,6 +47,8 @@ class SearchTerms(NamedTuple):
     """Probability of a passage in noise alone."""
     limits: RecordingSpan
     """Frames and ends of the recording."""
+    sound: Recording | None
+    """The recording, whose sound may be read again; None without it."""
 
 
 def examine_recording(
@@ -52,6 +57,7 @@ def examine_recording(
     medium: Medium,
     false_alarm_probability: float,
     limits: RecordingSpan,
+    sound: Recording | None = None,
 ) -> list[CandidatePassage]:
     """Examine every contact of a recording, and its broadband.
 
@@ -67,15 +73,21 @@ def examine_recording(
         Probability of a passage in noise alone.
     limits
         Length of the frames and ends of the recording.
+    sound
+        The recording, whose sound may contradict a passage of lines.
     """
-    terms = SearchTerms(medium, false_alarm_probability, limits)
-    found = _of_lines(lines, terms) if lines is not None else []
+    terms = SearchTerms(medium, false_alarm_probability, limits, sound)
+    every = _of_lines(lines, terms) if lines is not None else []
     if levels is None:
-        return found
+        return every
+    found = [item for item in every if not item.doubt]
+    doubted = [item for item in every if item.doubt]
     if len(found) == 1:
         found = [_with_broadband(found[0], lines, levels, terms)]
     passing = [item for item in found if _is_passage(item, limits)]
-    shares, more = separate_sources(levels, passing, *terms)
+    shares, more = separate_sources(
+        levels, passing, medium, false_alarm_probability, limits
+    )
     if more:
         passing = _apart(passing, more, shares, lines, terms)
     elif not passing:
@@ -84,16 +96,24 @@ def examine_recording(
         if found and not all(_is_passage(item, limits) for item in passing):
             passing = []
     used = {number for item in passing for number in item.contacts}
-    return passing + [item for item in found if used.isdisjoint(item.contacts)]
+    return passing + [
+        item for item in (*found, *doubted) if used.isdisjoint(item.contacts)
+    ]
 
 
 def _is_passage(item: CandidatePassage, limits: RecordingSpan) -> bool:
-    return not_a_passage(item.fit, item.blocks, limits) is None
+    return not item.doubt and not_a_passage(item.fit, item.blocks, limits) is None
+
+
+def _checked(
+    item: CandidatePassage, lines: Lines | None, terms: SearchTerms
+) -> CandidatePassage:
+    return check_fit(ask_the_sound(item, terms.sound), lines)
 
 
 def _of_lines(lines: Lines, terms: SearchTerms) -> list[CandidatePassage]:
     """Examine the contacts; one that is two vessels gives a new contact."""
-    medium, probability, _ = terms
+    medium, probability = terms.medium, terms.probability
     found: list[CandidatePassage] = []
     number = int(lines.line_contact.max(initial=0))
     for contact in examine_contacts(lines, medium, probability):
@@ -102,7 +122,7 @@ def _of_lines(lines: Lines, terms: SearchTerms) -> list[CandidatePassage]:
         for other in others:
             number += 1
             found.append(replace(other, contacts=(number,)))
-    return found
+    return [_checked(item, lines, terms) for item in found]
 
 
 def _apart(
@@ -165,7 +185,8 @@ def _with_lines(
             terms.medium, terms.probability,
         )  # fmt: skip
         if joint is not None and joint.likelihood_ratio.doppler > gain:
-            best, gain = joint, joint.likelihood_ratio.doppler
+            best = _checked(joint, lines, terms)
+            gain = joint.likelihood_ratio.doppler
     # a line that follows by chance must not spoil what the broadband has shown
     spoils = _is_passage(alone, terms.limits) and not _is_passage(best, terms.limits)
     return alone if spoils else best
@@ -175,7 +196,7 @@ def _with_broadband(
     only: CandidatePassage, lines: Lines | None, levels: Levels, terms: SearchTerms
 ) -> CandidatePassage:
     """Fit the lines with the broadband, unless the two have different motions."""
-    medium, probability, _ = terms
+    medium, probability = terms.medium, terms.probability
     wide = contact_data(None, levels, ())
     alone = examine(wide, only.contacts, np.empty(0, np.int64), medium, probability)
     if alone is not None and not agrees(alone, only):
@@ -187,4 +208,4 @@ def _with_broadband(
         contact_data(lines, levels, only.contacts), only.contacts, only.line_ids,
         medium, probability,
     )  # fmt: skip
-    return joint or only
+    return _checked(joint, lines, terms) if joint else only

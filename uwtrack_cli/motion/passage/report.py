@@ -43,6 +43,7 @@ from uwtrack_cli.data.spectra import MICROPASCAL, Levels
 from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.estimation.correlation import long_run_excess
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
+from uwtrack_cli.motion.passage.contacts import CandidatePassage
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.moving_sensor import (
     AT_REST_MPS,
@@ -78,6 +79,9 @@ WATER_MPS = (1300.0, 1700.0)
 VESSEL_MPS, VESSEL_STD_MPS = 5.5, 3.5
 """Speed of vessels whose speed is not measured, m/s, and its deviation."""
 
+NO_SOUND = "the sound is not at hand"
+NOTHING_TO_CHECK = "the lines show too little of a passage to be checked"
+
 VALUES = (
     "time_s", "time_std_s", "arrival_time_s", "speed_mps", "speed_std_mps",
     "slant_range_m", "slant_range_std_m", "horizontal_range_m",
@@ -85,7 +89,7 @@ VALUES = (
     "horizontal_range_over_speed_s", "horizontal_range_over_speed_std_s",
     "course_deg", "course_std_deg", "bearing_deg",
     "bearing_std_deg", "received_level_db", "received_level_std_db",
-    "source_level_db", "source_level_std_db",
+    "source_level_db", "source_level_std_db", "rest_frame_evidence", "misfit",
 )  # fmt: skip
 """Columns of Encounters that are numbers about the passage."""
 
@@ -340,6 +344,29 @@ def add_sensor_motion(row: Row, context: CpaContext) -> str | None:
     v["course_deg"], v["course_std_deg"] = ground.course_deg, ground.course_std_deg
     row.side = side_of_vessel(1 if ground.is_starboard else -1)
     return None
+
+
+def add_checks(row: Row, candidate: CandidatePassage, *, has_sound: bool) -> None:
+    """Add what the checks of the fit found, or why they were not made.
+
+    Parameters
+    ----------
+    row
+        Row of a contact.
+    candidate
+        Its fit with its checks.
+    has_sound
+        Whether the recording was at hand.
+    """
+    row.values["rest_frame_evidence"] = candidate.rest_frame_evidence
+    row.values["misfit"] = candidate.misfit
+    for name in ("rest_frame_evidence", "misfit"):
+        if np.isfinite(row.values[name]):
+            row.reasons.pop(name, None)
+    lacking = "no line" if candidate.blocks.shift.is_empty else NOTHING_TO_CHECK
+    row.explain(lacking, "misfit")
+    heard = lacking if has_sound or candidate.blocks.shift.is_empty else NO_SOUND
+    row.explain(heard, "rest_frame_evidence")
 
 
 def empty_row(contact: int, reason: str) -> Row:

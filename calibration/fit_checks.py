@@ -1,0 +1,82 @@
+"""Where the thresholds of the checks of a passage come from: drawn sound.
+
+Draws recordings with one vessel and without any, with the disturbances of real ones,
+runs the chain with its checks switched off, and prints what each check says of the true
+and of the false passages. A threshold lies where it refuses no true one:
+`SMALLEST_EVIDENCE`, `LARGEST_MISFIT` and `SMALLEST_SLOPE` were set from 88 recordings of
+`tests/motion/random_passages.py`, 30 drawn ones with a vessel and 20 without (three
+recipes each). A recording takes some ten seconds:
+python -m calibration.fit_checks 30 20
+"""
+
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.recording import Recording, SampleRing
+from uwtrack_cli.flow.engine import run_recipe
+from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.motion.passage.contacts import CandidatePassage, examine_contacts
+from uwtrack_cli.motion.passage.fit_checks import doppler_misfit, level_slope
+from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.rest_frame import ask_the_sound
+from uwtrack_cli.simulate import Scenario, simulate_recordings
+from uwtrack_cli.simulate.random_passages import draw_scenario
+
+RECIPES = ("vessel", "small-craft", "vehicle")
+"""Recipes that are run over recordings without a vessel."""
+
+HEAD = f"{'truth':6}{'speed m/s':>10}{'d/v s':>8}{'evidence':>10}{'misfit':>8}  slope dB/dB"
+
+
+def candidates(
+    scenario: Scenario, recipe: str
+) -> Iterator[tuple[CandidatePassage, Lines]]:
+    """Yield the significant fits of the lines of a scenario, with what the sound says."""
+    (simulated,) = simulate_recordings(scenario)
+    if simulated.reader is None:
+        return
+    ring = SampleRing(simulated.reader, simulated.n_samples)
+    recording = replace(simulated, reader=ring)
+    made = run_recipe(recording, load_recipe(recipe))
+    lines = next(item for item in made if isinstance(item, Lines))
+    medium = nuisance_priors(recording.sensor, None, None, 3.0, 2.0).medium
+    for item in examine_contacts(lines, medium, 1e-3):
+        yield ask_the_sound(item, recording), lines
+
+
+def describe(item: CandidatePassage, lines: Lines, scenario: Scenario) -> str:
+    """Return the line of a candidate: true or false, and what each check says."""
+    fit = item.fit
+    width, time = float(fit.range_over_speed_s[0]), float(fit.theta[0, 0])
+    passed = [v.closest_approach for v in scenario.vessels if v.closest_approach]
+    is_true = any(abs(v.time_s - time) < max(5.0, width) for v in passed)
+    slope, std = level_slope(item, lines)
+    misfit = doppler_misfit(fit, item.blocks)
+    return (
+        f"{'true' if is_true else 'FALSE':6}{fit.theta[0, 2]:10.2f}{width:8.1f}"
+        f"{item.rest_frame_evidence:10.2f}{misfit:8.2f}  {slope:.2f} +- {std:.2f}"
+    )
+
+
+def main(n_vessels: int, n_quiet: int, seed: int = 900) -> None:
+    """Print a table of so many recordings with and without a vessel."""
+    warnings.simplefilter("ignore")
+    print(HEAD)
+    for number in range(n_vessels + n_quiet):
+        is_quiet = number >= n_vessels
+        scenario = draw_scenario(
+            seed + number, n_vessels=0 if is_quiet else 1, sample_rate_hz=4e3
+        )
+        for recipe in RECIPES if is_quiet else RECIPES[:1]:
+            for item, lines in candidates(scenario, recipe):
+                if np.isfinite(item.fit.covariance[0, 2, 2]):
+                    print(describe(item, lines, scenario), flush=True)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -1,0 +1,78 @@
+"""Fits held against their own data: levels that stand still, halves that disagree."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.motion.passage_truth import Scene
+from tests.motion.passing_vessel import lines_of_scenes
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.motion.cpa import find_encounters
+from uwtrack_cli.motion.passage.contacts import examine_contacts
+from uwtrack_cli.motion.passage.fit_checks import (
+    check_fit,
+    doppler_misfit,
+    level_slope,
+)
+from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+
+SCENE = Scene(rest_hz=(120.0, 180.0))
+DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0)
+MEDIUM = nuisance_priors(DIFAR, None, None, 3.0, 2.0).medium
+
+
+def lines_of(*scenes, seed=2):
+    return lines_of_scenes([*scenes], np.random.default_rng(seed))
+
+
+def candidate_of(lines):
+    (one,) = examine_contacts(lines, MEDIUM, 1e-3)
+    return one
+
+
+def test_levels_of_a_passage_follow_the_range():
+    lines = lines_of(SCENE)
+    slope, std = level_slope(candidate_of(lines), lines)
+    assert slope == pytest.approx(1.0, abs=0.02)  # 20 dB a decade, by the fixture
+    assert std < 0.1
+
+
+def test_lines_whose_levels_stand_still_are_no_passage():
+    lines = lines_of(SCENE)
+    steady = replace(lines, measured_level_db=np.full(lines.line.size, 100.0))
+    found = find_encounters(steady, None, DIFAR)
+    assert found.status.tolist() == ["not-a-passage"]
+    assert "do not rise and fall" in found.reasons(0)["speed_mps"]
+
+
+def test_the_misfit_is_the_share_of_the_shift_by_which_lines_leave_their_curve():
+    one = candidate_of(lines_of(SCENE))
+    assert doppler_misfit(one.fit, one.blocks) < 0.02
+    mach = SCENE.speed_mps / 1500.0
+    wave = 0.5 * mach * np.sqrt(2) * np.sin(one.blocks.time_s / 23.0)
+    value = one.blocks.value.copy()
+    value[:, one.blocks.parts[0]] += wave
+    bent = replace(one.blocks, value=value)
+    # the median of a sine's square is its mean, a normal variable's 0.455 of it
+    due = 0.5 / np.sqrt(0.455)
+    assert doppler_misfit(one.fit, bent) == pytest.approx(due, rel=0.15)
+
+
+def test_a_passage_of_one_motion_keeps_its_deviations():
+    one = candidate_of(lines_of(SCENE))
+    checked = check_fit(one, lines_of(SCENE))
+    assert not checked.doubt
+    widened = np.diag(checked.fit.covariance[0]) / np.diag(one.fit.covariance[0])
+    assert (widened < 2.0).all()
+
+
+def test_halves_of_two_speeds_widen_what_they_disagree_about():
+    slow, fast = (lines_of(replace(SCENE, speed_mps=v, range_m=40 * v)) for v in (5, 7))
+    late = slow.time_s > SCENE.closest_s
+    frequency = np.where(late, fast.measured_frequency_hz, slow.measured_frequency_hz)
+    lines = replace(slow, measured_frequency_hz=frequency)
+    one = candidate_of(lines)
+    checked = check_fit(one, lines)
+    widened = np.sqrt(checked.fit.covariance[0, 2, 2] / one.fit.covariance[0, 2, 2])
+    assert widened > 1.5

@@ -1,0 +1,287 @@
+"""Checks of a passage against its own measurements.
+
+**Method.** Three questions whose answers the fit itself cannot bend:
+
+* *Residuals.* The lines' residuals are averaged over quarters of d/v. What these means
+  scatter beyond the noise, which is measured off the model from differences of
+  neighbours, is the misfit, as a share of the Doppler shift v/c. A fit whose noise is
+  scaled until it fits could never be refused; this one can.
+* *Levels of the lines.* A line that passes gets louder and fainter as the range says:
+  by 12 dB over four d/v. The slope of its levels over those of the passage is one; that
+  of a machine which only changes its speed is zero.
+* *Influence.* The passage is fitted to its two halves, and without each line. Where the
+  answers disagree by more than they should, the deviations grow by that ratio (Birge
+  1932); what a subset moves an answer by has the difference of both variances (Hausman
+  1978).
+
+**Conventions.** Times count from the first sample. One data set, the fit's one row.
+
+**References.** Gelman et al. (2013), Bayesian Data Analysis, ch. 6; Birge (1932), Phys.
+Rev. 40, 207; Hausman (1978), Econometrica 46, 1251.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.motion.passage.contacts import CandidatePassage
+from uwtrack_cli.motion.passage.estimator import PassageFit, fit_passage
+from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
+
+REACH = 3.0
+"""d/v on either side of the closest approach that are checked."""
+
+BLOCK = 0.25
+"""Length over which residuals and levels are averaged, in d/v."""
+
+FEWEST_BLOCKS = 4
+"""Such blocks of a line below which it is not checked."""
+
+HALF_NORMAL = 0.455
+"""Median of the square of a normal variable of unit variance."""
+
+LARGEST_MISFIT = 0.4
+"""Misfit from which a passage is doubted: see calibration/fit_checks.py."""
+
+SMALLEST_SLOPE, SLOPE_DEVIATIONS = 0.3, 2.0
+"""A slope of the levels that lies below this by so many deviations is doubted."""
+
+SMALLEST_SCATTER_DB = 1.0
+"""Scatter of a block's level that is assumed at least."""
+
+SMALLEST_SPAN_DB = 1.5
+"""Deviation of the passage's own levels below which they cannot be told from steady."""
+
+CHANCE = 2.0
+"""Disagreement of the halves, in deviations, that is not yet a misfit."""
+
+CHANCE_OF_LINES = 3.0
+"""The same without one of several lines: one of them is more often far off by chance."""
+
+SMALLEST_ADDED = 0.5
+"""Share of the variance without a line that its absence adds at least."""
+
+LARGEST_DISAGREEMENT = 5.0
+"""Disagreement of the halves from which a passage is doubted, if their speeds differ by
+more than the speed itself."""
+
+MOST_LINES = 8
+"""Lines that are left out in turn, the best measured ones."""
+
+
+def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePassage:
+    """Return a candidate with its misfit, wider where it is called for, or doubted.
+
+    Parameters
+    ----------
+    candidate
+        A significant fit.
+    lines
+        The tracked lines of its recording, for their levels; None for a table.
+    """
+    fit, blocks = candidate.fit, candidate.blocks
+    if blocks.shift.is_empty or not _moves(fit):
+        return candidate
+    misfit = doppler_misfit(fit, blocks)
+    doubt = candidate.doubt
+    if misfit > LARGEST_MISFIT:
+        doubt = doubt or (
+            f"its lines leave the passage by {100 * misfit:.0f} % of the Doppler shift "
+            f"beyond their noise"
+        )
+    if lines is not None and not doubt:
+        slope, std = level_slope(candidate, lines)
+        if slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE:
+            doubt = (
+                f"the levels of its lines do not rise and fall as the range would: "
+                f"{slope:.2f} +- {std:.2f} dB for each dB"
+            )
+    scale, halves = _influence(fit, blocks)
+    doubt = doubt or halves
+    wider = replace(
+        fit,
+        covariance=fit.covariance * np.outer(scale, scale),
+        full_covariance=fit.full_covariance * np.outer(*2 * (np.append(scale, 1.0),)),
+    )
+    return replace(candidate, fit=wider, misfit=misfit, doubt=doubt)
+
+
+def doppler_misfit(fit: PassageFit, blocks: Blocks) -> float:
+    """Return what the lines leave of their curve beyond noise, as a share of v/c.
+
+    Parameters
+    ----------
+    fit
+        Fit of one data set with lines.
+    blocks
+        The measurements that it was made from.
+
+    Returns
+    -------
+    float
+        Median over the lines of the deviation of their blocks, zero or more: a stray
+        line or block counts little. nan where no line has enough blocks.
+    """
+    law = fit.law(blocks.time_s)
+    weight = blocks.shift.weight[0] / fit.noises[0].scale[0][:, None] ** 2
+    weight = weight * _near(fit, blocks.time_s)
+    number, count = _numbers(fit, blocks.time_s)
+    departures = []
+    for value, size in zip(blocks.shift.value[0] - law.shift[0], weight, strict=True):
+        whole = np.bincount(number, size, count)
+        used = whole > 0
+        if used.sum() < FEWEST_BLOCKS:
+            continue
+        mean = np.bincount(number, size * value, count)[used] / whole[used]
+        square = (mean - np.median(mean)) ** 2
+        noise = float(np.median(1 / whole[used]))
+        departures.append(max(float(np.median(square)) / HALF_NORMAL - noise, 0.0))
+    if not departures:
+        return float("nan")
+    mach = abs(float(fit.theta[0, 2])) / fit.medium.sound_speed_mps
+    return float(np.sqrt(np.median(departures)) / mach)
+
+
+def level_slope(candidate: CandidatePassage, lines: Lines) -> tuple[float, float]:
+    """Return how the lines' levels follow the range, and the deviation of that.
+
+    Parameters
+    ----------
+    candidate
+        A fit with its lines.
+    lines
+        Their points.
+
+    Returns
+    -------
+    tuple[float, float]
+        Decibels for each decibel of the passage's spherical spreading, one for a true
+        one, and its standard deviation; infinite where the levels cannot tell.
+    """
+    fit = candidate.fit
+    own, law = [], []
+    for line in candidate.line_ids:
+        points = np.flatnonzero(lines.line == line)
+        time = np.asarray(lines.time_s[points], float)
+        level = np.asarray(lines.measured_level_db[points], float)
+        kept = np.isfinite(level) & _near(fit, time)
+        time, level = time[kept], level[kept]
+        if not time.size:
+            continue
+        number, count = _numbers(fit, time)
+        size = np.bincount(number, minlength=count)
+        used = size > 0
+        if used.sum() < FEWEST_BLOCKS:
+            continue
+        middle = np.bincount(number, time, count)[used] / size[used]
+        mean = np.bincount(number, level, count)[used] / size[used]
+        spread = NEPER_DB * fit.law(middle).spread[0]
+        own.append(mean - mean.mean())
+        law.append(spread - spread.mean())
+    if not own:
+        return 0.0, float("inf")
+    level, spread = np.concatenate(own), np.concatenate(law)
+    if np.sqrt((spread**2).mean()) < SMALLEST_SPAN_DB:
+        return 0.0, float("inf")
+    total = float((spread**2).sum())
+    slope = float((spread * level).sum()) / total
+    freedom = max(level.size - len(own) - 1, 1)
+    scatter = np.sqrt(((level - slope * spread) ** 2).sum() / freedom)
+    return slope, float(max(scatter, SMALLEST_SCATTER_DB) / np.sqrt(total))
+
+
+def _moves(fit: PassageFit) -> bool:
+    speed, variance = float(fit.theta[0, 2]), float(fit.covariance[0, 2, 2])
+    return bool(np.isfinite(variance) and speed > 3.0 * np.sqrt(max(variance, 0.0)))
+
+
+def _heard_s(fit: PassageFit) -> float:
+    """Return when the sound of the closest approach arrived, s."""
+    width, speed = float(fit.range_over_speed_s[0]), float(fit.theta[0, 2])
+    return float(fit.theta[0, 0]) + width * speed / fit.medium.sound_speed_mps
+
+
+def _near(fit: PassageFit, time_s: FloatArray) -> BoolArray:
+    reach = REACH * float(fit.range_over_speed_s[0])
+    near: BoolArray = np.abs(time_s - _heard_s(fit)) < reach
+    return near
+
+
+def _numbers(fit: PassageFit, time_s: FloatArray) -> tuple[FloatArray, int]:
+    """Return the number of the block that each time lies in, and how many there are."""
+    block = BLOCK * float(fit.range_over_speed_s[0])
+    number = np.floor((time_s - _heard_s(fit)) / block).astype(int)
+    number = np.clip(number, -round(REACH / BLOCK), round(REACH / BLOCK))
+    number -= number.min()
+    return number, int(number.max()) + 1
+
+
+def _influence(fit: PassageFit, blocks: Blocks) -> tuple[FloatArray, str]:
+    """Return factors on the four deviations, and a doubt where the halves disagree."""
+    is_late = blocks.time_s > _heard_s(fit)
+    early, late = (_refit(fit, blocks, keep) for keep in (~is_late, is_late))
+    factor = np.ones(4)
+    doubt = ""
+    if early is not None and late is not None:
+        (first, a), (second, b) = early, late
+        apart = np.abs(first - second) / np.sqrt(a + b)
+        factor[:3] = np.maximum(1.0, apart / CHANCE)
+        speeds = abs(float(first[2] - second[2]))
+        if apart[2] > LARGEST_DISAGREEMENT and speeds > fit.theta[0, 2]:
+            doubt = (
+                f"its two halves tell {first[2]:.3g} and {second[2]:.3g} m/s, "
+                f"{apart[2]:.1f} deviations apart"
+            )
+    factor[:3] = np.maximum(factor[:3], _without_each_line(fit, blocks))
+    return factor, doubt
+
+
+def _without_each_line(fit: PassageFit, blocks: Blocks) -> FloatArray:
+    """Return factors on the deviations of time, width and speed by leaving out lines.
+
+    What a line moves the answer by has the variance that its absence adds.
+    """
+    weight = blocks.shift.weight[0].sum(axis=1)
+    best = np.argsort(-weight)[:MOST_LINES]
+    best = best[weight[best] > 0]
+    factor = np.ones(3)
+    if best.size < 2:
+        return factor
+    whole = np.array([fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2]])
+    own = np.diag(fit.covariance[0])[:3]
+    for line in best:
+        kept = np.ones(weight.size, np.bool_)
+        kept[line] = False
+        found = _refit(fit, blocks, np.ones(blocks.time_s.size, np.bool_), kept)
+        if found is not None:
+            added = np.maximum(
+                found[1] - own, SMALLEST_ADDED * np.maximum(found[1], own)
+            )
+            moved = np.abs(found[0] - whole) / np.sqrt(added)
+            factor = np.maximum(factor, moved / CHANCE_OF_LINES)
+    return factor
+
+
+def _refit(
+    fit: PassageFit,
+    blocks: Blocks,
+    instants: BoolArray,
+    kept_lines: BoolArray | None = None,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Fit a part of the measurements; time, slant d/v and speed with variances."""
+    weight = blocks.weight * instants
+    if kept_lines is not None:
+        weight[:, blocks.parts[0]] *= kept_lines[:, None]
+    part = replace(blocks, weight=weight)
+    if np.count_nonzero(part.shift.weight.any(axis=(0, 1))) < 2 * FEWEST_BLOCKS:
+        return None
+    found = fit_passage(part, fit.theta, fit.turn, fit.medium)
+    variance = np.diag(found.covariance[0])[:3]
+    answer = np.array(
+        [found.theta[0, 0], found.range_over_speed_s[0], found.theta[0, 2]]
+    )
+    if not (np.isfinite(answer).all() and np.isfinite(variance).all()):
+        return None
+    return answer, variance

@@ -1,0 +1,286 @@
+"""The rest-frame test: tones that are steady in the vessel's own time.
+
+**Method.** A passage says how the frequency of every line of the vessel moved. Each
+line is cut out of the sound as a narrow band and turned back by that movement: if the
+passage is true, what is left is a constant tone, and the longer the frames the sharper
+it stands out. The same is done for the rivals: nothing moved, a steady drift and one
+step, with slope, height and instant from the line's own measured frequencies. At every
+frame length the sharpness of a reading is what its three strongest cells gain over
+noise in log-likelihood, M (p - 1 - ln p) with the mean power ratio p of M independent
+frames, less what the strongest of as many cells of noise would gain. The evidence
+against a rival is the mean over the frame lengths of the logarithm of the ratio of
+both; that of the passage is the evidence against its best rival.
+
+The shortest frames resolve half of the Doppler shift of a line, each next length is
+twice the one before: a law that is only roughly right is as sharp as the true one in
+short frames, and blurred in long ones.
+
+**Conventions.** Times count from the first sample. Frequencies shift by fractions: the
+Doppler law in time of reception is that of the fit.
+
+**References.** Weiss (1994), IEEE Signal Processing Magazine 11, 13 (time-scale
+processing); Ferguson (1992), J. Acoust. Soc. Am. 92, 947 (lines of a passage).
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.motion.passage.contacts import CandidatePassage
+from uwtrack_cli.motion.passage.estimator import PassageFit
+from uwtrack_cli.motion.passage.measurements import Blocks
+
+REACH = 3.0
+"""d/v on either side of the closest approach that are read."""
+
+N_LENGTHS = 4
+"""Frame lengths, each twice the one before."""
+
+FEWEST_FRAMES = 2
+"""Lengths of a frame in the stretch below which a length is left out."""
+
+FEWEST_CELLS = 12
+"""Cells of a frame below which its noise is not known."""
+
+CONTEXT, WIDEST = 12.0, 0.45
+"""Half of the band that is cut out: so many Doppler shifts, at most such a share of the
+line's frequency."""
+
+USED_BAND = 0.9
+"""Share of that band whose noise is taken: its edges are tapered."""
+
+INNER = 2.5
+"""Doppler shifts on either side of the rest frequency that are searched for the tone."""
+
+STRONGEST = 3
+"""Cells of a tone: the main lobe of a Hann window."""
+
+NOISE_MARGIN = 2.0
+"""Nepers above the logarithm of the number of cells that a tone must gain."""
+
+SMALLEST_GAIN = 5.0
+"""Nepers added to both gains of a ratio, so that two that are nothing are alike."""
+
+AVERAGED = 1 / 1.056
+"""Independent frames in one of those that overlap by half (Hann; Welch 1967)."""
+
+N_STEPS = 9
+"""Instants within d/v of the closest approach at which the rival may step."""
+
+RIVALS = ("constant", "frequency-ramp", "frequency-step")
+"""Readings that the passage must beat."""
+
+SMALLEST_EVIDENCE = 0.0
+"""Evidence below which a passage of lines is doubted: see calibration/fit_checks.py."""
+
+FASTEST_KNOWN = 3.0
+"""Deviations of the speed from zero below which nothing is claimed of the lines."""
+
+MOST_SAMPLES = 1 << 25
+"""Samples above which a stretch is not read again."""
+
+
+class RestFrame(NamedTuple):
+    """What the sound says of a passage."""
+
+    evidence: float
+    """Mean logarithm of its sharpness over that of its best rival, nepers."""
+    rival: str
+    """That rival, one of `RIVALS`."""
+
+
+class _Band(NamedTuple):
+    """The sound about one line, turned down by its rest frequency."""
+
+    rest_hz: float
+    """Rest frequency, Hz."""
+    rate_hz: float
+    """Samples per second."""
+    sound: NDArray[np.complex128]
+    """Samples, shape (n,)."""
+
+
+def ask_the_sound(
+    candidate: CandidatePassage, recording: Recording | None
+) -> CandidatePassage:
+    """Return a candidate with what the sound says of it.
+
+    Parameters
+    ----------
+    candidate
+        A significant fit.
+    recording
+        The recording it was heard in; None without it.
+
+    Returns
+    -------
+    CandidatePassage
+        The same with its evidence, and a doubt where the sound contradicts it.
+    """
+    fit = candidate.fit
+    if recording is None or not fit.rest_hz.shape[1]:
+        return candidate
+    deviation = float(np.sqrt(np.maximum(fit.covariance[0, 2, 2], 0.0)))
+    if not fit.theta[0, 2] > FASTEST_KNOWN * deviation:
+        return candidate
+    heard = rest_frame(recording, fit, candidate.blocks)
+    if heard is None:
+        return candidate
+    doubt = candidate.doubt
+    if heard.evidence < SMALLEST_EVIDENCE:
+        doubt = doubt or (
+            f"in the vessel's own time its lines are no steadier than as {heard.rival} "
+            f"(rest-frame evidence {heard.evidence:.2f})"
+        )
+    return replace(candidate, rest_frame_evidence=heard.evidence, doubt=doubt)
+
+
+def rest_frame(
+    recording: Recording, fit: PassageFit, blocks: Blocks
+) -> RestFrame | None:
+    """Ask the sound of a recording whether a passage is true.
+
+    Parameters
+    ----------
+    recording
+        The recording; one whose sound is not at hand says nothing.
+    fit
+        Fit of one data set with lines.
+    blocks
+        The measurements that it was made from.
+
+    Returns
+    -------
+    RestFrame | None
+        None without a line, without the sound, or where too little of it is there.
+    """
+    is_known = np.isfinite(fit.rest_std_hz[0])
+    is_known &= (fit.rest_hz[0] > 0) & (fit.rest_hz[0] < recording.sample_rate_hz / 2)
+    speed, width = float(fit.theta[0, 2]), float(fit.range_over_speed_s[0])
+    if not is_known.any() or speed <= 0:
+        return None
+    mach = speed / fit.medium.sound_speed_mps
+    heard_s = float(fit.theta[0, 0]) + mach * width
+    start_s = max(heard_s - REACH * width, 0.0)
+    stop_s = min(heard_s + REACH * width, recording.duration_s)
+    if not 0 < (stop_s - start_s) * recording.sample_rate_hz < MOST_SAMPLES:
+        return None
+    try:
+        sound = recording.stretch(start_s, stop_s)[:, 0]
+    except DataError:
+        return None
+    bands = _bands(np.nan_to_num(sound), recording.sample_rate_hz,
+                   fit.rest_hz[0, is_known], mach)  # fmt: skip
+    if not bands:
+        return None
+    drift, step, step_s = _rivals(blocks, is_known, heard_s, width)
+    return _compared(bands, start_s, fit, (drift, step, step_s, heard_s), mach)
+
+
+def _bands(
+    sound: FloatArray, rate_hz: float, rest_hz: FloatArray, mach: float
+) -> list[_Band]:
+    """Cut every line with its surroundings out of the sound."""
+    n = sound.size
+    spectrum = np.fft.rfft(sound - sound.mean())
+    cell_hz = rate_hz / n
+    found = []
+    for rest in rest_hz:
+        half = round(min(CONTEXT * mach, WIDEST) * rest / cell_hz)
+        if half < FEWEST_CELLS:
+            continue
+        centre = round(rest / cell_hz)
+        cells = np.arange(-half, half)
+        inside = (centre + cells > 0) & (centre + cells < spectrum.size)
+        part = np.zeros(2 * half, np.complex128)
+        part[inside] = spectrum[centre + cells[inside]]
+        part *= np.minimum(1.0, (half - abs(cells + 0.5)) / (0.1 * half))
+        narrow = np.fft.ifft(np.fft.ifftshift(part))
+        rate = 2 * half * cell_hz
+        offset = 2j * np.pi * (rest - centre * cell_hz) / rate
+        narrow *= np.exp(-offset * np.arange(2 * half))
+        found.append(_Band(float(rest), rate, narrow))
+    return found
+
+
+def _rivals(
+    blocks: Blocks, is_known: BoolArray, heard_s: float, width_s: float
+) -> tuple[float, float, float]:
+    """Fit a common drift (1/s), and a common step with its instant (s), to the lines."""
+    value = blocks.shift.value[0, is_known]
+    weight = blocks.shift.weight[0, is_known]
+    lag = blocks.time_s - heard_s
+    weight = np.where(abs(lag) < REACH * width_s, weight, 0.0)
+    at = width_s * np.linspace(-1.0, 1.0, N_STEPS)
+    columns = np.concatenate([lag[None], lag > at[:, None]])
+    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    left = value - (weight * value).sum(axis=1, keepdims=True) / total
+    free = columns[:, None] - (
+        (weight * columns[:, None]).sum(axis=-1, keepdims=True) / total
+    )
+    size = np.maximum((weight * free**2).sum(axis=(1, 2)), 1e-300)
+    along = (weight * free * left).sum(axis=(1, 2))
+    best = 1 + int(np.argmax(along[1:] ** 2 / size[1:]))
+    slope = along / size
+    return float(slope[0]), float(slope[best]), heard_s + float(at[best - 1])
+
+
+def _compared(
+    bands: list[_Band],
+    start_s: float,
+    fit: PassageFit,
+    rivals: tuple[float, float, float, float],
+    mach: float,
+) -> RestFrame | None:
+    drift, step, step_s, heard_s = rivals
+    gains = np.zeros((N_LENGTHS, 1 + len(RIVALS)))
+    is_used = np.zeros(N_LENGTHS, np.bool_)
+    for band in bands:
+        shortest = 2 / (mach * band.rest_hz) * band.rate_hz
+        lengths = [round(shortest * 2**k) for k in range(N_LENGTHS)]
+        time = start_s + np.arange(band.sound.size) / band.rate_hz
+        shifts = (
+            fit.law(time).shift[0],
+            np.zeros(time.size),
+            drift * (time - heard_s),
+            step * (time > step_s),
+        )
+        turn = 2j * np.pi * band.rest_hz / band.rate_hz
+        readings = [band.sound * np.exp(-turn * np.cumsum(s)) for s in shifts]
+        for k, length in enumerate(lengths):
+            if length < FEWEST_CELLS or time.size < FEWEST_FRAMES * length:
+                continue
+            is_used[k] = True
+            inner = (INNER * mach * band.rest_hz) / band.rate_hz + 2 / length
+            gains[k] += [_gain(reading, length, inner) for reading in readings]
+    if not is_used.any():
+        return None
+    sharp = np.log(gains[is_used] + SMALLEST_GAIN)
+    evidence = (sharp[:, :1] - sharp[:, 1:]).mean(axis=0)
+    best = int(np.argmin(evidence))
+    return RestFrame(float(evidence[best]), RIVALS[best])
+
+
+def _gain(sound: NDArray[np.complex128], length: int, inner: float) -> float:
+    """Log-likelihood that the strongest tone of a narrow band gains over noise.
+
+    ``inner`` is half of the band in which it is sought, in cycles per sample.
+    """
+    frames = np.lib.stride_tricks.sliding_window_view(sound, length)[:: length // 2]
+    power = np.abs(np.fft.fft(frames * np.hanning(length), axis=1)) ** 2
+    frequency = np.fft.fftfreq(length)
+    known = power[:, abs(frequency) < USED_BAND / 2]
+    floor = np.median(known, axis=1) / np.log(2)
+    heard = floor > 0
+    if not heard.any():
+        return 0.0
+    within = power[np.ix_(heard, abs(frequency) <= inner)] / floor[heard, None]
+    ratio = np.maximum(within.mean(axis=0), 1.0)
+    gain = AVERAGED * heard.sum() * (ratio - 1 - np.log(ratio))
+    gain -= np.log(ratio.size) + NOISE_MARGIN
+    return float(np.maximum(np.sort(gain)[-STRONGEST:], 0.0).sum())
