@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.recording import Recording, SampleRing
+from uwtrack_cli.data.recording import SampleRing
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.passage.contacts import CandidatePassage, examine_contacts

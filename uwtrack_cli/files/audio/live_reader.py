@@ -15,11 +15,14 @@ from warnings import warn
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray
-from uwtrack_cli.data.recording import Samples
+from uwtrack_cli.data.recording import SampleRing, Samples
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.byte_stream import ByteStream
 from uwtrack_cli.files.audio.reader import Tally
 from uwtrack_cli.files.audio.stream_header import StreamHeader
+
+KEPT_VALUES = 1 << 24
+"""Values (samples times channels) that can be read again: 64 MB."""
 
 UNCHANGED_S = 60.0
 """Sound that does not change for so long is noted, s."""
@@ -45,6 +48,8 @@ class Disturbance:
 @dataclass
 class LiveReader:
     """Read the samples of a stream, once: `reader(block_samples)`.
+
+    The last ones are kept, so that a passage may be held against its sound.
 
     Parameters
     ----------
@@ -76,6 +81,7 @@ class LiveReader:
         self._unchanged = _Run("the sound does not change", UNCHANGED_S)
         self._taken = 0
         self._is_cut = False
+        self._ring = SampleRing(self._blocks, KEPT_VALUES // len(self.columns))
 
     @property
     def digest(self) -> str:
@@ -83,7 +89,7 @@ class LiveReader:
         return self.stream.digest
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
-        """Yield blocks of so many samples, the last one shorter.
+        """Yield blocks of so many samples, the last one shorter; keep the last ones.
 
         Parameters
         ----------
@@ -103,6 +109,19 @@ class LiveReader:
         if block_samples < 1:
             msg = f"a block must have at least 1 sample, got {block_samples}."
             raise OptionError(msg)
+        return self._ring(block_samples)
+
+    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+        """Read so many samples again, counted from the first that was yielded.
+
+        Raises
+        ------
+        DataError
+            They are no longer kept, or have not come yet.
+        """
+        return self._ring.stretch(first_sample, n_samples)
+
+    def _blocks(self, block_samples: int) -> Iterator[Samples]:
         tally = Tally(len(self.columns))
         self._pass_over()
         while True:
