@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite, command
+from uwtrack_cli.cli.command_factory import (
+    Ais,
+    AsJson,
+    Output,
+    Overwrite,
+    WithinM,
+    command,
+)
 from uwtrack_cli.cli.console import (
     SOME_FAILED,
     is_verbose,
@@ -95,6 +102,8 @@ def batch(
     ] = False,
     overwrite: Overwrite = False,
     json_output: AsJson = False,
+    ais: Ais = None,
+    within_m: WithinM = 2000.0,
     **options: Any,
 ) -> None:
     """Run a recipe over many recordings; one bad file is a row of the report.
@@ -121,6 +130,8 @@ def batch(
         resume=resume,
         overwrite=overwrite,
         joining=joining,
+        ais=ais,
+        within_m=within_m,
     )
     for text in describe_recorders(found, options, joining):
         say(text)

@@ -41,6 +41,14 @@ Branch = Annotated[
     ),
 ]
 
+Ais = Annotated[
+    Path | None,
+    typer.Option("--ais", help="AIS table that gives passages names of vessels."),
+]
+WithinM = Annotated[
+    float, typer.Option(help="Range in m within which AIS vessels must be found.")
+]
+
 SHARED: dict[str, Any] = {"quiet": Quiet, "verbose": Verbose, "debug": Debug}
 """Options of every command."""
 

@@ -79,6 +79,16 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             },
             "description": "Other solutions with their weights.",
         },
+        "vessel": {
+            "type": ["object", "null"],
+            "properties": {
+                "name": _TEXT,
+                "mmsi": {"type": ["string", "null"]},
+                "probability": {"type": ["number", "null"]},
+            },
+            "required": ["name", "mmsi", "probability"],
+            "description": "Vessel by AIS, and the probability that it was that one.",
+        },
         "level_reference": {**_TEXT, "description": "'1 uPa' or 'full scale'."},
         "level_band_hz": {
             "type": ["array", "null"],

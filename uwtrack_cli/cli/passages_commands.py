@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import Overwrite, command
+from uwtrack_cli.cli.command_factory import Ais, Overwrite, WithinM, command
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.cli.targets import PIPE
 from uwtrack_cli.errors import OptionError
@@ -48,13 +48,8 @@ def passages(
         str | None,
         typer.Option("--sql", help="SELECT over the table `passages`, by DuckDB."),
     ] = None,
-    ais: Annotated[
-        Path | None,
-        typer.Option("--ais", help="AIS table that gives passages names of vessels."),
-    ] = None,
-    within_m: Annotated[
-        float, typer.Option(help="Range in m within which AIS vessels must be found.")
-    ] = 2000.0,
+    ais: Ais = None,
+    within_m: WithinM = 2000.0,
     form: Annotated[Form, typer.Option("--to", help="Format to write.")] = "table",
     output: Annotated[
         Path | None,

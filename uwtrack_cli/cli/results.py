@@ -85,6 +85,8 @@ def _print_summary(container: Container, *, is_data: bool) -> None:
 def _reasons(name: str, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Yield why values of a summary are missing, every reason once."""
     shown = {head.key for head in SUMMARIES[name]}
+    if all(row.get("vessel") is None for row in rows):
+        shown.discard("vessel")
     keys: dict[str, dict[str, None]] = {}
     contacts: dict[str, dict[int, None]] = {}
     for row in rows:

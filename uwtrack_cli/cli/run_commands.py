@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite, command
+from uwtrack_cli.cli.command_factory import (
+    Ais,
+    AsJson,
+    Output,
+    Overwrite,
+    WithinM,
+    command,
+)
 from uwtrack_cli.cli.console import progress_bar, put, say, say_wrote
 from uwtrack_cli.cli.live_run import (
     LIVE_PARAMETERS,
@@ -26,6 +33,7 @@ from uwtrack_cli.errors import DataError, OptionError
 if TYPE_CHECKING:
     from uwtrack_cli.flow.products import Held
     from uwtrack_cli.flow.recipe import Recipe
+    from uwtrack_cli.flow.vessel_names import AisVessels
 
 DEFAULT_RECIPE = "vessel"
 
@@ -74,6 +82,8 @@ def run(
     output: Output = None,
     overwrite: Overwrite = False,
     json_output: AsJson = False,
+    ais: Ais = None,
+    within_m: WithinM = 2000.0,
     **source_options: Any,
 ) -> None:
     """Run the whole chain over recordings, each read once.
@@ -97,6 +107,7 @@ def run(
     keep: list[type[Container]] = [Peaks, Families] if keep_peaks else []
     live = LiveOptions(**{p.name: source_options.pop(p.name) for p in LIVE_PARAMETERS})
     if live.is_live(sources):
+        _refuse_names(ais)
         _run_live(
             sources[0], live, source_options, chosen, keep, output,
             overwrite=overwrite, as_json=json_output,
@@ -107,6 +118,7 @@ def run(
         open_source(source, {**source_options, "sensor": sensor})
         for source, sensor in zip(sources, sensors, strict=True)
     ]
+    vessels = _vessels(ais, within_m, recordings)
     fusion = plan_fusion(chosen, sources, recordings)
     if fusion is not None:  # not after an hour's work
         check_target(fusion.target, overwrite=overwrite, inputs=sources)
@@ -117,7 +129,9 @@ def run(
             check_target(target, overwrite=overwrite, inputs=sources)
     made: list[Held] = []
     for source, recording, target in zip(sources, recordings, targets, strict=True):
-        made += _run_one(source, recording, chosen, keep, target, overwrite=overwrite)
+        made += _run_one(
+            source, recording, chosen, keep, target, vessels, overwrite=overwrite
+        )
     _print_all(made, as_json=json_output)
     if fusion is not None:
         fused = fusion.apply(made)
@@ -155,6 +169,7 @@ def _run_one(
     recipe: Any,
     keep: Sequence[type[Container]],
     target: Path,
+    vessels: "AisVessels | None",
     *,
     overwrite: bool,
 ) -> list["Held"]:
@@ -165,10 +180,36 @@ def _run_one(
         progress_bar(source.name, recording.duration_s) as done,
         writer_for(target, overwrite=overwrite, inputs=[source]) as writer,
     ):
-        made = run_into_product(recording, recipe, writer, keep=keep, progress=done)
+        made = run_into_product(
+            recording, recipe, writer, keep=keep, progress=done, vessels=vessels
+        )
     say_sensitivity([held.container for held in made])
     say_wrote(target)
     return made
+
+
+def _refuse_names(ais: Path | None) -> None:
+    """Refuse AIS beside sound whose passages are told before a table can know them."""
+    if ais is not None:
+        msg = (
+            "--ais goes with recordings; of live sound, uwtrack passages --ais names "
+            "the vessels."
+        )
+        raise OptionError(msg)
+
+
+def _vessels(
+    ais: Path | None, within_m: float, recordings: Sequence[Recording]
+) -> "AisVessels | None":
+    """Return the vessels of an AIS table, once every recording is known to fit it."""
+    from uwtrack_cli.flow.vessel_names import read_vessels
+
+    if ais is None:
+        return None
+    vessels = read_vessels(ais, within_m)
+    for recording in recordings:
+        vessels.check(recording)
+    return vessels
 
 
 def _sensor_of_each(

@@ -181,6 +181,21 @@ class Encounters(HasReasons, HasNuisances):
         "1", "What its lines leave of their curve beyond noise, as a share of the "
         "Doppler shift; nan without lines.", "encounter", optional=True,
     )  # fmt: skip
+    vessel_name: TextArray | None = column(
+        "", "Name of the vessel by AIS; empty if none of the table fits.", "encounter",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    vessel_mmsi: TextArray | None = column(
+        "", "Its MMSI.", "encounter", dtype=np.str_, optional=True
+    )
+    vessel_probability: FloatArray | None = column(
+        "1", "Probability that it was that vessel.", "encounter", optional=True
+    )
+    ais_name: str = scalar("", "AIS table that the names are from; empty: none.", "")
+    ais_digest: str = scalar("", "SHA-256 of that table.", "")
+    ais_within_m: float | None = scalar(
+        "m", "Range within which its vessels are expected to be detected.", None
+    )
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
     band_low_hz: float | None = scalar("Hz", "Lower edge of the levels' band.", None)
     band_high_hz: float | None = scalar("Hz", "Upper edge of the levels' band.", None)

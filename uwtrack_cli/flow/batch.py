@@ -22,6 +22,7 @@ from uwtrack_cli.files.hdf5.product import (
     ProductWriter,
     Source,
     read_product,
+    source_of,
     verify_product,
 )
 from uwtrack_cli.files.input_ledger import input_ledger, not_an_input
@@ -36,6 +37,7 @@ from uwtrack_cli.flow.products import (
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.recorder_folder import Joining, OwnSpan, distinct_passages
 from uwtrack_cli.flow.sources import open_with_options
+from uwtrack_cli.flow.vessel_names import WITHIN_M, read_vessels
 
 DONE, RESUMED, FAILED, TRUNCATED = "done", "resumed", "failed", "truncated"
 
@@ -60,6 +62,10 @@ class Job:
     """How the recordings are joined; None is one recording by itself."""
     own_ns: tuple[int, int] | None = None
     """Span whose closest approaches are kept, ns since 1970-01-01 UTC; None is all."""
+    ais: Path | None = None
+    """AIS table that gives the vessels their names."""
+    within_m: float = WITHIN_M
+    """Range within which its vessels are expected to be detected, m."""
     may_repeat: bool = False
     """Whether it may run twice: its worker can be lost after the product was placed."""
 
@@ -145,6 +151,9 @@ class _Opened:
 def _make(job: Job, blank: Outcome) -> Outcome:
     opened = _opened(job)
     recording = opened.recording
+    vessels = None if job.ais is None else read_vessels(job.ais, job.within_m)
+    if vessels is not None:
+        vessels.check(recording)
     begun = replace(
         blank,
         n_sources=len(opened.sources),
@@ -164,7 +173,12 @@ def _make(job: Job, blank: Outcome) -> Outcome:
     overwrite = job.resume or job.overwrite or job.may_repeat
     with ProductWriter(job.target, overwrite=overwrite, inputs=job.sources) as writer:
         made = run_into_product(
-            recording, job.recipe, writer, sources=opened.sources, files=opened.files
+            recording,
+            job.recipe,
+            writer,
+            sources=opened.sources,
+            files=opened.files,
+            vessels=vessels,
         )
     small = [held.container for held in made]
     rows = [row for c in small if isinstance(c, Encounters) for row in json_rows(c)]
@@ -297,4 +311,13 @@ def _complete(
         if not stored.equals(replace(recording, reader=None)):
             return None
         found = product.read_all(Encounters)
+        if not all(_has_names(encounters, job) for encounters in found):
+            return None
         return tuple(row for item in found for row in json_rows(item))
+
+
+def _has_names(encounters: Encounters, job: Job) -> bool:
+    """Tell whether encounters have their names from the AIS table of a job."""
+    digest = "" if job.ais is None else source_of(job.ais).digest
+    within_m = None if job.ais is None else job.within_m
+    return (encounters.ais_digest, encounters.ais_within_m) == (digest, within_m)

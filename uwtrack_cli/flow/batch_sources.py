@@ -21,6 +21,7 @@ from uwtrack_cli.flow.recorder_folder import (
     plan_parts,
     remarks,
 )
+from uwtrack_cli.flow.vessel_names import WITHIN_M, read_vessels
 
 SUFFIX = ".run.h5"
 
@@ -66,6 +67,8 @@ def make_jobs(
     resume: bool = False,
     overwrite: bool = False,
     joining: Joining | None = None,
+    ais: Path | None = None,
+    within_m: float = WITHIN_M,
 ) -> list[Job]:
     """Return one job per recording, or per group of recordings that are joined.
 
@@ -81,6 +84,8 @@ def make_jobs(
         parts = _parts(found, options, joining)
     targets = _targets([_product_place(found, part) for part in parts], folder)
     _protect(found, options.get("sensor"), targets)
+    if ais is not None:
+        read_vessels(ais)  # a wrong table is told once, before the work
     return [
         Job(
             tuple(found[k].path.absolute() for k in part.files),
@@ -91,6 +96,8 @@ def make_jobs(
             overwrite,
             joining,
             part.own_ns,
+            None if ais is None else ais.absolute(),
+            within_m,
         )
         for part, target in zip(parts, targets, strict=True)
     ]

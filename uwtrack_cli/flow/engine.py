@@ -32,6 +32,9 @@ from uwtrack_cli.flow.step import Step
 Progress = Callable[[float], None]
 """Called with the time in seconds that has been dealt with."""
 
+Revision = Callable[[Encounters], Encounters]
+"""What is done last to the encounters of a run."""
+
 STREAM_SHARE = 0.8
 """Share of a run's time that is told while its sound passes by; the fits follow."""
 
@@ -97,9 +100,8 @@ class Engine:
         Takes the results of the graph's outputs.
     watch
         Sees the blocks that pass, if anybody wants to.
-    kept_span_s
-        Begin and end of the span whose closest approaches are kept, s of the recording;
-        None keeps all.
+    revise
+        Last change to the encounters of a run; None leaves them.
     """
 
     def __init__(
@@ -108,11 +110,11 @@ class Engine:
         given: Sequence[Container],
         sink: Sink,
         watch: Watch | None = None,
-        kept_span_s: tuple[float, float] | None = None,
+        revise: Revision | None = None,
     ) -> None:
         self.graph = graph
         self._watch = watch
-        self._kept_span_s = kept_span_s
+        self._revise = revise
         self._given = list(given)
         self._sink = sink
         self._streams = {
@@ -233,17 +235,9 @@ class Engine:
                 found = [c for c in self._given if isinstance(c, wanted.kinds)]
             inputs.append(_as_argument(step, wanted, found))
         made: Container = step.stage.function(*inputs, **step.options)
-        if isinstance(made, Encounters) and self._kept_span_s is not None:
-            return _within(made, self._kept_span_s)
+        if isinstance(made, Encounters) and self._revise is not None:
+            return self._revise(made)
         return made
-
-
-def _within(encounters: Encounters, span_s: tuple[float, float]) -> Encounters:
-    """Return the encounters of a span; without a time, those whose sound came in it."""
-    unknown = np.isnan(encounters.time_s)
-    time_s = np.where(unknown, encounters.arrival_time_s, encounters.time_s)
-    outside = (time_s < span_s[0]) | (time_s >= span_s[1])
-    return encounters.take("encounter", np.flatnonzero(~outside))
 
 
 def _too_short(recording: Recording, step: Step) -> str:

@@ -27,16 +27,14 @@ from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.data.truth import Truth
 from uwtrack_cli.errors import DataError, UwtrackError
 from uwtrack_cli.files.hdf5.product import Product, read_product
 from uwtrack_cli.files.input_ledger import as_input
-from uwtrack_cli.files.tables.ais import read_ais
 from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.recorder_folder import OwnSpan, distinct_passages
-from uwtrack_cli.flow.scoring.encounter_scores import SCORED, score_encounters
-from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
+from uwtrack_cli.flow.scoring.encounter_scores import SCORED
+from uwtrack_cli.flow.vessel_names import WITHIN_M, AisVessels, read_vessels
 
 Group = Literal["day", "month", "vessel", "sensor"]
 UNKNOWN = "unknown"
@@ -125,6 +123,8 @@ class Result:
     """Span whose passages it counts, ns since 1970-01-01 UTC; None is everything."""
     files: tuple[str, ...] = ()
     """Digests of the files that it was joined of."""
+    unnamed: tuple[str, ...] = ()
+    """Why its vessels have no names, though AIS was given."""
 
 
 @dataclass
@@ -169,7 +169,7 @@ def collect_passages(
     sources: Sequence[Path],
     *,
     ais: Path | None = None,
-    within_m: float = 2000.0,
+    within_m: float = WITHIN_M,
     cache: Path | None = None,
 ) -> PassageTable:
     """Read the passages of files and folders.
@@ -193,13 +193,13 @@ def collect_passages(
     table = PassageTable()
     results: list[Result] = []
     remembered = _Cache(cache, ais, within_m)
-    truth = None if ais is None else read_ais(ais)
+    vessels = None if ais is None else read_vessels(ais, within_m)
     for path in find_results(sources):
         result = remembered.find(as_input(path))  # an input, even if not opened
         if result is None:
             table.n_read += 1
             try:
-                result = _read_result(path, truth, within_m)
+                result = _read_result(path, vessels)
             except UwtrackError as error:
                 table.problems.append(f"left out: {error}")
                 continue
@@ -208,6 +208,7 @@ def collect_passages(
     remembered.save()
     table.n_results = len(results)
     table.problems += _places_that_differ(results)
+    table.problems += dict.fromkeys(text for r in results for text in r.unnamed)
     rows = [row for part in _once(list(_last_views(results))) for row in part]
     table.passages = sorted(rows, key=lambda row: (row.time_utc or "9999", row.file))
     return table
@@ -240,20 +241,21 @@ def usual_cache() -> Path:
     return Path(base) / "uwtrack" / "passages.sqlite"
 
 
-def _read_result(path: Path, truth: Truth | None, within_m: float) -> Result:
+def _read_result(path: Path, vessels: AisVessels | None) -> Result:
     with read_product(path) as product:
         recordings = product.read_all(Recording)
         sensors = product.read_all(Sensor)
         found = _distinct(product)
         views = [f"{r.digest} {r.sensor.id} {r.first_sample}" for r in recordings]
         rows: list[PassageRow] = []
+        unnamed: set[str] = set()
         for encounters in found:
-            names = _names(encounters, truth, sensors, recordings, within_m)
+            named, reason = _named(encounters, vessels, sensors, recordings)
+            unnamed.update({reason} if reason else ())
             places = _positions(product.read_all(Fixes), encounters)
-            facts = zip(json_rows(encounters), names, places, strict=True)
-            for row, name, place in facts:
+            for row, place in zip(json_rows(named), places, strict=True):
                 if row["status"] in SCORED:
-                    rows.append(_passage(path, row, recordings, name, place))
+                    rows.append(_passage(path, row, recordings, place))
         joined = product.read_all(RecordedFiles)
         return Result(
             str(path), product.created_utc, tuple(sorted(views)),
@@ -261,6 +263,7 @@ def _read_result(path: Path, truth: Truth | None, within_m: float) -> Result:
             tuple(rows),
             next(map(_own_span, joined), None),
             tuple(str(digest) for files in joined for digest in files.digest),
+            tuple(sorted(unnamed)),
         )  # fmt: skip
 
 
@@ -278,37 +281,19 @@ def _distinct(product: Product) -> list[Encounters]:
     return found
 
 
-Name = tuple[str, str | None, float]
-"""Name, MMSI and probability of a vessel."""
-
-
-def _names(
+def _named(
     encounters: Encounters,
-    truth: Truth | None,
+    vessels: AisVessels | None,
     sensors: Sequence[Sensor],
     recordings: Sequence[Recording],
-    within_m: float,
-) -> list[Name | None]:
-    """Return the vessel of each encounter, None where AIS knows none."""
-    if truth is None or not encounters.n_encounters:
-        return [None] * encounters.n_encounters
-    recorded = RecordedSensors(sensors, recordings)
-    scores = score_encounters(encounters, truth, recorded, within_m=within_m)
-    chances = {
-        (who.sensor, who.contact): (who.vessel, dict(who.candidates).get(who.vessel))
-        for who in scores.identities
-        if who.vessel is not None
-    }
-    found: list[Name | None] = []
-    for sensor, contact in zip(encounters.sensor, encounters.contact, strict=True):
-        vessel, chance = chances.get((str(sensor), int(contact)), (None, None))
-        if vessel is None or chance is None:
-            found.append(None)
-            continue
-        name, _, rest = vessel.rpartition(" (")
-        mmsi = rest.rstrip(")") if name else vessel
-        found.append((name or vessel, mmsi, float(chance)))
-    return found
+) -> tuple[Encounters, str]:
+    """Return encounters with names, or as they are with the reason why not."""
+    if vessels is None or not encounters.n_encounters:
+        return encounters, ""
+    try:
+        return vessels.name(encounters, sensors, recordings), ""
+    except DataError as error:
+        return encounters, f"without names of vessels: {error}"
 
 
 def _positions(
@@ -331,11 +316,15 @@ def _passage(
     path: Path,
     row: dict[str, Any],
     recordings: Sequence[Recording],
-    name: Name | None,
     place: tuple[float, float] | None,
 ) -> PassageRow:
     own = {f.name: row[f.name] for f in fields(PassageRow) if f.name in row}
-    own |= dict(zip(("vessel", "mmsi", "vessel_probability"), name or (), strict=False))
+    vessel = row["vessel"] or {}
+    own |= {
+        "vessel": vessel.get("name"),
+        "mmsi": vessel.get("mmsi"),
+        "vessel_probability": vessel.get("probability"),
+    }
     own |= dict(zip(("latitude", "longitude"), place or (), strict=False))
     names = [r.name for r in recordings if r.sensor.id == row["sensor"]]
     return PassageRow(**own, recording=names[0] if names else None, file=str(path))
@@ -420,7 +409,7 @@ class _Cache:
             raw = json.loads(text)
             rows = tuple(PassageRow(**row) for row in raw.pop("passages"))
             places = {name: (a, b) for name, (a, b) in raw.pop("places").items()}
-            lists = ("recordings", "files")
+            lists = ("recordings", "files", "unnamed")
             raw |= {name: tuple(raw[name]) for name in lists}
             own_ns = raw.pop("own_ns")
             return Result(

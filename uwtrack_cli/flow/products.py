@@ -33,6 +33,7 @@ from uwtrack_cli.flow.live_events import LiveWatch, Tell
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.rerun_sources import with_sound
 from uwtrack_cli.flow.step import Step, simple_step
+from uwtrack_cli.flow.vessel_names import AisVessels, revision
 
 BLOCK_FRAMES = 256
 """Frames read at once: whole tiles of the noise floor."""
@@ -90,6 +91,7 @@ def run_into_product(
     progress: Progress | None = None,
     tell: Tell | None = None,
     files: RecordedFiles | None = None,
+    vessels: AisVessels | None = None,
 ) -> list[Held]:
     """Run a recipe over a recording into a product.
 
@@ -112,6 +114,8 @@ def run_into_product(
     files
         How the recording was joined, if it was; it is written, too, and tells which
         closest approaches are kept.
+    vessels
+        Vessels of an AIS table, which give the encounters names.
 
     Returns
     -------
@@ -126,8 +130,8 @@ def run_into_product(
     graph = recipe.graph(keep).resolved(recording)
     sink = ProductSink(writer, graph)
     watch = None if tell is None else LiveWatch(graph, recording, tell)
-    kept_s = None if files is None else files.kept_span_s(recording.start_utc_ns)
-    engine = Engine(graph, context_of(recording), sink, watch, kept_s)
+    revise = revision(recording, files, vessels)
+    engine = Engine(graph, context_of(recording), sink, watch, revise)
     engine.run_recording(recording, progress)
     recording = recording.ended()
     if files is not None:

@@ -11,6 +11,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import sensor_of
@@ -29,6 +30,7 @@ from uwtrack_cli.flow.graph import PASSING, Graph
 from uwtrack_cli.flow.products import Held, whole_result
 from uwtrack_cli.flow.rerun_sources import SourceFinder, read_tables, reopen
 from uwtrack_cli.flow.step import Step, simple_step
+from uwtrack_cli.flow.vessel_names import AisVessels, read_vessels, revision
 
 
 @dataclass(frozen=True)
@@ -138,14 +140,15 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
     """Return what the plan gives, with the names of the steps that made it."""
     streamed = {key.name for key in product.paths if is_streamed(product, key)}
     made: list[Held] = []
+    vessels = _vessels(product, finder)
     for readers in plan.sources:
         recording, beside = reopen(product, readers[0], finder)
         steps = tuple(_passing(s, streamed) for s in (*map(_step, readers), *plan.each))
         graph = Graph.over_recording(steps, "the history").resolved(recording)
         sink = MemorySink()
         joined = [c for c in beside if isinstance(c, RecordedFiles)]
-        kept_s = joined[0].kept_span_s(recording.start_utc_ns) if joined else None
-        engine = Engine(graph, context_of(recording), sink, kept_span_s=kept_s)
+        revise = revision(recording, next(iter(joined), None), vessels)
+        engine = Engine(graph, context_of(recording), sink, revise=revise)
         engine.run_recording(recording)
         made += map(Held, (recording, recording.sensor, *beside))
         kept = (step for step in graph.steps() if step.name in graph.outputs)
@@ -162,6 +165,15 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
         *carried, result = whole_result(step, made, [])
         made = [*carried, result._replace(step=step.name)]
     return made
+
+
+def _vessels(product: Product, finder: SourceFinder) -> AisVessels | None:
+    """Return the AIS vessels that gave the encounters of a product their names."""
+    for encounters in product.read_all(Encounters):
+        if encounters.ais_name and encounters.ais_within_m is not None:
+            table = Source(name=encounters.ais_name, digest=encounters.ais_digest)
+            return read_vessels(finder.find(table), encounters.ais_within_m)
+    return None
 
 
 def _passing(step: Step, kept: Collection[str]) -> Step:

@@ -48,6 +48,7 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
                 )
             ),
             ("fixes", "statement"),
+            *(("encounters", f"ais_{key}") for key in ("name", "digest", "within_m")),
             ("files", "first_sample"),
             ("files", "own_start_utc_ns"),
             ("files", "own_stop_utc_ns"),

@@ -82,7 +82,8 @@ def _track(
     speed_kn = _cells(table, "speed_kn", order, NO_SPEED_KN)
     course_deg = _cells(table, "course_deg", order, NO_COURSE_DEG)
     first = int(order[0])
-    name = table.cells["name"][first] if "name" in table else ""
+    names = (table.cells["name"][row] for row in order) if "name" in table else ()
+    name = next((text for text in names if text.strip()), "")  # messages may lack it
     mmsi = table.cells["mmsi"][first]
     return VesselTrack(
         vessel=f"{name} ({mmsi})" if name else mmsi,

@@ -29,6 +29,7 @@ ENCOUNTER_KEYS = (
     "level_reference", "level_band_hz", "horizontal_range_std_m",
     "horizontal_range_over_speed_s", "horizontal_range_over_speed_std_s", "nuisances",
     "rest_frame_evidence", "misfit",
+    "vessel",
 )  # fmt: skip
 FIX_KEYS = (
     "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
@@ -131,7 +132,27 @@ def _encounter_rows(container: Container) -> Iterator[Row]:
         band = (container.band_low_hz, container.band_high_hz)
         values["level_band_hz"] = None if None in band else list(band)
         values["nuisances"] = _nuisances(container, i)
+        values["vessel"] = _vessel(values)
+        if values["vessel"] is None:
+            values["reasons"].setdefault("vessel", _why_no_vessel(container))
         yield {key: values.get(key) for key in ENCOUNTER_KEYS}
+
+
+def _vessel(values: Row) -> Row | None:
+    """Return the vessel of an encounter by AIS, None where none is known."""
+    if not values.get("vessel_name"):
+        return None
+    return {
+        key: values[f"vessel_{key}"] or None for key in ("name", "mmsi", "probability")
+    }
+
+
+def _why_no_vessel(encounters: Encounters) -> str:
+    if not encounters.ais_name:
+        return "no AIS table was given"
+    return (
+        f"no vessel of {encounters.ais_name} within {encounters.ais_within_m:g} m fits"
+    )
 
 
 def _fix_rows(container: Container) -> Iterator[Row]:

@@ -34,6 +34,11 @@ class Head:
         value = row.get(self.key)
         if value is None:
             return NOT_KNOWN
+        if isinstance(value, dict):  # a vessel
+            chance = value["probability"]
+            return f"{value['name']}" + (
+                "" if chance is None else f" {100 * chance:.0f} %"
+            )
         if self.digits is None:
             return str(value)
         deviation = row.get(self.std) if self.std else None
@@ -47,6 +52,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
     "encounters": (
         Head("contact", "contact"),
         Head("sensor", "sensor"),
+        Head("vessel", "vessel"),
         Head("status", "status"),
         Head("time s", "time_s", 1, "time_std_s"),
         Head("speed m/s", "speed_mps", 2, "speed_std_mps"),
@@ -83,7 +89,14 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
 
 
 SPARE: dict[str, tuple[str, ...]] = {
-    "encounters": ("range/speed s", "sensor", "bearing deg", "side", "contact"),
+    "encounters": (
+        "range/speed s",
+        "sensor",
+        "bearing deg",
+        "side",
+        "contact",
+        "status",
+    ),
     "fixes": ("east m", "north m", "speed m/s", "course deg", "weight"),
     "motions": ("weight", "mode", "observable"),
 }

@@ -26,6 +26,7 @@ own resolution.
 
 import warnings
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -412,9 +413,10 @@ def make_encounters(rows: list[Row], context: CpaContext) -> Encounters:
     table = np.array(rest, float).reshape(len(rest), 4)
     owner, other_sides = flatten(row.other_sides for row in rows)
     low, high = context.band_hz or (None, None)
-    columns = {
+    columns: dict[str, Any] = {
         name: np.array([row.values[name] for row in rows], float) for name in VALUES
     }
+    columns |= reason_columns("reason_encounter", [row.reasons for row in rows])
     moved = np.array([_place_and_velocity(row) for row in rows]).reshape(-1, 4)
     holder, left = flatten(row.nuisances for row in rows)
     return Encounters(
@@ -442,7 +444,6 @@ def make_encounters(rows: list[Row], context: CpaContext) -> Encounters:
         ambiguity_encounter=owner,
         ambiguity_side=np.array([side for side, _ in other_sides], np.str_),
         ambiguity_weight=np.array([weight for _, weight in other_sides]),
-        **reason_columns("reason_encounter", [row.reasons for row in rows]),
         rest_encounter=table[:, 0].astype(np.int64),
         rest_line_id=table[:, 1].astype(np.int64),
         rest_frequency_hz=table[:, 2],
