@@ -139,7 +139,11 @@ def _whole_body(stage: Stage) -> Any:
     def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
         from uwtrack_cli.cli.targets import PIPE, target_for, write_containers
         from uwtrack_cli.files.atomic import check_target
-        from uwtrack_cli.flow.products import extended_history, whole_result
+        from uwtrack_cli.flow.products import (
+            extended_history,
+            whole_result,
+            with_sound_at_hand,
+        )
 
         sources: list[Path] = own["sources"]
         step = _step(stage, options)
@@ -149,7 +153,8 @@ def _whole_body(stage: Stage) -> Any:
             overwrite = bool(own["overwrite"])
             if target != PIPE:  # not after the work
                 check_target(target, overwrite=overwrite)
-            made = whole_result(step, read.held, read.products)
+            step, held = with_sound_at_hand(step, read.held, read.products)
+            made = whole_result(step, held, read.products)
             history = extended_history(read.products, step, read.sources, own["branch"])
         write_containers(target, made, history, overwrite=overwrite, inputs=sources)
         result = made[-1].container

@@ -241,7 +241,7 @@ def whole_result(
         The files have nothing that the stage reads, or two different candidates.
     """
     there = _distinct(available)
-    given = [_sounding(held.container, step, products) for held in there]
+    given = [held.container for held in there]
     wanted = tuple(kind for i in step.stage.inputs for kind in i.kinds)
     required = [c for c in given if isinstance(c, step.stage.inputs[0].kinds)]
     if not any(isinstance(c, wanted) for c in given):
@@ -266,14 +266,38 @@ def whole_result(
     return [*rest, Held(result)]
 
 
-def _sounding(
-    container: Container, step: Step, products: Sequence[Product]
-) -> Container:
-    """Return a recording with its sound where a stage reads it and it is at hand."""
-    reads = any(Recording in wanted.kinds for wanted in step.stage.inputs)
-    if not (reads and isinstance(container, Recording) and container.reader is None):
-        return container
-    return with_sound(container, products)
+def with_sound_at_hand(
+    step: Step, available: Sequence[Held], products: Sequence[Product]
+) -> tuple[Step, list[Held]]:
+    """Give a stage that reads the recording its sound, if it lies beside a product.
+
+    Parameters
+    ----------
+    step
+        The step.
+    available
+        What it may read.
+    products
+        The products that this came from.
+
+    Returns
+    -------
+    tuple[Step, list[Held]]
+        The step, which says so where there is no sound, so that it can be made again;
+        and what it reads.
+    """
+    if not any(Recording in wanted.kinds for wanted in step.stage.inputs):
+        return step, list(available)
+    held = [
+        h._replace(container=with_sound(h.container, products))
+        if isinstance(h.container, Recording)
+        else h
+        for h in available
+    ]
+    found = [h.container for h in held if isinstance(h.container, Recording)]
+    if found and all(recording.reader is None for recording in found):
+        step = replace(step, options={**step.options, "ask_sound": False})
+    return step, held
 
 
 def _apply(step: Step, given: Sequence[Container]) -> Container:

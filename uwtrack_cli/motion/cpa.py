@@ -83,6 +83,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     ] = SOURCE_DEPTH_STD_M,
     false_alarm_probability: Probability = 1e-3,
     spreading_db: Annotated[float, Unit("dB"), AtLeast(1), AtMost(60)] = 20.0,
+    ask_sound: bool = True,
 ) -> Encounters:
     """Find the closest approach of every contact that passed the sensor.
 
@@ -117,6 +118,8 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         Probability that noise alone is reported as a passage.
     spreading_db
         Spreading loss per decade of range, for the source level.
+    ask_sound
+        Whether a passage is held against the sound itself, where it is at hand.
 
     Returns
     -------
@@ -142,6 +145,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         )
         raise DataError(msg)
     known = sensor if sensor is not None else Sensor(id=_name(lines, levels))
+    sound = recording if ask_sound else None
     priors = nuisance_priors(
         known, sound_speed_mps, sound_speed_std_mps, source_depth_m, source_depth_std_m
     )
@@ -152,9 +156,9 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         found = _from_series(series, medium, false_alarm_probability)
     else:
         found = examine_recording(
-            lines, levels, medium, false_alarm_probability, limits, recording
+            lines, levels, medium, false_alarm_probability, limits, sound
         )
-    has_sound = recording is not None and recording.reader is not None
+    has_sound = sound is not None and sound.reader is not None
     pairs = [(item, _row(item, context, limits, has_sound=has_sound)) for item in found]
     rows = [row for _, row in pairs if row is not None]
     passed = [(item, row) for item, row in pairs if row and row.status != NOT_A_PASSAGE]
