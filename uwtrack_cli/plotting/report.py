@@ -6,13 +6,14 @@ address. All text that comes from a file is escaped.
 
 import base64
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Overview
@@ -21,7 +22,7 @@ from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
 from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, Product
 from uwtrack_cli.files.tables.json_rows import json_rows
-from uwtrack_cli.files.tables.summaries import SUMMARIES
+from uwtrack_cli.files.tables.summaries import summary_of
 from uwtrack_cli.files.text_escaping import html_text
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.plotting.page import DPI, page_figure
@@ -44,6 +45,7 @@ def write_report(
     keys: Sequence[ContainerKey],
     overwrite: bool = False,
     inputs: Sequence[Path],
+    revise: Callable[[Encounters], Encounters] | None = None,
 ) -> None:
     """Write the page of a product.
 
@@ -59,6 +61,8 @@ def write_report(
         Whether an existing file may be replaced.
     inputs
         Files being read: none of them may be the target.
+    revise
+        What is done with the encounters before they are shown, such as giving names.
 
     Raises
     ------
@@ -71,6 +75,8 @@ def write_report(
         product.read(CONTAINERS[key.name], key.sensor, key.step)
         for key in sorted(chosen, key=lambda k: (k.sensor or "", order.index(k.name)))
     ]
+    if revise is not None:
+        containers = [revise(c) if isinstance(c, Encounters) else c for c in containers]
     check_target(target, overwrite=overwrite, inputs=inputs)
     title = Path(product.name).name
     recordings = [c for c in containers if isinstance(c, Recording)]
@@ -134,10 +140,8 @@ def _result(container: Container) -> Iterator[str]:
     if not rows:
         yield "<p>None were found.</p>"
         return
-    heads = SUMMARIES[container.NAME]
-    yield _table(
-        [head.title for head in heads], [[head.text(r) for head in heads] for r in rows]
-    )
+    summary = summary_of(container.NAME, rows)
+    yield _table(summary.titles, summary.rows)
     unit = f"dB re {getattr(container, 'reference', 'unknown')}"
     notes = [note for row in rows for note in _notes(row, unit)]
     if notes:
