@@ -24,6 +24,7 @@ import numpy as np
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
@@ -170,7 +171,7 @@ class LiveWatch:
         except DataError:  # too little sound for one of the stages
             return [], start_s
         rows = [row for step in self._whole for row in json_rows(sink.read(step))]
-        return [row for row in rows if row["status"] in PASSED], start_s
+        return _with_status(rows, PASSED), start_s
 
     def _tell_gaps(self) -> None:
         reader = self._recording.reader
@@ -186,12 +187,12 @@ class LiveWatch:
     def _say(
         self, kind: str, time_s: float, facts: Event, revision: int, *, is_final: bool
     ) -> None:
-        start_ns = self._recording.start_utc_ns
-        event: Event = {"event": kind, "sensor": self._recording.sensor.id}
+        start_ns, sensor = self._recording.start_utc_ns, self._recording.sensor
+        event: Event = {"event": kind, "sensor": sensor.id}
         event |= {"time_s": time_s, "time_utc": None}
         if start_ns is not None:
-            time_ns = start_ns + round(time_s * 1000) * (NANOSECONDS // 1000)
-            event["time_utc"] = format_utc(time_ns)
+            after_ms = round((time_s + sensor.clock_offset_s) * 1000)
+            event["time_utc"] = format_utc(start_ns + after_ms * (NANOSECONDS // 1000))
         event |= facts
         event |= {"revision": revision, "final": is_final, "decided_s": self._now_s}
         self._tell(event)
@@ -245,7 +246,7 @@ class _Passages:
 
     def finish(self, rows: Sequence[Event]) -> None:
         """Tell what the whole sound says otherwise, or for the first time."""
-        wanted = [row for row in rows if row["status"] in (*PASSED, "extrapolated")]
+        wanted = _with_status(rows, (*PASSED, "extrapolated"))
         found = _paired(wanted, self._known)
         paired = [id(row) for row in found.values()]
         for k, passage in enumerate(self._known):
@@ -270,6 +271,11 @@ class _Passages:
         self._say(
             "encounter", row["time_s"], row, passage.revision, is_final=passage.is_final
         )
+
+
+def _with_status(rows: Sequence[Event], wanted: Sequence[str]) -> list[Event]:
+    """Return the passages of some kinds; without a time there is nothing to tell."""
+    return [r for r in rows if r["status"] in wanted and r["time_s"] is not None]
 
 
 def _width_s(row: Event) -> float:
@@ -436,8 +442,10 @@ class _OpenLines:
 
 def _span(block: Container) -> tuple[float, float]:
     """Return the times of a block's first and last frame, s."""
-    time_s = getattr(block, "frames").time_s  # noqa: B009 - blocks of a stream have it
-    return (float(time_s[0]), float(time_s[-1])) if time_s.size else (np.inf, -np.inf)
+    frames = getattr(block, "frames", None)
+    if not isinstance(frames, Frames) or not frames.n_frames:
+        return np.inf, -np.inf
+    return float(frames.time_s[0]), float(frames.time_s[-1])
 
 
 def _part(graph: Graph, wanted: Sequence[Step]) -> Graph:
@@ -453,37 +461,29 @@ def _part(graph: Graph, wanted: Sequence[Step]) -> Graph:
     return replace(graph, nodes=nodes, outputs=graph.outputs & names)
 
 
-def _direct(graph: Graph) -> list[Step]:
-    """Return the steps without a scan before them whose results a whole stage reads."""
-    roots = {step.name for step in _roots(graph)}
-    by_name = {node.step.name: node for node in graph.nodes}
-    read = {
-        name
-        for node in graph.nodes
-        if node.step.stage.kind == "whole"
-        for names in node.sources.values()
-        for name in names
-    }
-
-    def follows_a_scan(name: str | None) -> bool:
-        node = by_name.get(name or "")
-        if node is None or node.step.stage.kind in {"source", "whole"}:
-            return node is not None and node.step.stage.kind == "whole"
-        return (
-            name in roots
-            or node.step.stage.kind == "scan"
-            or follows_a_scan(node.stream_source)
-        )
-
-    return [by_name[name].step for name in sorted(read) if not follows_a_scan(name)]
+def _behind_scans(graph: Graph) -> set[str]:
+    """Return the scans, and every step that reads one or what follows from one."""
+    behind: set[str] = set()
+    for node in graph.nodes:
+        sources = {name for names in node.sources.values() for name in names}
+        if node.step.stage.kind == "scan" or sources & behind:
+            behind.add(node.step.name)
+    return behind
 
 
 def _roots(graph: Graph) -> Iterator[Step]:
     """Yield the scans that no other scan precedes: from them on all can be done anew."""
-    after: set[str] = set()
+    behind = _behind_scans(graph)
     for node in graph.nodes:
-        kind, source = node.step.stage.kind, node.stream_source
-        if kind == "scan" and source not in after:
+        if node.step.stage.kind == "scan" and node.stream_source not in behind:
             yield node.step
-        if kind in {"map", "scan"} and (kind == "scan" or source in after):
-            after.add(node.step.name)
+
+
+def _direct(graph: Graph) -> Iterator[Step]:
+    """Yield the sources and maps before all scans whose results a whole stage reads."""
+    behind = _behind_scans(graph)
+    whole = [node for node in graph.nodes if node.step.stage.kind == "whole"]
+    read = {s for node in whole for names in node.sources.values() for s in names}
+    for node in graph.nodes:
+        if node.step.name in read - behind and node not in whole:
+            yield node.step

@@ -24,8 +24,8 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.verify import file_digest
 from uwtrack_cli.files.input_ledger import as_input
 
-HELD_BYTES = 1 << 26
-"""Bytes that a pipe may be ahead of the work: 11 minutes of 16 bit at 48 kHz."""
+HELD_BYTES = 1 << 24
+"""Bytes that a pipe may be ahead of the work: 3 minutes of 16 bit at 48 kHz."""
 
 PIECE_BYTES = 1 << 16
 """Bytes that are asked for at once."""
