@@ -213,6 +213,9 @@ def test_a_signal_ends_the_watch_after_the_recording(folder):
 def kill_and_go_on(folder, n_recordings, n_kills, seed):
     """Kill a watch at random moments; what it has noted is not done again."""
     rng = np.random.default_rng(seed)
+    begin = time.monotonic()
+    start(folder, "--idle-s", "0.1").communicate(timeout=60)
+    startup_s = time.monotonic() - begin
     for k in range(n_recordings):
         sound = 0.1 * rng.standard_normal(20 * RATE)
         write(folder / "in" / f"{k:02}.wav", sound)
@@ -220,7 +223,7 @@ def kill_and_go_on(folder, n_recordings, n_kills, seed):
     noted = {}
     for _ in range(n_kills):
         running = start(folder)
-        time.sleep(float(rng.uniform(0.5, 3.0)))
+        time.sleep(startup_s * float(rng.uniform(0.5, 3.0)))
         running.kill()
         running.communicate()
         lines = journal.read_text().splitlines() if journal.exists() else []

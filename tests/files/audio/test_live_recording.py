@@ -13,7 +13,8 @@ import soundfile
 from uwtrack_cli.data.recording import UNENDED
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
-from uwtrack_cli.files.audio import byte_stream
+from uwtrack_cli.files.audio import byte_spool, byte_stream
+from uwtrack_cli.files.audio.byte_spool import ByteSpool
 from uwtrack_cli.files.audio.byte_stream import PipeStream
 from uwtrack_cli.files.audio.live_reader import LiveReader
 from uwtrack_cli.files.audio.live_recording import RawSound, open_live_recording
@@ -310,3 +311,51 @@ def test_a_file_that_becomes_shorter_is_one_sentence(tmp_path):
 def test_an_idle_time_that_cannot_be_is_refused(tmp_path):
     with pytest.raises(OptionError, match="--idle-s must be more than 0"):
         through_pipe(tmp_path, b"", idle_s=0.0)
+
+
+def test_what_came_can_be_read_again_as_from_the_file(tmp_path):
+    path = tmp_path / "three.wav"
+    path.write_bytes(wav_bytes(5 * RATE, 3))
+    sensor = Sensor(id="h1", kind="difar", channels="north,omni,east")
+    from_file = open_recording(path, sensor=sensor, start_s=0.5)
+    piped = through_pipe(tmp_path, path.read_bytes(), sensor=sensor, start_s=0.5)
+    followed = open_live_recording(path, sensor=sensor, start_s=0.5, stop_s=5.0)
+    for live in (piped, followed):
+        blocks = live.reader(RATE)
+        next(blocks)
+        with pytest.raises(DataError, match="not at hand"):
+            live.stretch(0.5, 1.5)  # it has not come
+        for _ in blocks:
+            pass
+        for span in ((0.0, 0.3), (1.7, 4.5), (-1.0, 9.0)):
+            again = live.ended().stretch(*span)
+            np.testing.assert_array_equal(again, from_file.stretch(*span))
+
+
+def test_the_last_bytes_are_kept_on_disk_and_no_more():
+    spool = ByteSpool(1000)
+    content = np.random.default_rng(4).bytes(10_000)
+    for begin in range(0, 10_000, 70):
+        spool.add(content[begin : begin + 70])
+        end = min(begin + 70, 10_000)
+        low = max(0, end - 500)
+        assert spool.read(low, end - low) == content[low:end]
+        assert spool.read(low, end - low + 1) is None
+        assert len(spool._parts) <= 2
+    assert spool.read(0, 10) is None
+
+
+def test_a_full_disk_keeps_nothing_and_ends_nothing(monkeypatch):
+    spool = ByteSpool(1000)
+    spool.add(b"first")
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(byte_spool, "_write", full)
+    spool.add(b"second")
+    assert spool.read(0, 5) is None
+    monkeypatch.undo()
+    spool.add(b"third")
+    assert spool.read(11, 5) == b"third"
+    assert spool.read(5, 6) is None

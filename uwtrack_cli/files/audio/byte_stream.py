@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.audio.byte_spool import ByteSpool
 from uwtrack_cli.files.hdf5.verify import file_digest
 from uwtrack_cli.files.input_ledger import as_input
 
@@ -86,6 +87,18 @@ class ByteStream(abc.ABC):
         return self._sha256.hexdigest()
 
     @abc.abstractmethod
+    def again(self, position: int, count: int) -> bytes | None:
+        """Return bytes again that were taken; None if they are no longer at hand.
+
+        Parameters
+        ----------
+        position
+            Bytes before them in the stream.
+        count
+            How many.
+        """
+
+    @abc.abstractmethod
     def _next(self) -> bytes | None:
         """Return what came; nothing at the end, None when there is nothing yet."""
 
@@ -126,12 +139,19 @@ class PipeStream(ByteStream):
     ) -> None:
         super().__init__(name, idle_s)
         self._opener = opener
+        self._spool = ByteSpool()
         self._pieces: deque[tuple[bytes, float]] = deque()
         self._n_waiting = 0
         self._failure: OSError | None = None
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
+
+    def take(self, count: int) -> bytes:
+        """Take so many bytes, and keep them on disk; fewer when the stream has ended."""
+        found = super().take(count)
+        self._spool.add(found)
+        return found
 
     @property
     def n_waiting(self) -> int:
@@ -143,6 +163,10 @@ class PipeStream(ByteStream):
         super().end()
         with self._changed:
             self._changed.notify_all()
+
+    def again(self, position: int, count: int) -> bytes | None:
+        """Return bytes again that were taken; None if they are no longer kept."""
+        return self._spool.read(position, count)
 
     def _next(self) -> bytes | None:
         with self._changed:
@@ -216,6 +240,13 @@ class GrowingFile(ByteStream):
     def digest(self) -> str:
         """SHA-256 of the file as it is now: its header is written last."""
         return file_digest(self._path)
+
+    def again(self, position: int, count: int) -> bytes | None:
+        """Return bytes of the file again; None if they are no longer there."""
+        with self._path.open("rb") as file:
+            file.seek(position)
+            found = file.read(count)
+        return found if len(found) == count else None
 
     def _next(self) -> bytes | None:
         if self._path.stat().st_size < self._position:

@@ -15,14 +15,11 @@ from warnings import warn
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray
-from uwtrack_cli.data.recording import SampleRing, Samples
-from uwtrack_cli.errors import OptionError, UwtrackWarning
+from uwtrack_cli.data.recording import Samples
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.byte_stream import ByteStream
 from uwtrack_cli.files.audio.reader import Tally
 from uwtrack_cli.files.audio.stream_header import StreamHeader
-
-KEPT_VALUES = 1 << 24
-"""Values (samples times channels) that can be read again: 64 MB."""
 
 UNCHANGED_S = 60.0
 """Sound that does not change for so long is noted, s."""
@@ -49,7 +46,7 @@ class Disturbance:
 class LiveReader:
     """Read the samples of a stream, once: `reader(block_samples)`.
 
-    The last ones are kept, so that a passage may be held against its sound.
+    They are kept beside, on disk, so that a passage may be held against its sound.
 
     Parameters
     ----------
@@ -81,7 +78,7 @@ class LiveReader:
         self._unchanged = _Run("the sound does not change", UNCHANGED_S)
         self._taken = 0
         self._is_cut = False
-        self._ring = SampleRing(self._blocks, KEPT_VALUES // len(self.columns))
+        self._start = self.stream.n_bytes + self.first * self.header.frame_bytes
 
     @property
     def digest(self) -> str:
@@ -89,7 +86,7 @@ class LiveReader:
         return self.stream.digest
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
-        """Yield blocks of so many samples, the last one shorter; keep the last ones.
+        """Yield blocks of so many samples, the last one shorter.
 
         Parameters
         ----------
@@ -109,7 +106,7 @@ class LiveReader:
         if block_samples < 1:
             msg = f"a block must have at least 1 sample, got {block_samples}."
             raise OptionError(msg)
-        return self._ring(block_samples)
+        return self._blocks(block_samples)
 
     def stretch(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples again, counted from the first that was yielded.
@@ -119,7 +116,19 @@ class LiveReader:
         DataError
             They are no longer kept, or have not come yet.
         """
-        return self._ring.stretch(first_sample, n_samples)
+        frame = self.header.frame_bytes
+        content = None
+        if 0 <= first_sample <= first_sample + n_samples <= self.n_samples:
+            begin = self._start + first_sample * frame
+            content = self.stream.again(begin, n_samples * frame)
+        if content is None:
+            msg = (
+                f"samples {first_sample} to {first_sample + n_samples} of "
+                f"{self.stream.name} are not at hand, of {self.n_samples} that came."
+            )
+            raise DataError(msg)
+        block = self.header.sample_format.decode(content, self.header.n_channels)
+        return block[:, list(self.columns)]
 
     def _blocks(self, block_samples: int) -> Iterator[Samples]:
         tally = Tally(len(self.columns))
