@@ -61,7 +61,7 @@ def test_the_listed_family_of_a_ship_is_found_and_no_other(
 
 
 def test_the_horn_of_the_train_is_followed_through_the_passage() -> None:
-    motion = ProcessNoise(frequency_hz2ps3=50.0, doppler_ps3=0.1)
+    motion = ProcessNoise(frequency_hz2ps3=50.0, doppler_ps3=0.1, adaptation=0.0)
     lines = track(
         "train/traindoppler.wav", motion, window_s=0.1, overlap=0.8,
         band_hz=(50.0, 4000.0),
@@ -99,7 +99,7 @@ def test_the_electrical_lines_of_the_hydrophone_are_hum() -> None:
 
 VESSEL = {"band_hz": (10.0, 2000.0)}
 VEHICLE = {"window_s": 0.1, "overlap": 0.8, "band_hz": (50.0, 4000.0)}
-FAST = ProcessNoise(frequency_hz2ps3=50.0, doppler_ps3=0.5)
+FAST = ProcessNoise(frequency_hz2ps3=50.0, doppler_ps3=0.5, adaptation=0.0)
 RECORDINGS = {
     # settings of the recipe for it, and spacings in Hz that its README lists; the
     # train's is the lowest line of the horn, before and after the passage
@@ -202,7 +202,7 @@ def doppler_factor(time_s: FloatArray) -> FloatArray:
 
 
 def test_no_line_of_the_horn_changes_places_with_another_in_the_passage() -> None:
-    motion = ProcessNoise(frequency_hz2ps3=50.0, doppler_ps3=0.1)
+    motion = ProcessNoise(frequency_hz2ps3=50.0, doppler_ps3=0.1, adaptation=0.0)
     lines = track("train/traindoppler.wav", motion, **VEHICLE)
     rest = []
     for k in lines.line_id:

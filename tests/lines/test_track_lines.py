@@ -158,11 +158,64 @@ def test_a_gap_too_long_for_a_lines_identity_ends_it() -> None:
     assert lines.line_id.size == 2
 
 
-def test_silence_as_long_as_that_gap_ends_a_counted_line() -> None:
+@pytest.mark.parametrize("initiation", ["count", "score"])
+def test_a_line_that_falls_silent_goes_on_under_its_number(initiation) -> None:
     frequency = np.full((300, 1), 150.0)
     frequency[100:130] = np.nan
-    lines = track(line_peaks(frequency, clutter=1.0), initiation="count")
+    lines = track(line_peaks(frequency, clutter=1.0), initiation=initiation)
+    assert lines.line_id.size == 1
+    assert not np.isin(np.arange(110, 125), lines.frame).any()
+    assert np.isin(np.arange(140, 290), lines.frame).all()
+
+
+@pytest.mark.parametrize("initiation", ["count", "score"])
+def test_another_line_after_a_silence_has_another_number(initiation) -> None:
+    frequency = np.full((300, 1), 150.0)
+    frequency[100:130], frequency[130:] = np.nan, 156.0
+    lines = track(line_peaks(frequency, clutter=1.0), initiation=initiation)
     assert lines.line_id.size == 2
+
+
+def test_eight_lines_that_fade_keep_their_numbers() -> None:
+    rest = np.array([63.0, 97.5, 131.0, 188.0, 240.0, 291.5, 350.0, 412.0])
+    frequency = np.tile(rest, (500, 1))
+    for start in range(60, 500, 100):  # 20 s without sound in every 50 s
+        frequency[start : start + 40] = np.nan
+    lines = track(line_peaks(frequency, clutter=1.0))
+    assert lines.line_id.size <= 10
+    for k in lines.line_id:  # and each number is of one line
+        own = np.abs(lines.frequency_hz[lines.line == k, None] - rest).argmin(axis=1)
+        assert np.mean(own == np.median(own)) >= 0.97
+
+
+def test_a_steady_line_is_known_far_better_than_a_frame() -> None:
+    frequency = np.full((400, 1), 150.0)
+    std_hz = 0.1
+    errors = []
+    for seed in range(6):
+        lines = track(line_peaks(frequency, clutter=1.0, seed=seed, std_hz=std_hz))
+        errors += list(lines.frequency_hz[lines.frame >= 120] - 150.0)
+    assert np.sqrt(np.mean(np.square(errors))) <= 0.3 * std_hz
+    fixed = ProcessNoise(adaptation=0.0)
+    lines = track(line_peaks(frequency, clutter=1.0, std_hz=std_hz), motion=fixed)
+    off = lines.frequency_hz[lines.frame >= 120] - 150.0
+    assert np.sqrt(np.mean(off**2)) > 0.3 * std_hz
+
+
+@pytest.mark.parametrize("scatter_hz", [0.0, 0.2])
+def test_a_line_wider_than_its_peaks_promise_has_honest_deviations(scatter_hz) -> None:
+    inside = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        frequency = 150.0 + scatter_hz * rng.normal(size=(600, 1))  # 0.1 Hz is stated
+        lines = track(line_peaks(frequency, clutter=1.0, seed=seed))
+        own = np.abs(lines.frequency_hz - 150.0) < 2.0
+        assert np.unique(lines.line[own]).size == 1
+        late = own & (lines.frame >= 300)
+        std = np.sqrt(lines.frequency_covariance[late, 0, 0])
+        inside += list(np.abs(lines.frequency_hz[late] - 150.0) < 1.96 * std)
+    # a smoothed line has some dozen independent values in 300 frames
+    assert np.mean(inside) >= 0.87
 
 
 def test_two_vessels_with_crossing_bearings_stay_two_contacts() -> None:

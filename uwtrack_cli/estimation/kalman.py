@@ -125,7 +125,8 @@ def smooth_all(states: FloatArray, steps_s: FloatArray, noise_density: FloatArra
     steps_s
         Time from each time's predecessor in s, shape ``(time,)``.
     noise_density
-        Density used in the predictions, unit^2/s^3, ``(...)``.
+        Density used in the predictions from every time but the last to the next one,
+        unit^2/s^3, ``(...)`` or ``(time - 1, ...)``.
     is_inside
         Whether a time has a successor that belongs to the same line, ``(time, ...)``.
 

@@ -24,8 +24,8 @@ _GRID_DB = np.arange(-8.0, 25.0, 0.1)
 _TENTATIVE_GATE = 2.2
 """Full width of a tentative line's gate in resolutions, with the usual gates."""
 
-_SPATIAL_LOSS = 1.0
-"""Mean loss of a hit by its distance, in nepers: half of chi-square, and tails."""
+_SPATIAL_LOSS = 0.6
+"""Mean loss of a hit by its distance, in nepers: half of chi-square, and its tails."""
 
 
 def amplitude_log_ratio(

@@ -192,7 +192,7 @@ class PdaLineTracker(LineTracker):
         has_turn = np.sqrt(spread[1]) < _ALL_BEARINGS_STD_DEG
         false_alarm, detection = self._operate(slots, spread, has_turn, peaks)
         off = peaks.frequency_hz[pairs.peak] - state.position[0, slots[pairs.line]]
-        noise = 1.0 / self.store.precision[slots]
+        noise = self.store.frequency_noise_hz2(slots)
         total = spread[0, pairs.line] + noise[pairs.line]
         log_density = -0.5 * (off**2 / total + np.log(2.0 * math.pi * total))
         turn = wrap_deg(
@@ -222,7 +222,7 @@ class PdaLineTracker(LineTracker):
         peaks: FramePeaks,
     ) -> tuple[FloatArray, FloatArray]:
         """Choose the operating point of every line from its predicted variance."""
-        noise = 1.0 / self.store.precision[slots]
+        noise = self.store.frequency_noise_hz2(slots)
         known = peaks.bearing_variance_deg2[np.isfinite(peaks.bearing_variance_deg2)]
         turn_noise = np.median(known) if known.size else np.inf
         sigmas = self.options.gates.sigmas
@@ -235,11 +235,17 @@ class PdaLineTracker(LineTracker):
         )
         return false_alarm, self.curve.detection(false_alarm)
 
-    def _update(self, slots: IntArray, peak: IntArray, peaks: FramePeaks) -> None:
-        is_confirmed = self.store.stage[slots] == CONFIRMED
-        super()._update(slots[~is_confirmed], peak[~is_confirmed], peaks)
+    def _update(self, slots: IntArray, chosen: Choice, peaks: FramePeaks) -> None:
+        store = self.store
+        is_confirmed = store.stage[slots[chosen.line]] == CONFIRMED
+        super()._update(slots, chosen.take(~is_confirmed), peaks)
+        own, peak = slots[chosen.line[is_confirmed]], chosen.peak[is_confirmed]
+        off = peaks.frequency_hz[peak] - store.frequency_hz[own]
+        total = store.frequency_variance_hz2[own] + store.frequency_noise_hz2(own)
         self._correct(self.mixture, peaks)
-        self._note_peaks(slots[is_confirmed], peak[is_confirmed], peaks)
+        likely = 1.0 / (1.0 + np.exp(-chosen.gain[is_confirmed]))
+        self._adapt(own, off / np.sqrt(total), likely)
+        self._note_peaks(own, peak, peaks)
 
     def _correct(self, mixture: Mixture, peaks: FramePeaks) -> None:
         """Correct the confirmed lines by the mean over their peaks."""
@@ -251,7 +257,7 @@ class PdaLineTracker(LineTracker):
             np.where(np.isnan(turn), 0.0, turn),
         ])  # fmt: skip
         noise = np.stack([
-            1.0 / self.store.precision[slot], peaks.bearing_variance_deg2[peak]
+            self.store.frequency_noise_hz2(slot), peaks.bearing_variance_deg2[peak]
         ])  # fmt: skip
         total = state.variance[:, slot] + noise
         gain = state.variance[:, slot] / total

@@ -175,7 +175,7 @@ class ProcessNoise(OptionGroup):
         Spectral density of the machinery's own drift in Hz^2/s^3; None: 1e-4 for
         frames of one second, inversely with the fifth power of their length.
     doppler_ps3
-        Spectral density of the relative Doppler's acceleration, 1/s^3.
+        Greatest spectral density of the relative Doppler's acceleration, 1/s^3.
     bearing_deg2ps3
         Spectral density of the bearing's acceleration, degree^2/s^3.
     frequency_rate_hzps
@@ -183,6 +183,9 @@ class ProcessNoise(OptionGroup):
         resolution per step.
     bearing_rate_degps
         Standard deviation of a new line's bearing rate in degree/s.
+    adaptation
+        Pace at which a line's process noise follows its innovations, per frame; 0 keeps
+        every line at the greatest.
     """
 
     frequency_hz2ps3: (
@@ -199,14 +202,19 @@ class ProcessNoise(OptionGroup):
         1.0
     )
 
+    adaptation: Annotated[float, AtLeast(0), AtMost(1)] = 0.2
+
+    def own_density(self, window_s: float) -> float:
+        """Return the process noise of a machine's own drift, Hz^2/s^3."""
+        if self.frequency_hz2ps3 is None:
+            return _USUAL_DRIFT / window_s**5
+        return self.frequency_hz2ps3
+
     def frequency_density(
         self, frequency_hz: FloatArray, window_s: float
     ) -> FloatArray:
-        """Return the process noise of lines at some frequencies, Hz^2/s^3."""
-        own = self.frequency_hz2ps3
-        if own is None:
-            own = _USUAL_DRIFT / window_s**5
-        return own + self.doppler_ps3 * frequency_hz**2
+        """Return the greatest process noise of lines at some frequencies, Hz^2/s^3."""
+        return self.own_density(window_s) + self.doppler_ps3 * frequency_hz**2
 
     def rate_std_hzps(self, window_s: float, hop_s: float) -> float:
         """Return the deviation of a new line's rate, Hz/s."""

@@ -128,7 +128,7 @@ class Associator:
         """List the pairs inside their gates, with cost and gain of score."""
         gates, store = self.options.gates, self.store
         centre = store.frequency_hz[slots]
-        total = store.frequency_variance_hz2[slots] + 1.0 / store.precision[slots]
+        total = store.frequency_variance_hz2[slots] + store.frequency_noise_hz2(slots)
         wide = np.where(is_wide, self.options.feedback.beta, 1.0)
         reach = wide * (gates.frequency_hz or gates.sigmas * np.sqrt(total))
         line, peak = candidate_pairs(centre, reach, peaks.frequency_hz)

@@ -58,6 +58,12 @@ class Choice:
     evidence: FloatArray
     """Sum of the likelihood ratios of a tentative line's peaks, shape (tentative,)."""
 
+    def take(self, pairs: BoolArray) -> "Choice":
+        """Return some of the pairs; the evidence stays whole."""
+        return Choice(
+            self.line[pairs], self.peak[pairs], self.gain[pairs], self.evidence
+        )
+
 
 def split_frames(block: Families | Peaks, peaks: Peaks) -> Iterator[FramePeaks]:
     """Yield the peaks of each frame of a block, those of empty frames, too."""

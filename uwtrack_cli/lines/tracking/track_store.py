@@ -32,16 +32,14 @@ CHUNK_FRAMES = 256
 LAG_FRAMES = 256
 """Frames by which an emitted point lies behind the newest frame, at least."""
 
-MORE_SLOTS = 64
-"""Slots by which a table that is full grows, at least."""
-
 UNKNOWN_BEARING_VARIANCE = 1e8
 """Variance in degree^2 of a bearing that was never measured."""
 
-_STATE_ROWS, _MEASURED_ROWS = 10, 6
-_ASSOCIATION = _STATE_ROWS + _MEASURED_ROWS
+_STATE_ROWS, _DENSITY_ROWS, _MEASURED_ROWS = 10, 2, 6
+_MEASURED = _STATE_ROWS + _DENSITY_ROWS
+_ASSOCIATION = _MEASURED + _MEASURED_ROWS
 _N_ROWS = _ASSOCIATION + 1
-_N_COUNTS, _N_GAUGES = 10, 5
+_N_COUNTS, _N_GAUGES = 10, 7
 
 
 class TrackStore:
@@ -62,8 +60,8 @@ class TrackStore:
         How the line was measured in this frame, as `Lines.association`; nan in a gap;
         shape (slot,).
     noise_density
-        Spectral density of the accelerations, Hz^2/s^3 and degree^2/s^3, shape
-        (2, slot).
+        Spectral density of the accelerations from this frame to the next, Hz^2/s^3 and
+        degree^2/s^3, shape (2, slot).
     n_quantities
         1 as long as no bearing has been measured, then 2.
     rows
@@ -93,6 +91,10 @@ class TrackStore:
         Reciprocal variance of the line's measured frequency, averaged, 1/Hz^2.
     hits
         Peaks that the line has taken.
+    width
+        Variance of the line's peaks about its course over what their heights promise.
+    innovation
+        Innovation of the last frame in its deviations; 0 without a peak.
     """
 
     def __init__(self, capacity: int = 64) -> None:
@@ -100,13 +102,13 @@ class TrackStore:
         self.next_line = 1
         self.next_serial = 1
         self.n_quantities = 1
-        self.noise_density = np.zeros((2, capacity))
         self._size = CHUNK_FRAMES + LAG_FRAMES
         self._table = np.zeros((_N_ROWS, capacity))
         self._ring = np.zeros((self._size, _N_ROWS, capacity))
         self._row_frame = np.zeros(self._size, dtype=np.int64)
         self._row_time = np.zeros(self._size)
         self._row_step = np.zeros(self._size)
+        self._ended: list[tuple[int, int]] = []
         self._counts = np.zeros((_N_COUNTS, capacity), dtype=np.int64)
         self._gauges = np.zeros((_N_GAUGES, capacity))
         self._name_rows()
@@ -119,12 +121,14 @@ class TrackStore:
         ) = self._counts  # fmt: skip
         (
             self.score, self.best_score, self.hit_rate, self.precision, self.hits,
+            self.width, self.innovation,
         ) = self._gauges  # fmt: skip
         t, n = self._table, self.n_quantities
         self.state = KalmanState(t[0:2], t[2:4], t[4:6], t[6:8], t[8:10])
         self.frequency_hz, self.bearing_deg = t[0], t[1]
         self.frequency_variance_hz2, self.bearing_variance_deg2 = t[4], t[5]
-        self.measured_frequency_hz, self.association = t[_STATE_ROWS], t[_ASSOCIATION]
+        self.noise_density = t[_STATE_ROWS:_MEASURED]
+        self.measured_frequency_hz, self.association = t[_MEASURED], t[_ASSOCIATION]
         self._moving = KalmanState(*(pair[:n] for pair in self.state))
         self._moving_rows = t[:_STATE_ROWS].reshape(5, 2, -1)[:, :n]
         self._sorted: tuple[IntArray, IntArray] | None = None
@@ -138,7 +142,7 @@ class TrackStore:
         """Carry all lines over a time step, and forget their measurements."""
         noise = self.noise_density[: self.n_quantities]
         advance(self._moving, step_s, noise)
-        self._table[_STATE_ROWS:] = np.nan
+        self._table[_MEASURED:] = np.nan
 
     def coast(self, slots: IntArray | slice = slice(None)) -> None:
         """Mark lines as not measured in this frame."""
@@ -147,6 +151,15 @@ class TrackStore:
     def moving_state(self, slots: IntArray) -> KalmanState:
         """Return the states of some lines, entries of shape (quantity, line)."""
         return KalmanState(*self._moving_rows[:, :, slots])
+
+    def forget_missed(self) -> None:
+        """Let lines without a peak in this frame have no innovation."""
+        self.innovation[self.association == COASTED] = 0.0
+
+    def frequency_noise_hz2(self, slots: IntArray) -> FloatArray:
+        """Return the variance of a peak of some lines about their courses, Hz^2."""
+        variance: FloatArray = self.width[slots] / self.precision[slots]
+        return variance
 
     def correct(self, slots: IntArray, state: KalmanState) -> None:
         """Replace the states of some lines by corrected ones."""
@@ -166,7 +179,7 @@ class TrackStore:
         is_detection
             Whether the peaks exceed the detection threshold.
         """
-        self._table[_STATE_ROWS:_ASSOCIATION, slots] = measured
+        self._table[_MEASURED:_ASSOCIATION, slots] = measured
         self.association[slots] = np.where(is_detection, DETECTED, SUB_THRESHOLD)
 
     @property
@@ -194,9 +207,9 @@ class TrackStore:
         return free[:count]
 
     def _grow(self) -> None:
-        """Add a quarter of the slots: the ring is large, and rarely outgrown."""
-        more = max(MORE_SLOTS, self._table.shape[-1] // 4)
-        for name in ("_table", "_ring", "noise_density", "_counts", "_gauges"):
+        """Double the slots, so that there are few copies of the ring."""
+        more = self._table.shape[-1]
+        for name in ("_table", "_ring", "_counts", "_gauges"):
             values = getattr(self, name)
             grown = np.zeros(
                 (*values.shape[:-1], values.shape[-1] + more), values.dtype
@@ -241,17 +254,28 @@ class TrackStore:
         counts = np.zeros((_N_COUNTS, count), dtype=np.int64)
         counts[0], counts[2], counts[3:5], counts[5:8] = TENTATIVE, serial, 1, self.rows
         self._counts[:, slots] = counts
+        one = np.ones(count)
         self._gauges[:, slots] = np.stack(
-            [score, score, np.ones(count), precision, np.ones(count)]
+            [score, score, one, precision, one, one, np.zeros(count)]
         )
         self._sorted = None
 
-    def confirm(self, slots: IntArray) -> None:
-        """Make confirmed lines of tentative ones; they get their numbers."""
+    def confirm(self, slots: IntArray, numbers: IntArray) -> None:
+        """Make confirmed lines of tentative ones.
+
+        Parameters
+        ----------
+        slots
+            The lines.
+        numbers
+            The numbers of the lines that they continue; 0 for a line that is new.
+        """
         if slots.size:
             self.stage[slots] = CONFIRMED
-            self.line[slots] = self.next_line + np.arange(slots.size)
-            self.next_line += slots.size
+            is_new = numbers == 0
+            fresh = self.next_line - 1 + np.cumsum(is_new)
+            self.line[slots] = np.where(is_new, fresh, numbers)
+            self.next_line += int(is_new.sum())
             self._sorted = None
 
     def release(self, slots: IntArray) -> None:
@@ -259,7 +283,40 @@ class TrackStore:
         if slots.size:
             is_confirmed = self.stage[slots] == CONFIRMED
             self.stage[slots] = np.where(is_confirmed, ENDED, FREE)
+            ended = slots[is_confirmed]
+            self._ended += zip(
+                ended.tolist(), self.settled[ended].tolist(), strict=True
+            )
             self._sorted = None
+
+    def take_ended(self) -> list[tuple[int, int]]:
+        """Return slot and last settled row of lines that ended since the last call."""
+        ended, self._ended = self._ended, []
+        return ended
+
+    def recall(self, slot: int, row: int) -> tuple[float, FloatArray, FloatArray]:
+        """Return time, state and noise densities that a line had at a kept row.
+
+        Parameters
+        ----------
+        slot
+            The line.
+        row
+            Frame counted from the start, among the last that are kept.
+
+        Returns
+        -------
+        tuple
+            Time in s, entries of `KalmanState` (5, 2), and densities (2,).
+        """
+        at = max(row, self.rows - self._size) % self._size
+        kept = self._ring[at, :, slot]
+        state, density = kept[:_STATE_ROWS].reshape(5, 2), kept[_STATE_ROWS:_MEASURED]
+        return float(self._row_time[at]), state.copy(), density.copy()
+
+    def state_of(self, slots: IntArray) -> KalmanState:
+        """Return the present states of some lines, entries of shape (2, line)."""
+        return KalmanState(*(entry[:, slots] for entry in self.state))
 
     def drop_ended(self) -> None:
         """Free the slots of ended lines whose points are not wanted."""
@@ -311,7 +368,7 @@ class TrackStore:
         is_inside = (rows[:, None] < end)[:, None, :]
         # rows before a line's birth hold another line's remains: never emitted
         with np.errstate(all="ignore"):
-            density = self.noise_density[:n, slots]
+            density = copies[:-1, _STATE_ROWS:_MEASURED][:, :n]
             smooth_all(states[:, :, :n], self._row_step[at], density, is_inside)
         member, row = np.nonzero(
             (rows[None, :] >= first[:, None]) & (rows[None, :] < stop[:, None])
@@ -323,6 +380,6 @@ class TrackStore:
             frame=self._row_frame[at][row],
             time_s=self._row_time[at][row],
             state=states[row, :, :, member],
-            measured=copies[row, _STATE_ROWS:_ASSOCIATION, member],
+            measured=copies[row, _MEASURED:_ASSOCIATION, member],
             association=copies[row, _ASSOCIATION, member].astype(np.int64),
         )

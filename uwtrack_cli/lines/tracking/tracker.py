@@ -32,8 +32,10 @@ from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_lines
 from uwtrack_cli.lines.tracker_options import TrackerOptions
+from uwtrack_cli.lines.tracking.adaptive_noise import adapt_noise
 from uwtrack_cli.lines.tracking.association import Associator
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks, split_frames
+from uwtrack_cli.lines.tracking.line_continuation import LineContinuation
 from uwtrack_cli.lines.tracking.llr_score import LlrScore
 from uwtrack_cli.lines.tracking.track_management import HitCounter, Logic, merge_lines
 from uwtrack_cli.lines.tracking.track_store import (
@@ -74,6 +76,9 @@ class LineTracker:
         self.associator = Associator(
             self.store, options, self.logic, self.resolution_hz
         )
+        self.continuation = LineContinuation(
+            self.store, self.resolution_hz, self.band_hz
+        )
         self.hop_s = frames.hop_s
         self.reference = peaks.reference
         self.families = FamilyRegister()
@@ -99,7 +104,7 @@ class LineTracker:
                 store.release(slots[self._is_vague(slots)])
             if peaks.has_bearings and store.n_quantities == 1:
                 store.track_bearings()
-            self._observe(peaks, frame)
+            self._observe(peaks, frame, time_s)
         self.is_after_gap = valid_fraction <= 0.0
         store.keep_frame(frame, time_s, step_s)
 
@@ -133,7 +138,7 @@ class LineTracker:
             "weakest_line_snr_db": self.logic.weakest_line_snr_db,
         }
 
-    def _observe(self, peaks: FramePeaks, frame: int) -> None:
+    def _observe(self, peaks: FramePeaks, frame: int, time_s: float) -> None:
         store = self.store
         slots = store.active()
         store.coast()
@@ -142,12 +147,13 @@ class LineTracker:
         is_likely = is_used
         if slots.size:
             chosen = self._associate(slots, peaks, height)
-            self._update(slots[chosen.line], chosen.peak, peaks)
+            self._update(slots, chosen, peaks)
+            store.forget_missed()
             is_used[chosen.peak] = True
             likely = self.logic.is_likely(store, slots[chosen.line])
             is_likely = np.zeros_like(is_used)
             is_likely[chosen.peak[likely]] = True
-            self._decide(slots, chosen)
+            self._decide(slots, chosen, time_s)
             merge_lines(store, self.options.gates, self.resolution_hz)
         is_claimed = self.associator.is_claimed(peaks) | is_likely
         self.logic.watch(peaks, is_claimed)
@@ -162,14 +168,15 @@ class LineTracker:
     ) -> Choice:
         return self.associator.associate(slots, peaks, height)
 
-    def _update(self, slots: IntArray, peak: IntArray, peaks: FramePeaks) -> None:
-        """Correct the states of some lines by their peaks."""
+    def _update(self, slots: IntArray, chosen: Choice, peaks: FramePeaks) -> None:
+        """Correct the states of the lines that have chosen a peak."""
         store, n = self.store, self.store.n_quantities
+        slots, peak = slots[chosen.line], chosen.peak
         before = store.moving_state(slots)
         innovation = np.empty((n, slots.size))
         noise = np.empty((n, slots.size))
         innovation[0] = peaks.frequency_hz[peak]
-        noise[0] = 1.0 / store.precision[slots]
+        noise[0] = store.frequency_noise_hz2(slots)
         if n == 2:
             innovation[1] = peaks.bearing_deg[peak]
             noise[1] = peaks.bearing_variance_deg2[peak]
@@ -178,7 +185,18 @@ class LineTracker:
             turn = wrap_deg(innovation[1])
             innovation[1] = np.where(np.isnan(turn), 0.0, turn)
         store.correct(slots, kalman.update(before, innovation, noise))
+        deviation = innovation[0] / np.sqrt(before.variance[0] + noise[0])
+        self._adapt(slots, deviation, 1.0 / (1.0 + np.exp(-chosen.gain)))
         self._note_peaks(slots, peak, peaks)
+
+    def _adapt(
+        self, slots: IntArray, innovation: FloatArray, probability: FloatArray
+    ) -> None:
+        """Let the noises of some lines follow their innovations, in deviations."""
+        motion = self.options.motion
+        if motion.adaptation > 0.0:
+            window_s = 1.0 / self.resolution_hz
+            adapt_noise(self.store, slots, innovation, probability, motion, window_s)
 
     def _note_peaks(self, slots: IntArray, peak: IntArray, peaks: FramePeaks) -> None:
         """Keep the peaks of some lines, and average the precision along each line.
@@ -194,8 +212,8 @@ class LineTracker:
         store.hits[slots] = hits
         store.precision[slots] = known + weight * (precision - known)
 
-    def _decide(self, slots: IntArray, chosen: Choice) -> None:
-        """Confirm and end lines."""
+    def _decide(self, slots: IntArray, chosen: Choice, time_s: float) -> None:
+        """End lines, and confirm others."""
         store = self.store
         store.age[slots] += 1
         patience = np.ones(slots.size)
@@ -205,8 +223,10 @@ class LineTracker:
         is_confirmed, is_lost = self.logic.judge(store, slots, chosen, patience)
         is_lost |= self._is_vague(slots)
         is_fresh = is_confirmed[n_confirmed:] & ~is_lost[n_confirmed:]
-        store.confirm(slots[n_confirmed:][is_fresh])
         store.release(slots[is_lost])
+        self.continuation.remember(time_s)
+        fresh = slots[n_confirmed:][is_fresh]
+        store.confirm(fresh, self.continuation.numbers(fresh, time_s))
 
     def _is_vague(self, slots: IntArray) -> BoolArray:
         """Tell which lines are known too poorly to be separated from others."""
@@ -267,7 +287,9 @@ class LineTracker:
         self.store.start(
             kalman.KalmanState(position, none, variance, none, rate_variance),
             np.stack([
-                motion.frequency_density(position[0], window_s),
+                motion.own_density(window_s) + np.zeros(at.size)
+                if motion.adaptation > 0.0
+                else motion.frequency_density(position[0], window_s),
                 np.full(at.size, motion.bearing_deg2ps3),
             ]),
             peaks.measured[:, at],
