@@ -350,12 +350,12 @@ def read_whole(file: h5py.File, path: str, kind: type[C]) -> C:
 def _read(file: h5py.File, path: str, kind: type[C], rows: Rows) -> C:
     """Read a container, or some rows of it, with its parts."""
     group = _group(file, path, kind)
-    absent = _absent(group)
+    absent, version = _absent(group), _version(group)
     values = _split(group, kind)
     for name, spec in kind.columns().items():
         if name in values:
             continue
-        is_absent = name in absent or is_later(_version(group), kind.NAME, name)
+        is_absent = name in absent or is_later(version, kind.NAME, name)
         if is_absent and spec.optional:
             values[name] = None
         else:
@@ -436,10 +436,11 @@ def _scalars(
     group: h5py.Group, kind: type[Container], absent: set[str]
 ) -> dict[str, Any]:
     """Return the single values that the file has; the others have their defaults."""
+    version = _version(group)
     return {
         name: None if name in absent else _scalar(group, name, plain)
         for name, plain in scalar_types(kind).items()
-        if not is_later(_version(group), kind.NAME, name)
+        if not is_later(version, kind.NAME, name)
     }
 
 
