@@ -251,7 +251,9 @@ ENCOUNTER = """
      "level_reference": "1 uPa", "level_band_hz": [100.0, 1500.0],
      "horizontal_range_std_m": 1.3, "horizontal_range_over_speed_s": 42.4,
      "horizontal_range_over_speed_std_s": 0.3,
-     "nuisances": {"source_depth_m": {"value": 3.1, "std": 1.9, "share": 0.02}}}"""
+     "nuisances": {"source_depth_m": {"value": 3.1, "std": 1.9, "share": 0.02}},
+     "rest_frame_evidence": 8.5, "misfit": 0.02,
+     "vessel": {"name": "FERRY", "mmsi": "235000001", "probability": 0.98}}"""
 FIX = """
     {"contact": 1, "mode": 1, "weight": 1.0, "time_utc": "...Z", "time_s": 1500.0,
      "east_m": 812.0, "north_m": -95.0, "latitude": 35.1, "longitude": 128.6,
@@ -276,6 +278,7 @@ def test_encounter_has_the_documented_keys_types_and_order():
         rest_frequency_hz=[63.0, 126.0], rest_frequency_std_hz=[0.002, 0.003],
         nuisance_encounter=[0], nuisance_name=["source_depth_m"], nuisance_value=[3.1],
         nuisance_std=[1.9], nuisance_share=[0.02],
+        vessel_name=["FERRY"], vessel_mmsi=["235000001"], vessel_probability=[0.98],
         spreading_db=20.0, reference="1 uPa", band_low_hz=100.0, band_high_hz=1500.0,
     )  # fmt: skip
     (row,) = json_rows(replace(container, sensor=["h1"]))
