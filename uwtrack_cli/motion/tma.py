@@ -4,7 +4,8 @@
 frequencies by maximum likelihood (Chang et al. 2003, corrected; Nardone, Lindgren &
 Gong 1984), with rest frequencies projected out, from many starts. Every motion
 within the likelihood-ratio region is returned as a mode, and what the data cannot
-tell is said, with the reason.
+tell is said, with the reason. A change of the target's velocity is always tried (see
+`target.manoeuvre`); where it is certain, the straight motion is not given.
 
 **Conventions.** The state is that at the contact's first measurement; bearings are
 compass degrees from own ship to the target, ranges horizontal. A platform without

@@ -44,6 +44,7 @@ MOTION_KEYS = (
     "course_low_deg", "course_high_deg", "covariance", "ellipse_trusted",
     "now_time_s", "now_range_m", "now_range_std_m", "now_bearing_deg",
     "now_bearing_std_deg", "misfit", "n_values", "nuisances",
+    "reading", "manoeuvre_time_s", "manoeuvre_gain",
 )  # fmt: skip
 NO_START = "the start time of the recording is not known"
 
@@ -177,7 +178,7 @@ def _motion_rows(container: Container) -> Iterator[Row]:
         values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
         values["reasons"] = _reasons(container, i, values)
         values["nuisances"] = _nuisances(container, i)
-        yield {key: values[key] for key in MOTION_KEYS}
+        yield {key: values.get(key) for key in MOTION_KEYS}
 
 
 SPECIAL: dict[str, tuple[tuple[str, ...], Callable[[Container], Iterator[Row]]]] = {

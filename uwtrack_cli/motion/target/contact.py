@@ -25,6 +25,7 @@ from uwtrack_cli.motion.target.inputs import (
     own_path,
     white_scatter,
 )
+from uwtrack_cli.motion.target.manoeuvre import Manoeuvre, find_manoeuvre
 from uwtrack_cli.motion.target.model import to_motion
 from uwtrack_cli.motion.target.modes import (
     ModeAnswer,
@@ -57,6 +58,8 @@ class ContactAnswer:
     """Number of measured values."""
     manoeuvring: bool
     """Whether own ship leaves a straight and steady track."""
+    target_manoeuvre: Manoeuvre
+    """The change of the target's velocity that gains most."""
     update_rows: IntArray
     """Last row of every estimate over time, shape (updates,)."""
     update_motion: FloatArray
@@ -92,6 +95,9 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> ContactAnswer:
         modes=answers,
         n_values=problem.n_values,
         manoeuvring=is_manoeuvring(problem.track),
+        target_manoeuvre=find_manoeuvre(
+            problem, modes.q[0], options.nuisances, data.overlap_rows
+        ),
         update_rows=ends - 1,
         update_motion=to_motion(estimates),
         update_std=np.stack(deviations),

@@ -15,12 +15,20 @@ from uwtrack_cli.motion.target.modes import ModeAnswer, TmaOptions
 LARGEST_LOG_RANGE_STD = 1.0
 """Deviation of ln R above which the range is not given."""
 
+STATE = (
+    "range_m", "bearing_deg", "speed_mps", "course_deg", "rest_frequencies_hz",
+    "now_range_m", "now_bearing_deg",
+)  # fmt: skip
+"""What is not given when the target manoeuvred."""
+
 LARGEST_SPEED_STD_MPS = 5.0
 LARGEST_COURSE_STD_RAD = np.radians(60.0)
 
 
 def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
     """Return why a value is not observable, by column."""
+    if answer.target_manoeuvre.is_certain:
+        return dict.fromkeys(STATE, _manoeuvred(answer))
     observable = mode.observability.observable.copy()
     # what scales or turns freely drags speed and course along, even where their
     # slopes happen to vanish
@@ -53,6 +61,17 @@ def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
     }
     now = {"now_range_m": "range_m", "now_bearing_deg": "bearing_deg"}
     return reasons | {key: reasons[of] for key, of in now.items() if of in reasons}
+
+
+def _manoeuvred(answer: ContactAnswer) -> str:
+    """Say that one straight motion does not tell where the target is."""
+    change = answer.target_manoeuvre
+    at = float(answer.data.time_s[0]) + change.time_s
+    return (
+        f"manoeuvre, state not given: the target changed its velocity at about "
+        f"{at:.0f} s (the misfit gains {change.gain:.0f}); give the rows before or "
+        f"after it by themselves"
+    )
 
 
 def _at_least(range_m: float) -> str:
@@ -262,8 +281,16 @@ def _observability(
 ) -> dict[str, Any]:
     seen = mode.observability
     observable = "range_m" not in reasons
-    needed = not observable and not answer.manoeuvring
+    change = answer.target_manoeuvre
+    needed = not (observable or answer.manoeuvring or change.is_certain)
     return {
+        "reading": "manoeuvre" if change.is_certain else "straight",
+        "manoeuvre_time_s": (
+            float(answer.data.time_s[0]) + change.time_s
+            if change.is_certain
+            else np.nan
+        ),
+        "manoeuvre_gain": change.gain,
         "observable": observable,
         "rank": seen.rank,
         "n_parameters": seen.n_parameters,
@@ -272,7 +299,11 @@ def _observability(
         "range_per_sound_speed": mode.range_per_sound_speed,
         "manoeuvre_needed": needed,
         "weakest_direction": seen.weakest,
-        "report": report_of(mode, answer, reasons, manoeuvre_needed=needed),
+        "report": (
+            f"{_manoeuvred(answer)}."
+            if change.is_certain
+            else report_of(mode, answer, reasons, manoeuvre_needed=needed)
+        ),
     }
 
 
@@ -290,6 +321,9 @@ def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
             covariance[place, :] = covariance[:, place] = np.nan
     if "course_deg" in reasons:
         values["course_low_deg"] = values["course_high_deg"] = np.nan
+    if values["reading"] == "manoeuvre":
+        for name in ("range_low_m", "range_high_m", "speed_low_mps", "speed_high_mps"):
+            values[name] = np.nan
     values["covariance"] = covariance
 
 
