@@ -54,7 +54,7 @@ samples: $(VENV)/.development  ## make the sample recordings and tables again
 	remake_samples(Path('sample_data')); write_sample_tables(Path('sample_data'))"
 
 figures: $(VENV)/.development  ## draw the graphs of the recipes in docs again
-	for name in vessel small-craft vehicle weak-lines dense-clutter; do \
+	for name in vessel small-craft towed-array vehicle weak-lines dense-clutter; do \
 	$(BIN)/uwtrack recipes --graph $$name -o docs/recipes/$$name.svg --overwrite; done
 
 build: $(VENV)/.development  ## wheel and source distribution

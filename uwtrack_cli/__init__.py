@@ -21,6 +21,7 @@ _HOMES = {
     "pool_overview": "spectra.overview",
     "measure_levels": "spectra.levels",
     "find_peaks": "spectra.peaks",
+    "form_beams": "arrays.beamform",
     "classify_peaks": "lines.classify",
     "track_lines": "lines.track",
     "track_lines_pda": "lines.track_pda",

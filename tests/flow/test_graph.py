@@ -84,11 +84,12 @@ def test_the_nearest_earlier_step_that_fits_is_read():
 
 @pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")
 @pytest.mark.parametrize("name", shipped_recipes())
-def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, name):
+def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, name):
     recipe = load_recipe(name)
     graph = recipe.graph()
-    sensor = find_sensor(short_pass)
-    recording = open_recording(short_pass, sensor=sensor, start_s=45.0, stop_s=80.0)
+    sound = samples / "towed-array.wav" if name == "towed-array" else short_pass
+    sensor = find_sensor(sound)
+    recording = open_recording(sound, sensor=sensor, start_s=45.0, stop_s=80.0)
     whole = results(recipe, recording)
     for gone in recipe.steps:
         readers = {
@@ -384,7 +385,7 @@ def test_a_marked_output_is_kept_though_it_only_passes_by():
 def test_the_graph_of_a_recipe_is_drawn(uwtrack, name):
     done = uwtrack("recipes", "--graph", name)
     assert done.exit_code == 0, done.output
-    assert "spectrogram" in done.stdout
+    assert load_recipe(name).steps[0].name in done.stdout
     drawn = uwtrack("recipes", "--graph", name, "-o", f"{name}.svg")
     assert drawn.exit_code == 0, drawn.output
     assert "<svg" in Path(f"{name}.svg").read_text(encoding="utf-8")

@@ -26,9 +26,11 @@ from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.checks import STANDARD_INPUT
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.products import Held
@@ -36,6 +38,10 @@ if TYPE_CHECKING:
     from uwtrack_cli.flow.vessel_names import AisVessels
 
 DEFAULT_RECIPE = "vessel"
+"""Recipe of recordings by single sensors."""
+
+ARRAY_RECIPE = "towed-array"
+"""Recipe of recordings by line arrays."""
 
 RecipeName = Annotated[
     str, typer.Option("--recipe", help="Name of a shipped recipe, or a TOML file.")
@@ -74,7 +80,14 @@ def run(
             help="Recordings: WAV, RF64, W64, FLAC or AIFF; - or a named pipe is live."
         ),
     ],
-    recipe: RecipeName = DEFAULT_RECIPE,
+    recipe: Annotated[
+        str | None,
+        typer.Option(
+            "--recipe",
+            help="Name of a shipped recipe, or a TOML file; unless given, towed-array "
+            "for line arrays and vessel for other sensors.",
+        ),
+    ] = None,
     settings: Settings = None,
     keep_peaks: Annotated[
         bool, typer.Option("--keep-peaks", help="Store the spectral peaks, too.")
@@ -100,7 +113,9 @@ def run(
     from uwtrack_cli.flow.fusion import plan_fusion
     from uwtrack_cli.flow.shipped_recipes import load_recipe
 
-    chosen = load_recipe(recipe).with_settings(settings or [])
+    sensors = _sensor_of_each(sources, source_options["sensor"])
+    name = recipe or _usual_recipe(sources, sensors, source_options["channel"])
+    chosen = load_recipe(name).with_settings(settings or [])
     if output is not None and len(sources) > 1:
         msg = f"--output names one file, and there are {len(sources)} recordings."
         raise OptionError(msg)
@@ -113,7 +128,6 @@ def run(
             overwrite=overwrite, as_json=json_output,
         )  # fmt: skip
         return
-    sensors = _sensor_of_each(sources, source_options.pop("sensor"))
     recordings = [
         open_source(source, {**source_options, "sensor": sensor})
         for source, sensor in zip(sources, sensors, strict=True)
@@ -212,6 +226,31 @@ def _vessels(
     return vessels
 
 
+def _usual_recipe(
+    sources: Sequence[Path], sensors: Sequence[Path | None], channel: int | None
+) -> str:
+    """Return the recipe for the kind of sensor that made the recordings.
+
+    Raises
+    ------
+    OptionError
+        Some were made by line arrays and others were not.
+    """
+    from uwtrack_cli.files.tables.sensors import find_sensor
+
+    known = [
+        None
+        if source.is_dir() or (source == STANDARD_INPUT and sensor is None)
+        else find_sensor(source, sensor)
+        for source, sensor in zip(sources, sensors, strict=True)
+    ]
+    arrays = [s is not None and s.is_array and channel is None for s in known]
+    if any(arrays) and not all(arrays):
+        msg = "some recordings are of line arrays, some not: run them apart."
+        raise OptionError(msg)
+    return ARRAY_RECIPE if any(arrays) else DEFAULT_RECIPE
+
+
 def _sensor_of_each(
     sources: Sequence[Path], sensors: Sequence[Path] | None
 ) -> list[Path | None]:
@@ -244,9 +283,12 @@ def _refuse_twice(sources: Sequence[Path], targets: Sequence[Path]) -> None:
 
 
 def _print_all(made: Sequence["Held"], *, as_json: bool) -> None:
-    found = [h.container for h in made if isinstance(h.container, Encounters)]
-    if found:
-        print_result(Encounters.join(found), as_json=as_json)
+    kinds: tuple[type[Container], ...] = (Encounters, Motions)
+    for kind in kinds:
+        found = [h.container for h in made if isinstance(h.container, kind)]
+        if found:
+            print_result(kind.join(found), as_json=as_json)
+            return
 
 
 def recipes(

@@ -22,6 +22,9 @@ HINTS: dict[str, Any] = {
     "sensor_sound_speed_mps": _option(
         float | None, "--sound-speed-mps", "Sound speed in m/s, instead of the sensor's."
     ),
+    "own_ship": _option(
+        Path | None, "--own-ship", "CSV table of the platform's way, instead of the sensor's."
+    ),
     "start_utc": _option(
         str | None, "--start-utc", "Time of the first sample, ISO 8601."
     ),

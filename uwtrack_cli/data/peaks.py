@@ -53,6 +53,18 @@ class Peaks(Container):
     is_detection: BoolArray = column(
         "1", "Whether the peak exceeds the detection threshold.", "peak", dtype=np.bool_
     )
+    cone_deg: FloatArray | None = column(
+        "degree", "Angle from the head of a line array, 0 to 180; None: no array.",
+        "peak", dtype=np.float32, optional=True,
+    )  # fmt: skip
+    cone_std_deg: FloatArray | None = column(
+        "degree", "Standard deviation of that angle.", "peak",
+        dtype=np.float32, optional=True,
+    )  # fmt: skip
+    is_aliased: BoolArray | None = column(
+        "1", "Whether a grating lobe of the array may stand for the direction.", "peak",
+        dtype=np.bool_, optional=True,
+    )  # fmt: skip
     false_alarm_probability: float = scalar("1", "Nominal exceedance rate per cell.")
     kept_probability: float = scalar("1", "Exceedance rate of the peaks kept.")
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")

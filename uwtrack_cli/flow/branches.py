@@ -25,14 +25,18 @@ def maker(product: Product, key: ContainerKey) -> str:
     made = (
         past.step_name
         for past in reversed(product.history)
-        if past.step_name not in named and output_name(past) == key.name
+        if past.step_name not in named and key.name in output_names(past)
     )
     return next(made, "")
 
 
-def output_name(past: HistoryStep) -> str:
-    """Return the name of the container that a step of a history made, if known."""
-    return find_stage(past.stage).output.NAME if past.stage in STAGES else ""
+def output_names(past: HistoryStep) -> tuple[str, ...]:
+    """Return the names of what a step of a history made, as far as they are known."""
+    if past.stage not in STAGES:
+        return ()
+    made = find_stage(past.stage).output
+    part = getattr(made, "STANDS_FOR", "")
+    return (made.NAME, part) if part else (made.NAME,)
 
 
 def keys_of_branch(product: Product, step: str | None) -> list[ContainerKey]:

@@ -17,6 +17,7 @@ STAGES: dict[str, str] = {
     "overview": "uwtrack_cli.spectra.overview:pool_overview",
     "levels": "uwtrack_cli.spectra.levels:measure_levels",
     "peaks": "uwtrack_cli.spectra.peaks:find_peaks",
+    "beamform": "uwtrack_cli.arrays.beamform:form_beams",
     "classify": "uwtrack_cli.lines.classify:classify_peaks",
     "track": "uwtrack_cli.lines.track:track_lines",
     "track-pda": "uwtrack_cli.lines.track_pda:track_lines_pda",

@@ -24,7 +24,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Reader, Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.flow.graph import Graph, Node
+from uwtrack_cli.flow.graph import Graph, Node, taken
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.stage import Input
 from uwtrack_cli.flow.step import Step
@@ -222,7 +222,7 @@ class Engine:
 
     def _keep(self, step: Step, block: Container) -> None:
         if step.name in self.graph.outputs:
-            self._sink.append(step, block)
+            self._sink.append(step, self.graph.kept(step, block))
 
     def _whole(self, node: Node) -> Container:
         by_name = {n.step.name: n.step for n in self.graph.nodes}
@@ -395,6 +395,7 @@ class _StreamNode:
 
     def push(self, block: Container) -> Container:
         """Give one block and take the one that follows from it."""
+        block = taken(block, self.node.step.stage.inputs[0].kinds)
         if self._results is None:
             step = self.node.step
             made: Container = step.stage.function(block, **step.options)

@@ -17,6 +17,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import Self
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.options import refuse_unknown
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
@@ -24,14 +25,15 @@ from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.flow.catalogue import STAGES, find_stage
-from uwtrack_cli.flow.stage import Input
+from uwtrack_cli.flow.stage import Input, Stage
 from uwtrack_cli.flow.step import Step
 
 PASSING: tuple[type[Container], ...] = (Spectrogram, Peaks, Families)
 """Containers too large to keep: they pass by and only what follows from them stays."""
 
-CONTEXT: tuple[type[Container], ...] = (Recording, Sensor, Navigation)
-"""What every step may read without a step that makes it."""
+CONTEXT: tuple[type[Container], ...] = (Recording, Sensor, Navigation, BearingTime)
+"""What a step may read beside its data: facts of the recording, and where its array was;
+by itself it is not enough."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ class Graph:
     """The steps with their inputs."""
     outputs: frozenset[str]
     """Names of the steps whose results are kept."""
+    keep: tuple[type[Container], ...] = ()
+    """Containers that are kept although they only pass by."""
 
     @classmethod
     def over_recording(
@@ -124,7 +128,11 @@ class Graph:
         ordered = _in_order(nodes, name)
         outputs = _outputs(ordered, keep)
         _refuse_idle(ordered, outputs, name)
-        return cls(ordered, outputs)
+        return cls(ordered, outputs, tuple(keep))
+
+    def kept(self, step: Step, block: Container) -> Container:
+        """Return what is kept of a block of an output."""
+        return block if step.is_output else without_passing(block, self.keep)
 
     def product_key(self, step: "Step") -> str:
         """Return the name under which a product keeps a result.
@@ -191,6 +199,46 @@ class Graph:
         return (node.step for node in self.nodes)
 
 
+def taken(container: Container, kinds: Sequence[type[Container]]) -> Container:
+    """Return what a stage takes of a container: itself, or the part it stands for.
+
+    Parameters
+    ----------
+    container
+        What a step made.
+    kinds
+        Containers that the stage accepts.
+    """
+    if isinstance(container, tuple(kinds)):
+        return container
+    part: Container = getattr(container, getattr(container, "STANDS_FOR"))  # noqa: B009
+    return part
+
+
+def _makes(stage: Stage, kinds: Sequence[type[Container]]) -> bool:
+    """Tell whether a stage makes one of some containers, or one that stands for it."""
+    part = getattr(stage.output, "STANDS_FOR", "")
+    return stage.output in kinds or part in {kind.NAME for kind in kinds}
+
+
+def without_passing(
+    container: Container, keep: Collection[type[Container]] = ()
+) -> Container:
+    """Return a container without parts that only pass by.
+
+    Parameters
+    ----------
+    container
+        A container that may stand for one of its parts.
+    keep
+        Containers that are kept all the same.
+    """
+    part = getattr(container, "STANDS_FOR", "")
+    if not part or isinstance(getattr(container, part), tuple(keep)):
+        return container
+    return replace(container, **{part: None})
+
+
 def _joined(
     position: int,
     steps: Sequence[Step],
@@ -206,7 +254,7 @@ def _joined(
         before = list(reversed(steps[:position]))
         sources = {}
         for one in wanted:
-            near = next((s.name for s in before if s.stage.output in one.kinds), None)
+            near = next((s.name for s in before if _makes(s.stage, one.kinds)), None)
             if near is not None:
                 sources[one.name] = (near,)
     for one in wanted:
@@ -234,7 +282,7 @@ def _as_written(
     sources: dict[str, tuple[str, ...]] = {}
     for source in names:
         made = known[source].stage.output
-        takers = [i for i in step.stage.inputs if made in i.kinds]
+        takers = [i for i in step.stage.inputs if _makes(known[source].stage, i.kinds)]
         free = [i for i in takers if i.is_list or i.name not in sources]
         if not free:
             accepted = [kind.NAME for i in step.stage.inputs for kind in i.kinds]
@@ -251,8 +299,8 @@ def _as_written(
 
 def _missing(step: Step, steps: Sequence[Step], one: Input, name: str) -> str:
     wanted = " or ".join(kind.NAME for kind in one.kinds)
-    makers = [s for s in STAGES if find_stage(s).output in one.kinds]
-    later = [s.name for s in steps if s.stage.output in one.kinds and s is not step]
+    makers = [s for s in STAGES if _makes(find_stage(s), one.kinds)]
+    later = [s.name for s in steps if _makes(s.stage, one.kinds) and s is not step]
     remedy = (
         f"[{later[0]}] makes it: move it before [{step.name}], or name it with "
         f"input = {later[0]!r}"
@@ -319,7 +367,8 @@ def _refuse_idle(nodes: Sequence[Node], outputs: frozenset[str], name: str) -> N
         others = [
             n.step.name
             for n in nodes
-            if n.step is not step and any(made in i.kinds for i in n.step.stage.inputs)
+            if n.step is not step
+            and any(_makes(step.stage, i.kinds) for i in n.step.stage.inputs)
         ]
         could = f"name it as input of [{others[-1]}], " if others else ""
         msg = (

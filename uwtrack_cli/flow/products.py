@@ -16,6 +16,7 @@ from typing import NamedTuple
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
+from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
 from uwtrack_cli.files.hdf5.product import (
@@ -28,7 +29,7 @@ from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.branches import keys_of_branch, maker, sole_keys, step_names
 from uwtrack_cli.flow.comparison import is_streamed
 from uwtrack_cli.flow.engine import Engine, MemorySink, Progress, context_of
-from uwtrack_cli.flow.graph import PASSING, Graph
+from uwtrack_cli.flow.graph import PASSING, Graph, without_passing
 from uwtrack_cli.flow.live_events import LiveWatch, Tell
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.rerun_sources import with_sound
@@ -152,8 +153,10 @@ def run_into_product(
 def source_into_product(
     step: Step, recording: Recording, writer: ProductWriter, progress: Progress
 ) -> None:
-    """Run a source stage over a recording into a product that has an overview."""
-    steps = (replace(step, is_output=True), simple_step("overview"))
+    """Run a source stage over a recording; a spectrogram gets its overview, too."""
+    steps: tuple[Step, ...] = (replace(step, is_output=True),)
+    if step.stage.output is Spectrogram:
+        steps = (*steps, simple_step("overview"))
     recipe = Recipe(step.name, "", steps)
     run_into_product(recording, recipe, writer, progress=progress)
 
@@ -323,7 +326,7 @@ def small_containers(product: Product, branch: str | None = None) -> Iterator[He
     for key in keys_of_branch(product, branch):
         if key.name not in left_out:  # frames and navigation come with their owners
             container = product.read(CONTAINERS[key.name], key.sensor, key.step)
-            yield Held(container, key.step)
+            yield Held(without_passing(container), key.step)
 
 
 def history_of_graph(graph: Graph, sources: Sequence[Source]) -> list[HistoryStep]:

@@ -26,7 +26,7 @@ from uwtrack_cli.flow.branches import maker
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.comparison import is_streamed
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
-from uwtrack_cli.flow.graph import PASSING, Graph
+from uwtrack_cli.flow.graph import PASSING, Graph, without_passing
 from uwtrack_cli.flow.products import Held, whole_result
 from uwtrack_cli.flow.rerun_sources import SourceFinder, read_tables, reopen
 from uwtrack_cli.flow.step import Step, simple_step
@@ -139,6 +139,7 @@ def _step(past: HistoryStep) -> Step:
 def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
     """Return what the plan gives, with the names of the steps that made it."""
     streamed = {key.name for key in product.paths if is_streamed(product, key)}
+    kept_kinds = [kind for kind in PASSING if kind.NAME in streamed]
     made: list[Held] = []
     vessels = _vessels(product, finder)
     for readers in plan.sources:
@@ -152,7 +153,10 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
         engine.run_recording(recording)
         made += map(Held, (recording, recording.sensor, *beside))
         kept = (step for step in graph.steps() if step.name in graph.outputs)
-        made += [Held(sink.read(step), step.name) for step in kept]
+        made += [
+            Held(without_passing(sink.read(step), kept_kinds), step.name)
+            for step in kept
+        ]
     if not plan.sources:
         made += map(Held, read_tables(product.history, finder))
     for step in plan.last:

@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 from uwtrack_cli.data.options import convert
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import SoundSpeed
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.audio.live_recording import (
     NOW,
     RawSound,
@@ -17,11 +18,12 @@ from uwtrack_cli.files.audio.live_recording import (
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.audio.start_time import find_start_utc_ns
 from uwtrack_cli.files.checks import STANDARD_INPUT
+from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.sensors import find_sensor
 
 NO_OPTIONS: dict[str, Any] = {
-    "sensor": None, "sensor_sound_speed_mps": None, "start_utc": None,
-    "time_zone": "UTC", "time_pattern": None, "channel": None, "start_s": None,
+    "sensor": None, "sensor_sound_speed_mps": None, "own_ship": None,
+    "start_utc": None, "time_zone": "UTC", "time_pattern": None, "channel": None, "start_s": None,
     "stop_s": None, "allow_truncated": False,
 }  # fmt: skip
 """Options of opening, when nothing is asked for."""
@@ -63,6 +65,7 @@ def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
         stop_s=chosen["stop_s"],
         allow_truncated=chosen["allow_truncated"],
     )
+    recording = _with_own_ship(recording, chosen["own_ship"])
     return _with_sound_speed(recording, chosen["sensor_sound_speed_mps"])
 
 
@@ -115,7 +118,25 @@ def open_live_with_options(
         raw=raw,
         idle_s=idle_s,
     )
+    recording = _with_own_ship(recording, chosen["own_ship"])
     return _with_sound_speed(recording, chosen["sensor_sound_speed_mps"])
+
+
+def _with_own_ship(recording: Recording, path: Path | None) -> Recording:
+    if path is None:
+        return recording
+    sensor = recording.sensor
+    if sensor.heading_source == "fixed":
+        msg = (
+            f"array {sensor.id!r} has heading_deg in its sensor file, so it is fixed, "
+            f"and --own-ship {path} moves it: leave out one of them."
+        )
+        raise DataError(msg)
+    if sensor.navigation is not None:
+        msg = f"{path} is taken instead of the navigation of sensor {sensor.id!r}."
+        warn(msg, UwtrackWarning, stacklevel=3)
+    placed = replace(sensor, navigation=read_navigation(path))
+    return replace(recording, sensor=placed)
 
 
 def _with_sound_speed(recording: Recording, speed_mps: float | None) -> Recording:

@@ -36,6 +36,9 @@ from uwtrack_cli.data.recording import Recording
 
 Kind = Literal["source", "map", "scan", "whole"]
 
+PRODUCTS = {"trace": "trace", "beamform": "beams"}
+"""What the product of a stage is called where it is not called by its container."""
+
 
 @dataclass(frozen=True)
 class Input:
@@ -179,8 +182,7 @@ class Stage:
     @property
     def suffix(self) -> str:
         """Ending of the output file: ``.lines.h5``, or ``.trace.h5`` for `trace`."""
-        product = "trace" if self.name == "trace" else self.output.NAME
-        return f".{product}.h5"
+        return f".{PRODUCTS.get(self.name, self.output.NAME)}.h5"
 
     @property
     def summary(self) -> str:

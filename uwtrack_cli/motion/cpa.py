@@ -144,6 +144,13 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
             "'uwtrack track' or 'uwtrack levels' first, or give a CSV file."
         )
         raise DataError(msg)
+    if sensor is not None and sensor.is_array:
+        msg = (
+            f"sensor {sensor.id!r} is a line array, which may move and cannot tell port "
+            f"from starboard; a closest approach needs a fixed sensor: take 'uwtrack "
+            f"tma' for range, course and speed (recipe towed-array), or --channel."
+        )
+        raise DataError(msg)
     known = sensor if sensor is not None else Sensor(id=_name(lines, levels))
     sound = recording if ask_sound else None
     priors = nuisance_priors(

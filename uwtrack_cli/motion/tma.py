@@ -19,7 +19,10 @@ Numer. Anal. 10.
 
 from typing import Annotated, Literal
 
+import numpy as np
+
 from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS, SOURCE_DEPTH_M
+from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.options import AtLeast, AtMost, checked
@@ -52,9 +55,10 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     lines: Lines | None = None,
     navigation: Navigation | None = None,
     sensor: Sensor | None = None,
+    bearing_time: BearingTime | None = None,
     *,
     solver: Literal["mle", "recursive", "genetic", "annealing"] = "mle",
-    array_heading: Literal["none", "course", "heading"] = "none",
+    array_heading: Literal["auto", "none", "course", "heading"] = "auto",
     sound_speed_mps: SoundSpeed | None = None,
     updates: Annotated[int, AtLeast(1), AtMost(100_000)] = 20,
     seed: Annotated[int, AtLeast(0), AtMost(2**32 - 1)] = 1,
@@ -80,6 +84,8 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         Own ship; by default that of the sensor, or a platform that stands still.
     sensor
         The sensor that recorded the lines: its navigation, sound speed and compass.
+    bearing_time
+        Record of the array that heard the lines: where it was, and how it pointed.
     solver
         How the minimum is found: mle descends from many starts, is exact and the
         fastest; recursive updates the estimate with every row and is the fastest for
@@ -88,7 +94,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     array_heading
         Direction of a line array that cannot resolve left from right: own course, the
         heading of own ship (of a fixed sensor: its own), or none for bearings that
-        resolve the side.
+        resolve the side; auto is the heading for lines of such an array, else none.
     sound_speed_mps
         Sound speed; by default that of the sensor, or 1500 m/s. Sea water has about
         1500, air 340.
@@ -124,8 +130,16 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     f = f0 (1 - rate / c) (Chang et al. 2003, eqs 1-4, corrected).
     """
     contacts = _contacts(series, lines)
+    is_moving = navigation is not None
+    if bearing_time is not None:
+        is_moving = sensor is not None and sensor.navigation is not None
+        navigation = _array_navigation(bearing_time, navigation, sensor)
+    if array_heading == "auto":
+        is_open = bearing_time is not None and bearing_time.ambiguity == MIRROR
+        array_heading = "heading" if is_open else "none"
     if navigation is None and sensor is not None:
         navigation = sensor.navigation
+        is_moving = navigation is not None
     speed = sound_speed_mps
     if speed is None:
         speed = SOUND_SPEED_WATER_MPS if sensor is None else sensor.sound_speed_mps
@@ -137,9 +151,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         solver=solver,
         array_heading=array_heading,
         fixed_heading_deg=None if sensor is None else sensor.heading_deg,
-        nuisances=_deviations(
-            nuisances, sensor, navigation is not None, sound_speed_mps
-        ),
+        nuisances=_deviations(nuisances, sensor, is_moving, sound_speed_mps),
         height_m=_height(sensor),
         sound_speed_mps=speed,
         delayed=propagation == "delayed",
@@ -176,6 +188,28 @@ def _deviations(
         velocity = OWN_VELOCITY_STD_MPS if is_moving else 0.0
     return NuisanceDeviations(
         sound, compass, position, velocity, given.correlation_time_s
+    )
+
+
+def _array_navigation(
+    record: BearingTime, given: Navigation | None, sensor: Sensor | None
+) -> Navigation | None:
+    """Return the way of the array itself; None for one that nobody placed."""
+    own = None if sensor is None else sensor.navigation
+    if given is not None and (own is None or not given.equals(own)):
+        msg = (
+            "these lines were heard by an array whose own way is in the file; the "
+            "ship's would be wrong by the length of the tow. Leave out --own-ship here, "
+            "or give it to 'uwtrack beamform'."
+        )
+        raise DataError(msg)
+    if np.isnan(record.heading_deg).any() or np.isnan(record.east_m).any():
+        return None
+    return Navigation(
+        time_s=record.frames.time_s,
+        east_m=record.east_m,
+        north_m=record.north_m,
+        heading_deg=record.heading_deg,
     )
 
 

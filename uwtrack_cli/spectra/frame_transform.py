@@ -44,7 +44,7 @@ class FrameTransform:
     def power(self, channel: FloatArray, n_frames: int) -> FloatArray:
         """Return the power density of a channel, shape (frame, frequency), float32."""
         out = np.empty((n_frames, self.frequency_hz.size), np.float32)
-        for rows, spectrum in self._spectra(channel, n_frames):
+        for rows, spectrum in self.spectra(channel, n_frames):
             kept = spectrum[:, self.kept]
             np.add(kept.real**2, kept.imag**2, out=out[rows])
         return self._one_sided(out)
@@ -63,7 +63,7 @@ class FrameTransform:
         """
         shape = (n_frames, self.frequency_hz.size)
         out = [np.empty(shape, np.float32) for _ in range(3)]
-        parts = [self._spectra(channels[:, k], n_frames) for k in range(3)]
+        parts = [self.spectra(channels[:, k], n_frames) for k in range(3)]
         for (rows, omni), *dipoles in zip(*parts, strict=True):
             first = omni[:, self.kept]
             for k, spectrum in enumerate([omni, *(d[1] for d in dipoles)]):
@@ -73,9 +73,18 @@ class FrameTransform:
         power, across, along = (self._one_sided(part) for part in out)
         return power, across, along
 
-    def _spectra(
+    def spectra(
         self, channel: FloatArray, n_frames: int
     ) -> Iterator[tuple[slice, NDArray[np.complex64]]]:
+        """Yield rows of frames and their spectra, scaled to the root of density.
+
+        Parameters
+        ----------
+        channel
+            Samples of one channel, enough for the frames.
+        n_frames
+            Frames to make.
+        """
         from scipy.fft import rfft
 
         window = self._scaled_window()

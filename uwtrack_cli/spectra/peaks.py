@@ -95,7 +95,7 @@ def find_peaks(
     padding = max(1, round(frames.fft_length / frames.window_samples))
     floor = noise_floor(power, frames.valid_fraction, zero_padding=padding)
     detect, keep = (
-        _thresholds(frames, power.shape[1], padding, probability)
+        threshold_factors(frames, power.shape[1], padding, probability)
         for probability in (false_alarm_probability, kept_probability)
     )
     ratio = power / floor
@@ -107,7 +107,7 @@ def find_peaks(
     )
     frequency_hz = spectrogram.frequency_hz[chosen]
     return Peaks(
-        frames=_with_noise(frames, frequency_hz, floor, detect),
+        frames=with_noise(frames, frequency_hz, floor, detect),
         frame=row + frames.first_frame,
         frequency_hz=measured["frequency_hz"],
         frequency_std_hz=frequency_std_hz(snr, frames.window_s),
@@ -139,10 +139,22 @@ def _chosen_cells(
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
-def _thresholds(
+def threshold_factors(
     frames: Frames, n_cells: int, padding: int, probability: float
 ) -> FloatArray:
-    """Factor above the floor per frame; nan-floor tiles cannot be exceeded anyway."""
+    """Return the factor above the floor that noise exceeds so often, per frame.
+
+    Parameters
+    ----------
+    frames
+        Time base; the first frame starts a tile.
+    n_cells
+        Cells of the spectrum.
+    padding
+        Cells per natural bin.
+    probability
+        Exceedance rate per cell.
+    """
     factor = np.empty(frames.n_frames)
     for start in range(0, frames.n_frames, TILE_FRAMES):
         tile = slice(start, start + TILE_FRAMES)
@@ -186,7 +198,7 @@ def _measure(
     offset_bins = peak_offset_bins(three[0], three[1], three[2], step_bins)
     first_hz = spectrogram.frequency_hz[chosen.start]
     natural_bin_hz = frames.bin_hz / step_bins
-    peak = _peak_power(three[1], offset_bins, step_bins)
+    peak = peak_power(three[1], offset_bins, step_bins)
     return {
         "frequency_hz": first_hz + cell * frames.bin_hz + offset_bins * natural_bin_hz,
         "ratio": peak / floor[row, cell],
@@ -216,17 +228,39 @@ def _bearings(
     )  # fmt: skip
 
 
-def _peak_power(
+def peak_power(
     centre: FloatArray, offset_bins: FloatArray, step_bins: float
 ) -> FloatArray:
-    """Power at the interpolated maximum, from the window's own shape."""
+    """Return the power at the interpolated maximum, from the window's own shape.
+
+    Parameters
+    ----------
+    centre
+        Power of the largest cell.
+    offset_bins
+        Offset of the maximum from it, natural bins.
+    step_bins
+        Distance of two cells in natural bins.
+    """
     return centre / response(np.clip(offset_bins, -step_bins, step_bins)) ** 2
 
 
-def _with_noise(
+def with_noise(
     frames: Frames, frequency_hz: FloatArray, floor: FloatArray, detect: FloatArray
 ) -> Frames:
-    """Note the noise per band and the threshold in the frames."""
+    """Return frames in which the noise per band and the threshold are noted.
+
+    Parameters
+    ----------
+    frames
+        Time base.
+    frequency_hz
+        Frequency of the cells, Hz.
+    floor
+        Noise density, shape (frame, frequency).
+    detect
+        Factor of the threshold above it, per frame.
+    """
     edges = np.linspace(0, frequency_hz.size, N_NOISE_BANDS + 1).astype(int)
     edges = np.unique(edges)
     middles = (edges[:-1] + edges[1:]) // 2

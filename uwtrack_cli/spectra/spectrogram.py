@@ -12,6 +12,7 @@ conjugate of the dipole channels, turned to east and north.
 
 from collections.abc import Iterator
 from typing import Annotated
+from warnings import warn
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.estimation.angles import interpolate_deg
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.decimation import Decimator
@@ -78,11 +79,19 @@ def compute_spectrogram(
     P = 2 |X|^2 / (f_s sum w^2) except at zero and the Nyquist frequency, where the
     factor 2 is absent (Welch 1967): the density that scipy.signal.welch returns.
     """
-    layout = _plan(recording, window_s, overlap, zero_padding, band_hz, decimation)
+    layout = plan_frames(
+        recording, window_s, overlap, zero_padding, band_hz, decimation
+    )
+    if recording.sensor.is_array:
+        msg = (
+            f"the spectrogram is that of hydrophone {recording.sensor.channel_names[0]} "
+            f"of array {recording.sensor.id!r} alone; 'uwtrack beamform' hears all."
+        )
+        warn(msg, UwtrackWarning, stacklevel=3)
     return _blocks(recording, layout)
 
 
-def _plan(
+def plan_frames(
     recording: Recording,
     window_s: float,
     overlap: float,
@@ -90,6 +99,22 @@ def _plan(
     band_hz: tuple[float, float] | None,
     decimation: int,
 ) -> FrameTransform:
+    """Return how a recording is cut into frames, after checking that it can be.
+
+    Parameters
+    ----------
+    recording
+        The recording, opened for reading.
+    window_s, overlap, zero_padding, band_hz, decimation
+        As for `compute_spectrogram`.
+
+    Raises
+    ------
+    OptionError
+        The window or the band holds too little.
+    DataError
+        The recording is shorter than one window, or was not opened for reading.
+    """
     if recording.reader is None:
         msg = f"{recording.name} was not opened for reading; open the sound file again."
         raise DataError(msg)
@@ -131,24 +156,47 @@ def _kept(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> slic
 
 
 def _blocks(recording: Recording, layout: FrameTransform) -> Iterator[Spectrogram]:
-    assert recording.reader is not None  # noqa: S101 - checked in _plan
-    sensor = recording.sensor
+    wanted = TILE_FRAMES if recording.is_live else _block_frames(layout)
+    for samples, first, count in frame_blocks(recording, layout, wanted):
+        yield _block(recording, layout, samples, first, count)
+
+
+def frame_blocks(
+    recording: Recording, layout: FrameTransform, block_frames: int
+) -> Iterator[tuple[FloatArray, int, int]]:
+    """Yield the samples of so many frames at a time, reading the recording once.
+
+    Parameters
+    ----------
+    recording
+        The recording, opened for reading.
+    layout
+        How it is cut into frames.
+    block_frames
+        Frames in a block; the last one may have fewer.
+
+    Yields
+    ------
+    tuple
+        Samples, shape (sample, channel), in uPa if calibrated, after decimation; the
+        index of the first frame, and the number of frames.
+    """
+    assert recording.reader is not None  # noqa: S101 - checked in plan_frames
     decimator = Decimator(layout.decimation)
-    scale_to_upa = np.float32(sensor.full_scale_upa or 1.0)
+    scale_to_upa = np.float32(recording.sensor.full_scale_upa or 1.0)
     pending = np.zeros((0, recording.n_channels), np.float32)
     next_frame = 0
-    wanted = TILE_FRAMES if recording.is_live else _block_frames(layout)
     for samples in recording.reader(recording.block_samples(READ_SAMPLES)):
         thinned = decimator.feed(samples * scale_to_upa)
         pending = np.concatenate([pending, thinned])
-        while pending.shape[0] >= layout.window + (wanted - 1) * layout.hop:
-            yield _block(recording, layout, pending, next_frame, wanted)
-            next_frame += wanted
-            pending = pending[wanted * layout.hop :]
+        while pending.shape[0] >= layout.window + (block_frames - 1) * layout.hop:
+            yield pending, next_frame, block_frames
+            next_frame += block_frames
+            pending = pending[block_frames * layout.hop :]
     pending = np.concatenate([pending, decimator.finish(recording.n_channels)])
     rest = 1 + (pending.shape[0] - layout.window) // layout.hop
     if rest > 0:
-        yield _block(recording, layout, pending, next_frame, rest)
+        yield pending, next_frame, rest
 
 
 def _block_frames(layout: FrameTransform) -> int:
@@ -165,7 +213,7 @@ def _block(
     n_frames: int,
 ) -> Spectrogram:
     sensor = recording.sensor
-    frames = _frames(recording, layout, samples, first_frame, n_frames)
+    frames = describe_frames(recording, layout, samples, first_frame, n_frames)
     whole = bool((frames.valid_fraction == 1.0).all())
     clean = samples if whole else np.nan_to_num(samples)
     names = sensor.channel_names
@@ -203,13 +251,26 @@ def _spectrogram(
     )
 
 
-def _frames(
+def describe_frames(
     recording: Recording,
     layout: FrameTransform,
     samples: FloatArray,
     first_frame: int,
     n_frames: int,
 ) -> Frames:
+    """Return the time base of a block of frames.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    layout
+        How it is cut into frames.
+    samples
+        Samples of the block, shape (sample, channel); nan where there is none.
+    first_frame, n_frames
+        Index of the first frame, and how many there are.
+    """
     index = np.arange(first_frame, first_frame + n_frames, dtype=np.int64)
     start = index * (layout.hop * layout.decimation)
     length = layout.window * layout.decimation

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import Column, Container
+from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.encounters import Encounters, Fixes
@@ -68,6 +69,7 @@ CONTAINERS: dict[str, type[Container]] = {
         Spectrogram,
         Overview,
         Levels,
+        BearingTime,
         Peaks,
         Families,
         Lines,

@@ -52,6 +52,9 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
             ("files", "first_sample"),
             ("files", "own_start_utc_ns"),
             ("files", "own_stop_utc_ns"),
+            ("peaks", "cone_deg"),
+            ("peaks", "cone_std_deg"),
+            ("peaks", "is_aliased"),
             *(
                 (kind.NAME, name)
                 for kind in (Encounters, Motions)

@@ -1,0 +1,238 @@
+"""From the sound of a towed array to motions, against the simulated truth."""
+
+import json
+
+import numpy as np
+import pytest
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.data.sensor import Navigation
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.hdf5.product import read_product
+from uwtrack_cli.files.tables.sensors import find_sensor
+from uwtrack_cli.flow.engine import run_recipe
+from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.motion.tma import estimate_motion
+from uwtrack_cli.simulate.recordings import simulate_recordings
+from uwtrack_cli.simulate.scenario import make_scenario
+from uwtrack_cli.simulate.trajectories import array_place, vessel_trajectory
+
+pytestmark = pytest.mark.filterwarnings("ignore:hydrophones 3 m apart")
+
+
+def scene(seed=7, turn=(), course_deg=20.0, duration_s=280.0, place=(1200.0, 600.0)):
+    """Eight hydrophones 80 m behind a ship; one vessel with two lines."""
+    array = {
+        "id": "tow1", "kind": "array", "depth_m": 20.0, "full_scale_db": 140.0,
+        "element_along_m": [10.5 - 3.0 * k for k in range(8)], "tow_offset_m": 80.0,
+        "track": {"course_deg": course_deg, "speed_mps": 4.0, "turn": list(turn)},
+    }  # fmt: skip
+    vessel = {
+        "source_depth_m": 4.0,
+        "track": {"east_m": place[0], "north_m": place[1], "course_deg": 310.0,
+                  "speed_mps": 6.0},
+        "line": [{"frequency_hz": f, "source_level_db": 141.0} for f in (141.0, 213.0)],
+    }  # fmt: skip
+    return make_scenario(
+        {"seed": seed, "duration_s": duration_s, "sample_rate_hz": 500.0,
+         "sensor": [array], "vessel": [vessel],
+         "noise": {"density_db": 62.0, "reference_hz": 100.0}}
+    )  # fmt: skip
+
+
+def run(scenario, *settings) -> dict[type[Container], Container]:
+    (recording,) = simulate_recordings(scenario)
+    recipe = load_recipe("towed-array").with_settings(settings)
+    return {type(made): made for made in run_recipe(recording, recipe)}
+
+
+def truth_at(scenario, time_s):
+    """Range and bearing from the array's middle, and the vessel's course and speed."""
+    here = array_place(scenario.sensors[0], 0.0).at(np.array(time_s))
+    there = vessel_trajectory(scenario.vessels[0], scenario).at(np.array(time_s))
+    east, north = there[0] - here[0], there[1] - here[1]
+    return {
+        "range_m": np.hypot(east, north),
+        "bearing_deg": np.degrees(np.arctan2(east, north)) % 360.0,
+        "speed_mps": 6.0,
+        "course_deg": 310.0,
+    }
+
+
+def assert_near_truth(motions, row, scenario, deviations=4.0):
+    for name, wanted in truth_at(scenario, motions.time_s[row]).items():
+        got = getattr(motions, name)[row]
+        stem, unit = name.rsplit("_", 1)
+        std = getattr(motions, f"{stem}_std_{unit}")[row]
+        error = got - wanted
+        if unit == "deg":
+            error = (error + 180.0) % 360.0 - 180.0
+        assert abs(error) < deviations * std, (name, got, wanted, std)
+
+
+TURN = {"at_s": 110.0, "course_deg": 320.0, "rate_deg_per_s": 2.0}
+
+
+def test_a_turn_settles_the_side_and_the_motion():
+    scenario = scene(turn=[TURN])
+    motions = run(scenario)[Motions]
+    assert motions.contact.tolist() == [1]
+    assert motions.weight[0] > 0.95
+    assert_near_truth(motions, 0, scenario)
+
+
+def test_without_a_turn_both_sides_stay_and_mirror_each_other():
+    scenario = scene()
+    motions = run(scenario)[Motions]
+    assert motions.mode.tolist() == [1, 2]
+    assert motions.weight == pytest.approx([0.5, 0.5], abs=0.1)
+    off = (motions.bearing_deg - 20.0) % 360.0
+    assert off.sum() == pytest.approx(360.0, abs=0.1)
+    turned = (motions.course_deg - 20.0) % 360.0
+    assert turned.sum() == pytest.approx(360.0, abs=0.5)
+    assert motions.range_m[1] == pytest.approx(motions.range_m[0], rel=1e-3)
+    true = int(np.argmin(np.abs(off - 45.0)))
+    assert_near_truth(motions, true, scenario)
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory, samples):
+    folder = tmp_path_factory.mktemp("array")
+    for path in samples.glob("towed-array.*"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    return folder
+
+
+@pytest.fixture
+def in_sample(uwtrack, sample, monkeypatch):
+    monkeypatch.chdir(sample)
+    return uwtrack
+
+
+def test_run_ends_in_the_motion_of_the_sample(in_sample, sample):
+    done = in_sample("run", "towed-array.wav", "--json", "--overwrite")
+    assert done.exit_code == 0, done.output
+    (motion,) = json.loads(done.stdout)
+    truth = json.loads((sample / "towed-array.truth.json").read_text())
+    array, vessel = truth["sensors"][0]["track"], truth["vessels"][0]["track"]
+    east, north = (
+        np.interp(motion["time_s"], vessel["time_s"], vessel[name])
+        - np.interp(motion["time_s"], array["time_s"], array[name])
+        for name in ("east_m", "north_m")
+    )
+    wanted = {
+        "range_m": np.hypot(east, north),
+        "bearing_deg": np.degrees(np.arctan2(east, north)) % 360.0,
+        "speed_mps": 6.0,
+        "course_deg": 310.0,
+    }
+    for name, value in wanted.items():
+        stem, unit = name.rsplit("_", 1)
+        assert abs(motion[name] - value) < 4.0 * motion[f"{stem}_std_{unit}"], name
+    assert motion["weight"] > 0.95
+
+
+def test_stage_by_stage_gives_what_run_gives(in_sample):
+    for words in (
+        ("beamform", "towed-array.wav", "--stop-s", 100),
+        ("track", "towed-array.beams.h5"),
+        ("tma", "towed-array.lines.h5"),
+        ("run", "towed-array.wav", "-o", "whole.run.h5", "--stop-s", 100),
+    ):
+        done = in_sample(*words, "--overwrite")
+        assert done.exit_code == 0, done.output
+    with (
+        read_product(in_path("towed-array.motions.h5")) as staged,
+        read_product(in_path("whole.run.h5")) as whole,
+    ):
+        assert staged.read(Motions).equals(whole.read(Motions))
+        held = {key.name for key in whole.paths}
+        assert {"bearing_time", "lines", "sensor", "navigation"} <= held
+        assert "peaks" not in held
+    with read_product(in_path("towed-array.beams.h5")) as beams:
+        peaks = beams.read(Peaks)
+        assert peaks.cone_deg is not None
+    done = in_sample("rerun", "towed-array.lines.h5", "-o", "again.h5", "--overwrite")
+    assert done.exit_code == 0, done.output
+    done = in_sample("diff", "towed-array.lines.h5", "again.h5")
+    assert done.exit_code == 0, done.output
+
+
+def in_path(name):
+    from pathlib import Path
+
+    return Path.cwd() / name
+
+
+def test_pictures_of_an_array_are_drawn(in_sample, sample):
+    done = in_sample("beamform", "towed-array.wav", "--overwrite", "--stop-s", 60)
+    assert done.exit_code == 0, done.output
+    done = in_sample("plot", "towed-array.beams.h5", "-o", "b.png", "--overwrite")
+    assert done.exit_code == 0, done.output
+    assert (sample / "b.png").stat().st_size > 20_000
+
+
+def test_a_closest_approach_is_refused_and_tma_named(in_sample):
+    words = ("run", "towed-array.wav", "--recipe", "vessel", "-o", "v.h5")
+    done = in_sample(*words, "--stop-s", 60)
+    assert done.exit_code == 1
+    assert "uwtrack tma" in " ".join(done.output.split())
+
+
+def test_own_ship_on_the_command_line_takes_the_place_of_the_sensors(in_sample, sample):
+    rows = (sample / "towed-array.nav.csv").read_text().splitlines()
+    moved = [rows[0], *(shifted(row) for row in rows[1:])]
+    (sample / "other.csv").write_text("\n".join(moved) + "\n")
+    done = in_sample(
+        "beamform", "towed-array.wav", "--own-ship", "other.csv", "-o", "o.h5",
+        "--stop-s", 60, "--overwrite",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "other.csv is taken instead" in " ".join(done.output.split())
+    from uwtrack_cli.data.bearing_time import BearingTime
+
+    with read_product(sample / "o.h5") as product:
+        record = product.read(BearingTime)
+    assert record.east_m.mean() > 900.0
+
+
+def shifted(row):
+    time_s, east_m, rest = row.split(",", 2)
+    return f"{time_s},{float(east_m) + 1000.0},{rest}"
+
+
+def test_own_ship_of_a_fixed_array_is_refused(in_sample, sample):
+    text = (sample / "towed-array.sensor.toml").read_text()
+    drop = ("navigation", "heading_source", "tow_offset_m")
+    lines = [line for line in text.splitlines() if not line.startswith(drop)]
+    fixed = sample / "fixed.toml"
+    fixed.write_text("\n".join([*lines, "heading_deg = 20.0"]) + "\n")
+    done = in_sample(
+        "beamform", "towed-array.wav", "--sensor", fixed, "-o", "f.h5",
+        "--own-ship", "towed-array.nav.csv",
+    )  # fmt: skip
+    assert done.exit_code == 1
+    assert "leave out one of them" in " ".join(done.output.split())
+
+
+def test_the_ships_navigation_is_refused_where_the_arrays_is_known():
+    made = run(scene(duration_s=80.0))
+    from uwtrack_cli.data.bearing_time import BearingTime
+
+    time_s = np.arange(100.0)
+    ship = Navigation(
+        time_s=time_s, east_m=time_s, north_m=time_s, heading_deg=0.0 * time_s
+    )
+    with pytest.raises(DataError, match="uwtrack beamform"):
+        estimate_motion(
+            None, made[Lines], ship, None, made[BearingTime], array_heading="auto"
+        )
+
+
+def test_find_sensor_finds_the_array(sample):
+    sensor = find_sensor(sample / "towed-array.wav")
+    assert sensor is not None
+    assert sensor.is_array

@@ -1,0 +1,1 @@
+"""Sound of many hydrophones to beams: bearing-time record and peaks with bearings."""

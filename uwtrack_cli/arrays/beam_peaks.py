@@ -1,0 +1,197 @@
+"""Peaks in frequency and direction, from the power of all beams.
+
+**Method.** A peak is a cell that is the largest among its neighbours in frequency (one
+natural bin) and in direction (the beams beside it), in raw power; the floor of its own
+beam, estimated as for one hydrophone, sets the threshold alone. Normalised first, the
+maximum would lean to where the noise is less. Direction and frequency are interpolated,
+and the direction is corrected for the place of the tone in its bin and for the array's
+own speed.
+
+**Conventions.** Power has shape (beam, frame, cell). Sidelobes are no vessels: a peak
+that is lower than the strongest of its cell by more than the sidelobes is dropped.
+
+**References.** Rohling 1983 for the threshold, as in `uwtrack_cli.spectra.peaks`;
+Rife & Boorstyn 1974 for the deviation of the frequency.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from uwtrack_cli.arrays.array_place import ArrayPlace
+from uwtrack_cli.arrays.line_array import LineArray, angle_std_deg
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.estimation.noise_floor import noise_floor
+from uwtrack_cli.estimation.window import (
+    NOISE_BANDWIDTH_BINS,
+    frequency_std_hz,
+    peak_offset_bins,
+)
+from uwtrack_cli.spectra.peaks import peak_power, threshold_factors, with_noise
+
+SPARE_DB = 3.0
+"""What a peak may lie below the strongest of its cell less than the sidelobes, dB."""
+
+BENT_DEG = 0.5
+"""Bend of the array from which its bearings are not given, degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beams:
+    """The beams of a block, and what is known of the array that made them."""
+
+    array: LineArray
+    """The hydrophones."""
+    weights: FloatArray
+    """Their weights in this block."""
+    cos_angle: FloatArray
+    """Cosines of the beams."""
+    frequency_hz: FloatArray
+    """Frequency of every cell, Hz."""
+    power: FloatArray
+    """Power density, shape (beam, frame, cell)."""
+    frames: Frames
+    """Time base."""
+    place: ArrayPlace
+    """Where the array was."""
+
+    @property
+    def padding(self) -> int:
+        """Cells per natural bin."""
+        return max(1, round(self.frames.fft_length / self.frames.window_samples))
+
+
+@dataclass(frozen=True)
+class PeakRules:
+    """What counts as a peak, and how its bearing is written."""
+
+    false_alarm_probability: float
+    """Exceedance rate per beam and cell at which a peak is a detection."""
+    kept_probability: float
+    """The same for the weakest peaks kept."""
+    sidelobe_db: float
+    """Sidelobes of the beams below their main lobe, dB."""
+    side: str
+    """Side that bearings are written for, starboard or port."""
+    compass: bool
+    """Whether there are compass bearings, and not angles alone."""
+    reference: str
+    """Reference of the levels."""
+
+
+def beam_floors(beams: Beams) -> FloatArray:
+    """Return the noise density of every beam by itself, shape (beam, frame, cell)."""
+    valid = beams.frames.valid_fraction
+    floors = [
+        noise_floor(power, valid, zero_padding=beams.padding) for power in beams.power
+    ]
+    return np.stack(floors)
+
+
+def find_beam_peaks(beams: Beams, floor: FloatArray, rules: PeakRules) -> Peaks:
+    """Find the peaks of a block of beams.
+
+    Parameters
+    ----------
+    beams
+        The beams.
+    floor
+        Noise density of each of them, same shape as their power.
+    rules
+        What counts as a peak.
+
+    Returns
+    -------
+    Peaks
+        In the order of frame and frequency.
+    """
+    frames, padding = beams.frames, beams.padding
+    detect, keep = (
+        threshold_factors(frames, beams.frequency_hz.size, padding, probability)
+        for probability in (rules.false_alarm_probability, rules.kept_probability)
+    )
+    at = _maxima(beams, floor, keep, rules.sidelobe_db)
+    measured = _measure(beams, floor, *at)
+    frame = at[1]
+    snr = np.maximum(measured["ratio"] - 1.0, 0.1 * measured["ratio"])
+    cosine = np.clip(measured["cosine"], -1.0, 1.0)
+    cone_deg = np.degrees(np.arccos(cosine))
+    std_deg = angle_std_deg(
+        cosine, beams.array.cosine_std(snr, measured["frequency_hz"], beams.weights)
+    )
+    side = 1.0 if rules.side == "starboard" else -1.0
+    bearing = (beams.place.heading_deg[frame] + side * cone_deg) % 360.0
+    is_known = rules.compass & ~(beams.place.bend_deg[frame] > BENT_DEG)
+    with np.errstate(invalid="ignore"):
+        middle = np.median(floor, axis=0)
+    return Peaks(
+        frames=with_noise(frames, beams.frequency_hz, middle, detect),
+        frame=frame + frames.first_frame,
+        frequency_hz=measured["frequency_hz"],
+        frequency_std_hz=frequency_std_hz(snr, frames.window_s),
+        level_db=10 * np.log10(measured["line_power"]),
+        snr_db=10 * np.log10(snr),
+        bearing_deg=np.where(is_known, bearing, np.nan),
+        bearing_std_deg=np.where(is_known, std_deg, np.nan),
+        is_detection=beams.power[at] > detect[frame] * floor[at],
+        cone_deg=cone_deg,
+        cone_std_deg=std_deg,
+        is_aliased=beams.array.is_aliased(measured["frequency_hz"], cosine),
+        false_alarm_probability=rules.false_alarm_probability,
+        kept_probability=rules.kept_probability,
+        reference=rules.reference,
+        lowest_hz=float(beams.frequency_hz[0]),
+        highest_hz=float(beams.frequency_hz[-1]),
+    )
+
+
+def _maxima(
+    beams: Beams, floor: FloatArray, keep: FloatArray, sidelobe_db: float
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Beams, frames and cells of the maxima, in the order of frame and cell."""
+    power, padding = beams.power, beams.padding
+    cells = slice(padding, power.shape[2] - padding)
+    inner = power[1:-1, :, cells]
+    is_peak = inner > floor[1:-1, :, cells] * keep[:, None].astype(np.float32)
+    is_peak &= inner >= power[:-2, :, cells]
+    is_peak &= inner > power[2:, :, cells]
+    beside = power[1:-1]
+    for shift in range(1, padding + 1):
+        is_peak &= inner >= beside[:, :, padding - shift : -padding - shift]
+        stop = power.shape[2] - padding + shift
+        is_peak &= inner > beside[:, :, padding + shift : stop]
+    share = np.float32(10.0 ** (-(sidelobe_db - SPARE_DB) / 10.0))
+    is_peak &= inner > share * power[:, :, cells].max(axis=0)
+    frame, cell, beam = np.nonzero(is_peak.transpose(1, 2, 0))
+    return beam + 1, frame, cell + padding
+
+
+def _measure(
+    beams: Beams, floor: FloatArray, beam: IntArray, frame: IntArray, cell: IntArray
+) -> dict[str, Any]:
+    """Interpolate in direction and frequency; both corrections of the direction."""
+    frames, power = beams.frames, beams.power
+    step_bins = frames.window_samples / frames.fft_length
+    natural_bin_hz = frames.bin_hz / step_bins
+    beside = [power[beam, frame, cell + k].astype(np.float64) for k in (-1, 0, 1)]
+    offset_bins = peak_offset_bins(beside[0], beside[1], beside[2], step_bins)
+    frequency_hz = beams.frequency_hz[cell] + offset_bins * natural_bin_hz
+    around = [power[beam + k, frame, cell].astype(np.float64) for k in (-1, 0, 1)]
+    left, centre, right = (np.log(np.maximum(p, 1e-37)) for p in around)
+    curvature = np.minimum(left + right - 2.0 * centre, -1e-12)
+    part = np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)
+    step = float(beams.cos_angle[1] - beams.cos_angle[0])
+    seen = beams.cos_angle[beam] + part * step
+    speed = beams.place.speed_mps[frame] / beams.array.sound_speed_mps
+    cosine = seen * (beams.frequency_hz[cell] / frequency_hz) / (1.0 - speed * seen)
+    at_beam = np.exp(centre - 0.25 * (left - right) * part)
+    peak = peak_power(at_beam, offset_bins, step_bins)
+    return {
+        "frequency_hz": frequency_hz,
+        "cosine": cosine,
+        "ratio": peak / floor[beam, frame, cell],
+        "line_power": peak * NOISE_BANDWIDTH_BINS * natural_bin_hz,
+    }

@@ -1,0 +1,349 @@
+"""Sound of a line array to beams: the bearing-time record, and peaks with bearings.
+
+**Method.** The spectra of all hydrophones are turned and summed for every direction
+(conventional beams, shaded), a block of frames at a time. Peaks are sought over
+frequency and direction, each beam with a noise floor of its own; the level of every
+beam over time is the bearing-time record, for which beams of minimum variance (MVDR)
+separate sources that lie within one beam's width.
+
+**Conventions.** A line measures the angle from its head, a cone, and not a bearing:
+port and starboard look alike. Bearings are written for one side; `tma` settles which it
+is when own ship turns. Levels are those of a plane wave at one hydrophone.
+
+**References.** H. L. Van Trees, Optimum Array Processing (2002), chapters 2 and 6;
+J. Capon, Proc. IEEE 57 (1969).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
+from warnings import warn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.arrays.array_place import check_place, place_of_array
+from uwtrack_cli.arrays.beam_peaks import (
+    Beams,
+    PeakRules,
+    beam_floors,
+    find_beam_peaks,
+)
+from uwtrack_cli.arrays.element_check import ElementCheck
+from uwtrack_cli.arrays.line_array import (
+    CLEAR_SHARE,
+    SIDELOBES_DB,
+    LineArray,
+    Shading,
+)
+from uwtrack_cli.arrays.mvdr import mvdr_power
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
+from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
+from uwtrack_cli.spectra.frame_transform import FrameTransform
+from uwtrack_cli.spectra.spectrogram import (
+    describe_frames,
+    frame_blocks,
+    plan_frames,
+)
+
+BLOCK_FRAMES = 2 * TILE_FRAMES
+"""Frames of a block of conventional beams."""
+
+Probability = Annotated[float, AtLeast(1e-9), AtMost(0.5)]
+
+
+@checked
+def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the sound)
+    recording: Recording,
+    *,
+    window_s: Annotated[float, Unit("s"), AtLeast(1e-6), AtMost(3600)] = 1.0,
+    overlap: Annotated[float, AtLeast(0), AtMost(0.999)] = 0.5,
+    zero_padding: Annotated[int, AtLeast(1), AtMost(8)] = 2,
+    band_hz: Annotated[
+        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
+    ]
+    | None = None,
+    decimation: Annotated[int, AtLeast(1), AtMost(256)] = 1,
+    beams: Annotated[int, AtLeast(5), AtMost(4097)] | None = None,
+    shading: Shading = "chebyshev",
+    sidelobe_db: Annotated[float, Unit("dB"), AtLeast(15), AtMost(80)] = 30.0,
+    beamformer: Literal["conventional", "mvdr"] = "conventional",
+    snapshots: Annotated[int, AtLeast(1), AtMost(100_000)] | None = None,
+    loading: Annotated[float, AtLeast(0), AtMost(100)] = 0.1,
+    false_alarm_probability: Probability = 1e-4,
+    kept_probability: Probability = 1e-3,
+    side: Literal["starboard", "port"] = "starboard",
+    above_design: Literal["drop", "mark"] = "drop",
+    frame: Literal["compass", "array"] = "compass",
+) -> Iterator[BearingTime]:
+    """Form beams of a line array, and find peaks in frequency and direction.
+
+    A line of hydrophones hears from which angle a sound comes, counted from the head
+    of the array, and hears lines weaker than one hydrophone can. It cannot tell port
+    from starboard: bearings are written for one side, and tma settles it when own ship
+    turns.
+
+    Parameters
+    ----------
+    recording
+        The recording of an array, opened for reading.
+    window_s
+        Length of the analysis window, s.
+    overlap
+        Share of a window that the next one covers again.
+    zero_padding
+        Spectral cells per natural bin.
+    band_hz
+        Lowest and highest frequency used, Hz; from where the array is half a wavelength
+        long to its design frequency unless given.
+    decimation
+        Reduce the sample rate by this factor first.
+    beams
+        Beams from astern to ahead; 4 for each hydrophone and one more unless given.
+    shading
+        Weights of the hydrophones: uniform hears weakest lines, chebyshev and hann
+        keep strong ones out of other beams.
+    sidelobe_db
+        Sidelobes of chebyshev below the main lobe.
+    beamformer
+        Beams of the bearing-time record: conventional, or mvdr, which separates near
+        sources but weakens one between two beams. Peaks are those of conventional
+        beams.
+    snapshots
+        Frames behind a covariance of mvdr, in steps of 16; twice the hydrophones
+        unless given.
+    loading
+        Addition to its diagonal, as a share of the mean power.
+    false_alarm_probability
+        Probability that noise alone exceeds the threshold, per beam and cell.
+    kept_probability
+        The same for the weakest peaks kept, not below the first.
+    side
+        Side that bearings are written for.
+    above_design
+        What is done above the design frequency, where directions are not unique: drop,
+        or keep and mark.
+    frame
+        Compass bearings, or angles from the array's head alone.
+
+    Returns
+    -------
+    Iterator[BearingTime]
+        Blocks of the bearing-time record with the peaks found in them.
+
+    Raises
+    ------
+    OptionError
+        An option is out of range, or the band holds too few cells.
+    DataError
+        The recording is not of an array, has no heading, or too few hydrophones work.
+
+    Notes
+    -----
+    B(f, u) = sum_n w_n X_n exp(-j 2 pi f x_n u / c), sum w = 1 (Van Trees 2002, section
+    2.4). The direction of a tone at f in a cell at f_c, heard by an array that moves
+    at v, is u = u' (f_c / f) / (1 - v u' / c).
+    """
+    if kept_probability < false_alarm_probability:
+        msg = (
+            "kept_probability must be at least false_alarm_probability = "
+            f"{false_alarm_probability:g}, got {kept_probability:g}."
+        )
+        raise OptionError(msg)
+    array = _array_of(recording)
+    check_place(recording, needs_heading=frame == "compass")
+    n_elements = array.along_m.size
+    layout = plan_frames(
+        recording, window_s, overlap, zero_padding, band_hz, decimation
+    )
+    layout = replace(layout, kept=_band(layout, array, band_hz, above_design))
+    block_frames = BLOCK_FRAMES
+    if beamformer == "mvdr":
+        wanted = 2 * n_elements if snapshots is None else snapshots
+        if wanted < n_elements and loading == 0.0:
+            msg = (
+                f"{wanted} snapshots of {n_elements} hydrophones have no inverse: give "
+                f"at least {2 * n_elements}, or loading above 0."
+            )
+            raise OptionError(msg)
+        block_frames = -(-wanted // TILE_FRAMES) * TILE_FRAMES
+    n_beams = 4 * array.n_places + 1 if beams is None else beams
+    if n_beams < 2 * array.n_places + 1:
+        msg = (
+            f"beams must be at least {2 * array.n_places + 1} for {array.n_places} "
+            f"places of hydrophones, got {n_beams}: sources between beams are lost."
+        )
+        raise OptionError(msg)
+    rules = PeakRules(
+        false_alarm_probability=false_alarm_probability,
+        kept_probability=kept_probability,
+        sidelobe_db=SIDELOBES_DB.get(shading, sidelobe_db),
+        side=side,
+        compass=frame == "compass",
+        reference=FULL_SCALE
+        if recording.sensor.full_scale_upa is None
+        else MICROPASCAL,
+    )
+    former = _BeamFormer(
+        recording=recording,
+        layout=layout,
+        array=array,
+        cos_angle=array.beam_cosines(n_beams),
+        weights=array.weights(shading, sidelobe_db),
+        loading=loading if beamformer == "mvdr" else None,
+        rules=rules,
+        check=ElementCheck(
+            recording.sensor.channel_names,
+            array.along_m,
+            array.design_frequency_hz / 2.0,
+        ),
+    )
+    return former.blocks(block_frames)
+
+
+def _array_of(recording: Recording) -> LineArray:
+    sensor = recording.sensor
+    places = sensor.element_places_m
+    if places.size == 0:
+        msg = (
+            f"{recording.name} was recorded by {sensor.kind} sensor {sensor.id!r}; "
+            f'beams need kind = "array" with element_along_m in its sensor file '
+            f"(--sensor), and no --channel."
+        )
+        raise DataError(msg)
+    return LineArray(places, sensor.sound_speed_mps)
+
+
+def _band(
+    layout: FrameTransform,
+    array: LineArray,
+    band_hz: tuple[float, float] | None,
+    above_design: str,
+) -> slice:
+    """Return the cells in which directions can be told; say what is left out."""
+    cells = np.fft.rfftfreq(layout.fft_length, 1.0 / layout.rate_hz)
+    low, high = band_hz or (array.lowest_frequency_hz, float(cells[-1]))
+    clear_hz = CLEAR_SHARE * array.design_frequency_hz
+    if above_design == "drop" and high > clear_hz:
+        msg = (
+            f"hydrophones {array.spacing_m:g} m apart tell directions up to their "
+            f"design frequency of {array.design_frequency_hz:.0f} Hz: the band ends at "
+            f"{clear_hz:.0f} Hz (--above-design mark keeps what is above)."
+        )
+        warn(msg, UwtrackWarning, stacklevel=3)
+        high = clear_hz
+    inside = np.flatnonzero((cells[1:-1] >= low) & (cells[1:-1] <= high)) + 1
+    if inside.size < 8:
+        msg = (
+            f"the band from {low:.6g} to {high:.6g} Hz holds {inside.size} cells; at "
+            f"least 8 are needed: give --band-hz or a longer --window-s."
+        )
+        raise OptionError(msg)
+    return slice(int(inside[0]), int(inside[-1]) + 1)
+
+
+@dataclass
+class _BeamFormer:
+    """Turns the blocks of one recording into beams."""
+
+    recording: Recording
+    layout: FrameTransform
+    array: LineArray
+    cos_angle: FloatArray
+    weights: FloatArray
+    loading: float | None
+    """Loading of MVDR; None for conventional beams."""
+    rules: PeakRules
+    check: ElementCheck
+
+    def __post_init__(self) -> None:
+        """Prepare the turns of every hydrophone for every beam."""
+        self._frequency_hz = self.layout.frequency_hz
+        self._turns = self.array.steering(
+            self._frequency_hz, self.cos_angle, np.ones(self.weights.size)
+        )
+
+    def blocks(self, block_frames: int) -> Iterator[BearingTime]:
+        """Yield the beams of the recording, so many frames at a time."""
+        for samples, first, count in frame_blocks(
+            self.recording, self.layout, block_frames
+        ):
+            frames = describe_frames(self.recording, self.layout, samples, first, count)
+            whole = bool((frames.valid_fraction == 1.0).all())
+            yield self._block(samples if whole else np.nan_to_num(samples), frames)
+
+    def _block(self, samples: FloatArray, frames: Frames) -> BearingTime:
+        spectra = self._spectra(samples, frames.n_frames)
+        alive = self.check.alive(spectra, self._frequency_hz, float(frames.time_s[0]))
+        weights = np.where(alive, self.weights, 0.0)
+        weights = weights / weights.sum()
+        place = place_of_array(self.recording.sensor, frames)
+        beams = Beams(
+            array=self.array,
+            weights=weights,
+            cos_angle=self.cos_angle,
+            frequency_hz=self._frequency_hz,
+            power=self._power(spectra, weights),
+            frames=frames,
+            place=place,
+        )
+        floor = beam_floors(beams)
+        peaks = find_beam_peaks(beams, floor, self.rules)
+        shown = beams.power
+        if self.loading is not None:
+            used = self._turns[:, :, alive]
+            power = mvdr_power(spectra[:, alive], used, self.loading)
+            shown = np.repeat(power.T[:, None, :], frames.n_frames, axis=1)
+        return self._record(beams, shown, np.median(floor, axis=0), peaks)
+
+    def _spectra(self, samples: FloatArray, n_frames: int) -> NDArray[np.complex64]:
+        """Spectra of all hydrophones, shape (cell, element, frame)."""
+        shape = (self._frequency_hz.size, self.weights.size, n_frames)
+        found = np.empty(shape, np.complex64)
+        for element in range(self.weights.size):
+            channel = np.ascontiguousarray(samples[:, element])
+            for rows, part in self.layout.spectra(channel, n_frames):
+                found[:, element, rows] = part[:, self.layout.kept].T
+        return found
+
+    def _power(self, spectra: NDArray[np.complex64], weights: FloatArray) -> FloatArray:
+        """Power density of every beam, shape (beam, frame, cell)."""
+        weighted = spectra * weights.astype(np.float32)[:, None]
+        pressure = self._turns @ weighted
+        power = pressure.real**2 + pressure.imag**2
+        return np.ascontiguousarray(power.transpose(1, 2, 0))
+
+    def _record(
+        self, beams: Beams, shown: FloatArray, noise: FloatArray, peaks: Peaks
+    ) -> BearingTime:
+        frames, place = peaks.frames, beams.place
+        with np.errstate(divide="ignore", invalid="ignore"):
+            level_db = 10.0 * np.log10(shown.sum(axis=2) * frames.bin_hz).T
+            excess_db = 10.0 * np.log10((shown / noise).mean(axis=2)).T
+        silent = frames.valid_fraction < 0.5
+        level_db[silent], excess_db[silent] = np.nan, np.nan
+        return BearingTime(
+            frames=frames,
+            cos_angle=self.cos_angle,
+            level_db=level_db,
+            excess_db=excess_db,
+            east_m=place.east_m,
+            north_m=place.north_m,
+            heading_deg=place.heading_deg,
+            bend_deg=place.bend_deg,
+            band_low_hz=float(self._frequency_hz[0]),
+            band_high_hz=float(self._frequency_hz[-1]),
+            design_frequency_hz=self.array.design_frequency_hz,
+            beamformer="conventional" if self.loading is None else "mvdr",
+            side=self.rules.side,
+            ambiguity=MIRROR if self.rules.compass else "none",
+            reference=self.rules.reference,
+            peaks=peaks,
+        )

@@ -1,0 +1,116 @@
+"""Hydrophones that do not work: dead, clipped, loud or inverted.
+
+**Method.** The level of every hydrophone in a block is compared with the median of all.
+The sign of the correlation of neighbours, at frequencies at which a wave from any
+direction turns by less than a right angle between them, finds an inverted one.
+"""
+
+from dataclasses import dataclass, field
+from warnings import warn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.errors import DataError, UwtrackWarning
+
+DEAD_DB, HOT_DB = 20.0, 8.0
+"""Distance of a level from the median at which a hydrophone is left out, and told."""
+
+FEWEST_ALIVE = 3
+"""Hydrophones that a beam needs."""
+
+SURE_DEVIATIONS = 6.0
+"""Deviations of a correlation of noise from which its sign counts."""
+
+
+@dataclass
+class ElementCheck:
+    """Watches the hydrophones of an array, block by block; each is told of once."""
+
+    names: tuple[str, ...]
+    """Names of the channels."""
+    along_m: FloatArray
+    """Places, m."""
+    quarter_hz: float
+    """Frequency at which neighbours lie a quarter of a wavelength apart, Hz."""
+    _told: set[tuple[str, str]] = field(default_factory=set)
+    _signs_known: bool = False
+
+    def alive(
+        self,
+        spectra: NDArray[np.complex64],
+        frequency_hz: FloatArray,
+        time_s: float,
+    ) -> BoolArray:
+        """Return which hydrophones are used in a block.
+
+        Parameters
+        ----------
+        spectra
+            Spectra, shape (cell, element, frame).
+        frequency_hz
+            Frequency of the cells, Hz.
+        time_s
+            Time at which the block begins, s.
+
+        Raises
+        ------
+        DataError
+            Too few work.
+        """
+        power = (spectra.real**2 + spectra.imag**2).mean(axis=(0, 2))
+        if not power.any():  # a gap
+            return np.ones(power.size, np.bool_)
+        with np.errstate(divide="ignore"):
+            level_db = 10.0 * np.log10(power / np.median(power[power > 0.0]))
+        alive = np.abs(level_db) < DEAD_DB
+        for k in np.flatnonzero(np.abs(level_db) >= HOT_DB):
+            self._tell_level(self.names[k], float(level_db[k]), time_s)
+        if np.count_nonzero(alive) < FEWEST_ALIVE:
+            msg = (
+                f"{np.count_nonzero(alive)} of {alive.size} hydrophones have a level "
+                f"within {DEAD_DB:g} dB of the median at {time_s:.1f} s; beams need "
+                f"{FEWEST_ALIVE}: check the recording, or leave this stretch out with "
+                f"--start-s and --stop-s."
+            )
+            raise DataError(msg)
+        if not self._signs_known:
+            self._signs_known = True
+            self._tell_inverted(spectra[frequency_hz <= self.quarter_hz], alive)
+        return np.asarray(alive)
+
+    def _tell_level(self, name: str, level_db: float, time_s: float) -> None:
+        what = "left out" if abs(level_db) >= DEAD_DB else "used"
+        if (name, what) in self._told:
+            return
+        self._told.add((name, what))
+        level = f"{abs(level_db):.0f} dB {'above' if level_db > 0 else 'below'}"
+        if not np.isfinite(level_db):
+            level = "silent, far below"
+        msg = (
+            f"hydrophone {name} is {level} the median of the array at {time_s:.1f} s; "
+            f'it is {what} (channel name "-" leaves it out of the whole recording).'
+        )
+        warn(msg, UwtrackWarning, stacklevel=2)
+
+    def _tell_inverted(self, spectra: NDArray[np.complex64], alive: BoolArray) -> None:
+        order = np.argsort(self.along_m)
+        order = order[alive[order]]
+        near = spectra[:, order]
+        if near.size == 0:
+            return
+        cross = (near[:, 1:] * near[:, :-1].conj()).real.sum(axis=(0, 2))
+        power = (near.real**2 + near.imag**2).sum(axis=(0, 2))
+        coherence = cross / np.sqrt(power[1:] * power[:-1])
+        n_cells = near.shape[0] * near.shape[2] / 4.0  # padded, overlapping
+        if np.any(np.abs(coherence) < SURE_DEVIATIONS / np.sqrt(n_cells)):
+            return  # a chain of signs is as sure as its weakest link
+        sign = np.cumprod(np.append(1.0, np.sign(coherence)))
+        usual = np.sign(sign.sum()) or 1.0
+        for k in order[sign != usual]:
+            msg = (
+                f"hydrophone {self.names[k]} has the opposite sign of its neighbours "
+                f'(inverted wiring?); correct it, or leave it out with channel name "-".'
+            )
+            warn(msg, UwtrackWarning, stacklevel=2)

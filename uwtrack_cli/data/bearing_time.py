@@ -1,0 +1,65 @@
+"""The bearing-time record of a line array, and where the array was."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container, FloatArray, column, scalar
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.peaks import Peaks
+
+MIRROR = "mirror"
+"""Ambiguity of a line array: port and starboard look alike."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BearingTime(Container):
+    """Broadband level of every beam over time, with place and heading of the array.
+
+    It carries the peaks that were found in the beams, where these are kept.
+    """
+
+    NAME: ClassVar[str] = "bearing_time"
+    STREAMS: ClassVar[bool] = True
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("beam",)
+    STANDS_FOR: ClassVar[str] = "peaks"
+    """The part that a stage takes which reads such a container and not this one."""
+
+    frames: Frames
+    """Time base of the rows."""
+    cos_angle: FloatArray = column(
+        "1", "Cosine of the angle from the array's head; beyond 1 in the last beams.",
+        "beam",
+    )  # fmt: skip
+    level_db: FloatArray = column(
+        "dB", "Level of the beam in the band (re the reference).", "frame", "beam",
+        dtype=np.float32,
+    )  # fmt: skip
+    excess_db: FloatArray = column(
+        "dB", "Mean over the band of the power over the median of all beams' noise.",
+        "frame", "beam", dtype=np.float32,
+    )  # fmt: skip
+    east_m: FloatArray = column(
+        "m", "East of the array's middle; nan if unknown.", "frame"
+    )
+    north_m: FloatArray = column(
+        "m", "North of the array's middle; nan if unknown.", "frame"
+    )
+    heading_deg: FloatArray = column(
+        "degree", "Compass heading of the array; nan if unknown.", "frame"
+    )
+    bend_deg: FloatArray = column(
+        "degree", "Change of heading from tail to head; nan if unknown.", "frame"
+    )
+    band_low_hz: float = scalar("Hz", "Lower edge of the band.")
+    band_high_hz: float = scalar("Hz", "Upper edge of the band.")
+    design_frequency_hz: float = scalar(
+        "Hz", "Frequency above which directions are not unique."
+    )
+    beamformer: str = scalar("", "'conventional' or 'mvdr'.")
+    side: str = scalar("", "Side that bearings are written for, starboard or port.")
+    ambiguity: str = scalar("", "'mirror' if the side is open, 'none' if it is not.")
+    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+    peaks: Peaks | None = None
+    """Peaks in frequency and direction; None where they only passed by."""
