@@ -67,15 +67,17 @@ def adapt_noise(
     window_s
         Length of the frames in s.
     """
-    product = np.clip(innovation * store.innovation[slots], -FARTHEST, FARTHEST)
+    product = innovation * store.last_innovation[slots]
+    product = np.minimum(np.maximum(product, -FARTHEST), FARTHEST)
     store.innovation[slots] = innovation
     pace = motion.adaptation * probability
-    push = np.where(product > 1.0, 1.0 + RISE * (product - 1.0), product)
+    push = product + (RISE - 1.0) * np.maximum(product - 1.0, 0.0)
     own = motion.own_density(window_s)
     greatest = motion.frequency_density(store.frequency_hz[slots], window_s)
     density = store.noise_density[0, slots] * np.exp(pace * push)
-    store.noise_density[0, slots] = np.clip(density, STEADY_SHARE * own, greatest)
+    density = np.minimum(np.maximum(density, STEADY_SHARE * own), greatest)
+    store.noise_density[0, slots] = density
     surplus = np.minimum(innovation**2, FARTHEST) - BOUNDED_MEAN
     surplus -= product  # a variance that is correlated is motion
     width = store.width[slots] * np.exp(WIDTH_SHARE * pace * surplus)
-    store.width[slots] = np.clip(width, 1.0, GREATEST_WIDTH)
+    store.width[slots] = np.minimum(np.maximum(width, 1.0), GREATEST_WIDTH)

@@ -39,7 +39,7 @@ _STATE_ROWS, _DENSITY_ROWS, _MEASURED_ROWS = 10, 2, 6
 _MEASURED = _STATE_ROWS + _DENSITY_ROWS
 _ASSOCIATION = _MEASURED + _MEASURED_ROWS
 _N_ROWS = _ASSOCIATION + 1
-_N_COUNTS, _N_GAUGES = 10, 7
+_N_COUNTS, _N_GAUGES = 10, 8
 
 
 class TrackStore:
@@ -93,8 +93,9 @@ class TrackStore:
         Peaks that the line has taken.
     width
         Variance of the line's peaks about its course over what their heights promise.
-    innovation
-        Innovation of the last frame in its deviations; 0 without a peak.
+    innovation, last_innovation
+        Innovation of frequency of this frame and of the one before, in deviations; 0
+        without a peak.
     """
 
     def __init__(self, capacity: int = 64) -> None:
@@ -121,7 +122,7 @@ class TrackStore:
         ) = self._counts  # fmt: skip
         (
             self.score, self.best_score, self.hit_rate, self.precision, self.hits,
-            self.width, self.innovation,
+            self.width, self.innovation, self.last_innovation,
         ) = self._gauges  # fmt: skip
         t, n = self._table, self.n_quantities
         self.state = KalmanState(t[0:2], t[2:4], t[4:6], t[6:8], t[8:10])
@@ -143,6 +144,8 @@ class TrackStore:
         noise = self.noise_density[: self.n_quantities]
         advance(self._moving, step_s, noise)
         self._table[_MEASURED:] = np.nan
+        self.last_innovation[:] = self.innovation
+        self.innovation[:] = 0.0
 
     def coast(self, slots: IntArray | slice = slice(None)) -> None:
         """Mark lines as not measured in this frame."""
@@ -151,10 +154,6 @@ class TrackStore:
     def moving_state(self, slots: IntArray) -> KalmanState:
         """Return the states of some lines, entries of shape (quantity, line)."""
         return KalmanState(*self._moving_rows[:, :, slots])
-
-    def forget_missed(self) -> None:
-        """Let lines without a peak in this frame have no innovation."""
-        self.innovation[self.association == COASTED] = 0.0
 
     def frequency_noise_hz2(self, slots: IntArray) -> FloatArray:
         """Return the variance of a peak of some lines about their courses, Hz^2."""
@@ -254,9 +253,9 @@ class TrackStore:
         counts = np.zeros((_N_COUNTS, count), dtype=np.int64)
         counts[0], counts[2], counts[3:5], counts[5:8] = TENTATIVE, serial, 1, self.rows
         self._counts[:, slots] = counts
-        one = np.ones(count)
+        one, none = np.ones(count), np.zeros(count)
         self._gauges[:, slots] = np.stack(
-            [score, score, one, precision, one, one, np.zeros(count)]
+            [score, score, one, precision, one, one, none, none]
         )
         self._sorted = None
 

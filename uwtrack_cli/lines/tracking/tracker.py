@@ -148,7 +148,6 @@ class LineTracker:
         if slots.size:
             chosen = self._associate(slots, peaks, height)
             self._update(slots, chosen, peaks)
-            store.forget_missed()
             is_used[chosen.peak] = True
             likely = self.logic.is_likely(store, slots[chosen.line])
             is_likely = np.zeros_like(is_used)
