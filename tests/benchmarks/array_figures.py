@@ -1,0 +1,151 @@
+"""Figures of line arrays for `tests/baselines/arrays.md`: python -m tests.benchmarks.array_figures."""
+
+import time
+
+import numpy as np
+
+from tests.arrays.test_array_chain import TURN, run, scene, truth_at
+from tests.arrays.test_beamform import (
+    PLACES,
+    RATE_HZ,
+    C,
+    N,
+    beams_of,
+    cosine_of,
+    exceedances,
+    tones,
+)
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.simulate.recordings import simulate_recordings
+from uwtrack_cli.simulate.scenario import make_scenario
+
+DENSITY = 2.0 / RATE_HZ
+"""One-sided density of noise of unit variance."""
+
+
+def level_db(rho_db):
+    """Level of a tone whose power in a Hann cell is so far above the noise."""
+    return rho_db + 10.0 * np.log10(1.5 * DENSITY)
+
+
+def directions():
+    print("cone, rho, shading: rms over bound, error over stated, frames")
+    turn = 2.0 * np.pi * 450.0 / C
+    for shading in ("uniform", "chebyshev"):
+        for cone_deg, rho_db in (
+            (90, 0),
+            (90, 10),
+            (90, 20),
+            (60, 10),
+            (30, 10),
+            (15, 10),
+        ):
+            truth = np.cos(np.radians(cone_deg))
+            errors, stated = [], []
+            for seed in range(4):
+                at = truth + (seed - 1.5) / 4.0 * 2.0 / (4 * N)
+                samples = tones([at], [level_db(rho_db)], 450.0, 60.0, seed)
+                peaks = beams_of(
+                    samples, shading=shading, overlap=0.0, band_hz=(400.0, 500.0)
+                ).peaks
+                cosine = cosine_of(peaks)
+                near = np.abs(peaks.frequency_hz - 450.0) < 1.0
+                near &= np.abs(cosine - truth) < 0.12
+                errors.append(cosine[near] - at)
+                sine = np.sqrt(1.0 - cosine[near] ** 2)
+                stated.append(np.radians(peaks.cone_std_deg[near]) * sine)
+            error, std = np.concatenate(errors), np.concatenate(stated)
+            rho = 10.0 ** (rho_db / 10.0)
+            bound = np.sqrt(6.0 / (rho * turn**2 * N * (N**2 - 1)))
+            rms = np.sqrt(np.mean(error**2))
+            ratio = np.sqrt(np.mean((error / std) ** 2))
+            print(
+                f"{cone_deg:3} {rho_db:3} {shading:10} {rms / bound:.3f} {ratio:.3f} {error.size}"
+            )
+
+
+def detection():
+    print("rho dB: share detected at 1e-4, uniform, 4N+1 beams")
+    for rho_db in (-3.5, -3.0, -2.5, -2.0):
+        hits = frames = 0
+        for seed in range(4):
+            at = 0.2 + seed / 4.0 * 2.0 / (4 * N)
+            samples = tones([at], [level_db(rho_db)], 450.0, 60.0, seed)
+            record = beams_of(
+                samples, shading="uniform", overlap=0.0, band_hz=(300.0, 600.0)
+            )
+            peaks = record.peaks
+            near = peaks.is_detection & (np.abs(peaks.frequency_hz - 450.0) < 1.0)
+            near &= np.abs(cosine_of(peaks) - at) < 0.2
+            hits += np.unique(peaks.frame[near]).size
+            frames += record.frames.n_frames
+        print(f"{rho_db:5.1f} {hits / frames:.3f}")
+
+
+def false_alarms():
+    print("noise, vessel, probability: rate over nominal, least and greatest beam")
+    for density_db, loud in ((60.0, False), (-60.0, False), (60.0, True)):
+        array = {
+            "id": "tow", "kind": "array", "depth_m": 30.0, "full_scale_db": 140.0,
+            "element_along_m": PLACES.tolist(), "heading_deg": 0.0,
+            "element_noise_db": 50.0,
+        }  # fmt: skip
+        vessel = {
+            "source_depth_m": 30.0, "track": {"east_m": 800.0, "north_m": 900.0,
+            "course_deg": 0.0, "speed_mps": 0.0},
+            "broadband": {"band_hz": [50.0, 750.0], "source_level_db": 150.0},
+        }  # fmt: skip
+        table = {
+            "seed": 11, "duration_s": 150.0, "sample_rate_hz": RATE_HZ,
+            "sensor": [array], "noise": {"density_db": density_db},
+            "vessel": [vessel] if loud else [],
+        }  # fmt: skip
+        (recording,) = simulate_recordings(make_scenario(table))
+        for probability in (1e-2, 1e-3, 1e-4):
+            counted, cells = 0.0, 0
+            for beams, floor, detect in exceedances(recording, probability):
+                over = beams.power > detect[:, None].astype(np.float32) * floor
+                counted = counted + over.mean(axis=2).sum(axis=1)
+                cells += beams.frames.n_frames
+            rate = counted / cells / probability
+            print(f"{density_db:5} {loud!s:5} {probability:.0e} {rate.mean():.3f} "
+                  f"{rate.min():.2f} {rate.max():.2f}")  # fmt: skip
+
+
+def motions():
+    print("seed: range, speed, course error; stated; modes")
+    for seed in range(1, 5):
+        scenario = scene(seed, turn=[TURN])
+        found = run(scenario)[Motions]
+        truth = truth_at(scenario, found.time_s[0])
+        row = [
+            f"{getattr(found, name)[0] - truth[name]:+.2f} +- {std[0]:.2f}"
+            for name, std in (
+                ("range_m", found.range_std_m), ("speed_mps", found.speed_std_mps),
+                ("course_deg", found.course_std_deg),
+            )
+        ]  # fmt: skip
+        print(seed, *row, found.contact.tolist(), found.weight.round(3).tolist())
+
+
+def cost():
+    samples = tones([0.3], [-10.0], duration_s=120.0).astype(np.float32)
+    begin = time.process_time()
+    beams_of(samples, zero_padding=1)
+    whole = time.process_time() - begin
+    from scipy.fft import rfft
+
+    window = np.hanning(1600).astype(np.float32)
+    begin = time.process_time()
+    for channel in samples.T:
+        view = np.lib.stride_tricks.sliding_window_view(channel, 1600)[::800]
+        for first in range(0, len(view), 32):
+            rfft(view[first : first + 32] * window)
+    print(
+        f"beamform over the bare transforms: {whole / (time.process_time() - begin):.1f}"
+    )
+
+
+if __name__ == "__main__":
+    for figure in (cost, directions, detection, motions, false_alarms):
+        figure()
