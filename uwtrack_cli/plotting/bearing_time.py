@@ -6,6 +6,7 @@ import numpy as np
 
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.plotting.spectra import check_axes
 from uwtrack_cli.plotting.style import contact_color
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ def draw_bearing_time(record: BearingTime, ax: "Axes") -> "Axes":
     The shade is the level over the background of all beams, whitened over the band, so
     that a few loud frequencies do not hide the rest.
     """
+    check_axes(record.frames, "time_s")
     n = record.frames.n_frames
     step = -(-n // LARGEST_ROWS)
     rows = np.arange(0, n, step)

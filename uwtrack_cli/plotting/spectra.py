@@ -4,7 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.spectra import Levels, Overview
+from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.text_escaping import figure_text
 
 if TYPE_CHECKING:
@@ -17,6 +19,7 @@ def draw_overview(overview: Overview, ax: "Axes") -> "Axes":
     The shades are relative to the median of each frequency, so that a steep
     ambient spectrum does not hide the lines.
     """
+    check_axes(overview, "time_s", "frequency_hz")
     step_db = (overview.ceiling_db - overview.floor_db) / 255.0
     level_db = overview.floor_db + overview.shade * step_db
     relative = level_db - np.median(level_db, axis=0)
@@ -27,6 +30,30 @@ def draw_overview(overview: Overview, ax: "Axes") -> "Axes":
     ax.figure.colorbar(image, ax=ax, label="dB above the median", pad=0.01)
     ax.set(xlabel="time (s)", ylabel="frequency (Hz)")
     return ax
+
+
+def check_axes(container: Container, *names: str) -> None:
+    """Refuse axes of a picture that are not numbers, as only a forged file has them.
+
+    Parameters
+    ----------
+    container
+        What is drawn.
+    names
+        Its columns that are axes.
+
+    Raises
+    ------
+    DataError
+        A column holds a value that is not finite.
+    """
+    for name in names:
+        if not np.isfinite(getattr(container, name)).all():
+            msg = (
+                f"{name} of the {container.NAME} holds values that are no numbers; the "
+                f"file is not as it was made: make it again with 'uwtrack rerun'."
+            )
+            raise DataError(msg)
 
 
 def draw_levels(levels: Levels, ax: "Axes") -> "Axes":
