@@ -30,14 +30,14 @@ def day(tmp_path_factory):
             "name": f"v{k}",
             "source_depth_m": 3.0,
             "closest_approach": {
-                "time_s": time_s, "horizontal_range_m": 90.0 + 10.0 * k,
+                "time_s": time_s, "horizontal_range_m": 60.0 + 5.0 * k,
                 "speed_mps": 5.0 + 0.5 * k, "course_deg": 200.0, "side": "starboard",
             },
             "line": [
                 {"frequency_hz": float(f), "cn0_db_hz": 18.0}
                 for f in (60 + 11 * k, 150 + 13 * k, 300 + 17 * k)
             ],
-            "broadband": {"band_hz": [80.0, 450.0], "snr_db": -3.0,
+            "broadband": {"band_hz": [80.0, 450.0], "snr_db": 3.0,
                           "slope_db_per_decade": -20.0},
         }
         for k, time_s in enumerate(TIMES_S)
