@@ -183,9 +183,10 @@ class Engine:
         for name, stream in self._streams.items():
             source = stream.node.stream_source
             if source in made:
+                own = taken(made[source], stream.node.step.stage.inputs[0].kinds)
                 if self._watch is not None:
-                    self._watch.entering(stream.node.step, made[source])
-                made[name] = stream.push(made[source])
+                    self._watch.entering(stream.node.step, own)
+                made[name] = stream.push(own)
                 self._keep(stream.node.step, made[name])
                 if self._watch is not None:
                     self._watch.made(stream.node.step, made[name])
@@ -395,7 +396,6 @@ class _StreamNode:
 
     def push(self, block: Container) -> Container:
         """Give one block and take the one that follows from it."""
-        block = taken(block, self.node.step.stage.inputs[0].kinds)
         if self._results is None:
             step = self.node.step
             made: Container = step.stage.function(block, **step.options)
