@@ -53,9 +53,12 @@ samples: $(VENV)/.development  ## make the sample recordings and tables again
 	from uwtrack_cli.flow.sample_recordings import remake_samples; \
 	remake_samples(Path('sample_data')); write_sample_tables(Path('sample_data'))"
 
-figures: $(VENV)/.development  ## draw the graphs of the recipes in docs again
+figures: $(VENV)/.development  ## draw the pictures of recipes and presence in docs again
 	for name in vessel small-craft towed-array vehicle weak-lines dense-clutter; do \
 	$(BIN)/uwtrack recipes --graph $$name -o docs/recipes/$$name.svg --overwrite; done
+	mkdir -p $(DEMO)
+	$(BIN)/uwtrack run sample_data/propeller.wav -o $(DEMO)/propeller.run.h5 --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/propeller.run.h5 -o docs/presence.png --overwrite
 
 build: $(VENV)/.development  ## wheel and source distribution
 	$(BIN)/python -m build

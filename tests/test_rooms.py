@@ -19,17 +19,18 @@ ROOMS = {
     "arrays": {"data", "acoustics", "estimation", "spectra"},
     "lines": {"data", "acoustics", "estimation"},
     "motion": {"data", "acoustics", "estimation"},
+    "presence": {"data", "acoustics", "estimation"},
     "clutter": {"data", "acoustics", "estimation"},
     "discrimination": {"data", "acoustics", "estimation"},
     "files": {"data"},
     "flow": {
         "data", "acoustics", "estimation", "simulate", "spectra", "arrays", "lines", "motion",
-        "clutter", "discrimination", "files",
+        "presence", "clutter", "discrimination", "files",
     },
     "plotting": {"data", "acoustics", "estimation", "motion", "files"},
     "studies": {
         "data", "acoustics", "estimation", "simulate", "spectra", "arrays", "lines", "motion",
-        "clutter", "discrimination", "files", "flow",
+        "presence", "clutter", "discrimination", "files", "flow",
     },
     "cli": {"data", "files", "flow", "plotting", "studies"},
 }  # fmt: skip

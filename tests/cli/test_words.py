@@ -71,7 +71,7 @@ def test_the_progress_is_whole_when_the_fits_are_done(found):
     assert told == sorted(told)
     assert told[-1] == pytest.approx(recording.duration_s)
     streamed = [seconds for seconds in told if seconds <= 0.8 * recording.duration_s]
-    assert len(told) - len(streamed) == 2  # cpa and locate follow the sound
+    assert len(told) - len(streamed) == 3  # cpa, locate and presence follow the sound
 
 
 def test_tables_fit_eighty_columns(uwtrack, samples):

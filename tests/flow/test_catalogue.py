@@ -108,7 +108,7 @@ def test_the_summary_in_the_list_of_commands_is_the_docstrings(name):
 
 
 def test_a_name_that_is_no_stage_lists_the_stages():
-    with pytest.raises(OptionError, match="spectrogram, overview"):
+    with pytest.raises(OptionError, match="spectrogram, demon, overview"):
         find_stage("spectrograms")
 
 
@@ -150,7 +150,7 @@ def test_settings_override_options_and_fields_of_policies():
     recipe = load_recipe("vessel").with_settings(
         ["spectrogram.window_s=2", "track.feedback.alpha=0.6", "track.initiation=count"]
     )
-    options = {step.stage_name: step.options for step in recipe.steps}
+    options = {step.name: step.options for step in recipe.steps}
     assert options["spectrogram"]["window_s"] == 2.0
     assert options["track"]["feedback"].alpha == 0.6
     assert options["track"]["initiation"] == "count"

@@ -20,7 +20,10 @@ from uwtrack_cli.flow.scenario_file import read_scenario
 from uwtrack_cli.simulate import simulate_recordings, truth
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
-NAMES = ("pass", "two-sensors-h1", "two-sensors-h2", "mono", "noise", "towed-array")
+NAMES = (
+    "pass", "two-sensors-h1", "two-sensors-h2", "mono", "propeller", "noise",
+    "towed-array",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -42,8 +42,9 @@ def test_lines_whose_levels_stand_still_are_no_passage():
     lines = lines_of(SCENE)
     steady = replace(lines, measured_level_db=np.full(lines.line.size, 100.0))
     found = find_encounters(steady, None, DIFAR)
-    assert found.status.tolist() == ["not-a-passage"]
-    assert "do not rise and fall" in found.reasons(0)["speed_mps"]
+    assert found.n_encounters == 0
+    ((_, _, _, reason),) = found.refusals()
+    assert "do not rise and fall" in reason
 
 
 def test_the_misfit_is_the_share_of_the_shift_by_which_lines_leave_their_curve():

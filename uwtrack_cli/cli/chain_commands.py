@@ -20,6 +20,7 @@ from uwtrack_cli.cli.results import is_shown, print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.stage import Stage
 from uwtrack_cli.flow.step import Step
@@ -173,7 +174,8 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
     from uwtrack_cli.cli.targets import Inputs
     from uwtrack_cli.flow.branches import refuse_unknown_step
 
-    read = Inputs(stack, own["branch"])
+    is_presence = stage.output is Presence
+    read = Inputs(stack, own["branch"], takes_asides=is_presence)
     for source in own["sources"]:
         read.add(source, _wanted(stage))
     refuse_unknown_step(read.products, own["branch"])

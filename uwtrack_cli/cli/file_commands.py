@@ -10,6 +10,7 @@ import typer
 from uwtrack_cli.cli.command_factory import AsJson, Branch, Overwrite, command
 from uwtrack_cli.cli.console import FAILED, is_verbose, put, say
 from uwtrack_cli.cli.targets import open_product
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.errors import DataError, OptionError
 
 if TYPE_CHECKING:
@@ -199,8 +200,11 @@ def _show_result(file: Path, form: str, sensor: str | None, step: str | None) ->
             )
             raise DataError(msg)
         found = read_of_branch(product, CONTAINERS[name], sensor, step)
+        presence = None
+        if name == "encounters" and "presence" in held:
+            presence = read_of_branch(product, Presence, sensor, step)
     if form == "table" and is_shown(found):
-        print_result(found, as_json=False, is_data=True)
+        print_result(found, as_json=False, is_data=True, presence=presence)
     else:
         put(write_table(found, form))
 
@@ -209,7 +213,7 @@ def _results(product: "Product") -> tuple[str, ...]:
     """Return results in the order in which the command that made them prints one."""
     from uwtrack_cli.flow.catalogue import STAGES, find_stage
 
-    usual = ("encounters", "motions", "fixes", "target", "decision")
+    usual = ("encounters", "presence", "motions", "fixes", "target", "decision")
     last = product.history[-1] if product.history else None
     if last is not None and last.sources and last.stage in STAGES:
         return (find_stage(last.stage).output.NAME, *usual)  # one stage by itself

@@ -18,6 +18,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.options import refuse_unknown
+from uwtrack_cli.data.presence import KINDS
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, scalar_types
 from uwtrack_cli.files.tables.json_rows import SPECIAL
 
@@ -112,11 +113,29 @@ _DERIVED: dict[str, dict[str, Schema]] = {
         },
     },
     "motions": {},
+    "presence": {
+        "contact": {
+            "type": ["integer", "null"],
+            "description": "Contact of its lines, from 1; null for none.",
+        },
+        "encounter": {
+            "type": ["integer", "null"],
+            "description": "Contact of the closest approach within it; null for none.",
+        },
+        "kind": {
+            "enum": list(KINDS),
+            "description": "What was heard, as far as it can be told.",
+        },
+        "from_utc": _TIME,
+        "to_utc": _TIME,
+        "level_reference": {**_TEXT, "description": "'1 uPa' or 'full scale'."},
+    },
 }
 """Keys of documented objects that are not columns of their own."""
 
 _LISTS = {"rest_frequencies_hz": "rest_frequency_hz",
-          "rest_frequencies_std_hz": "rest_frequency_std_hz"}  # fmt: skip
+          "rest_frequencies_std_hz": "rest_frequency_std_hz",
+          "frequencies_hz": "frequency_hz", "rates_hz": "rate_hz"}  # fmt: skip
 """Keys that hold the rows of a ragged table, with its column."""
 
 

@@ -5,10 +5,12 @@ from typing import Any
 
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.data.base import Container, HasReasons
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.files.tables.summaries import SUMMARIES, summary_of
 
 NOTHING = {
-    "encounters": "no vessel was found",
+    "encounters": "no closest approach was found",
+    "presence": "no vessel was found",
     "fixes": "no position follows; -v says why",
     "motions": "no motion follows",
 }
@@ -26,7 +28,13 @@ def is_shown(container: Container) -> bool:
     return container.NAME in SUMMARIES or container.NAME in STATED
 
 
-def print_result(container: Container, *, as_json: bool, is_data: bool = False) -> None:
+def print_result(
+    container: Container,
+    *,
+    as_json: bool,
+    is_data: bool = False,
+    presence: Presence | None = None,
+) -> None:
     """Print a result as JSON on standard output, or as a summary for people.
 
     Parameters
@@ -37,6 +45,8 @@ def print_result(container: Container, *, as_json: bool, is_data: bool = False) 
         Whether programs read it.
     is_data
         Whether the summary is what was asked for, and goes to standard output.
+    presence
+        What was heard, which is told beside closest approaches.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
 
@@ -46,7 +56,7 @@ def print_result(container: Container, *, as_json: bool, is_data: bool = False) 
     if container.NAME in STATED:
         _print_statements(container, is_data=is_data)
     else:
-        _print_summary(container, is_data=is_data)
+        _print_summary(container, presence, is_data=is_data)
 
 
 def _print_statements(container: Container, *, is_data: bool) -> None:
@@ -63,13 +73,18 @@ def _print_statements(container: Container, *, is_data: bool) -> None:
                 say(reason)
 
 
-def _print_summary(container: Container, *, is_data: bool) -> None:
+def _print_summary(
+    container: Container, presence: Presence | None, *, is_data: bool
+) -> None:
     """Print the columns of the summary; what is missing goes to the console."""
     from uwtrack_cli.files.tables.json_rows import json_rows
 
     rows = json_rows(container)
+    told = container if isinstance(container, Presence) else presence
+    heard = [] if told is None else _heard(told)
     if not rows:
-        say(NOTHING[container.NAME])
+        for text in heard or [NOTHING[container.NAME]]:
+            say(text)
         return
     summary = summary_of(container.NAME, rows)
     show_table(summary.titles, summary.rows, is_data=is_data, spare=summary.spare)
@@ -79,7 +94,18 @@ def _print_summary(container: Container, *, is_data: bool) -> None:
             if text:
                 say(text)
     for text in _reasons(container.NAME, rows):
+        say(text, 1 if container is told else 0)
+    for text in heard:
         say(text)
+
+
+def _heard(presence: Presence) -> list[str]:
+    """Say what was heard beside the closest approaches."""
+    from uwtrack_cli.files.tables.json_rows import json_rows
+    from uwtrack_cli.files.tables.presence_words import presence_sentences
+
+    has_passed = bool((presence.encounter > 0).any())
+    return presence_sentences(json_rows(presence), is_passed=has_passed)
 
 
 def _reasons(name: str, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
@@ -93,8 +119,8 @@ def _reasons(name: str, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
         for key, reason in (row.get("reasons") or {}).items():
             if key in shown:
                 keys.setdefault(reason, {})[key] = None
-                contacts.setdefault(reason, {})[row["contact"]] = None
-    everyone = {row["contact"] for row in rows}
+                contacts.setdefault(reason, {})[row["contact"] or 0] = None
+    everyone = {row["contact"] or 0 for row in rows}
     for reason, missing in keys.items():
         whose = ""
         if set(contacts[reason]) != everyone:

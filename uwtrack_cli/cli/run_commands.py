@@ -28,6 +28,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Families, Peaks
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.checks import STANDARD_INPUT
@@ -283,11 +284,13 @@ def _refuse_twice(sources: Sequence[Path], targets: Sequence[Path]) -> None:
 
 
 def _print_all(made: Sequence["Held"], *, as_json: bool) -> None:
+    heard = [h.container for h in made if isinstance(h.container, Presence)]
+    presence = Presence.join(heard) if heard else None
     kinds: tuple[type[Container], ...] = (Encounters, Motions)
     for kind in kinds:
         found = [h.container for h in made if isinstance(h.container, kind)]
         if found:
-            print_result(kind.join(found), as_json=as_json)
+            print_result(kind.join(found), as_json=as_json, presence=presence)
             return
 
 

@@ -118,10 +118,19 @@ class Inputs:
         Closes the products.
     branch
         Step whose branch is read, where several steps made results of one kind.
+    takes_asides
+        Whether results that were made for `presence` alone are read, too.
     """
 
-    def __init__(self, stack: ExitStack, branch: str | None = None) -> None:
+    def __init__(
+        self,
+        stack: ExitStack,
+        branch: str | None = None,
+        *,
+        takes_asides: bool = False,
+    ) -> None:
         self._stack = stack
+        self._takes_asides = takes_asides
         self._branch = branch
         self.held: list[Held] = []
         self.products: list[Product] = []
@@ -157,8 +166,11 @@ class Inputs:
         product = self._stack.enter_context(opened)
         self.products.append(product)
         self.sources.append(source_of_product(product))
-        sole_keys(product, self._branch, {kind.NAME for kind in wanted})
-        self.held += small_containers(product, self._branch)
+        if self._takes_asides:
+            self.held += small_containers(product, self._branch)
+            return
+        sole = sole_keys(product, self._branch, {kind.NAME for kind in wanted})
+        self.held += small_containers(product, self._branch, sole)
 
     def _kept(self, content: bytes) -> Path:
         """Keep a table from standard input in a file, as its readers take it."""

@@ -25,7 +25,8 @@ class Encounters(HasReasons, HasNuisances):
     The covariance is over (time_s, range_over_speed_s, speed_mps, bearing_deg),
     in this order, nan where a quantity is not known. Range over speed is the slant
     range divided by the speed. Rest frequencies, ambiguities and reasons are ragged
-    tables: any number of rows per encounter.
+    tables: any number of rows per encounter. What was examined and is no passage is a
+    table of its own, which `presence` reads.
     """
 
     NAME: ClassVar[str] = "encounters"
@@ -34,8 +35,7 @@ class Encounters(HasReasons, HasNuisances):
     contact: IntArray = column("1", "Contact, from 1.", "encounter", dtype=np.int64)
     sensor: TextArray = column("", "Identifier of the sensor.", "encounter", dtype="U")
     status: TextArray = column(
-        "", "'ok', 'extrapolated', 'level-only' or 'not-a-passage'.", "encounter",
-        dtype="U",
+        "", "'ok', 'extrapolated' or 'level-only'.", "encounter", dtype="U",
     )  # fmt: skip
     time_s: FloatArray = column(
         "s", "Geometric closest approach, counted from the first sample.", "encounter"
@@ -196,6 +196,22 @@ class Encounters(HasReasons, HasNuisances):
     ais_within_m: float | None = scalar(
         "m", "Range within which its vessels are expected to be detected.", None
     )
+    refused_contact: IntArray | None = column(
+        "1", "Contact of what was examined and is no passage.", "refusal",
+        dtype=np.int64, optional=True,
+    )  # fmt: skip
+    refused_sensor: TextArray | None = column(
+        "", "Sensor that heard it.", "refusal", dtype=np.str_, optional=True
+    )
+    refused_from_s: FloatArray | None = column(
+        "s", "First measurement of it.", "refusal", optional=True
+    )
+    refused_to_s: FloatArray | None = column(
+        "s", "Last measurement of it.", "refusal", optional=True
+    )
+    refused_reason: TextArray | None = column(
+        "", "Why it is no passage.", "refusal", dtype=np.str_, optional=True
+    )
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
     band_low_hz: float | None = scalar("Hz", "Lower edge of the levels' band.", None)
     band_high_hz: float | None = scalar("Hz", "Upper edge of the levels' band.", None)
@@ -204,8 +220,20 @@ class Encounters(HasReasons, HasNuisances):
     )
 
     def of_sensor(self, sensor: str) -> Self:
-        """Return the encounters of one sensor."""
-        return self.take("encounter", np.flatnonzero(self.sensor == sensor))
+        """Return the encounters of one sensor, and what it heard that is none."""
+        own = self.take("encounter", np.flatnonzero(self.sensor == sensor))
+        if self.refused_sensor is None:
+            return own
+        return own.take("refusal", np.flatnonzero(self.refused_sensor == sensor))
+
+    def refusals(self) -> list[tuple[int, float, float, str]]:
+        """Return contact, begin and end in s, and reason of all that is no passage."""
+        columns = (
+            self.refused_contact, self.refused_from_s, self.refused_to_s,
+            self.refused_reason,
+        )  # fmt: skip
+        known = [values.tolist() for values in columns if values is not None]
+        return list(zip(*known, strict=True)) if len(known) == len(columns) else []
 
     def ambiguities(self, row: int) -> list[dict[str, str | float]]:
         """Return the other solutions of an encounter, with their weights."""

@@ -14,10 +14,17 @@ FULL_SCALE = "full scale"
 MICROPASCAL = "1 uPa"
 """Level reference of a calibrated recording."""
 
+MODULATION = "modulation"
+"""Level reference of envelope spectra: the mean power of the noise that is modulated."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Spectrogram(Container):
-    """One-sided power density; for a vector sensor also the active intensity."""
+    """One-sided power density; for a vector sensor also the active intensity.
+
+    Of an envelope (`demodulate`) the frequency is the modulation rate, the density is
+    that of the relative modulation, and the reference is 'modulation'.
+    """
 
     NAME: ClassVar[str] = "spectrogram"
     STREAMS: ClassVar[bool] = True
@@ -84,6 +91,10 @@ class Levels(Container):
     excess_std_db: FloatArray = column(
         "dB", "Standard deviation of the excess.", "frame"
     )
+    tilt_db: FloatArray | None = column(
+        "dB", "Excess of the upper half of the band over that of its lowest quarter.",
+        "frame", optional=True,
+    )  # fmt: skip
     bearing_deg: FloatArray = column(
         "degree", "Compass bearing from the sensor; nan without direction.", "frame"
     )

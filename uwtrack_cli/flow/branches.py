@@ -3,7 +3,7 @@
 **Method.** The history of a product says which step made a result and what that step
 read. The branch of a step is the step itself, all that it follows from and all that
 follows from it. Of several results of one kind that one is taken which lies in the
-branch.
+branch. Where no step is named, lines that `presence` alone reads are not meant.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -83,6 +83,8 @@ def sole_keys(
         There are several; the steps that made them are named.
     """
     keys = keys_of_branch(product, step)
+    if step is None:
+        keys = without_asides(product, keys)
     for key in keys:
         others = [k for k in keys if (k.sensor, k.name) == (key.sensor, key.name)]
         if key.name in kinds and len(others) > 1:
@@ -95,6 +97,36 @@ def sole_keys(
             )
             raise DataError(msg)
     return keys
+
+
+def without_asides(
+    product: Product, keys: Sequence[ContainerKey]
+) -> list[ContainerKey]:
+    """Leave out what was made for `presence` alone, where there is more of the kind.
+
+    Parameters
+    ----------
+    product
+        The product.
+    keys
+        Some of what it holds.
+    """
+    aside = [key for key in keys if _is_aside(product, key)]
+    return [
+        key
+        for key in keys
+        if key not in aside
+        or not any(
+            (other.sensor, other.name) == (key.sensor, key.name) and other not in aside
+            for other in keys
+        )
+    ]
+
+
+def _is_aside(product: Product, key: ContainerKey) -> bool:
+    name = maker(product, key)
+    readers = {past.stage for past in product.history if name in past.inputs}
+    return readers == {"presence"}
 
 
 def read_of_branch(

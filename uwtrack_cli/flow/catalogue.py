@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 STAGES: dict[str, str] = {
     "spectrogram": "uwtrack_cli.spectra.spectrogram:compute_spectrogram",
+    "demon": "uwtrack_cli.spectra.demon:demodulate",
     "overview": "uwtrack_cli.spectra.overview:pool_overview",
     "levels": "uwtrack_cli.spectra.levels:measure_levels",
     "peaks": "uwtrack_cli.spectra.peaks:find_peaks",
@@ -23,6 +24,7 @@ STAGES: dict[str, str] = {
     "track-pda": "uwtrack_cli.lines.track_pda:track_lines_pda",
     "trace": "uwtrack_cli.lines.trace:trace_lines",
     "cpa": "uwtrack_cli.motion.cpa:find_encounters",
+    "presence": "uwtrack_cli.presence.presence:find_presence",
     "locate": "uwtrack_cli.motion.locate:locate_vessels",
     "tma": "uwtrack_cli.motion.tma:estimate_motion",
     "pdaf": "uwtrack_cli.clutter.pdaf:track_in_clutter",

@@ -15,18 +15,26 @@ from typing import NamedTuple
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
 from uwtrack_cli.files.hdf5.product import (
+    ContainerKey,
     HistoryStep,
     Product,
     ProductWriter,
     Source,
 )
 from uwtrack_cli.files.text_escaping import file_name
-from uwtrack_cli.flow.branches import keys_of_branch, maker, sole_keys, step_names
+from uwtrack_cli.flow.branches import (
+    keys_of_branch,
+    maker,
+    sole_keys,
+    step_names,
+    without_asides,
+)
 from uwtrack_cli.flow.comparison import is_streamed
 from uwtrack_cli.flow.engine import Engine, MemorySink, Progress, context_of
 from uwtrack_cli.flow.graph import PASSING, Graph, without_passing
@@ -257,15 +265,18 @@ def whole_result(
         made = [_apply(step, group) for group in _by_sensor(given, wanted)]
     result = made[0] if len(made) == 1 else type(made[0]).join(made)
     carried = [h for h in there if type(h.container) is not type(result)]
-    tables: dict[str, list[Encounters]] = {}
+    # tables of the whole file, which hold the rows of all sensors
+    tables: dict[tuple[type[Container], str], list[Container]] = {}
     for held in carried:
-        if isinstance(held.container, Encounters):
-            tables.setdefault(held.step, []).append(held.container)
-    rest = [held for held in carried if not isinstance(held.container, Encounters)]
-    rest += [
-        Held(several[0] if len(several) == 1 else Encounters.join(several), name)
-        for name, several in tables.items()
+        if isinstance(held.container, Encounters | Presence):
+            key = (type(held.container), held.step)
+            tables.setdefault(key, []).append(held.container)
+    rest = [
+        held
+        for held in carried
+        if not isinstance(held.container, Encounters | Presence)
     ]
+    rest += [Held(kind.join(several), name) for (kind, name), several in tables.items()]
     return [*rest, Held(result)]
 
 
@@ -312,7 +323,11 @@ def _apply(step: Step, given: Sequence[Container]) -> Container:
     return sink.read(step)
 
 
-def small_containers(product: Product, branch: str | None = None) -> Iterator[Held]:
+def small_containers(
+    product: Product,
+    branch: str | None = None,
+    keys: Sequence[ContainerKey] | None = None,
+) -> Iterator[Held]:
     """Read what later files carry: everything that does not only pass by.
 
     Parameters
@@ -321,9 +336,11 @@ def small_containers(product: Product, branch: str | None = None) -> Iterator[He
         The product.
     branch
         Step whose branch is meant, where several steps made results of one kind.
+    keys
+        What is meant, where that is known; the branch does not matter then.
     """
     left_out = {"frames", "navigation", *(kind.NAME for kind in PASSING)}
-    for key in keys_of_branch(product, branch):
+    for key in keys_of_branch(product, branch) if keys is None else keys:
         if key.name not in left_out:  # frames and navigation come with their owners
             container = product.read(CONTAINERS[key.name], key.sensor, key.step)
             yield Held(without_passing(container), key.step)
@@ -367,6 +384,8 @@ def extended_history(
         names = dict(zip(step_names(product), (p.step_name for p in own), strict=True))
         before += [past for past in own if past not in before]
         held = list(keys_of_branch(product, branch))
+        if branch is None and step.stage.output is not Presence:
+            held = without_asides(product, held)
         for wanted in step.stage.inputs:
             there = [k.NAME for k in wanted.kinds if k.NAME in {h.name for h in held}]
             read = [k for k in held if k.name in there[:1]]  # the first kind that fits

@@ -42,22 +42,17 @@ from uwtrack_cli.motion.passage.recording import examine_recording
 from uwtrack_cli.motion.passage.report import (
     EXTRAPOLATED,
     LEVEL_ONLY,
-    NOT_A_PASSAGE,
     CpaContext,
+    Refusal,
     Row,
     add_checks,
     add_levels,
     add_sensor_motion,
     advise_frames,
-    empty_row,
     make_encounters,
     passage_row,
     widen_for_others,
 )
-
-LASTING_SHARE = 0.5
-"""A contact measured in a smaller share of the recording is not reported without a
-passage."""
 
 UNSEEN = "the closest approach lies outside, and no Doppler shift shows it"
 """Why bearings and levels alone give no approach beyond the recording."""
@@ -167,17 +162,22 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         )
     has_sound = sound is not None and sound.reader is not None
     pairs = [(item, _row(item, context, limits, has_sound=has_sound)) for item in found]
-    rows = [row for _, row in pairs if row is not None]
-    passed = [(item, row) for item, row in pairs if row and row.status != NOT_A_PASSAGE]
+    passed = [(item, row) for item, row in pairs if isinstance(row, Row)]
+    refusals = [row for _, row in pairs if isinstance(row, Refusal)]
     fits = [item.fit for item, _ in passed]
     add_levels([row for _, row in passed], levels, fits, context)
+    rows = []
     for item, row in passed:
         advise_frames(row, context, limits.window_s)
         if len(found) > 1:
             widen_for_others(row, lines, item.line_ids)
-    rows = [_over_ground(row, context) for row in rows]
+        turned = add_sensor_motion(row, context)
+        if turned is None:
+            rows.append(row)
+        else:
+            refusals.append(_refused(item, turned))
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
-    return make_encounters(rows, context)
+    return make_encounters(rows, refusals, context)
 
 
 def _name(lines: Lines | None, levels: Levels | None) -> str:
@@ -235,8 +235,8 @@ def _row(
     limits: RecordingSpan,
     *,
     has_sound: bool,
-) -> Row | None:
-    """Turn a candidate into a row; None if it is a mere fragment."""
+) -> Row | Refusal:
+    """Turn a candidate into a row, or say why it is no passage."""
     contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
     reason = not_a_passage(fit, candidate.blocks, limits) or candidate.doubt or None
@@ -246,23 +246,14 @@ def _row(
             reason = reason or UNSEEN
         row = replace(row, status=EXTRAPOLATED, extrapolated=True)
     if reason is not None:
-        whole = limits.last_s - limits.first_s
-        is_lasting = float(np.ptp(time)) > LASTING_SHARE * whole
-        if not is_lasting:
-            return None
-        row = empty_row(contact, reason)
+        return _refused(candidate, reason)
     add_checks(row, candidate, has_sound=has_sound)
-    if row.status == NOT_A_PASSAGE:
-        return row
     if row.side and candidate.other_turn > 1e-3:
         other = "port" if row.side == "starboard" else "starboard"
         row.other_sides.append((other, candidate.other_turn))
     return row
 
 
-def _over_ground(row: Row, context: CpaContext) -> Row:
-    """Add the sensor's own motion, or say why the passage cannot be given."""
-    if row.status == NOT_A_PASSAGE:
-        return row
-    reason = add_sensor_motion(row, context)
-    return row if reason is None else empty_row(row.contact, reason)
+def _refused(candidate: CandidatePassage, reason: str) -> Refusal:
+    time = candidate.blocks.time_s
+    return Refusal(candidate.contacts[0], float(time[0]), float(time[-1]), reason)

@@ -1,4 +1,4 @@
-"""One page per recording: lofargram, bearings, level, map."""
+"""One page per recording: lofargram, what was heard, bearings, level, map."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +10,7 @@ import numpy as np
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels, Overview
 from uwtrack_cli.errors import DataError, OptionError
@@ -17,6 +18,7 @@ from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.plotting import encounters as fits
 from uwtrack_cli.plotting.chart import draw_map
 from uwtrack_cli.plotting.lines import draw_line_bearings, draw_lines
+from uwtrack_cli.plotting.presence import draw_presence, draw_rates
 from uwtrack_cli.plotting.spectra import draw_bearings, draw_levels, draw_overview
 from uwtrack_cli.plotting.style import say_nothing_there
 from uwtrack_cli.plotting.table_pages import TABLE_PAGES, first
@@ -86,20 +88,20 @@ def _draw(containers: Sequence[Container], figure: "Figure") -> None:
         if any(isinstance(c, kind) for c in containers):
             draw(containers, figure)
             return
-    drawable = (Overview, Levels, Lines, Encounters, Fixes)
+    drawable = (Overview, Levels, Lines, Encounters, Fixes, Presence)
     if not any(isinstance(c, drawable) for c in containers):
         held = ", ".join(sorted({c.NAME for c in containers})) or "nothing"
         msg = f"there is nothing to draw; the files hold {held}."
         raise DataError(msg)
-    panels = figure.subplot_mosaic(
-        [
-            ["spectra", "spectra"],
-            ["doppler", "map"],
-            ["bearing", "map"],
-            ["level", "map"],
-        ],
-        height_ratios=[1.6, 1.0, 1.0, 1.0],
-    )
+    rows: list[list[Any]] = [["doppler", "map"], ["bearing", "map"], ["level", "map"]]
+    heights = [1.0, 1.0, 1.0]
+    presence = first(containers, Presence)
+    if presence is not None and presence.rate_hz.size:
+        rows, heights = [["rates", "rates"], *rows], [0.7, *heights]
+    if presence is not None and presence.n_stretches:
+        rows, heights = [["presence", "presence"], *rows], [0.5, *heights]
+    mosaic: list[Any] = [["spectra", "spectra"], *rows]
+    panels = figure.subplot_mosaic(mosaic, height_ratios=[1.6, *heights])
     _fill(containers, panels)
 
 
@@ -107,6 +109,7 @@ def _fill(containers: Sequence[Container], panels: dict[str, "Axes"]) -> None:
     overview, levels = first(containers, Overview), first(containers, Levels)
     lines, encounters = first(containers, Lines), first(containers, Encounters)
     _draw_measurements(overview, levels, lines, panels)
+    _draw_heard(first(containers, Presence), panels)
     if encounters is not None and encounters.time_s.size:
         own = encounters if overview is None else encounters.of_sensor(overview.sensor)
         time_s = _time_axis(overview, levels, lines, own)
@@ -125,6 +128,16 @@ def _fill(containers: Sequence[Container], panels: dict[str, "Axes"]) -> None:
                 say_nothing_there(panel, f"no {name}")
         elif name != "map" and span is not None:
             panel.set_xlim(*span)
+
+
+def _draw_heard(presence: Presence | None, panels: dict[str, "Axes"]) -> None:
+    """Draw the strips that the page has for what was heard."""
+    if presence is None:
+        return
+    if "presence" in panels:
+        draw_presence(presence, panels["presence"])
+    if "rates" in panels:
+        draw_rates(presence, panels["rates"])
 
 
 def _draw_measurements(

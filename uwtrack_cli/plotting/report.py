@@ -22,6 +22,7 @@ from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
 from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, Product
 from uwtrack_cli.files.tables.json_rows import json_rows
+from uwtrack_cli.files.tables.presence_words import stretch_words
 from uwtrack_cli.files.tables.summaries import summary_of
 from uwtrack_cli.files.text_escaping import html_text
 from uwtrack_cli.files.utc import format_utc
@@ -32,6 +33,7 @@ SHOWN = frozenset(CONTAINERS) - LARGE
 """Containers that a report shows."""
 
 TITLES = {
+    "presence": "What was heard",
     "encounters": "Closest approaches",
     "fixes": "Positions",
     "motions": "Motions",
@@ -152,6 +154,11 @@ def _result(container: Container) -> Iterator[str]:
 
 def _notes(row: dict[str, Any], unit: str) -> Iterator[str]:
     """Yield what a table has no room for, one sentence each; the unit is a level's."""
+    if "kind" in row:
+        why = row["reasons"].get("encounter")
+        text = stretch_words(row)
+        yield f"{text[0].upper()}{text[1:]}" + (f": {why}." if why else ".")
+        return
     who = f"Contact {row['contact']}"
     if row.get("sensor"):
         who += f" at {row['sensor']}"

@@ -230,6 +230,15 @@ def blade_envelope(plan: Cavitation, time_s: Array) -> Array:
     for k in range(1, plan.harmonics + 1):
         envelope += plan.depth / k * np.cos(2.0 * np.pi * (k * turns % 1.0))
         power += 0.5 * (plan.depth / k) ** 2
+    if plan.shaft_depth > 0.0:
+        shaft = plan.blade_rate_hz / plan.blades * time_s
+        part = plan.shaft_depth * np.cos(2.0 * np.pi * (shaft % 1.0))
+        if plan.blades > 1:
+            envelope += part
+            power += 0.5 * plan.shaft_depth**2
+        else:  # the shaft rate is the blade rate: amplitudes add
+            envelope += part
+            power += plan.shaft_depth * (plan.depth + 0.5 * plan.shaft_depth)
     return np.asarray(envelope / np.sqrt(power))
 
 

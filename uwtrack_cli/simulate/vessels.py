@@ -108,15 +108,20 @@ class Cavitation(OptionGroup):
     """Relative amplitude of the envelope's first harmonic; the k-th has a k-th of it."""
     harmonics: Annotated[int, AtLeast(1), AtMost(20)] = 3
     """Number of harmonics of the envelope."""
+    blades: Annotated[int, AtLeast(1), AtMost(20)] = 4
+    """Blades of the propeller: the shaft turns at the blade rate over their number."""
+    shaft_depth: Annotated[float, Unit("1"), AtLeast(0.0), AtMost(1.0)] = 0.0
+    """Relative amplitude of the envelope at the shaft rate: blades that are not alike."""
 
     def __post_init__(self) -> None:
         """Refuse an envelope that would become negative."""
         super().__post_init__()
         total = self.depth * sum(1.0 / k for k in range(1, self.harmonics + 1))
-        if total > 1.0:
+        if total + self.shaft_depth > 1.0:
             msg = (
-                f"depth {self.depth:g} with {self.harmonics} harmonics makes the envelope "
-                "negative; the sum of depth / k must be at most 1."
+                f"depth {self.depth:g} with {self.harmonics} harmonics and shaft_depth "
+                f"{self.shaft_depth:g} makes the envelope negative; the sum of depth / k "
+                "and shaft_depth must be at most 1."
             )
             raise OptionError(msg)
 

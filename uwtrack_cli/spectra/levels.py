@@ -241,10 +241,14 @@ def _tile_levels(tile: _Bands, noise: FloatArray) -> Levels:
         level_db = 10 * np.log10((width_hz * tile.density).sum(axis=1))
         excess_db = 10 * np.log10(mean)
         excess_std_db = 10 / np.log(10) * np.sqrt(variance) / mean
+        n_bands = ratio.shape[1]
+        upper, lowest = ratio[:, n_bands // 2 :], ratio[:, : max(1, n_bands // 4)]
+        tilt_db = 10 * np.log10(upper.mean(axis=1) / lowest.mean(axis=1))
     columns = {
         "level_db": level_db,
         "excess_db": excess_db,
         "excess_std_db": excess_std_db,
+        "tilt_db": tilt_db,
         "bearing_deg": bearing_deg,
         "bearing_std_deg": bearing_std_deg,
     }

@@ -10,15 +10,22 @@ conjugate of the dipole channels, turned to east and north.
 **References.** Welch 1967; D'Spain et al. 1991 for active intensity by DIFAR sensors.
 """
 
-from collections.abc import Iterator
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any
 from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
+from uwtrack_cli.data.options import (
+    AtLeast,
+    AtMost,
+    Increasing,
+    Unit,
+    checked,
+    resolved_by,
+)
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
@@ -32,6 +39,25 @@ READ_SAMPLES = 1 << 18
 """Samples per channel read at once."""
 
 
+def resolve_spectrogram(
+    recording: Recording, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the window as it follows from a recording.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    options
+        Every option of `compute_spectrogram`.
+    """
+    if options["largest_share"] is None:
+        return {}
+    longest_s = options["largest_share"] * recording.duration_s
+    return {"window_s": min(options["window_s"], longest_s)}
+
+
+@resolved_by(resolve_spectrogram)
 @checked
 def compute_spectrogram(
     recording: Recording,
@@ -44,6 +70,7 @@ def compute_spectrogram(
     ]
     | None = None,
     decimation: Annotated[int, AtLeast(1), AtMost(256)] = 1,
+    largest_share: Annotated[float, AtLeast(1e-3), AtMost(1)] | None = None,
 ) -> Iterator[Spectrogram]:
     """Turn a recording into blocks of spectrogram, reading it once.
 
@@ -61,6 +88,9 @@ def compute_spectrogram(
         Lowest and highest frequency kept, Hz; everything unless given.
     decimation
         Reduce the sample rate by this factor first, for fast recorders.
+    largest_share
+        Greatest share of the recording that a window may take; it is shortened to
+        that. None for the window as it is.
 
     Returns
     -------
@@ -79,6 +109,8 @@ def compute_spectrogram(
     P = 2 |X|^2 / (f_s sum w^2) except at zero and the Nyquist frequency, where the
     factor 2 is absent (Welch 1967): the density that scipy.signal.welch returns.
     """
+    given = {"window_s": window_s, "largest_share": largest_share}
+    window_s = {**given, **resolve_spectrogram(recording, given)}["window_s"]
     layout = plan_frames(
         recording, window_s, overlap, zero_padding, band_hz, decimation
     )
@@ -225,7 +257,7 @@ def _block(
     axes = ("east", "north") if "east" in names else ("x", "y")
     chosen = [omni, *(names.index(axis) for axis in axes)]
     power, across, along = layout.intensity(clean[:, chosen], n_frames)
-    turn = np.radians(_turn_deg(sensor, axes[0] == "x", frames))[:, None]
+    turn = np.radians(turn_deg(sensor, axes[0] == "x", frames))[:, None]
     cos, sin = np.cos(turn).astype(np.float32), np.sin(turn).astype(np.float32)
     return _spectrogram(
         sensor, layout, frames, power,
@@ -307,8 +339,18 @@ def _valid_fraction(
     return 1.0 - lost / layout.window
 
 
-def _turn_deg(sensor: Sensor, turns: bool, frames: Frames) -> FloatArray:
-    """Angle from the sensor's own axes to east and north, per frame, degrees."""
+def turn_deg(sensor: Sensor, turns: bool, frames: Frames) -> FloatArray:
+    """Return the angle from the sensor's own axes to east and north, degrees.
+
+    Parameters
+    ----------
+    sensor
+        The sensor.
+    turns
+        Whether its axes turn with its housing.
+    frames
+        Frames for which it is wanted; the result has their shape (frame,).
+    """
     offset = np.full(frames.n_frames, sensor.compass_offset_deg)
     if not turns:
         return offset

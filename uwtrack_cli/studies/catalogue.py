@@ -8,6 +8,7 @@ STUDIES: dict[str, str] = {
     "seatrial": "uwtrack_cli.studies.seatrial:study_seatrial",
     "clutter": "uwtrack_cli.studies.clutter_study:study_clutter",
     "line-association": ("uwtrack_cli.studies.line_association:study_line_association"),
+    "demon": "uwtrack_cli.studies.demon_study:study_demon",
     "discriminate": "uwtrack_cli.studies.discrimination_study:study_discriminate",
 }
 """Function of each study; it takes ``runs`` and ``seed`` and returns a `Study`."""

@@ -30,6 +30,7 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Families, Peaks
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.data.sensor import Navigation, Sensor
@@ -73,6 +74,7 @@ CONTAINERS: dict[str, type[Container]] = {
         Peaks,
         Families,
         Lines,
+        Presence,
         Encounters,
         Fixes,
         Motions,

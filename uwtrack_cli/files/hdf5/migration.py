@@ -55,6 +55,7 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
             ("peaks", "cone_deg"),
             ("peaks", "cone_std_deg"),
             ("peaks", "is_aliased"),
+            ("levels", "tilt_db"),
             *(
                 (kind.NAME, name)
                 for kind in (Encounters, Motions)

@@ -249,8 +249,10 @@ class Product:
             and sensor in (None, key.sensor)
             and step in (None, key.step)
         }
-        if len(found) == 1:
-            return next(iter(found.values()))
+        usual = {key: path for key, path in found.items() if not key.step}
+        for paths in (found, usual):  # a step of its stage's name needs no naming
+            if len(paths) == 1:
+                return next(iter(paths.values()))
         if found:
             sensors = ", ".join(sorted({repr(key.sensor) for key in found}))
             steps = ", ".join(sorted({repr(key.step or kind.NAME) for key in found}))

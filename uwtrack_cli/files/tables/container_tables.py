@@ -44,8 +44,8 @@ def write_table(
     container
         What is written.
     form
-        ``table`` for people, ``csv``, ``json`` (encounters, fixes and motions: an
-        array of rows; others: an object with the rows of every axis), or ``jsonl``.
+        ``table`` for people, ``csv``, ``json`` (encounters, fixes, motions and
+        presence: an array of rows; others: an object with the rows of every axis), or ``jsonl``.
         The object has the single values of the container by their names and one array
         per axis: a target has ``scan`` (one row per scan: state, covariance, threshold,
         score ...), ``association`` (measurements that took part, with their
@@ -138,7 +138,7 @@ def _spread(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 VARYING = frozenset({"rest_frequencies_hz", "rest_frequencies_std_hz", "sensors",
-                     "ambiguities", "reasons"})  # fmt: skip
+                     "ambiguities", "reasons", "frequencies_hz", "rates_hz"})  # fmt: skip
 """Lists whose length differs from row to row: one cell, as JSON."""
 
 

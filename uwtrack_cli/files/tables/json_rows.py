@@ -14,6 +14,7 @@ import numpy as np
 from uwtrack_cli.data.base import Container, HasNuisances, HasReasons
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.files.utc import format_utc
 
 Row = dict[str, Any]
@@ -46,6 +47,12 @@ MOTION_KEYS = (
     "now_bearing_std_deg", "misfit", "n_values", "nuisances",
     "reading", "manoeuvre_time_s", "manoeuvre_gain",
 )  # fmt: skip
+PRESENCE_KEYS = (
+    "contact", "sensor", "kind", "from_utc", "to_utc", "from_s", "to_s", "spacing_hz",
+    "spacing_std_hz", "blade_rate_hz", "frequencies_hz", "rates_hz", "n_lines",
+    "level_db", "level_reference", "bearing_deg", "bearing_std_deg",
+    "probability_of_chance", "encounter", "reasons",
+)  # fmt: skip
 NO_START = "the start time of the recording is not known"
 
 
@@ -63,7 +70,7 @@ def plain(value: Any) -> Any:
 def json_rows(container: Container) -> list[Row]:
     """Return one object per row of a container's main axis.
 
-    Encounters, fixes and motions have their documented keys; any other container
+    Encounters, fixes, motions and presence have their documented keys; any other container
     has its columns, and one without columns is a single row of its single values.
     """
     if container.NAME in SPECIAL:
@@ -181,10 +188,31 @@ def _motion_rows(container: Container) -> Iterator[Row]:
         yield {key: values.get(key) for key in MOTION_KEYS}
 
 
+def _presence_rows(container: Container) -> Iterator[Row]:
+    if not isinstance(container, Presence):
+        return
+    for i, values in enumerate(axis_rows(container, "stretch")):
+        lines = container.owned_rows("frequency_stretch", i)
+        rates = container.owned_rows("rate_stretch", i)
+        reasons = container.reasons(i)
+        for key in ("from", "to"):
+            values[f"{key}_utc"] = _utc(values[f"{key}_utc_ns"])
+            if values[f"{key}_utc"] is None:
+                reasons.setdefault(f"{key}_utc", NO_START)
+        values["frequencies_hz"] = plain(container.frequency_hz[lines])
+        values["rates_hz"] = plain(container.rate_hz[rates])
+        values["level_reference"] = container.reference
+        values["encounter"] = values["encounter"] or None
+        values["contact"] = values["contact"] or None
+        values["reasons"] = reasons
+        yield {key: values[key] for key in PRESENCE_KEYS}
+
+
 SPECIAL: dict[str, tuple[tuple[str, ...], Callable[[Container], Iterator[Row]]]] = {
     "encounters": (ENCOUNTER_KEYS, _encounter_rows),
     "fixes": (FIX_KEYS, _fix_rows),
     "motions": (MOTION_KEYS, _motion_rows),
+    "presence": (PRESENCE_KEYS, _presence_rows),
 }
 """Containers whose objects have documented keys, with how the rows are made."""
 

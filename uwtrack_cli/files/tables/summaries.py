@@ -74,6 +74,18 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("speed m/s", "speed_mps", 2),
         Head("course deg", "course_deg", 1),
     ),
+    "presence": (
+        Head("sensor", "sensor"),
+        Head("kind", "kind"),
+        Head("from s", "from_s", 1),
+        Head("to s", "to_s", 1),
+        Head("spacing Hz", "spacing_hz", 2, "spacing_std_hz"),
+        Head("blade Hz", "blade_rate_hz", 2),
+        Head("lines", "n_lines", 0),
+        Head("level dB", "level_db", 1),
+        Head("bearing deg", "bearing_deg", 0, "bearing_std_deg"),
+        Head("passage", "encounter"),
+    ),
     "motions": (
         Head("contact", "contact"),
         Head("mode", "mode"),
@@ -99,6 +111,7 @@ SPARE: dict[str, tuple[str, ...]] = {
     ),
     "fixes": ("east m", "north m", "speed m/s", "course deg", "weight"),
     "motions": ("weight", "mode", "observable"),
+    "presence": ("sensor", "bearing deg", "level dB", "blade Hz"),
 }
 """Columns that a narrow screen can do without, by the name of the container."""
 
@@ -130,6 +143,10 @@ def summary_of(name: str, rows: Sequence[Row]) -> Summary:
     if rows and all(row.get("time_utc") for row in rows) and "time s" in columns:
         head = next(head for head in SUMMARIES[name] if head.title == "time s")
         titles["time s"], columns["time s"] = _times(rows, head)
+    for end in ("from", "to"):
+        if rows and all(row.get(f"{end}_utc") for row in rows):
+            cells = [utc_text(row[f"{end}_utc"]) for row in rows]
+            titles[f"{end} s"], columns[f"{end} s"] = f"{end} UTC", cells
     known = {
         title: cells
         for title, cells in columns.items()

@@ -26,7 +26,7 @@ own resolution.
 
 import warnings
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,9 +60,7 @@ from uwtrack_cli.motion.passage.nuisances import (
     marginalise,
 )
 
-OK, EXTRAPOLATED, LEVEL_ONLY, NOT_A_PASSAGE = (
-    "ok", "extrapolated", "level-only", "not-a-passage",
-)  # fmt: skip
+OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
 
 LARGEST_RELATIVE_DEVIATION = 0.5
 """A quantity less certain than this is not given."""
@@ -118,6 +116,19 @@ class CpaContext:
         return float(self.priors.mean[2])
 
 
+class Refusal(NamedTuple):
+    """What was examined and is no passage."""
+
+    contact: int
+    """Contact number, from 1."""
+    from_s: float
+    """Time of its first measurement, s."""
+    to_s: float
+    """Time of its last measurement, s."""
+    reason: str
+    """Why it is no passage."""
+
+
 @dataclass
 class Row:
     """One encounter while it is being filled in."""
@@ -125,7 +136,7 @@ class Row:
     contact: int
     """Contact number, from 1."""
     status: str
-    """'ok', 'extrapolated', 'level-only' or 'not-a-passage'."""
+    """'ok', 'extrapolated' or 'level-only'."""
     values: dict[str, float] = field(
         default_factory=lambda: dict.fromkeys(VALUES, float("nan"))
     )
@@ -370,21 +381,6 @@ def add_checks(row: Row, candidate: CandidatePassage, *, has_sound: bool) -> Non
     row.explain(heard, "rest_frame_evidence")
 
 
-def empty_row(contact: int, reason: str) -> Row:
-    """Return a row for what moves but has no closest approach to give.
-
-    Parameters
-    ----------
-    contact
-        Contact number.
-    reason
-        Why there is none.
-    """
-    row = Row(contact, NOT_A_PASSAGE)
-    row.explain(reason, *VALUES, "side", "rest_frequencies_hz")
-    return row
-
-
 def _place_and_velocity(row: Row) -> FloatArray:
     """Return east, north, and their rates of a moving sensor; nan for a fixed one."""
     if row.sensor is None:
@@ -392,13 +388,17 @@ def _place_and_velocity(row: Row) -> FloatArray:
     return np.concatenate([row.sensor.place_m, row.sensor.velocity_mps])
 
 
-def make_encounters(rows: list[Row], context: CpaContext) -> Encounters:
+def make_encounters(
+    rows: list[Row], refusals: list[Refusal], context: CpaContext
+) -> Encounters:
     """Gather the rows into the container.
 
     Parameters
     ----------
     rows
         Filled rows.
+    refusals
+        What is no passage.
     context
         Sensor and medium.
     """
@@ -448,6 +448,11 @@ def make_encounters(rows: list[Row], context: CpaContext) -> Encounters:
         rest_line_id=table[:, 1].astype(np.int64),
         rest_frequency_hz=table[:, 2],
         rest_frequency_std_hz=table[:, 3],
+        refused_contact=np.array([one.contact for one in refusals], np.int64),
+        refused_sensor=np.array([context.sensor.id] * len(refusals), dtype=np.str_),
+        refused_from_s=np.array([one.from_s for one in refusals], float),
+        refused_to_s=np.array([one.to_s for one in refusals], float),
+        refused_reason=np.array([one.reason for one in refusals], dtype=np.str_),
         reference=context.reference,
         band_low_hz=low,
         band_high_hz=high,

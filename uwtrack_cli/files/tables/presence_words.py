@@ -1,0 +1,106 @@
+"""What was heard, in sentences.
+
+**Conventions.** Rows are those of `json_rows`. Times are UTC where known, else seconds
+from the first sample.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from uwtrack_cli.data.presence import (
+    BROADBAND,
+    HUM,
+    KINDS,
+    LINES,
+    OF_VESSELS,
+    RAIN,
+    RATES,
+    UNKNOWN,
+    VESSEL,
+)
+from uwtrack_cli.files.utc import format_utc, parse_utc
+
+Row = dict[str, Any]
+
+HEARD = {
+    VESSEL: "a vessel is heard",
+    RATES: "shaft and blades of a vessel are heard",
+    LINES: "lines without a family are heard",
+    BROADBAND: "a rise of the broadband is heard",
+    HUM: "mains hum is heard",
+    RAIN: "rain is heard",
+    UNKNOWN: "something unknown is heard",
+}
+"""What is said of each kind."""
+
+MOST_SENTENCES = 3
+"""Stretches that are told one by one."""
+
+NOBODY = "no vessel was found"
+NO_PASSAGE = "no closest approach"
+
+
+def presence_sentences(rows: Sequence[Row], *, is_passed: bool) -> list[str]:
+    """Say what was heard beside the closest approaches.
+
+    Parameters
+    ----------
+    rows
+        Rows of a presence.
+    is_passed
+        Whether there are closest approaches, which are told elsewhere.
+    """
+    rest = [row for row in rows if row["encounter"] is None]
+    rest.sort(key=lambda row: (KINDS.index(row["kind"]), row["from_s"]))
+    vessels = [row for row in rest if row["kind"] in {VESSEL, RATES}]
+    others = [row for row in rest if row["kind"] in OF_VESSELS]
+    known = dict.fromkeys(HEARD[r["kind"]] for r in rest if r["kind"] in {HUM, RAIN})
+    if is_passed:
+        told, start = vessels, "also: "
+    elif vessels or others:
+        told, start = vessels or others, f"{NO_PASSAGE}; "
+    else:
+        return ["; ".join([NOBODY, *known])]
+    sentences = [f"{start}{stretch_words(row)}" for row in told[:MOST_SENTENCES]]
+    if len(told) > MOST_SENTENCES:
+        more = len(told) - MOST_SENTENCES
+        sentences.append(f"{more} more: uwtrack show FILE presence")
+    return sentences if vessels or is_passed else [*sentences, *known]
+
+
+def stretch_words(row: Row) -> str:
+    """Say what was heard in a stretch, and when.
+
+    Examples
+    --------
+    >>> row = {"kind": "vessel", "from_s": 12.0, "to_s": 80.4, "from_utc": None,
+    ...        "spacing_hz": 6.268, "blade_rate_hz": None, "n_lines": 29,
+    ...        "rates_hz": [], "to_utc": None}
+    >>> stretch_words(row)
+    'a vessel is heard from 12 s to 80 s (spacing 6.27 Hz, 29 lines)'
+    """
+    known = []
+    if row["spacing_hz"] is not None:
+        name = "shaft" if row["kind"] == RATES else "spacing"
+        known.append(f"{name} {row['spacing_hz']:.2f} Hz")
+    if row["blade_rate_hz"] is not None:
+        known.append(f"blades {row['blade_rate_hz']:.2f} Hz")
+    for count, one, many in (
+        (row["n_lines"], "line", "lines"),
+        (len(row["rates_hz"]), "rate", "rates"),
+    ):
+        if count:
+            known.append(f"{count} {one if count == 1 else many}")
+    details = f" ({', '.join(known)})" if known else ""
+    return (
+        f"{HEARD[row['kind']]} from {_time(row, 'from')} to {_time(row, 'to')}{details}"
+    )
+
+
+def _time(row: Row, end: str) -> str:
+    utc = row[f"{end}_utc"]
+    if utc is None:
+        return f"{row[f'{end}_s']:.0f} s"
+    second = 10**9
+    whole = format_utc((parse_utc(utc) + second // 2) // second * second)
+    return whole[11:19]

@@ -1,0 +1,1 @@
+"""What was heard: lines, rates, levels and passages -> stretches of one kind each."""

@@ -1,0 +1,378 @@
+"""Lines of the sound to stretches: vessels by their families, hum, and other lines.
+
+**Method.** The lines of all trackers are put together; one that another tracker has
+found, too, counts once. Families that share lines, and whose spacings are small whole
+multiples of each other, are one. Their spacing is refined by least squares over all
+lines on its teeth; a multiple whose own multiples have nearly all of the power is the
+blade rate. Lines of one contact that move together are a vessel without a family. What is left
+is mains hum, lines, or what noise gives by itself.
+
+**Conventions.** A line that lasts n independent frames at a power ratio s has the
+evidence n (s - ln(1 + s) - 1) nepers against noise, which may choose its path.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import gcd
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
+from uwtrack_cli.presence.line_summary import (
+    LineSummary,
+    common_bearing,
+    summarise,
+)
+from uwtrack_cli.presence.stretch import Stretch
+
+SAME_LINE = 0.6
+"""Distance of two lines that are one, in the coarser resolution."""
+
+SAME_SPACING = 0.01
+"""Relative difference of two spacings, or of their small multiples, that are one."""
+
+MOST_RATIO = 4
+"""Greatest whole number in the ratio of two spacings of one family."""
+
+MOST_BLADES = 8
+"""Greatest multiple of a spacing that is asked whether it stands out."""
+
+BLADE_SHARE = 0.9
+"""Share of the power of all lines that the multiples of the blade rate have."""
+
+TOOTH = 0.1
+"""Least distance from a tooth, in resolutions, up to which a line is on it."""
+
+LARGEST_REACH = 1.5
+"""Multiple of a family's highest line up to which others may lie on its teeth."""
+
+MAINS_HZ = (50.0, 60.0)
+"""Frequencies of mains."""
+
+MAINS_TOLERANCE = 1e-3
+"""Relative deviation of mains from their nominal frequency."""
+
+FEWEST_TOGETHER = 3
+"""Lines that must move together to be a vessel without a family."""
+
+GREATEST_CHANCE = 0.05
+"""Probability in noise alone above which lines are no sign of anything."""
+
+STEADY = "its lines keep their frequencies: no closest approach within the recording"
+MOVING = "its lines move, but as no passage does"
+MAINS = "mains of the electronics, no vessel"
+NO_FAMILY = "lines without a family or a common motion"
+BY_CHANCE = "noise alone gives as many lines of this strength"
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """Lines of all trackers, each once."""
+
+    lines: LineSummary
+    families: list[set[tuple[int, int]]]
+    chance: FloatArray
+
+
+@dataclass(frozen=True)
+class _Family:
+    """A family while it is being put together."""
+
+    spacing_hz: float
+    offset_hz: float
+    log10_chance: float
+    rows: IntArray
+
+
+def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
+    """Return what the lines of one sensor tell.
+
+    Parameters
+    ----------
+    trackers
+        Lines of the sound, from one tracker each; contacts are those of the first.
+    """
+    used = [lines for lines in trackers if lines.line_id.size]
+    if not used:
+        return []
+    pool = _pool(used, trackers[0])
+    free = np.ones(pool.lines.frequency_hz.size, np.bool_)
+    made = [
+        _family_stretch(family, pool, free) for family in _joined_families(pool, used)
+    ]
+    found = [one for one in made if one is not None]
+    lines = pool.lines
+    mains = _mains(lines, free)
+    for contact in np.unique(lines.contact[free & (lines.contact > 0)]).tolist():
+        rows: IntArray = np.flatnonzero(free & ~mains & (lines.contact == contact))
+        is_certain = pool.chance[rows] <= GREATEST_CHANCE
+        moving = (lines.status[rows] == "moving") & is_certain
+        if np.count_nonzero(moving) >= FEWEST_TOGETHER:
+            free[rows] = False
+            chance = float(pool.chance[rows].min())
+            found.append(_stretch(VESSEL, lines, rows, chance, MOVING))
+    hum = np.flatnonzero(free & mains)
+    if hum.size:
+        chance = float(pool.chance[hum].min())
+        found.append(_stretch(HUM, lines, hum, chance, MAINS))
+        free[hum] = False
+    certain = free & (pool.chance <= GREATEST_CHANCE)
+    for kind, chosen, reason in (
+        (LINES, certain, NO_FAMILY),
+        (UNKNOWN, free & ~certain, BY_CHANCE),
+    ):
+        for rows in _at_one_time(lines, np.flatnonzero(chosen)):
+            chance = float(pool.chance[rows].min())
+            found.append(_stretch(kind, lines, rows, chance, reason))
+    return found
+
+
+def _mains(lines: LineSummary, free: BoolArray) -> BoolArray:
+    """Mark the lines of mains: those told by the tracker, and their harmonics."""
+    is_hum: BoolArray = free & (lines.status == "hum")
+    if not is_hum.any():
+        return is_hum
+    frequency, std = lines.frequency_hz, lines.frequency_std_hz
+    known = [
+        (nominal, np.rint(frequency / nominal))
+        for nominal in MAINS_HZ
+        if _on_mains(frequency, std, nominal)[is_hum].any()
+    ]
+    for nominal, order in known:
+        own = is_hum & _on_mains(frequency, std, nominal)
+        weight = (order[own] / std[own]) ** 2
+        exact = float((weight * frequency[own] / order[own]).sum() / weight.sum())
+        reach = np.maximum(3.0 * std, TOOTH * lines.resolution_hz)
+        near = np.abs(frequency - order * exact) <= reach
+        is_hum = np.logical_or(is_hum, free & (order >= 1) & near)
+    return is_hum
+
+
+def _on_mains(frequency: FloatArray, std: FloatArray, nominal: float) -> BoolArray:
+    order = np.rint(frequency / nominal)
+    reach = 3.0 * std + MAINS_TOLERANCE * frequency
+    on: BoolArray = (order >= 1) & (np.abs(frequency - order * nominal) <= reach)
+    return on
+
+
+def _pool(trackers: Sequence[Lines], main: Lines) -> _Pool:
+    parts = [summarise(lines) for lines in trackers]
+    chances = [
+        _chances(lines, part) for lines, part in zip(trackers, parts, strict=True)
+    ]
+    order = [
+        (number, row)
+        for number, part in enumerate(parts)
+        for row in range(part.frequency_hz.size)
+    ]
+    kept: list[tuple[int, int]] = []
+    families: list[set[tuple[int, int]]] = []
+    chance: list[float] = []
+    for number, row in order:
+        part = parts[number]
+        own = {(number, int(part.family[row]))} if part.family[row] >= 0 else set()
+        twin = _twin(parts, kept, number, row)
+        if twin is None:
+            kept.append((number, row))
+            families.append(own)
+            chance.append(float(chances[number][row]))
+        else:
+            families[twin] |= own
+            chance[twin] = min(chance[twin], float(chances[number][row]))
+    columns = {
+        name: np.array([getattr(parts[n], name)[row] for n, row in kept])
+        for name in (
+            "frequency_hz", "frequency_std_hz", "from_s", "to_s", "level_db",
+            "bearing_deg", "bearing_std_deg", "contact", "status", "line_id",
+        )
+    }  # fmt: skip
+    is_main = np.array([trackers[n] is main for n, _ in kept], np.bool_)
+    columns["contact"] = np.where(is_main, columns["contact"], 0)
+    lines = LineSummary(
+        **columns,
+        family=np.full(len(kept), -1),
+        resolution_hz=max(part.resolution_hz for part in parts),
+    )
+    return _Pool(lines, families, np.array(chance, float))
+
+
+def _twin(
+    parts: Sequence[LineSummary], kept: Sequence[tuple[int, int]], number: int, row: int
+) -> int | None:
+    """Return the line of an earlier tracker that is the same one."""
+    own = parts[number]
+    for k, (other, there) in enumerate(kept):
+        if other == number:
+            continue
+        part = parts[other]
+        reach = SAME_LINE * max(part.resolution_hz, own.resolution_hz)
+        near = abs(part.frequency_hz[there] - own.frequency_hz[row]) < reach
+        together = (
+            part.from_s[there] <= own.to_s[row] and own.from_s[row] <= part.to_s[there]
+        )
+        if near and together:
+            return k
+    return None
+
+
+def _chances(lines: Lines, part: LineSummary) -> FloatArray:
+    """Return the probability of each line in noise alone."""
+    frames = lines.frames
+    hours = frames.n_frames * frames.hop_s / 3600.0
+    band_hz = 0.5 * frames.sample_rate_hz
+    if frames.band_high_hz.size:
+        band_hz = float(frames.band_high_hz.max() - frames.band_low_hz.min())
+    expected = lines.false_lines_per_khz_hour * band_hz / 1e3 * hours
+    any_line = -np.expm1(-expected)
+    places = max(1.0, band_hz / part.resolution_hz * frames.n_frames)
+    overlap = max(1.0, frames.window_s / max(frames.hop_s, 1e-9))
+    measured = np.isfinite(lines.measured_snr_db)
+    out = np.empty(part.line_id.size)
+    for k, name in enumerate(part.line_id):
+        points = slice(
+            int(np.searchsorted(lines.line, name, "left")),
+            int(np.searchsorted(lines.line, name, "right")),
+        )
+        used = measured[points]
+        ratio = 10 ** (float(np.median(lines.measured_snr_db[points][used])) / 10)
+        n_free = used.sum() / overlap
+        evidence = n_free * max(0.0, ratio - np.log1p(ratio) - 1.0)
+        log_chance = min(float(np.log(places)) - evidence, 0.0)
+        out[k] = min(any_line, float(np.exp(max(log_chance, -700.0))))
+    return out
+
+
+def _joined_families(pool: _Pool, trackers: Sequence[Lines]) -> list[_Family]:
+    """Join the trackers' families to those of one source, most certain first."""
+    keys = sorted(set().union(*pool.families))
+    families = []
+    for number, row in keys:
+        table = trackers[number].families
+        rows = [k for k, own in enumerate(pool.families) if (number, row) in own]
+        offset = 0.0 if table.is_harmonic[row] else float(table.offset_hz[row])
+        families.append(
+            _Family(
+                float(table.spacing_hz[row]), offset, float(table.log10_chance[row]),
+                np.array(rows, np.int64),
+            )
+        )  # fmt: skip
+    families.sort(key=lambda family: family.log10_chance)
+    joined: list[_Family] = []
+    for family in families:
+        for k, other in enumerate(joined):
+            if _are_one(family, other):
+                finer = min((other, family), key=lambda one: one.spacing_hz)
+                joined[k] = _Family(
+                    finer.spacing_hz, finer.offset_hz, other.log10_chance,
+                    np.union1d(other.rows, family.rows),
+                )  # fmt: skip
+                break
+        else:
+            joined.append(family)
+    return joined
+
+
+def _are_one(a: _Family, b: _Family) -> bool:
+    shared = np.intersect1d(a.rows, b.rows).size
+    if shared < min(2, a.rows.size, b.rows.size):
+        return False
+    ratio = a.spacing_hz / b.spacing_hz
+    return any(
+        abs(ratio * q / p - 1.0) < SAME_SPACING
+        for p in range(1, MOST_RATIO + 1)
+        for q in range(1, MOST_RATIO + 1)
+    )
+
+
+def _family_stretch(family: _Family, pool: _Pool, free: BoolArray) -> Stretch | None:
+    """Return a family with what lies on its teeth; None if others have its lines."""
+    lines = pool.lines
+    own = family.rows[free[family.rows]]
+    if own.size < FEWEST_TOGETHER:
+        return None
+    spacing, std, rows = _refined(family, lines, own, free)
+    free[rows] = False
+    frequency = lines.frequency_hz[rows] - family.offset_hz
+    tooth = np.rint(frequency / spacing).astype(np.int64)
+    common = max(1, gcd(*tooth.tolist()))
+    if common > 1:
+        spacing, std, tooth = spacing * common, std * common, tooth // common
+    is_hum = np.count_nonzero(lines.status[rows] == "hum") >= 0.5 * rows.size
+    moves = np.count_nonzero(lines.status[rows] == "moving") > 0.5 * rows.size
+    kind, reason = (HUM, MAINS) if is_hum else (VESSEL, MOVING if moves else STEADY)
+    chance = min(1.0, 10.0 ** max(family.log10_chance, -300.0))
+    made = _stretch(kind, lines, rows, chance, reason)
+    made.spacing_hz, made.spacing_std_hz = spacing, std
+    blades = _blades(tooth, lines.level_db[rows])
+    made.blade_rate_hz = spacing * blades if blades else np.nan
+    return made
+
+
+def _refined(
+    family: _Family, lines: LineSummary, own: IntArray, free: BoolArray
+) -> tuple[float, float, IntArray]:
+    """Fit the spacing, with all free lines that lie on its teeth at the time."""
+    spacing, std, rows = family.spacing_hz, np.nan, own
+    begin, end = lines.from_s[own].min(), lines.to_s[own].max()
+    there = free & (lines.status != "hum")
+    there &= (lines.from_s <= end) & (lines.to_s >= begin)
+    # further up a line would lie on some tooth by chance
+    there &= lines.frequency_hz <= LARGEST_REACH * lines.frequency_hz[own].max()
+    for _ in range(3):
+        frequency = lines.frequency_hz - family.offset_hz
+        tooth = np.rint(frequency / spacing)
+        reach = np.maximum(3.0 * lines.frequency_std_hz, TOOTH * lines.resolution_hz)
+        reach = np.minimum(reach, 0.2 * spacing)
+        on_tooth = (tooth >= 1) & (np.abs(frequency - tooth * spacing) <= reach)
+        rows = np.union1d(own, np.flatnonzero(on_tooth & there))
+        fitted = rows[on_tooth[rows]] if on_tooth[rows].any() else rows
+        weight = 1.0 / lines.frequency_std_hz[fitted] ** 2
+        square = float((weight * tooth[fitted] ** 2).sum())
+        spacing = float((weight * tooth[fitted] * frequency[fitted]).sum() / square)
+        std = float(1.0 / np.sqrt(square))
+    return spacing, std, rows
+
+
+def _blades(tooth: IntArray, level_db: FloatArray) -> int:
+    """Return the greatest multiple that has nearly all of the power; 0 for none."""
+    power = 10 ** (level_db / 10)
+    for multiple in range(MOST_BLADES, 1, -1):
+        own = tooth % multiple == 0
+        if own.sum() >= 3 and power[own].sum() >= BLADE_SHARE * power.sum():
+            return multiple
+    return 0
+
+
+def _at_one_time(lines: LineSummary, rows: IntArray) -> list[IntArray]:
+    """Divide lines into groups between which there is time without any."""
+    groups: list[list[int]] = []
+    end = -np.inf
+    for row in rows[np.argsort(lines.from_s[rows], kind="stable")]:
+        if lines.from_s[row] > end or not groups:
+            groups.append([])
+        groups[-1].append(int(row))
+        end = max(end, float(lines.to_s[row]))
+    return [np.array(group, np.int64) for group in groups]
+
+
+def _stretch(
+    kind: str, lines: LineSummary, rows: IntArray, chance: float, reason: str
+) -> Stretch:
+    bearing, spread = common_bearing(lines, rows)
+    contacts = [int(c) for c in lines.contact[rows] if c > 0]
+    level = 10 * np.log10((10 ** (lines.level_db[rows] / 10)).sum())
+    return Stretch(
+        kind=kind,
+        from_s=float(lines.from_s[rows].min()),
+        to_s=float(lines.to_s[rows].max()),
+        contact=max(set(contacts), key=contacts.count) if contacts else 0,
+        level_db=float(level),
+        bearing_deg=bearing,
+        bearing_std_deg=spread,
+        probability_of_chance=chance,
+        frequencies_hz=[float(f) for f in lines.frequency_hz[rows]],
+        contacts=set(contacts),
+        reason=reason,
+    )
