@@ -100,7 +100,7 @@ def cut(peaks: Peaks, start: int, stop: int) -> Peaks:
     columns = {
         name: getattr(peaks, name)[inside]
         for name, spec in Peaks.columns().items()
-        if spec.axes == ("peak",)
+        if spec.axes == ("peak",) and getattr(peaks, name) is not None
     }
     frames = replace(peaks.frames.take("frame", slice(start, stop)), first_frame=start)
     return replace(peaks, frames=frames, **columns)

@@ -43,6 +43,10 @@ _LEAST_EVIDENCE = 3.0
 _LEAST_COMMON = 4
 """Common times below which two lines are not compared."""
 
+_LEAST_SHARE = 0.5
+"""Share of the shorter line that two lines must be heard together for their Doppler to
+join them: what they have in common at their ends alone is that neither bends."""
+
 _LINE_WANDER = 2e-5
 """Relative jitter of one machine's lines against each other."""
 
@@ -186,12 +190,18 @@ def pair_evidence(samples: LineSamples) -> FloatArray:
     log_f = np.log(samples.frequency_hz)
     variance = samples.frequency_variance / samples.frequency_hz**2 + _LINE_WANDER**2
     evidence = np.zeros((n_lines, n_lines))
+    is_known = np.isfinite(log_f)
+    n_known = is_known.sum(axis=1)
     for k in range(n_lines - 1):
         at = np.flatnonzero(np.isfinite(log_f[k]))
         rest = slice(k + 1, None)
         row = _doppler_evidence(
             log_f[k, at], variance[k, at], log_f[rest, at], variance[rest, at]
         )
+        # the end of one passage and the beginning of the next bend alike: hardly
+        together = is_known[rest, at].sum(axis=1)
+        shorter = np.minimum(n_known[k], n_known[rest])
+        row = np.where(together >= _LEAST_SHARE * shorter, row, np.minimum(row, 0.0))
         row += _bearing_evidence(
             samples.bearing_deg[k, at] - samples.bearing_deg[rest, at],
             samples.bearing_variance[k, at] + samples.bearing_variance[rest, at],
