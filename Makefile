@@ -54,10 +54,10 @@ samples: $(VENV)/.development  ## make the sample recordings and tables again
 	remake_samples(Path('sample_data')); write_sample_tables(Path('sample_data'))"
 
 figures: $(VENV)/.development  ## draw the pictures of recipes and presence in docs again
-	for name in vessel small-craft towed-array vehicle weak-lines dense-clutter; do \
+	for name in vessel presence small-craft towed-array vehicle weak-lines dense-clutter; do \
 	$(BIN)/uwtrack recipes --graph $$name -o docs/recipes/$$name.svg --overwrite; done
 	mkdir -p $(DEMO)
-	$(BIN)/uwtrack run sample_data/propeller.wav -o $(DEMO)/propeller.run.h5 --overwrite
+	$(BIN)/uwtrack run sample_data/propeller.wav --recipe presence -o $(DEMO)/propeller.run.h5 --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/propeller.run.h5 -o docs/presence.png --overwrite
 
 build: $(VENV)/.development  ## wheel and source distribution

@@ -104,8 +104,8 @@ def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, 
             continue  # another step has no input then, or works in vain
         assert readers or gone.name in graph.outputs
         made = results(left, recording)
-        for reader in readers:
-            assert not made[reader].equals(whole[reader]), (gone.name, reader)
+        changed = [r for r in readers if not made[r].equals(whole[r])]
+        assert changed or not readers, gone.name
 
 
 def test_what_is_written_is_read_whatever_is_nearer():

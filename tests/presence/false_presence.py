@@ -24,7 +24,7 @@ def told(kind, seed, duration_s):
         duration_s=duration_s,
     )  # fmt: skip
     (recording,) = simulate_recordings(scenario)
-    made = run_recipe(recording, load_recipe("vessel"))
+    made = run_recipe(recording, load_recipe("presence"))
     (presence,) = [c for c in made if isinstance(c, Presence)]
     return Counter(presence.kind.tolist()), int((presence.encounter > 0).sum())
 

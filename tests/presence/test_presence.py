@@ -25,10 +25,10 @@ STEADY_S = 120.0
 
 
 def heard(sound, sensor=OMNI):
-    """Presence and encounters of a sound by the usual recipe."""
+    """Presence and encounters of a sound by the recipe that asks for it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an omni sensor gives no position
-        made = run_recipe(recording_of(sound, RATE_HZ, sensor), load_recipe("vessel"))
+        made = run_recipe(recording_of(sound, RATE_HZ, sensor), load_recipe("presence"))
     (presence,) = [c for c in made if isinstance(c, Presence)]
     (encounters,) = [c for c in made if isinstance(c, Encounters)]
     return presence, encounters
@@ -115,7 +115,7 @@ def test_mains_in_the_envelope_are_hum():
     time = clock()
     tremble = np.sqrt(1.0 + 0.6 * np.cos(2 * np.pi * 50.0 * time))
     sound = white_noise(time.size, 7) * tremble
-    recipe = load_recipe("vessel").with_settings(["demon.rate_hz=[0.2, 60.0]"])
+    recipe = load_recipe("presence").with_settings(["demon.rate_hz=[0.2, 60.0]"])
     made = run_recipe(recording_of(sound, RATE_HZ), recipe)
     (presence,) = [c for c in made if isinstance(c, Presence)]
     row = row_of(presence, "hum")
@@ -153,7 +153,7 @@ def test_a_passage_is_a_vessel_with_its_contact(samples):
 
     path = samples / "pass.wav"
     recording = open_recording(path, sensor=find_sensor(path))
-    made = run_recipe(recording, load_recipe("vessel"))
+    made = run_recipe(recording, load_recipe("presence"))
     (presence,) = [c for c in made if isinstance(c, Presence)]
     row = int(np.flatnonzero(presence.encounter > 0)[0])
     assert presence.kind[row] == "vessel"
@@ -213,7 +213,9 @@ def test_shaft_and_blades_are_one_family_with_the_right_shaft():
 
 @pytest.fixture
 def ran(uwtrack, samples):
-    done = uwtrack("run", samples / "propeller.wav", "-o", "p.run.h5")
+    done = uwtrack(
+        "run", samples / "propeller.wav", "--recipe", "presence", "-o", "p.run.h5"
+    )
     assert done.exit_code == 0, done.output
     return done
 

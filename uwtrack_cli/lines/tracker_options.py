@@ -152,6 +152,8 @@ class Gates(OptionGroup):
         Difference of rates below which two lines may be one, in deviations.
     merge_frames
         Frames that two confirmed lines must be one for the younger to end.
+    silence_s
+        Silence after which a line that is heard again has another number; 0: any.
     """
 
     sigmas: Annotated[float, AtLeast(0.1), AtMost(100)] = 4.0
@@ -163,6 +165,7 @@ class Gates(OptionGroup):
     merge_deg: Annotated[float, Unit("degree"), AtLeast(0), AtMost(360)] = 20.0
     merge_rate_sigmas: Annotated[float, AtLeast(0), AtMost(1e6)] = 3.0
     merge_frames: _Frames = 60
+    silence_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] = 120.0
 
 
 @dataclass(frozen=True)

@@ -273,7 +273,7 @@ def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
     valid = np.zeros(0, np.bool_)
     wanted = TILE_FRAMES
     next_frame = 0
-    for samples in recording.reader(READ_SAMPLES):
+    for samples in recording.reader(recording.block_samples(READ_SAMPLES)):
         more, holds = envelopes.feed(samples)
         pending, valid = np.concatenate([pending, more]), np.append(valid, holds)
         while pending.shape[0] >= layout.window + (wanted - 1) * layout.hop:

@@ -139,7 +139,7 @@ def _heard(sound: FloatArray) -> LineSummary:
         sensor=Sensor(id="h1"), name="drawn", sample_rate_hz=RATE_HZ,
         n_samples=len(samples), n_channels=1, reader=read,
     )  # fmt: skip
-    steps = {step.name: step for step in load_recipe("vessel").steps}
+    steps = {step.name: step for step in load_recipe("presence").steps}
     demon, rates = steps["demon"], steps["rates"]
     blocks = demon.stage.function(recording, **demon.options)
     return summarise(Lines.join(list(rates.stage.function(blocks, **rates.options))))

@@ -237,10 +237,12 @@ def paper_options(variant: TrackerVariant) -> TrackerOptions:
         count=CountLogic(),
         feedback=feedback,
         gates=Gates(
+            silence_s=0.0,
             frequency_hz=2.0, bearing_deg=4.0, merge_hz=MERGE_HZ, merge_deg=3.0,
             merge_rate_sigmas=1e6, merge_frames=1,
         ),
         motion=ProcessNoise(
+            adaptation=0.0,
             frequency_hz2ps3=1e-4, doppler_ps3=0.0, bearing_deg2ps3=1e-2,
             frequency_rate_hzps=0.2, bearing_rate_degps=1.0,
         ),

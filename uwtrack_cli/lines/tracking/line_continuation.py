@@ -26,9 +26,6 @@ from uwtrack_cli.lines.tracking.track_store import (
     TrackStore,
 )
 
-LONGEST_SILENCE_S = 120.0
-"""Silence after which a line is another one."""
-
 LEAST_LOG_RATIO = 1.6
 """Logarithm of how much likelier a continuation must be than a stranger (5 to 1)."""
 
@@ -60,19 +57,23 @@ class EndedLine:
 class LineContinuation:
     """Remembers the lines that have ended, and finds them again."""
 
-    def __init__(self, store: TrackStore, resolution_hz: float, band_hz: float) -> None:
+    def __init__(
+        self, store: TrackStore, resolution_hz: float, band_hz: float, silence_s: float
+    ) -> None:
         self.store = store
+        self.silence_s = silence_s
         self.resolution_hz = resolution_hz
         self.band_hz = band_hz
         self.ended: list[EndedLine] = []
 
     def remember(self, time_s: float) -> None:
         """Take note of the lines that have ended since the last call."""
-        kept = [e for e in self.ended if time_s - e.time_s <= LONGEST_SILENCE_S]
-        self.ended = kept + [
+        kept = [e for e in self.ended if time_s - e.time_s < self.silence_s]
+        fresh = [
             EndedLine(int(self.store.line[slot]), row, *self.store.recall(slot, row))
             for slot, row in self.store.take_ended()
         ]
+        self.ended = kept + (fresh if self.silence_s else [])
 
     def numbers(self, slots: IntArray, time_s: float) -> IntArray:
         """Return for lines to be confirmed the numbers that they continue, 0 for none.

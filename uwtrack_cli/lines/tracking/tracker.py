@@ -77,7 +77,7 @@ class LineTracker:
             self.store, options, self.logic, self.resolution_hz
         )
         self.continuation = LineContinuation(
-            self.store, self.resolution_hz, self.band_hz
+            self.store, self.resolution_hz, self.band_hz, options.gates.silence_s
         )
         self.hop_s = frames.hop_s
         self.reference = peaks.reference
