@@ -14,7 +14,6 @@ from typing import Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from uwtrack_cli.errors import (
@@ -152,6 +151,8 @@ def progress_bar(title: str, total_s: float) -> Iterator[Callable[[float], None]
 
     console = _console()
     quiet = _verbosity < 0 or not console.is_terminal
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
     bar = Progress(
         TextColumn("{task.description}", markup=False), BarColumn(),
         "{task.percentage:3.0f} %",

@@ -17,7 +17,7 @@ import sys
 from collections.abc import Iterator
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TypeVar
+from typing import BinaryIO, TypeVar
 
 from uwtrack_cli.errors import OutputError
 
@@ -65,14 +65,22 @@ def as_input(source: P) -> P:
     return source
 
 
-def read_standard_input() -> bytes:
-    """Return what standard input holds; a file that is redirected to it is noted."""
+def standard_input() -> BinaryIO | None:
+    """Return standard input, None without one; a file redirected to it is noted."""
+    if sys.stdin is None or sys.stdin.closed:
+        return None
     noted = _ledger.get()
     if noted is not None:
         with contextlib.suppress(OSError, ValueError):  # a stream without a file
             status = os.fstat(sys.stdin.fileno())
             noted.add((status.st_dev, status.st_ino))
-    return sys.stdin.buffer.read()
+    return sys.stdin.buffer
+
+
+def read_standard_input() -> bytes:
+    """Return all that standard input holds."""
+    stream = standard_input()
+    return b"" if stream is None else stream.read()
 
 
 def refuse_input(target: Path) -> None:

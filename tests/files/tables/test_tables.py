@@ -327,7 +327,8 @@ MOTION = """
      "ellipse_trusted": true, "now_time_s": 5994.0, "now_range_m": 32290.0,
      "now_range_std_m": 156.0, "now_bearing_deg": 296.0, "now_bearing_std_deg": 0.07,
      "misfit": 1995.0, "n_values": 2000,
-     "nuisances": {"compass_deg": {"value": 0.0, "std": 1.0, "share": 0.05}}}"""
+     "nuisances": {"compass_deg": {"value": 0.0, "std": 1.0, "share": 0.05}},
+     "reading": "straight", "manoeuvre_time_s": null, "manoeuvre_gain": 2.5}"""
 
 
 def test_motion_has_the_documented_keys_and_order():

@@ -12,7 +12,6 @@ import abc
 import hashlib
 import io
 import os
-import sys
 import threading
 import time
 from collections import deque
@@ -23,7 +22,7 @@ from typing import BinaryIO
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.audio.byte_spool import ByteSpool
 from uwtrack_cli.files.hdf5.verify import file_digest
-from uwtrack_cli.files.input_ledger import as_input
+from uwtrack_cli.files.input_ledger import as_input, standard_input
 
 HELD_BYTES = 1 << 24
 """Bytes that a pipe may be ahead of the work: 3 minutes of 16 bit at 48 kHz."""
@@ -278,18 +277,18 @@ def open_standard_input(idle_s: float | None) -> PipeStream:
         It is a terminal, or closed.
     """
     name = "standard input"
-    if sys.stdin is None or sys.stdin.closed:
+    stream = standard_input()
+    if stream is None:
         msg = "standard input is closed: there is no sound."
         raise DataError(msg)
-    if sys.stdin.isatty():
+    if stream.isatty():
         msg = (
             "standard input is a terminal: send sound through a pipe, as with "
             "sox FILE -t wav - | uwtrack run - -o pass.run.h5."
         )
         raise DataError(msg)
     try:
-        number = os.dup(sys.stdin.fileno())
+        number = os.dup(stream.fileno())
     except (OSError, io.UnsupportedOperation):  # a stream without a file
-        content = sys.stdin.buffer
-        return PipeStream(name, lambda: io.BytesIO(content.read()), idle_s)
+        return PipeStream(name, lambda: io.BytesIO(stream.read()), idle_s)
     return PipeStream(name, lambda: os.fdopen(number, "rb", buffering=0), idle_s)
