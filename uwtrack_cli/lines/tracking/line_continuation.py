@@ -1,6 +1,6 @@
 """Lines that fall silent and are heard again keep their number.
 
-**Method.** A line that has ended is carried on in thought: its last settled state moves
+**Method.** A line that has ended is extrapolated: its last settled state moves
 with its rate, and its variance grows. A line that is confirmed later, and began after
 the other had ended, is its continuation when frequency, rate and bearing agree so well
 that a stranger, who could be anywhere in the band, would be there far less likely. Each
