@@ -45,7 +45,7 @@ from uwtrack_cli.spectra.band_envelopes import (
     BandEnvelopes,
     EnvelopePlan,
 )
-from uwtrack_cli.spectra.spectrogram import READ_SAMPLES, turn_deg
+from uwtrack_cli.spectra.spectrogram import READ_SAMPLES, time_base, turn_deg
 
 USUAL_BAND_HZ = (400.0, 8000.0)
 """Band of cavitation that is taken unless another is given, cut to the sound's."""
@@ -308,20 +308,13 @@ def _no_frames(
     empty = np.zeros((0, frequency.size), np.float32)
     directed = empty if recording.sensor.has_direction else None
     return Spectrogram(
-        frames=Frames(
-            start_sample=np.zeros(0, np.int64),
-            time_s=np.zeros(0),
-            valid_fraction=np.zeros(0),
-            band_low_hz=np.zeros(0),
-            band_high_hz=np.zeros(0),
-            noise_db=np.zeros((0, 0)),
-            threshold_db=np.zeros(0),
-            sensor=recording.sensor.id,
-            sample_rate_hz=recording.sample_rate_hz,
+        frames=time_base(
+            recording,
+            0,
+            np.zeros(0),
             window_samples=length,
             hop_samples=max(1, round(length * (1.0 - overlap))),
             fft_length=length * zero_padding,
-            start_utc_ns=recording.start_utc_ns,
         ),
         frequency_hz=frequency,
         power_density=empty,
@@ -397,30 +390,15 @@ def _frames(
     recording: Recording, layout: _Layout, valid: BoolArray, first: int, count: int
 ) -> Frames:
     plan = layout.envelope
-    index = np.arange(first, first + count, dtype=np.int64)
-    # an envelope sample stands for the hop in the middle of its short window
-    start = index * (layout.hop * plan.hop) + (plan.window - plan.hop) // 2
-    length = layout.window * plan.hop
     known = np.concatenate([[0], np.cumsum(valid)])
     begin = np.arange(count) * layout.hop
-    start_utc_ns = recording.start_utc_ns
-    if start_utc_ns is not None:
-        start_utc_ns += round(recording.sensor.clock_offset_s * 1e9)
-    return Frames(
-        start_sample=start,
-        time_s=(start + length / 2) / recording.sample_rate_hz,
-        valid_fraction=(known[begin + layout.window] - known[begin]) / layout.window
-        if count
-        else np.zeros(0),
-        band_low_hz=np.zeros(0),
-        band_high_hz=np.zeros(0),
-        noise_db=np.full((count, 0), np.nan),
-        threshold_db=np.full(count, np.nan),
-        sensor=recording.sensor.id,
-        sample_rate_hz=recording.sample_rate_hz,
-        window_samples=length,
+    return time_base(
+        recording,
+        first,
+        (known[begin + layout.window] - known[begin]) / layout.window,
+        window_samples=layout.window * plan.hop,
         hop_samples=layout.hop * plan.hop,
         fft_length=layout.fft_length * plan.hop,
-        first_frame=first,
-        start_utc_ns=start_utc_ns,
+        # an envelope sample stands for the hop in the middle of its short window
+        offset_samples=(plan.window - plan.hop) // 2,
     )

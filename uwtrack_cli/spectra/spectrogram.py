@@ -303,25 +303,60 @@ def describe_frames(
     first_frame, n_frames
         Index of the first frame, and how many there are.
     """
-    index = np.arange(first_frame, first_frame + n_frames, dtype=np.int64)
-    start = index * (layout.hop * layout.decimation)
-    length = layout.window * layout.decimation
+    return time_base(
+        recording,
+        first_frame,
+        _valid_fraction(samples, layout, n_frames),
+        window_samples=layout.window * layout.decimation,
+        hop_samples=layout.hop * layout.decimation,
+        fft_length=layout.fft_length * layout.decimation,
+    )
+
+
+def time_base(
+    recording: Recording,
+    first_frame: int,
+    valid_fraction: FloatArray,
+    *,
+    window_samples: int,
+    hop_samples: int,
+    fft_length: int,
+    offset_samples: int = 0,
+) -> Frames:
+    """Return the frames of a recording, without noise floor.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    first_frame
+        Index of the first frame.
+    valid_fraction
+        Share of valid samples of each frame, shape (frame,).
+    window_samples, hop_samples, fft_length
+        Lengths of window, hop and transform in samples of the recording.
+    offset_samples
+        Sample at which frame 0 begins.
+    """
+    count = valid_fraction.size
+    index = np.arange(first_frame, first_frame + count, dtype=np.int64)
+    start = index * hop_samples + offset_samples
     start_utc_ns = recording.start_utc_ns
     if start_utc_ns is not None:
         start_utc_ns += round(recording.sensor.clock_offset_s * 1e9)
     return Frames(
         start_sample=start,
-        time_s=(start + length / 2) / recording.sample_rate_hz,
-        valid_fraction=_valid_fraction(samples, layout, n_frames),
+        time_s=(start + window_samples / 2) / recording.sample_rate_hz,
+        valid_fraction=valid_fraction,
         band_low_hz=np.zeros(0),
         band_high_hz=np.zeros(0),
-        noise_db=np.full((n_frames, 0), np.nan),
-        threshold_db=np.full(n_frames, np.nan),
+        noise_db=np.full((count, 0), np.nan),
+        threshold_db=np.full(count, np.nan),
         sensor=recording.sensor.id,
         sample_rate_hz=recording.sample_rate_hz,
-        window_samples=length,
-        hop_samples=layout.hop * layout.decimation,
-        fft_length=layout.fft_length * layout.decimation,
+        window_samples=window_samples,
+        hop_samples=hop_samples,
+        fft_length=fft_length,
         first_frame=first_frame,
         start_utc_ns=start_utc_ns,
     )
