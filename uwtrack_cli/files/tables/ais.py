@@ -1,7 +1,8 @@
-"""AIS tables: where ships said that they were.
+"""AIS: where ships said that they were.
 
-**Conventions.** One row per message, in any order, under the usual names of columns
-(MMSI, time, latitude, longitude, SOG in knots, COG in degrees). The values that AIS
+**Conventions.** A CSV table has one row per message, in any order, under the usual names
+of columns (MMSI, time, latitude, longitude, SOG in knots, COG in degrees); a log of
+sentences is known by its first ones. The values that AIS
 reserves for "not available" (SOG 102.3, COG 360, latitude 91, longitude 181) are
 not used. Times without a zone are UTC.
 
@@ -13,9 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from uwtrack_cli.constants import KNOT_MPS
-from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.checks import check_readable
+from uwtrack_cli.files.tables.ais_sentences import (
+    AisMessages,
+    is_sentence_log,
+    read_sentences,
+)
 from uwtrack_cli.files.tables.csv_table import Table, read_table, table_times
 
 ALIASES = {
@@ -39,13 +46,35 @@ def read_ais(path: Path) -> Truth:
     Parameters
     ----------
     path
-        CSV with time, MMSI, latitude, longitude, speed and course over ground.
+        CSV with time, MMSI, latitude, longitude, speed and course over ground, or a
+        log of NMEA 0183 sentences.
 
     Raises
     ------
     DataError
-        The table lacks a column, or a cell is no number.
+        The table lacks a column, a cell is no number, or a log has no times.
     """
+    check_readable(path)
+    messages = read_sentences(path) if is_sentence_log(path) else _read_csv(path)
+    known = (np.abs(messages.latitude) <= 90.0) & (np.abs(messages.longitude) <= 180.0)
+    vessel = np.unique(messages.mmsi, return_inverse=True)[1]
+    # by vessel and time; of equal times the first message counts
+    order = np.lexsort((messages.time_s, vessel))
+    order = order[known[order]]
+    is_first = np.diff(vessel[order], prepend=-1) != 0
+    is_first |= np.diff(messages.time_s[order], prepend=-np.inf) > 0.0
+    order = order[is_first]
+    parts = np.split(order, np.flatnonzero(np.diff(vessel[order])) + 1)
+    return Truth(
+        name=path.name,
+        start_utc_ns=messages.start_utc_ns,
+        is_geographic=True,
+        tracks=tuple(_track(messages, rows) for rows in parts if rows.size),
+        position_std_m=POSITION_STD_M,
+    )
+
+
+def _read_csv(path: Path) -> AisMessages:
     table = read_table(path)
     cells = {ALIASES.get(name, name): column for name, column in table.cells.items()}
     if len(cells) < len(table.cells):
@@ -55,53 +84,32 @@ def read_ais(path: Path) -> Truth:
     table.need("time_utc", "mmsi", "latitude", "longitude", "speed_kn", "course_deg")
     cells.pop("time_s", None)
     time_s, start_ns = table_times(table)
-    latitude = table.numbers("latitude", -91.0, 91.0, may_miss=True)
-    longitude = table.numbers("longitude", -181.0, 181.0, may_miss=True)
-    known = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 180.0)
-    mmsi = np.array(table.cells["mmsi"])
-    tracks = [
-        _track(table, known & (mmsi == vessel), (time_s, latitude, longitude))
-        for vessel in np.unique(mmsi[known])
-    ]
-    return Truth(
-        name=path.name,
+    numbers = cells["mmsi"]
+    names = dict[str, str]()
+    for number, name in zip(numbers, cells.get("name", ()), strict=False):
+        if name.strip():  # messages may lack it
+            names.setdefault(number, name)
+    return AisMessages(
         start_utc_ns=start_ns,
-        is_geographic=True,
-        tracks=tuple(tracks),
-        position_std_m=POSITION_STD_M,
+        time_s=time_s,
+        mmsi=np.array(numbers),
+        latitude=table.numbers("latitude", -91.0, 91.0, may_miss=True),
+        longitude=table.numbers("longitude", -181.0, 181.0, may_miss=True),
+        speed_kn=table.numbers("speed_kn", 0.0, 1e4, may_miss=True),
+        course_deg=table.numbers("course_deg", 0.0, 1e4, may_miss=True),
+        names=names,
     )
 
 
-def _track(
-    table: Table, rows: BoolArray, places: tuple[FloatArray, FloatArray, FloatArray]
-) -> VesselTrack:
-    time_s, latitude, longitude = places
-    order = np.flatnonzero(rows)
-    order = order[np.argsort(time_s[order], kind="stable")]
-    order = order[np.append(True, np.diff(time_s[order]) > 0.0)]  # one per time
-    speed_kn = _cells(table, "speed_kn", order, NO_SPEED_KN)
-    course_deg = _cells(table, "course_deg", order, NO_COURSE_DEG)
-    first = int(order[0])
-    names = (table.cells["name"][row] for row in order) if "name" in table else ()
-    name = next((text for text in names if text.strip()), "")  # messages may lack it
-    mmsi = table.cells["mmsi"][first]
+def _track(messages: AisMessages, rows: IntArray) -> VesselTrack:
+    mmsi = str(messages.mmsi[rows[0]])
+    name = messages.names.get(mmsi)
+    speed_kn, course_deg = messages.speed_kn[rows], messages.course_deg[rows]
     return VesselTrack(
         vessel=f"{name} ({mmsi})" if name else mmsi,
-        time_s=time_s[order],
-        first=latitude[order],
-        second=longitude[order],
-        speed_mps=speed_kn * KNOT_MPS,
-        course_deg=course_deg,
+        time_s=messages.time_s[rows],
+        first=messages.latitude[rows],
+        second=messages.longitude[rows],
+        speed_mps=np.where(speed_kn < NO_SPEED_KN, speed_kn, np.nan) * KNOT_MPS,
+        course_deg=np.where(course_deg < NO_COURSE_DEG, course_deg, np.nan),
     )
-
-
-def _cells(table: Table, name: str, rows: IntArray, unknown: float) -> FloatArray:
-    """Return some cells as numbers; nan from the value on that means unknown."""
-    part = Table(
-        table.path,
-        {name: [table.cells[name][row] for row in rows]},
-        [table.lines[row] for row in rows],
-    )
-    values = part.numbers(name, 0.0, 1e4, may_miss=True)
-    values[~(values < unknown)] = np.nan
-    return values
