@@ -1,6 +1,8 @@
 """uwtrack: hydrophone recordings in, vessel tracks out.
 
-The public names, in the order of the flow; each is imported when it is first used.
+The public names: `run` and what it gives, the stages in the order of the flow, the
+containers, and the errors. Each is imported when it is first used; `__init__.pyi`
+tells their types.
 
 Examples
 --------
@@ -15,6 +17,12 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOMES = {
+    "run": "flow.results",
+    "read_results": "flow.results",
+    "Results": "flow.results",
+    "SourceOptions": "flow.results",
+    "to_pandas": "files.tables.dataframes",
+    "to_xarray": "files.tables.dataframes",
     "open_recording": "files.audio.recording_file",
     "find_sensor": "files.tables.sensors",
     "compute_spectrogram": "spectra.spectrogram",
@@ -34,10 +42,42 @@ _HOMES = {
     "track_in_clutter": "clutter.pdaf",
     "discriminate_contacts": "discrimination.discriminate",
     "load_recipe": "flow.shipped_recipes",
+    "copy_sample": "flow.shipped_recipes",
+    "Recipe": "flow.recipe",
     "run_recipe": "flow.engine",
+    "Product": "files.hdf5.product",
     "read_product": "files.hdf5.product",
     "write_product": "files.hdf5.product",
+    "make_scenario": "simulate",
     "simulate_recordings": "simulate",
+    "Container": "data.base",
+    "Recording": "data.recording",
+    "RecordedFiles": "data.recording",
+    "Sensor": "data.sensor",
+    "Navigation": "data.sensor",
+    "Frames": "data.frames",
+    "Spectrogram": "data.spectra",
+    "Overview": "data.spectra",
+    "Levels": "data.spectra",
+    "BearingTime": "data.bearing_time",
+    "Peaks": "data.peaks",
+    "Families": "data.peaks",
+    "Lines": "data.lines",
+    "Presence": "data.presence",
+    "Encounters": "data.encounters",
+    "Fixes": "data.encounters",
+    "Motions": "data.motions",
+    "Series": "data.series",
+    "Contacts": "data.contacts",
+    "Scans": "data.scans",
+    "Roc": "data.scans",
+    "Target": "data.targets",
+    "Decision": "data.decisions",
+    "UwtrackError": "errors",
+    "DataError": "errors",
+    "OptionError": "errors",
+    "OutputError": "errors",
+    "UwtrackWarning": "errors",
 }
 
 __all__ = [*_HOMES, "__version__"]  # noqa: PLE0604 - names of the table above
@@ -49,3 +89,8 @@ def __getattr__(name: str) -> Any:
         msg = f"module {__name__!r} has no attribute {name!r}"
         raise AttributeError(msg)
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """Return the public names, for completion and help."""
+    return sorted(__all__)

@@ -38,12 +38,6 @@ if TYPE_CHECKING:
     from uwtrack_cli.flow.recipe import Recipe
     from uwtrack_cli.flow.vessel_names import AisVessels
 
-DEFAULT_RECIPE = "vessel"
-"""Recipe of recordings by single sensors."""
-
-ARRAY_RECIPE = "towed-array"
-"""Recipe of recordings by line arrays."""
-
 RecipeName = Annotated[
     str, typer.Option("--recipe", help="Name of a shipped recipe, or a TOML file.")
 ]
@@ -230,26 +224,17 @@ def _vessels(
 def _usual_recipe(
     sources: Sequence[Path], sensors: Sequence[Path | None], channel: int | None
 ) -> str:
-    """Return the recipe for the kind of sensor that made the recordings.
-
-    Raises
-    ------
-    OptionError
-        Some were made by line arrays and others were not.
-    """
+    """Return the recipe for the kind of sensor that made the recordings."""
     from uwtrack_cli.files.tables.sensors import find_sensor
+    from uwtrack_cli.flow.shipped_recipes import usual_recipe
 
-    known = [
+    return usual_recipe([
         None
-        if source.is_dir() or (source == STANDARD_INPUT and sensor is None)
+        if channel is not None or source.is_dir()
+        or (source == STANDARD_INPUT and sensor is None)
         else find_sensor(source, sensor)
         for source, sensor in zip(sources, sensors, strict=True)
-    ]
-    arrays = [s is not None and s.is_array and channel is None for s in known]
-    if any(arrays) and not all(arrays):
-        msg = "some recordings are of line arrays, some not: run them apart."
-        raise OptionError(msg)
-    return ARRAY_RECIPE if any(arrays) else DEFAULT_RECIPE
+    ])  # fmt: skip
 
 
 def _sensor_of_each(

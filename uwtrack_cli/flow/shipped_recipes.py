@@ -1,7 +1,9 @@
 """What comes with the program: recipes and sample recordings."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
+from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.input_ledger import as_input
@@ -11,13 +13,39 @@ from uwtrack_cli.flow.recipe import Recipe
 
 SAMPLE_SUFFIXES = (".wav", ".csv")
 
+DEFAULT_RECIPE = "vessel"
+"""Recipe of recordings by single sensors."""
+
+ARRAY_RECIPE = "towed-array"
+"""Recipe of recordings by line arrays."""
+
+
+def usual_recipe(sensors: Sequence[Sensor | None]) -> str:
+    """Return the recipe for the kind of sensor that made the recordings.
+
+    Parameters
+    ----------
+    sensors
+        The sensor of each recording, None where nothing is known.
+
+    Raises
+    ------
+    OptionError
+        Some were made by line arrays and others were not.
+    """
+    arrays = [sensor is not None and sensor.is_array for sensor in sensors]
+    if any(arrays) and not all(arrays):
+        msg = "some recordings are of line arrays, some not: run them apart."
+        raise OptionError(msg)
+    return ARRAY_RECIPE if any(arrays) else DEFAULT_RECIPE
+
 
 def shipped_recipes() -> list[str]:
     """Return the names of the shipped recipes."""
     return sorted(path.stem for path in shipped_folder("pipelines").glob("*.toml"))
 
 
-def load_recipe(name: str) -> Recipe:
+def load_recipe(name: Path | str) -> Recipe:
     """Return a shipped recipe by its name, or one from a TOML file.
 
     Raises
@@ -35,7 +63,7 @@ def load_recipe(name: str) -> Recipe:
         text = as_input(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         names = ", ".join(shipped_recipes())
-        msg = f"there is no recipe {name!r}; shipped are {names}, or give a TOML file."
+        msg = f"there is no recipe {str(name)!r}; shipped are {names}, or give a TOML file."
         raise OptionError(msg) from error
     return Recipe.from_toml(path.stem, text)
 
@@ -46,7 +74,9 @@ def sample_names() -> list[str]:
     return sorted(path.stem for path in found if path.suffix in SAMPLE_SUFFIXES)
 
 
-def copy_sample(name: str, folder: Path, *, overwrite: bool = False) -> list[Path]:
+def copy_sample(
+    name: str, folder: Path | str, *, overwrite: bool = False
+) -> list[Path]:
     """Copy a sample recording with all that lies beside it.
 
     Parameters
@@ -65,6 +95,7 @@ def copy_sample(name: str, folder: Path, *, overwrite: bool = False) -> list[Pat
     OutputError
         A file exists already, or the folder cannot be written.
     """
+    folder = Path(folder)
     source = shipped_folder("sample_data")
     found = sorted(
         path

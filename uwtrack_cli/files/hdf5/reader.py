@@ -6,7 +6,7 @@ what `Product.read` gives, bit for bit.
 """
 
 from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -242,29 +242,46 @@ class Product:
             yield from _stream(self.file, path, kind, block_rows)
 
     def _path(self, kind: type[Container], sensor: str | None, step: str | None) -> str:
-        found = {
-            key: path
-            for key, path in self.paths.items()
-            if key.name == kind.NAME
-            and sensor in (None, key.sensor)
-            and step in (None, key.step)
-        }
-        usual = {key: path for key, path in found.items() if not key.step}
-        for paths in (found, usual):  # a step of its stage's name needs no naming
-            if len(paths) == 1:
-                return next(iter(paths.values()))
-        if found:
-            sensors = ", ".join(sorted({repr(key.sensor) for key in found}))
-            steps = ", ".join(sorted({repr(key.step or kind.NAME) for key in found}))
-            several = "sensors" if len({key.sensor for key in found}) > 1 else "steps"
-            named = sensors if several == "sensors" else steps
-            msg = f"{self.name} holds {kind.NAME} of several {several}: {named}."
-            raise DataError(msg)
-        of = "" if sensor is None else f" of sensor {sensor!r}"
-        of += f" of step {step!r}" if step else ""
-        held = ", ".join(sorted({key.name for key in self.paths})) or "nothing"
-        msg = f"{self.name} holds no {kind.NAME}{of}; it holds: {held}."
+        return self.paths[sole_key(self.paths, kind, sensor, step, self.name)]
+
+
+def sole_key(
+    keys: Collection[ContainerKey],
+    kind: type[Container],
+    sensor: str | None,
+    step: str | None,
+    owner: str,
+) -> ContainerKey:
+    """Return which container is meant by a kind, and a sensor and a step if given.
+
+    Raises
+    ------
+    DataError
+        There is none, or several.
+    """
+    found = [
+        key
+        for key in keys
+        if key.name == kind.NAME
+        and sensor in (None, key.sensor)
+        and step in (None, key.step)
+    ]
+    usual = [key for key in found if not key.step]
+    for chosen in (found, usual):  # a step of its stage's name needs no naming
+        if len(chosen) == 1:
+            return chosen[0]
+    if found:
+        sensors = ", ".join(sorted({repr(key.sensor) for key in found}))
+        steps = ", ".join(sorted({repr(key.step or kind.NAME) for key in found}))
+        several = "sensors" if len({key.sensor for key in found}) > 1 else "steps"
+        named = sensors if several == "sensors" else steps
+        msg = f"{owner} holds {kind.NAME} of several {several}: {named}."
         raise DataError(msg)
+    of = "" if sensor is None else f" of sensor {sensor!r}"
+    of += f" of step {step!r}" if step else ""
+    held = ", ".join(sorted({key.name for key in keys})) or "nothing"
+    msg = f"{owner} holds no {kind.NAME}{of}; it holds: {held}."
+    raise DataError(msg)
 
 
 def read_product(path: Path | str) -> Product:

@@ -302,7 +302,7 @@ def write_product(
     *,
     history: Sequence[HistoryStep] = (),
     overwrite: bool = False,
-    inputs: Sequence[Path] = (),
+    inputs: Sequence[Path | str] = (),
 ) -> None:
     """Write containers into one new product file.
 
@@ -327,7 +327,7 @@ def write_product(
         Two containers of one kind and sensor.
     """
     with ProductWriter(
-        path, history=history, overwrite=overwrite, inputs=inputs
+        path, history=history, overwrite=overwrite, inputs=[Path(i) for i in inputs]
     ) as writer:
         for container in containers:
             writer.write(container)

@@ -1,0 +1,310 @@
+"""`run` from Python: the tables of a recording, and those of a product file.
+
+**Method.** A run writes the same product as the command `uwtrack run`, to a temporary
+file where no output is named, and reads it back: library and command cannot differ.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, TypedDict, TypeVar, Unpack, overload
+
+import numpy as np
+
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.errors import OptionError
+from uwtrack_cli.files.hdf5.layout import CONTAINERS, container_class
+from uwtrack_cli.files.hdf5.product import (
+    ContainerKey,
+    HistoryStep,
+    ProductWriter,
+    read_product,
+)
+from uwtrack_cli.files.hdf5.reader import sole_key
+from uwtrack_cli.files.tables.dataframes import to_pandas, to_xarray
+from uwtrack_cli.flow.engine import Progress
+from uwtrack_cli.flow.products import run_into_product
+from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.shipped_recipes import load_recipe, usual_recipe
+from uwtrack_cli.flow.sources import open_with_options
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+C = TypeVar("C", bound=Container)
+
+ANSWERS = ("encounters", "motions", "fixes", "target", "decision", "lines", "levels")
+"""Containers that a table is made of when none is named: the first that is there."""
+
+
+class SourceOptions(TypedDict, total=False):
+    """How a recording is opened; all may be left out."""
+
+    sensor: Path | str | None
+    """Sensor or deployment file; `pass.sensor.toml` beside `pass.wav` is found."""
+    own_ship: Path | str | None
+    """CSV table of the platform's way, instead of the sensor's."""
+    sound_speed_mps: float | None
+    """Sound speed, m/s, instead of the sensor's."""
+    start_utc: str | datetime | np.datetime64 | None
+    """Time of the first sample; a text is ISO 8601."""
+    time_zone: str
+    """Zone of times that name none."""
+    time_pattern: str | None
+    """How the file name tells the start."""
+    channel: int | None
+    """Channel to take, counted from 1."""
+    start_s: float | None
+    """Where to begin, s from the first sample."""
+    stop_s: float | None
+    """Where to end, s from the first sample."""
+    allow_truncated: bool
+    """Whether to take what is there of a file that ends too early."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Results(Mapping[str, Container]):
+    """What a run found, or a product file holds: containers by name.
+
+    ``results["encounters"]`` is a container of arrays; `to_pandas` and `to_xarray`
+    give it as a table. ``list(results)`` names what is there.
+    """
+
+    name: str
+    """File that was read."""
+    tables: Mapping[ContainerKey, Container]
+    """The containers by sensor, name and step."""
+    history: tuple[HistoryStep, ...]
+    """What was done, with the options used."""
+
+    def __getitem__(self, name: str) -> Container:
+        """Return the container of a name; see `read` where there are several."""
+        if name not in list(self):
+            raise KeyError(name)
+        return self.read(name)
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the containers."""
+        return iter(dict.fromkeys(key.name for key in self.tables))
+
+    def __len__(self) -> int:
+        """Return how many names there are."""
+        return len(list(iter(self)))
+
+    def __repr__(self) -> str:
+        """Name the file and what it holds."""
+        return f"<uwtrack results of {self.name}: {', '.join(self)}>"
+
+    @overload
+    def read(
+        self, kind: type[C], sensor: str | None = None, step: str | None = None
+    ) -> C: ...
+
+    @overload
+    def read(
+        self, kind: str, sensor: str | None = None, step: str | None = None
+    ) -> Container: ...
+
+    def read(
+        self,
+        kind: type[Container] | str,
+        sensor: str | None = None,
+        step: str | None = None,
+    ) -> Container:
+        """Return a container.
+
+        Parameters
+        ----------
+        kind
+            Its class, such as `Lines`, or its name, such as ``"lines"``.
+        sensor
+            Its sensor; not needed where only one has such a container.
+        step
+            The step that made it, empty for the usual one; not needed where only one
+            step made such a container.
+
+        Raises
+        ------
+        DataError
+            There is none, or several and no sensor or step is named.
+        """
+        wanted = container_class(kind) if isinstance(kind, str) else kind
+        return self.tables[sole_key(self.tables, wanted, sensor, step, self.name)]
+
+    def to_pandas(
+        self,
+        kind: type[Container] | str | None = None,
+        sensor: str | None = None,
+        step: str | None = None,
+    ) -> "pd.DataFrame":
+        """Return a container as a pandas frame.
+
+        Parameters
+        ----------
+        kind, sensor, step
+            Which container, as for `read`; without a kind it is the answer of the
+            recipe: closest approaches, or motions.
+
+        Raises
+        ------
+        DataError
+            There is no such container, or pandas is not installed.
+        """
+        container = self.read(kind or self._answer(), sensor, step)
+        return to_pandas(container, self._start_utc_ns())
+
+    def to_xarray(
+        self,
+        kind: type[Container] | str | None = None,
+        sensor: str | None = None,
+        step: str | None = None,
+    ) -> "xr.Dataset":
+        """Return a container as an xarray dataset.
+
+        Parameters
+        ----------
+        kind, sensor, step
+            Which container, as for `to_pandas`.
+
+        Raises
+        ------
+        DataError
+            There is no such container, or xarray is not installed.
+        """
+        container = self.read(kind or self._answer(), sensor, step)
+        return to_xarray(container, self._start_utc_ns())
+
+    def _answer(self) -> str:
+        return next((name for name in ANSWERS if name in list(self)), ANSWERS[0])
+
+    def _start_utc_ns(self) -> int | None:
+        """Return the start of the recordings if they have one in common."""
+        recordings = [c for c in self.tables.values() if isinstance(c, Recording)]
+        starts = {recording.start_utc_ns for recording in recordings}
+        return starts.pop() if len(starts) == 1 else None
+
+
+def run(
+    source: Path | str,
+    *,
+    recipe: Recipe | Path | str | None = None,
+    settings: Sequence[str] = (),
+    keep: Sequence[type[Container] | str] = (),
+    output: Path | str | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    **source_options: Unpack[SourceOptions],
+) -> Results:
+    """Run the whole chain over a recording, as `uwtrack run` does.
+
+    Parameters
+    ----------
+    source
+        The recording: WAV, RF64, W64, FLAC or AIFF.
+    recipe
+        Name of a shipped recipe, a TOML file, or a `Recipe`; without one, that of the
+        command.
+    settings
+        Options of steps to override, as ``STEP.OPTION=VALUE``.
+    keep
+        Passing containers to keep, too: ``"spectrogram"``, ``"peaks"``.
+    output
+        Product file to write; without one, nothing is left behind.
+    overwrite
+        Whether an existing product may be replaced.
+    progress
+        Called with the time in seconds that has been dealt with.
+    **source_options
+        How the recording is opened: see `SourceOptions`.
+
+    Returns
+    -------
+    Results
+        All containers of the product, in memory.
+
+    Raises
+    ------
+    DataError
+        The recording or its sensor file is missing, damaged or of the wrong kind.
+    OptionError
+        The recipe, a setting or an option is not accepted.
+    OutputError
+        The output exists already, or cannot be written.
+
+    Examples
+    --------
+    >>> from uwtrack_cli.files.shipped_folder import shipped_folder
+    >>> sound = shipped_folder("sample_data") / "mono.wav"
+    >>> results = run(sound, start_utc="2024-05-01T12:00:00Z", stop_s=40.0)
+    >>> "lines" in results
+    True
+    >>> results.to_xarray("levels").level_db.dims
+    ('time',)
+    """
+    path = Path(source)
+    unknown = set(source_options) - set(SourceOptions.__annotations__)
+    if unknown:
+        msg = (
+            f"run has no option {min(unknown)!r}; it has recipe, settings, keep, "
+            f"output, overwrite, progress, {', '.join(SourceOptions.__annotations__)}."
+        )
+        raise OptionError(msg)
+    recording = open_with_options(path, _opening(source_options))
+    chosen = recipe or usual_recipe([recording.sensor])
+    if not isinstance(chosen, Recipe):
+        chosen = load_recipe(chosen)
+    kinds = [container_class(k) if isinstance(k, str) else k for k in keep]
+    with ExitStack() as stack:
+        if output is None:
+            folder = stack.enter_context(TemporaryDirectory(prefix="uwtrack-"))
+            target = Path(folder) / "run.h5"
+        else:
+            target = Path(output)
+        with ProductWriter(target, overwrite=overwrite, inputs=[path]) as writer:
+            run_into_product(
+                recording, chosen.with_settings(settings), writer,
+                keep=kinds, progress=progress,
+            )  # fmt: skip
+        return _read_all(target, path.name if output is None else str(output))
+
+
+def _opening(given: SourceOptions) -> dict[str, object]:
+    """Return the options of opening as the commands have them."""
+    options: dict[str, object] = dict(given)
+    if "sound_speed_mps" in options:
+        options["sensor_sound_speed_mps"] = options.pop("sound_speed_mps")
+    if options.get("start_utc") is not None:
+        options["start_utc"] = str(options["start_utc"])
+    if options.get("own_ship") is not None:
+        options["own_ship"] = Path(str(options["own_ship"]))
+    return options
+
+
+def read_results(path: Path | str) -> Results:
+    """Read all containers of a product file.
+
+    Parameters
+    ----------
+    path
+        The product. All of it is read: a long spectrogram is better read in blocks,
+        with `read_product` and `Product.stream`.
+
+    Raises
+    ------
+    DataError
+        The file is missing, no product, damaged or too new.
+    """
+    return _read_all(Path(path), str(path))
+
+
+def _read_all(path: Path, name: str) -> Results:
+    with read_product(path) as product:
+        names = list(CONTAINERS)
+        keys = sorted(product.paths, key=lambda key: names.index(key.name))
+        tables = {key: product.read(key.name, key.sensor, key.step) for key in keys}
+        return Results(name, tables, tuple(product.history))
