@@ -4,6 +4,7 @@
 the first line of its docstring is read. So `uwtrack --help` answers at once.
 """
 
+import difflib
 import itertools
 from collections.abc import Sequence
 from importlib import import_module
@@ -35,6 +36,7 @@ COMMANDS: dict[str, str] = {
     "simulate": "sample_commands:simulate",
     "sample": "sample_commands:sample",
     "study": "study_commands:study",
+    "help": "app:explain",
 }
 """Module of each command and the function that documents it, a stage's its own."""
 
@@ -56,9 +58,18 @@ class CommandList(TyperGroup):
         """Find the command that is called, and import it."""
         if args and args[0] in COMMANDS:
             found, words = _load(args[0]), _words(*args)
-            _refuse_repeated(found, words)
+            if not ctx.resilient_parsing:  # completion asks before all is typed
+                _refuse_repeated(found, words)
             return args[0], found, words
+        if args and not args[0].startswith("-") and not ctx.resilient_parsing:
+            ctx.fail(_no_such_command(args[0]))
         return super().resolve_command(ctx, args)
+
+
+def _no_such_command(name: str) -> str:
+    near = " or ".join(map(repr, difflib.get_close_matches(name, COMMANDS, 2)))
+    nearest = f" Did you mean {near}?" if near else ""
+    return f"There is no command {name!r}.{nearest} uwtrack help lists all."
 
 
 def _summary(name: str) -> str:
@@ -117,7 +128,6 @@ app = typer.Typer(
     name="uwtrack",
     cls=CommandList,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -149,6 +159,29 @@ def program(
 
     Run the whole chain in one pass: uwtrack run pass.wav
 
-    Draw what was found: uwtrack plot pass.run.h5 -o pass.png
+    Draw what was found (with matplotlib): uwtrack plot pass.run.h5 -o pass.png
     """
     set_verbosity(-1 if quiet else verbose)
+
+
+def register(to: typer.Typer, name: str) -> None:
+    """Add the command that stands here."""
+    from uwtrack_cli.cli.command_factory import command
+
+    command(to, name)(explain)
+
+
+def explain(
+    *,
+    command: Annotated[
+        str | None,
+        typer.Argument(
+            help="Command to explain; without it, all are listed.",
+            autocompletion=lambda incomplete: [
+                name for name in COMMANDS if name.startswith(incomplete)
+            ],
+        ),
+    ] = None,
+) -> None:
+    """Explain a command, or list all."""
+    app([*([] if command is None else [command]), "--help"], prog_name="uwtrack")

@@ -38,8 +38,20 @@ if TYPE_CHECKING:
     from uwtrack_cli.flow.recipe import Recipe
     from uwtrack_cli.flow.vessel_names import AisVessels
 
+
+def _recipes(incomplete: str) -> list[str]:
+    from uwtrack_cli.flow.shipped_recipes import shipped_recipes
+
+    return [name for name in shipped_recipes() if name.startswith(incomplete)]
+
+
 RecipeName = Annotated[
-    str, typer.Option("--recipe", help="Name of a shipped recipe, or a TOML file.")
+    str,
+    typer.Option(
+        "--recipe",
+        help="Name of a shipped recipe, or a TOML file.",
+        autocompletion=_recipes,
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
@@ -81,6 +93,7 @@ def run(
             "--recipe",
             help="Name of a shipped recipe, or a TOML file; unless given, towed-array "
             "for line arrays and vessel for other sensors.",
+            autocompletion=_recipes,
         ),
     ] = None,
     settings: Settings = None,
@@ -283,12 +296,18 @@ def recipes(
     *,
     show: Annotated[
         str | None,
-        typer.Option("--show", help="Print a recipe as TOML with every default."),
+        typer.Option(
+            "--show",
+            help="Print a recipe as TOML with every default.",
+            autocompletion=_recipes,
+        ),
     ] = None,
     graph: Annotated[
         str | None,
         typer.Option(
-            "--graph", help="Print which step reads which, or draw it with -o."
+            "--graph",
+            help="Print which step reads which, or draw it with -o.",
+            autocompletion=_recipes,
         ),
     ] = None,
     output: Annotated[

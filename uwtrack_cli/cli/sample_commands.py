@@ -16,6 +16,12 @@ def register(app: typer.Typer, name: str) -> None:
     command(app, name)(named[name])
 
 
+def _samples(incomplete: str) -> list[str]:
+    from uwtrack_cli.flow.shipped_recipes import sample_names
+
+    return [name for name in sample_names() if name.startswith(incomplete)]
+
+
 def simulate(
     *,
     scenario: Annotated[Path, typer.Argument(help="Scenario: a TOML file.")],
@@ -38,7 +44,10 @@ def simulate(
 def sample(
     *,
     name: Annotated[
-        str | None, typer.Argument(help="Name of a sample; all names are listed.")
+        str | None,
+        typer.Argument(
+            help="Name of a sample; all names are listed.", autocompletion=_samples
+        ),
     ] = None,
     folder: Annotated[
         Path, typer.Option("--output", "-o", help="Folder to copy it to.")

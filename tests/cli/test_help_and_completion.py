@@ -1,0 +1,72 @@
+"""What helps a person who types: help by name, the nearest command, completion."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from uwtrack_cli.cli.app import COMMANDS
+
+
+def test_help_without_a_name_lists_every_command(uwtrack):
+    done = uwtrack("help")
+    assert done.exit_code == 0
+    listed = [line.split()[1] for line in done.stdout.splitlines() if "│ " in line]
+    assert set(COMMANDS) <= set(listed)
+
+
+def test_help_with_a_name_is_the_help_of_the_command(uwtrack):
+    asked, own = uwtrack("help", "peaks"), uwtrack("peaks", "--help")
+    assert asked.exit_code == 0
+    assert asked.stdout.replace("uwtrack peaks", "") == own.stdout.replace(
+        "uwtrack peaks", ""
+    )
+    assert "--kept-probability" in asked.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "nearest"),
+    [
+        (["spectogram", "x.wav"], "'spectrogram'"),
+        (["help", "exprot"], "'export'"),
+        (["run", "--recpie", "vessel", "x.wav"], "--recipe"),
+        (["peaks", "--false-alarm-probabilty", "1e-3", "x.h5"], "--false-alarm"),
+    ],
+)
+def test_a_typing_error_is_told_with_what_is_nearest(uwtrack, words, nearest):
+    done = uwtrack(*words)
+    assert done.exit_code == 2
+    assert nearest in done.stderr
+
+
+def test_a_word_that_is_near_nothing_is_told_where_all_are(uwtrack):
+    done = uwtrack("qqq")
+    assert done.exit_code == 2
+    assert "uwtrack help" in done.stderr
+    assert "Did you mean" not in done.stderr
+
+
+def test_bash_completes_commands_options_and_names(tmp_path):
+    script = """
+        set -eu
+        eval "$(uwtrack --show-completion bash)"
+        complete_last() {
+            COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1))
+            _uwtrack_completion uwtrack; echo "${COMPREPLY[@]}"
+        }
+        complete_last uwtrack spec
+        complete_last uwtrack run pass.wav --recipe tow
+        complete_last uwtrack run pass.wav --start-s 1 --start-s 2 --ov
+        complete_last uwtrack sample two-sensors-h
+    """
+    folder = str(Path(sys.executable).parent)
+    done = subprocess.run(
+        ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True,
+        check=True, env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
+    )  # fmt: skip
+    assert [line.split() for line in done.stdout.splitlines()] == [
+        ["spectrogram"], ["towed-array"], ["--overwrite"],
+        ["two-sensors-h1", "two-sensors-h2"],
+    ]  # fmt: skip
