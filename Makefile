@@ -7,7 +7,7 @@ DEMO := demo
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help install demo test long bench check format samples figures build clean
+.PHONY: help install demo test long bench check format samples figures docs build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -60,8 +60,11 @@ figures: $(VENV)/.development  ## draw the pictures of recipes and presence in d
 	$(BIN)/uwtrack run sample_data/propeller.wav --recipe presence -o $(DEMO)/propeller.run.h5 --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/propeller.run.h5 -o docs/presence.png --overwrite
 
+docs: $(VENV)/.development  ## the documentation site in docs/_build/html; a warning is an error
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+
 build: $(VENV)/.development  ## wheel and source distribution
 	$(BIN)/python -m build
 
 clean:  ## remove what was made
-	rm -rf $(VENV) $(DEMO) dist build
+	rm -rf $(VENV) $(DEMO) dist build docs/_build docs/reference

@@ -38,13 +38,20 @@ def test_the_wheel_carries_recipes_and_samples(distributions):
     for name in SHIPPED:
         assert f"uwtrack_cli/_shipped/{name}" in names
     assert "uwtrack_cli/studies/reference/clutter.json" in names
+    assert {"uwtrack_cli/py.typed", "uwtrack_cli/__init__.pyi"} <= set(names)
     assert not any(name.startswith("tests/") for name in names)
 
 
 def test_the_source_distribution_carries_recipes_samples_and_tests(distributions):
     with tarfile.open(distributions[1]) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    for name in (*SHIPPED, "tests/test_package.py", "constraints.txt", "Makefile"):
+    for name in (
+        *SHIPPED,
+        "docs/conf.py",
+        "tests/test_package.py",
+        "constraints.txt",
+        "Makefile",
+    ):
         assert name in names
 
 

@@ -23,7 +23,6 @@ def test_the_commands_run_in_an_empty_folder(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     assert (tmp_path / "pass.png").exists()
-    assert (tmp_path / "two-sensors-h1.fixes.h5").exists()
 
 
 def test_the_python_runs(samples, monkeypatch):

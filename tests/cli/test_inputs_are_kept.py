@@ -14,7 +14,7 @@ import soundfile
 from typer.testing import CliRunner
 
 import uwtrack_cli
-from uwtrack_cli.cli.app import COMMANDS, _load, app
+from uwtrack_cli.cli.app import COMMANDS, app, load_command
 from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.input_ledger import as_input, input_ledger, not_an_input
 from uwtrack_cli.flow.shipped_recipes import load_recipe
@@ -198,7 +198,7 @@ def test_a_sample_is_not_copied_onto_itself(uwtrack, samples, tmp_path):
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_that_writes_has_its_inputs_aimed_at(name):
-    names = {parameter.name for parameter in _load(name).params}
+    names = {parameter.name for parameter in load_command(name).params}
     if name == "watch":  # it has no --overwrite: what is there is left
         assert "overwrite" not in names
         return

@@ -57,7 +57,7 @@ class CommandList(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that is called, and import it."""
         if args and args[0] in COMMANDS:
-            found, words = _load(args[0]), _words(*args)
+            found, words = load_command(args[0]), _words(*args)
             if not ctx.resilient_parsing:  # completion asks before all is typed
                 _refuse_repeated(found, words)
             return args[0], found, words
@@ -115,7 +115,7 @@ def _refuse_repeated(found: Any, words: Sequence[str]) -> None:
         given[name] = flag
 
 
-def _load(name: str) -> Any:
+def load_command(name: str) -> Any:
     """Import the module of a command and build it."""
     module = import_module(f"uwtrack_cli.cli.{COMMANDS[name].partition(':')[0]}")
     own = typer.Typer()

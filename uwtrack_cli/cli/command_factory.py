@@ -43,7 +43,9 @@ Branch = Annotated[
 
 Ais = Annotated[
     Path | None,
-    typer.Option("--ais", help="AIS table or log that gives passages names of vessels."),
+    typer.Option(
+        "--ais", help="AIS table or log that gives passages names of vessels."
+    ),
 ]
 WithinM = Annotated[
     float, typer.Option(help="Range in m within which AIS vessels must be found.")

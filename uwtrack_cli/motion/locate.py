@@ -79,7 +79,7 @@ def locate_vessels(
     Notes
     -----
     Choi et al. (2014), eq. 1 with the side per sensor; eqs. 15-16 with
-    A = t_d^2 - |D|^2 as the start without Doppler; weighted least squares on times,
+    ``A = t_d^2 - |D|^2`` as the start without Doppler; weighted least squares on times,
     widths, speeds and bearings with the deviations of position, clock and compass.
     """
     if until is not None and every_s is None:

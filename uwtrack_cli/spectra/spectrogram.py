@@ -106,7 +106,7 @@ def compute_spectrogram(
 
     Notes
     -----
-    P = 2 |X|^2 / (f_s sum w^2) except at zero and the Nyquist frequency, where the
+    ``P = 2 |X|^2 / (f_s sum w^2)`` except at zero and the Nyquist frequency, where the
     factor 2 is absent (Welch 1967): the density that scipy.signal.welch returns.
     """
     given = {"window_s": window_s, "largest_share": largest_share}

@@ -1,0 +1,123 @@
+"""The documentation site builds without a warning, and its commands run as they stand."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import lxml.html
+import numpy as np
+import pytest
+import soundfile
+
+from uwtrack_cli.cli.app import COMMANDS, load_command
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+FENCED = re.compile(r"^```(sh|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+ELSEWHERE = {"github-actions.md", "notebook.md"}
+"""Pages whose code is run by a test of its own, and by the build."""
+
+EXECUTED = [
+    page
+    for page in PAGES
+    if page.name not in ELSEWHERE and FENCED.search(page.read_text(encoding="utf-8"))
+]
+
+
+def build_site():
+    """Build the site as by `make docs`, only what is new, and return its folder."""
+    folder = ROOT / "docs" / "_build" / "html"
+    words = ["-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    done = subprocess.run(
+        [sys.executable, *words, ROOT / "docs", folder], capture_output=True, text=True,
+        check=False, cwd=ROOT,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@pytest.mark.timeout(600)
+def test_the_site_builds_without_a_warning_and_every_link_arrives():
+    site = build_site()
+    for name in COMMANDS:
+        assert (site / f"reference/generated/commands/{name}.html").exists()
+    trees = {
+        path: lxml.html.parse(path).getroot()
+        for path in site.rglob("*.html")
+        if "_static" not in path.parts
+    }
+    names = {path: set(tree.xpath("//@id")) for path, tree in trees.items()}
+    for path, tree in trees.items():
+        for link in tree.xpath("//a/@href | //img/@src"):
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            target = (
+                (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            )
+            assert target.exists(), f"{path.name}: {link}"
+            if parts.fragment and target in names:
+                assert unquote(parts.fragment) in names[target], f"{path.name}: {link}"
+    notebook = trees[site / "notebook.html"].text_content()
+    assert "2024-05-01 12:02:28" in notebook  # it was executed
+    assert "false_alarm_probability must be a number" in notebook
+
+
+@pytest.fixture
+def sound_programs(tmp_path_factory, monkeypatch):
+    """Programs that give sound, as sox, ffmpeg and arecord do; the program itself."""
+    folder = tmp_path_factory.mktemp("bin")
+    noise = np.random.default_rng(1).normal(0.0, 0.1, 4 * 48_000)
+    soundfile.write(folder / "sound.wav", noise, 48_000, subtype="PCM_24")
+    (0x7FFF * noise.clip(-1, 1)).astype("<i2").tofile(folder / "sound.raw")
+    for name, sound in (("sox", "wav"), ("arecord", "wav"), ("ffmpeg", "raw")):
+        program = folder / name
+        program.write_text(f"#!/bin/sh\nexec cat {folder}/sound.{sound}\n")
+        program.chmod(0o755)
+    path = f"{folder}:{Path(sys.executable).parent}:{os.environ['PATH']}"
+    monkeypatch.setenv("PATH", path)
+    return folder
+
+
+@pytest.mark.parametrize("page", EXECUTED, ids=lambda page: page.stem)
+def test_the_blocks_of_a_page_run_in_their_order(page, sound_programs, tmp_path):
+    (tmp_path / "recorder.wav").write_bytes((sound_programs / "sound.wav").read_bytes())
+    script = ["set -eu", "export MPLBACKEND=agg"]
+    for language, code in FENCED.findall(page.read_text(encoding="utf-8")):
+        script.append(code if language == "sh" else f"python <<'CODE'\n{code}CODE")
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", "\n".join(script)], cwd=tmp_path,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    if page.stem == "tutorial":
+        shown = re.sub(r"\s+", " ", page.read_text(encoding="utf-8"))
+        for line in done.stdout.splitlines()[:5]:  # what it prints is what it says
+            assert re.sub(r"\s+", " ", line).strip() in shown
+
+
+def test_every_other_command_line_names_commands_and_options_that_exist():
+    documents = [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    lines = [
+        (page.name, line)
+        for page in documents
+        for line in page.read_text(encoding="utf-8").splitlines()
+        if re.match(r"(    |\s*- run: )?.*\buwtrack [a-z]", line)
+    ]
+    assert len(lines) > 100
+    for page, line in lines:
+        for words in re.findall(r"\buwtrack ([a-z][a-z-]*)([^`|;&#]*)", line):
+            if words[0] not in COMMANDS:
+                assert "`" not in line.split("uwtrack " + words[0])[0][-2:], (
+                    page,
+                    line,
+                )
+                continue
+            known = {flag for p in load_command(words[0]).params for flag in p.opts}
+            known |= {"-h", "--help"}
+            given = re.findall(r"(?<=\s)--[a-z][a-z-]*", words[1])
+            assert set(given) <= known, f"{page}: {line}"
