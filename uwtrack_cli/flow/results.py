@@ -4,6 +4,7 @@
 file where no output is named, and reads it back: library and command cannot differ.
 """
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import OptionError, UwtrackNote
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, container_class
 from uwtrack_cli.files.hdf5.product import (
     ContainerKey,
@@ -259,7 +260,8 @@ def run(
     if not isinstance(chosen, Recipe):
         chosen = load_recipe(chosen)
     kinds = [container_class(k) if isinstance(k, str) else k for k in keep]
-    with ExitStack() as stack:
+    with ExitStack() as stack, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UwtrackNote)  # the results say it in its place
         if output is None:
             folder = stack.enter_context(TemporaryDirectory(prefix="uwtrack-"))
             target = Path(folder) / "run.h5"
