@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from uwtrack_cli.cli.app import COMMANDS
+from uwtrack_cli.cli.app import COMMANDS, load_command
 
 
 def test_help_without_a_name_lists_every_command(uwtrack):
@@ -23,7 +23,15 @@ def test_help_with_a_name_is_the_help_of_the_command(uwtrack):
     assert asked.stdout.replace("uwtrack peaks", "") == own.stdout.replace(
         "uwtrack peaks", ""
     )
-    assert "--kept-probability" in asked.stdout
+    assert "--false-alarm-probability" in asked.stdout
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_every_option_in_full_on_eighty_columns(uwtrack, name):
+    text = uwtrack(name, "--help").stdout
+    assert max(map(len, text.splitlines())) <= 80
+    for param in load_command(name).params:
+        assert all(flag in text for flag in param.opts)
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,7 @@ def _refuse_repeated(found: Any, words: Sequence[str]) -> None:
 def load_command(name: str) -> Any:
     """Import the module of a command and build it."""
     module = import_module(f"uwtrack_cli.cli.{COMMANDS[name].partition(':')[0]}")
-    own = typer.Typer()
+    own = typer.Typer(rich_markup_mode=None)
     own.callback()(lambda: None)
     module.register(own, name)
     return typer.main.get_group(own).commands[name]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
+from typer.core import TyperCommand
 
 from uwtrack_cli.cli.console import guard, set_verbosity
 from uwtrack_cli.data.options import is_union
@@ -55,6 +56,27 @@ SHARED: dict[str, Any] = {"quiet": Quiet, "verbose": Verbose, "debug": Debug}
 """Options of every command."""
 
 
+class PlainCommand(TyperCommand):
+    """A command whose help has every name in full, however narrow the screen is.
+
+    In a table of boxes a long name is cut where columns meet: `--false-alarm-prob…`.
+    """
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, then the options panel by panel."""
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            is_argument = param.param_type_name == "argument"
+            usual = "Arguments" if is_argument else "Options"
+            if record is not None:
+                title = getattr(param, "rich_help_panel", None) or usual
+                panels.setdefault(title, []).append(record)
+        for title, records in panels.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
 def command(app: typer.Typer, name: str) -> Callable[[Callable[..., None]], None]:
     """Register a function as a command with the shared options and error handling."""
 
@@ -74,7 +96,7 @@ def command(app: typer.Typer, name: str) -> Callable[[Callable[..., None]], None
             parameters=parameters
         )
         run.__annotations__ = {p.name: p.annotation for p in parameters}
-        app.command(name)(run)
+        app.command(name, cls=PlainCommand)(run)
 
     return register
 
