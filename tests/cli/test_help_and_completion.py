@@ -78,3 +78,12 @@ def test_bash_completes_commands_options_and_names(tmp_path):
         ["spectrogram"], ["towed-array"], ["--overwrite"],
         ["two-sensors-h1", "two-sensors-h2"],
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("typed", ["noise", "nose.wav", "noise.wv"])
+def test_a_file_that_is_not_there_is_told_with_what_is_nearest(
+    uwtrack, noise_wav, typed
+):
+    done = uwtrack("run", typed)
+    assert done.exit_code == 1
+    assert f"{typed} does not exist. Did you mean {noise_wav.name}?" in done.stderr

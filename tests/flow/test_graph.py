@@ -1,6 +1,7 @@
 """A recipe is a graph: its steps join, nothing runs in vain, branches do not mix."""
 
 import shutil
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +28,10 @@ from uwtrack_cli.flow.engine import run_recipe, shared_readers
 from uwtrack_cli.flow.products import run_into_product
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
+from uwtrack_cli.flow.stage import plain
+
+RECIPES_0_1 = Path(__file__).parent / "recipes-0.1.0"
+"""Recipes as 0.1.0 shipped them."""
 
 RATE_HZ = 2000.0
 
@@ -409,3 +414,17 @@ def test_a_product_of_single_commands_is_made_again(uwtrack, short_pass):
         inputs = {s.step_name: s.inputs for s in product.history}
     assert inputs["track"] == ("classify",)
     assert set(inputs["cpa"]) == {"track", "levels"}
+
+
+@pytest.mark.parametrize(
+    "path", sorted(RECIPES_0_1.glob("*.toml")), ids=lambda p: p.stem
+)
+def test_a_recipe_that_came_with_0_1_0_still_joins(path):
+    steps = load_recipe(path).steps
+    written = tomllib.loads(path.read_text(encoding="utf-8"))
+    assert [step.name for step in steps] == list(written)[1:]
+    for step in steps:
+        for option, value in written[step.name].items():
+            now = plain(step.options[option])
+            nested = isinstance(value, dict)
+            assert ({key: now[key] for key in value} if nested else now) == value

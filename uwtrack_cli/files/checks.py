@@ -1,5 +1,7 @@
 """Whether a path names a file that can be read."""
 
+import difflib
+import os
 import stat
 from pathlib import Path
 
@@ -21,6 +23,17 @@ def is_pipe(path: Path) -> bool:
     return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
 
 
+def _nearest(path: Path) -> str:
+    """Return which file of the folder may be meant, as a sentence; else nothing."""
+    try:
+        names = [entry.name for entry in os.scandir(path.parent) if entry.is_file()]
+    except OSError:
+        return ""
+    same = [name for name in names if Path(name).stem == path.name]
+    near = same or difflib.get_close_matches(path.name, names, 1, cutoff=0.8)
+    return f" Did you mean {path.with_name(near[0])}?" if near else ""
+
+
 def check_readable(path: Path) -> None:
     """Refuse a path that is no readable regular file.
 
@@ -31,7 +44,7 @@ def check_readable(path: Path) -> None:
     """
     try:
         if not path.exists():
-            msg = f"{path} does not exist."
+            msg = f"{path} does not exist.{_nearest(path)}"
             raise DataError(msg)
         if path.is_dir():
             msg = f"{path} is a folder, not a file."
