@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.flow.made_encounters import encounters_of
+from uwtrack_cli.data.decidecades import RadiatedLevels
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.files.hdf5.product import write_product
@@ -21,7 +22,7 @@ START_NS = 1_714_564_800 * 10**9  # 2024-05-01T12:00:00Z
 
 
 def write_result(
-    path, day=0, times=(100.0,), sensor="h1", place=(35.0, 128.5), **facts
+    path, day=0, times=(100.0,), sensor="h1", place=(35.0, 128.5), more=(), **facts
 ):
     """Write a product with passages at some times of a day."""
     start = START_NS + day * 86_400 * 10**9
@@ -36,8 +37,57 @@ def write_result(
         for t in times
     ]  # fmt: skip
     found = encounters_of(*rows)
-    write_product(path, [recording, own, found], overwrite=True)
+    write_product(path, [recording, own, found, *more], overwrite=True)
     return path
+
+
+def levels_of(contact, sensor="h1", heard=168.25):
+    """Radiated levels of a passage in two bands, one of them not heard."""
+    return RadiatedLevels(
+        contact=np.full(2, contact), sensor=np.array([sensor, sensor]),
+        time_utc_ns=np.full(2, -1), centre_hz=np.array([63.0, 1000.0]),
+        radiated_noise_level_db=np.array([heard, np.nan]),
+        radiated_noise_level_std_db=np.array([0.5, np.nan]),
+        received_level_db=np.array([120.0, 90.0]),
+        background_level_db=np.array([100.0, 89.0]), reason_level=np.array([1]),
+        reason_key=np.array(["radiated_noise_level_db"]), reason_text=np.array(["weak"]),
+        spreading_db=20.0, reference="1 uPa",
+    )  # fmt: skip
+
+
+def test_levels_stand_beside_their_passages(tmp_path, uwtrack):
+    folder = tmp_path / "r"
+    folder.mkdir()
+    write_result(folder / "a.h5", 0, (100.0, 300.0), more=[levels_of(2)])
+    write_result(folder / "b.h5", 1, (100.0,), more=[levels_of(1, heard=171.0)])
+    table = collect_passages([folder])
+    assert [(r.contact, r.centre_hz, r.radiated_noise_level_db) for r in table.levels] == [
+        (2, 63.0, 168.25), (2, 1000.0, None), (1, 63.0, 171.0), (1, 1000.0, None)
+    ]  # fmt: skip
+    assert table.levels[0].time_utc == table.passages[1].time_utc
+    shown = uwtrack("passages", folder, "--bands")
+    assert "168.2 ± 0.5" in shown.stdout
+    assert "not ISO 17208" in shown.stderr
+    again = uwtrack("passages", folder, "--bands", "--to", "csv").stdout
+    assert len(list(csv.DictReader(io.StringIO(again)))) == 4
+    query = (
+        "SELECT p.contact, max(l.radiated_noise_level_db) AS top FROM passages p "
+        "JOIN levels l USING (file, contact) GROUP BY ALL ORDER BY top"
+    )
+    found = uwtrack("passages", folder, "--sql", query, "--to", "json").stdout
+    assert json.loads(found) == [
+        {"contact": 2, "top": 168.25},
+        {"contact": 1, "top": 171},
+    ]
+    target = tmp_path / "l.parquet"
+    uwtrack("passages", folder, "--bands", "--to", "parquet", "-o", target)
+    assert len(duckdb.read_parquet(str(target)).fetchall()) == 4
+
+
+def test_passages_without_levels_say_what_they_need(tmp_path, uwtrack):
+    path = write_result(tmp_path / "a.h5")
+    done = uwtrack("passages", path, "--bands")
+    assert "need a calibrated sensor" in done.stderr
 
 
 @pytest.fixture
@@ -170,7 +220,9 @@ def test_sql_sees_the_table_and_nothing_else(passages, uwtrack, folder):
 @pytest.mark.parametrize(
     ("words", "text", "code"),
     [
-        (("--per", "day", "--sql", "SELECT 1"), "give one of them", 2),
+        (("--per", "day", "--sql", "SELECT 1"), "give one.", 2),
+        (("--bands", "--per", "day"), "give one.", 2),
+        (("--bands", "--to", "geojson"), "levels go to table", 2),
         (("--to", "parquet"), "name its file with --output", 2),
         (("--per", "day", "--to", "geojson"), "holds passages", 2),
         (("--ais", "none.csv"), "none.csv", 1),

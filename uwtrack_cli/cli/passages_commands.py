@@ -26,6 +26,16 @@ NUMBERS = (
     Head("level dB", "received_level_db", 1, "received_level_std_db"),
 )
 HEADS = ("time UTC", "sensor", "vessel", "status", *(head.title for head in NUMBERS))
+LEVELS = (
+    Head("band Hz", "centre_hz", 1),
+    Head(
+        "radiated dB re 1 uPa m", "radiated_noise_level_db", 1,
+        "radiated_noise_level_std_db",
+    ),
+    Head("received dB", "received_level_db", 1),
+    Head("background dB", "background_level_db", 1),
+)  # fmt: skip
+SPARE_OF_LEVELS = ("received dB", "sensor", "vessel")
 SPARE = ("level dB", "status", "course deg", "sensor")
 """Columns that a narrow table does without."""
 
@@ -35,7 +45,7 @@ def register(app: typer.Typer, name: str) -> None:
     command(app, name)(passages)
 
 
-def passages(
+def passages(  # noqa: PLR0913 - three views of one table
     *,
     sources: Annotated[
         list[Path], typer.Argument(help="Products, or folders with them.")
@@ -46,8 +56,18 @@ def passages(
     ] = None,
     sql: Annotated[
         str | None,
-        typer.Option("--sql", help="SELECT over the table `passages`, by DuckDB."),
+        typer.Option(
+            "--sql", help="SELECT over the tables `passages` and `levels`, by DuckDB."
+        ),
     ] = None,
+    bands: Annotated[
+        bool,
+        typer.Option(
+            "--bands",
+            help="List radiated noise levels in decidecade bands, of calibrated "
+            "recordings; not ISO 17208.",
+        ),
+    ] = False,
     ais: Ais = None,
     within_m: WithinM = 2000.0,
     form: Annotated[Form, typer.Option("--to", help="Format to write.")] = "table",
@@ -72,7 +92,7 @@ def passages(
     from uwtrack_cli.flow.passages import collect_passages, count_passages, usual_cache
 
     output = None if output == PIPE else output
-    _check(per, sql, form, output)
+    _check(per, sql, bands, form, output)
     if output is not None:
         check_target(output, overwrite=overwrite)
     table = collect_passages(
@@ -81,24 +101,31 @@ def passages(
     if sql is not None:
         from uwtrack_cli.flow.exports.passage_tables import query_passages
 
-        _write_rows(query_passages(table.passages, sql), form, output, overwrite)
+        _write_rows(query_passages(table, sql), form, output, overwrite)
     elif per is not None:
         _write_rows(count_passages(table.passages, per), form, output, overwrite)
+    elif bands:
+        _write_levels(table, form, output, overwrite)
     else:
-        _write_passages(table.passages, form, output, overwrite)
+        _write_passages(table, form, output, overwrite)
     _tell(table)
     if output is not None:
         say(f"wrote {output}")
 
 
-def _check(per: str | None, sql: str | None, form: str, output: Path | None) -> None:
-    if per is not None and sql is not None:
-        msg = "--per and --sql each make a table of their own: give one of them."
+def _check(
+    per: str | None, sql: str | None, bands: bool, form: str, output: Path | None
+) -> None:
+    if (per is not None) + (sql is not None) + bands > 1:
+        msg = "--per, --sql and --bands each make a table of their own: give one."
         raise OptionError(msg)
     if form in {"parquet", "geojson"} and (per is not None or sql is not None):
         msg = (
             f"--to {form} holds passages; counts and queries go to table, csv or jsonl."
         )
+        raise OptionError(msg)
+    if form == "geojson" and bands:
+        msg = "--to geojson holds passages; levels go to table, csv, jsonl or parquet."
         raise OptionError(msg)
     if form == "parquet" and output is None:
         msg = "Parquet is binary: name its file with --output."
@@ -117,15 +144,61 @@ def _tell(table: "PassageTable") -> None:
         say("no passage was found")
 
 
+def _write_levels(
+    table: "PassageTable", form: str, output: Path | None, overwrite: bool
+) -> None:
+    from uwtrack_cli.flow.exports.passage_tables import LEVEL_COLUMNS
+
+    if form == "parquet" and output is not None:
+        _write_parquet(table, "levels", output, overwrite)
+    elif form == "table" and output is None:
+        show_table(
+            ("time UTC", "sensor", "contact", "vessel", *(h.title for h in LEVELS)),
+            [
+                (
+                    utc_text(row.time_utc) if row.time_utc else "-", row.sensor,
+                    str(row.contact), row.vessel or "-",
+                    *(head.text(asdict(row)) for head in LEVELS),
+                )
+                for row in table.levels
+            ],
+            is_data=True, spare=SPARE_OF_LEVELS,
+        )  # fmt: skip
+    else:
+        _write_rows(
+            list(map(asdict, table.levels)), form, output, overwrite, LEVEL_COLUMNS
+        )
+    if table.levels:
+        say("levels at 1 m of single passages, surface image included: not ISO 17208")
+    elif table.passages:
+        say(
+            "no passage has levels: they need a calibrated sensor and a step 'radiated'"
+        )
+
+
+def _write_parquet(
+    table: "PassageTable",
+    name: Literal["passages", "levels"],
+    output: Path,
+    overwrite: bool,
+) -> None:
+    from uwtrack_cli.files.atomic import atomic_target
+    from uwtrack_cli.flow.exports.passage_tables import parquet_bytes
+
+    content = parquet_bytes(table, name)
+    with atomic_target(output, overwrite=overwrite) as temporary:
+        temporary.write_bytes(content)
+
+
 def _write_passages(
-    rows: "Sequence[PassageRow]", form: str, output: Path | None, overwrite: bool
+    table: "PassageTable", form: str, output: Path | None, overwrite: bool
 ) -> None:
     from uwtrack_cli.flow.exports.passage_tables import (
         COLUMNS,
-        parquet_bytes,
         passages_geojson,
     )
 
+    rows = table.passages
     if form == "table" and output is None:
         _show_passages(rows)
     elif form == "geojson":
@@ -136,11 +209,7 @@ def _write_passages(
             )
         _place(passages_geojson(rows).splitlines(), output, overwrite)
     elif form == "parquet" and output is not None:
-        from uwtrack_cli.files.atomic import atomic_target
-
-        content = parquet_bytes(rows)
-        with atomic_target(output, overwrite=overwrite) as temporary:
-            temporary.write_bytes(content)
+        _write_parquet(table, "passages", output, overwrite)
     else:
         _write_rows([asdict(row) for row in rows], form, output, overwrite, COLUMNS)
 

@@ -16,7 +16,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,6 +24,7 @@ import numpy as np
 
 from uwtrack_cli import __version__
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.data.decidecades import RadiatedLevels
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
@@ -105,6 +106,34 @@ class PassageRow:
     """Product that the row was read from."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class PassageLevel:
+    """Radiated noise level of a passage in one decidecade band; not ISO 17208."""
+
+    time_utc: str | None = None
+    """Closest approach, UTC; None where the start of the recording is not known."""
+    sensor: str
+    """Identifier of the sensor."""
+    contact: int
+    """Number of the contact in its result."""
+    vessel: str | None = None
+    """Name of the vessel by AIS."""
+    mmsi: str | None = None
+    """Its MMSI."""
+    centre_hz: float
+    """Centre of the band, Hz."""
+    radiated_noise_level_db: float | None = None
+    """Level re 1 uPa at 1 m; None where the vessel is not heard over the background."""
+    radiated_noise_level_std_db: float | None = None
+    """Standard deviation of the level, dB."""
+    received_level_db: float | None = None
+    """Mean square in the band while the vessel was within 30 degrees, dB re 1 uPa."""
+    background_level_db: float | None = None
+    """Mean square in the band without the vessel, dB re 1 uPa."""
+    file: str
+    """Product that the row was read from."""
+
+
 @dataclass(frozen=True)
 class Result:
     """What one product says."""
@@ -119,6 +148,8 @@ class Result:
     """Latitude and longitude by sensor, where they are known."""
     passages: tuple[PassageRow, ...]
     """Its passages."""
+    levels: tuple[PassageLevel, ...]
+    """Radiated noise levels of its passages."""
     own_ns: tuple[int, int] | None = None
     """Span whose passages it counts, ns since 1970-01-01 UTC; None is everything."""
     files: tuple[str, ...] = ()
@@ -133,6 +164,8 @@ class PassageTable:
 
     passages: list[PassageRow] = field(default_factory=list)
     """The rows, in the order of UTC."""
+    levels: list[PassageLevel] = field(default_factory=list)
+    """Radiated noise levels of the passages, in the same order."""
     problems: list[str] = field(default_factory=list)
     """Products that could not be read, and what is unclear, in words."""
     n_results: int = 0
@@ -211,6 +244,17 @@ def collect_passages(
     table.problems += dict.fromkeys(text for r in results for text in r.unnamed)
     rows = [row for part in _once(list(_last_views(results))) for row in part]
     table.passages = sorted(rows, key=lambda row: (row.time_utc or "9999", row.file))
+    levels: dict[tuple[str, str, int], list[PassageLevel]] = {}
+    for result in results:
+        for level in result.levels:
+            key = (level.file, level.sensor, level.contact)
+            levels.setdefault(key, []).append(level)
+    for row in table.passages:
+        own = levels.get((row.file, row.sensor, row.contact), [])
+        table.levels += (
+            replace(level, vessel=row.vessel, mmsi=row.mmsi, time_utc=row.time_utc)
+            for level in own
+        )
     return table
 
 
@@ -261,10 +305,19 @@ def _read_result(path: Path, vessels: AisVessels | None) -> Result:
             str(path), product.created_utc, tuple(sorted(views)),
             {s.id: place for s in sensors if (place := _place(s)) is not None},
             tuple(rows),
+            tuple(_levels(path, product)),
             next(map(_own_span, joined), None),
             tuple(str(digest) for files in joined for digest in files.digest),
             tuple(sorted(unnamed)),
         )  # fmt: skip
+
+
+def _levels(path: Path, product: Product) -> Iterator[PassageLevel]:
+    names = [f.name for f in fields(PassageLevel)]
+    for table in product.read_all(RadiatedLevels):
+        for row in json_rows(table):
+            own = {name: row[name] for name in names if name in row}
+            yield PassageLevel(**own, file=str(path))
 
 
 def _own_span(files: RecordedFiles) -> tuple[int, int] | None:
@@ -390,7 +443,8 @@ class _Cache:
 
     def __init__(self, path: Path | None, ais: Path | None, within_m: float) -> None:
         self._path = path
-        columns = ",".join(f.name for f in (*fields(PassageRow), *fields(Result)))
+        kinds = (PassageRow, PassageLevel, Result)
+        columns = ",".join(f.name for kind in kinds for f in fields(kind))
         named = "" if ais is None else f" {ais.absolute()} {within_m:g} {_stamp(ais)}"
         self._made_by = f" {__version__} {columns}{named}"
         self._new: list[tuple[bytes, str, str]] = []
@@ -408,12 +462,14 @@ class _Cache:
         try:
             raw = json.loads(text)
             rows = tuple(PassageRow(**row) for row in raw.pop("passages"))
+            levels = tuple(PassageLevel(**row) for row in raw.pop("levels"))
             places = {name: (a, b) for name, (a, b) in raw.pop("places").items()}
             lists = ("recordings", "files", "unnamed")
             raw |= {name: tuple(raw[name]) for name in lists}
             own_ns = raw.pop("own_ns")
             return Result(
                 **{**raw, "path": str(path)}, places=places, passages=rows,
+                levels=levels,
                 own_ns=None if own_ns is None else (own_ns[0], own_ns[1]),
             )  # fmt: skip
         except (ValueError, TypeError, KeyError):

@@ -28,7 +28,7 @@ from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.motion.options import Probability
+from uwtrack_cli.motion.options import Probability, Spreading
 from uwtrack_cli.motion.passage.contacts import (
     CandidatePassage,
     RecordingSpan,
@@ -77,7 +77,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         float, Unit("m"), AtLeast(0), AtMost(11_000)
     ] = SOURCE_DEPTH_STD_M,
     false_alarm_probability: Probability = 1e-3,
-    spreading_db: Annotated[float, Unit("dB"), AtLeast(1), AtMost(60)] = 20.0,
+    spreading_db: Spreading = 20.0,
     ask_sound: bool = True,
 ) -> Encounters:
     """Find the closest approach of every contact that passed the sensor.

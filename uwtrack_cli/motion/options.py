@@ -16,6 +16,9 @@ from uwtrack_cli.data.options import (
 Probability = Annotated[float, Above(0), Below(1)]
 """A probability that is neither impossible nor certain."""
 
+Spreading = Annotated[float, Unit("dB"), AtLeast(1), AtMost(60)]
+"""Loss of level per decade of range, dB."""
+
 
 @dataclass(frozen=True)
 class MotionModel(OptionGroup):

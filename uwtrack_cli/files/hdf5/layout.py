@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.contacts import Contacts
+from uwtrack_cli.data.decidecades import Decidecades, RadiatedLevels
 from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.frames import Frames
@@ -70,12 +71,14 @@ CONTAINERS: dict[str, type[Container]] = {
         Spectrogram,
         Overview,
         Levels,
+        Decidecades,
         BearingTime,
         Peaks,
         Families,
         Lines,
         Presence,
         Encounters,
+        RadiatedLevels,
         Fixes,
         Motions,
         Series,

@@ -2,7 +2,7 @@
 
 **Conventions.** Every format has the same columns, those of `flow.passages.PassageRow`.
 What is not known is an empty cell in CSV, null elsewhere. Parquet and SQL need DuckDB
-(``pip install 'uwtrack[catalogue]'``); in SQL the table is called ``passages``.
+(``pip install 'uwtrack[catalogue]'``); in SQL the tables are ``passages`` and ``levels``.
 
 **References.** RFC 7946 (2016), The GeoJSON Format.
 """
@@ -15,16 +15,19 @@ import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, Literal, get_args, get_type_hints
 
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.text_escaping import csv_cell, plain_text
-from uwtrack_cli.flow.passages import PassageRow
+from uwtrack_cli.flow.passages import PassageLevel, PassageRow, PassageTable
 
 Row = dict[str, Any]
 
 COLUMNS = tuple(f.name for f in fields(PassageRow))
 """Columns of the table, in order."""
+
+LEVEL_COLUMNS = tuple(f.name for f in fields(PassageLevel))
+"""Columns of the table of radiated noise levels, in order."""
 
 _SQL_TYPES = {str: "VARCHAR", int: "BIGINT", float: "DOUBLE"}
 
@@ -65,31 +68,31 @@ def passages_geojson(passages: Sequence[PassageRow]) -> str:
     )
 
 
-def parquet_bytes(passages: Sequence[PassageRow]) -> bytes:
-    """Return the passages as the bytes of a Parquet file, times as timestamps.
+def parquet_bytes(table: PassageTable, name: Literal["passages", "levels"]) -> bytes:
+    """Return one of the tables as the bytes of a Parquet file, times as timestamps.
 
     Raises
     ------
     DataError
         DuckDB is not installed.
     """
-    connection = _database(passages)
+    connection = _database(table)
     with tempfile.TemporaryDirectory(prefix="uwtrack-") as folder:
         path = Path(folder) / "passages.parquet"
-        connection.table("passages").write_parquet(str(path))
+        connection.table(name).write_parquet(str(path))
         connection.close()
         return path.read_bytes()
 
 
-def query_passages(passages: Sequence[PassageRow], query: str) -> list[Row]:
-    """Return the rows of an SQL query over the table ``passages``.
+def query_passages(table: PassageTable, query: str) -> list[Row]:
+    """Return the rows of an SQL query over the tables ``passages`` and ``levels``.
 
-    The query sees that table alone: files and networks are closed to it.
+    The query sees those tables alone: files and networks are closed to it.
 
     Parameters
     ----------
-    passages
-        The passages.
+    table
+        The passages and their levels.
     query
         One SELECT statement.
 
@@ -102,7 +105,7 @@ def query_passages(passages: Sequence[PassageRow], query: str) -> list[Row]:
     """
     import duckdb
 
-    connection = _database(passages)
+    connection = _database(table)
     connection.execute("SET enable_external_access = false")
     connection.execute("SET lock_configuration = true")
     try:
@@ -113,7 +116,10 @@ def query_passages(passages: Sequence[PassageRow], query: str) -> list[Row]:
         ]
     except duckdb.Error as error:
         first = str(error).split("\n", 1)[0]
-        msg = f"--sql is not understood: {first} Columns: {', '.join(COLUMNS)}."
+        msg = (
+            f"--sql is not understood: {first} Columns of passages: "
+            f"{', '.join(COLUMNS)}; of levels: {', '.join(LEVEL_COLUMNS)}."
+        )
         raise OptionError(msg) from error
     finally:
         connection.close()
@@ -126,8 +132,8 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-def _database(passages: Sequence[PassageRow]) -> Any:
-    """Return a database in memory that holds the table of passages."""
+def _database(table: PassageTable) -> Any:
+    """Return a database in memory that holds the tables of passages and levels."""
     try:
         import duckdb
     except ImportError as error:
@@ -135,21 +141,28 @@ def _database(passages: Sequence[PassageRow]) -> Any:
             f"Parquet and SQL need DuckDB ({error}); pip install 'uwtrack[catalogue]'."
         )
         raise DataError(msg) from error
-    hints = get_type_hints(PassageRow)
-    types = {
-        name: next(_SQL_TYPES[t] for t in (hints[name], *get_args(hints[name]))
-                   if t in _SQL_TYPES)
-        for name in COLUMNS
-    }  # fmt: skip
-    columns = ", ".join(f"{name}: '{kind}'" for name, kind in types.items())
     connection = duckdb.connect()
-    with tempfile.TemporaryDirectory(prefix="uwtrack-") as folder:
-        path = Path(folder) / "passages.jsonl"
-        path.write_text("\n".join(json_lines(map(asdict, passages))), encoding="utf-8")
-        times = "* REPLACE (CAST(time_utc AS TIMESTAMP) AS time_utc)"
-        connection.execute(
-            f"CREATE TABLE passages AS SELECT {times} FROM read_json(?, "  # noqa: S608
-            f"format = 'newline_delimited', columns = {{{columns}}})",
-            [str(path)],
+    for name, kind, rows in (
+        ("passages", PassageRow, table.passages),
+        ("levels", PassageLevel, table.levels),
+    ):
+        hints = get_type_hints(kind)
+        columns = ", ".join(
+            f"{f.name}: '{next(_SQL_TYPES[t] for t in _types(hints[f.name]))}'"
+            for f in fields(kind)
         )
+        with tempfile.TemporaryDirectory(prefix="uwtrack-") as folder:
+            path = Path(folder) / "rows.jsonl"
+            path.write_text("\n".join(json_lines(map(asdict, rows))), encoding="utf-8")
+            times = "* REPLACE (CAST(time_utc AS TIMESTAMP) AS time_utc)"
+            connection.execute(
+                f"CREATE TABLE {name} AS SELECT {times} FROM read_json(?, "  # noqa: S608
+                f"format = 'newline_delimited', columns = {{{columns}}})",
+                [str(path)],
+            )
     return connection
+
+
+def _types(hint: Any) -> Iterator[type]:
+    """Yield the types of an annotation that a database knows."""
+    return (kind for kind in (hint, *get_args(hint)) if kind in _SQL_TYPES)
