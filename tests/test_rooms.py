@@ -22,7 +22,7 @@ ROOMS = {
     "presence": {"data", "acoustics", "estimation"},
     "clutter": {"data", "acoustics", "estimation"},
     "discrimination": {"data", "acoustics", "estimation"},
-    "files": {"data"},
+    "files": {"data", "acoustics"},
     "flow": {
         "data", "acoustics", "estimation", "simulate", "spectra", "arrays", "lines", "motion",
         "presence", "clutter", "discrimination", "files",

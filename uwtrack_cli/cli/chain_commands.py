@@ -20,7 +20,10 @@ from uwtrack_cli.cli.results import is_shown, print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.stage import Stage
 from uwtrack_cli.flow.step import Step
@@ -51,6 +54,10 @@ SIDE_TABLES: dict[str, tuple[str, Any]] = {
     ),
 }
 """Tables that have an option of their own, by the container they hold."""
+Sensors = Annotated[
+    Path | None,
+    typer.Option("--sensors", help="Sensor file of a table that names its sensors."),
+]
 
 
 def register(app: typer.Typer, name: str) -> None:
@@ -89,6 +96,8 @@ def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
     parameters = [_parameter("sources", Files), _parameter("branch", Branch, None)]
     names = {kind.NAME for kind in _wanted(stage)}
     parameters += [_parameter(*SIDE_TABLES[n], None) for n in SIDE_TABLES if n in names]
+    if _takes_sensors(stage):
+        parameters.append(_parameter("sensors", Sensors, None))
     parameters += _ending_parameters()
     return [*parameters, _parameter("json_output", AsJson, default=False)]
 
@@ -152,6 +161,7 @@ def _whole_body(stage: Stage) -> Any:
             read = _read_sources(stage, own, stack)
             target = target_for(own["output"], sources[0], stage.suffix)
             overwrite = bool(own["overwrite"])
+            read.check_sensors_used()
             if target != PIPE:  # not after the work
                 check_target(target, overwrite=overwrite)
             step, held = with_sound_at_hand(step, read.held, read.products)
@@ -166,6 +176,11 @@ def _whole_body(stage: Stage) -> Any:
     return body
 
 
+def _takes_sensors(stage: Stage) -> bool:
+    """Tell whether a stage reads tables of several sensors."""
+    return Series in _wanted(stage) and stage.output in {Motions, Fixes}
+
+
 def _wanted(stage: Stage) -> tuple[type[Container], ...]:
     return tuple(kind for i in stage.inputs for kind in i.kinds)
 
@@ -176,6 +191,8 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
 
     is_presence = stage.output is Presence
     read = Inputs(stack, own["branch"], takes_asides=is_presence)
+    if own.get("sensors") is not None:
+        read.add_sensors(own["sensors"], is_kept=stage.output is Fixes)
     for source in own["sources"]:
         read.add(source, _wanted(stage))
     refuse_unknown_step(read.products, own["branch"])

@@ -112,7 +112,24 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "description": "Standard deviation of north_m. [m]",
         },
     },
-    "motions": {},
+    "motions": {
+        "reference": {
+            "type": ["string", "null"],
+            "description": "Sensor from which range and bearing count; null: own ship.",
+        },
+        "offsets_deg": {
+            "type": "object",
+            "additionalProperties": {"type": ["number", "null"]},
+            "description": "What the bearings of each sensor of a table must be turned "
+            "by, by its name. [degree]",
+        },
+        "probability_of_rows": {
+            "type": ["array", "null"],
+            "items": {"type": ["number", "null"]},
+            "description": "Probability that each bearing is this contact's, in the "
+            "order of time; null where all are.",
+        },
+    },
     "presence": {
         "contact": {
             "type": ["integer", "null"],

@@ -13,6 +13,7 @@ from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.input_ledger import read_standard_input
 
 if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
+    from uwtrack_cli.data.sensor import Sensor
     from uwtrack_cli.files.hdf5.product import (
         HistoryStep,
         Product,
@@ -135,6 +136,43 @@ class Inputs:
         self.held: list[Held] = []
         self.products: list[Product] = []
         self.sources: list[Source] = []
+        self._sensors: list[Sensor] = []
+        self._sensor_file: Path | None = None
+
+    def add_sensors(self, path: Path, *, is_kept: bool) -> None:
+        """Read the sensors that a table names, before the table.
+
+        Parameters
+        ----------
+        path
+            Sensor file.
+        is_kept
+            Whether the stage takes the sensors themselves, too.
+        """
+        from uwtrack_cli.files.hdf5.product import source_of
+        from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
+        from uwtrack_cli.flow.products import Held
+
+        self._sensor_file = path
+        self._sensors = [one.sensor for one in load_deployment(path)]
+        self.sources += [source_of(file) for file in sensor_files(path, path)]
+        if is_kept:
+            self.held += [Held(sensor) for sensor in self._sensors]
+
+    def check_sensors_used(self) -> None:
+        """Refuse a sensor file where no table names sensors.
+
+        Raises
+        ------
+        DataError
+            No table was read.
+        """
+        if self._sensor_file is not None and self.products:
+            msg = (
+                f"--sensors {self._sensor_file} belongs to a table that names its "
+                f"sensors; products carry theirs."
+            )
+            raise DataError(msg)
 
     def add(self, path: Path, wanted: tuple[type[Container], ...]) -> None:
         """Read a product, or a table of what the stage can read.
@@ -159,7 +197,7 @@ class Inputs:
         if content and b"\0" not in content:
             path = self._kept(content)
         if path.suffix.lower() in {".csv", ".txt", ".tsv"}:
-            self.held.append(Held(_read_table(path, wanted)))
+            self.held.append(Held(_read_table(path, wanted, self._sensors)))
             self.sources.append(source_of(path))
             return
         opened = read_product_bytes(content) if path == PIPE else open_product(path)
@@ -188,14 +226,20 @@ class Inputs:
         self.sources.append(source_of(path))
 
 
-def _read_table(path: Path, wanted: tuple[type[Container], ...]) -> Container:
+def _read_table(
+    path: Path,
+    wanted: tuple[type[Container], ...],
+    sensors: "Sequence[Sensor]" = (),
+) -> Container:
     """Read a CSV table as the first container that has a table and is wanted."""
+    from functools import partial
+
     from uwtrack_cli.files.tables.navigation import read_navigation
     from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
     from uwtrack_cli.files.tables.series import read_series
 
     readers: dict[str, Callable[[Path], Container]] = {
-        "series": read_series,
+        "series": partial(read_series, sensors=sensors),
         "scans": read_scans,
         "contacts": read_contacts,
         "navigation": read_navigation,

@@ -111,6 +111,49 @@ class Motions(HasReasons, HasNuisances):
         "1", "What the best change of velocity gains in the misfit; straight targets "
         "exceed 13 (20 in coloured noise) in less than 2 % of the records.", "motion", optional=True,
     )  # fmt: skip
+    east_m: FloatArray | None = column(
+        "m", "Place at the first measurement, east of the sensors' origin; nan without "
+        "sensors, or where the range is not given.", "motion", optional=True,
+    )  # fmt: skip
+    north_m: FloatArray | None = column(
+        "m", "The same, north of the origin.", "motion", optional=True
+    )
+    latitude: FloatArray | None = column(
+        "degree", "Its latitude; nan on a local grid.", "motion", optional=True
+    )
+    longitude: FloatArray | None = column(
+        "degree", "Its longitude.", "motion", optional=True
+    )
+    reference: TextArray | None = column(
+        "", "Sensor from which range and bearing at the first measurement count; empty: "
+        "own ship.", "motion", dtype=np.str_, optional=True,
+    )  # fmt: skip
+    row_contact: IntArray | None = column(
+        "1", "Contact of a measured bearing.", "row", dtype=np.int64, optional=True
+    )
+    row_number: IntArray | None = column(
+        "1", "Its row in the table, from 1.", "row", dtype=np.int64, optional=True
+    )
+    row_time_s: FloatArray | None = column(
+        "s", "Its time.", "row", optional=True
+    )  # fmt: skip
+    row_probability: FloatArray | None = column(
+        "1", "Probability that it is this contact's.", "row", optional=True
+    )
+    row_residual_deg: FloatArray | None = column(
+        "degree", "The best mode's bearing less the measured one, offsets taken out; nan "
+        "where it took no part.", "row", optional=True,
+    )  # fmt: skip
+    offset_motion: IntArray | None = column(
+        "1", "Row of the motion that a sensor's offset belongs to.", "offset",
+        dtype=np.int64, owner="motion", optional=True,
+    )  # fmt: skip
+    offset_sensor: TextArray | None = column(
+        "", "Sensor.", "offset", dtype=np.str_, optional=True
+    )
+    offset_deg: FloatArray | None = column(
+        "degree", "What its bearings must be turned by.", "offset", optional=True
+    )
     weakest_direction: TextArray = column(
         "", "Worst observed combination, with its deviation.", "motion", dtype="U"
     )
@@ -175,7 +218,7 @@ class Motions(HasReasons, HasNuisances):
         "degree", "Its standard deviation.", "update"
     )
     solver: str = scalar("", "Solver: mle, recursive, genetic or annealing.")
-    loss: str = scalar("", "Loss: squares, huber, student or tukey.")
+    loss: str = scalar("", "Loss: auto, squares, huber, student or tukey.")
     doppler: str = scalar("", "Doppler: instantaneous or interval.")
     propagation: str = scalar("", "Propagation: instant or delayed.")
     sound_speed_mps: float = scalar("m/s", "Sound speed that was assumed.")

@@ -5,14 +5,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from uwtrack_cli.data.base import Container, FloatArray, IntArray, column, scalar
+from uwtrack_cli.data.base import (
+    Container,
+    FloatArray,
+    IntArray,
+    TextArray,
+    column,
+    scalar,
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Series(Container):
     """One row per time and contact; nan is "not measured". Read from CSV tables.
 
-    The columns of ``frequency_hz`` are the lines: frequency_hz, frequency_hz_2 ...
+    The columns of ``frequency_hz`` are the lines: frequency_hz, frequency_hz_2 ... A
+    table of several sensors says of every row which one heard it and where that was;
+    what is known of each sensor is a table of its own (``sensor_id`` ...).
     """
 
     NAME: ClassVar[str] = "series"
@@ -28,4 +37,31 @@ class Series(Container):
     )
     level_db: FloatArray = column("dB", "Level.", "row")
     level_std_db: FloatArray = column("dB", "Its standard deviation.", "row")
+    mirrored_bearing_deg: FloatArray | None = column(
+        "degree", "Other bearing that a line array cannot tell from the first; nan where "
+        "the side is resolved.", "row", optional=True,
+    )  # fmt: skip
+    sensor: TextArray | None = column(
+        "", "Sensor that heard the row.", "row", dtype=np.str_, optional=True
+    )
+    sensor_east_m: FloatArray | None = column(
+        "m", "Where the sensor was, east of the origin.", "row", optional=True
+    )
+    sensor_north_m: FloatArray | None = column(
+        "m", "Where the sensor was, north of the origin.", "row", optional=True
+    )
+    sensor_id: TextArray | None = column(
+        "", "Identifier of every sensor of the table.", "platform",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    sensor_compass_std_deg: FloatArray | None = column(
+        "degree", "Deviation of its compass; nan where it is not told.", "platform",
+        optional=True,
+    )  # fmt: skip
+    sensor_position_std_m: FloatArray | None = column(
+        "m", "Deviation of each coordinate of its place.", "platform", optional=True
+    )
+    origin: str = scalar("", "What the grid is relative to: a sensor or 'grid'.", "")
+    origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
+    origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)
     start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)

@@ -37,7 +37,7 @@ from uwtrack_cli.flow.branches import (
 )
 from uwtrack_cli.flow.comparison import is_streamed
 from uwtrack_cli.flow.engine import Engine, MemorySink, Progress, context_of
-from uwtrack_cli.flow.graph import PASSING, Graph, without_passing
+from uwtrack_cli.flow.graph import CONTEXT, PASSING, Graph, without_passing
 from uwtrack_cli.flow.live_events import LiveWatch, Tell
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.rerun_sources import with_sound
@@ -254,7 +254,8 @@ def whole_result(
     there = _distinct(available)
     given = [held.container for held in there]
     wanted = tuple(kind for i in step.stage.inputs for kind in i.kinds)
-    required = [c for c in given if isinstance(c, step.stage.inputs[0].kinds)]
+    data = tuple(kind for kind in wanted if kind not in CONTEXT)
+    required = [c for c in given if isinstance(c, data)]
     if not any(isinstance(c, wanted) for c in given):
         raise DataError(_wrong_product(step, products))
     if any(i.is_list for i in step.stage.inputs):

@@ -16,6 +16,7 @@ from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.hdf5.product import HistoryStep, Product, Source, source_of
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
+from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
 from uwtrack_cli.files.tables.series import read_series
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.catalogue import find_stage
@@ -162,20 +163,38 @@ def read_tables(
     for step in history:
         stage = find_stage(step.stage)
         left = [k.NAME for i in stage.inputs for k in i.kinds if k.NAME in READERS]
-        tables += [
-            _read_table(finder.find(source), left)
-            for source in step.sources
-            if Path(source.name).suffix.lower() in TABLES
+        found = [finder.find(source) for source in step.sources]
+        sensors = [
+            one.sensor
+            for path in found
+            if path.suffix.lower() == ".toml"
+            for one in load_deployment(path)
         ]
+        beside = {file for path in found for file in _navigation_of(path)}
+        tables += [
+            _read_table(path, left, sensors)
+            for path in found
+            if path.suffix.lower() in TABLES and path not in beside
+        ]
+        if any(i.is_list and Sensor in i.kinds for i in stage.inputs):
+            tables += sensors
     return tables
 
 
-def _read_table(path: Path, left: list[str]) -> Container:
+def _navigation_of(path: Path) -> list[Path]:
+    """Return the tables that a sensor file names; none of another file."""
+    return sensor_files(path, path)[1:] if path.suffix.lower() == ".toml" else []
+
+
+def _read_table(path: Path, left: list[str], sensors: Sequence[Sensor]) -> Container:
     """Read a table as the first kind that it can be and that is still missing."""
     reason = "the stage reads no table"
     for name in left:
         try:
-            table = READERS[name](path)
+            if name == "series":
+                table: Container = read_series(path, sensors=sensors)
+            else:
+                table = READERS[name](path)
         except UwtrackError as error:
             reason = str(error)
         else:

@@ -1,4 +1,4 @@
-"""Positions: where a vessel was, is and will be, from its closest approaches.
+"""Positions: where a vessel was, is and will be, from closest approaches or bearings.
 
 **Method.** One sensor whose lines gave a speed fixes the motion by itself; several
 sensors are fused by weighted least squares, without Doppler too. Encounters belong
@@ -20,32 +20,41 @@ from typing import Annotated
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import to_latitude_longitude
-from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.constants import NANOSECONDS, SOUND_SPEED_WATER_MPS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
 from uwtrack_cli.motion.fusion.motion_fit import clock_errors
 from uwtrack_cli.motion.fusion.sensor_table import Passages, gather_passages
 from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
-from uwtrack_cli.motion.options import Probability
+from uwtrack_cli.motion.options import Misfit, MotionModel, Probability, Search
+from uwtrack_cli.motion.target.contact import ContactAnswer, analyse_contacts
+from uwtrack_cli.motion.target.cross_fix import fixes_of_answers
+from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target.inputs import check_sensors, measurements_from_series
+from uwtrack_cli.motion.target.modes import TmaOptions
+from uwtrack_cli.motion.target.motion_table import reasons_of
 
 
 @checked
 def locate_vessels(
-    encounters: list[Encounters],
-    sensors: list[Sensor],
+    encounters: list[Encounters] | None = None,
+    sensors: list[Sensor] | None = None,
+    series: Series | None = None,
     *,
     at: list[str] | None = None,
     every_s: Annotated[float | None, Unit("s"), AtLeast(1e-3), AtMost(1e7)] = None,
     until: str | None = None,
     gate_probability: Probability = 0.999,
 ) -> Fixes:
-    """Locate every vessel from its closest approaches to one sensor or more.
+    """Locate vessels from closest approaches, or from the bearings of several sensors.
 
     With one sensor the speed must be known from the lines; with several it need
-    not. Without times, the positions at the closest approaches are given.
+    not. Without times, the positions at the closest approaches are given; of a table of
+    bearings, those at its first and its last row.
 
     Parameters
     ----------
@@ -53,6 +62,8 @@ def locate_vessels(
         Closest approaches, of any number of sensors and recordings.
     sensors
         The sensors, found by their identifiers.
+    series
+        Bearings measured elsewhere, each with its sensor.
     at
         Times of the positions: UTC such as 2026-01-31T12:00:00Z, or seconds from
         the first sample.
@@ -85,7 +96,18 @@ def locate_vessels(
     if until is not None and every_s is None:
         msg = f"until ({until}) needs every_s: the interval of the times."
         raise OptionError(msg)
-    passages = gather_passages(encounters, sensors)
+    if series is not None:
+        if encounters:
+            msg = (
+                "positions come from closest approaches or from a table of bearings, "
+                "got both."
+            )
+            raise DataError(msg)
+        return _cross_fixes(series, at, every_s, until)
+    if encounters is None:
+        msg = "positions need closest approaches, or a table of bearings with sensors."
+        raise DataError(msg)
+    passages = gather_passages(encounters, sensors or [])
     parts: list[dict[str, FloatArray | list[str]]] = []
     clocks: list[str] = []
     vessel = 0
@@ -112,6 +134,50 @@ def locate_vessels(
             for number, mode in enumerate(modes, 1)
         ]
     return replace(_fixes(parts, passages), statement=" ".join(clocks))
+
+
+def _cross_fixes(
+    series: Series, at: list[str] | None, every_s: float | None, until: str | None
+) -> Fixes:
+    """Locate the contacts of a table of sensors, where their range is determined."""
+    if series.sensor is None:
+        msg = (
+            "the table has no column sensor: positions need bearings of several "
+            "sensors; 'uwtrack tma' finds the motion for one platform."
+        )
+        raise DataError(msg)
+    check_sensors(series)
+    options = TmaOptions(
+        navigation=None,
+        solver="mle",
+        array_heading="none",
+        fixed_heading_deg=None,
+        nuisances=NuisanceDeviations(
+            sound_speed_mps=NOMINAL_SOUND_SPEED_STD * SOUND_SPEED_WATER_MPS,
+            own_position_m=UNTOLD_POSITION_STD_M,
+        ),
+        height_m=0.0,
+        sound_speed_mps=SOUND_SPEED_WATER_MPS,
+        delayed=False,
+        is_table=True,
+        updates=1,
+        seed=1,
+        misfit=Misfit(),
+        model=MotionModel(),
+        search=Search(),
+    )
+    answers: list[tuple[ContactAnswer, FloatArray]] = []
+    for answer in analyse_contacts(measurements_from_series(series), options):
+        contact = answer.data.contact
+        reason = reasons_of(answer.modes[0], answer).get("range_m")
+        if reason is not None:
+            msg = f"no position for contact {contact}: {reason}."
+            warnings.warn(msg, UwtrackNote, stacklevel=3)
+            continue
+        own = answer.data.time_s
+        times = fix_times(own[[0, -1]], series.start_utc_ns, at, every_s, until)
+        answers.append((answer, times))
+    return fixes_of_answers(answers, series)
 
 
 def _clock_statements(passages: Passages, mode: Mode) -> list[str]:
@@ -221,6 +287,12 @@ def _fixes(parts: list[dict[str, FloatArray | list[str]]], passages: Passages) -
         origin_longitude=origin.longitude if origin else None,
     )
 
+
+NOMINAL_SOUND_SPEED_STD = 0.01
+"""Relative deviation of a sound speed that nobody gave."""
+
+UNTOLD_POSITION_STD_M = 10.0
+"""Deviation of each coordinate of a place that a table gives without one."""
 
 CLOCK_SHARE, CLOCK_DEVIATIONS = 0.5, 3.0
 """A difference of clocks is named when its deviation is this share of the prior one, and

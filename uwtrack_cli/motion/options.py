@@ -107,7 +107,9 @@ class Misfit(OptionGroup):
     loss
         Loss of a residual: squares is efficient for clean data; huber bounds the
         pull of outliers; student (four degrees of freedom) and tukey nearly remove
-        them and cost 3 to 8 % of precision on clean data.
+        them and cost 3 to 8 % of precision on clean data. auto is squares for stated
+        deviations and student for others, and tells bearings of other sources apart
+        where the misfit asks for it.
     line_weighting
         Whether every line counts by its deviation, or the lines together count as
         one, as in the paper; the mean loses 1 to 11 % of precision.
@@ -117,7 +119,7 @@ class Misfit(OptionGroup):
         Deviation of frequencies that state none; by default from their scatter.
     """
 
-    loss: Literal["squares", "huber", "student", "tukey"] = "squares"
+    loss: Literal["auto", "squares", "huber", "student", "tukey"] = "auto"
     line_weighting: Literal["sum", "mean"] = "sum"
     bearing_std_deg: Annotated[
         float | None, Unit("degree"), AtLeast(1e-9), AtMost(180)

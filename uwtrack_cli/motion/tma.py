@@ -28,14 +28,15 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.options import AtLeast, AtMost, checked
 from uwtrack_cli.data.sensor import Navigation, Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
 from uwtrack_cli.motion.passage.nuisances import COMPASS_STD_DEG
 from uwtrack_cli.motion.sound_speed import sound_speed_std
-from uwtrack_cli.motion.target.contact import analyse_contact
+from uwtrack_cli.motion.target.contact import analyse_contacts
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target.inputs import (
     Measurements,
+    check_sensors,
     measurements_from_lines,
     measurements_from_series,
 )
@@ -130,7 +131,11 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     f = f0 (1 - rate / c) (Chang et al. 2003, eqs 1-4, corrected).
     """
     contacts = _contacts(series, lines)
-    is_moving = navigation is not None
+    is_of_sensors = series is not None and series.sensor is not None
+    if series is not None and is_of_sensors:
+        check_sensors(series)
+        _check_sensor_options(navigation, solver)
+    is_moving = navigation is not None or is_of_sensors
     if bearing_time is not None:
         is_moving = sensor is not None and sensor.navigation is not None
         navigation = _array_navigation(bearing_time, navigation, sensor)
@@ -161,9 +166,23 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         misfit=misfit,
         model=model,
         search=search,
+        compass_std_deg=nuisances.compass_std_deg,
     )
-    results = [analyse_contact(data, analysis) for data in contacts]
-    return motions_table(results, analysis)
+    return motions_table(analyse_contacts(contacts, analysis), analysis)
+
+
+def _check_sensor_options(navigation: Navigation | None, solver: str) -> None:
+    """Refuse what a table of several sensors cannot be combined with."""
+    if navigation is not None:
+        msg = (
+            "the table names its sensors, and --own-ship is the way of one platform: "
+            "leave one of the two out; a sensor's way is the navigation of the sensor "
+            "file."
+        )
+        raise OptionError(msg)
+    if solver == "recursive":
+        msg = "solver 'recursive' follows one platform; a table of sensors takes 'mle'."
+        raise OptionError(msg)
 
 
 def _deviations(

@@ -112,7 +112,6 @@ BAD = {
     'id = "a"\nsound_speed_std_mps = true': "sound_speed_std_mps must be a number",
     "id = = 3": "no valid TOML",
     "x = " + "[" * 5000: "no valid TOML",
-    '[[sensor]]\nid = "a"\n[[sensor]]\nid = "b"': "sensor 1 needs the key 'files'",
     '[sensor]\nid = "a"': "one [[sensor]] table each",
     "sensor = [1, 2]": "one [[sensor]] table each",
     "sensor = []": "one [[sensor]] table each",

@@ -328,7 +328,10 @@ MOTION = """
      "now_range_std_m": 156.0, "now_bearing_deg": 296.0, "now_bearing_std_deg": 0.07,
      "misfit": 1995.0, "n_values": 2000,
      "nuisances": {"compass_deg": {"value": 0.0, "std": 1.0, "share": 0.05}},
-     "reading": "straight", "manoeuvre_time_s": null, "manoeuvre_gain": 2.5}"""
+     "reading": "straight", "manoeuvre_time_s": null, "manoeuvre_gain": 2.5,
+     "east_m": 100.0, "north_m": -20.0, "latitude": 35.0, "longitude": 129.0,
+     "reference": "b1", "offsets_deg": {"b1": -1.5},
+     "probability_of_rows": [1.0, 0.25]}"""
 
 
 def test_motion_has_the_documented_keys_and_order():
@@ -343,6 +346,9 @@ def test_motion_has_the_documented_keys_and_order():
         rest_frequency_hz=[650.0], rest_frequency_std_hz=[0.1],
         nuisance_motion=[0], nuisance_name=["compass_deg"], nuisance_value=[0.0],
         nuisance_std=[1.0], nuisance_share=[0.05],
+        offset_motion=[0], offset_sensor=["b1"], offset_deg=[-1.5],
+        row_contact=[1, 1], row_number=[1, 2], row_time_s=[3.0, 4.0],
+        row_probability=[1.0, 0.25], row_residual_deg=[0.0, 9.0],
     )  # fmt: skip
     (row,) = json_rows(container)
     assert list(row) == list(documented)

@@ -67,6 +67,11 @@ class Table:
         msg = f"{self.path}, line {self.lines[row]}: {reason}"
         raise DataError(msg)
 
+    def rows(self, kept: IntArray) -> "Table":
+        """Return the table with some of its rows."""
+        cells = {name: [column[i] for i in kept] for name, column in self.cells.items()}
+        return Table(self.path, cells, [self.lines[i] for i in kept])
+
     def need(self, *names: str) -> None:
         """Refuse the table unless it has all of these columns."""
         missing = [name for name in names if name not in self.cells]

@@ -46,6 +46,8 @@ MOTION_KEYS = (
     "now_time_s", "now_range_m", "now_range_std_m", "now_bearing_deg",
     "now_bearing_std_deg", "misfit", "n_values", "nuisances",
     "reading", "manoeuvre_time_s", "manoeuvre_gain",
+    "east_m", "north_m", "latitude", "longitude", "reference", "offsets_deg",
+    "probability_of_rows",
 )  # fmt: skip
 PRESENCE_KEYS = (
     "contact", "sensor", "kind", "from_utc", "to_utc", "from_s", "to_s", "spacing_hz",
@@ -185,7 +187,28 @@ def _motion_rows(container: Container) -> Iterator[Row]:
         values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
         values["reasons"] = _reasons(container, i, values)
         values["nuisances"] = _nuisances(container, i)
+        values["reference"] = values.get("reference") or None
+        values["offsets_deg"] = _offsets(container, i)
+        values["probability_of_rows"] = _probabilities(container, values["contact"])
         yield {key: values.get(key) for key in MOTION_KEYS}
+
+
+def _offsets(motions: Motions, row: int) -> Row:
+    """Return what the bearings of each sensor must be turned by, by its name."""
+    names, values = motions.offset_sensor, motions.offset_deg
+    if motions.offset_motion is None or names is None or values is None:
+        return {}
+    own = np.flatnonzero(motions.offset_motion == row)
+    return {str(names[i]): plain(values[i]) for i in own}
+
+
+def _probabilities(motions: Motions, contact: int) -> Any:
+    """Return the probability of every bearing; None where all are the contact's."""
+    own, values = motions.row_contact, motions.row_probability
+    if own is None or values is None:
+        return None
+    chosen = values[own == contact]
+    return plain(chosen) if np.any(chosen < 1.0) else None
 
 
 def _presence_rows(container: Container) -> Iterator[Row]:

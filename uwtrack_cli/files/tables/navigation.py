@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Navigation
@@ -78,19 +79,13 @@ def read_navigation(path: Path | str) -> Navigation:
 
 
 def _geographic(table: Table) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-    from geographiclib.geodesic import Geodesic
-
     table.need("latitude", "longitude")
     latitude = table.numbers("latitude", -90.0, 90.0)
     longitude = table.numbers("longitude", -180.0, 360.0)
-    first = float(latitude[0]), float(longitude[0])
-    lines = [
-        Geodesic.WGS84.Inverse(*first, float(lat), float(lon))
-        for lat, lon in zip(latitude, longitude, strict=True)
-    ]
-    distance_m = np.array([line["s12"] for line in lines])
-    azimuth = np.radians([line["azi1"] for line in lines])
-    return distance_m * np.sin(azimuth), distance_m * np.cos(azimuth), first
+    first = Origin(float(latitude[0]), float(longitude[0]))
+    places = zip(latitude.tolist(), longitude.tolist(), strict=True)
+    grid = np.array([to_grid(*place, first) for place in places])
+    return grid[:, 0], grid[:, 1], first
 
 
 def _integrated(table: Table, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:

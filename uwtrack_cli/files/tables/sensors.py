@@ -12,7 +12,7 @@ or unit, and the term farthest from what is sold is named.
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -287,8 +287,9 @@ class SensorTable:
 class DeployedSensorTable(SensorTable):
     """The keys of a sensor in a deployment file."""
 
-    files: str | list[str]
-    """Patterns of the names, or ends of paths, of the recordings that it made."""
+    files: str | list[str] = field(default_factory=list)
+    """Patterns of the names, or ends of paths, of the recordings that it made; none for
+    a sensor of a table."""
 
 
 @dataclass(frozen=True, kw_only=True)

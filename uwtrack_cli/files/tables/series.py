@@ -1,15 +1,27 @@
-"""Tables of bearings, frequencies and levels measured elsewhere: a Series from CSV."""
+"""Tables of bearings, frequencies and levels measured elsewhere: a Series from CSV.
+
+**Conventions.** A table may name in every row the sensor that heard it. Where a sensor was
+comes from the row (``sensor_latitude`` and ``sensor_longitude``, or ``sensor_east_m`` and
+``sensor_north_m``) or from a sensor file: a fixed place, or navigation by which it drifts.
+Rows of different sensors may share a time and stand in any order. Latitudes and longitudes
+become metres about the first sensor's first place. Rows that are repeated are left out.
+"""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.options import shown
+from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.tables.csv_table import (
     Table,
     check_increasing,
@@ -19,7 +31,9 @@ from uwtrack_cli.files.tables.csv_table import (
 
 QUANTITIES = (
     "time_s", "time_utc", "contact", "bearing_deg", "bearing_std_deg", "frequency_hz",
-    "frequency_std_hz", "level_db", "level_std_db",
+    "frequency_std_hz", "level_db", "level_std_db", "sensor", "sensor_latitude",
+    "sensor_longitude", "sensor_east_m", "sensor_north_m", "mirrored_bearing_deg",
+    "array_heading_deg",
 )  # fmt: skip
 LINE = re.compile(r"frequency(?:_std)?_hz_(\d+)")
 TINY = np.finfo(np.float64).tiny
@@ -34,6 +48,7 @@ def read_series(
     frequency_std_hz: float | None = None,
     level_std_db: float | None = None,
     columns: Mapping[str, str] | None = None,
+    sensors: Sequence[Sensor] | None = None,
 ) -> Series:
     """Read measurements over time.
 
@@ -41,7 +56,9 @@ def read_series(
     ----------
     path
         CSV with time_s or time_utc, and any of bearing_deg, frequency_hz (further
-        lines frequency_hz_2 ...) and level_db, with _std columns, and contact.
+        lines frequency_hz_2 ...) and level_db, with _std columns, and contact; sensor
+        with its place if several heard it; mirrored_bearing_deg or array_heading_deg
+        where a line array does not tell left from right.
     bearing_std_deg
         Deviation of the bearings, degrees, where the table has none.
     frequency_std_hz
@@ -50,6 +67,8 @@ def read_series(
         Deviation of the levels, dB, where the table has none.
     columns
         Names of ours by the names that the table uses.
+    sensors
+        The sensors that the table names, where its rows do not place them.
 
     Raises
     ------
@@ -66,8 +85,19 @@ def read_series(
         table.need("bearing_deg, frequency_hz or level_db")
     time_s, start_utc_ns = table_times(table)
     contact = table.contacts()
-    check_increasing(table, time_s, contact)
-    return Series(
+    kept = _unrepeated(table)
+    if kept.size < time_s.size:
+        table = table.rows(kept)
+        time_s, contact = time_s[kept], contact[kept]
+    if "sensor" not in table:
+        check_increasing(table, time_s, contact)
+        if sensors:
+            msg = (
+                f"{table.path} has no column sensor: the sensor file cannot say where "
+                f"its rows were heard."
+            )
+            raise DataError(msg)
+    series = Series(
         contact=contact,
         time_s=time_s,
         bearing_deg=_bearing(table),
@@ -76,7 +106,217 @@ def read_series(
         frequency_std_hz=_frequency_stds(table, n_lines, frequency_std_hz),
         level_db=_values(table, "level_db", -1e3, 1e3),
         level_std_db=_std(table, "level_std_db", level_std_db),
+        mirrored_bearing_deg=_mirrored(table),
         start_utc_ns=start_utc_ns,
+    )
+    return series if "sensor" not in table else _placed(series, table, sensors)
+
+
+def _unrepeated(table: Table) -> IntArray:
+    """Return the rows that are not repeated cell by cell, and say how many are."""
+    seen: dict[tuple[str, ...], int] = {}
+    for row, cells in enumerate(zip(*table.cells.values(), strict=True)):
+        seen.setdefault(cells, row)
+    repeated = len(table.lines) - len(seen)
+    if repeated:
+        again = set(range(len(table.lines))) - set(seen.values())
+        msg = (
+            f"{table.path}: {repeated} repeated rows are left out, the first in line "
+            f"{table.lines[min(again)]}."
+        )
+        warn(msg, UwtrackNote, stacklevel=3)
+    return np.array(list(seen.values()), np.int64)
+
+
+def _mirrored(table: Table) -> FloatArray | None:
+    """Return the bearings that an array hears alike; None where there is no array."""
+    if "array_heading_deg" in table:
+        if "mirrored_bearing_deg" in table:
+            msg = (
+                f"{table.path} gives the array's other side twice: array_heading_deg "
+                f"and mirrored_bearing_deg."
+            )
+            raise DataError(msg)
+        heading = _values(table, "array_heading_deg", -360.0, 360.0)
+        return (2.0 * heading - _values(table, "bearing_deg", -360.0, 360.0)) % 360.0
+    if "mirrored_bearing_deg" not in table:
+        return None
+    return _values(table, "mirrored_bearing_deg", -360.0, 360.0) % 360.0
+
+
+Place = tuple[FloatArray, FloatArray, Origin | None]
+"""East and north of every row, m, and the origin that they count from, if known."""
+
+
+def _placed(series: Series, table: Table, sensors: Sequence[Sensor] | None) -> Series:
+    """Say of every row which sensor heard it, and where that was."""
+    names = table.cells["sensor"]
+    known = {sensor.id: sensor for sensor in sensors or ()}
+    _check_names(table, known)
+    series = replace(series, sensor=np.array(names, np.str_))
+    if known:
+        series = _as_sensors_say(series, known)
+    place = _places_in_rows(table)
+    if place is None and known:
+        place = _places_by_file(series, table, known)
+    if place is None:
+        return series
+    east, north, origin = place
+    return replace(
+        series,
+        sensor_east_m=east,
+        sensor_north_m=north,
+        origin=f"sensor {names[0]}" if origin else "grid",
+        origin_latitude=origin.latitude if origin else None,
+        origin_longitude=origin.longitude if origin else None,
+    )
+
+
+def _check_names(table: Table, known: Mapping[str, Sensor]) -> None:
+    for row, name in enumerate(table.cells["sensor"]):
+        if not name:
+            table.fail(row, "the sensor that heard it is not named.")
+        if known and name not in known:
+            has = ", ".join(known)
+            table.fail(
+                row, f"sensor {shown(name)} is not in the sensor file, which has {has}."
+            )
+
+
+def _as_sensors_say(series: Series, known: Mapping[str, Sensor]) -> Series:
+    """Apply clock and compass offsets, and keep what is known of each sensor."""
+    names = [] if series.sensor is None else series.sensor.tolist()
+    used = list(dict.fromkeys(names))
+    late = np.array([known[name].clock_offset_s for name in names])
+    turned = np.array([known[name].compass_offset_deg for name in names])
+    mirrored = series.mirrored_bearing_deg
+    return replace(
+        series,
+        time_s=series.time_s + late,
+        bearing_deg=(series.bearing_deg + turned) % 360.0,
+        mirrored_bearing_deg=None if mirrored is None else (mirrored + turned) % 360.0,
+        sensor_id=np.array(used, np.str_),
+        sensor_compass_std_deg=_told(known, used, "compass_std_deg"),
+        sensor_position_std_m=_told(known, used, "position_std_m"),
+    )
+
+
+def _places_in_rows(table: Table) -> Place | None:
+    """Return the places that the rows themselves give; None where they do not."""
+    if "sensor_latitude" in table or "sensor_longitude" in table:
+        table.need("sensor_latitude", "sensor_longitude")
+        return _geographic_rows(
+            table.numbers("sensor_latitude", -90.0, 90.0),
+            table.numbers("sensor_longitude", -180.0, 360.0),
+        )
+    if "sensor_east_m" in table or "sensor_north_m" in table:
+        table.need("sensor_east_m", "sensor_north_m")
+        return table.numbers("sensor_east_m"), table.numbers("sensor_north_m"), None
+    return None
+
+
+def _told(known: Mapping[str, Sensor], used: Sequence[str], name: str) -> FloatArray:
+    values = [getattr(known[one], name) for one in used]
+    return np.array([np.nan if value is None else value for value in values], float)
+
+
+def _geographic_rows(latitude: FloatArray, longitude: FloatArray) -> Place:
+    origin = Origin(float(latitude[0]), float(longitude[0]))
+    # equal places once: geodesics are slow
+    pairs, row = np.unique(
+        np.stack([latitude, longitude], -1), axis=0, return_inverse=True
+    )
+    grid = np.array([to_grid(float(lat), float(lon), origin) for lat, lon in pairs])
+    east, north = grid[row.ravel()].T
+    return east, north, origin
+
+
+def _places_by_file(series: Series, table: Table, known: Mapping[str, Sensor]) -> Place:
+    """Return where the sensor file puts every row, on one grid."""
+    names = np.array(table.cells["sensor"])
+    used = dict.fromkeys(names.tolist())
+    origins = {name: _origin_of(known[name]) for name in used}
+    placed = {name: _is_local(known[name]) for name in used}
+    for name in used:
+        if origins[name] is None and not placed[name]:
+            msg = (
+                f"the sensor file does not say where sensor {name!r} is, which heard "
+                f"line {table.lines[int(np.flatnonzero(names == name)[0])]} of "
+                f"{table.path}: give latitude and longitude, east_m and north_m, or "
+                f"navigation."
+            )
+            raise DataError(msg)
+    geographic = [origin for origin in origins.values() if origin is not None]
+    if geographic and len(geographic) < len(used):
+        local = next(name for name in used if origins[name] is None)
+        msg = (
+            f"sensor {local!r} is on a local grid and others have latitude and "
+            f"longitude: {table.path} needs positions of one kind."
+        )
+        raise DataError(msg)
+    first = geographic[0] if geographic else None
+    east, north = np.zeros(names.size), np.zeros(names.size)
+    for name in used:
+        rows = np.flatnonzero(names == name)
+        own = origins[name]
+        way = _way(known[name], series, table, rows)
+        if first is None or own is None:
+            east[rows], north[rows] = way
+        elif np.ptp(way[0]) == 0.0 and np.ptp(way[1]) == 0.0 and not way[0].any():
+            east[rows], north[rows] = to_grid(*own, first)
+        else:
+            latitude, longitude = to_latitude_longitude(*way, own)
+            grid = [
+                to_grid(float(lat), float(lon), first)
+                for lat, lon in zip(latitude, longitude, strict=True)
+            ]
+            east[rows], north[rows] = np.array(grid).T
+    return east, north, first
+
+
+def _origin_of(sensor: Sensor) -> Origin | None:
+    """Return where the metres of a sensor's way count from; None on a local grid."""
+    way = sensor.navigation
+    if way is not None:
+        if way.origin_latitude is None or way.origin_longitude is None:
+            return None
+        return Origin(way.origin_latitude, way.origin_longitude)
+    if sensor.latitude is None or sensor.longitude is None:
+        return None
+    return Origin(sensor.latitude, sensor.longitude)
+
+
+def _is_local(sensor: Sensor) -> bool:
+    return sensor.navigation is not None or sensor.east_m is not None
+
+
+SLACK_S = 60.0
+"""Time by which rows may lie beyond a sensor's navigation."""
+
+
+def _way(
+    sensor: Sensor, series: Series, table: Table, rows: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return where a sensor was at its rows, from the origin of its own grid."""
+    navigation: Navigation | None = sensor.navigation
+    if navigation is None:
+        east = 0.0 if sensor.latitude is not None else float(sensor.east_m or 0.0)
+        north = 0.0 if sensor.latitude is not None else float(sensor.north_m or 0.0)
+        return np.full(rows.size, east), np.full(rows.size, north)
+    time = navigation.time_s
+    if navigation.start_utc_ns is not None and series.start_utc_ns is not None:
+        time = time + (navigation.start_utc_ns - series.start_utc_ns) / NANOSECONDS
+    wanted = series.time_s[rows]
+    outside = (wanted < time[0] - SLACK_S) | (wanted > time[-1] + SLACK_S)
+    for index in np.flatnonzero(outside)[:1]:
+        table.fail(
+            int(rows[index]),
+            f"the navigation of sensor {sensor.id!r} covers {time[0]:g} to "
+            f"{time[-1]:g} s, not {wanted[index]:g} s: do both count from one start?",
+        )
+    return (
+        np.interp(wanted, time, navigation.east_m),
+        np.interp(wanted, time, navigation.north_m),
     )
 
 

@@ -3,6 +3,10 @@
 **Method.** Measurements made of overlapping windows are not independent; their
 deviations are first raised by the correlation of the residuals. A constant error of
 the compass turns the whole solution, and enters the covariance as one more source.
+In a table of several sensors the constant error of each is an unknown with a prior; where
+no deviation is told, that of the prior is the one that the bearings make likeliest
+(marginal likelihood by Laplace's approximation, with a broad prior about three degrees).
+Bearings of others are told apart where the misfit asks for it (see `association`).
 """
 
 from dataclasses import dataclass, replace
@@ -18,11 +22,15 @@ from uwtrack_cli.motion.solvers.marquardt import (
     search_bounds,
 )
 from uwtrack_cli.motion.solvers.solvers import SOLVERS
+from uwtrack_cli.motion.target.association import Source, associate
 from uwtrack_cli.motion.target.inputs import (
     Measurements,
+    Platforms,
     check_measurements,
     correlation_inflation,
     own_path,
+    rounding_std,
+    sensor_paths,
     white_scatter,
 )
 from uwtrack_cli.motion.target.manoeuvre import Manoeuvre, find_manoeuvre
@@ -41,7 +49,11 @@ from uwtrack_cli.motion.target.observability import (
     is_manoeuvring,
     misfit_scale,
 )
-from uwtrack_cli.motion.target.own_ship import OwnPath, make_observer_track
+from uwtrack_cli.motion.target.own_ship import (
+    OwnPath,
+    make_observer_track,
+    make_sensors_track,
+)
 from uwtrack_cli.motion.target.problem import Problem
 from uwtrack_cli.motion.target.starts import multistart
 
@@ -66,18 +78,67 @@ class ContactAnswer:
     """Range, bearing, speed and course (SI) of each, shape (updates, 4)."""
     update_std: FloatArray
     """Their deviations, same shape; nan where not observable."""
+    probability: FloatArray | None = None
+    """Probability that each row's bearing is this contact's, shape (rows,); None where
+    all of them are."""
+    n_sources: int = 1
+    """Sources that the contact's rows were taken apart into."""
 
 
-def analyse_contact(data: Measurements, options: TmaOptions) -> ContactAnswer:
-    """Estimate the motion of one contact."""
+def analyse_contacts(
+    contacts: list[Measurements], options: TmaOptions
+) -> list[ContactAnswer]:
+    """Estimate the motions of all contacts; further sources get numbers of their own.
+
+    Parameters
+    ----------
+    contacts
+        Measurements of each contact.
+    options
+        Options.
+    """
+    found: list[ContactAnswer] = []
+    number = max((data.contact for data in contacts), default=0)
+    for data in contacts:
+        first, *others = analyse_contact(data, options)
+        found.append(first)
+        for other in others:
+            number += 1
+            found.append(replace(other, data=replace(data, contact=number)))
+    return found
+
+
+def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnswer]:
+    """Estimate the motion of one contact, or of every source that its rows hold."""
     check_measurements(data)
-    path = own_path(options.navigation, data)
-    problem = build_problem(data, path, options)
     limits = search_bounds(
         options.search.range_limits_m, options.search.speed_limit_mps
     )
+    problem = build_problem(data, options)
+    if data.platforms is not None:
+        problem = _with_offsets(problem, limits, data.platforms, options)
+        options = _of_sensors(options, data.platforms)
     if data.overlap_rows:
         problem = _allow_for_overlap(problem, limits, data.overlap_rows)
+    sources = None
+    if options.misfit.loss == "auto" and options.is_table:
+        sources = _sources(problem, limits, data, options)
+    if sources is None:
+        return [_answer(data, problem, limits, options)]
+    return [
+        replace(
+            _answer(data, source.problem, limits, options),
+            probability=source.probability,
+            n_sources=len(sources),
+        )
+        for source in sources
+    ]
+
+
+def _answer(
+    data: Measurements, problem: Problem, limits: SearchBounds, options: TmaOptions
+) -> ContactAnswer:
+    """Solve one problem and say what each of its modes tells."""
     ends = _growing(problem.n_rows, options.updates)
     estimates = SOLVERS[options.solver](problem, limits, ends, options.seed)
     modes = _modes(problem, limits, estimates[-1], options)
@@ -94,7 +155,7 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> ContactAnswer:
         data=data,
         modes=answers,
         n_values=problem.n_values,
-        manoeuvring=is_manoeuvring(problem.track),
+        manoeuvring=is_manoeuvring(problem.track) or data.platforms is not None,
         target_manoeuvre=find_manoeuvre(
             problem, modes.q[0], options.nuisances, data.overlap_rows
         ),
@@ -104,10 +165,89 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> ContactAnswer:
     )
 
 
-def build_problem(data: Measurements, path: OwnPath, options: TmaOptions) -> Problem:
+LARGE_MISFIT = 5.0
+"""Deviations by which the misfit must exceed what is expected before bearings of
+others are sought among measurements of stated deviations."""
+
+
+def _sources(
+    problem: Problem, limits: SearchBounds, data: Measurements, options: TmaOptions
+) -> list[Source] | None:
+    """Take the rows apart into sources where the misfit asks for it."""
+    is_told = _is_told(data, options)
+    if is_told:
+        fit = multistart(problem, limits)
+        freedom = max(problem.n_values - 4 - problem.n_lines, 1)
+        excess = float(fit.value[0]) / freedom - 1.0
+        if excess < LARGE_MISFIT * np.sqrt(2.0 / freedom):
+            return None
+    found = associate(replace(problem, loss="squares"), limits, is_told=is_told)
+    if found is None:
+        return None
+    loss = problem.loss if problem.n_lines else "squares"
+    return [
+        replace(source, problem=replace(source.problem, loss=loss)) for source in found
+    ]
+
+
+def _is_told(data: Measurements, options: TmaOptions) -> bool:
+    """Return whether every bearing has a deviation that somebody stated."""
+    missing = np.isnan(data.bearing_std_deg) & ~np.isnan(data.bearing_deg)
+    return options.misfit.bearing_std_deg is not None or not missing.any()
+
+
+UNTOLD_COMPASS_STD_DEG = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+"""Deviations of compasses that are compared where none is told."""
+
+MIDDLE_COMPASS_STD_DEG, COMPASS_LOG_STD = 3.0, 1.0
+"""Their prior: log-normal."""
+
+
+def _with_offsets(
+    problem: Problem, limits: SearchBounds, platforms: Platforms, options: TmaOptions
+) -> Problem:
+    """Make the constant error of every sensor an unknown with its prior."""
+    std = platforms.compass_std_deg.copy()
+    if options.compass_std_deg is not None:
+        std = np.full(std.shape, options.compass_std_deg)
+    untold = np.isnan(std)
+    if not untold.any():
+        return replace(problem, offset_std_rad=np.radians(std))
+    robust = replace(problem, loss="student" if problem.loss == "squares" else "huber")
+    best: tuple[float, FloatArray] | None = None
+    for candidate in UNTOLD_COMPASS_STD_DEG:
+        trial = np.radians(np.where(untold, candidate, std))
+        asked = replace(robust, offset_std_rad=trial)
+        fit = multistart(asked, limits)
+        weight = (problem.bearing_weight**2).sum(1)
+        volume = np.log1p(trial**2 * weight)[untold].sum()
+        _, shrunk = np.linalg.slogdet(fit.matrix[0] + 1e-12 * np.eye(4))
+        away = np.log(candidate / MIDDLE_COMPASS_STD_DEG) / COMPASS_LOG_STD
+        value = float(fit.value[0] + volume + shrunk + away**2)
+        if best is None or value < best[0]:
+            best = (value, trial)
+    return problem if best is None else replace(problem, offset_std_rad=best[1])
+
+
+def _of_sensors(options: TmaOptions, platforms: Platforms) -> TmaOptions:
+    """Return options whose nuisances are those of the sensors of a table."""
+    given = options.nuisances
+    position = np.nan_to_num(platforms.position_std_m, nan=given.own_position_m)
+    nuisances = replace(
+        given,
+        compass_deg=0.0,
+        own_position_m=0.0,
+        own_velocity_mps=0.0,
+        sensor_position_m=position if position.any() else None,
+    )
+    return replace(options, nuisances=nuisances)
+
+
+def build_problem(data: Measurements, options: TmaOptions) -> Problem:
     """Put the measurements of a contact into the form that solvers take."""
+    platforms = data.platforms
     model, weights = options.model, options.misfit
-    steps = np.diff(data.time_s)
+    steps = np.diff(np.unique(data.time_s))
     interval = model.interval_s or data.window_s
     if interval is None:
         interval = float(np.median(steps)) if steps.size else 1.0
@@ -124,19 +264,47 @@ def build_problem(data: Measurements, path: OwnPath, options: TmaOptions) -> Pro
     share = 1.0
     if weights.line_weighting == "mean":
         share = 1.0 / max(1, frequency_weight.shape[0])
+    loss = weights.loss
+    if loss == "auto":
+        stated = ~np.isnan(data.frequency_std_hz) | np.isnan(data.frequency_hz)
+        is_told = _is_told(data, options) and (
+            weights.frequency_std_hz is not None or bool(stated.all())
+        )
+        loss = "squares" if is_told or not options.is_table else "student"
+    if platforms is None:
+        path = own_path(options.navigation, data)
+        track = make_observer_track(path, data.time_s, model.doppler, interval)
+        heading = _array_heading(path, data.time_s, interval, options)
+    else:
+        paths = sensor_paths(data, platforms)
+        track = make_sensors_track(
+            paths, platforms.sensor, data.time_s, model.doppler, interval
+        )
+        heading = None
+    if data.mirrored_bearing_deg is not None:
+        heading = _between_mirrors(data.bearing_deg, data.mirrored_bearing_deg)
     return Problem(
-        track=make_observer_track(path, data.time_s, model.doppler, interval),
+        track=track,
         bearing_rad=bearing[np.newaxis],
         bearing_weight=bearing_weight,
         frequency_hz=frequency[np.newaxis],
         frequency_weight=frequency_weight * np.sqrt(share),
         sound_speed_mps=options.sound_speed_mps,
         delayed=options.delayed,
-        array_heading_rad=_array_heading(path, data.time_s, interval, options),
-        loss=weights.loss,
+        array_heading_rad=heading,
+        loss=loss,
         frequency_share=share,
         height_m=options.height_m,
+        sensor=None if platforms is None else platforms.sensor,
     )
+
+
+def _between_mirrors(bearing_deg: FloatArray, mirrored_deg: FloatArray) -> FloatArray:
+    """Return the heading of the array that has two bearings for one; nan for others."""
+    is_open = ~np.isnan(mirrored_deg) & ~np.isnan(bearing_deg)
+    # half the sum of the angles; opposite headings fold alike
+    total = np.where(is_open, bearing_deg + mirrored_deg, 0.0).sum(0)
+    return np.where(is_open.any(0), np.radians(0.5 * total), np.nan)
 
 
 def _filled(
@@ -153,6 +321,7 @@ def _filled(
             course = np.radians(values[stream]) if circular else values[stream]
             default = white_scatter(course, circular=circular)
             default = float(np.degrees(default)) if circular else default
+            default = max(default, rounding_std(values[stream]))
         if not default > 0:
             kind = "bearing_std_deg" if circular else "frequency_std_hz"
             msg = (

@@ -50,6 +50,9 @@ class NuisanceDeviations:
     """Of each component of own velocity, m/s."""
     correlation_time_s: float = 100.0
     """Correlation time of own position and velocity, s."""
+    sensor_position_m: FloatArray | None = None
+    """Of each coordinate of every sensor of a table, m, shape (sensors,); None for one
+    platform."""
 
     def values(self) -> dict[str, float]:
         """Return the deviations by the name under which they are reported."""
@@ -106,6 +109,11 @@ def error_budget(
     slopes = series_slopes(problem, r)
     pull = slopes[:, np.newaxis, np.newaxis] * rows
     parts: dict[str, FloatArray] = {}
+    if deviations.sensor_position_m is not None:
+        parts["sensor_position_m"] = _misplaced_sensors(
+            problem, r, pull @ inverse, deviations.sensor_position_m
+        )
+        total = total + parts["sensor_position_m"]
     for name, std in deviations.values().items():
         if not std:
             continue
@@ -122,6 +130,28 @@ def error_budget(
             parts[name] = np.outer(shift, shift)
         total = total + parts[name]
     return ErrorBudget(total, parts)
+
+
+def _misplaced_sensors(
+    problem: Problem, r: Residuals, pull: FloatArray, std_m: FloatArray
+) -> FloatArray:
+    """Covariance of a constant error in the place of every sensor, each its own."""
+    streams = len(problem.bearing_weight)
+    sensor = np.zeros(problem.n_rows, int) if problem.sensor is None else problem.sensor
+    size = pull.shape[-1]
+    covariance = np.zeros((size, size))
+    slope = r.rest_hz[0][:, np.newaxis] / problem.sound_speed_mps
+    for axis in (0, 1):
+        angle = -r.prediction.bearing_jacobian[0, axis] * r.side[0]
+        rate = slope * r.prediction.rate_jacobian[0, axis]
+        change = np.concatenate(
+            [problem.bearing_weight * angle, problem.frequency_weight * rate]
+        )
+        each = np.einsum("snp,sn->np", pull[: streams + problem.n_lines], change)
+        for number, std in enumerate(std_m):
+            moved = std * each[sensor == number].sum(axis=0)
+            covariance += np.outer(moved, moved)
+    return covariance
 
 
 def _whitened_change(

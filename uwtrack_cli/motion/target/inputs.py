@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uwtrack_cli.acoustics.geodesy import Origin
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
@@ -19,6 +20,27 @@ from uwtrack_cli.motion.target.own_ship import OwnPath
 
 LONGEST_EXTRAPOLATION_S = 60.0
 """Beyond the last row of navigation own ship may have turned."""
+
+
+@dataclass(frozen=True, eq=False)
+class Platforms:
+    """The sensors of a table: each is a stream of bearings of its own."""
+
+    name: tuple[str, ...]
+    """Identifiers."""
+    sensor: IntArray
+    """Sensor of every row, shape (rows,)."""
+    east_m: FloatArray
+    """Where it was at every row, east of the origin, m, shape (rows,)."""
+    north_m: FloatArray
+    """The same, north of the origin, m, shape (rows,)."""
+    compass_std_deg: FloatArray
+    """Deviation of each compass, degrees, shape (sensors,); nan if not told."""
+    position_std_m: FloatArray
+    """Deviation of each coordinate of each place, m, shape (sensors,); nan if not
+    told."""
+    origin: Origin | None
+    """Latitude and longitude of the grid's origin; None on a local grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +67,13 @@ class Measurements:
     """Length of the frames, s; None for tables."""
     overlap_rows: int
     """Distance in rows within which measurements share samples."""
+    mirrored_bearing_deg: FloatArray | None = None
+    """Bearings that the array cannot tell from the first, degrees, shape (streams,
+    rows); nan where the side is resolved; None: no array."""
+    platforms: Platforms | None = None
+    """The sensors of the table; None for one platform."""
+    table_row: IntArray | None = None
+    """Row of the table that each row was, from 0, shape (rows,); None for lines."""
 
 
 def measurements_from_series(series: Series) -> list[Measurements]:
@@ -52,16 +81,25 @@ def measurements_from_series(series: Series) -> list[Measurements]:
     found = []
     for contact in np.unique(series.contact):
         rows = np.flatnonzero(series.contact == contact)
+        if series.sensor is not None:  # rows of several sensors share one clock
+            rows = rows[np.argsort(series.time_s[rows], kind="stable")]
         heard = ~np.isnan(series.bearing_deg[rows])
         tone = ~np.isnan(series.frequency_hz[rows])
         lines = np.flatnonzero(tone.any(0))
         rows = rows[heard | tone.any(1)]
+        platforms = _platforms(series, rows)
+        mirrored = series.mirrored_bearing_deg
         found.append(
             Measurements(
                 contact=int(contact),
                 time_s=series.time_s[rows],
-                bearing_deg=series.bearing_deg[np.newaxis, rows],
-                bearing_std_deg=series.bearing_std_deg[np.newaxis, rows],
+                bearing_deg=_streams(series.bearing_deg, rows, platforms),
+                bearing_std_deg=_streams(series.bearing_std_deg, rows, platforms),
+                mirrored_bearing_deg=(
+                    None if mirrored is None else _streams(mirrored, rows, platforms)
+                ),
+                platforms=platforms,
+                table_row=rows,
                 frequency_hz=series.frequency_hz[np.ix_(rows, lines)].T,
                 frequency_std_hz=series.frequency_std_hz[np.ix_(rows, lines)].T,
                 line_id=lines + 1,
@@ -71,6 +109,66 @@ def measurements_from_series(series: Series) -> list[Measurements]:
             )
         )
     return found
+
+
+def check_sensors(series: Series) -> None:
+    """Refuse a table that names sensors whose places nobody gave.
+
+    Raises
+    ------
+    DataError
+        No sensor has a place.
+    """
+    if series.sensor is None or series.sensor_east_m is not None:
+        return
+    names = ", ".join(np.unique(series.sensor).tolist()[:10])
+    msg = (
+        f"the table names its sensors ({names}), but not where they are: give "
+        f"--sensors SENSORS.toml, or columns sensor_latitude and sensor_longitude."
+    )
+    raise DataError(msg)
+
+
+def _platforms(series: Series, rows: IntArray) -> Platforms | None:
+    """Return the sensors of some rows of a table; None where it names none."""
+    columns = (series.sensor, series.sensor_east_m, series.sensor_north_m)
+    if columns[0] is None or columns[1] is None or columns[2] is None:
+        return None
+    names, sensor = np.unique(columns[0][rows], return_inverse=True)
+    told = {} if series.sensor_id is None else {
+        str(name): number for number, name in enumerate(series.sensor_id)
+    }  # fmt: skip
+
+    def of_each(values: FloatArray | None) -> FloatArray:
+        known = np.full(len(told), np.nan) if values is None else values
+        return np.array(
+            [known[told[str(name)]] if str(name) in told else np.nan for name in names]
+        )
+
+    return Platforms(
+        name=tuple(map(str, names)),
+        sensor=sensor,
+        east_m=columns[1][rows],
+        north_m=columns[2][rows],
+        compass_std_deg=of_each(series.sensor_compass_std_deg),
+        position_std_m=of_each(series.sensor_position_std_m),
+        origin=(
+            None
+            if series.origin_latitude is None or series.origin_longitude is None
+            else Origin(series.origin_latitude, series.origin_longitude)
+        ),
+    )
+
+
+def _streams(
+    values: FloatArray, rows: IntArray, platforms: Platforms | None
+) -> FloatArray:
+    """Spread a column over the streams of the sensors, (streams, rows)."""
+    if platforms is None:
+        return values[np.newaxis, rows]
+    table = np.full((len(platforms.name), rows.size), np.nan)
+    table[platforms.sensor, np.arange(rows.size)] = values[rows]
+    return table
 
 
 def measurements_from_lines(lines: Lines) -> list[Measurements]:
@@ -129,8 +227,9 @@ def check_measurements(data: Measurements) -> None:
         msg = f"{who} has neither bearings nor frequencies."
         raise DataError(msg)
     steps = np.diff(data.time_s)
-    if np.any(~(steps > 0)):
-        row = int(np.flatnonzero(~(steps > 0))[0])
+    is_behind = ~(steps >= 0) if data.platforms is not None else ~(steps > 0)
+    if np.any(is_behind):
+        row = int(np.flatnonzero(is_behind)[0])
         msg = (
             f"the times of {who} do not increase: {data.time_s[row]:g} s is followed "
             f"by {data.time_s[row + 1]:g} s. Sort the rows by time, and give each "
@@ -216,6 +315,20 @@ def own_path(navigation: Navigation | None, data: Measurements) -> OwnPath:
     )
 
 
+def sensor_paths(data: Measurements, platforms: Platforms) -> list[OwnPath]:
+    """Return the path of every sensor of a table, through the places of its rows."""
+    paths = []
+    for number in range(len(platforms.name)):
+        rows = np.flatnonzero(platforms.sensor == number)
+        time, first = np.unique(data.time_s[rows], return_index=True)
+        rows = rows[first]
+        unknown = np.full(time.size, np.nan)
+        paths.append(
+            OwnPath(time, platforms.east_m[rows], platforms.north_m[rows], unknown)
+        )
+    return paths
+
+
 def _check_navigation(
     time: FloatArray, navigation: Navigation, data: Measurements
 ) -> None:
@@ -283,6 +396,34 @@ def white_scatter(values: FloatArray, *, circular: bool = False) -> float:
         first = wrap_rad(first)
     second = wrap_rad(np.diff(first)) if circular else np.diff(first)
     return float(np.median(np.abs(second)) / (0.6745 * np.sqrt(6.0)))
+
+
+MOST_DECIMALS = 6
+
+
+def rounding_std(values: FloatArray) -> float:
+    """Return the deviation that rounding gives to values; 0 if they are not rounded.
+
+    Parameters
+    ----------
+    values
+        Values, with nan where there is none.
+
+    Notes
+    -----
+    The step over the root of 12, the step being the largest power of ten that all
+    values are multiples of, one at most.
+
+    Examples
+    --------
+    >>> round(rounding_std(np.array([12.0, 15.0, 18.0])), 3)
+    0.289
+    """
+    known = values[~np.isnan(values)]
+    for decimals in range(MOST_DECIMALS):
+        if known.size and np.all(np.abs(known - np.round(known, decimals)) < 1e-9):
+            return float(10.0**-decimals / np.sqrt(12.0))
+    return 0.0
 
 
 def correlation_inflation(z: FloatArray, heard: FloatArray, fewest_lags: int) -> float:

@@ -4,7 +4,7 @@
 (d/dv - s d/dx) of the model: its partials by the velocity less s times those by the
 position. For many instants s the two unknowns of dv are added to the linearised model
 of the straight motion, whose own unknowns are projected out with those of sound speed
-and compass, and what they gain in the misfit is compared with what noise gains at the
+and compass (or of the offset of every sensor), and what they gain in the misfit is compared with what noise gains at the
 best of so many instants. The gain is that of noise with a memory: the residuals of
 bearings and frequencies, less the change itself, tell how far their sums scatter more
 than those of independent ones.
@@ -149,18 +149,32 @@ class _Parts:
         self.time_s = np.concatenate(
             [np.tile(time, self._shape_b[0]), np.tile(time, self._shape_f[0])]
         )
-        others = np.zeros((self.z.size, self._shape_f[0] + 2))
+        streams = self._shape_b[0]
+        std = problem.offset_std_rad
+        n_constant = 1 if std is None else streams
+        n_lines = self._shape_f[0]
+        others = np.zeros((self.z.size, n_lines + 1 + n_constant))
         n_bearings = share_b.size
-        for line in range(self._shape_f[0]):
+        for line in range(n_lines):
             begin = n_bearings + line * time.size
             others[begin : begin + time.size, line] = weight_f[line] * r.factor[0]
         speed = -rate * r.prediction.rate_mps[0]  # by the logarithm of sound speed
         relative = nuisances.sound_speed_mps / problem.sound_speed_mps
-        others[n_bearings:, -2] = relative * speed.ravel()
-        compass = np.radians(nuisances.compass_deg)
-        others[:n_bearings, -1] = (
-            compass * np.broadcast_to(weight_b, self._shape_b).ravel()
-        )
+        others[n_bearings:, n_lines] = relative * speed.ravel()
+        self.prior_z: FloatArray = np.zeros(1 + n_constant)
+        if std is None:
+            compass = np.radians(nuisances.compass_deg)
+            others[:n_bearings, -1] = (
+                compass * np.broadcast_to(weight_b, self._shape_b).ravel()
+            )
+        else:
+            plain = share_b * problem.bearing_weight
+            for stream in range(streams):
+                begin = stream * time.size
+                own = slice(begin, begin + time.size)
+                others[own, n_lines + 1 + stream] = std[stream] * plain[stream]
+            known = np.maximum(std, 1e-300)
+            self.prior_z[1:] = np.where(std > 0, r.offset_rad[0] / known, 0.0)
         self.others = others
 
     def z_of(self, values: FloatArray, *, bearings: bool) -> FloatArray:
@@ -184,23 +198,26 @@ def _search(
     """Return the best change of velocity, and what it does to the residuals."""
     scale = parts.scale(inflation)
     straight = np.concatenate([parts.state, parts.others], axis=1) * scale[:, None]
-    # sound speed and compass have unit priors; the motion is free
-    n_free = straight.shape[1] - 2
-    prior = np.zeros((2, straight.shape[1]))
-    prior[[0, 1], [n_free, n_free + 1]] = 1.0
+    # sound speed and constant bearing errors have unit priors; the motion is free
+    n_priors = parts.prior_z.size
+    n_free = straight.shape[1] - n_priors
+    prior = np.zeros((n_priors, straight.shape[1]))
+    prior[:, n_free:] = np.eye(n_priors)
     basis = _basis(np.concatenate([straight, prior]))
-    z = np.concatenate([scale * parts.z, np.zeros(2)])
+    z = np.concatenate([scale * parts.z, parts.prior_z])
     z = z - basis @ (basis.T @ z)
     best, change = Manoeuvre(float("nan"), 0.0), np.zeros(parts.z.size)
     for at in instants_s:
         later = (parts.time_s > at)[:, np.newaxis]
         turned = later * (parts.state[:, 2:] - at * parts.state[:, :2])
-        turned = np.concatenate([turned * scale[:, np.newaxis], np.zeros((2, 2))])
+        turned = np.concatenate(
+            [turned * scale[:, np.newaxis], np.zeros((n_priors, 2))]
+        )
         own = _basis(turned - basis @ (basis.T @ turned))
         along = own.T @ z
         gain = float(along @ along)
         if gain > best.gain:
-            best, change = Manoeuvre(float(at), gain), (own @ along)[:-2] / scale
+            best, change = Manoeuvre(float(at), gain), (own @ along)[:-n_priors] / scale
     return best, change
 
 

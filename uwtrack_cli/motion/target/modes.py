@@ -30,7 +30,7 @@ from uwtrack_cli.motion.target.model import (
     to_polar,
     to_state,
 )
-from uwtrack_cli.motion.target.objective import misfit
+from uwtrack_cli.motion.target.objective import Residuals, misfit, residuals
 from uwtrack_cli.motion.target.observability import (
     Observability,
     assess,
@@ -230,6 +230,8 @@ def _other_side(problem: Problem, fit: DescentResult, a: int, b: int) -> bool:
     if problem.array_heading_rad is None:
         return False
     off = wrap_rad(fit.q[[a, b], 1] - problem.array_heading_rad[0])
+    if np.isnan(off).any():
+        return False
     return bool(off[0] * off[1] < 0)
 
 
@@ -272,6 +274,9 @@ class TmaOptions:
     """Model of Doppler and propagation."""
     search: Search
     """Limits of the search and of the modes."""
+    compass_std_deg: float | None = None
+    """Deviation of every sensor's compass that was asked for, degrees; None: the
+    sensor's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,6 +310,12 @@ class ModeAnswer:
     """Limit of the search that stopped the range, m; None if none did."""
     nuisance_shares: dict[str, float]
     """Share of the variance of the range that each nuisance causes."""
+    bearing_residual_deg: FloatArray
+    """Model less measured bearing, offsets taken out, degrees, shape (rows,); nan where
+    there is none; of several streams their mean."""
+    offset_deg: FloatArray
+    """Constant error of each stream of bearings, model less measured, degrees, shape
+    (streams,)."""
 
 
 def describe_mode(
@@ -343,6 +354,7 @@ def describe_mode(
     inner = budget.covariance
     covariance = found.turn @ inner @ found.turn.T
     white = found.covariance()
+    r = residuals(problem, q[np.newaxis])
     now, now_std = _last_position(problem, q, inner)
     rise = scale * float(chdtri(1, 1.0 - options.search.confidence))
     return ModeAnswer(
@@ -362,7 +374,18 @@ def describe_mode(
             name: float(part[0, 0] / max(inner[0, 0], 1e-300))
             for name, part in budget.parts.items()
         },
+        bearing_residual_deg=_mean_residual(problem, r),
+        offset_deg=np.degrees(r.offset_rad[0]),
     )
+
+
+def _mean_residual(problem: Problem, r: Residuals) -> FloatArray:
+    """Return the mean residual of the bearings of every row, degrees."""
+    weight = problem.bearing_weight
+    count = np.count_nonzero(weight, axis=0)
+    plain = np.where(weight > 0, r.bearing[0] / np.where(weight > 0, weight, 1.0), 0.0)
+    mean = plain.sum(0) / np.maximum(count, 1)
+    return np.degrees(np.where(count > 0, mean, np.nan))
 
 
 def _limit_met(q: FloatArray, limits: SearchBounds) -> float | None:

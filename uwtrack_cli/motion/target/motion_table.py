@@ -5,10 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uwtrack_cli.acoustics.geodesy import to_latitude_longitude
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import flatten, reason_columns
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.motion.target.contact import ContactAnswer
+from uwtrack_cli.motion.target.cross_fix import grid_state
 from uwtrack_cli.motion.target.model import to_motion
 from uwtrack_cli.motion.target.modes import ModeAnswer, TmaOptions
 
@@ -151,7 +153,7 @@ def report_of(
         f"chance of range within 10 %, speed within 3 kn and course within 7 deg: "
         f"{seen.probability:.3f}"
     )
-    parts += _complaints(mode, answer)
+    parts += _complaints(mode, answer) + _shares(answer)
     if "range_m" in reasons:
         return "; ".join(parts) + "."
     parts.append(
@@ -161,6 +163,17 @@ def report_of(
     if not ellipse_agrees(mode):
         parts.append("the deviations mislead here: use the intervals")
     return "; ".join(parts) + "."
+
+
+def _shares(answer: ContactAnswer) -> list[str]:
+    """Say how many of the bearings are the contact's, if not all."""
+    if answer.probability is None:
+        return []
+    heard = answer.probability[~np.isnan(answer.probability)]
+    words = f"{heard.sum():.0f} of {heard.size} bearings are of this contact"
+    if answer.n_sources > 1:
+        words += f", of {answer.n_sources} sources in these rows"
+    return [words]
 
 
 def _complaints(mode: ModeAnswer, answer: ContactAnswer) -> list[str]:
@@ -186,6 +199,10 @@ STATEMENT = (
     "sound speed is then 1 % of range, and frequencies that carry the two-way shift of "
     "an echo double the range."
 )
+SENSORS_STATEMENT = (
+    "Places rest on those of the sensors and on their compasses: an error of all "
+    "compasses alike turns the motion about the sensors, and leaves little trace."
+)
 
 
 def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
@@ -207,13 +224,26 @@ def motions_table(answers: list[ContactAnswer], options: TmaOptions) -> Motions:
         **reason_columns("reason_motion", reasons),
         **_update_table(answers),
         **_nuisance_table(answers, options),
+        **_row_table(answers),
+        **_offset_table(answers),
         solver=options.solver,
         loss=options.misfit.loss,
         doppler=options.model.doppler,
         propagation="delayed" if options.delayed else "instant",
         sound_speed_mps=options.sound_speed_mps,
-        statement=STATEMENT.format(speed=options.sound_speed_mps),
+        statement=_statement(answers, options),
     )
+
+
+def _statement(answers: list[ContactAnswer], options: TmaOptions) -> str:
+    """Say what no residual reveals: bearings that cross need no sound speed."""
+    crossing = [
+        answer.data.platforms is not None and not answer.data.line_id.size
+        for answer in answers
+    ]
+    if answers and all(crossing):
+        return SENSORS_STATEMENT
+    return STATEMENT.format(speed=options.sound_speed_mps)
 
 
 def _column(name: str, values: list[Any]) -> NDArray[Any]:
@@ -260,6 +290,7 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
         "misfit": mode.value,
         "n_values": answer.n_values,
         "reasons": dict(sorted(reasons.items())),
+        **_absolute(answer, mode, reasons),
         **_observability(answer, mode, reasons),
     }
     _blank(values, reasons)
@@ -327,6 +358,72 @@ def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
     values["covariance"] = covariance
 
 
+def _absolute(
+    answer: ContactAnswer, mode: ModeAnswer, reasons: dict[str, str]
+) -> dict[str, Any]:
+    """Return the place at the first measurement where sensors give one."""
+    names = ("east_m", "north_m", "latitude", "longitude")
+    values: dict[str, Any] = {**dict.fromkeys(names, np.nan), "reference": ""}
+    platforms = answer.data.platforms
+    if platforms is None:
+        return values
+    values["reference"] = platforms.name[int(platforms.sensor[0])]
+    if "range_m" in reasons or "bearing_deg" in reasons:
+        return values
+    state, _ = grid_state(mode, platforms)
+    values["east_m"], values["north_m"] = map(float, state[:2])
+    if platforms.origin is not None:
+        place = to_latitude_longitude(state[:1], state[1:2], platforms.origin)
+        values["latitude"], values["longitude"] = (float(one[0]) for one in place)
+    return values
+
+
+def _row_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
+    """Return every bearing of a table with its probability and residual."""
+    parts = []
+    for answer in answers:
+        rows = answer.data.table_row
+        if rows is None:
+            continue
+        heard = np.flatnonzero(~np.isnan(answer.data.bearing_deg).all(axis=0))
+        own = np.ones(rows.size) if answer.probability is None else answer.probability
+        parts.append(
+            np.stack(
+                [
+                    np.full(heard.size, float(answer.data.contact)),
+                    rows[heard] + 1.0,
+                    answer.data.time_s[heard],
+                    own[heard],
+                    answer.modes[0].bearing_residual_deg[heard],
+                ]
+            )
+        )
+    table = np.concatenate([np.empty((5, 0)), *parts], axis=1)
+    return {
+        "row_contact": table[0].astype(np.int64),
+        "row_number": table[1].astype(np.int64),
+        "row_time_s": table[2],
+        "row_probability": table[3],
+        "row_residual_deg": table[4],
+    }
+
+
+def _offset_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
+    """Return the offset of every sensor in every mode."""
+    owner, rows = flatten(
+        ()
+        if answer.data.platforms is None
+        else zip(answer.data.platforms.name, mode.offset_deg, strict=True)
+        for answer in answers
+        for mode in answer.modes
+    )
+    return {
+        "offset_motion": owner,
+        "offset_sensor": np.array([name for name, _ in rows], np.str_),
+        "offset_deg": np.array([value for _, value in rows], float),
+    }
+
+
 def _rest_table(
     answers: list[ContactAnswer], reasons: list[dict[str, str]]
 ) -> dict[str, NDArray[Any]]:
@@ -357,6 +454,9 @@ def _nuisance_table(
     answers: list[ContactAnswer], options: TmaOptions
 ) -> dict[str, NDArray[Any]]:
     deviations = options.nuisances.values()
+    deviations["sensor_position_m"] = max(
+        (_sensor_position_std(answer) for answer in answers), default=np.nan
+    )
     means = {"sound_speed_mps": options.sound_speed_mps}
     owner, rows = flatten(
         mode.nuisance_shares.items() for answer in answers for mode in answer.modes
@@ -369,6 +469,13 @@ def _nuisance_table(
         "nuisance_std": np.array([deviations[name] for name in names]),
         "nuisance_share": np.array([share for _, share in rows], float),
     }
+
+
+def _sensor_position_std(answer: ContactAnswer) -> float:
+    """Return the largest deviation of a sensor's place that was told; nan for none."""
+    platforms = answer.data.platforms
+    told = np.empty(0) if platforms is None else platforms.position_std_m
+    return float(np.nanmax(told)) if np.isfinite(told).any() else np.nan
 
 
 def _update_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:

@@ -4,7 +4,8 @@
 (Chang et al. 2003, eq. 4, corrected: a sum over lines, wrapped angles). The rest
 frequencies enter linearly and are projected out (Golub & Pereyra 1973): given a
 motion they have a closed form, and the normal equations of the motion are the
-Schur complement of theirs.
+Schur complement of theirs. The constant bearing error of each sensor, an unknown with a
+prior, is projected out in the same way; its prior counts in the misfit.
 
 **Conventions.** ``member`` says which record of the problem a trial belongs to.
 Gradients are half those of the misfit. Every loss is z^2 near zero, so that the sums
@@ -109,6 +110,15 @@ class Residuals:
     """Rest frequencies, Hz, shape (trials, lines)."""
     prediction: Prediction
     """The model's bearings and range rates."""
+    offset_rad: FloatArray
+    """Constant error of each stream of bearings, rad, shape (trials, streams)."""
+
+    def prior_value(self, problem: Problem) -> FloatArray:
+        """Return what the offsets' priors add to the misfit, shape (trials,)."""
+        if problem.offset_std_rad is None:
+            return np.zeros(len(self.offset_rad))
+        weighted = np.where(self.offset_rad == 0.0, 0.0, problem.offset_precision)
+        return np.asarray((weighted * self.offset_rad**2).sum(-1))
 
 
 def residuals(
@@ -139,15 +149,8 @@ def residuals(
     bearing_data, frequency_data = problem.bearing_rad, problem.frequency_hz
     if member is not None and bearing_data.shape[0] > 1:
         bearing_data, frequency_data = bearing_data[member], frequency_data[member]
-    heading = problem.array_heading_rad
-    side = np.ones((1, 1))
-    if heading is None:
-        off = wrap_rad(prediction.bearing_rad[:, np.newaxis] - bearing_data)
-    else:
-        relative = wrap_rad(prediction.bearing_rad - heading)
-        side = np.sign(relative)
-        folded = np.abs(wrap_rad(bearing_data - heading))
-        off = np.abs(relative)[:, np.newaxis] - folded
+    off, side = _bearing_errors(problem, prediction.bearing_rad, bearing_data)
+    off, offset = _without_offsets(problem, off)
     factor = 1.0 - prediction.rate_mps / problem.sound_speed_mps
     if rest_hz is None:
         rest_hz = _rest_frequencies(problem, factor, frequency_data)
@@ -159,7 +162,63 @@ def residuals(
         side,
         rest_hz,
         prediction,
+        offset,
     )
+
+
+def _bearing_errors(
+    problem: Problem, model_rad: FloatArray, data_rad: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Model less data, (trials, streams, rows), and the sign of folded bearings.
+
+    Where the array's heading is nan, the row's bearing resolves the side.
+    """
+    off = wrap_rad(model_rad[:, np.newaxis] - data_rad)
+    heading = problem.array_heading_rad
+    if heading is None:
+        return off, np.ones((1, 1))
+    is_open = ~np.isnan(heading)
+    heading = np.where(is_open, heading, 0.0)
+    relative = wrap_rad(model_rad - heading)
+    folded = np.abs(wrap_rad(data_rad - heading))
+    off = np.where(is_open, np.abs(relative)[:, np.newaxis] - folded, off)
+    return off, np.where(is_open, np.sign(relative), 1.0)
+
+
+def _without_offsets(
+    problem: Problem, off: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Take the best offset of each stream out of bearing errors; return both.
+
+    Ridge regression on one constant: b = -sum w off / (sum w + 1 / s^2), reweighted
+    under a robust loss from the median.
+    """
+    offset = np.zeros(off.shape[:2])
+    if problem.offset_std_rad is None:
+        return off, offset
+    weight = problem.bearing_weight**2
+    precision = problem.offset_precision
+    measured = weight > 0
+    passes = 1
+    robust: FloatArray = np.broadcast_to(weight, off.shape)
+    if problem.loss != "squares":
+        passes = REWEIGHTINGS
+        for stream in np.flatnonzero(measured.any(1)):
+            middle = np.median(off[:, stream, measured[stream]], axis=-1)
+            reach = 3.0 * problem.offset_std_rad[stream]
+            offset[:, stream] = -np.clip(middle, -reach, reach)
+    for turn in range(passes):
+        if problem.loss != "squares":
+            z = wrap_rad(off + offset[:, :, np.newaxis]) * problem.bearing_weight
+            robust = weight * loss_weight(z, problem.loss)
+        # errors about the last offset, lest they jump at half a turn
+        near = wrap_rad(off + offset[:, :, np.newaxis])
+        if turn == 0 and problem.loss == "squares":
+            near = off
+        pull = (robust * (near - offset[:, :, np.newaxis])).sum(-1)
+        total = robust.sum(-1) + precision
+        offset = np.where(total > 0, -pull / np.maximum(total, 1e-300), 0.0)
+    return wrap_rad(off + offset[:, :, np.newaxis]), offset
 
 
 def medium_of(problem: Problem) -> Medium:
@@ -228,7 +287,7 @@ def misfit(
     frequencies: the matrix is A - b d^-1 b^T (Golub & Pereyra 1973).
     """
     r = residuals(problem, q, member, polar=polar)
-    value = loss_value(r.bearing, problem.loss).sum((1, 2))
+    value = loss_value(r.bearing, problem.loss).sum((1, 2)) + r.prior_value(problem)
     value += loss_value(r.frequency, problem.loss).sum((1, 2))
     blocks = normal_blocks(problem, r)
     chain = state_jacobian(q, polar=polar)
@@ -254,30 +313,41 @@ class NormalBlocks:
     matrix: FloatArray
     """Of the state, shape (trials, 4, 4)."""
     cross: FloatArray
-    """Of state and rest frequencies, shape (trials, 4, lines)."""
+    """Of state and what is projected out, rest frequencies and then the offsets of
+    the streams, if they are sought, shape (trials, 4, n)."""
     rest_matrix: FloatArray
-    """Diagonal of the rest frequencies, shape (trials, lines)."""
+    """Diagonal of what is projected out, shape (trials, n)."""
     gradient: FloatArray
     """Half gradient in the state, shape (trials, 4)."""
     rest_gradient: FloatArray
-    """Half gradient in the rest frequencies, shape (trials, lines)."""
+    """Half gradient in what is projected out, shape (trials, n)."""
 
 
 def normal_blocks(problem: Problem, r: Residuals) -> NormalBlocks:
-    """Accumulate the normal equations in the state and the rest frequencies."""
+    """Accumulate the normal equations in the state and what is projected out."""
     bearing_jacobian = r.prediction.bearing_jacobian
     rate_jacobian = r.prediction.rate_jacobian
     weight = problem.bearing_weight * loss_weight(r.bearing, problem.loss)
     pull = (weight * r.bearing).sum(1) * r.side
-    strength = (weight * problem.bearing_weight).sum(1)
+    each = weight * problem.bearing_weight
+    strength = each.sum(1)
     matrix = (bearing_jacobian * strength[:, np.newaxis]) @ np.swapaxes(
         bearing_jacobian, 1, 2
     )
     gradient = (bearing_jacobian @ pull[:, :, np.newaxis])[:, :, 0]
+    empty = np.zeros((gradient.shape[0], 0))
+    cross, diagonal, slope = np.zeros((*gradient.shape, 0)), empty, empty
+    if problem.offset_std_rad is not None:
+        precision = problem.offset_precision
+        sided = bearing_jacobian * r.side[:, np.newaxis]
+        cross = sided @ np.swapaxes(each, 1, 2)
+        diagonal = each.sum(-1) + precision
+        prior = np.where(r.offset_rad == 0.0, 0.0, precision) * r.offset_rad
+        slope = (weight * r.bearing).sum(-1) + prior
+        # an offset that is known exactly takes no part
+        slope = np.where(np.isfinite(diagonal), slope, 0.0)
     if problem.n_lines == 0:
-        empty = np.zeros((gradient.shape[0], 0))
-        cross = np.zeros((*gradient.shape, 0))
-        return NormalBlocks(matrix, cross, empty, gradient, empty)
+        return NormalBlocks(matrix, cross, diagonal, gradient, slope)
     scale = -r.rest_hz[:, :, np.newaxis] / problem.sound_speed_mps
     weight = problem.frequency_weight * loss_weight(r.frequency, problem.loss)
     strength = weight * problem.frequency_weight
@@ -285,12 +355,15 @@ def normal_blocks(problem: Problem, r: Residuals) -> NormalBlocks:
     joint = (strength * scale**2).sum(1)
     tied = strength * scale * r.factor[:, np.newaxis]
     transposed = np.swapaxes(rate_jacobian, 1, 2)
+    line_slope = (weight * r.frequency * r.factor[:, np.newaxis]).sum(-1)
+    line_diagonal = (strength * r.factor[:, np.newaxis] ** 2).sum(-1)
+    line_cross = rate_jacobian @ np.swapaxes(tied, 1, 2)
     return NormalBlocks(
         matrix + (rate_jacobian * joint[:, np.newaxis]) @ transposed,
-        rate_jacobian @ np.swapaxes(tied, 1, 2),
-        (strength * r.factor[:, np.newaxis] ** 2).sum(-1),
+        np.concatenate([line_cross, cross], -1),
+        np.concatenate([line_diagonal, diagonal], -1),
         gradient + (rate_jacobian @ pull[:, :, np.newaxis])[:, :, 0],
-        (weight * r.frequency * r.factor[:, np.newaxis]).sum(-1),
+        np.concatenate([line_slope, slope], -1),
     )
 
 
@@ -312,15 +385,12 @@ def misfit_value(
     """
     bearing, rate = predict_values(problem.track, state, medium_of(problem))
     chosen = member if problem.bearing_rad.shape[0] > 1 else np.zeros(1, dtype=np.int64)
-    heading = problem.array_heading_rad
-    data = problem.bearing_rad[chosen]
-    if heading is None:
-        off = wrap_rad(bearing[:, np.newaxis] - data)
-    else:
-        folded = np.abs(wrap_rad(data - heading))
-        off = np.abs(wrap_rad(bearing - heading))[:, np.newaxis] - folded
+    off, _ = _bearing_errors(problem, bearing, problem.bearing_rad[chosen])
+    off, offset = _without_offsets(problem, off)
+    prior = np.where(offset == 0.0, 0.0, problem.offset_precision) * offset**2
     factor = 1.0 - rate / problem.sound_speed_mps
     shift = rest_hz[:, :, np.newaxis] * factor[:, np.newaxis]
     shift = (shift - problem.frequency_hz[chosen]) * problem.frequency_weight
     value = loss_value(off * problem.bearing_weight, problem.loss).sum((1, 2))
+    value += prior.sum(-1)
     return np.asarray(value + loss_value(shift, problem.loss).sum((1, 2)))

@@ -101,7 +101,30 @@ def information(problem: Problem, q: FloatArray) -> Information:
 
 
 def design_rows(problem: Problem, r: Residuals) -> FloatArray:
-    """Whitened Jacobian in state and rest frequencies (stream or line, row, p)."""
+    """Whitened Jacobian in state and rest frequencies (stream or line, row, p).
+
+    What an offset of a stream would take up is projected out.
+    """
+    rows = _plain_rows(problem, r)
+    if problem.offset_std_rad is None:
+        return rows
+    streams = len(problem.bearing_weight)
+    pull = offset_pull(problem, r)
+    rows[:streams] -= problem.bearing_weight[:, :, np.newaxis] * pull[:, np.newaxis, :]
+    return rows
+
+
+def offset_pull(problem: Problem, r: Residuals) -> FloatArray:
+    """Return how the offsets follow the state, rad per unit, shape (streams, p)."""
+    rows = _plain_rows(problem, r)[: len(problem.bearing_weight)]
+    weight = problem.bearing_weight
+    slope = series_slopes(problem, r)[: len(weight)]
+    total = slope * (weight**2).sum(1) + problem.offset_precision
+    gathered = slope[:, np.newaxis] * np.einsum("sn,snp->sp", weight, rows)
+    return np.asarray(gathered / total[:, np.newaxis])
+
+
+def _plain_rows(problem: Problem, r: Residuals) -> FloatArray:
     size = 4 + problem.n_lines
     streams = problem.bearing_weight.shape[0]
     rows = np.zeros((streams + problem.n_lines, problem.n_rows, size))
@@ -156,6 +179,13 @@ def _bread_and_meat(problem: Problem, r: Residuals) -> tuple[FloatArray, FloatAr
     parts = np.swapaxes(rows, 1, 2) @ rows
     bread = np.tensordot(slope, parts, axes=1)
     meat = np.tensordot(power * share, parts, axes=1)
+    if problem.offset_std_rad is not None:
+        pull = offset_pull(problem, r)
+        precision = np.where(
+            np.isfinite(problem.offset_precision), problem.offset_precision, 0.0
+        )
+        prior = np.einsum("s,sp,sq->pq", precision, pull, pull)
+        bread, meat = bread + prior, meat + prior
     return bread, meat
 
 

@@ -119,8 +119,64 @@ def _arc(part: FloatArray, half_turn: FloatArray) -> tuple[FloatArray, FloatArra
     return length * np.cos(angle), length * np.sin(angle)
 
 
+def make_sensors_track(
+    paths: list[OwnPath],
+    sensor: IntArray,
+    time_s: FloatArray,
+    doppler: Doppler,
+    interval_s: float,
+) -> ObserverTrack:
+    """Sample several sensors, each at the rows that it heard.
+
+    Parameters
+    ----------
+    paths
+        Path of every sensor, on one grid.
+    sensor
+        Sensor of every row; the first row's is the origin.
+    time_s
+        Times of the rows in order, equal ones allowed, s.
+    doppler
+        As for one platform.
+    interval_s
+        As for one platform.
+    """
+    origin = paths[sensor[0]].at(time_s[:1])
+    place = float(origin[0][0]), float(origin[1][0])
+    rows = [np.flatnonzero(sensor == number) for number in range(len(paths))]
+    parts = [
+        make_observer_track(
+            path, time_s[own], doppler, interval_s, start=float(time_s[0]), origin=place
+        )
+        for path, own in zip(paths, rows, strict=True)
+    ]
+    first = np.cumsum([0, *(part.time_s.size for part in parts)])
+    order = np.argsort(np.concatenate(rows))
+    before = [
+        n + part.before
+        for n, part in zip(first, parts, strict=False)
+        if part.before is not None
+    ]
+    now = [n + part.now for n, part in zip(first, parts, strict=False)]
+    return ObserverTrack(
+        time_s=np.concatenate([part.time_s for part in parts]),
+        east_m=np.concatenate([part.east_m for part in parts]),
+        north_m=np.concatenate([part.north_m for part in parts]),
+        now=np.concatenate(now)[order],
+        before=np.concatenate(before)[order] if before else None,
+        interval_s=np.full(time_s.size, interval_s),
+        velocity_mps=np.concatenate([part.velocity_mps for part in parts], 1)[:, order],
+    )
+
+
 def make_observer_track(
-    path: OwnPath, time_s: FloatArray, doppler: Doppler, interval_s: float
+    path: OwnPath,
+    time_s: FloatArray,
+    doppler: Doppler,
+    interval_s: float,
+    *,
+    start: float | None = None,
+    origin: tuple[float, float] | None = None,
 ) -> ObserverTrack:
     """Sample own ship where the model needs it.
 
@@ -135,8 +191,12 @@ def make_observer_track(
     interval_s
         The interval that ends at a row, or the span of the central difference
         that gives own velocity, s.
+    start
+        Time from which times count; by default that of the first row.
+    origin
+        Place from which places count; by default that at the first row.
     """
-    start = float(time_s[0])
+    start = float(time_s[0]) if start is None else start
     before = time_s - interval_s
     with_past = doppler == "interval"
     wanted = np.concatenate([before, time_s]) if with_past else time_s
@@ -145,7 +205,10 @@ def make_observer_track(
     nodes = np.empty(keys.size)
     nodes[inverse] = wanted
     east, north = path.at(nodes)
-    east_0, north_0 = path.at(np.array([start]))
+    if origin is None:
+        east_0, north_0 = path.at(np.array([start]))
+    else:
+        east_0, north_0 = (np.array([place]) for place in origin)
     count = time_s.size
     ahead = path.at(time_s + interval_s / 2.0)
     behind = path.at(time_s - interval_s / 2.0)

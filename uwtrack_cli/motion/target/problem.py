@@ -47,6 +47,12 @@ class Problem:
     variances."""
     height_m: float = 0.0
     """Depth between sensor and source, m."""
+    sensor: IntArray | None = None
+    """Sensor of every row, which is its stream of bearings, shape (rows,); None for
+    one platform."""
+    offset_std_rad: FloatArray | None = None
+    """Prior deviation of the constant error of each stream of bearings, rad, shape
+    (streams,); None where it is not an unknown of the fit."""
 
     @property
     def n_rows(self) -> int:
@@ -57,6 +63,15 @@ class Problem:
     def n_lines(self) -> int:
         """Number of frequency lines."""
         return int(self.frequency_weight.shape[0])
+
+    @property
+    def offset_precision(self) -> FloatArray:
+        """Prior precision of the offset of each stream, 1/rad^2; inf: none is sought."""
+        std = self.offset_std_rad
+        if std is None:
+            return np.full(self.bearing_weight.shape[0], np.inf)
+        with np.errstate(divide="ignore"):
+            return np.asarray(1.0 / std**2)
 
     @property
     def n_values(self) -> int:
@@ -82,6 +97,7 @@ class Problem:
             frequency_hz=self.frequency_hz[:, :, index],
             frequency_weight=self.frequency_weight[:, index],
             array_heading_rad=None if heading is None else heading[index],
+            sensor=None if self.sensor is None else self.sensor[index],
         )
 
     def record(self, index: int) -> "Problem":

@@ -4,6 +4,11 @@
 under a robust loss, which a tenth of outliers does not move). Every motion of a grid
 over range, bearing, speed and course is scored there with its best rest frequencies,
 the best few descend on the blocks, and what remains distinct descends on all data.
+
+Bearings of several sensors cross: a few of them, drawn at random, determine a motion in
+closed form (each says that the target lies on a line, linear in place and velocity), and
+the draws that agree with most of the other rows are the starts (Fischler & Bolles 1981,
+CACM 24, 381; Lingren & Gong 1978 for the linear form).
 """
 
 from dataclasses import dataclass, replace
@@ -58,6 +63,12 @@ def multistart(
         Further starts on all data, for instance the previous solution.
     """
     counts = StartCounts() if counts is None else counts
+    if problem.sensor is not None:
+        starts = subset_starts(problem, limits)
+        if extra is not None:
+            starts = np.concatenate([starts, extra])
+        final = minimise(problem, starts, limits)
+        return final.take(np.argsort(final.value, kind="stable"))
     coarse = block_averages(problem)
     grid = start_grid(coarse, limits)
     chosen = _best_of_each_range(coarse, grid, counts.on_blocks)
@@ -69,6 +80,116 @@ def multistart(
     return final.take(np.argsort(final.value, kind="stable"))
 
 
+MOVING_DRAWS, STILL_DRAWS = (600, 5), (300, 3)
+"""Random draws of rows, and rows of each, for moving and for still targets."""
+
+MOST_SCORED = 240
+"""Rows that score the draws."""
+
+COARSE_RAD = np.radians(3.0)
+"""Error of a bearing that the scores of draws allow beside its deviation."""
+
+KEPT_DRAWS = 10
+
+
+def subset_starts(
+    problem: Problem, limits: SearchBounds, *, seed: int = 1, kept: int = KEPT_DRAWS
+) -> FloatArray:
+    """Return starts from bearings that cross, best first, in solver coordinates.
+
+    Parameters
+    ----------
+    problem
+        One record; each row has at most one bearing.
+    limits
+        Bounds of the search.
+    seed
+        Seed of the draws.
+    kept
+        Number of starts.
+    """
+    stream, row = np.nonzero(problem.bearing_weight)
+    if row.size < 2:
+        return start_grid(problem, limits)
+    draw = np.random.default_rng(seed)
+    node = problem.track.now[row]
+    time = problem.track.time_s[node]
+    place = np.stack([problem.track.east_m[node], problem.track.north_m[node]], -1)
+    angle = problem.bearing_rad[0][stream, row]
+    other = angle
+    if problem.array_heading_rad is not None:
+        heading = problem.array_heading_rad[row]
+        other = np.where(np.isnan(heading), angle, 2.0 * heading - angle)
+    deviation = 1.0 / problem.bearing_weight[stream, row]
+    if problem.offset_std_rad is not None:
+        deviation = np.hypot(deviation, problem.offset_std_rad[stream])
+    deviation = np.hypot(deviation, COARSE_RAD)
+    state = np.concatenate(
+        [
+            _crossings(draw, (time, place, angle, other), *MOVING_DRAWS, moving=True),
+            _crossings(draw, (time, place, angle, other), *STILL_DRAWS, moving=False),
+        ]
+    )
+    few = np.unique(np.linspace(0, row.size - 1, MOST_SCORED).astype(int))
+    away = (
+        state[:, :2, np.newaxis]
+        + state[:, 2:, np.newaxis] * time[few]
+        - place[few].T[np.newaxis]
+    )
+    model = np.arctan2(away[:, 0], away[:, 1])
+    off = np.minimum(
+        np.abs(wrap_rad(model - angle[few])), np.abs(wrap_rad(model - other[few]))
+    )
+    score = np.minimum((off / deviation[few]) ** 2, 9.0).sum(1)
+    q = np.stack(
+        [
+            np.log(np.maximum(np.hypot(state[:, 0], state[:, 1]), 1e-6)),
+            np.mod(np.arctan2(state[:, 0], state[:, 1]), 2.0 * np.pi),
+            state[:, 2],
+            state[:, 3],
+        ],
+        -1,
+    )
+    q = np.clip(q, limits.lower, limits.upper)
+    chosen: list[int] = []
+    for index in np.argsort(score):
+        apart = q[chosen] - q[index]
+        apart[:, 1] = wrap_rad(apart[:, 1])
+        if not np.any(np.all(np.abs(apart) < 5.0 * SAME, axis=1)):
+            chosen.append(int(index))
+        if len(chosen) == kept:
+            break
+    return np.asarray(q[chosen])
+
+
+def _crossings(
+    draw: np.random.Generator,
+    rows: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    count: int,
+    size: int,
+    *,
+    moving: bool,
+) -> FloatArray:
+    """Solve n.(x + t v - s) = 0 for random draws of rows: (x, y, vx, vy) of each."""
+    time, place, angle, other = rows
+    chosen = draw.integers(0, time.size, (count, size))
+    side = draw.random((count, size)) < 0.5
+    bearing = np.where(side, angle[chosen], other[chosen])
+    normal = np.stack([np.cos(bearing), -np.sin(bearing)], -1)
+    right = (normal * place[chosen]).sum(-1)
+    unknown = 4 if moving else 2
+    span = max(float(np.ptp(time)), 1.0)
+    matrix = np.concatenate([normal, normal * time[chosen][..., np.newaxis] / span], -1)
+    matrix = matrix[..., :unknown]
+    turned = np.swapaxes(matrix, 1, 2)
+    normal_matrix = turned @ matrix + 1e-9 * np.eye(unknown)
+    found = np.linalg.solve(normal_matrix, turned @ right[..., np.newaxis])[..., 0]
+    state = np.zeros((count, 4))
+    state[:, :unknown] = found
+    state[:, 2:] /= span
+    return state
+
+
 def block_averages(problem: Problem, blocks: int = BLOCKS) -> Problem:
     """Gather consecutive rows of one record into blocks.
 
@@ -76,13 +197,14 @@ def block_averages(problem: Problem, blocks: int = BLOCKS) -> Problem:
     change nearly in proportion to time within a block.
     """
     n = problem.n_rows
-    if n <= 2 * blocks:
+    heading = problem.array_heading_rad
+    is_mixed = heading is not None and bool(np.isnan(heading).any())
+    if n <= 2 * blocks or is_mixed:
         return problem
     edges = np.linspace(0, n, blocks + 1).astype(np.int64)
     centre = (edges[:-1] + edges[1:]) // 2
     reduced = problem.rows(centre)
     robust = problem.loss != "squares"
-    heading = problem.array_heading_rad
     bearing = problem.bearing_rad[0]
     if heading is not None:  # the folded angle, put back on the starboard side
         bearing = np.abs(wrap_rad(bearing - heading))
@@ -165,6 +287,8 @@ def first_bearings(problem: Problem) -> FloatArray:
         return 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
     weight = problem.bearing_weight[:, rows] ** 2
     heading = problem.array_heading_rad
+    if heading is not None and np.isnan(heading[rows]).any():
+        heading = None
     angle = problem.bearing_rad[0][:, rows]
     if heading is not None:
         angle = np.abs(wrap_rad(angle - heading[rows]))

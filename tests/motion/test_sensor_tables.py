@@ -1,0 +1,128 @@
+"""Bearings of several sensors in one table give one motion, with a place on the map."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.motion.sensor_tables import buoys, untold
+from uwtrack_cli.data.sensor import Navigation
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.motion.locate import locate_vessels
+from uwtrack_cli.motion.options import Nuisances
+from uwtrack_cli.motion.tma import estimate_motion
+
+MIDDLE = ["600"]
+
+
+def errors(fixes, place, velocity):
+    """Return the error of the fix at 600 s, and its square in units of the ellipse."""
+    off = np.array([fixes.east_m[0], fixes.north_m[0]]) - place - 600.0 * velocity
+    return np.hypot(*off), off @ np.linalg.solve(fixes.covariance_m2[0], off)
+
+
+@pytest.mark.parametrize(("told", "count"), [(True, 8), (False, 4)])
+def test_four_drifting_buoys_with_offsets_and_outliers_give_one_place(told, count):
+    square, size = [], []
+    for seed in range(count):
+        series, place, velocity, _ = buoys(seed)
+        fixes = locate_vessels(series=series if told else untold(series), at=MIDDLE)
+        assert np.unique(fixes.contact).tolist() == [1]
+        far, chance = errors(fixes, place, velocity)
+        square.append(chance)
+        size.append(far)
+    # 95 % due: three or more of eight beyond happen once in 170 such tests; and the
+    # ellipses are not far too wide: chi-square of two has the median 1.4
+    assert np.count_nonzero(np.array(square) > 5.99) < 3
+    assert np.median(square) > 0.3
+    assert np.median(size) < 150.0
+
+
+def test_a_still_source_has_a_fix_and_the_offsets_are_told():
+    series, place, velocity, _ = buoys(3, moving=False, strange=0.0, std_deg=2.0)
+    motions = estimate_motion(series)
+    _, chance = errors(locate_vessels(series=series, at=MIDDLE), place, velocity)
+    assert chance < 9.2
+    assert motions.offset_sensor.tolist() == ["b0", "b1", "b2", "b3"]
+    assert motions.speed_mps[0] < 4.0 * motions.speed_std_mps[0] + 0.05
+    assert motions.reference.tolist() == ["b0"]
+
+
+def test_the_order_of_rows_and_the_origin_of_the_grid_do_not_matter():
+    series, *_ = buoys(5)
+    mixed = series.take("row", np.random.default_rng(1).permutation(series.time_s.size))
+    moved = replace(mixed, sensor_east_m=mixed.sensor_east_m + 5e4)
+    first, second = (locate_vessels(series=s, at=MIDDLE) for s in (series, moved))
+    assert second.east_m[0] - 5e4 == pytest.approx(first.east_m[0], abs=2.0)
+    assert second.north_m[0] == pytest.approx(first.north_m[0], abs=2.0)
+
+
+def test_the_probability_of_every_bearing_is_in_the_product():
+    series, *_, wrong = buoys(2)
+    motions = estimate_motion(series)
+    far = np.abs(motions.row_residual_deg) > 60.0
+    own = motions.row_probability[np.argsort(motions.row_number)]
+    assert np.all(own[~wrong].mean() > 0.95)
+    assert own[wrong].mean() < 0.35
+    assert not np.any(far & (motions.row_probability > 0.5))
+
+
+def circling(seed, *, strange, n_other):
+    """Own ship circles a nearly still source; other ships pass, or noise is heard."""
+    draw = np.random.default_rng(seed)
+    n = 600
+    time = np.linspace(0, 900, n)
+    angle = 2 * np.pi * time / 450
+    own = 160 * np.stack([np.sin(angle), np.cos(angle)])
+    place, velocity = draw.normal(0, 20, 2), draw.normal(0, 0.02, 2)
+    way = place[:, None] + velocity[:, None] * time - own
+    bearing = np.degrees(np.arctan2(*way))
+    wrong = draw.random(n) < strange
+    bearing[wrong] = draw.uniform(0, 360, np.count_nonzero(wrong))
+    for number in range(n_other):
+        course = draw.uniform(0, 2 * np.pi)
+        other = draw.uniform(1, 4) * np.array([np.sin(course), np.cos(course)])
+        away = draw.uniform(-800, 800, 2)[:, None] + other[:, None] * (time - 450)
+        mine = wrong & (np.arange(n) % n_other == number)
+        bearing[mine] = np.degrees(np.arctan2(*(away - own)))[mine]
+    bearing += 5.0 * draw.standard_normal(n)
+    table, *_ = buoys(0, n=1, rows=n)
+    series = replace(
+        table, time_s=time, bearing_deg=bearing % 360.0, sensor=None,
+        bearing_std_deg=np.full(n, np.nan), sensor_east_m=None, sensor_north_m=None,
+        sensor_id=None, sensor_compass_std_deg=None, sensor_position_std_m=None,
+    )  # fmt: skip
+    ship = Navigation(
+        time_s=time, east_m=own[0], north_m=own[1], heading_deg=np.full(n, np.nan)
+    )
+    return series, ship, place - own[:, 0], wrong
+
+
+@pytest.mark.parametrize(("strange", "n_other"), [(0.45, 1), (0.6, 2)])
+def test_a_source_among_bearings_of_others_is_found(strange, n_other):
+    series, ship, place, wrong = circling(4, strange=strange, n_other=n_other)
+    motions = estimate_motion(series, None, ship, nuisances=Nuisances())
+    angle = np.radians(motions.bearing_deg[0])
+    found = motions.range_m[0] * np.array([np.sin(angle), np.cos(angle)])
+    assert np.hypot(*(found - place)) < 80.0
+    own = motions.row_contact == 1
+    assert motions.row_probability[own][~wrong].mean() > 0.8
+
+
+def test_what_a_table_of_sensors_cannot_be_is_refused():
+    series, *_ = buoys(1)
+    nowhere = replace(series, sensor_east_m=None, sensor_north_m=None)
+    with pytest.raises(DataError, match="names its sensors"):
+        locate_vessels(series=nowhere)
+    with pytest.raises(DataError, match="no column sensor"):
+        locate_vessels(series=replace(nowhere, sensor=None))
+    with pytest.raises(OptionError, match="own-ship"):
+        estimate_motion(
+            series,
+            navigation=Navigation(
+                time_s=np.array([0.0, 1.0]), east_m=np.zeros(2), north_m=np.zeros(2),
+                heading_deg=np.zeros(2),
+            ),
+        )  # fmt: skip
+    with pytest.raises(OptionError, match="recursive"):
+        estimate_motion(series, solver="recursive")
