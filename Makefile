@@ -53,12 +53,16 @@ samples: $(VENV)/.development  ## make the sample recordings and tables again
 	from uwtrack_cli.flow.sample_recordings import remake_samples; \
 	remake_samples(Path('sample_data')); write_sample_tables(Path('sample_data'))"
 
-figures: $(VENV)/.development  ## draw the pictures of recipes and presence in docs again
+figures: $(VENV)/.development  ## draw the pictures of README and docs again
 	for name in vessel presence small-craft towed-array vehicle weak-lines dense-clutter; do \
 	$(BIN)/uwtrack recipes --graph $$name -o docs/recipes/$$name.svg --overwrite; done
 	mkdir -p $(DEMO)
 	$(BIN)/uwtrack run sample_data/propeller.wav --recipe presence -o $(DEMO)/propeller.run.h5 --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/propeller.run.h5 -o docs/presence.png --overwrite
+	$(BIN)/uwtrack sample pass --output $(DEMO) --overwrite
+	$(BIN)/uwtrack run $(DEMO)/pass.wav --start-utc 2024-05-01T12:00:00Z --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --contact 1 -o docs/pass.png --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 -o docs/recording.png --overwrite
 
 docs: $(VENV)/.development  ## the documentation site in docs/_build/html; a warning is an error
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html

@@ -27,7 +27,7 @@ ROOMS = {
         "data", "acoustics", "estimation", "simulate", "spectra", "arrays", "lines", "motion",
         "presence", "clutter", "discrimination", "files",
     },
-    "plotting": {"data", "acoustics", "estimation", "motion", "files"},
+    "plotting": {"data", "acoustics", "estimation", "spectra", "motion", "files", "flow"},
     "studies": {
         "data", "acoustics", "estimation", "simulate", "spectra", "arrays", "lines", "motion",
         "presence", "clutter", "discrimination", "files", "flow",

@@ -294,8 +294,7 @@ JUSTIFIED = {
     ("flow/watch.py", "self.path.open"): "the journal, which it writes itself",
     ("flow/catalogue.py", "Path(spec.origin).read_text"): "the program itself",
     ("studies/study.py", "*.read_text"): "comes with the program",
-    ("plotting/report.py", "source.read_text"): "comes with the program",
-    ("plotting/report.py", "path.read_bytes"): "a temporary file of its own",
+    ("plotting/html_page.py", "source.read_text"): "comes with the program",
 }
 
 

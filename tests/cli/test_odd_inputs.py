@@ -58,7 +58,7 @@ def test_a_name_that_is_not_utf_8_goes_through_the_whole_chain(uwtrack, tmp_path
 def test_a_folder_for_a_file_is_named_in_a_sentence(uwtrack, folder):
     for words in (
         ["run", folder], ["spectrogram", folder], ["peaks", folder], ["cpa", folder],
-        ["info", folder], ["report", folder], ["rerun", folder],
+        ["info", folder], ["rerun", folder],
         ["export", folder, "--to", "csv"], ["plot", folder, "-o", "a.png"],
         ["simulate", folder, "-o", "a.wav"],
     ):  # fmt: skip

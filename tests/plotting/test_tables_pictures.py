@@ -7,7 +7,9 @@ from uwtrack_cli.data.base import reason_columns
 from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
+from uwtrack_cli.errors import DataError
 from uwtrack_cli.plotting.decision import draw_odds, draw_terms
+from uwtrack_cli.plotting.table_pages import target_figure
 from uwtrack_cli.plotting.target import draw_target, draw_threshold
 
 
@@ -61,7 +63,7 @@ def _decision():
 def test_a_track_in_the_plane_is_drawn_with_an_ellipse_per_scan(ax):
     target = _target()
     assert draw_target(target, _scans(), ax) is ax
-    assert len(ax.patches) == 4
+    assert len(ax.patches) == 2 * 4  # an edge and a filling each
     np.testing.assert_array_equal(ax.lines[1].get_xdata(), target.state[:, 0])
     np.testing.assert_array_equal(ax.lines[1].get_ydata(), target.state[:, 2])
     assert ax.get_xlabel() == "z_1 (m)"
@@ -80,9 +82,9 @@ def test_the_threshold_and_its_rule_are_shown(ax):
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), 3.0)
 
 
-def test_an_empty_track_says_so(ax):
-    draw_target(_target(0), None, ax)
-    assert "no scan" in ax.texts[0].get_text()
+def test_an_empty_track_has_no_page():
+    with pytest.raises(DataError, match="no scan"):
+        target_figure([_target(0)])
 
 
 def test_the_odds_are_drawn_with_both_thresholds_and_the_verdict(ax):

@@ -1,35 +1,27 @@
-"""`export` and `report`: results for other programs, and for people."""
+"""`export`: results for other programs."""
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from uwtrack_cli.cli.command_factory import (
-    Ais,
     Branch,
     Output,
     Overwrite,
-    WithinM,
     command,
 )
 from uwtrack_cli.cli.console import say
 from uwtrack_cli.cli.targets import PIPE, open_product, product_name
-from uwtrack_cli.data.encounters import Encounters
-from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError
-
-if TYPE_CHECKING:
-    from uwtrack_cli.files.hdf5.product import Product
+from uwtrack_cli.errors import OptionError
 
 ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
 
 
 def register(app: typer.Typer, name: str) -> None:
     """Add the command of a name."""
-    named: dict[str, Callable[..., None]] = {"export": export, "report": report}
+    named: dict[str, Callable[..., None]] = {"export": export}
     command(app, name)(named[name])
 
 
@@ -69,50 +61,6 @@ def export(
             step=step, overwrite=overwrite, inputs=inputs,
         )  # fmt: skip
     say(f"wrote {target}")
-
-
-def report(
-    *,
-    file: ProductFile,
-    step: Branch = None,
-    ais: Ais = None,
-    within_m: WithinM = 2000.0,
-    output: Output = None,
-    overwrite: Overwrite = False,
-) -> None:
-    """Write a page about a recording: results, pictures, history; all in one file."""
-    try:
-        from uwtrack_cli.plotting.report import SHOWN, write_report
-    except ImportError as error:
-        msg = f"reports need matplotlib ({error}); pip install 'uwtrack[plot]'."
-        raise DataError(msg) from error
-    from uwtrack_cli.flow.branches import refuse_unknown_step, sole_keys
-
-    target = _target(output, file, ".html")
-    inputs = () if file == PIPE else (file,)
-    with open_product(file) as product:
-        refuse_unknown_step([product], step)
-        keys = sole_keys(product, step, SHOWN)
-        write_report(
-            product,
-            target,
-            keys=keys,
-            overwrite=overwrite,
-            inputs=inputs,
-            revise=None if ais is None else _names(product, ais, within_m),
-        )
-    say(f"wrote {target}")
-
-
-def _names(
-    product: "Product", ais: Path, within_m: float
-) -> Callable[[Encounters], Encounters]:
-    """Return what gives the encounters of a product the names of vessels."""
-    from uwtrack_cli.flow.vessel_names import read_vessels
-
-    vessels = read_vessels(ais, within_m)
-    sensors, recordings = product.read_all(Sensor), product.read_all(Recording)
-    return lambda encounters: vessels.name(encounters, sensors, recordings)
 
 
 def _target(output: Path | None, file: Path, ending: str) -> Path:

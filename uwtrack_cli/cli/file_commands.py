@@ -1,4 +1,4 @@
-"""Commands about files: info, show, verify, plot."""
+"""Commands about files: info, show, verify."""
 
 import json
 from collections.abc import Callable
@@ -7,21 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, Branch, Overwrite, command
-from uwtrack_cli.cli.console import FAILED, is_verbose, put, say
+from uwtrack_cli.cli.command_factory import AsJson, Branch, command
+from uwtrack_cli.cli.console import FAILED, is_verbose, put
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.errors import DataError, OptionError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from uwtrack_cli.data.base import Container
     from uwtrack_cli.files.hdf5.product import Product
-
-DRAWN = frozenset({"overview", "levels", "lines", "encounters", "fixes", "motions",
-                   "target", "decision"})  # fmt: skip
-"""Containers of which a page shows one."""
 
 ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
 
@@ -29,7 +22,7 @@ ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.
 def register(app: typer.Typer, name: str) -> None:
     """Add the command of a name."""
     named: dict[str, Callable[..., None]] = {
-        "info": info, "show": show, "verify": verify, "plot": plot,
+        "info": info, "show": show, "verify": verify,
     }  # fmt: skip
     command(app, name)(named[name])
 
@@ -221,25 +214,6 @@ def _results(product: "Product") -> tuple[str, ...]:
     return ("fixes", *usual) if is_fused else usual
 
 
-def _refuse_second(
-    file: Path,
-    before: "Sequence[Container]",
-    added: "Sequence[Container]",
-    owners: dict[str, Path],
-) -> None:
-    """Refuse a file that repeats, with other content, what an earlier one holds."""
-    for container in added:
-        name = container.NAME
-        known = owners.setdefault(name, file)
-        same = any(container.equals(other) for other in before)
-        if known != file and name in DRAWN and not same:
-            msg = (
-                f"{known} and {file} both hold {name}, and a page shows one recording: "
-                f"plot them one by one."
-            )
-            raise DataError(msg)
-
-
 def verify(
     *,
     files: Annotated[list[Path], typer.Argument(help="Products to check.")],
@@ -259,40 +233,3 @@ def verify(
         put([f"{file}: {problem}" for problem in problems] or [f"{file}: ok"])
     if damaged:
         raise typer.Exit(FAILED)
-
-
-def plot(
-    *,
-    files: Annotated[
-        list[Path], typer.Argument(help="Products of one recording, in any order.")
-    ],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Picture: PNG, PDF or SVG.")
-    ],
-    step: Branch = None,
-    overwrite: Overwrite = False,
-) -> None:
-    """Draw the lofargram with lines and fits, bearings, level and map."""
-    from contextlib import ExitStack
-
-    from uwtrack_cli.cli.targets import Inputs
-    from uwtrack_cli.files.hdf5.layout import CONTAINERS
-    from uwtrack_cli.flow.branches import refuse_unknown_step
-
-    try:
-        from uwtrack_cli.plotting.page import draw_page
-    except ImportError as error:
-        msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
-        raise DataError(msg) from error
-    with ExitStack() as stack:
-        inputs = Inputs(stack, step)
-        drawn = tuple(CONTAINERS[name] for name in sorted(DRAWN))
-        owners: dict[str, Path] = {}
-        for file in files:
-            before = [held.container for held in inputs.held]
-            inputs.add(file, drawn)
-            containers = [held.container for held in inputs.held]
-            _refuse_second(file, before, containers[len(before) :], owners)
-        refuse_unknown_step(inputs.products, step)
-    draw_page(containers, output, overwrite=overwrite)
-    say(f"wrote {output}")

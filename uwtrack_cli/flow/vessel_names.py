@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.data.truth import Truth
+from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.product import Source, source_of
 from uwtrack_cli.files.tables.ais import read_ais
@@ -25,6 +26,10 @@ from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
 
 WITHIN_M = 2000.0
 """Range within which AIS vessels are expected to be detected unless told, m."""
+
+
+MARGIN_S, NEAR_DEG = 600.0, 0.5
+"""Time beside a recording, and difference in latitude, within which tracks are drawn."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,62 @@ class AisVessels:
             ais_digest=self.source.digest,
             ais_within_m=self.within_m,
         )
+
+
+def tracks_past(
+    vessels: AisVessels, sensor: Sensor, recording: Recording | None
+) -> list[VesselTrack]:
+    """Return where vessels were while a sensor recorded.
+
+    Parameters
+    ----------
+    vessels
+        The vessels.
+    sensor
+        The sensor, of known latitude and longitude.
+    recording
+        Its recording.
+
+    Returns
+    -------
+    list of VesselTrack
+        Times in s from the first sample, east and north of the sensor in m.
+
+    Raises
+    ------
+    DataError
+        The place of the sensor or the start of the recording is not known.
+    """
+    if recording is None or sensor.latitude is None or sensor.longitude is None:
+        msg = f"the place and the recording of sensor {sensor.id!r} are not known."
+        raise DataError(msg)
+    vessels.check(recording)
+    origin = Origin(sensor.latitude, sensor.longitude)
+    shift_s = RecordedSensors([sensor], [recording]).shift_s(sensor.id, vessels.truth)
+    found = []
+    for track in vessels.truth.tracks:
+        time_s = track.time_s + shift_s
+        heard = (time_s > -MARGIN_S) & (time_s < recording.duration_s + MARGIN_S)
+        near = heard & (np.abs(track.first - origin.latitude) < NEAR_DEG)
+        places = [
+            to_grid(float(latitude), float(longitude), origin)
+            for latitude, longitude in zip(
+                track.first[near], track.second[near], strict=True
+            )
+        ]
+        if places:
+            east, north = np.array(places).T
+            found.append(
+                VesselTrack(
+                    vessel=_parted(track.vessel)[0],
+                    time_s=time_s[near],
+                    first=east,
+                    second=north,
+                    speed_mps=track.speed_mps[near],
+                    course_deg=track.course_deg[near],
+                )
+            )
+    return found
 
 
 def revision(

@@ -6,8 +6,14 @@ import numpy as np
 
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.plotting.spectra import check_axes
-from uwtrack_cli.plotting.style import contact_color
+from uwtrack_cli.plotting.lofargram import check_axes
+from uwtrack_cli.plotting.style import (
+    LEVELS_MAP,
+    MEASURED,
+    broken_bearing,
+    calm,
+    contact_color,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,27 +22,50 @@ LARGEST_ROWS = 2000
 """Rows of the picture; of longer records the loudest of several frames is drawn."""
 
 
-def draw_bearing_time(record: BearingTime, ax: "Axes") -> "Axes":
+MOST_MARKS = 120
+"""Angles of a line that are drawn."""
+
+
+def draw_bearing_time(
+    record: BearingTime, ax: "Axes", span_s: tuple[float, float] | None = None
+) -> "Axes":
     """Draw the record: angle from the array's head over time, level as shade.
 
     The shade is the level over the background of all beams, whitened over the band, so
     that a few loud frequencies do not hide the rest.
+
+    Parameters
+    ----------
+    record
+        The record.
+    ax
+        Where to draw.
+    span_s
+        Begin and end of what is drawn, s; None is everything.
     """
     check_axes(record.frames, "time_s")
-    n = record.frames.n_frames
-    step = -(-n // LARGEST_ROWS)
-    rows = np.arange(0, n, step)
-    excess_db = np.fmax.reduceat(record.excess_db, rows, axis=0)
+    time_s = record.frames.time_s
+    chosen = np.arange(time_s.size)
+    if span_s is not None:
+        chosen = np.flatnonzero((time_s >= span_s[0]) & (time_s <= span_s[1]))
+    if not chosen.size:
+        return ax
+    step = -(-chosen.size // LARGEST_ROWS)
+    rows = np.arange(0, chosen.size, step)
+    excess_db = np.fmax.reduceat(record.excess_db[chosen], rows, axis=0)
     inside = np.abs(record.cos_angle) <= 1.0
     angle_deg = np.degrees(np.arccos(record.cos_angle[inside]))
     image = ax.pcolormesh(
-        record.frames.time_s[rows], angle_deg, excess_db[:, inside].T,
-        cmap="viridis", vmin=-1.0, vmax=6.0, shading="nearest", rasterized=True,
+        time_s[chosen][rows], angle_deg, excess_db[:, inside].T,
+        cmap=LEVELS_MAP, vmin=-1.0, vmax=6.0, shading="nearest", rasterized=True,
     )  # fmt: skip
     band = f"{record.band_low_hz:.0f}-{record.band_high_hz:.0f} Hz"
-    ax.figure.colorbar(image, ax=ax, label=f"dB above the background\n{band}", pad=0.01)
-    ax.set(xlabel="time (s)", ylabel="angle from ahead (deg)", yticks=range(0, 181, 30))
-    ax.set_ylim(180.0, 0.0)
+    bar = ax.figure.colorbar(image, ax=ax, pad=0.01, aspect=30)
+    bar.set_label(f"dB over the background, {band}", fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+    ax.set_ylabel("angle from ahead (deg)", fontsize=9)
+    ax.tick_params(labelsize=8)
+    ax.set(yticks=range(0, 181, 30), ylim=(180.0, 0.0))
     return ax
 
 
@@ -51,19 +80,21 @@ def draw_line_angles(record: BearingTime, lines: Lines, ax: "Axes") -> "Axes":
     angle_deg = (side * (lines.measured_bearing_deg - at)) % 360.0
     angle_deg = np.minimum(angle_deg, 360.0 - angle_deg)
     for line, contact in contacts.items():
-        rows = (lines.line == line) & (contact > 0)
+        rows = np.flatnonzero((lines.line == line) & np.isfinite(angle_deg))
+        if contact <= 0 or not rows.size:
+            continue
+        kept = rows[:: -(-rows.size // MOST_MARKS)]
         ax.plot(
-            lines.time_s[rows], angle_deg[rows], ".", markersize=1.5,
-            color=contact_color(contact),
+            lines.time_s[kept], angle_deg[kept], "o", ms=2.6, mew=0.4,
+            color=contact_color(contact), mec="white",
         )  # fmt: skip
     return ax
 
 
 def draw_heading(record: BearingTime, ax: "Axes") -> "Axes":
     """Draw the compass heading of the array over time, broken where it passes north."""
-    heading = np.mod(record.heading_deg, 360.0)
-    jumps = np.abs(np.diff(heading, prepend=heading[:1])) > 180.0
-    ax.plot(record.frames.time_s, np.where(jumps, np.nan, heading), color="#444444")
-    ax.set(xlabel="time (s)", ylabel="heading of the array (deg)")
-    ax.grid(alpha=0.3)
+    calm(ax)
+    heading = broken_bearing(record.heading_deg)
+    ax.plot(record.frames.time_s, heading, color=MEASURED)
+    ax.set_ylabel("array heading\n(deg)", fontsize=8)
     return ax

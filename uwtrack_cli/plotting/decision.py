@@ -6,7 +6,7 @@ import numpy as np
 
 from uwtrack_cli.data.decisions import FILTERS, Decision
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.style import contact_color, say_nothing_there
+from uwtrack_cli.plotting.style import calm, contact_color
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -14,9 +14,6 @@ if TYPE_CHECKING:
 
 def draw_odds(decision: Decision, ax: "Axes") -> "Axes":
     """Draw the log odds of every pair over time, with thresholds and decisions."""
-    if not decision.scan_time_s.size:
-        say_nothing_there(ax, "no contacts were compared")
-        return ax
     for pair in range(decision.verdict.size):
         rows = decision.scan_pair == pair
         names = (int(decision.first_contact[pair]), int(decision.second_contact[pair]))
@@ -34,16 +31,12 @@ def draw_odds(decision: Decision, ax: "Axes") -> "Axes":
         ax.axhline(level, linestyle="--", linewidth=0.8, color="k")
     ax.set(xlabel="time (s)", ylabel="log odds (second moves)")
     ax.legend(loc="best", fontsize="small")
-    ax.grid(alpha=0.3)
-    return ax
+    return calm(ax)
 
 
 def draw_terms(decision: Decision, ax: "Axes", pair: int = 0) -> "Axes":
     """Draw the four log likelihoods of a pair over time."""
     rows = decision.scan_pair == pair
-    if not rows.any():
-        say_nothing_there(ax, "no contacts were compared")
-        return ax
     for index, name in enumerate(FILTERS):
         style = "-" if index < 2 else "--"
         fit = decision.consistency[pair, index]
@@ -53,5 +46,4 @@ def draw_terms(decision: Decision, ax: "Axes", pair: int = 0) -> "Axes":
         )  # fmt: skip
     ax.set(xlabel="time (s)", ylabel="log likelihood")
     ax.legend(loc="best", fontsize="small")
-    ax.grid(alpha=0.3)
-    return ax
+    return calm(ax)

@@ -1,180 +1,243 @@
-"""One page per recording: lofargram, what was heard, bearings, level, map."""
+"""Pages of what products hold: which there are, and how they become files.
 
-from collections.abc import Sequence
+**Method.** A recording has a page, and every passage and every contact of target
+motion has one of its own. A PDF holds all of them, PNG and SVG the one that is asked
+for: of a contact if it is named, else the first, which is that of the recording.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.bearing_time import BearingTime
+from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
-from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels, Overview
+from uwtrack_cli.data.targets import Target
+from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.atomic import atomic_target, check_target
-from uwtrack_cli.plotting import encounters as fits
-from uwtrack_cli.plotting.chart import draw_map
-from uwtrack_cli.plotting.lines import draw_line_bearings, draw_lines
-from uwtrack_cli.plotting.presence import draw_presence, draw_rates
-from uwtrack_cli.plotting.spectra import draw_bearings, draw_levels, draw_overview
-from uwtrack_cli.plotting.style import say_nothing_there
-from uwtrack_cli.plotting.table_pages import TABLE_PAGES, first
+from uwtrack_cli.files.hdf5.layout import sensor_of
+from uwtrack_cli.plotting.passage_page import passage_figure
+from uwtrack_cli.plotting.recording_page import recording_figure
+from uwtrack_cli.plotting.table_pages import decision_figure, target_figure
+from uwtrack_cli.plotting.target_motion_page import target_motion_figure
+from uwtrack_cli.plotting.view import Scene, View
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SUFFIXES = (".png", ".pdf", ".svg")
+
 DPI = 110
 """Dots per inch of a page that is stored as dots."""
 
+HEARD = (Overview, BearingTime, Levels, Lines, Encounters, Presence, Fixes)
+"""Containers that the page of a recording shows."""
 
-def draw_page(
-    containers: Sequence[Container], output: Path, *, overwrite: bool = False
-) -> None:
-    """Draw what a product holds, on one page.
+
+class Page(NamedTuple):
+    """A page that can be drawn."""
+
+    kind: str
+    """'recording', 'passage', 'motion', 'target' or 'decision'."""
+    sensor: str | None
+    """Sensor; None where it does not matter."""
+    contact: int | None
+    """Contact; None for all."""
+    draw: Callable[[View], "Figure"]
+    """Draws it."""
+
+
+def scenes_of(
+    containers: Sequence[Container],
+    tracks: Sequence[VesselTrack] = (),
+) -> list[Scene]:
+    """Return what belongs to each sensor; everything, where there are no sensors.
 
     Parameters
     ----------
     containers
-        Small containers of one recording, in any order.
-    output
-        Picture to write: PNG, PDF or SVG.
-    overwrite
-        Whether an existing file may be replaced.
+        Containers of one recording, or of several sensors.
+    tracks
+        Ways of vessels by AIS, where there is one sensor.
+    """
+    heard = {
+        sensor_of(c)
+        for c in containers
+        if isinstance(c, HEARD) or c.NAME == "recording"
+    }
+    sensors = sorted(name for name in heard if name is not None)
+    if not sensors:
+        return [Scene(containers, None, tracks)]
+    return [Scene(containers, name, tracks) for name in sensors]
+
+
+def pages_of(
+    containers: Sequence[Container], tracks: Sequence[VesselTrack] = ()
+) -> list[Page]:
+    """Return the pages that containers have, that of the whole first.
+
+    Parameters
+    ----------
+    containers
+        Containers of one recording or table.
+    tracks
+        Ways of vessels by AIS: s from the first sample, east and north of the sensor.
+
+    Raises
+    ------
+    DataError
+        There is nothing to draw.
+    """
+    scenes = scenes_of(containers, tracks)
+    whole = Scene(containers)
+    pages = []
+    if any(isinstance(c, Target) for c in containers):
+        pages.append(Page("target", None, None, lambda _: target_figure(containers)))
+    if any(isinstance(c, Decision) for c in containers):
+        pages.append(
+            Page("decision", None, None, lambda _: decision_figure(containers))
+        )
+    recording = Page("recording", None, None, partial(recording_figure, scenes))
+    motions = whole.first(Motions)
+    is_array = any(isinstance(c, BearingTime) for c in containers)
+    is_heard = any(isinstance(c, HEARD) for c in containers)
+    if is_heard and (is_array or motions is None):
+        pages.append(recording)
+    if motions is not None:
+        pages += _motion_pages(whole, motions, is_array=is_array)
+    pages += [page for scene in scenes for page in _passage_pages(scene)]
+    if not pages:
+        held = ", ".join(sorted({c.NAME for c in containers})) or "nothing"
+        msg = f"there is nothing to draw; the files hold {held}."
+        raise DataError(msg)
+    return pages
+
+
+def _motion_pages(whole: Scene, motions: Motions, *, is_array: bool) -> list[Page]:
+    contacts = [int(c) for c in np.unique(motions.contact)]
+    every = Page("motion", None, None, partial(target_motion_figure, whole, None))
+    if not contacts:
+        return [every]
+    own = [
+        Page("motion", None, c, partial(target_motion_figure, whole, c))
+        for c in contacts
+    ]
+    return own if is_array or len(own) == 1 else [every, *own]
+
+
+def _passage_pages(scene: Scene) -> list[Page]:
+    encounters = scene.encounters
+    if encounters is None:
+        return []
+    return [
+        Page(
+            "passage", str(encounters.sensor[row]), int(encounters.contact[row]),
+            partial(passage_figure, scene, row),
+        )
+        for row in range(encounters.n_encounters)
+    ]  # fmt: skip
+
+
+def choose_pages(
+    pages: Sequence[Page], contact: int | None, sensor: str | None
+) -> list[Page]:
+    """Return the pages of a contact and sensor; without them, every one.
+
+    Parameters
+    ----------
+    pages
+        All pages.
+    contact
+        Contact that is asked for.
+    sensor
+        Sensor that is asked for.
+
+    Raises
+    ------
+    DataError
+        There is no such page; those that there are are named.
+    """
+    found = list(pages)
+    if contact is not None:
+        found = [page for page in found if page.contact == contact]
+        if not found:
+            known = sorted({p.contact for p in pages if p.contact is not None})
+            names = ", ".join(map(str, known)) or "none"
+            msg = f"contact {contact} has no page; contacts with one: {names}."
+            raise DataError(msg)
+    if sensor is not None:
+        of_sensor = [page for page in found if page.sensor == sensor]
+        if not of_sensor:
+            known_sensors = sorted({p.sensor for p in found if p.sensor is not None})
+            msg = (
+                f"sensor {sensor!r} has no such page; sensors with one: "
+                f"{', '.join(known_sensors) or 'none'}."
+            )
+            raise DataError(msg)
+        found = of_sensor
+    return found
+
+
+def check_picture(output: Path, *, overwrite: bool) -> None:
+    """Refuse a picture that cannot be written, before anything is drawn.
 
     Raises
     ------
     OptionError
         The file name asks for another kind of picture.
-    DataError
-        There is nothing to draw.
+    OutputError
+        The file exists, is an input, or cannot be written.
     """
     if output.suffix.lower() not in SUFFIXES:
         names = ", ".join(SUFFIXES)
         msg = f"a picture is written as {names}, got {output.name!r}."
         raise OptionError(msg)
     check_target(output, overwrite=overwrite)
-    figure = page_figure(containers)
+
+
+def write_pages(
+    pages: Sequence[Page], output: Path, view: View, *, overwrite: bool = False
+) -> None:
+    """Write pages into one file.
+
+    Parameters
+    ----------
+    pages
+        What is drawn: of a PNG or SVG, the first of them.
+    output
+        Picture to write: PNG, PDF or SVG.
+    view
+        How it is drawn.
+    overwrite
+        Whether an existing file may be replaced.
+
+    Raises
+    ------
+    OptionError
+        The file name asks for another kind of picture, or the view for what is not.
+    """
+    check_picture(output, overwrite=overwrite)
+    form = output.suffix[1:].lower()
+    shown = pages if form == "pdf" else pages[:1]
+    figures = [page.draw(view) for page in shown]
     with (
         atomic_target(output, overwrite=overwrite) as temporary,
         temporary.open("wb") as file,
     ):
-        figure.savefig(file, format=output.suffix[1:].lower(), dpi=DPI)
-
-
-def page_figure(containers: Sequence[Container]) -> "Figure":
-    """Return what `draw_page` writes, as a figure.
-
-    Raises
-    ------
-    DataError
-        There is nothing to draw.
-    """
-    mpl.use("Agg")
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
-    _draw(containers, figure)
-    return figure
-
-
-def _draw(containers: Sequence[Container], figure: "Figure") -> None:
-    """Choose the page by the last thing that was made."""
-    for kind, draw in TABLE_PAGES.items():
-        if any(isinstance(c, kind) for c in containers):
-            draw(containers, figure)
+        if form != "pdf":
+            figures[0].savefig(file, format=form, dpi=DPI)
             return
-    drawable = (Overview, Levels, Lines, Encounters, Fixes, Presence)
-    if not any(isinstance(c, drawable) for c in containers):
-        held = ", ".join(sorted({c.NAME for c in containers})) or "nothing"
-        msg = f"there is nothing to draw; the files hold {held}."
-        raise DataError(msg)
-    rows: list[list[Any]] = [["doppler", "map"], ["bearing", "map"], ["level", "map"]]
-    heights = [1.0, 1.0, 1.0]
-    presence = first(containers, Presence)
-    if presence is not None and presence.rate_hz.size:
-        rows, heights = [["rates", "rates"], *rows], [0.7, *heights]
-    if presence is not None and presence.n_stretches:
-        rows, heights = [["presence", "presence"], *rows], [0.5, *heights]
-    mosaic: list[Any] = [["spectra", "spectra"], *rows]
-    panels = figure.subplot_mosaic(mosaic, height_ratios=[1.6, *heights])
-    _fill(containers, panels)
+        from matplotlib.backends.backend_pdf import PdfPages
 
-
-def _fill(containers: Sequence[Container], panels: dict[str, "Axes"]) -> None:
-    overview, levels = first(containers, Overview), first(containers, Levels)
-    lines, encounters = first(containers, Lines), first(containers, Encounters)
-    _draw_measurements(overview, levels, lines, panels)
-    _draw_heard(first(containers, Presence), panels)
-    if encounters is not None and encounters.time_s.size:
-        own = encounters if overview is None else encounters.of_sensor(overview.sensor)
-        time_s = _time_axis(overview, levels, lines, own)
-        fits.draw_fits(own, time_s, panels["spectra"])
-        fits.draw_shifts(own, lines, time_s, panels["doppler"])
-        fits.draw_bearing_fits(own, time_s, panels["bearing"])
-        for name in ("spectra", "doppler", "bearing", "level"):
-            if panels[name].has_data():
-                fits.mark_times(own, panels[name])
-        sensors = [c for c in containers if isinstance(c, Sensor)]
-        draw_map(encounters, sensors, first(containers, Fixes), panels["map"])
-    span = _span(overview, levels, lines)
-    for name, panel in panels.items():
-        if not panel.has_data():
-            if not panel.texts:
-                say_nothing_there(panel, f"no {name}")
-        elif name != "map" and span is not None:
-            panel.set_xlim(*span)
-
-
-def _draw_heard(presence: Presence | None, panels: dict[str, "Axes"]) -> None:
-    """Draw the strips that the page has for what was heard."""
-    if presence is None:
-        return
-    if "presence" in panels:
-        draw_presence(presence, panels["presence"])
-    if "rates" in panels:
-        draw_rates(presence, panels["rates"])
-
-
-def _draw_measurements(
-    overview: Overview | None,
-    levels: Levels | None,
-    lines: Lines | None,
-    panels: dict[str, "Axes"],
-) -> None:
-    if overview is not None:
-        draw_overview(overview, panels["spectra"])
-    if lines is not None:
-        draw_lines(lines, panels["spectra"])
-        if np.isfinite(lines.bearing_deg).any():
-            draw_line_bearings(lines, panels["bearing"])
-    if levels is not None:
-        draw_levels(levels, panels["level"])
-        if np.isfinite(levels.bearing_deg).any():
-            draw_bearings(levels, panels["bearing"])
-
-
-def _span(*known: Any) -> tuple[float, float] | None:
-    times = [_times(c) for c in known if c is not None and _times(c).size]
-    if not times:
-        return None
-    return min(float(t.min()) for t in times), max(float(t.max()) for t in times)
-
-
-def _times(container: Any) -> Any:
-    frames = getattr(container, "frames", None)
-    return container.time_s if frames is None else frames.time_s
-
-
-def _time_axis(*known: Any) -> Any:
-    encounters = known[-1]
-    span = _span(*known[:-1])
-    if span is None:
-        reach = 5.0 * np.nan_to_num(encounters.range_over_speed_s, nan=10.0)
-        low = np.nanmin(encounters.time_s - reach, initial=0.0)
-        span = float(low), float(np.nanmax(encounters.time_s + reach, initial=1.0))
-    return np.linspace(*span, 800)
+        with PdfPages(file) as document:
+            for figure in figures:
+                document.savefig(figure, dpi=2 * DPI)

@@ -1,28 +1,221 @@
-"""Colours and habits that all pictures share."""
+"""Colours, clock and habits that all pictures share.
 
-from typing import TYPE_CHECKING
+**Conventions.** A contact has one colour and one kind of dash in every panel, page and
+report. The colours are those of Okabe & Ito (2008) that stand out on white and on the
+dark of the lofargram alike; they differ in lightness, so that readers who see fewer
+colours, and grey prints, still tell them apart, and every mark bears its number.
+"""
 
+import math
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.files.text_escaping import figure_text
+from uwtrack_cli.files.utc import EPOCH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-CONTACT_COLORS = (
-    "#d62728", "#1f77b4", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#e377c2",
+CONTACT_COLORS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+DASHES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.5, 1)))
+NO_CONTACT = "#767676"
+"""Colour of what belongs to no contact."""
+
+MEASURED = "#4d4d4d"
+"""Colour of measurements that no contact owns, such as levels."""
+
+WARNING = "#b00020"
+"""Colour of what a reader must not overlook; it is always written out, too."""
+
+LEVELS_MAP = "viridis"
+"""Colour map of levels: lightness rises evenly, so that it reads in grey."""
+
+NO_SOUND = "#d9d9d9"
+"""Colour of gaps in a lofargram."""
+
+RADIUS_95 = 2.448
+"""Radius of the 95 % ellipse of two Gaussian components, in deviations."""
+
+BAND_DEVIATIONS = 2.0
+"""Half the width of every band about a fit, in deviations."""
+
+WIDE_IN, NARROW_IN = 11.0, 4.6
+"""Width of a page for a screen or paper, and for a telephone, inches."""
+
+STEPS_S = (
+    0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10_800,
+    21_600, 43_200, 86_400, 172_800, 604_800, 2_419_200,
 )  # fmt: skip
-NO_CONTACT = "#888888"
+"""Distances of the ticks of a time axis, s."""
 
 
 def contact_color(contact: int) -> str:
-    """Return the colour of a contact, the same in every panel; grey for none."""
+    """Return the colour of a contact, the same everywhere; grey for none."""
     if contact <= 0:
         return NO_CONTACT
     return CONTACT_COLORS[(contact - 1) % len(CONTACT_COLORS)]
 
 
-def say_nothing_there(ax: "Axes", text: str) -> None:
-    """Write into an empty panel why it is empty, and leave out its scales."""
-    ax.set(xticks=[], yticks=[])
-    ax.text(
-        0.5, 0.5, figure_text(text), transform=ax.transAxes, ha="center", va="center", color="#666666"
+def contact_dash(contact: int) -> Any:
+    """Return the dash of a contact: contacts of one colour differ in it."""
+    return DASHES[(max(contact, 1) - 1) // len(CONTACT_COLORS) % len(DASHES)]
+
+
+def new_figure(width_in: float, height_in: float) -> "Figure":
+    """Return an empty page; needs no screen."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    mpl.use("Agg")
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def halo(width: float = 1.4) -> list[Any]:
+    """Return the white edge that marks have on the dark of a lofargram."""
+    from matplotlib.patheffects import Normal, Stroke
+
+    return [Stroke(linewidth=width, foreground="white", alpha=0.9), Normal()]
+
+
+def calm(ax: "Axes") -> "Axes":
+    """Take away the frame that says nothing, and draw a faint grid."""
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.grid(alpha=0.25, linewidth=0.6)
+    ax.tick_params(labelsize=8)
+    return ax
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The clock of a page: UTC where the start of the recording is known."""
+
+    start_utc_ns: int | None = None
+    """Time of the first sample since 1970-01-01 UTC, ns; None if unknown."""
+
+    def text(self, time_s: float, step_s: float = 1.0) -> str:
+        """Return a time as on an axis with ticks so far apart, s.
+
+        Examples
+        --------
+        >>> Clock().text(12.5, 0.5), Clock(0).text(86_399.9, 60.0)
+        ('12.5', '00:00')
+        """
+        if self.start_utc_ns is None:
+            return f"{time_s:.{self._digits(step_s)}f}"
+        digits = self._digits(step_s)
+        unit_ns = NANOSECONDS // 10**digits
+        ns = self.start_utc_ns + round(time_s * NANOSECONDS)
+        seconds, rest = divmod((ns + unit_ns // 2) // unit_ns * unit_ns, NANOSECONDS)
+        day = EPOCH + timedelta(seconds=seconds)
+        if step_s >= STEPS_S[-4]:
+            return f"{day:%m-%d}"
+        if step_s >= 60.0:
+            return f"{day:%H:%M}"
+        fraction = f".{rest // unit_ns:0{digits}d}" if digits else ""
+        return f"{day:%H:%M:%S}{fraction}"
+
+    def day(self, time_s: float) -> str:
+        """Return the day of a time, empty if it is not known."""
+        if self.start_utc_ns is None:
+            return ""
+        ns = self.start_utc_ns + round(time_s * NANOSECONDS)
+        return f"{EPOCH + timedelta(seconds=ns // NANOSECONDS):%Y-%m-%d}"
+
+    def set_axis(self, ax: "Axes", span_s: tuple[float, float], ticks: int = 8) -> None:
+        """Give a panel a time axis from one time to another, s.
+
+        Ticks lie at whole seconds, minutes, hours or days of UTC.
+        """
+        low, high = span_s
+        step = next(
+            (s for s in STEPS_S if s * ticks >= high - low),
+            math.ceil((high - low) / ticks),
+        )
+        offset = 0.0
+        if self.start_utc_ns is not None:
+            offset = self.start_utc_ns % (604_800 * NANOSECONDS) / NANOSECONDS
+        first = math.ceil((low + offset) / step - 1e-9)
+        last = math.floor((high + offset) / step + 1e-9)
+        at = [k * step - offset for k in range(first, last + 1)]
+        ax.set_xlim(low, high)
+        ax.set_xticks(at, [self.text(t, step) for t in at])
+
+    def label(self, span_s: tuple[float, float]) -> str:
+        """Return the name of the time axis."""
+        if self.start_utc_ns is None:
+            return "time from the first sample (s)"
+        days = dict.fromkeys(map(self.day, span_s))
+        return f"UTC {' to '.join(days)}"
+
+    @staticmethod
+    def _digits(step_s: float) -> int:
+        return 1 if step_s < 1.0 else 0
+
+
+def draw_ellipse(
+    ax: "Axes",
+    place: FloatArray,
+    covariance: FloatArray,
+    color: str,
+    alpha: float = 0.2,
+) -> None:
+    """Draw the 95 % ellipse of a position.
+
+    Parameters
+    ----------
+    ax
+        Where to draw.
+    place
+        Its middle, m, shape (2,).
+    covariance
+        Covariance of both coordinates, m^2, shape (2, 2); without one nothing is drawn.
+    color
+        Colour of edge and filling.
+    alpha
+        Share of the filling that is seen.
+    """
+    from matplotlib.patches import Ellipse
+
+    if not np.isfinite(covariance).all():
+        return
+    spread, axes = np.linalg.eigh(covariance)
+    width, height = 2.0 * RADIUS_95 * np.sqrt(np.maximum(spread, 0.0))
+    angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
+    middle = (float(place[0]), float(place[1]))
+    edge = Ellipse(middle, width, height, angle=angle, color=color, fill=False, lw=1.0)
+    inside = Ellipse(middle, width, height, angle=angle, color=color, alpha=alpha, lw=0)
+    for part in (edge, inside):
+        ax.add_patch(part)
+
+
+def draw_arrow(
+    ax: "Axes", begin: FloatArray, end: FloatArray, color: str, alpha: float = 1.0
+) -> None:
+    """Draw an arrow from one place of a map to another, each of shape (2,)."""
+    ax.annotate(
+        "", (float(end[0]), float(end[1])), (float(begin[0]), float(begin[1])),
+        arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.4, "alpha": alpha},
     )  # fmt: skip
+
+
+def name_place(
+    ax: "Axes", place: FloatArray, name: str, color: str, offset: tuple[int, int]
+) -> None:
+    """Write a name beside a place of a map, so many points to the right and up."""
+    ax.annotate(
+        figure_text(name), (float(place[0]), float(place[1])), xytext=offset,
+        textcoords="offset points", fontsize=8, color=color,
+    )  # fmt: skip
+
+
+def broken_bearing(bearing_deg: FloatArray) -> FloatArray:
+    """Return bearings from 0 to 360 degrees, broken where they pass north."""
+    bearing = np.mod(bearing_deg, 360.0)
+    jumps = np.abs(np.diff(bearing, prepend=bearing[:1])) > 180.0
+    return np.where(jumps, np.nan, bearing)

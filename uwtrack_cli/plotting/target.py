@@ -7,14 +7,17 @@ import numpy as np
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.style import NO_CONTACT, contact_color, say_nothing_there
+from uwtrack_cli.plotting.style import (
+    NO_CONTACT,
+    calm,
+    contact_color,
+    draw_ellipse,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _COLOR = contact_color(1)
-_RADIUS_95 = 2.448
-"""Radius of the 95 % ellipse of two Gaussian components, in deviations."""
 
 
 def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
@@ -22,8 +25,6 @@ def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
 
     Two or more components are drawn as a map of the first two, one over time.
     """
-    if not target.scan.size:
-        return say_nothing(ax)
     if target.component.size == 1:
         return _draw_over_time(target, scans, ax)
     if scans is not None:
@@ -35,14 +36,11 @@ def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
     ax.plot(target.state[lost, 0], target.state[lost, 2], "kx", label="lost")
     _fit_view(target, ax)
     ax.set(xlabel=_label(target, 0), ylabel=_label(target, 1))
-    ax.grid(alpha=0.3)
-    return ax
+    return calm(ax)
 
 
 def draw_threshold(target: Target, ax: "Axes") -> "Axes":
     """Draw the threshold used at each scan, and the score for a lost target."""
-    if not target.scan.size:
-        return say_nothing(ax)
     ax.step(target.time_s, target.threshold, where="mid", color=_COLOR)
     ax.set(
         xlabel="time (s)", ylabel=f"threshold ({figure_text(target.threshold_rule)})"
@@ -52,14 +50,7 @@ def draw_threshold(target: Target, ax: "Axes") -> "Axes":
         target.time_s, target.loss_cusum, step="mid", alpha=0.2, color="k"
     )
     other.set(ylabel="score of loss", ylim=(0.0, None))
-    ax.grid(alpha=0.3)
-    return ax
-
-
-def say_nothing(ax: "Axes") -> "Axes":
-    """Say that the track holds no scan."""
-    say_nothing_there(ax, "the track holds no scan")
-    return ax
+    return calm(ax)
 
 
 def _draw_over_time(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
@@ -74,21 +65,13 @@ def _draw_over_time(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
     )
     ax.plot(target.time_s[target.lost], middle[target.lost], "kx", label="lost")
     ax.set(xlabel="time (s)", ylabel=_label(target, 0))
-    ax.grid(alpha=0.3)
-    return ax
+    return calm(ax)
 
 
 def _draw_ellipses(target: Target, ax: "Axes") -> None:
-    from matplotlib.patches import Ellipse
-
     for mean, covariance in zip(target.state, target.state_covariance, strict=True):
-        spread, axes = np.linalg.eigh(covariance[np.ix_([0, 2], [0, 2])])
-        width, height = 2.0 * _RADIUS_95 * np.sqrt(np.maximum(spread, 0.0))
-        angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
-        place = (float(mean[0]), float(mean[2]))
-        ax.add_patch(
-            Ellipse(place, width, height, angle=angle, fill=False, color=_COLOR, lw=0.6)
-        )
+        place = covariance[np.ix_([0, 2], [0, 2])]
+        draw_ellipse(ax, mean[[0, 2]], place, _COLOR, alpha=0.1)
 
 
 def _fit_view(target: Target, ax: "Axes") -> None:

@@ -1,0 +1,148 @@
+"""Pages of target motion and maps show what the containers say, and nothing else."""
+
+import numpy as np
+import pytest
+from geographiclib.geodesic import Geodesic
+from matplotlib.figure import Figure
+
+from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.tables.navigation import read_navigation
+from uwtrack_cli.files.tables.series import read_series
+from uwtrack_cli.motion.tma import estimate_motion
+from uwtrack_cli.plotting.page import pages_of
+from uwtrack_cli.plotting.passage_map import scale_length
+from uwtrack_cli.plotting.sensor_map import sensor_places
+from uwtrack_cli.plotting.style import RADIUS_95, draw_ellipse
+from uwtrack_cli.plotting.target_motion_page import (
+    draw_motion_map,
+    draw_ranges,
+    motion_residuals,
+)
+from uwtrack_cli.plotting.view import Scene, View
+
+
+def motions(**changes):
+    count = 2
+    values = {}
+    for name, spec in Motions.columns().items():
+        axis = spec.axes[0]
+        if spec.optional:
+            continue
+        size = {"motion": count, "update": 3, "rest_line": 1, "reason": 0}[axis]
+        shape = (size, *(4 for _ in spec.axes[1:]))
+        kind = "U1" if spec.dtype.kind == "U" else spec.dtype
+        values[name] = np.zeros(shape, dtype=kind)
+    values |= {
+        "contact": [1, 1], "mode": [1, 2], "weight": [0.9, 0.1],
+        "range_m": [1000.0, 2000.0], "bearing_deg": [90.0, 0.0],
+        "speed_mps": [5.0, 5.0], "course_deg": [0.0, 90.0],
+        "now_time_s": [100.0, 100.0], "observable": [True, True],
+        "covariance": np.stack([np.diag([100.0, 1.0, 0.1, 1.0])] * 2),
+        "update_contact": [1, 1, 1], "update_time_s": [10.0, 50.0, 100.0],
+        "update_range_m": [1500.0, 900.0, 1000.0],
+        "update_range_std_m": [1e9, 200.0, 10.0],
+    }  # fmt: skip
+    facts = {"solver": "mle", "loss": "squares", "doppler": "interval",
+             "propagation": "instant", "sound_speed_mps": 1500.0,
+             "statement": ""}  # fmt: skip
+    return Motions(**{**values, **facts, **changes})
+
+
+@pytest.fixture
+def ax():
+    return Figure().add_subplot()
+
+
+def ways(ax):
+    return [line.get_xydata() for line in ax.lines if line.get_linestyle() == "-"
+            and len(line.get_xdata()) == 2]  # fmt: skip
+
+
+def test_every_mode_is_drawn_where_it_starts_and_ends(ax):
+    draw_motion_map(motions(), None, ax)
+    first, second = ways(ax)[:2]
+    np.testing.assert_allclose(first, [[1000.0, 0.0], [1000.0, 500.0]], atol=1e-9)
+    np.testing.assert_allclose(second, [[0.0, 2000.0], [500.0, 2000.0]], atol=1e-9)
+    assert "1, mode 2 (10 %)" in [t.get_text() for t in ax.texts]
+
+
+def test_an_untold_range_is_a_ray_along_the_bearing(ax):
+    draw_motion_map(
+        motions(observable=[False, False], range_m=[np.nan, np.nan]), None, ax
+    )
+    rays = [line.get_xydata() for line in ax.lines if line.get_linestyle() == ":"]
+    assert rays[0][1, 0] > 0
+    assert rays[0][1, 1] == pytest.approx(0.0, abs=1e-9)
+    assert not ax.patches
+
+
+def test_estimates_before_the_range_is_observable_are_left_out(ax):
+    draw_ranges(motions(), ax)
+    assert ax.lines[0].get_xdata().tolist() == [50.0, 100.0]
+
+
+def test_an_ellipse_holds_95_percent(ax):
+    covariance = np.array([[400.0, 150.0], [150.0, 100.0]])
+    draw_ellipse(ax, np.array([10.0, -5.0]), covariance, "#000000")
+    rng = np.random.default_rng(2)
+    points = rng.multivariate_normal([10.0, -5.0], covariance, 20_000)
+    inside = ax.patches[0].get_path().transformed(ax.patches[0].get_patch_transform())
+    share = inside.contains_points(points).mean()
+    assert share == pytest.approx(0.95, abs=0.006)  # four deviations of the draws
+    assert pytest.approx(5.991, abs=0.01) == RADIUS_95**2  # chi-square, two degrees
+
+
+def test_residuals_of_the_sample_are_as_large_as_its_deviations(samples):
+    series = read_series(samples / "bearings.csv")
+    navigation = read_navigation(samples / "own-ship.csv")
+    found = estimate_motion(series, navigation=navigation, updates=3)
+    scene = Scene([found, series, navigation])
+    from uwtrack_cli.motion.target.inputs import measurements_from_series
+
+    (data,) = measurements_from_series(series)
+    left = motion_residuals(scene, found, data)
+    for values, std in (
+        (left.bearing_deg, data.bearing_std_deg),
+        (left.frequency_hz, data.frequency_std_hz),
+    ):
+        scaled = values / std
+        assert abs(scaled.mean()) < 4 / np.sqrt(scaled.size)
+        assert scaled.std() == pytest.approx(1.0, abs=4 / np.sqrt(2 * scaled.size))
+    (page,) = pages_of([found, series, navigation])
+    figure = page.draw(View())
+    labels = [ax.get_ylabel() for ax in figure.axes]
+    assert sum("residual" in label for label in labels) == 2
+    assert all(ax.has_data() for ax in figure.axes)
+
+
+def test_nothing_known_of_own_ship_leaves_no_residuals():
+    scene = Scene([motions()])
+    (page,) = pages_of([motions()])
+    assert not any("residual" in ax.get_ylabel() for ax in page.draw(View()).axes)
+    assert scene.first(Navigation) is None
+    nothing = motions().take("motion", slice(0)).take("update", slice(0))
+    with pytest.raises(DataError, match="no motion"):
+        pages_of([nothing])[0].draw(View())
+
+
+def test_sensors_with_latitude_stand_apart_on_the_map():
+    there = Geodesic.WGS84.Direct(35.0, 128.5, 30.0, 800.0)
+    sensors = [
+        Sensor(id="a", latitude=35.0, longitude=128.5),
+        Sensor(id="b", latitude=there["lat2"], longitude=there["lon2"]),
+    ]
+    places = sensor_places(sensors, None)
+    assert np.hypot(*np.subtract(places["b"], places["a"])) == pytest.approx(
+        800.0, abs=0.01
+    )
+    assert Fixes.NAME == "fixes"
+
+
+@pytest.mark.parametrize("most_m", [0.5, 3.0, 49.0, 51.0, 999.0, 20_001.0])
+def test_a_scale_is_a_round_length_near_its_limit(most_m):
+    length = scale_length(most_m)
+    assert most_m / 2.5 <= length <= most_m
+    assert f"{length:e}"[0] in "125"

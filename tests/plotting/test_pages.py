@@ -1,0 +1,383 @@
+"""Pages show what was heard and found, and no panel without anything to say."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from uwtrack_cli.cli.app import app
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.spectra import Overview
+from uwtrack_cli.data.truth import VesselTrack
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.hdf5.product import read_product
+from uwtrack_cli.flow.products import small_containers
+from uwtrack_cli.flow.rerun_sources import with_sound
+from uwtrack_cli.plotting.lofargram import (
+    FrequencyAxis,
+    choose_axis,
+    over_floor,
+    shades,
+)
+from uwtrack_cli.plotting.page import pages_of
+from uwtrack_cli.plotting.passage_fit import PassageFit
+from uwtrack_cli.plotting.style import CONTACT_COLORS, Clock, contact_color
+from uwtrack_cli.plotting.view import Scene, View, to_seconds
+
+START = "2024-05-01T12:01:30Z"
+
+
+def called(*words):
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return done
+
+
+@pytest.fixture(scope="module")
+def product(short_pass):
+    path = short_pass.with_name("pages.run.h5")
+    called("run", short_pass, "--start-utc", START, "-o", path, "-q")
+    return path
+
+
+@pytest.fixture(scope="module")
+def containers(product):
+    with read_product(product) as opened:
+        found = [held.container for held in small_containers(opened)]
+        return [
+            with_sound(c, [opened]) if isinstance(c, Recording) else c for c in found
+        ]
+
+
+@pytest.fixture(scope="module")
+def passage(containers):
+    (page,) = [p for p in pages_of(containers) if p.kind == "passage"]
+    return page.draw(View())
+
+
+@pytest.fixture(scope="module")
+def day(containers):
+    return pages_of(containers)[0].draw(View())
+
+
+def panels(figure):
+    return [ax for ax in figure.axes if ax.get_label() != "<colorbar>"]
+
+
+def labelled(figure, text):
+    return [ax for ax in panels(figure) if text in ax.get_ylabel()]
+
+
+def words(figure):
+    found = [t.get_text() for sub in figure.subfigs for t in sub.texts]
+    for sub in figure.subfigs:
+        found += [t.get_text() for inner in sub.subfigs for t in inner.texts]
+    return "\n".join(found + [t.get_text() for ax in figure.axes for t in ax.texts])
+
+
+def curves(ax):
+    return [line for line in ax.lines if len(line.get_xdata()) > 50]
+
+
+def test_a_passage_says_when_how_fast_and_how_near(passage, containers):
+    (found,) = [c for c in containers if isinstance(c, Encounters)]
+    title = words(passage)
+    knots, std = found.speed_mps[0] / 0.514444, found.speed_std_mps[0] / 0.514444
+    assert "2024-05-01 12:02:28" in title
+    speed = re.search(r"([\d.]+) ± ([\d.]+) kn", title)
+    assert float(speed[1]) == pytest.approx(knots, abs=0.05)
+    assert float(speed[2]) == pytest.approx(std, rel=0.6)
+    near = re.search(r"([\d.]+) ± ([\d.]+) m\b", title)
+    assert float(near[1]) == pytest.approx(found.slant_range_m[0], abs=0.6)
+
+
+def test_a_passage_has_a_strip_per_line_and_no_empty_panel(passage):
+    strips = [ax for ax in panels(passage) if any(" Hz" in t.get_text() for t in ax.texts)
+              and ax.collections]  # fmt: skip
+    names = [t.get_text() for ax in strips for t in ax.texts]
+    assert names == ["310.00 Hz", "189.00 Hz", "126.00 Hz", "63.00 Hz"]
+    for name in ("residual", "level", "bearing", "north (m)"):
+        assert len(labelled(passage, name)) == 1
+    for ax in panels(passage):
+        assert ax.has_data() or ax.texts
+
+
+def test_the_sound_of_a_strip_lies_on_the_true_doppler_curve(passage):
+    """The vessel was simulated at 6 m/s, 250.7 m off, closest 58 s after the start."""
+    (strip,) = [ax for ax in panels(passage)
+                if any(t.get_text() == "310.00 Hz" for t in ax.texts)]  # fmt: skip
+    mesh = strip.collections[0]
+    edges = mesh.get_coordinates()
+    time_s = 0.5 * (edges[0, 1:, 0] + edges[0, :-1, 0])
+    offset = 0.5 * (edges[1:, 0, 1] + edges[:-1, 0, 1])
+    ridge = offset[np.argmax(mesh.get_array(), axis=0)]
+    emitted = time_s.copy()
+    for _ in range(20):
+        distance = np.hypot(250.7, 6.0 * (emitted - 58.0))
+        emitted = time_s - distance / 1500.0
+    rate = 36.0 * (emitted - 58.0) / distance
+    expected = 310.0 * (1.0 / (1.0 + rate / 1500.0) - 1.0)
+    inner = slice(20, -20)
+    np.testing.assert_allclose(ridge[inner], expected[inner], atol=0.08)
+
+
+def test_a_contact_has_one_colour_on_every_page(passage, day):
+    color = contact_color(1)
+    (level,) = labelled(passage, "level")
+    assert curves(level)[-1].get_color() == color
+    badges = [t for ax in panels(day) for t in ax.texts if t.get_text() == "1"]
+    assert len(badges) == 1
+    from matplotlib.colors import to_hex
+
+    assert to_hex(badges[0].get_bbox_patch().get_facecolor()) == color
+
+
+def test_a_day_shows_what_was_heard_with_its_passages_numbered(day):
+    assert "1 passage" in words(day)
+    assert len([ax for ax in day.axes if ax.get_label() == "<colorbar>"]) == 1
+    names = [ax.get_ylabel().partition("\n")[0].split(" (")[0] for ax in panels(day)]
+    assert names == ["frequency", "", "level 100-1000 Hz", "bearing"]
+    assert panels(day)[1].patches  # bars of presence
+    assert "UTC 2024-05-01" in panels(day)[-1].get_xlabel()
+    assert all(ax.has_data() for ax in panels(day))
+
+
+def test_lines_are_outlined_unless_left_out(containers, day):
+    bare = pages_of(containers)[0].draw(View(has_lines=False))
+    assert len(curves(panels(day)[0])) == 2 * 4
+    assert not curves(panels(bare)[0])
+
+
+def test_what_a_fit_leaves_is_marked(containers):
+    def drawn(misfit):
+        changed = [replace(c, misfit=np.array([misfit])) if isinstance(c, Encounters)
+                   else replace(c, reader=None) if isinstance(c, Recording) else c
+                   for c in containers]  # fmt: skip
+        pages = pages_of(changed)
+        return pages[0].draw(View()), pages[1].draw(View())
+
+    for figure in drawn(0.5):
+        assert "misfit" in words(figure)
+        assert "50 %" in words(figure)
+    figure = drawn(0.05)[1]
+    assert "⚠" not in words(figure)
+
+
+def test_without_sound_a_strip_shows_what_was_measured(containers):
+    silent = [replace(c, reader=None) if isinstance(c, Recording) else c
+              for c in containers]  # fmt: skip
+    figure = pages_of(silent)[1].draw(View())
+    (strip,) = [ax for ax in panels(figure)
+                if any(t.get_text() == "63.00 Hz" for t in ax.texts)]  # fmt: skip
+    (lines,) = [c for c in containers if isinstance(c, Lines)]
+    (points,) = [c for c in strip.collections if len(c.get_offsets()) > 10]
+    own = min(lines.line_id, key=lambda k: abs(
+        np.mean(lines.frequency_hz[lines.line == k]) - 63))  # fmt: skip
+    assert len(points.get_offsets()) == np.sum(lines.line == own)
+
+
+def test_a_passage_without_course_has_no_map(containers):
+    blind = [replace(c, course_deg=np.array([np.nan]), side=np.array([""]))
+             if isinstance(c, Encounters) else c for c in containers]  # fmt: skip
+    blind = [replace(c, reader=None) if isinstance(c, Recording) else c for c in blind]
+    figure = pages_of(blind)[1].draw(View())
+    assert not labelled(figure, "north")
+    assert "course" not in words(figure)
+
+
+def test_the_map_shows_the_track_of_ais(containers):
+    time_s = np.linspace(0.0, 120.0, 13)
+    track = VesselTrack(
+        vessel="FERRY", time_s=time_s, first=6.0 * (time_s - 58.0),
+        second=np.full(13, -250.0), speed_mps=np.full(13, 6.0),
+        course_deg=np.full(13, 90.0),
+    )  # fmt: skip
+    silent = [replace(c, reader=None) if isinstance(c, Recording) else c
+              for c in containers]  # fmt: skip
+    (ax,) = labelled(pages_of(silent, [track])[1].draw(View()), "north")
+    assert "AIS FERRY" in [t.get_text() for t in ax.texts]
+    (drawn,) = [line for line in ax.lines if len(line.get_xdata()) == 13]
+    np.testing.assert_allclose(drawn.get_xdata(), track.first)
+
+
+def test_the_band_of_a_fit_is_its_first_order_deviation(containers):
+    """A change of one parameter by its deviation moves the curve as the band says."""
+    (found,) = [c for c in containers if isinstance(c, Encounters)]
+    only = np.zeros((1, 4, 4))
+    only[0, 2, 2] = found.speed_std_mps[0] ** 2
+    grid = np.linspace(0.0, 120.0, 50)
+    fit = PassageFit(replace(found, covariance=only), 0)
+    value, std = fit.shift(grid)
+    step = float(found.speed_std_mps[0])
+    faster = replace(found, slant_range_m=found.slant_range_m
+                     + step * found.range_over_speed_s)  # fmt: skip
+    moved, _ = PassageFit(faster, 0).shift(grid)
+    np.testing.assert_allclose(std, np.abs(moved - value), rtol=0.02, atol=1e-9)
+
+
+def overview(level_db, frequency_hz):
+    floor, ceiling = float(level_db.min()) - 1.0, float(level_db.max())
+    shade = np.round((level_db - floor) / (ceiling - floor) * 255).astype(np.uint8)
+    return Overview(
+        time_s=np.arange(len(level_db)) + 0.5, frequency_hz=frequency_hz,
+        shade=shade, floor_db=floor, ceiling_db=ceiling, reference="1 uPa", sensor="h1",
+    )  # fmt: skip
+
+
+def test_noise_is_calm_and_a_steady_line_stays():
+    rng = np.random.default_rng(5)
+    frequency = np.arange(10.0, 500.0)
+    slope = -20.0 * np.log10(frequency / 10.0)
+    level = slope + rng.normal(0.0, 1.5, (200, frequency.size))
+    level[:, 120] += 15.0
+    found = over_floor(overview(level, frequency))
+    others = np.delete(found, slice(117, 124), axis=1)
+    assert np.abs(np.median(others, axis=0)).max() < 2.5
+    assert np.median(found[:, 120]) == pytest.approx(15.5, abs=2.0)
+    dark, bright = shades(found)
+    assert np.mean(others > dark) < 0.32  # what exceeds half a deviation
+    assert np.median(found[:, 120]) > dark + 0.6 * (bright - dark)
+
+
+def test_gaps_are_no_levels():
+    level = np.zeros((6, 40)) + np.arange(40)
+    picture = overview(level, np.arange(40.0))
+    shade = picture.shade.copy()
+    shade[2] = 0
+    found = over_floor(replace(picture, shade=shade))
+    assert np.isnan(found[2]).all()
+    assert np.isfinite(found[[0, 1, 3]]).all()
+
+
+@pytest.mark.parametrize("name", ["time_s", "frequency_hz"])
+def test_an_axis_that_holds_no_numbers_is_refused(name):
+    picture = overview(np.arange(12.0).reshape(4, 3), np.arange(3.0))
+    broken = getattr(picture, name).copy()
+    broken[1] = np.nan
+    picture = replace(picture, **{name: broken})
+    with pytest.raises(DataError, match=f"{name} of the overview holds values"):
+        choose_axis(picture, None, None, is_log=None)
+
+
+def test_the_axis_is_logarithmic_where_the_lines_are_low(containers):
+    picture = overview(
+        np.zeros((2, 500)) + np.arange(500), np.arange(10.0, 2010.0, 4.0)
+    )
+    (lines,) = [c for c in containers if isinstance(c, Lines)]
+    assert choose_axis(picture, lines, None, is_log=None).is_log  # 63 to 310 Hz
+    assert not choose_axis(picture, lines, (50.0, 350.0), is_log=None).is_log
+    assert not choose_axis(picture, lines, None, is_log=False).is_log
+    edges = FrequencyAxis(10.0, 1000.0, is_log=True).edges_hz(2)
+    np.testing.assert_allclose(edges, [10.0, 100.0, 1000.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("30", 30.0), ("12:05", 300.0), ("11:59:59", 86_399.0),
+     ("2024-05-01T12:00:30Z", 30.0)],
+)  # fmt: skip
+def test_times_are_read(text, expected):
+    noon = 1_714_564_800 * 10**9
+    assert to_seconds(text, Clock(noon)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("text", ["soon", "25:00", "nan", "12:61"])
+def test_what_is_no_time_is_refused(text):
+    with pytest.raises(OptionError, match="no time"):
+        to_seconds(text, Clock(0))
+
+
+def test_ticks_lie_at_whole_minutes_of_utc():
+    from matplotlib.figure import Figure
+
+    ax = Figure().subplots()
+    Clock(1_714_564_800 * 10**9 + 17 * 10**9).set_axis(ax, (0.0, 300.0), 6)
+    texts = [t.get_text() for t in ax.get_xticklabels()]
+    assert texts == ["12:01", "12:02", "12:03", "12:04", "12:05"]
+    np.testing.assert_allclose(ax.get_xticks(), [43.0, 103.0, 163.0, 223.0, 283.0])
+
+
+MACHADO = {
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+                   [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+                     [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602],
+                   [0.004733, 0.691367, 0.303900]],
+}  # fmt: skip
+"""What readers without one kind of cone see: Machado, Oliveira & Fernandes (2009), IEEE
+Trans. Vis. Comput. Graph. 15, 1291, table 1, severity 1.0; linear RGB."""
+
+
+def lab(linear):
+    xyz = linear @ np.array([
+        [0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]
+    ]) / [0.9505, 1.0, 1.089]  # fmt: skip
+    f = np.cbrt(np.maximum(xyz, 0.0089))
+    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]),
+                     200 * (f[:, 1] - f[:, 2])], 1)  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", MACHADO)
+def test_contacts_differ_for_colour_blind_readers(kind):
+    """A difference of 2.3 is just noticeable (Mahy 1994); four times that is asked."""
+    from matplotlib.colors import to_rgb
+
+    rgb = np.array([to_rgb(color) for color in CONTACT_COLORS])
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    seen = lab(np.clip(linear @ np.array(MACHADO[kind]).T, 0.0, 1.0))
+    apart = np.linalg.norm(seen[:, None] - seen, axis=-1)
+    assert apart[~np.eye(len(seen), dtype=bool)].min() > 4 * 2.3
+
+
+def test_a_document_has_every_page_and_a_passage_a_name_of_its_own(product, tmp_path):
+    called("plot", product, "-o", tmp_path / "a.pdf")
+    assert len(re.findall(rb"/Type /Page\b", (tmp_path / "a.pdf").read_bytes())) == 2
+    done = called("plot", product, "--contact", "1", "--overwrite")
+    assert "pages.contact-1.png" in done.stderr
+    assert product.with_name("pages.contact-1.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (["--contact", "7"], 1, "contacts with one: 1"),
+        (["--sensor", "x", "--contact", "1"], 1, "sensors with one: h1"),
+        (["--from", "13:00"], 1, "nothing was recorded"),
+        (["--from", "60", "--to", "50"], 2, "not after its begin"),
+        (["--from", "later"], 2, "is no time"),
+        (["--band-hz", "200", "100"], 2, "a lower and a higher frequency"),
+        (["--band-hz", "3000", "4000"], 1, "nothing of 3000 to 4000 Hz"),
+        (["-o", "a.gif"], 2, "written as .png, .pdf, .svg"),
+        (["-o", "-"], 2, "name it with -o"),
+    ],
+)
+def test_what_cannot_be_drawn_is_said(uwtrack, product, options, code, said, tmp_path):
+    more = [] if "-o" in options else ["-o", "a.png"]
+    done = uwtrack("plot", product, *options, *more)
+    assert (done.exit_code, "Traceback" in done.output) == (code, False), done.output
+    assert said in " ".join(done.stderr.split())
+    assert not list(tmp_path.glob("a.*"))
+
+
+def test_short_and_empty_products_have_pages(containers):
+    none = [c.take("encounter", slice(0)) if isinstance(c, Encounters) else c
+            for c in containers]  # fmt: skip
+    assert len(pages_of(none)) == 1
+    (picture,) = [c for c in containers if isinstance(c, Overview)]
+    (lines,) = [c for c in containers if isinstance(c, Lines)]
+    one = picture.take("row", slice(0, 1))
+    for held in ([one], [lines], [one, lines], [lines.take("point", slice(1)), picture],
+                 [c for c in none if not isinstance(c, Overview)]):  # fmt: skip
+        figure = pages_of(held)[0].draw(View())
+        assert all(ax.has_data() for ax in panels(figure))
+    with pytest.raises(DataError, match="nothing to draw"):
+        pages_of([c for c in containers if c.NAME == "sensor"])
+
+
+def test_a_scene_without_times_draws_nothing():
+    assert Scene([]).times_s is None

@@ -1,0 +1,87 @@
+"""The surroundings of a line: a tone lies where it is, and what folds in is faint."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from tests.support import recording_of as held_recording
+from tests.support import white_noise
+from uwtrack_cli.spectra import zoom as module
+from uwtrack_cli.spectra.zoom import Window, decimate, zoom
+
+RATE_HZ = 2000.0
+
+
+class Held:
+    """Samples that can be read again."""
+
+    def __init__(self, samples):
+        self.samples = np.asarray(samples, np.float32).reshape(-1, 1)
+
+    def __call__(self, _):
+        yield self.samples
+
+    def stretch(self, first, count):
+        return self.samples[first : first + count]
+
+
+def recording_of(samples, rate_hz):
+    return replace(held_recording(samples, rate_hz), reader=Held(samples))
+
+
+def ridge_hz(found):
+    return found.offset_hz[np.argmax(found.level_db, axis=1)]
+
+
+def test_a_swept_tone_lies_where_its_phase_says():
+    time_s = np.arange(int(60 * RATE_HZ)) / RATE_HZ
+    turns = 300.0 * time_s + 0.5 * 0.02 * (time_s - 30.0) ** 2
+    recording = recording_of(np.cos(2 * np.pi * turns), RATE_HZ)
+    (found,) = zoom(recording, (0.0, 60.0), [Window(300.0, 2.0, 5.0)])
+    inside = (found.time_s > 3.0) & (found.time_s < 57.0)
+    expected = 0.02 * (found.time_s - 30.0)
+    cell = found.offset_hz[1] - found.offset_hz[0]
+    np.testing.assert_allclose(ridge_hz(found)[inside], expected[inside], atol=cell)
+
+
+def test_blocks_change_nothing(monkeypatch):
+    recording = recording_of(white_noise(int(20 * RATE_HZ), 3), RATE_HZ)
+    windows = [Window(50.0, 4.0, 1.0)]
+    (whole,) = zoom(recording, (1.0, 19.0), windows)
+    monkeypatch.setattr(module, "BLOCK_SAMPLES", 1999)
+    (parts,) = zoom(recording, (1.0, 19.0), windows)
+    np.testing.assert_allclose(parts.level_db, whole.level_db, atol=1e-3)
+    np.testing.assert_array_equal(parts.time_s, whole.time_s)
+
+
+@pytest.mark.parametrize("factor", [2, 5, 16])
+def test_decimation_is_three_moving_means(factor):
+    sound = white_noise(1000, 1).ravel()
+    expected = sound.astype(float)
+    for _ in range(3):
+        expected = lfilter(np.full(factor, 1 / factor), [1.0], expected)
+    expected = expected[3 * (factor - 1) :: factor]
+    found = decimate(sound, factor)
+    np.testing.assert_allclose(found, expected[: found.size], atol=1e-6)
+
+
+def test_what_folds_into_the_band_is_sixty_decibels_down():
+    time_s = np.arange(int(30 * RATE_HZ)) / RATE_HZ
+    tone = 1e-3 * np.cos(2 * np.pi * 100.0 * time_s)
+    (found,) = zoom(recording_of(tone, RATE_HZ), (0.0, 30.0), [Window(100.0, 4.0, 2.0)])
+    factor = int(RATE_HZ / (10 * 104.0))
+    inner = int(RATE_HZ / factor / 40.0)
+    folded = 100.0 + RATE_HZ / factor / inner + 3.5  # into the band after both stages
+    loud = tone + np.cos(2 * np.pi * folded * time_s)
+    (both,) = zoom(recording_of(loud, RATE_HZ), (0.0, 30.0), [Window(100.0, 4.0, 2.0)])
+    cell = found.offset_hz[1] - found.offset_hz[0]
+    middle = slice(10, -10)
+    assert np.abs(ridge_hz(both)[middle]).max() <= cell
+
+
+def test_a_stretch_shorter_than_a_frame_has_no_frames():
+    recording = recording_of(white_noise(1000, 1), RATE_HZ)
+    (found,) = zoom(recording, (0.0, 0.4), [Window(300.0, 5.0, 2.0)])
+    assert found.time_s.size == 0

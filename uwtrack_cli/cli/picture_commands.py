@@ -1,0 +1,330 @@
+"""`plot` and `report`: what was found, for people."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from uwtrack_cli.cli.command_factory import Ais, Branch, Overwrite, WithinM, command
+from uwtrack_cli.cli.console import say
+from uwtrack_cli.cli.targets import PIPE, Inputs, open_product, product_name
+from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.data.truth import VesselTrack
+from uwtrack_cli.errors import DataError, OptionError
+
+if TYPE_CHECKING:
+    from uwtrack_cli.files.hdf5.product import Product
+    from uwtrack_cli.flow.deployment import Deployment
+    from uwtrack_cli.plotting.page import Page
+
+DRAWN = frozenset({"overview", "levels", "lines", "encounters", "fixes", "presence",
+                   "bearing_time", "motions", "target", "decision"})  # fmt: skip
+"""Containers of which a page shows one."""
+
+WITHIN_M = 2000.0
+"""Range within which AIS vessels are expected unless told, m."""
+
+Begin = Annotated[
+    str | None,
+    typer.Option("--from", help="Begin: UTC, time of day, or s from the first sample."),
+]
+End = Annotated[str | None, typer.Option("--to", help="End, likewise.")]
+Band = Annotated[
+    tuple[float, float] | None,
+    typer.Option("--band-hz", help="Lowest and highest frequency. (Hz)"),
+]
+IsLog = Annotated[
+    bool | None,
+    typer.Option(
+        "--log/--linear",
+        help="Frequency axis; logarithmic by itself where most lines are low.",
+    ),
+]
+HasLines = Annotated[
+    bool, typer.Option("--lines/--no-lines", help="Whether tracked lines are outlined.")
+]
+Picture = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        help="Picture: PNG, SVG, or PDF with all pages; else named after the product.",
+    ),
+]
+
+
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command of a name."""
+    named: dict[str, Callable[..., None]] = {"plot": plot, "report": report}
+    command(app, name)(named[name])
+
+
+def plot(  # noqa: PLR0913 (one parameter for each option)
+    *,
+    files: Annotated[
+        list[Path], typer.Argument(help="Products of one recording, in any order.")
+    ],
+    output: Picture = None,
+    contact: Annotated[
+        int | None,
+        typer.Option("--contact", help="Draw the page of this contact's passage."),
+    ] = None,
+    sensor: Annotated[
+        str | None, typer.Option("--sensor", help="Sensor, where several heard it.")
+    ] = None,
+    begin: Begin = None,
+    end: End = None,
+    band_hz: Band = None,
+    is_log: IsLog = None,
+    has_lines: HasLines = True,
+    ais: Ais = None,
+    within_m: WithinM = WITHIN_M,
+    step: Branch = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw a recording on a page, or with --contact one passage on a page of its own.
+
+    A passage's page shows the sound of its lines finely resolved if the recording still
+    lies beside the product, else what the product carries of it.
+    """
+    try:
+        from uwtrack_cli.plotting.page import (
+            check_picture,
+            choose_pages,
+            pages_of,
+            write_pages,
+        )
+        from uwtrack_cli.plotting.view import View
+    except ImportError as error:
+        msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
+        raise DataError(msg) from error
+    target = _picture_name(output, files, contact)
+    check_picture(target, overwrite=overwrite)
+    view = View(
+        begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
+        has_lines=has_lines,
+    )  # fmt: skip
+    is_document = target.suffix.lower() == ".pdf"
+    shows_passages = contact is not None or is_document
+    containers, tracks = _read(files, step, ais, within_m, shows_passages)
+    pages = choose_pages(pages_of(containers, tracks), contact, sensor)
+    if contact is not None and sensor is None and not is_document:
+        _refuse_several(pages)
+    write_pages(pages, target, view, overwrite=overwrite)
+    say(f"wrote {target}")
+    if contact is None and not is_document:
+        _tell_others(pages)
+
+
+def _refuse_several(pages: "Sequence[Page]") -> None:
+    sensors = sorted({page.sensor for page in pages if page.sensor is not None})
+    if len(sensors) > 1:
+        msg = (
+            f"contact {pages[0].contact} was heard by {', '.join(sensors)}: name one with "
+            f"--sensor, or write all their pages with -o NAME.pdf."
+        )
+        raise OptionError(msg)
+
+
+def _tell_others(pages: "Sequence[Page]") -> None:
+    """Say which pages there are beside the one that was written."""
+    contacts = dict.fromkeys(
+        str(page.contact) for page in pages[1:] if page.contact is not None
+    )
+    if contacts:
+        say(f"a page each with --contact: {', '.join(contacts)}; all with -o NAME.pdf")
+
+
+def _picture_name(
+    output: Path | None, files: Sequence[Path], contact: int | None
+) -> Path:
+    if output == PIPE or (output is None and files[0] == PIPE):
+        msg = "a picture is written to a file of its own: name it with -o FILE."
+        raise OptionError(msg)
+    if output is not None:
+        return output
+    return product_name(
+        files[0], ".png" if contact is None else f".contact-{contact}.png"
+    )
+
+
+def _checked_band(band_hz: tuple[float, float] | None) -> tuple[float, float] | None:
+    if band_hz is not None and not 0 <= band_hz[0] < band_hz[1] < float("inf"):
+        msg = (
+            f"--band-hz takes a lower and a higher frequency in Hz, got "
+            f"{band_hz[0]:g} {band_hz[1]:g}."
+        )
+        raise OptionError(msg)
+    return band_hz
+
+
+def _read(
+    files: Sequence[Path],
+    step: str | None,
+    ais: Path | None,
+    within_m: float,
+    with_strips: bool,
+) -> tuple[list[Container], list[VesselTrack]]:
+    """Read what the pages show, with the sound where it is at hand, and AIS."""
+    from uwtrack_cli.files.hdf5.layout import CONTAINERS
+    from uwtrack_cli.flow.branches import refuse_unknown_step
+
+    with ExitStack() as stack:
+        inputs = Inputs(stack, step)
+        drawn = tuple(CONTAINERS[name] for name in sorted(DRAWN))
+        owners: dict[str, Path] = {}
+        for file in files:
+            before = [held.container for held in inputs.held]
+            inputs.add(file, drawn)
+            containers = [held.container for held in inputs.held]
+            _refuse_second(file, before, containers[len(before) :], owners)
+        refuse_unknown_step(inputs.products, step)
+        found = [held.container for held in inputs.held]
+        return with_more(found, inputs.products, ais, within_m, needs_sound=with_strips)
+
+
+def with_more(
+    containers: Sequence[Container],
+    products: "Sequence[Product]",
+    ais: Path | None,
+    within_m: float,
+    *,
+    needs_sound: bool,
+) -> tuple[list[Container], list[VesselTrack]]:
+    """Add own ship's way, the sound, and what AIS knows."""
+    from uwtrack_cli.flow.rerun_sources import with_sound
+    from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
+
+    navigation = [n for product in products for n in product.read_all(Navigation)]
+    passed = needs_sound and any(
+        isinstance(c, Encounters) and c.n_encounters for c in containers
+    )
+    found: list[Container] = [
+        with_sound(c, products) if passed and isinstance(c, Recording) else c
+        for c in containers
+    ]
+    if ais is None:
+        return [*found, *navigation], []
+    vessels = read_vessels(ais, within_m)
+    sensors = [c for c in found if isinstance(c, Sensor)]
+    recordings = [c for c in found if isinstance(c, Recording)]
+    named = [
+        vessels.name(c, sensors, recordings) if isinstance(c, Encounters) else c
+        for c in found
+    ]
+    if len(sensors) != 1:
+        return [*named, *navigation], []
+    tracks = tracks_past(vessels, sensors[0], recordings[0] if recordings else None)
+    return [*named, *navigation], tracks
+
+
+def _refuse_second(
+    file: Path,
+    before: Sequence[Container],
+    added: Sequence[Container],
+    owners: dict[str, Path],
+) -> None:
+    """Refuse a file that repeats, with other content, what an earlier one holds."""
+    for container in added:
+        name = container.NAME
+        known = owners.setdefault(name, file)
+        same = any(container.equals(other) for other in before)
+        if known != file and name in DRAWN and not same:
+            msg = (
+                f"{known} and {file} both hold {name}, and a page shows one recording: "
+                f"plot them one by one."
+            )
+            raise DataError(msg)
+
+
+def report(
+    *,
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="{file}",
+            help="Product, or folder of products; - is standard input.",
+        ),
+    ],
+    step: Branch = None,
+    ais: Ais = None,
+    within_m: WithinM = WITHIN_M,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="HTML file; else named after the product."),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a page about a recording, or about a folder: results, pictures, history.
+
+    Everything is in one file: a card for every passage, with its page. Of a folder, the
+    deployment at a glance: when there was sound, when vessels were heard and passed.
+    """
+    from uwtrack_cli.files.atomic import atomic_target, check_target
+
+    try:
+        from uwtrack_cli.plotting import deployment_report
+        from uwtrack_cli.plotting import report as product_report
+    except ImportError as error:
+        msg = f"reports need matplotlib ({error}); pip install 'uwtrack[plot]'."
+        raise DataError(msg) from error
+    target = _report_name(output, source)
+    is_folder = source.is_dir()
+    inputs = () if is_folder or source == PIPE else (source,)
+    check_target(target, overwrite=overwrite, inputs=inputs)
+    if is_folder:
+        if step is not None:
+            msg = "--step chooses within one product, and a folder holds many."
+            raise OptionError(msg)
+        text = _of_folder(source, ais, within_m, deployment_report.deployment_html)
+    else:
+        with open_product(source) as product:
+            containers, tracks = _reported(product, step, ais, within_m)
+            made = product_report.Report(containers, tracks)
+            text = product_report.report_html(product, made)
+    with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    say(f"wrote {target}")
+
+
+def _report_name(output: Path | None, source: Path) -> Path:
+    if output == PIPE or (output is None and source == PIPE):
+        msg = "this is written to a file of its own: name it with -o FILE."
+        raise OptionError(msg)
+    if output is not None:
+        return output
+    return source / "report.html" if source.is_dir() else product_name(source, ".html")
+
+
+def _of_folder(
+    folder: Path,
+    ais: Path | None,
+    within_m: float,
+    write: "Callable[[Deployment, str], str]",
+) -> str:
+    """Return the report of a folder."""
+    from uwtrack_cli.flow.deployment import read_deployment
+    from uwtrack_cli.flow.passages import usual_cache
+
+    deployment = read_deployment(
+        [folder], ais=ais, within_m=within_m, cache=usual_cache()
+    )
+    return write(deployment, folder.resolve().name)
+
+
+def _reported(
+    product: "Product", step: str | None, ais: Path | None, within_m: float
+) -> tuple[list[Container], list[VesselTrack]]:
+    """Read what a report shows of a product."""
+    from uwtrack_cli.flow.branches import refuse_unknown_step, sole_keys
+    from uwtrack_cli.flow.products import small_containers
+
+    refuse_unknown_step([product], step)
+    keys = sole_keys(product, step, DRAWN)
+    found = [held.container for held in small_containers(product, step, keys)]
+    return with_more(found, [product], ais, within_m, needs_sound=True)

@@ -1,0 +1,113 @@
+"""What a fitted passage says at any time, with deviations, for the panels of its page.
+
+**Method.** The law of a straight passage at the values of the encounter; deviations
+follow from its covariance to first order. The speed that counts is that relative to the
+sensor: slant range over (slant range over speed), which is the vessel's own where the
+sensor is at rest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.acoustics.passage import Passage, passage_law
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.encounters import Encounters
+
+TURN = {"starboard": 1.0, "port": -1.0}
+"""Sense in which the bearing turns, by the side of the vessel where the sensor is."""
+
+
+@dataclass(frozen=True, eq=False)
+class PassageFit:
+    """One closest approach, and the law that was fitted to it."""
+
+    encounters: Encounters
+    """Closest approaches."""
+    row: int
+    """Which one."""
+
+    @property
+    def contact(self) -> int:
+        """Number of its contact."""
+        return int(self.encounters.contact[self.row])
+
+    @property
+    def time_s(self) -> float:
+        """Closest approach, s from the first sample; its arrival if that is all."""
+        known = float(self.encounters.time_s[self.row])
+        return known if np.isfinite(known) else self.arrival_s
+
+    @property
+    def arrival_s(self) -> float:
+        """Arrival of the sound of the closest approach, s."""
+        return float(self.encounters.arrival_time_s[self.row])
+
+    @property
+    def width_s(self) -> float:
+        """Slant range over speed, s; nan if unknown."""
+        return float(self.encounters.range_over_speed_s[self.row])
+
+    @property
+    def speed_mps(self) -> float:
+        """Speed relative to the sensor, m/s; nan if unknown."""
+        return float(self.encounters.slant_range_m[self.row]) / self.width_s
+
+    @property
+    def mach(self) -> float:
+        """Speed over sound speed; 0 if unknown."""
+        speed = self.speed_mps if np.isfinite(self.speed_mps) else 0.0
+        return speed / float(self.encounters.sound_speed_mps[self.row])
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether enough is known for a curve."""
+        return bool(np.isfinite([self.time_s, self.width_s]).all() and self.width_s > 0)
+
+    @property
+    def misfit(self) -> float:
+        """What the lines leave of their curve, as a share of the Doppler shift."""
+        known = self.encounters.misfit
+        return float("nan") if known is None else float(known[self.row])
+
+    def shift(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the relative Doppler shift and its deviation."""
+        law = self._law(time_s, self.width_s)
+        return law.shift[0], self._std(law.shift_d[0], self.width_s)
+
+    def spread_db(self, time_s: FloatArray) -> FloatArray:
+        """Return the level less that at closest approach, dB."""
+        return np.asarray(10 / np.log(10) * self._law(time_s, self.width_s).spread[0])
+
+    def bearing(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return compass bearing and deviation, degrees; None where it is not known."""
+        turn = TURN.get(str(self.encounters.side[self.row]))
+        middle = float(self.encounters.bearing_deg[self.row])
+        if turn is None or not np.isfinite(middle) or not self.is_drawn:
+            return None
+        width = self.encounters.horizontal_range_over_speed_s
+        width_s = self.width_s if width is None else float(width[self.row])
+        width_s = width_s if np.isfinite(width_s) and width_s > 0 else self.width_s
+        law = self._law(time_s, width_s)
+        partials = np.degrees(turn * law.angle_d[0][:, :3])
+        columns = np.column_stack([partials, np.ones(time_s.size)])
+        return middle + turn * np.degrees(law.angle[0]), self._std(columns, width_s)
+
+    def _law(self, time_s: FloatArray, width_s: float) -> Passage:
+        speed = self.mach * float(self.encounters.sound_speed_mps[self.row])
+        parameters = np.array([[self.time_s, np.log(width_s), speed]])
+        sound = float(self.encounters.sound_speed_mps[self.row])
+        return passage_law(time_s, parameters, sound)
+
+    def _std(self, partials: FloatArray, width_s: float) -> FloatArray:
+        """Return deviations from partials by time, ln(d/v), speed and more."""
+        count = partials.shape[1]
+        covariance = self.encounters.covariance[self.row][:count, :count].copy()
+        unknown = ~np.isfinite(np.diag(covariance))
+        covariance[unknown, :] = covariance[:, unknown] = 0.0
+        scale = np.ones(count)
+        scale[1] = 1.0 / width_s
+        along = partials * scale
+        return np.asarray(np.sqrt(np.maximum(
+            np.einsum("ni,ij,nj->n", along, covariance, along), 0.0
+        )))  # fmt: skip

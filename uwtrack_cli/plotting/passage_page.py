@@ -1,0 +1,669 @@
+"""The page of one passage: its lines as they were heard, the fit, what is left of it.
+
+**Method.** Every strip is a part of the lofargram a few Doppler shifts high, about the
+rest frequency of a line. Where the sound is at hand, it is resolved as finely as the
+line's own sweep allows (frames of 1 / sqrt(sweep rate)); else the picture that the
+product carries is taken where it resolves the shift, and the measured frequencies
+where it does not. A panel is drawn if it has something to say.
+
+**Conventions.** Bands are two standard deviations on either side. Residuals are shares
+of the Doppler shift v/c, so that a fit which leaves its lines is seen at once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.spectra import Levels, Overview
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.tables.json_rows import Row, json_rows
+from uwtrack_cli.files.tables.summaries import Head, utc_text
+from uwtrack_cli.files.text_escaping import figure_text
+from uwtrack_cli.plotting.lofargram import (
+    FrequencyAxis,
+    cell_edges,
+    choose_axis,
+    draw_lofargram,
+    over_floor,
+    shades,
+)
+from uwtrack_cli.plotting.page_layout import (
+    HeadLine,
+    Panel,
+    Part,
+    draw_parts,
+    side_by_side,
+    stacked,
+    titled_figure,
+)
+from uwtrack_cli.plotting.passage_fit import PassageFit
+from uwtrack_cli.plotting.passage_map import draw_map, has_map
+from uwtrack_cli.plotting.style import (
+    BAND_DEVIATIONS,
+    LEVELS_MAP,
+    MEASURED,
+    NO_SOUND,
+    WARNING,
+    broken_bearing,
+    calm,
+    contact_color,
+    halo,
+)
+from uwtrack_cli.plotting.view import Scene, View
+from uwtrack_cli.spectra.zoom import Window, Zoom, zoom
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+REACH = 4.0
+"""d/v on either side of the closest approach that are shown."""
+
+FEWEST_FRAMES = 12
+"""Frames that are shown on either side, at least."""
+
+MOST_STRIPS = 6
+"""Lines that have a strip of their own, the best measured ones."""
+
+SHIFTS = 3.0
+"""Height of a strip on either side of the rest frequency, in Doppler shifts."""
+
+FEWEST_CELLS = 6.0
+"""Cells of the overview in a strip below which it shows nothing of the line."""
+
+LONGEST_FRAME_S = 30.0
+
+MARKED_MISFIT = 0.2
+"""Misfit from which a page warns: half of what refuses a passage."""
+
+KNOT_MPS = 1852.0 / 3600.0
+
+BLOCKS = 0.25
+"""Length over which residuals are averaged, in d/v."""
+
+USABLE_BEARING_DEG = 30.0
+"""Deviation of a bearing up to which it is drawn."""
+
+MAP_IN = 3.8
+"""Height of the map on a narrow page, inches."""
+
+
+@dataclass(frozen=True, eq=False)
+class PassagePage:
+    """All that a page of a passage shows."""
+
+    scene: Scene
+    """The recording."""
+    fit: PassageFit
+    """The passage."""
+    view: View
+    """What of it is drawn."""
+
+    @property
+    def row(self) -> Row:
+        """Its row, as it is printed."""
+        return json_rows(self.fit.encounters)[self.fit.row]
+
+    def span_s(self) -> tuple[float, float]:
+        """Return begin and end of what is shown, s."""
+        known = self.scene.times_s or (-np.inf, np.inf)
+        middle, reach = self.fit.arrival_s, REACH * self.fit.width_s
+        if not np.isfinite(middle):
+            middle = self.fit.time_s
+        lines = self.scene.first(Lines)
+        if lines is not None:
+            reach = np.fmax(reach, FEWEST_FRAMES * lines.frames.hop_s)
+        if not np.isfinite([middle, reach]).all():
+            return self.view.span_s(known, self.scene.clock)
+        low, high = max(known[0], middle - reach), min(known[1], middle + reach)
+        if not low < high:  # it lies outside of the recording
+            low, high = known
+        return self.view.span_s((low, high), self.scene.clock)
+
+
+def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
+    """Return the page of a passage.
+
+    Parameters
+    ----------
+    scene
+        The recording, with its closest approaches.
+    row
+        Which of them.
+    view
+        What of it is drawn.
+
+    Raises
+    ------
+    DataError
+        The sound is asked for outside of the recording.
+    """
+    encounters = scene.encounters
+    if encounters is None:
+        msg = "a passage page needs encounters."
+        raise ValueError(msg)
+    page = PassagePage(scene, PassageFit(encounters, row), view)
+    span_s = page.span_s()
+    parts = [*_strips(page, span_s), *_residuals(page, span_s)]
+    parts += [*_level(page, span_s), *_bearing(page, span_s)]
+    is_mapped, right = has_map(encounters, row), None
+    heads = title_lines(page)
+    heights = [part.height for part in parts]
+    if view.is_wide and (is_mapped or view.stands_alone):
+        figure, body = titled_figure(heads, view, max(sum(heights) + 0.5, 3.6))
+        left, right = side_by_side(body, 2.25, 1.0)
+    elif is_mapped:
+        figure, body = titled_figure(heads, view, sum(heights) + 0.5 + MAP_IN)
+        left, right = stacked(body, sum(heights) + 0.5, MAP_IN)
+    else:
+        figure, left = titled_figure(heads, view, sum(heights) + 0.5)
+    for panel in draw_parts(parts, left, scene.clock, span_s, view.ticks):
+        _mark(page.fit, panel)
+    if right is not None:
+        _fill_side(page, right, is_mapped=is_mapped)
+    return figure
+
+
+def title_lines(page: PassagePage) -> list[HeadLine]:
+    """Return the lines above the panels."""
+    row, fit = page.row, page.fit
+    first = passage_title(row)
+    second = [f"passage {fit.contact}", f"sensor {row['sensor']}"]
+    if row["course_deg"] is not None:
+        course = Head("", "course_deg", 0, "course_std_deg").text(row)
+        second.append(f"course {course}\u00b0")
+    if row["side"]:
+        second.append(f"sensor to {row['side']}")
+    n_lines = len(row["rest_frequencies_hz"])
+    second.append(f"{n_lines or 'no'} line{'' if n_lines == 1 else 's'}")
+    second.append(row["status"])
+    found = [HeadLine(first), HeadLine(" \u00b7 ".join(second))]
+    if fit.misfit >= MARKED_MISFIT:
+        text = (
+            f"\u26a0 misfit: the lines leave the fit by {100 * fit.misfit:.0f} % of "
+            f"the Doppler shift beyond their noise"
+        )
+        found.append(HeadLine(text, warns=True))
+    if row["extrapolated"]:
+        text = "\u26a0 extrapolated: the closest approach was not recorded"
+        found.append(HeadLine(text, warns=True))
+    return found
+
+
+def passage_title(row: Row) -> str:
+    """Return when, how fast, how near and who, with deviations.
+
+    Parameters
+    ----------
+    row
+        The passage, as `json_rows` gives it.
+    """
+    return f"{_when(row)}{_speed(row)}{_range(row)}{_vessel(row)}"
+
+
+def _when(row: Row) -> str:
+    if row["time_utc"]:
+        std = row["time_std_s"]
+        digits = 0 if std is None or std >= 1.0 else 1
+        return f"{utc_text(row['time_utc'], digits)} UTC"
+    return f"closest at {Head('', 'time_s', 1, 'time_std_s').text(row)} s"
+
+
+def _speed(row: Row) -> str:
+    if row["speed_mps"] is None:
+        return ""
+    knots = {"v": row["speed_mps"] / KNOT_MPS}
+    if row["speed_std_mps"] is not None:
+        knots["s"] = row["speed_std_mps"] / KNOT_MPS
+    return f"   {Head('', 'v', 1, 's').text(knots)} kn"
+
+
+def _range(row: Row) -> str:
+    if row["slant_range_m"] is not None:
+        return f"   {Head('', 'slant_range_m', 0, 'slant_range_std_m').text(row)} m"
+    if row["range_over_speed_s"] is None:
+        return ""
+    text = Head("", "range_over_speed_s", 1, "range_over_speed_std_s").text(row)
+    return f"   range/speed {text} s"
+
+
+def _vessel(row: Row) -> str:
+    return f"   {row['vessel']['name']}" if row["vessel"] else ""
+
+
+def _mark(fit: PassageFit, ax: "Axes") -> None:
+    """Mark when the sound of the closest approach arrived."""
+    low, high = ax.get_xlim()
+    if low < fit.arrival_s < high:
+        ax.axvline(
+            fit.arrival_s, linewidth=0.7, linestyle=(0, (1, 3)), color="black", zorder=1
+        )
+
+
+def _strips(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+    """Return the strips of the best lines, the highest one on top."""
+    fit = page.fit
+    rows = _best_lines(page)
+    if not rows or not fit.is_drawn or fit.mach <= 0:
+        return _overview_part(page, span_s)
+    rest = [float(fit.encounters.rest_frequency_hz[k]) for k in rows]
+    zooms = _zooms(page, span_s, rest)
+    parts = []
+    for number, k in enumerate(rows):
+        zoomed = zooms[number] if zooms else None
+        parts.append(Part(0.82, _strip(page, k, zoomed, len(rows))))
+    return parts
+
+
+def _best_lines(page: PassagePage) -> list[int]:
+    """Return the rows of the rest frequencies that have strips, the highest first."""
+    found = page.fit.encounters
+    own = np.flatnonzero(found.rest_encounter == page.fit.row)
+    band = page.view.band_hz
+    if band is not None:
+        frequency = found.rest_frequency_hz[own]
+        own = own[(frequency >= band[0]) & (frequency <= band[1])]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = found.rest_frequency_std_hz[own] / found.rest_frequency_hz[own]
+    best = own[np.argsort(relative, kind="stable")][:MOST_STRIPS]
+    order = np.argsort(-found.rest_frequency_hz[best], kind="stable")
+    return [int(k) for k in best[order]]
+
+
+def _half_hz(fit: PassageFit, rest_hz: float) -> float:
+    return SHIFTS * fit.mach * rest_hz
+
+
+def _zooms(
+    page: PassagePage, span_s: tuple[float, float], rest_hz: Sequence[float]
+) -> list[Zoom]:
+    """Return fine spectrograms about the lines, if the sound is at hand."""
+    recording = page.scene.first(Recording)
+    if recording is None or recording.reader is None:
+        return []
+    fit = page.fit
+    windows = []
+    for rest in rest_hz:
+        sweep = rest * fit.mach / fit.width_s  # Hz/s, at closest approach
+        frame_s = min(1 / np.sqrt(sweep), LONGEST_FRAME_S, np.ptp(span_s) / 8)
+        half = max(_half_hz(fit, rest), 3.0 / frame_s)
+        windows.append(Window(rest, min(half, 0.9 * rest), float(frame_s)))
+    margin = 0.5 * max(window.frame_s for window in windows)
+    try:
+        return zoom(recording, (span_s[0] - margin, span_s[1] + margin), windows)
+    except DataError:  # the sound has gone since it was found
+        return []
+
+
+def _strip(page: PassagePage, rest_row: int, zoomed: Zoom | None, count: int) -> Panel:
+    def draw(ax: "Axes") -> None:
+        from matplotlib.ticker import MaxNLocator
+
+        fit = page.fit
+        rest = float(fit.encounters.rest_frequency_hz[rest_row])
+        half = _half_hz(fit, rest)
+        is_picture = True
+        if zoomed is not None and zoomed.time_s.size > 1:
+            half = max(half, float(zoomed.offset_hz[-1]))
+            dark, bright = shades(zoomed.level_db)
+            ax.pcolormesh(
+                cell_edges(zoomed.time_s, ax.get_xlim()), cell_edges(zoomed.offset_hz),
+                zoomed.level_db.T, cmap=LEVELS_MAP, vmin=dark, vmax=bright,
+                rasterized=True,
+            )  # fmt: skip
+            ax.set_facecolor(NO_SOUND)
+        else:
+            is_picture = _draw_part(page.scene.first(Overview), rest, half, ax)
+        line = int(fit.encounters.rest_line_id[rest_row])
+        if not is_picture:
+            _draw_points(page.scene.first(Lines), line, rest, ax, fit.contact)
+        _draw_curve(fit, rest, rest_row, ax, is_picture=is_picture)
+        ax.set_ylim(-half, half)
+        ax.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
+        ax.yaxis.set_major_formatter(lambda value, _: f"{value:+g}" if value else "0")
+        ax.tick_params(labelsize=7)
+        ax.text(
+            0.008, 0.9, f"{rest:.2f} Hz", transform=ax.transAxes, va="top", fontsize=8,
+            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8},
+        )  # fmt: skip
+        spec = ax.get_subplotspec()
+        first = 0 if spec is None else spec.rowspan.start
+        if first == (count - 1) // 2:
+            ax.set_ylabel("off the rest\nfrequency (Hz)", fontsize=8)
+
+    return draw
+
+
+def _draw_part(
+    overview: Overview | None, rest_hz: float, half_hz: float, ax: "Axes"
+) -> bool:
+    """Draw the overview about a frequency; False where it resolves nothing."""
+    if overview is None or overview.frequency_hz.size < 2:
+        return False
+    width = float(np.diff(overview.frequency_hz).min())
+    if 2 * half_hz / width < FEWEST_CELLS:
+        return False
+    near = np.abs(overview.frequency_hz - rest_hz) <= half_hz + width
+    if near.sum() < FEWEST_CELLS:
+        return False
+    relative = over_floor(overview)[:, near]
+    dark, bright = shades(relative)
+    ax.pcolormesh(
+        cell_edges(overview.time_s, ax.get_xlim()),
+        cell_edges(overview.frequency_hz[near]) - rest_hz,
+        np.ma.masked_invalid(relative.T), cmap=LEVELS_MAP, vmin=dark, vmax=bright,
+        rasterized=True,
+    )  # fmt: skip
+    return True
+
+
+def _draw_points(
+    lines: Lines | None, line: int, rest_hz: float, ax: "Axes", contact: int
+) -> None:
+    """Draw the measured frequencies, the stronger the darker."""
+    calm(ax)
+    if lines is None:
+        return
+    rows = lines.line == line
+    snr = np.nan_to_num(lines.measured_snr_db[rows])
+    ax.scatter(
+        lines.time_s[rows], lines.measured_frequency_hz[rows] - rest_hz, s=5, c=snr,
+        cmap=f"{LEVELS_MAP}_r", vmin=0.0, vmax=25.0, linewidths=0,
+    )  # fmt: skip
+    if not np.isfinite(lines.measured_frequency_hz[rows]).any():
+        ax.plot(
+            lines.time_s[rows], lines.frequency_hz[rows] - rest_hz,
+            color=contact_color(contact), lw=0.8,
+        )  # fmt: skip
+
+
+def _draw_curve(
+    fit: PassageFit, rest_hz: float, rest_row: int, ax: "Axes", *, is_picture: bool
+) -> None:
+    """Draw the fit thin, with its band, so that the sound stays visible beneath."""
+    time_s = np.linspace(*ax.get_xlim(), 400)
+    shift, std = fit.shift(time_s)
+    rest_std = np.nan_to_num(fit.encounters.rest_frequency_std_hz[rest_row])
+    half = BAND_DEVIATIONS * np.hypot(rest_hz * std, rest_std)
+    color = contact_color(fit.contact)
+    ax.plot(
+        time_s, rest_hz * shift, color=color, lw=0.9,
+        path_effects=halo() if is_picture else None,
+    )  # fmt: skip
+    ax.fill_between(
+        time_s, rest_hz * shift - half, rest_hz * shift + half, lw=0, alpha=0.3,
+        color="white" if is_picture else color,
+    )  # fmt: skip
+
+
+def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+    """Return the lofargram about a passage that no line shows."""
+    overview = page.scene.first(Overview)
+    if overview is None or overview.frequency_hz.size < 2:
+        return []
+    axis: FrequencyAxis = choose_axis(
+        overview, None, page.view.band_hz, is_log=page.view.is_log
+    )
+
+    def draw(ax: "Axes") -> None:
+        draw_lofargram(overview, axis, span_s, ax)
+
+    return [Part(2.4, draw)]
+
+
+def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+    """Return what the lines leave of their curve."""
+    lines, fit = page.scene.first(Lines), page.fit
+    own = np.flatnonzero(fit.encounters.rest_encounter == fit.row)
+    if lines is None or not own.size or not fit.is_drawn or fit.mach <= 0:
+        return []
+    time_s, left, weight = _left(lines, fit, own, span_s)
+    if time_s.size < 3:
+        return []
+
+    def draw(ax: "Axes") -> None:
+        calm(ax)
+        color = contact_color(fit.contact)
+        is_marked = fit.misfit >= MARKED_MISFIT
+        thin = slice(None, None, -(-time_s.size // 6000))
+        ax.plot(time_s[thin], left[thin], ".", ms=2.6, alpha=0.35, color=color,
+                mec="none", rasterized=True)  # fmt: skip
+        middle, mean, std = _block_means(time_s, left, weight, BLOCKS * fit.width_s)
+        ax.errorbar(middle, mean, BAND_DEVIATIONS * std, fmt="o", ms=2.8, lw=0.9,
+                    color="black")  # fmt: skip
+        grid = np.linspace(*span_s, 300)
+        band = 100 * BAND_DEVIATIONS * fit.shift(grid)[1] / fit.mach
+        ax.fill_between(grid, -band, band, color=color, alpha=0.25, lw=0)
+        ax.axhline(0.0, color=color, lw=0.8)
+        reach = 3.0 * float(np.median(np.abs(left))) / 0.6745
+        reach = max(reach, 1.3 * float(np.abs(mean).max(initial=0.0)), 2.0)
+        ax.set_ylim(-reach, reach)
+        ax.set_ylabel("residual\n(% of v/c)", fontsize=8)
+        if is_marked:
+            ax.set_facecolor("#fdecea")
+            ax.text(
+                0.99, 0.92, f"misfit {100 * fit.misfit:.0f} %", transform=ax.transAxes,
+                ha="right", va="top", fontsize=8, fontweight="bold", color=WARNING,
+            )  # fmt: skip
+
+    return [Part(1.15, draw)]
+
+
+def _left(
+    lines: Lines, fit: PassageFit, own: IntArray, span_s: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return times, residuals in % of v/c, and weights of all lines of a passage."""
+    times, values, weights = [], [], []
+    for k in own:
+        rows = lines.line == fit.encounters.rest_line_id[k]
+        rows &= np.isfinite(lines.measured_frequency_hz)
+        rows &= (lines.time_s >= span_s[0]) & (lines.time_s <= span_s[1])
+        rest = float(fit.encounters.rest_frequency_hz[k])
+        time_s = lines.time_s[rows]
+        if not time_s.size:
+            continue
+        shift = lines.measured_frequency_hz[rows] / rest - 1.0
+        std = lines.measured_frequency_std_hz[rows] / rest
+        times.append(time_s)
+        values.append(100 * (shift - fit.shift(time_s)[0]) / fit.mach)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weights.append(np.nan_to_num(1 / std**2, nan=1.0, posinf=1.0))
+    if not times:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    return np.concatenate(times), np.concatenate(values), np.concatenate(weights)
+
+
+def _block_means(
+    time_s: FloatArray, values: FloatArray, weight: FloatArray, length_s: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return middles, weighted means and their deviations over blocks of time."""
+    number = np.floor((time_s - time_s.min()) / max(length_s, 1e-9)).astype(int)
+    _, block = np.unique(number, return_inverse=True)
+    total = np.bincount(block, weight)
+    mean = np.bincount(block, weight * values) / total
+    middle = np.bincount(block, weight * time_s) / total
+    scatter = np.bincount(block, (weight * (values - mean[block])) ** 2)
+    return middle, mean, np.sqrt(scatter) / total
+
+
+def _level(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+    """Return the level with the vessels' shares as the fits say."""
+    levels, fit = page.scene.first(Levels), page.fit
+    if levels is None or levels.frames.n_frames < 2:
+        return []
+    time_s = levels.frames.time_s
+    inside = (time_s >= span_s[0]) & (time_s <= span_s[1])
+    if np.isfinite(levels.level_db[inside]).sum() < 2:
+        return []
+
+    def draw(ax: "Axes") -> None:
+        calm(ax)
+        thin = np.flatnonzero(inside)[:: -(-int(inside.sum()) // 4000)]
+        ax.plot(time_s[thin], levels.level_db[thin], ".", ms=2.6, color=MEASURED,
+                alpha=0.6, mec="none", rasterized=True)  # fmt: skip
+        ax.set_ylabel(
+            f"level {levels.band_low_hz:.0f}-{levels.band_high_hz:.0f} Hz\n"
+            f"(dB re {figure_text(levels.reference)})", fontsize=8,
+        )  # fmt: skip
+        known = levels.level_db[thin][np.isfinite(levels.level_db[thin])]
+        ax.set_ylim(float(np.quantile(known, 0.005)) - 1.5, float(np.max(known)) + 1.5)
+        _draw_level_fit(fit, levels, span_s, ax)
+
+    return [Part(1.15, draw)]
+
+
+def _draw_level_fit(
+    fit: PassageFit, levels: Levels, span_s: tuple[float, float], ax: "Axes"
+) -> None:
+    """Draw the vessel over the background, with the deviation of its level."""
+    found = fit.encounters
+    peak = float(found.received_level_db[fit.row])
+    if not np.isfinite(peak) or not fit.is_drawn:
+        return
+    every = [PassageFit(found, row) for row in range(found.n_encounters)]
+    heard = [
+        f for f in every
+        if f.is_drawn and np.isfinite(found.received_level_db[f.row])
+    ]  # fmt: skip
+    grid = np.linspace(*span_s, 400)
+
+    def power(time_s: FloatArray, added_db: float) -> FloatArray:
+        total: FloatArray = np.zeros(time_s.size)
+        for f in heard:
+            own = float(found.received_level_db[f.row])
+            own += added_db if f.row == fit.row else 0.0
+            total = total + 10 ** ((own + f.spread_db(time_s)) / 10)
+        return total
+
+    time_s = levels.frames.time_s
+    inside = (time_s >= span_s[0]) & (time_s <= span_s[1])
+    inside &= np.isfinite(levels.level_db)
+    left = 10 ** (levels.level_db[inside] / 10) - power(time_s[inside], 0.0)
+    background = max(float(np.median(left)), 0.0)
+    std = np.nan_to_num(float(found.received_level_std_db[fit.row]))
+    curves = [
+        10 * np.log10(power(grid, add) + background)
+        for add in (0.0, -BAND_DEVIATIONS * std, BAND_DEVIATIONS * std)
+    ]
+    color = contact_color(fit.contact)
+    ax.plot(grid, curves[0], color=color, lw=1.1)
+    ax.fill_between(grid, curves[1], curves[2], color=color, alpha=0.25, lw=0)
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, max(high, float(curves[0].max()) + 1.0))
+
+
+def _bearing(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+    """Return bearings of the passage as measured and as fitted."""
+    levels, lines, fit = page.scene.first(Levels), page.scene.first(Lines), page.fit
+    measured: list[tuple[FloatArray, FloatArray, str]] = []
+    if levels is not None:
+        known = levels.bearing_std_deg < USABLE_BEARING_DEG
+        measured.append(
+            (levels.frames.time_s[known], levels.bearing_deg[known], MEASURED)
+        )
+    if lines is not None:
+        own = fit.encounters.rest_line_id[fit.encounters.rest_encounter == fit.row]
+        known = np.isin(lines.line, own)
+        known &= lines.measured_bearing_std_deg < USABLE_BEARING_DEG
+        measured.append(
+            (lines.time_s[known], lines.measured_bearing_deg[known],
+             contact_color(fit.contact))
+        )  # fmt: skip
+    shown = [
+        (time_s[inside], bearing[inside], color)
+        for time_s, bearing, color in measured
+        for inside in [(time_s >= span_s[0]) & (time_s <= span_s[1])]
+        if inside.any()
+    ]
+    grid = np.linspace(*span_s, 400)
+    fitted = fit.bearing(grid)
+    if not shown and fitted is None:
+        return []
+
+    def draw(ax: "Axes") -> None:
+        calm(ax)
+        for time_s, bearing, color in shown:
+            thin = slice(None, None, -(-time_s.size // 4000))
+            ax.plot(time_s[thin], np.mod(bearing[thin], 360.0), ".", ms=3.0, color=color,
+                    alpha=0.4, mec="none", rasterized=True)  # fmt: skip
+        if fitted is not None:
+            _draw_bearing_fit(fit, grid, fitted, ax)
+        ax.set(ylim=(0.0, 360.0), yticks=range(0, 361, 90))
+        ax.set_ylabel("bearing (deg)", fontsize=8)
+
+    return [Part(1.15, draw)]
+
+
+def _draw_bearing_fit(
+    fit: PassageFit, grid: FloatArray, fitted: tuple[FloatArray, FloatArray], ax: "Axes"
+) -> None:
+    bearing, std = fitted
+    color = contact_color(fit.contact)
+    middle = broken_bearing(bearing)
+    ax.plot(grid, middle, color=color, lw=0.9)
+    half = BAND_DEVIATIONS * std
+    ax.fill_between(grid, middle - half, middle + half, color=color, alpha=0.25, lw=0)
+
+
+def _fill_side(page: PassagePage, side: "SubFigure", *, is_mapped: bool) -> None:
+    """Fill the side of the page: the map, and the numbers where there is room."""
+    if not (page.view.is_wide and page.view.stands_alone):
+        draw_map(page.scene, page.fit, side.subplots())
+        return
+    if is_mapped:
+        upper, lower = side.subplots(2, 1, height_ratios=[1.25, 1.0])
+        draw_map(page.scene, page.fit, upper)
+    else:
+        lower = side.subplots()
+    lower.axis("off")
+    facts = fact_lines(page.row)
+    lower.text(
+        0.0, 1.0, "\n".join(figure_text(f"{name}") for name, _ in facts), va="top",
+        fontsize=8, color=MEASURED, linespacing=1.5, transform=lower.transAxes,
+    )  # fmt: skip
+    lower.text(
+        0.42, 1.0, "\n".join(figure_text(value) for _, value in facts), va="top",
+        fontsize=8, linespacing=1.5, transform=lower.transAxes,
+    )  # fmt: skip
+
+
+FACTS = (
+    ("speed", Head("", "speed_mps", 2, "speed_std_mps"), "m/s"),
+    ("slant range", Head("", "slant_range_m", 1, "slant_range_std_m"), "m"),
+    ("horizontal range", Head("", "horizontal_range_m", 1, "horizontal_range_std_m"), "m"),
+    ("range/speed", Head("", "range_over_speed_s", 2, "range_over_speed_std_s"), "s"),
+    ("course", Head("", "course_deg", 1, "course_std_deg"), "deg"),
+    ("bearing", Head("", "bearing_deg", 1, "bearing_std_deg"), "deg"),
+    ("received level", Head("", "received_level_db", 1, "received_level_std_db"), "dB re {}"),
+    ("source level", Head("", "source_level_db", 1, "source_level_std_db"), "dB re {}"),
+    ("evidence", Head("", "rest_frame_evidence", 1), "nepers"),
+    ("misfit", Head("", "misfit", 2), "of v/c"),
+)  # fmt: skip
+"""What stands beside the panels: name, how it is written, unit."""
+
+
+def fact_lines(row: Row) -> list[tuple[str, str]]:
+    """Return what is known of a passage, by name, as text with units.
+
+    Parameters
+    ----------
+    row
+        The passage, as `json_rows` gives it.
+    """
+    found = [
+        (name, f"{head.text(row)} {unit.format(row['level_reference'])}")
+        for name, head, unit in FACTS
+        if row.get(head.key) is not None
+    ]
+    rest = sorted(row["rest_frequencies_hz"])
+    for number in range(0, len(rest), 3):
+        part = ", ".join(f"{f:.2f}" for f in rest[number : number + 3])
+        end = " Hz" if number + 3 >= len(rest) else ","
+        found.append(("at rest" if number == 0 else "", part + end))
+    found.append(("sound speed", f"{row['sound_speed_mps']:g} m/s"))
+    return found

@@ -1,0 +1,444 @@
+"""The page of target motion: own ship, the target with its regions, what is left.
+
+**Method.** The map has own ship's way and every mode from the first measurement to the
+last, with its 95 % regions; a faint way is an unlikely mode, a dotted ray the bearing
+of a target whose range is not observable. Residuals are those of the best mode under
+the model that it was fitted with, in degrees and in hertz.
+
+**Conventions.** The map's origin is own ship at the first measurement, north up.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.constants import SOURCE_DEPTH_M
+from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.tables.json_rows import Row, json_rows
+from uwtrack_cli.files.tables.summaries import Head, utc_text
+from uwtrack_cli.motion.target.inputs import (
+    Measurements,
+    measurements_from_lines,
+    measurements_from_series,
+    own_path,
+)
+from uwtrack_cli.motion.target.model import predict_values
+from uwtrack_cli.motion.target.own_ship import Doppler, OwnPath, make_observer_track
+from uwtrack_cli.plotting.page_layout import (
+    HeadLine,
+    Panel,
+    Part,
+    draw_parts,
+    side_by_side,
+    stacked,
+    titled_figure,
+)
+from uwtrack_cli.plotting.passage_map import fit_limits, furnish
+from uwtrack_cli.plotting.style import (
+    BAND_DEVIATIONS,
+    MEASURED,
+    Clock,
+    calm,
+    contact_color,
+    draw_arrow,
+    draw_ellipse,
+    name_place,
+)
+from uwtrack_cli.plotting.view import Scene, View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MAP_IN = 5.4
+"""Height of the map, inches."""
+
+WIDEST = 1.0
+"""Half of a band, as a share of the range, above which an estimate is not drawn."""
+
+LIKELY = 0.3
+"""How visible a mode of no weight is."""
+
+KNOT_MPS = 1852.0 / 3600.0
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What the best mode of a contact leaves of its measurements."""
+
+    time_s: FloatArray
+    """Times of the rows, s, shape (row,)."""
+    bearing_deg: FloatArray
+    """Measured less predicted bearings, degrees, shape (stream, row); nan if none."""
+    frequency_hz: FloatArray
+    """Measured less predicted frequencies, Hz, shape (line, row); nan if none."""
+
+
+def target_motion_figure(scene: Scene, contact: int | None, view: View) -> "Figure":
+    """Return the page of a target's motion.
+
+    Parameters
+    ----------
+    scene
+        Motions, and what they were estimated from.
+    contact
+        The contact; None is all of them.
+    view
+        How wide the page is, and which time it shows.
+
+    Raises
+    ------
+    DataError
+        There are no motions to draw.
+    """
+    motions = scene.first(Motions)
+    if motions is None or not motions.contact.size:
+        msg = "no motion was estimated, so there is none to draw."
+        raise DataError(msg)
+    if contact is not None:
+        motions = motions.take("motion", np.flatnonzero(motions.contact == contact))
+        own = np.flatnonzero(motions.update_contact == contact)
+        motions = motions.take("update", own)
+    measured = [m for m in _measured(scene) if m.contact in motions.contact]
+    parts = _parts(scene, motions, measured)
+    first, last = float(motions.time_s.min()), float(motions.now_time_s.max())
+    span_s = view.span_s((first, max(last, first + 1.0)), scene.clock)
+    height = sum(part.height for part in parts) + (0.5 if parts else 0.0)
+    heads = _heads(motions, scene.clock)
+    if view.is_wide and parts:
+        figure, body = titled_figure(heads, view, max(height, MAP_IN))
+        left, right = side_by_side(body, 1.0, 1.05)
+    elif parts:
+        map_in = 0.95 * view.width_in
+        figure, body = titled_figure(heads, view, height + map_in)
+        left, right = stacked(body, map_in, height)
+    else:
+        figure, left = titled_figure(heads, view, 0.7 * view.width_in)
+        right = left
+    draw_motion_map(motions, own_way(scene), left.subplots())
+    if parts:
+        draw_parts(parts, right, scene.clock, span_s, 5 if view.is_wide else view.ticks)
+    return figure
+
+
+def _heads(motions: Motions, clock: Clock) -> list[HeadLine]:
+    """Return the state now of the best mode of every contact, and what else is said."""
+    found: list[HeadLine] = []
+    for row in json_rows(motions):
+        if row["mode"] == 1:
+            found.append(HeadLine(_state(row)))
+            found.append(HeadLine(_now(row, clock)))
+            others = int(np.sum(motions.contact == row["contact"])) - 1
+            if others:
+                text = (
+                    f"{others} other motion{'' if others == 1 else 's'} fit about as "
+                    f"well; this one has the weight {row['weight']:.2f}"
+                )
+                found.append(HeadLine(text))
+            if row["reading"] == "manoeuvre":
+                text = "\u26a0 the target changed its velocity: no straight motion fits"
+                found.append(HeadLine(text, warns=True))
+            found += [HeadLine(f"no {k}: {why}") for why, k in _grouped(row["reasons"])]
+    return found
+
+
+def _grouped(reasons: dict[str, str]) -> list[tuple[str, str]]:
+    """Return each reason once, with all that it is the reason of."""
+    known: dict[str, list[str]] = {}
+    for key, reason in reasons.items():
+        if key != "time_utc":
+            known.setdefault(reason, []).append(key)
+    return [(reason, ", ".join(keys)) for reason, keys in known.items()]
+
+
+def _state(row: Row) -> str:
+    parts = [f"contact {row['contact']}"]
+    if row["range_m"] is not None:
+        parts.append(f"{Head('', 'range_m', 0, 'range_std_m').text(row)} m")
+    if row["bearing_deg"] is not None:
+        parts.append(
+            f"in {Head('', 'bearing_deg', 1, 'bearing_std_deg').text(row)} deg"
+        )
+    if row["speed_mps"] is not None:
+        knots = {
+            "v": row["speed_mps"] / KNOT_MPS,
+            "s": None if row["speed_std_mps"] is None else row["speed_std_mps"] / KNOT_MPS,
+        }  # fmt: skip
+        parts.append(f"{Head('', 'v', 1, 's').text(knots)} kn")
+    if row["course_deg"] is not None:
+        course = Head("", "course_deg", 0, "course_std_deg").text(row)
+        parts.append(f"course {course} deg")
+    return "   ".join(parts)
+
+
+def motion_states(motions: Motions) -> list[str]:
+    """Return the best mode of every contact in words."""
+    return [_state(row) for row in json_rows(motions) if row["mode"] == 1]
+
+
+def _now(row: Row, clock: Clock) -> str:
+    begin = utc_text(row["time_utc"]) + " UTC" if row["time_utc"] else ""
+    begin = begin or f"{row['time_s']:.0f} s"
+    text = f"state at the first measurement, {begin}"
+    if row["now_range_m"] is None:
+        return text
+    end = clock.text(row["now_time_s"]) + (" s" if clock.start_utc_ns is None else "")
+    now = Head("", "now_range_m", 0, "now_range_std_m").text(row)
+    bearing = Head("", "now_bearing_deg", 1, "now_bearing_std_deg").text(row)
+    return f"{text} \u00b7 at the last one, {end}: {now} m in {bearing} deg"
+
+
+def draw_motion_map(
+    motions: Motions, path: OwnPath | None, ax: "Axes", ratio: float = 1.0
+) -> "Axes":
+    """Draw own ship's way, and every mode's way and regions.
+
+    Parameters
+    ----------
+    motions
+        The motions.
+    path
+        Own ship's way; None is one that stands still.
+    ax
+        Where to draw.
+    ratio
+        Width of the panel over its height.
+    """
+    known = motions.range_m[np.isfinite(motions.range_m)]
+    ray_m = float(known.max()) if known.size else 1000.0
+    begin = np.zeros(2)
+    if path is not None and path.time_s.size > 1:
+        grid = np.linspace(motions.time_s.min(), motions.now_time_s.max(), 200)
+        own = np.stack(path.at(grid)) - np.stack(path.at(grid[:1]))
+        ax.plot(*own, color="black", lw=1.4)
+        draw_arrow(ax, own[:, -6], own[:, -1], "black")
+        begin = own[:, 0]
+    ax.plot(*begin, "k^", ms=7)
+    name_place(ax, begin, "own ship", "black", (6, -12))
+    for row in range(motions.contact.size):
+        _draw_mode(motions, row, ray_m, ax)
+    fit_limits(ax, ratio)
+    furnish(ax)
+    return ax
+
+
+def _draw_mode(motions: Motions, row: int, ray_m: float, ax: "Axes") -> None:
+    color = contact_color(int(motions.contact[row]))
+    bearing = np.radians(motions.bearing_deg[row])
+    if not np.isfinite(bearing):
+        return
+    along = np.array([np.sin(bearing), np.cos(bearing)])
+    if not (motions.observable[row] and np.isfinite(motions.range_m[row])):
+        ax.plot(*np.stack([0 * along, ray_m * along], 1), ":", color=color)
+        return
+    alpha = LIKELY + (1 - LIKELY) * float(motions.weight[row])
+    start = motions.range_m[row] * along
+    spread = np.diag([1.0, np.radians(motions.range_m[row])])
+    polar = spread @ motions.covariance[row, :2, :2] @ spread
+    turn = np.stack([along, [along[1], -along[0]]], 1)
+    ax.plot(*start, "o", ms=4, color=color, alpha=alpha)
+    draw_ellipse(ax, start, turn @ polar @ turn.T, color, 0.25 * alpha)
+    name = f"{motions.contact[row]}"
+    if (motions.contact == motions.contact[row]).sum() > 1:
+        name += f", mode {motions.mode[row]} ({100 * motions.weight[row]:.0f} %)"
+    name_place(ax, start, name, color, (9, 9))
+    way = _way(motions, row)
+    if np.isfinite(way).all():
+        end = start + way
+        ax.plot(*np.stack([start, end], 1), "-", lw=1.3, color=color, alpha=alpha)
+        draw_arrow(ax, start + 0.9 * way, end, color, alpha)
+        ax.plot(*end, "s", ms=4, color=color, alpha=alpha)
+        draw_ellipse(ax, end, _now_covariance(motions, row), color, 0.25 * alpha)
+
+
+def _now_covariance(motions: Motions, row: int) -> FloatArray:
+    """Return the covariance of the place at the last measurement, m^2."""
+    bearing = np.radians(motions.now_bearing_deg[row])
+    along = np.array([np.sin(bearing), np.cos(bearing)])
+    turn = np.stack([along, [along[1], -along[0]]], 1)
+    across_m = motions.now_range_m[row] * np.radians(motions.now_bearing_std_deg[row])
+    spread = np.diag([motions.now_range_std_m[row], across_m]) ** 2
+    return np.asarray(turn @ spread @ turn.T)
+
+
+def _way(motions: Motions, row: int) -> FloatArray:
+    """Return how far a mode goes from the first measurement to the last, m."""
+    course = np.radians(motions.course_deg[row])
+    duration_s = motions.now_time_s[row] - motions.time_s[row]
+    distance = motions.speed_mps[row] * duration_s
+    return np.asarray(distance * np.array([np.sin(course), np.cos(course)]))
+
+
+def _measured(scene: Scene) -> list[Measurements]:
+    series, lines = scene.first(Series), scene.first(Lines)
+    if series is not None:
+        return measurements_from_series(series)
+    return [] if lines is None else measurements_from_lines(lines)
+
+
+def _navigation(scene: Scene) -> Navigation | None:
+    """Return the way of what measured: of an array its own."""
+    record, sensor = scene.first(BearingTime), scene.first(Sensor)
+    if record is not None and np.isfinite(record.east_m).all():
+        return Navigation(
+            time_s=record.frames.time_s, east_m=record.east_m, north_m=record.north_m,
+            heading_deg=record.heading_deg,
+        )  # fmt: skip
+    given = next((c for c in scene.containers if isinstance(c, Navigation)), None)
+    return given or (None if sensor is None else sensor.navigation)
+
+
+def own_way(scene: Scene) -> OwnPath | None:
+    """Return the way of what measured; None where it is not known or stands still."""
+    navigation, measured = _navigation(scene), _measured(scene)
+    if navigation is None or not measured:
+        return None
+    try:
+        return own_path(navigation, measured[0])
+    except DataError:
+        return None
+
+
+def motion_residuals(
+    scene: Scene, motions: Motions, data: Measurements
+) -> Residuals | None:
+    """Return what the best mode of a contact leaves of its measurements.
+
+    Parameters
+    ----------
+    scene
+        Where own ship was, and how deep the sensor lies.
+    motions
+        The motions.
+    data
+        What was measured of the contact.
+
+    Returns
+    -------
+    Residuals | None
+        None where the range is not observable, or own ship's way is not known.
+    """
+    rows = np.flatnonzero((motions.contact == data.contact) & (motions.mode == 1))
+    if not rows.size or not motions.observable[rows[0]]:
+        return None
+    row = int(rows[0])
+    values = (
+        motions.range_m,
+        motions.bearing_deg,
+        motions.speed_mps,
+        motions.course_deg,
+    )
+    distance, bearing, speed, course = (float(v[row]) for v in values)
+    if not np.isfinite([distance, bearing, speed, course]).all():
+        return None
+    try:
+        path = own_path(_navigation(scene), data)
+    except DataError:
+        return None
+    steps = np.diff(data.time_s)
+    interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
+    doppler: Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
+    track = make_observer_track(path, data.time_s, doppler, interval_s)
+    angle, way = np.radians(bearing), np.radians(course)
+    state = np.array([[
+        distance * np.sin(angle), distance * np.cos(angle),
+        speed * np.sin(way), speed * np.cos(way),
+    ]])  # fmt: skip
+    predicted, rate = predict_values(track, state, _medium(scene, motions))
+    left = data.bearing_deg - np.degrees(predicted[0])
+    left = (left + 180.0) % 360.0 - 180.0
+    record = scene.first(BearingTime)
+    if record is not None and record.ambiguity == MIRROR:
+        heading = np.degrees(path.heading_at(data.time_s))
+        mirrored = 2 * heading - data.bearing_deg - np.degrees(predicted[0])
+        mirrored = (mirrored + 180.0) % 360.0 - 180.0
+        left = np.where(np.abs(mirrored) < np.abs(left), mirrored, left)
+    shift = 1.0 - rate[0] / motions.sound_speed_mps
+    own = motions.rest_motion == row
+    rest = dict(zip(motions.rest_line_id[own].tolist(),
+                    motions.rest_frequency_hz[own].tolist(), strict=True))  # fmt: skip
+    at_rest = np.array([rest.get(int(k), np.nan) for k in data.line_id])
+    return Residuals(
+        data.time_s, left, data.frequency_hz - at_rest[:, np.newaxis] * shift
+    )
+
+
+def _medium(scene: Scene, motions: Motions) -> Medium:
+    sensor = scene.first(Sensor)
+    depth = None if sensor is None else sensor.depth_m
+    height_m = 0.0 if depth is None else depth - SOURCE_DEPTH_M
+    return Medium(
+        motions.sound_speed_mps, height_m, is_delayed=motions.propagation == "delayed"
+    )
+
+
+def _parts(
+    scene: Scene, motions: Motions, measured: Sequence[Measurements]
+) -> list[Part]:
+    """Return residuals of bearing and frequency, and the range over time."""
+    left = [
+        (m.contact, found)
+        for m in measured
+        if (found := motion_residuals(scene, motions, m)) is not None
+    ]
+    parts = []
+    for name, label in (
+        ("bearing_deg", "bearing residual\n(deg)"),
+        ("frequency_hz", "frequency residual\n(Hz)"),
+    ):
+        if any(np.isfinite(getattr(found, name)).any() for _, found in left):
+            parts.append(Part(1.5, _residual_panel(left, name, label)))
+    if _bounded(motions).any():
+        parts.append(Part(1.7, lambda ax: draw_ranges(motions, ax)))
+    return parts
+
+
+def _residual_panel(
+    left: Sequence[tuple[int, Residuals]], name: str, label: str
+) -> Panel:
+    def draw(ax: "Axes") -> None:
+        calm(ax)
+        for contact, found in left:
+            for values in getattr(found, name):
+                ax.plot(found.time_s, values, ".", ms=3, alpha=0.6, mec="none",
+                        color=contact_color(contact))  # fmt: skip
+        ax.axhline(0.0, color=MEASURED, lw=0.8)
+        ax.set_ylabel(label, fontsize=8)
+
+    return draw
+
+
+def _bounded(motions: Motions) -> BoolArray:
+    """Tell which estimates over time say something of the range."""
+    half = BAND_DEVIATIONS * motions.update_range_std_m
+    bounded: BoolArray = half < WIDEST * motions.update_range_m
+    return bounded
+
+
+def draw_ranges(motions: Motions, ax: "Axes") -> "Axes":
+    """Draw the estimates of the range at the start over time, with their bands.
+
+    Before the range is observable the band would fill the picture: it is left out.
+    """
+    calm(ax)
+    bounded = _bounded(motions)
+    for name in np.unique(motions.update_contact):
+        own = bounded & (motions.update_contact == name)
+        time_s, middle = motions.update_time_s[own], motions.update_range_m[own]
+        half = BAND_DEVIATIONS * motions.update_range_std_m[own]
+        color = contact_color(int(name))
+        ax.plot(time_s, middle, ".-", color=color, lw=1.0)
+        ax.fill_between(
+            time_s, middle - half, middle + half, alpha=0.2, color=color, lw=0
+        )
+    ax.set_ylabel("range at the start,\nas known then (m)", fontsize=8)
+    return ax

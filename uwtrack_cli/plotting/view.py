@@ -1,0 +1,230 @@
+"""What of a product is drawn, and how: the choices that a page is asked for."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import Container, FloatArray
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.presence import Presence
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.truth import VesselTrack
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.hdf5.layout import sensor_of
+from uwtrack_cli.files.utc import parse_utc
+from uwtrack_cli.plotting.style import WIDE_IN, Clock
+
+C = TypeVar("C", bound=Container)
+
+CLOCK_TIME = re.compile(r"(\d\d):(\d\d)(?::(\d\d(?:\.\d+)?))?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """How pages are drawn."""
+
+    begin: str | None = None
+    """Begin: UTC, time of day or seconds; None is that of what is drawn."""
+    end: str | None = None
+    """End, likewise."""
+    band_hz: tuple[float, float] | None = None
+    """Band, Hz; None is everything."""
+    is_log: bool | None = None
+    """Whether the frequency axis is logarithmic; None: as the lines lie."""
+    has_lines: bool = True
+    """Whether tracked lines are drawn over the lofargram."""
+    width_in: float = WIDE_IN
+    """Width of the page, inches."""
+    stands_alone: bool = True
+    """Whether the page has its title and numbers; else they stand beside it."""
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether panels can stand side by side."""
+        return self.width_in > 0.7 * WIDE_IN
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks that a time axis has room for."""
+        return 8 if self.is_wide else 4
+
+    def span_s(self, usual: tuple[float, float], clock: Clock) -> tuple[float, float]:
+        """Return begin and end of what is drawn, s from the first sample.
+
+        Parameters
+        ----------
+        usual
+            Begin and end where none is asked for, s.
+        clock
+            Clock of the recording.
+
+        Raises
+        ------
+        OptionError
+            A time cannot be read, or the end does not come after the begin.
+        DataError
+            A time of day is asked for where none is known.
+        """
+        low = usual[0] if self.begin is None else to_seconds(self.begin, clock)
+        high = usual[1] if self.end is None else to_seconds(self.end, clock)
+        is_asked = self.begin is not None or self.end is not None
+        if is_asked and (low >= usual[1] or high <= usual[0]):
+            msg = (
+                f"nothing was recorded {self._asked()}; there is sound from "
+                f"{clock.text(usual[0])} to {clock.text(usual[1])}."
+            )
+            raise DataError(msg)
+        if not low < high:
+            msg = (
+                f"what is drawn ends at {self.end or f'{high:g} s'}, not after its "
+                f"begin, {self.begin or f'{low:g} s'}."
+            )
+            raise OptionError(msg)
+        return low, high
+
+    def _asked(self) -> str:
+        """Return the span that is asked for in words."""
+        begin = "" if self.begin is None else f"from {self.begin}"
+        end = "" if self.end is None else f"to {self.end}"
+        return f"{begin} {end}".strip()
+
+
+def to_seconds(text: str, clock: Clock) -> float:
+    """Return a time as seconds from the first sample.
+
+    Parameters
+    ----------
+    text
+        Seconds, a time of day (the first after the start), or a time in UTC.
+    clock
+        Clock of the recording.
+
+    Raises
+    ------
+    OptionError
+        The text is none of these.
+    DataError
+        The start of the recording is not known in UTC.
+
+    Examples
+    --------
+    >>> to_seconds("00:01", Clock(1515859921862000000)), to_seconds("90", Clock())
+    (28138.138, 90.0)
+    """
+    seconds = _number(text)
+    if np.isfinite(seconds):
+        return seconds
+    daytime = CLOCK_TIME.fullmatch(text.strip())
+    wanted_ns = 0 if daytime is not None else _utc_ns(text)
+    if clock.start_utc_ns is None:
+        msg = (
+            f"{text!r} needs the start of the recording in UTC, which is not known: give "
+            f"seconds from the first sample, or run again with --start-utc."
+        )
+        raise DataError(msg)
+    if daytime is None:
+        return (wanted_ns - clock.start_utc_ns) / NANOSECONDS
+    hours, minutes, rest = daytime.groups()
+    wanted = 3600 * int(hours) + 60 * int(minutes) + float(rest or 0)
+    if wanted >= 86_400 or int(minutes) > 59 or float(rest or 0) >= 60:
+        msg = f"{text!r} is no time of day: 00:00 to 23:59:59 is accepted."
+        raise OptionError(msg)
+    start = clock.start_utc_ns % (86_400 * NANOSECONDS) / NANOSECONDS
+    return float((wanted - start) % 86_400)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _utc_ns(text: str) -> int:
+    try:
+        return parse_utc(text)
+    except DataError as error:
+        msg = (
+            f"{text!r} is no time: give seconds from the first sample, a time of day "
+            f"such as 12:25 or UTC such as 2024-05-01T12:25:00Z."
+        )
+        raise OptionError(msg) from error
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is known of one recording or table, by kind."""
+
+    containers: Sequence[Container]
+    """Everything that the page may show."""
+    sensor: str | None = None
+    """Sensor whose page it is; None for tables."""
+    tracks: Sequence[VesselTrack] = field(default=())
+    """Ways of vessels by AIS: s from the first sample, east and north of the sensor, m."""
+
+    def first(self, kind: type[C]) -> C | None:
+        """Return the first container of a kind that the sensor owns or shares."""
+        return next(iter(self.all(kind)), None)
+
+    def all(self, kind: type[C]) -> list[C]:
+        """Return all containers of a kind that the sensor owns or shares."""
+        return [
+            c
+            for c in self.containers
+            if isinstance(c, kind)
+            and (self.sensor is None or sensor_of(c) in (None, self.sensor))
+        ]
+
+    @property
+    def encounters(self) -> Encounters | None:
+        """Closest approaches that the sensor heard."""
+        found = self.first(Encounters)
+        if found is None or self.sensor is None:
+            return found
+        return found.of_sensor(self.sensor)
+
+    @property
+    def presence(self) -> Presence | None:
+        """What the sensor heard."""
+        found = self.first(Presence)
+        if found is None or self.sensor is None:
+            return found
+        return found.of_sensor(self.sensor)
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of its recording."""
+        recording = self.first(Recording)
+        if recording is not None and recording.start_utc_ns is not None:
+            return Clock(recording.start_utc_ns)
+        for container in self.containers:
+            frames = getattr(container, "frames", container)
+            if sensor_of(container) in (None, self.sensor) and hasattr(
+                frames, "start_utc_ns"
+            ):
+                return Clock(frames.start_utc_ns)
+        return Clock()
+
+    @property
+    def times_s(self) -> tuple[float, float] | None:
+        """Begin and end of everything that was heard, s from the first sample."""
+        recording = self.first(Recording)
+        if recording is not None and recording.n_samples and not recording.is_live:
+            return 0.0, recording.duration_s
+        known = [_times(c) for c in self.all(Container)]
+        found = [t for t in known if t is not None and t.size and np.isfinite(t).any()]
+        if not found:
+            return None
+        low = min(float(np.nanmin(t)) for t in found)
+        high = max(float(np.nanmax(t)) for t in found)
+        return (low, high) if low < high else (low - 0.5, low + 0.5)
+
+
+def _times(container: Container) -> FloatArray | None:
+    frames = getattr(container, "frames", None)
+    found = getattr(container if frames is None else frames, "time_s", None)
+    return found if isinstance(found, np.ndarray) else None
