@@ -37,6 +37,9 @@ Files = Annotated[
     list[Path],
     typer.Argument(help="Product files in any order, or a CSV table; - is standard input."),
 ]  # fmt: skip
+REPLAYS = (".rep", ".dsf")
+"""Endings of files of tracks and cuts."""
+
 SIDE_TABLES: dict[str, tuple[str, Any]] = {
     "navigation": (
         "own_ship",
@@ -193,8 +196,12 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
     read = Inputs(stack, own["branch"], takes_asides=is_presence)
     if own.get("sensors") is not None:
         read.add_sensors(own["sensors"], is_kept=stage.output is Fixes)
+    replays = [path for path in own["sources"] if path.suffix.lower() in REPLAYS]
+    if replays:
+        read.add_replay(replays, _wanted(stage))
     for source in own["sources"]:
-        read.add(source, _wanted(stage))
+        if source not in replays:
+            read.add(source, _wanted(stage))
     refuse_unknown_step(read.products, own["branch"])
     for kind in _wanted(stage):
         name, _ = SIDE_TABLES.get(kind.NAME, ("", None))

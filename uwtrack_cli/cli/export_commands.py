@@ -29,7 +29,7 @@ def export(
     *,
     file: ProductFile,
     form: Annotated[
-        Literal["csv", "geojson", "kml", "raven", "netcdf"],
+        Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"],
         typer.Option("--to", help="Format to write."),
     ],
     container: Annotated[
@@ -43,7 +43,7 @@ def export(
     output: Output = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write results as CSV, GeoJSON, KML, Raven selection table or NetCDF.
+    """Write results as CSV, GeoJSON, KML, Raven selection table, NetCDF, REP or DSF.
 
     GeoJSON and KML need sensors with latitude and longitude, and draw positions with
     their 95 % regions.

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.input_ledger import read_standard_input
 
@@ -159,6 +160,29 @@ class Inputs:
         if is_kept:
             self.held += [Held(sensor) for sensor in self._sensors]
 
+    def add_replay(
+        self, paths: Sequence[Path], wanted: tuple[type[Container], ...]
+    ) -> None:
+        """Read REP and DSF files together: tracks of one serve the cuts of another.
+
+        Raises
+        ------
+        DataError
+            The stage reads no bearings, or a sensor file was given, too.
+        """
+        from uwtrack_cli.files.hdf5.product import source_of
+        from uwtrack_cli.files.tables.replay import read_replay
+        from uwtrack_cli.flow.products import Held
+
+        if Series not in wanted or self._sensors:
+            why = (
+                "--sensors belongs to a CSV table" if self._sensors else "not read here"
+            )
+            msg = f"{paths[0]} is a file of tracks and cuts: {why}."
+            raise DataError(msg)
+        self.held.append(Held(read_replay(paths)))
+        self.sources += [source_of(path) for path in paths]
+
     def check_sensors_used(self) -> None:
         """Refuse a sensor file where no table names sensors.
 
@@ -235,14 +259,16 @@ def _read_table(
     from functools import partial
 
     from uwtrack_cli.files.tables.navigation import read_navigation
+    from uwtrack_cli.files.tables.replay import SUFFIXES, read_replay_track
     from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
     from uwtrack_cli.files.tables.series import read_series
 
+    is_replay = path.suffix.lower() in SUFFIXES
     readers: dict[str, Callable[[Path], Container]] = {
         "series": partial(read_series, sensors=sensors),
         "scans": read_scans,
         "contacts": read_contacts,
-        "navigation": read_navigation,
+        "navigation": read_replay_track if is_replay else read_navigation,
         "roc": read_roc,
     }
     for name, reader in readers.items():

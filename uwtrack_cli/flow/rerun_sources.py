@@ -15,6 +15,8 @@ from uwtrack_cli.files.audio.opening import sound_facts
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.hdf5.product import HistoryStep, Product, Source, source_of
 from uwtrack_cli.files.tables.navigation import read_navigation
+from uwtrack_cli.files.tables.replay import SUFFIXES as REPLAYS
+from uwtrack_cli.files.tables.replay import read_replay
 from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
 from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
 from uwtrack_cli.files.tables.series import read_series
@@ -176,6 +178,9 @@ def read_tables(
             for path in found
             if path.suffix.lower() in TABLES and path not in beside
         ]
+        replays = [path for path in found if path.suffix.lower() in REPLAYS]
+        if replays and "series" in left:
+            tables.append(read_replay(replays))
         if any(i.is_list and Sensor in i.kinds for i in stage.inputs):
             tables += sensors
     return tables

@@ -1,11 +1,13 @@
-"""Export a product: CSV, GeoJSON, KML, Raven selection table, NetCDF."""
+"""Export a product: CSV, GeoJSON, KML, Raven table, NetCDF, REP, DSF."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
 from warnings import warn
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.hdf5.layout import container_class
@@ -13,6 +15,7 @@ from uwtrack_cli.files.hdf5.netcdf import write_netcdf
 from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.container_tables import write_table
 from uwtrack_cli.files.tables.json_rows import main_axis
+from uwtrack_cli.files.tables.replay import replay_lines
 from uwtrack_cli.flow.branches import (
     read_of_branch,
     refuse_unknown_step,
@@ -24,10 +27,10 @@ from uwtrack_cli.flow.exports.kml import kml_text
 from uwtrack_cli.flow.exports.raven import raven_text
 from uwtrack_cli.flow.products import small_containers
 
-Form = Literal["csv", "geojson", "kml", "raven", "netcdf"]
+Form = Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"]
 ENDINGS: dict[Form, str] = {
     "csv": ".csv", "geojson": ".geojson", "kml": ".kml",
-    "raven": ".selections.txt", "netcdf": ".nc",
+    "raven": ".selections.txt", "netcdf": ".nc", "rep": ".rep", "dsf": ".dsf",
 }  # fmt: skip
 SUMMARIES = ("fixes", "encounters", "motions", "target", "decision", "lines", "levels")
 """Containers that a CSV holds, the first one there is with a row in it."""
@@ -36,6 +39,8 @@ TAKEN: dict[str, frozenset[str]] = {
     "geojson": frozenset({"encounters", "fixes"}),
     "kml": frozenset({"encounters", "fixes"}),
     "raven": frozenset({"lines"}),
+    "rep": frozenset({"series", "fixes"}),
+    "dsf": frozenset({"series"}),
 }
 """Containers of which a format takes one for each sensor."""
 
@@ -105,10 +110,36 @@ def _kml(containers: list[Container], name: str) -> str:
     return kml_text(geographic_features(containers, name), Path(name).name)
 
 
+def _rep(containers: list[Container], name: str) -> str:
+    fixes = [c for c in containers if isinstance(c, Fixes)]
+    return _replay(replay_lines(_series(containers), fixes, with_tracks=True), name)
+
+
+def _dsf(containers: list[Container], name: str) -> str:
+    return _replay(replay_lines(_series(containers), [], with_tracks=False), name)
+
+
+def _series(containers: list[Container]) -> list[Series]:
+    return [c for c in containers if isinstance(c, Series)]
+
+
+def _replay(lines: Iterator[str], name: str) -> str:
+    text = "".join(f"{line}\n" for line in lines)
+    if not text:
+        msg = (
+            f"{name} has no table of bearings, and no positions with latitude, longitude "
+            f"and UTC: that is what a REP file holds (a DSF file: the bearings)."
+        )
+        raise DataError(msg)
+    return text
+
+
 TEXTS: dict[str, Callable[[list[Container], str], str]] = {
     "geojson": _geojson,
     "kml": _kml,
     "raven": raven_text,
+    "rep": _rep,
+    "dsf": _dsf,
 }
 
 

@@ -25,7 +25,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.solvers.marquardt import SearchBounds, minimise
 from uwtrack_cli.motion.target.objective import loss_value, residuals
 from uwtrack_cli.motion.target.problem import Problem
-from uwtrack_cli.motion.target.starts import subset_starts
+from uwtrack_cli.motion.target.starts import multistart, subset_starts
 
 FEWEST_ROWS = 20
 """Bearings below which none is taken for another's."""
@@ -150,7 +150,10 @@ def _search(
     """Return the best single source with rows from anywhere."""
     typical = 1.0 / float(np.median(problem.bearing_weight[problem.bearing_weight > 0]))
     scales = [1.0] if is_told else [float(std / typical) for std in FIRST_STD_RAD]
-    starts = np.stack([*subset_starts(problem, limits)])
+    starts = subset_starts(problem, limits)
+    if len(problem.bearing_weight) == 1:
+        usual = multistart(replace(problem, loss="student"), limits)
+        starts = np.concatenate([starts, usual.q[:2]])
     found = [
         _climb(problem, limits, _begin(problem, q[np.newaxis], scale), heard, is_told)
         for q in starts

@@ -210,6 +210,8 @@ def _with_offsets(
     std = platforms.compass_std_deg.copy()
     if options.compass_std_deg is not None:
         std = np.full(std.shape, options.compass_std_deg)
+    if std.size == 1:  # one ship: the option's default, that of own ship
+        std = np.nan_to_num(std, nan=options.nuisances.compass_deg)
     untold = np.isnan(std)
     if not untold.any():
         return replace(problem, offset_std_rad=np.radians(std))
@@ -310,27 +312,36 @@ def _between_mirrors(bearing_deg: FloatArray, mirrored_deg: FloatArray) -> Float
 def _filled(
     values: FloatArray, std: FloatArray, option: float | None, *, circular: bool = False
 ) -> FloatArray:
-    """Give every value a deviation: its own, the option's, or from the scatter."""
+    """Give every value a deviation: its own, the option's, or from the scatter.
+
+    A sensor with too few values for a scatter gets the median of the others.
+    """
     missing = np.isnan(std) & ~np.isnan(values)
     if not missing.any():
         return std
-    filled = std.copy()
-    for stream in np.flatnonzero(missing.any(1)):
-        default = option
-        if default is None:
-            course = np.radians(values[stream]) if circular else values[stream]
-            default = white_scatter(course, circular=circular)
-            default = float(np.degrees(default)) if circular else default
-            default = max(default, rounding_std(values[stream]))
-        if not default > 0:
-            kind = "bearing_std_deg" if circular else "frequency_std_hz"
-            msg = (
-                f"a deviation cannot be estimated from {np.count_nonzero(missing)} "
-                f"values that state none: give {kind} as a column or an option."
-            )
-            raise DataError(msg)
-        filled[stream, missing[stream]] = default
-    return filled
+    streams = np.flatnonzero(missing.any(1))
+    scatter = np.full(len(values), np.nan if option is None else option)
+    if option is None:
+        scatter[streams] = [_scatter(values[s], circular=circular) for s in streams]
+        told = scatter[np.isfinite(scatter)]
+        scatter = np.where(
+            np.isnan(scatter), np.median(told) if told.size else np.nan, scatter
+        )
+    if not np.all(scatter[streams] > 0):
+        kind = "bearing_std_deg" if circular else "frequency_std_hz"
+        msg = (
+            f"a deviation cannot be estimated from {np.count_nonzero(missing)} "
+            f"values that state none: give {kind} as a column or an option."
+        )
+        raise DataError(msg)
+    return np.where(missing, scatter[:, np.newaxis], std)
+
+
+def _scatter(values: FloatArray, *, circular: bool) -> float:
+    """Return the scatter about a smooth course, at least that of the rounding."""
+    found = white_scatter(np.radians(values) if circular else values, circular=circular)
+    found = float(np.degrees(found)) if circular else found
+    return max(found, rounding_std(values)) if np.isfinite(found) else np.nan
 
 
 def _weigh(values: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:

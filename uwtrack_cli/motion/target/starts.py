@@ -63,7 +63,7 @@ def multistart(
         Further starts on all data, for instance the previous solution.
     """
     counts = StartCounts() if counts is None else counts
-    if problem.sensor is not None:
+    if problem.sensor is not None and len(problem.bearing_weight) > 1:
         starts = subset_starts(problem, limits)
         if extra is not None:
             starts = np.concatenate([starts, extra])
