@@ -24,6 +24,7 @@ extensions = [
     "sphinx.ext.mathjax",
 ]
 exclude_patterns = ["_build"]
+smartquotes = False  # options begin with two hyphens
 numpydoc_show_class_members = False
 autodoc_typehints = "none"  # the sections of the docstrings tell them
 autodoc_member_order = "bysource"
@@ -38,8 +39,11 @@ nb_merge_streams = True
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"uwtrack {release}"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
 html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
 }
+html_sidebars = {name: [] for name in ("index", "install", "tutorial", "notebook")}
