@@ -59,6 +59,8 @@ _HOMES = {
     "Spectrogram": "data.spectra",
     "Overview": "data.spectra",
     "Levels": "data.spectra",
+    "Decidecades": "data.decidecades",
+    "RadiatedLevels": "data.decidecades",
     "BearingTime": "data.bearing_time",
     "Peaks": "data.peaks",
     "Families": "data.peaks",

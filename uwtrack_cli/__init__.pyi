@@ -15,6 +15,12 @@ from uwtrack_cli.data.bearing_time import (
 from uwtrack_cli.data.contacts import (
     Contacts as Contacts,
 )
+from uwtrack_cli.data.decidecades import (
+    Decidecades as Decidecades,
+)
+from uwtrack_cli.data.decidecades import (
+    RadiatedLevels as RadiatedLevels,
+)
 from uwtrack_cli.data.decisions import (
     Decision as Decision,
 )

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.spectra import Spectrogram
@@ -269,16 +268,18 @@ def whole_result(
     # tables of the whole file, which hold the rows of all sensors
     tables: dict[tuple[type[Container], str], list[Container]] = {}
     for held in carried:
-        if isinstance(held.container, Encounters | Presence):
+        if _is_of_all_sensors(held.container):
             key = (type(held.container), held.step)
             tables.setdefault(key, []).append(held.container)
-    rest = [
-        held
-        for held in carried
-        if not isinstance(held.container, Encounters | Presence)
-    ]
+    rest = [held for held in carried if not _is_of_all_sensors(held.container)]
     rest += [Held(kind.join(several), name) for (kind, name), several in tables.items()]
     return [*rest, Held(result)]
+
+
+def _is_of_all_sensors(container: Container) -> bool:
+    """Tell whether the rows of a table name their sensors: one table holds them all."""
+    spec = container.columns().get("sensor")
+    return spec is not None and not spec.optional
 
 
 def with_sound_at_hand(
