@@ -31,7 +31,8 @@ def test_help_has_every_option_in_full_on_eighty_columns(uwtrack, name):
     text = uwtrack(name, "--help").stdout
     assert max(map(len, text.splitlines())) <= 80
     for param in load_command(name).params:
-        assert all(flag in text for flag in param.opts)
+        flags = [flag for flag in param.opts if flag.startswith("-")]
+        assert all(flag in text for flag in flags)
 
 
 @pytest.mark.parametrize(
