@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tests.support import recording_of
 from uwtrack_cli.cli.app import app
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
@@ -20,6 +21,7 @@ from uwtrack_cli.flow.rerun_sources import with_sound
 from uwtrack_cli.plotting.lofargram import (
     FrequencyAxis,
     choose_axis,
+    finer_overview,
     over_floor,
     shades,
 )
@@ -27,8 +29,24 @@ from uwtrack_cli.plotting.page import pages_of
 from uwtrack_cli.plotting.passage_fit import PassageFit
 from uwtrack_cli.plotting.style import CONTACT_COLORS, Clock, contact_color
 from uwtrack_cli.plotting.view import Scene, View, to_seconds
+from uwtrack_cli.spectra.overview import pool_overview
+from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 START = "2024-05-01T12:01:30Z"
+
+
+class Held:
+    """Samples that can be read again."""
+
+    def __init__(self, samples):
+        self.samples = samples
+
+    def __call__(self, block):
+        for begin in range(0, len(self.samples), block):
+            yield self.samples[begin : begin + block]
+
+    def stretch(self, first, count):
+        return self.samples[first : first + count]
 
 
 def called(*words):
@@ -362,6 +380,30 @@ def test_what_cannot_be_drawn_is_said(uwtrack, product, options, code, said, tmp
     assert (done.exit_code, "Traceback" in done.output) == (code, False), done.output
     assert said in " ".join(done.stderr.split())
     assert not list(tmp_path.glob("a.*"))
+
+
+def test_a_part_of_a_day_is_as_fine_as_its_sound():
+    rng = np.random.default_rng(8)
+    samples = rng.standard_normal((120_000, 1)).astype(np.float32)
+    recording = replace(recording_of(samples, 1000.0), reader=Held(samples))
+
+    def pooled(max_pixels):
+        blocks = compute_spectrogram(recording, window_s=1.0)
+        return Overview.join(list(pool_overview(blocks, max_pixels=max_pixels)))
+
+    coarse, fine = pooled(32), pooled(1024)
+    found = finer_overview(coarse, recording, 1.0, (40.0, 60.0))
+    same = np.isin(fine.time_s, found.time_s)
+    assert same.sum() == found.time_s.size == 39
+
+    def levels(picture):
+        step = (picture.ceiling_db - picture.floor_db) / 255
+        return picture.floor_db + step * picture.shade.astype(float)
+
+    wanted = np.maximum(levels(fine)[same], found.floor_db)
+    np.testing.assert_allclose(levels(found), wanted, atol=0.3)
+    silent = replace(recording, reader=None)
+    assert finer_overview(coarse, silent, 1.0, (40.0, 60.0)) is coarse
 
 
 def test_short_and_empty_products_have_pages(containers):

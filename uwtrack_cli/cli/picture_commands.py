@@ -89,8 +89,8 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
 ) -> None:
     """Draw a recording on a page, or with --contact one passage on a page of its own.
 
-    A passage's page shows the sound of its lines finely resolved if the recording still
-    lies beside the product, else what the product carries of it.
+    A passage's page, and a part of a day, show the sound finely resolved if the recording
+    still lies beside the product, else what the product carries of it.
     """
     try:
         from uwtrack_cli.plotting.page import (
@@ -110,8 +110,8 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
         has_lines=has_lines,
     )  # fmt: skip
     is_document = target.suffix.lower() == ".pdf"
-    shows_passages = contact is not None or is_document
-    containers, tracks = _read(files, step, ais, within_m, shows_passages)
+    needs_sound = contact is not None or is_document or view.is_zoomed
+    containers, tracks = _read(files, step, ais, within_m, needs_sound=needs_sound)
     pages = choose_pages(pages_of(containers, tracks), contact, sensor)
     if contact is not None and sensor is None and not is_document:
         _refuse_several(pages)
@@ -168,7 +168,8 @@ def _read(
     step: str | None,
     ais: Path | None,
     within_m: float,
-    with_strips: bool,
+    *,
+    needs_sound: bool,
 ) -> tuple[list[Container], list[VesselTrack]]:
     """Read what the pages show, with the sound where it is at hand, and AIS."""
     from uwtrack_cli.files.hdf5.layout import CONTAINERS
@@ -185,7 +186,7 @@ def _read(
             _refuse_second(file, before, containers[len(before) :], owners)
         refuse_unknown_step(inputs.products, step)
         found = [held.container for held in inputs.held]
-        return with_more(found, inputs.products, ais, within_m, needs_sound=with_strips)
+        return with_more(found, inputs.products, ais, within_m, needs_sound=needs_sound)
 
 
 def with_more(
@@ -201,11 +202,8 @@ def with_more(
     from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
 
     navigation = [n for product in products for n in product.read_all(Navigation)]
-    passed = needs_sound and any(
-        isinstance(c, Encounters) and c.n_encounters for c in containers
-    )
     found: list[Container] = [
-        with_sound(c, products) if passed and isinstance(c, Recording) else c
+        with_sound(c, products) if needs_sound and isinstance(c, Recording) else c
         for c in containers
     ]
     if ais is None:
@@ -327,4 +325,5 @@ def _reported(
     refuse_unknown_step([product], step)
     keys = sole_keys(product, step, DRAWN)
     found = [held.container for held in small_containers(product, step, keys)]
-    return with_more(found, [product], ais, within_m, needs_sound=True)
+    passed = any(isinstance(c, Encounters) and c.n_encounters for c in found)
+    return with_more(found, [product], ais, within_m, needs_sound=passed)

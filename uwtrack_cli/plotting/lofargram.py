@@ -6,16 +6,20 @@ everywhere and lines, which fill few of the neighbours, stand out for as long as
 last. Nothing is divided by the level of a line itself: a steady line stays.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.plotting.style import LEVELS_MAP, NO_SOUND
+from uwtrack_cli.spectra.overview import pool_overview
+from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,6 +51,12 @@ a lowest share of the band."""
 
 LEAST_DECADES = 0.7
 """A logarithmic axis of fewer decades would tell nothing."""
+
+ENOUGH_ROWS = 256
+"""Rows of the product's picture in a stretch that need no finer ones."""
+
+MOST_SAMPLES = 1 << 27
+"""Samples above which a stretch is not read again."""
 
 PICTURE_ROWS = 420
 """Pixels of the frequency axis."""
@@ -195,6 +205,52 @@ def over_floor(overview: Overview) -> FloatArray:
         for k, r in zip(number, reach, strict=True)
     ])  # fmt: skip
     return np.asarray(level - floor)
+
+
+def finer_overview(
+    overview: Overview,
+    recording: Recording | None,
+    window_s: float,
+    span_s: tuple[float, float],
+) -> Overview:
+    """Return the picture of a stretch from its sound, where the product's is too coarse.
+
+    Parameters
+    ----------
+    overview
+        What the product carries.
+    recording
+        The recording; one whose sound is not at hand changes nothing.
+    window_s
+        Length of a frame, s.
+    span_s
+        Begin and end of the stretch, s from the first sample.
+    """
+    shown = (overview.time_s >= span_s[0]) & (overview.time_s <= span_s[1])
+    if recording is None or recording.reader is None or shown.sum() >= ENOUGH_ROWS:
+        return overview
+    rate = recording.sample_rate_hz
+    first = max(0, round(span_s[0] * rate))
+    count = min(round(span_s[1] * rate), recording.n_samples) - first
+    if not 2 * window_s * rate < count <= MOST_SAMPLES or overview.time_s.size < 2:
+        return overview
+
+    def reader(block: int) -> Iterator[Samples]:
+        for begin in range(first, first + count, block):
+            end = min(begin + block, first + count)
+            yield recording.stretch(begin / rate, end / rate)
+
+    part = replace(recording, reader=reader, n_samples=count)
+    step_hz = float(np.diff(overview.frequency_hz).min())
+    band_hz = (max(0.0, float(overview.frequency_hz[0]) - 0.5 * step_hz),
+               float(overview.frequency_hz[-1]) + 0.5 * step_hz)  # fmt: skip
+    try:
+        *_, found = pool_overview(
+            compute_spectrogram(part, window_s=window_s, band_hz=band_hz)
+        )
+    except DataError:  # the sound has gone since it was found
+        return overview
+    return replace(found, time_s=found.time_s + first / rate)
 
 
 def draw_lofargram(

@@ -31,7 +31,12 @@ from uwtrack_cli.plotting.bearing_time import (
     draw_heading,
     draw_line_angles,
 )
-from uwtrack_cli.plotting.lofargram import FrequencyAxis, choose_axis, draw_lofargram
+from uwtrack_cli.plotting.lofargram import (
+    FrequencyAxis,
+    choose_axis,
+    draw_lofargram,
+    finer_overview,
+)
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
     Panel,
@@ -48,6 +53,7 @@ from uwtrack_cli.plotting.style import (
     calm,
     contact_color,
     contact_dash,
+    text_on,
 )
 from uwtrack_cli.plotting.target_motion_page import (
     draw_motion_map,
@@ -231,7 +237,8 @@ def _numbered(
                 f"{fit.contact}{'!' if fit.misfit >= MARKED_MISFIT else ''}",
                 (at, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
                 textcoords="offset points", ha="center", va="bottom", fontsize=8,
-                fontweight="bold", color="white", annotation_clip=False,
+                fontweight="bold", color=text_on(contact_color(fit.contact)),
+                annotation_clip=False,
                 bbox={"boxstyle": "round,pad=0.25", "fc": contact_color(fit.contact),
                       "ec": "none"},
             )  # fmt: skip
@@ -269,10 +276,15 @@ def _lofargram(scene: Scene, view: View, span_s: tuple[float, float]) -> list[Pa
     overview, lines = scene.first(Overview), scene.first(Lines)
     if overview is None or not overview.shade.size:
         return _lines_alone(lines, view)
-    axis = choose_axis(overview, lines, view.band_hz, is_log=view.is_log)
+    if view.is_zoomed:
+        frames = next((c.frames for c in (lines, scene.first(Levels)) if c), None)
+        window_s = 1.0 if frames is None else frames.window_s
+        overview = finer_overview(overview, scene.first(Recording), window_s, span_s)
+    picture = overview
+    axis = choose_axis(picture, lines, view.band_hz, is_log=view.is_log)
 
     def draw(ax: "Axes") -> None:
-        draw_lofargram(overview, axis, span_s, ax)
+        draw_lofargram(picture, axis, span_s, ax)
         if lines is not None and view.has_lines:
             _outline(lines, axis, ax)
 

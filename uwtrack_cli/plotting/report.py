@@ -33,7 +33,7 @@ from uwtrack_cli.plotting.html_page import (
 )
 from uwtrack_cli.plotting.page import Page, pages_of
 from uwtrack_cli.plotting.passage_page import MARKED_MISFIT, fact_lines, passage_title
-from uwtrack_cli.plotting.style import NARROW_IN, WIDE_IN, contact_color
+from uwtrack_cli.plotting.style import NARROW_IN, WIDE_IN, contact_color, text_on
 from uwtrack_cli.plotting.view import View
 
 WIDE_GAP, DOT = "   ", " \u00b7 "
@@ -239,7 +239,7 @@ def _card(page: Page, row: Row, *, is_drawn: bool) -> Iterator[str]:
     color = contact_color(int(page.contact or 0))
     yield f'<section class="card" style="border-color: {color}">'
     yield (
-        f'<h2><b style="background: {color}">{page.contact}</b> '
+        f'<h2><b style="background: {color}; color: {text_on(color)}">{page.contact}</b> '
         f"{html_text(passage_title(row).replace(WIDE_GAP, DOT))}</h2>"
     )
     marks = [row["status"], *(["extrapolated"] if row["extrapolated"] else [])]

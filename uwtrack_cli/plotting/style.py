@@ -62,6 +62,18 @@ def contact_color(contact: int) -> str:
     return CONTACT_COLORS[(contact - 1) % len(CONTACT_COLORS)]
 
 
+def text_on(color: str) -> str:
+    """Return the colour of text that is read on a colour: black or white.
+
+    Notes
+    -----
+    Relative luminance as in WCAG 2.1; at 0.18 both have the same contrast.
+    """
+    parts = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return "black" if linear @ [0.2126, 0.7152, 0.0722] > 0.18 else "white"
+
+
 def contact_dash(contact: int) -> Any:
     """Return the dash of a contact: contacts of one colour differ in it."""
     return DASHES[(max(contact, 1) - 1) // len(CONTACT_COLORS) % len(DASHES)]

@@ -48,6 +48,11 @@ class View:
         return self.width_in > 0.7 * WIDE_IN
 
     @property
+    def is_zoomed(self) -> bool:
+        """Whether a part of the time is asked for."""
+        return self.begin is not None or self.end is not None
+
+    @property
     def ticks(self) -> int:
         """Number of ticks that a time axis has room for."""
         return 8 if self.is_wide else 4
@@ -71,8 +76,7 @@ class View:
         """
         low = usual[0] if self.begin is None else to_seconds(self.begin, clock)
         high = usual[1] if self.end is None else to_seconds(self.end, clock)
-        is_asked = self.begin is not None or self.end is not None
-        if is_asked and (low >= usual[1] or high <= usual[0]):
+        if self.is_zoomed and (low >= usual[1] or high <= usual[0]):
             msg = (
                 f"nothing was recorded {self._asked()}; there is sound from "
                 f"{clock.text(usual[0])} to {clock.text(usual[1])}."

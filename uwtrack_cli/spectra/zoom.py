@@ -2,7 +2,8 @@
 
 **Method.** The sound is turned down by a frequency and decimated by moving sums (three
 in a row: a cascaded integrator-comb filter), first all lines together, then each by
-itself; of what is left, Hann-windowed frames are transformed. Sound is read in blocks,
+itself: a few operations for a sample, where the low pass of `decimation`, flatter than a
+picture needs, takes dozens. Of what is left, Hann-windowed frames are transformed. Sound is read in blocks,
 so memory does not grow with the sample rate.
 
 **References.** Hogenauer (1981), IEEE Trans. Acoust. Speech Signal Process. 29, 155.
