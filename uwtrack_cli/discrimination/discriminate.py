@@ -270,7 +270,8 @@ def _comparison(odds: FloatArray, thresholds: Thresholds) -> tuple[float, float,
     deviation = math.sqrt(2.0 * mean)
     error = overshoot_error(thresholds, deviation)
     length = fixed_scans(mean, deviation, error)
-    last = math.ceil(length)
+    # odds that hardly grow ask for more scans than any number holds
+    last = math.ceil(min(length, odds.size))
     verdict = _VERDICTS[int(np.sign(odds[last]))] if last < odds.size else ""
     return 1.0 + expected_scans(mean, deviation, thresholds, error), length, verdict
 

@@ -151,6 +151,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     priors = nuisance_priors(
         known, sound_speed_mps, sound_speed_std_mps, source_depth_m, source_depth_std_m
     )
+    _check_one_sensor(series)
     context = _context((lines, levels, series), known, priors, spreading_db)
     medium = priors.medium
     limits = _limits(lines, levels, series)
@@ -199,6 +200,19 @@ def _context(
     source = levels or lines
     reference = source.reference if source else FULL_SCALE
     return CpaContext(sensor, priors, start, reference, band, spreading_db)
+
+
+def _check_one_sensor(series: Series | None) -> None:
+    """Refuse a table of several sensors: a closest approach is one sensor's."""
+    if series is None or series.sensor is None:
+        return
+    names = np.unique(series.sensor).tolist()
+    if len(names) > 1:
+        msg = (
+            f"the table has rows of {len(names)} sensors ({', '.join(names[:10])}): "
+            f"'uwtrack locate' and 'uwtrack tma' take them with --sensors, 'cpa' one."
+        )
+        raise DataError(msg)
 
 
 def _from_series(

@@ -46,7 +46,7 @@ FEWEST_RUNS = -4.0
 """Deviations from the expected number of runs below which strange rows come in
 stretches: then the target turned, or the motion is wrong, and they are not others."""
 
-ROUNDS, TOLERANCE = 40, 1e-3
+ROUNDS, FIRST_ROUNDS, FOLLOWED_STARTS, TOLERANCE = 40, 4, 3, 1e-3
 FIRST_STD_RAD = np.radians([6.0, 2.0])
 """Deviations with which the search for an unknown deviation begins."""
 
@@ -155,11 +155,18 @@ def _search(
         usual = multistart(replace(problem, loss="student"), limits)
         starts = np.concatenate([starts, usual.q[:2]])
     found = [
-        _climb(problem, limits, _begin(problem, q[np.newaxis], scale), heard, is_told)
+        _climb(
+            problem, limits, _begin(problem, q[np.newaxis], scale), heard, is_told,
+            rounds=FIRST_ROUNDS,
+        )
         for q in starts
         for scale in scales
+    ]  # fmt: skip
+    found.sort(key=lambda one: -one.gain)
+    ends = [
+        _climb(problem, limits, one, heard, is_told) for one in found[:FOLLOWED_STARTS]
     ]
-    return max(found, key=lambda one: one.gain)
+    return max(ends, key=lambda one: one.gain)
 
 
 def _begin(problem: Problem, q: FloatArray, scale: float) -> _Mixture:
@@ -194,6 +201,7 @@ def _climb(
     begin: _Mixture,
     heard: BoolArray,
     is_told: bool,
+    rounds: int = ROUNDS,
 ) -> _Mixture:
     """Repeat expectation and maximisation until the likelihood no longer rises."""
     here = begin
@@ -202,7 +210,7 @@ def _climb(
             problem, begin.q, begin.share, begin.scale, begin.probability, heard
         )
     count = np.count_nonzero(heard)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         own = here.probability
         share = (own[:, heard].sum(1) + 0.5) / (count + 1.0 + 0.5 * len(own))
         scale = here.scale

@@ -125,7 +125,7 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnsw
         sources = _sources(problem, limits, data, options)
     if sources is None:
         return [_answer(data, problem, limits, options)]
-    return [
+    found = [
         replace(
             _answer(data, source.problem, limits, options),
             probability=source.probability,
@@ -133,6 +133,17 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnsw
         )
         for source in sources
     ]
+    # the source whose place is told best comes first: most rows may be of a loud one
+    return sorted(found, key=_area_m2)
+
+
+def _area_m2(answer: ContactAnswer) -> float:
+    """Return the area of the first place's one-sigma ellipse; inf if unobservable."""
+    mode = answer.modes[0]
+    if not mode.observability.observable[:2].all():
+        return np.inf
+    spread = np.linalg.det(mode.solver_covariance[:2, :2])
+    return float(np.pi * np.exp(2.0 * mode.q[0]) * np.sqrt(max(spread, 0.0)))
 
 
 def _answer(
