@@ -195,7 +195,32 @@ def test_without_sound_a_strip_shows_what_was_measured(containers):
     (points,) = [c for c in strip.collections if len(c.get_offsets()) > 10]
     own = min(lines.line_id, key=lambda k: abs(
         np.mean(lines.frequency_hz[lines.line == k]) - 63))  # fmt: skip
-    assert len(points.get_offsets()) == np.sum(lines.line == own)
+    measured = (lines.line == own) & np.isfinite(lines.measured_frequency_hz)
+    assert len(points.get_offsets()) == measured.sum()
+
+
+def test_a_table_has_a_page_of_its_measurements(uwtrack, tmp_path):
+    """What was measured lies on the fit within its deviations: chi-square."""
+    rng = np.random.default_rng(3)
+    time_s = np.arange(0.0, 300.0, 2.0)
+    lag = time_s - 150.0
+    frequency = 100.0 * (1.0 - 5.0 / 1500.0 * lag / np.hypot(lag, 40.0))
+    frequency += rng.normal(0.0, 0.01, time_s.size)
+    rows = [f"{t},{f:.5f},0.01" for t, f in zip(time_s, frequency, strict=True)]
+    table = tmp_path / "s.csv"
+    table.write_text("\n".join(["time_s,frequency_hz,frequency_std_hz", *rows]))
+    assert uwtrack("cpa", table, "-o", "s.h5", "-q").exit_code == 0
+    with read_product(tmp_path / "s.h5") as opened:
+        found = [held.container for held in small_containers(opened)]
+    (page,) = pages_of(found)
+    figure = page.draw(View())
+    (strip,) = [ax for ax in panels(figure) if "off the rest" in ax.get_ylabel()]
+    points = strip.collections[0].get_offsets()
+    assert len(points) == time_s.size
+    (curve,) = curves(strip)
+    left = points[:, 1] - np.interp(points[:, 0], *curve.get_data())
+    assert np.sum((left / 0.01) ** 2) == pytest.approx(150, abs=4 * np.sqrt(300))
+    assert len(labelled(figure, "residual")) == 1
 
 
 def test_a_passage_without_course_has_no_map(containers):

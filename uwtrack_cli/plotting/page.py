@@ -15,7 +15,7 @@ import numpy as np
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.decisions import Decision
-from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
@@ -39,8 +39,8 @@ SUFFIXES = (".png", ".pdf", ".svg")
 DPI = 110
 """Dots per inch of a page that is stored as dots."""
 
-HEARD = (Overview, BearingTime, Levels, Lines, Encounters, Presence, Fixes)
-"""Containers that the page of a recording shows."""
+HEARD = (Overview, BearingTime, Levels, Lines, Presence, Fixes)
+"""Containers that the page of a recording shows by themselves."""
 
 
 class Page(NamedTuple):

@@ -12,13 +12,14 @@ of the Doppler shift v/c, so that a fit which leaves its lines is seen at once.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels, Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
@@ -91,6 +92,23 @@ USABLE_BEARING_DEG = 30.0
 
 MAP_IN = 3.8
 """Height of the map on a narrow page, inches."""
+
+
+USUAL_SNR_DB = 15.0
+"""How strong a measurement is drawn whose strength is not known."""
+
+
+class MeasuredLine(NamedTuple):
+    """What was measured of a line."""
+
+    time_s: FloatArray
+    """Times, s, shape (n,)."""
+    frequency_hz: FloatArray
+    """Frequencies, Hz, shape (n,)."""
+    std_hz: FloatArray
+    """Their deviations, Hz; nan if unknown."""
+    snr_db: FloatArray
+    """Signal-to-noise ratios, dB; nan if unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,9 +337,9 @@ def _strip(page: PassagePage, rest_row: int, zoomed: Zoom | None, count: int) ->
             ax.set_facecolor(NO_SOUND)
         else:
             is_picture = _draw_part(page.scene.first(Overview), rest, half, ax)
-        line = int(fit.encounters.rest_line_id[rest_row])
         if not is_picture:
-            _draw_points(page.scene.first(Lines), line, rest, ax, fit.contact)
+            line = int(fit.encounters.rest_line_id[rest_row])
+            _draw_points(measured_line(page.scene, fit.contact, line), rest, ax)
         _draw_curve(fit, rest, rest_row, ax, is_picture=is_picture)
         ax.set_ylim(-half, half)
         ax.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
@@ -359,27 +377,45 @@ def _draw_part(
         np.ma.masked_invalid(relative.T), cmap=LEVELS_MAP, vmin=dark, vmax=bright,
         rasterized=True,
     )  # fmt: skip
+    ax.set_facecolor(NO_SOUND)
     return True
 
 
-def _draw_points(
-    lines: Lines | None, line: int, rest_hz: float, ax: "Axes", contact: int
-) -> None:
+def measured_line(scene: Scene, contact: int, line: int) -> MeasuredLine:
+    """Return what was measured of a line: tracked in sound, or given in a table.
+
+    Parameters
+    ----------
+    scene
+        The recording or table.
+    contact
+        Contact of the line.
+    line
+        Identifier of the line; of a table, the number of its column.
+    """
+    lines, series = scene.first(Lines), scene.first(Series)
+    if lines is not None:
+        rows = (lines.line == line) & np.isfinite(lines.measured_frequency_hz)
+        columns = (lines.time_s, lines.measured_frequency_hz,
+                   lines.measured_frequency_std_hz, lines.measured_snr_db)  # fmt: skip
+        return MeasuredLine(*(np.asarray(column[rows], float) for column in columns))
+    if series is None or not 1 <= line <= series.frequency_hz.shape[1]:
+        return MeasuredLine(*np.zeros((4, 0)))
+    frequency = series.frequency_hz[:, line - 1]
+    rows = (series.contact == contact) & np.isfinite(frequency)
+    unknown = np.full(int(rows.sum()), np.nan)
+    std = series.frequency_std_hz[rows, line - 1]
+    return MeasuredLine(series.time_s[rows], frequency[rows], std, unknown)
+
+
+def _draw_points(measured: MeasuredLine, rest_hz: float, ax: "Axes") -> None:
     """Draw the measured frequencies, the stronger the darker."""
     calm(ax)
-    if lines is None:
-        return
-    rows = lines.line == line
-    snr = np.nan_to_num(lines.measured_snr_db[rows])
+    snr = np.nan_to_num(measured.snr_db, nan=USUAL_SNR_DB)
     ax.scatter(
-        lines.time_s[rows], lines.measured_frequency_hz[rows] - rest_hz, s=5, c=snr,
+        measured.time_s, measured.frequency_hz - rest_hz, s=5, c=snr,
         cmap=f"{LEVELS_MAP}_r", vmin=0.0, vmax=25.0, linewidths=0,
     )  # fmt: skip
-    if not np.isfinite(lines.measured_frequency_hz[rows]).any():
-        ax.plot(
-            lines.time_s[rows], lines.frequency_hz[rows] - rest_hz,
-            color=contact_color(contact), lw=0.8,
-        )  # fmt: skip
 
 
 def _draw_curve(
@@ -418,11 +454,11 @@ def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[Part]
 
 def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
     """Return what the lines leave of their curve."""
-    lines, fit = page.scene.first(Lines), page.fit
+    fit = page.fit
     own = np.flatnonzero(fit.encounters.rest_encounter == fit.row)
-    if lines is None or not own.size or not fit.is_drawn or fit.mach <= 0:
+    if not own.size or not fit.is_drawn or fit.mach <= 0:
         return []
-    time_s, left, weight = _left(lines, fit, own, span_s)
+    time_s, left, weight = _left(page.scene, fit, own, span_s)
     if time_s.size < 3:
         return []
 
@@ -455,26 +491,21 @@ def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
 
 
 def _left(
-    lines: Lines, fit: PassageFit, own: IntArray, span_s: tuple[float, float]
+    scene: Scene, fit: PassageFit, own: IntArray, span_s: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times, residuals in % of v/c, and weights of all lines of a passage."""
-    times, values, weights = [], [], []
+    empty: FloatArray = np.zeros(0)
+    times, values, weights = [empty], [empty], [empty]
     for k in own:
-        rows = lines.line == fit.encounters.rest_line_id[k]
-        rows &= np.isfinite(lines.measured_frequency_hz)
-        rows &= (lines.time_s >= span_s[0]) & (lines.time_s <= span_s[1])
+        found = measured_line(scene, fit.contact, int(fit.encounters.rest_line_id[k]))
+        inside = (found.time_s >= span_s[0]) & (found.time_s <= span_s[1])
         rest = float(fit.encounters.rest_frequency_hz[k])
-        time_s = lines.time_s[rows]
-        if not time_s.size:
-            continue
-        shift = lines.measured_frequency_hz[rows] / rest - 1.0
-        std = lines.measured_frequency_std_hz[rows] / rest
+        time_s, std = found.time_s[inside], found.std_hz[inside] / rest
+        shift = found.frequency_hz[inside] / rest - 1.0
         times.append(time_s)
         values.append(100 * (shift - fit.shift(time_s)[0]) / fit.mach)
         with np.errstate(divide="ignore", invalid="ignore"):
             weights.append(np.nan_to_num(1 / std**2, nan=1.0, posinf=1.0))
-    if not times:
-        return np.zeros(0), np.zeros(0), np.zeros(0)
     return np.concatenate(times), np.concatenate(values), np.concatenate(weights)
 
 
@@ -493,32 +524,46 @@ def _block_means(
 
 def _level(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
     """Return the level with the vessels' shares as the fits say."""
-    levels, fit = page.scene.first(Levels), page.fit
-    if levels is None or levels.frames.n_frames < 2:
+    measured_s, level, name = _measured_level(page)
+    inside = (measured_s >= span_s[0]) & (measured_s <= span_s[1]) & np.isfinite(level)
+    if inside.sum() < 2:
         return []
-    time_s = levels.frames.time_s
-    inside = (time_s >= span_s[0]) & (time_s <= span_s[1])
-    if np.isfinite(levels.level_db[inside]).sum() < 2:
-        return []
+    time_s, level_db = measured_s[inside], level[inside]
 
     def draw(ax: "Axes") -> None:
         calm(ax)
-        thin = np.flatnonzero(inside)[:: -(-int(inside.sum()) // 4000)]
-        ax.plot(time_s[thin], levels.level_db[thin], ".", ms=2.6, color=MEASURED,
+        thin = slice(None, None, -(-time_s.size // 4000))
+        ax.plot(time_s[thin], level_db[thin], ".", ms=2.6, color=MEASURED,
                 alpha=0.6, mec="none", rasterized=True)  # fmt: skip
-        ax.set_ylabel(
-            f"level {levels.band_low_hz:.0f}-{levels.band_high_hz:.0f} Hz\n"
-            f"(dB re {figure_text(levels.reference)})", fontsize=8,
-        )  # fmt: skip
-        known = levels.level_db[thin][np.isfinite(levels.level_db[thin])]
-        ax.set_ylim(float(np.quantile(known, 0.005)) - 1.5, float(np.max(known)) + 1.5)
-        _draw_level_fit(fit, levels, span_s, ax)
+        ax.set_ylabel(name, fontsize=8)
+        low, high = float(np.quantile(level_db, 0.005)), float(level_db.max())
+        ax.set_ylim(low - 1.5, high + 1.5)
+        _draw_level_fit(page.fit, time_s, level_db, span_s, ax)
 
     return [Part(1.15, draw)]
 
 
+def _measured_level(page: PassagePage) -> tuple[FloatArray, FloatArray, str]:
+    """Return times, levels and what they are: of the sound, or of a table."""
+    levels, series = page.scene.first(Levels), page.scene.first(Series)
+    if levels is not None:
+        name = (
+            f"level {levels.band_low_hz:.0f}-{levels.band_high_hz:.0f} Hz\n"
+            f"(dB re {figure_text(levels.reference)})"
+        )
+        return levels.frames.time_s, levels.level_db, name
+    if series is None:
+        return np.zeros(0), np.zeros(0), ""
+    rows = series.contact == page.fit.contact
+    return series.time_s[rows], series.level_db[rows], "level (dB)"
+
+
 def _draw_level_fit(
-    fit: PassageFit, levels: Levels, span_s: tuple[float, float], ax: "Axes"
+    fit: PassageFit,
+    time_s: FloatArray,
+    level_db: FloatArray,
+    span_s: tuple[float, float],
+    ax: "Axes",
 ) -> None:
     """Draw the vessel over the background, with the deviation of its level."""
     found = fit.encounters
@@ -532,19 +577,15 @@ def _draw_level_fit(
     ]  # fmt: skip
     grid = np.linspace(*span_s, 400)
 
-    def power(time_s: FloatArray, added_db: float) -> FloatArray:
-        total: FloatArray = np.zeros(time_s.size)
+    def power(at_s: FloatArray, added_db: float) -> FloatArray:
+        total: FloatArray = np.zeros(at_s.size)
         for f in heard:
             own = float(found.received_level_db[f.row])
             own += added_db if f.row == fit.row else 0.0
-            total = total + 10 ** ((own + f.spread_db(time_s)) / 10)
+            total = total + 10 ** ((own + f.spread_db(at_s)) / 10)
         return total
 
-    time_s = levels.frames.time_s
-    inside = (time_s >= span_s[0]) & (time_s <= span_s[1])
-    inside &= np.isfinite(levels.level_db)
-    left = 10 ** (levels.level_db[inside] / 10) - power(time_s[inside], 0.0)
-    background = max(float(np.median(left)), 0.0)
+    background = max(float(np.median(10 ** (level_db / 10) - power(time_s, 0.0))), 0.0)
     std = np.nan_to_num(float(found.received_level_std_db[fit.row]))
     curves = [
         10 * np.log10(power(grid, add) + background)
@@ -574,6 +615,11 @@ def _bearing(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
             (lines.time_s[known], lines.measured_bearing_deg[known],
              contact_color(fit.contact))
         )  # fmt: skip
+    series = page.scene.first(Series)
+    if series is not None:
+        known = (series.contact == fit.contact) & np.isfinite(series.bearing_deg)
+        color = contact_color(fit.contact)
+        measured.append((series.time_s[known], series.bearing_deg[known], color))
     shown = [
         (time_s[inside], bearing[inside], color)
         for time_s, bearing, color in measured

@@ -145,6 +145,8 @@ def _heads(scenes: Sequence[Scene], span_s: tuple[float, float]) -> list[HeadLin
     names = [r.name for s in scenes if (r := s.first(Recording)) is not None]
     step = 1.0 if np.ptp(span_s) < 7200 else 60.0
     begin, end = clock.text(span_s[0], step), clock.text(span_s[1], step)
+    last = clock.day(span_s[1])
+    end = end if last == clock.day(span_s[0]) else f"{last} {end}"
     title = f"{clock.day(span_s[0])} {begin} to {end}".strip()
     unit = "UTC" if clock.start_utc_ns is not None else "s"
     first = "   ".join([f"{title} {unit}", ", ".join(dict.fromkeys(names))])
@@ -502,6 +504,8 @@ def _quantiles(
     blocks = np.array_split(np.arange(time_s.size), min(LEVEL_BLOCKS, time_s.size))
     found = np.array([np.quantile(values[b], LEVEL_QUANTILES) for b in blocks])
     middle = np.array([time_s[b].mean() for b in blocks])
+    steps = np.diff(middle, prepend=middle[0])
+    found[steps > 3 * np.median(steps)] = np.nan  # a gap in the sound
     return middle, found[:, 0], found[:, 1], found[:, 2]
 
 
