@@ -17,7 +17,7 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.motion.passage.estimator import PassageFit, fit_passage, take_row
+from uwtrack_cli.motion.passage.estimator import PassageFit, fit_passage, take_rows
 from uwtrack_cli.motion.passage.initial_estimates import find_initial_estimates
 from uwtrack_cli.motion.passage.measurements import PassageData, make_blocks
 
@@ -134,7 +134,7 @@ def _single(data: PassageData, medium: Medium, kind: int) -> SingleFit:
     fits = fit_passage(
         blocks, starts.theta, starts.turn, medium, with_coloured_noise=False
     )
-    best = take_row(fits, int(np.argmin(fits.cost)))
+    best = take_rows(fits, [int(np.argmin(fits.cost))])
     fit = fit_passage(blocks, best.theta, best.turn, medium)
     return _report(fit, medium, kind)
 

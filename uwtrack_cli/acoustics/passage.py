@@ -245,6 +245,92 @@ def _spread(
     rows[..., 3, :] = over * ((parts.pull + parts.lag) / c) - 4 * mach / (gamma * c)
 
 
+def with_other_leg(
+    law: Passage,
+    time_s: FloatArray,
+    parameters: FloatArray,
+    change: tuple[FloatArray, FloatArray, FloatArray],
+    sound_speed_mps: float,
+    height_m: FloatArray | float,
+) -> Passage:
+    """Return a passage whose velocity was, or became, another one at some instant.
+
+    On the other side of that instant the source moves with the velocity of the passage
+    plus a difference, from the place where the passage has it then. The retarded time
+    of each leg has a closed form: its source is in uniform motion.
+
+    Parameters
+    ----------
+    law
+        The straight passage with the partials by the depth difference, rows of shape
+        (batch, 3, 5, n).
+    time_s
+        Reception times in seconds, shape (n,).
+    parameters
+        Rows of (t0 in s, ln of d_h/v in s, v in m/s), shape (batch, 3).
+    change
+        Instant in s, +1 where the other leg follows it and -1 where it goes before,
+        shapes (batch,), and the difference of velocity along the course and away from
+        the sensor at closest approach, m/s, shape (batch, 2).
+    sound_speed_mps
+        Sound speed in m/s.
+    height_m
+        Difference of the depths of sensor and source in metres, shape () or (batch,).
+
+    Returns
+    -------
+    Passage
+        Rows of shape (batch, 3, 7, n): the partials by both differences at the end.
+    """
+    c = sound_speed_mps
+    t0, log_q, v = (parameters[:, k, None] for k in range(3))
+    at, sign, (more, away) = change[0][:, None], change[1], change[2].T[:, :, None]
+    z = np.broadcast_to(height_m, t0.shape[:1])[:, None]
+    q = np.exp(log_q)
+    along, across = v * (at - t0), q * v
+    fast = v + more
+    lag = time_s - at
+    square = along**2 + across**2 + z**2
+    rate = along * fast + across * away
+    short = c**2 - fast**2 - away**2
+    middle = c**2 * lag + rate
+    root = middle**2 - short * (c**2 * lag**2 - square)
+    u = (middle - np.sqrt(np.maximum(root, 0.0))) / short
+    x, y = along + fast * u, across + away * u
+    flat = x**2 + y**2
+    distance = np.sqrt(flat + z**2)
+    closing = (x * fast + y * away) / distance
+    slant2 = across**2 + z**2
+    # by each unknown: place at the instant (x, y), depth difference, velocity (x, y)
+    zero, one = np.zeros_like(t0), np.ones_like(t0)
+    partials = (
+        (-v, zero, zero, zero, zero), (zero, across, zero, zero, zero),
+        (at - t0, q, zero, one, zero), (zero, zero, one, zero, zero),
+        (zero, zero, zero, one, zero), (zero, zero, zero, zero, one),
+    )  # fmt: skip
+    slants = (zero, across**2, across * q, z, zero, zero)
+    ratio = 1 / (1 + closing / c)
+    other = np.empty((t0.shape[0], 3, 7, time_s.size))
+    other[:, 0, 0] = ratio - 1
+    other[:, 1, 0] = np.arctan2(x, y)
+    other[:, 2, 0] = np.log(slant2 / distance**2)
+    for k, (px, py, pz, vx, vy) in enumerate(partials, 1):
+        dx, dy = px + vx * u, py + vy * u
+        moved = (x * dx + y * dy + z * pz) / distance
+        du = -moved / (c + closing)
+        dx, dy, moved = dx + fast * du, dy + away * du, moved + closing * du
+        turned = (dx * fast + dy * away + x * vx + y * vy) / distance
+        turned -= closing * moved / distance
+        other[:, 0, k] = -turned * ratio**2 / c
+        other[:, 1, k] = (y * dx - x * dy) / flat
+        other[:, 2, k] = 2 * slants[k - 1] / slant2 - 2 * moved / distance
+    heard = np.sqrt(square) / c
+    is_other = (lag - heard) * sign[:, None] > 0
+    rows = np.zeros_like(other)
+    rows[:, :, :5] = law.rows
+    return Passage(np.where(is_other[:, None, None], other, rows))
+
+
 def straight_shift(
     time_s: FloatArray, time_closest_s: float, range_m: float, speed_mps: float,
     sound_speed_mps: float,

@@ -20,7 +20,7 @@ from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.options import refuse_unknown
 from uwtrack_cli.data.presence import KINDS
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, scalar_types
-from uwtrack_cli.files.tables.json_rows import SPECIAL
+from uwtrack_cli.files.tables.json_rows import CHANGE_KEYS, SPECIAL
 
 VERSION = 1
 """Version of all schemas; a reader finds it in ``$id``."""
@@ -89,6 +89,25 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             },
             "required": ["name", "mmsi", "probability"],
             "description": "Vessel by AIS, and the probability that it was that one.",
+        },
+        "reading": {
+            "enum": ["straight", "frequency-step", "frequency-ramp", "manoeuvre", None],
+            "description": "How the measurements are read; null in older files.",
+        },
+        "rival": {
+            "type": ["object", "null"],
+            "properties": {"reading": _TEXT, "weight": {"type": "number"}},
+            "required": ["reading", "weight"],
+            "description": "Next reading, if it has more than 5 %, with its weight.",
+        },
+        "change": {
+            "type": ["object", "null"],
+            "properties": {
+                name: {"type": ["number", "null"]}
+                for name in ("time_s", "time_std_s", *CHANGE_KEYS)
+            },
+            "required": ["time_s", "time_std_s", *CHANGE_KEYS],
+            "description": "What changed beside a straight passage, and when.",
         },
         "level_reference": {**_TEXT, "description": "'1 uPa' or 'full scale'."},
         "level_band_hz": {

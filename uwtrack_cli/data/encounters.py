@@ -181,6 +181,54 @@ class Encounters(HasReasons, HasNuisances):
         "1", "What its lines leave of their curve beyond noise, as a share of the "
         "Doppler shift; nan without lines.", "encounter", optional=True,
     )  # fmt: skip
+    reading: TextArray | None = column(
+        "", "How the measurements are read: 'straight', 'frequency-step', "
+        "'frequency-ramp' or 'manoeuvre'.", "encounter", dtype=np.str_, optional=True,
+    )  # fmt: skip
+    reading_weight: FloatArray | None = column(
+        "1", "Probability of that reading.", "encounter", optional=True
+    )
+    rival: TextArray | None = column(
+        "", "Next reading; empty if it has less than 5 %.", "encounter",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    rival_weight: FloatArray | None = column(
+        "1", "Its probability; 0 without one.", "encounter", optional=True
+    )
+    change_time_s: FloatArray | None = column(
+        "s", "When frequencies or velocity changed; nan for a straight passage.",
+        "encounter", optional=True,
+    )  # fmt: skip
+    change_time_std_s: FloatArray | None = column(
+        "s", "Its standard deviation.", "encounter", optional=True
+    )
+    frequency_change: FloatArray | None = column(
+        "1", "Share by which all rest frequencies stepped then.", "encounter",
+        optional=True,
+    )  # fmt: skip
+    frequency_change_std: FloatArray | None = column(
+        "1", "Its standard deviation.", "encounter", optional=True
+    )
+    frequency_slope_per_s: FloatArray | None = column(
+        "1/s", "Share per second by which they ramp from or until then.", "encounter",
+        optional=True,
+    )  # fmt: skip
+    frequency_slope_std_per_s: FloatArray | None = column(
+        "1/s", "Its standard deviation.", "encounter", optional=True
+    )
+    other_leg_speed_mps: FloatArray | None = column(
+        "m/s", "Speed on the other side of a manoeuvre: after it, or before it if the "
+        "closest approach comes later.", "encounter", optional=True,
+    )  # fmt: skip
+    other_leg_speed_std_mps: FloatArray | None = column(
+        "m/s", "Its standard deviation.", "encounter", optional=True
+    )
+    other_leg_course_deg: FloatArray | None = column(
+        "degree", "Course there.", "encounter", optional=True
+    )
+    other_leg_course_std_deg: FloatArray | None = column(
+        "degree", "Its standard deviation.", "encounter", optional=True
+    )
     vessel_name: TextArray | None = column(
         "", "Name of the vessel by AIS; empty if none of the table fits.", "encounter",
         dtype=np.str_, optional=True,

@@ -34,6 +34,7 @@ from uwtrack_cli.motion.passage.contacts import (
     RecordingSpan,
     examine,
     not_a_passage,
+    read,
 )
 from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.measurements import series_data
@@ -225,7 +226,7 @@ def _from_series(
             series_data(series, int(contact)), (int(contact),), columns, medium,
             probability,
         )  # fmt: skip
-        found += [check_fit(one, None)] if one else []
+        found += [check_fit(read(one), None)] if one else []
     return found
 
 

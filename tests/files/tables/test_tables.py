@@ -253,7 +253,16 @@ ENCOUNTER = """
      "horizontal_range_over_speed_std_s": 0.3,
      "nuisances": {"source_depth_m": {"value": 3.1, "std": 1.9, "share": 0.02}},
      "rest_frame_evidence": 8.5, "misfit": 0.02,
-     "vessel": {"name": "FERRY", "mmsi": "235000001", "probability": 0.98}}"""
+     "vessel": {"name": "FERRY", "mmsi": "235000001", "probability": 0.98},
+     "reading": "manoeuvre", "reading_weight": 0.9,
+     "rival": {"reading": "frequency-step", "weight": 0.1},
+     "change": {"time_s": 700.1, "time_std_s": 0.8, "frequency_change": null,
+                "frequency_change_std": null, "frequency_slope_per_s": null,
+                "frequency_slope_std_per_s": null, "other_leg_speed_mps": 4.1,
+                "other_leg_speed_std_mps": 0.1, "other_leg_course_deg": 61.0,
+                "other_leg_course_std_deg": 2.1},
+     "covariance": [[0.01, 0.0, 0.0, 0.0], [0.0, 0.09, 0.0, 0.0],
+                    [0.0, 0.0, 0.0004, 0.0], [0.0, 0.0, 0.0, 0.16]]}"""
 FIX = """
     {"contact": 1, "mode": 1, "weight": 1.0, "time_utc": "...Z", "time_s": 1500.0,
      "east_m": 812.0, "north_m": -95.0, "latitude": 35.1, "longitude": 128.6,

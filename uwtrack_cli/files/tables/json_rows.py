@@ -30,7 +30,7 @@ ENCOUNTER_KEYS = (
     "level_reference", "level_band_hz", "horizontal_range_std_m",
     "horizontal_range_over_speed_s", "horizontal_range_over_speed_std_s", "nuisances",
     "rest_frame_evidence", "misfit",
-    "vessel",
+    "vessel", "reading", "reading_weight", "rival", "change", "covariance",
 )  # fmt: skip
 FIX_KEYS = (
     "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
@@ -142,10 +142,40 @@ def _encounter_rows(container: Container) -> Iterator[Row]:
         band = (container.band_low_hz, container.band_high_hz)
         values["level_band_hz"] = None if None in band else list(band)
         values["nuisances"] = _nuisances(container, i)
+        values["rival"] = _rival(values)
+        values["change"] = _change(values)
+        if values["rival"] is None:
+            values["reasons"].setdefault("rival", "no other reading has 5 %")
+        if values["change"] is None:
+            values["reasons"].setdefault("change", "nothing changed beside the passage")
         values["vessel"] = _vessel(values)
         if values["vessel"] is None:
             values["reasons"].setdefault("vessel", _why_no_vessel(container))
         yield {key: values.get(key) for key in ENCOUNTER_KEYS}
+
+
+CHANGE_KEYS = (
+    "frequency_change", "frequency_change_std", "frequency_slope_per_s",
+    "frequency_slope_std_per_s", "other_leg_speed_mps", "other_leg_speed_std_mps",
+    "other_leg_course_deg", "other_leg_course_std_deg",
+)  # fmt: skip
+
+
+def _rival(values: Row) -> Row | None:
+    """Return the next reading of an encounter, None where it has less than 5 %."""
+    if not values.get("rival"):
+        return None
+    return {"reading": values["rival"], "weight": values["rival_weight"]}
+
+
+def _change(values: Row) -> Row | None:
+    """Return what changed beside a passage, None for a straight one."""
+    if values.get("change_time_s") is None:
+        return None
+    change = {
+        "time_s": values["change_time_s"], "time_std_s": values["change_time_std_s"]
+    }  # fmt: skip
+    return change | {key: values[key] for key in CHANGE_KEYS}
 
 
 def _vessel(values: Row) -> Row | None:

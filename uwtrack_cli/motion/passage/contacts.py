@@ -29,7 +29,7 @@ from uwtrack_cli.motion.passage.estimator import (
     PassageFit,
     fit_passage,
     fit_with_coloured_noise,
-    take_row,
+    take_rows,
 )
 from uwtrack_cli.motion.passage.initial_estimates import find_initial_estimates
 from uwtrack_cli.motion.passage.likelihood_ratio import (
@@ -46,6 +46,11 @@ from uwtrack_cli.motion.passage.measurements import (
     lines_of,
     make_blocks,
     thin,
+)
+from uwtrack_cli.motion.passage.readings import (
+    STRAIGHT_READING,
+    Reading,
+    read_passage,
 )
 
 FEWEST_MEASUREMENTS = 8
@@ -84,6 +89,8 @@ class CandidatePassage:
     """Misfit of its lines: see `fit_checks`; nan if it was not checked."""
     doubt: str = ""
     """What speaks against the passage; empty if nothing does."""
+    reading: Reading = STRAIGHT_READING
+    """How its measurements are read."""
 
 
 def examine(
@@ -166,6 +173,18 @@ def examine_from(
     return CandidatePassage(*owner, short, blocks, fit, likelihood_ratio, other_turn)
 
 
+def read(candidate: CandidatePassage) -> CandidatePassage:
+    """Return a candidate by its likeliest reading.
+
+    Parameters
+    ----------
+    candidate
+        A significant straight fit.
+    """
+    fit, reading = read_passage(candidate.fit, candidate.blocks)
+    return replace(candidate, fit=fit, reading=reading)
+
+
 def _is_misfit(fit: PassageFit, blocks: Blocks) -> bool:
     """Return whether levels follow another law, and other kinds determine the passage.
 
@@ -203,7 +222,7 @@ def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float
     opposite = cost[starts.turn != starts.turn[best]]
     behind = float(opposite.min() - cost[best]) if opposite.size else np.inf
     weight = 0.0 if blocks.bearing.is_empty else 1 / (1 + np.exp(min(behind, 50.0)))
-    return take_row(fits, best), float(weight)
+    return take_rows(fits, [best]), float(weight)
 
 
 def examine_contacts(

@@ -19,7 +19,9 @@ others.
 **Conventions.** Unknowns, in this order: t0 (s), ln of the horizontal range over speed
 (s), v (m/s), the natural logarithm of the floor relative to the level at closest
 approach, and, where it has a prior, the depth difference of sensor and source (m).
-Rest frequencies are relative to the line's mean. The first axis is the batch; the rows
+What changed
+beside the passage (`Change`) has its unknowns behind these. Rest frequencies are
+relative to the line's mean. The first axis is the batch; the rows
 of the three kinds are under one another as in `Blocks`. Rows and columns of a
 covariance that the data do not determine are nan.
 
@@ -38,8 +40,9 @@ from uwtrack_cli.acoustics.passage import (
     bounded_speed,
     passage_law,
     slant_over_speed_s,
+    with_other_leg,
 )
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.least_squares import (
     Evaluation,
@@ -230,8 +233,80 @@ def _coupled(
     return DopplerSums(cost, gradient, matrix, rest, variance, follow)
 
 
-FLOOR, HEIGHT = 3, 4
-"""Places of the floor and of the depth difference among the unknowns."""
+FLOOR, HEIGHT, CHANGED = 3, 4, 5
+"""Places of the floor, the depth difference and the changes among the unknowns."""
+
+STEP, RAMP, MANOEUVRE = "frequency-step", "frequency-ramp", "manoeuvre"
+
+CHANGE_STD = {STEP: (0.02,), RAMP: (2e-4,), MANOEUVRE: (4.0, 4.0)}
+"""Deviations of the changes before the fit: share of all rest frequencies; the same per
+second; velocity along and across the course, m/s."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What changed once beside the passage: all rest frequencies, or the velocity.
+
+    Its unknowns stand behind the depth difference: the step of the rest frequencies as
+    a share, their slope (1/s), or the differences of the velocity along the course and
+    away from the sensor (m/s).
+    """
+
+    kind: str
+    """'frequency-step', 'frequency-ramp' or 'manoeuvre'."""
+    time_s: FloatArray
+    """When it was, s: received for the frequencies, geometric for a manoeuvre; shape
+    (batch,)."""
+    sign: FloatArray
+    """+1 where what changed follows that instant, -1 where it goes before, same shape."""
+
+    @property
+    def std(self) -> FloatArray:
+        """Deviations of its unknowns before the fit."""
+        return np.array(CHANGE_STD[self.kind])
+
+    def law(self, straight: Passage, theta: FloatArray, time_s: FloatArray,
+            medium: Medium) -> Passage:  # fmt: skip
+        """Put the change into a straight passage.
+
+        Parameters
+        ----------
+        straight
+            The passage with the partials by the depth difference.
+        theta
+            Unknowns, with those of the change.
+        time_s
+            Times in seconds.
+        medium
+            Sound speed.
+        """
+        if self.kind == MANOEUVRE:
+            change = (self.time_s, self.sign, theta[:, CHANGED:])
+            return with_other_leg(
+                straight, time_s, theta[:, :3], change, medium.sound_speed_mps,
+                theta[:, HEIGHT],
+            )  # fmt: skip
+        rows = np.zeros((*straight.rows.shape[:2], 6, time_s.size))
+        rows[:, :, :5] = straight.rows
+        shape = self.shape(time_s)
+        factor = 1 + theta[:, CHANGED, None] * shape
+        rows[:, 0, 5] = (1 + straight.shift) * shape
+        rows[:, 0, :5] *= factor[:, None]
+        rows[:, 0, 0] += factor - 1
+        return Passage(rows)
+
+    def shape(self, time_s: FloatArray) -> FloatArray:
+        """Return what a frequency does for each unit of its change, shape (batch, n).
+
+        Parameters
+        ----------
+        time_s
+            Times in seconds.
+        """
+        lag = time_s - self.time_s[:, None]
+        is_changed = self.sign[:, None] * lag > 0
+        return np.where(is_changed, lag if self.kind == RAMP else 1.0, 0.0)
+
 
 FLOOR_PRIOR_DEVIATION = 4.0
 """Weak prior of ln floor about its start, so that an invisible floor is harmless."""
@@ -268,6 +343,8 @@ class WeightedData:
     """Which unknowns the data can change, shape (batch, unknowns)."""
     losses: Losses = NO_LOSS
     """Information that coloured noise takes from frequencies, bearings and levels."""
+    change: Change | None = None
+    """What changed beside the passage."""
 
 
 @dataclass(frozen=True)
@@ -292,19 +369,23 @@ class JointNormalEquations(NormalEquations):
     """The passage at these unknowns."""
 
 
-def free_unknowns(theta: FloatArray, blocks: Blocks) -> BoolArray:
+def free_unknowns(theta: FloatArray, blocks: Blocks, medium: Medium) -> BoolArray:
     """Return which unknowns the data can determine.
 
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     blocks
         Measurements in fit units.
+    medium
+        The depth difference: known exactly, or with a prior.
     """
     free = np.ones(theta.shape, dtype=np.bool_)
     free[:, 2] &= not blocks.shift.is_empty
     free[:, FLOOR] &= not blocks.level.is_empty
+    if theta.shape[1] > HEIGHT and not medium.height_std_m:
+        free[:, HEIGHT] = False
     return free
 
 
@@ -314,7 +395,7 @@ def motion_places(theta: FloatArray) -> list[int]:
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     """
     return [n for n in range(theta.shape[-1]) if n != FLOOR]
 
@@ -325,32 +406,38 @@ def heights_m(theta: FloatArray, medium: Medium) -> FloatArray | float:
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     medium
         Sound speed and depth difference.
     """
     return theta[:, HEIGHT] if theta.shape[1] > HEIGHT else medium.height_m
 
 
-def law_of(theta: FloatArray, time_s: FloatArray, medium: Medium) -> Passage:
+def law_of(
+    theta: FloatArray, time_s: FloatArray, medium: Medium, change: Change | None = None
+) -> Passage:
     """Evaluate the passage of every row.
 
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     time_s
         Times in seconds.
     medium
         Sound speed and depth difference.
+    change
+        What changed beside the passage, or None.
     """
     c, height = medium.sound_speed_mps, heights_m(theta, medium)
     free = theta.shape[1] > HEIGHT
     if theta.shape[0] == 1:
         known = float(np.ravel(height)[0])
         one = passage_law(time_s, theta[0, :3], c, known, with_height=free)
-        return Passage(one.rows[None])
-    return passage_law(time_s, theta[:, :3], c, height, with_height=free)
+        law = Passage(one.rows[None])
+    else:
+        law = passage_law(time_s, theta[:, :3], c, height, with_height=free)
+    return law if change is None else change.law(law, theta, time_s, medium)
 
 
 def normal_equations(
@@ -361,7 +448,7 @@ def normal_equations(
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     data
         Measurements and weights.
     medium
@@ -370,7 +457,7 @@ def normal_equations(
         The passage at these unknowns, if it is known already.
     """
     if law is None:
-        law = law_of(theta, data.time_s, medium)
+        law = law_of(theta, data.time_s, medium, data.change)
     doppler = doppler_sums(
         law, data.shift, data.shift_weight, data.sums, data.losses[0]
     )
@@ -383,11 +470,15 @@ def normal_equations(
         (FLOOR, data.floor_start, FLOOR_PRIOR_DEVIATION)
     ]
     if theta.shape[1] > HEIGHT:
-        gradient[:, HEIGHT] += doppler.gradient[:, 3]
-        matrix[:, HEIGHT, HEIGHT] += doppler.matrix[:, 3, 3]
-        matrix[:, HEIGHT, :3] += doppler.matrix[:, 3, :3]
-        matrix[:, :3, HEIGHT] += doppler.matrix[:, :3, 3]
-        priors.append((HEIGHT, medium.height_m, medium.height_std_m))
+        gradient[:, HEIGHT:] += doppler.gradient[:, 3:]
+        matrix[:, HEIGHT:, HEIGHT:] += doppler.matrix[:, 3:, 3:]
+        matrix[:, HEIGHT:, :3] += doppler.matrix[:, 3:, :3]
+        matrix[:, :3, HEIGHT:] += doppler.matrix[:, :3, 3:]
+        if medium.height_std_m:
+            priors.append((HEIGHT, medium.height_m, medium.height_std_m))
+    if data.change is not None:
+        stds = enumerate(data.change.std, CHANGED)
+        priors += [(place, 0.0, float(std)) for place, std in stds]
     for place, mean, std in priors:
         offset = (theta[:, place] - mean) / std
         cost = cost + 0.5 * offset**2
@@ -409,7 +500,7 @@ def block_normals(
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     data
         Measurements and weights.
     law
@@ -440,7 +531,7 @@ def pair_rows(theta: FloatArray, law: Passage, data: WeightedData) -> FloatArray
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     law
         The passage at the times of the measurements.
     data
@@ -459,8 +550,9 @@ def pair_rows(theta: FloatArray, law: Passage, data: WeightedData) -> FloatArray
     rows[:, 0, 2 + FLOOR] = 0.0
     rows[:, 1, 2 + FLOOR] = share - 1
     if theta.shape[1] > HEIGHT:
-        np.multiply(law.rows[:, 1, 4], -turn, out=rows[:, 0, 2 + HEIGHT])
-        np.multiply(law.rows[:, 2, 4], -share, out=rows[:, 1, 2 + HEIGHT])
+        others = slice(2 + HEIGHT, None)
+        np.multiply(law.rows[:, 1, 4:], -turn[..., None], out=rows[:, 0, others])
+        np.multiply(law.rows[:, 2, 4:], -share[:, None], out=rows[:, 1, others])
     return rows
 
 
@@ -483,8 +575,9 @@ class PassageCovariance:
     """Covariance of the motion and deviations of the rest frequencies (relative)."""
 
     full: FloatArray
-    """Of t0 (s), horizontal range over speed (s), v (m/s), bearing (degrees) and depth
-    difference (m), shape (batch, 5, 5); a known depth difference has zeros."""
+    """Of t0 (s), horizontal range over speed (s), v (m/s), bearing (degrees), depth
+    difference (m) and what changed, shape (batch, 5 or more, same); a known depth
+    difference has zeros."""
     slant: FloatArray
     """Of t0 (s), slant range over speed (s), v (m/s) and bearing (degrees), shape
     (batch, 4, 4)."""
@@ -500,7 +593,7 @@ def passage_covariance(
     Parameters
     ----------
     theta
-        Fitted unknowns, shape (batch, 4 or 5).
+        Fitted unknowns, shape (batch, 4 or more).
     data
         Measurements with their final weights.
     normal
@@ -521,23 +614,24 @@ def passage_covariance(
         * -(normal.law.rows[:, 1, 1:] @ constant[..., None])[..., 0]
         / size[:, None]
     )
-    full = np.zeros((theta.shape[0], 5, 5))
-    to = np.array([0, 1, 2, 4][: places.size])
+    count = max(theta.shape[1], 5)
+    full = np.zeros((theta.shape[0], count, count))
+    to = np.array([0, 1, 2, *range(4, count)][: places.size])
     full[:, to[:, None], to] = inner
     cross = np.einsum("bpq,bq->bp", inner, follow)
     full[:, to, 3] = full[:, 3, to] = cross
     full[:, 3, 3] = 1 / size + (cross * follow).sum(axis=-1)
-    unit = np.ones((theta.shape[0], 5))
+    unit = np.ones((theta.shape[0], count))
     unit[:, 1] = np.exp(theta[:, 1])
     unit[:, 3] = np.rad2deg(1.0)
     full *= unit[:, :, None] * unit[:, None, :]
-    known = np.ones((theta.shape[0], 5), np.bool_)
+    known = np.ones((theta.shape[0], count), np.bool_)
     known[:, 2] = data.is_free[:, 2]
     known[:, 3] = has_bearing
     turn = slant_partials(theta, medium)
     return PassageCovariance(
         _or_nan(full, known),
-        _or_nan(turn @ full @ np.swapaxes(turn, 1, 2), known[:, :4]),
+        _or_nan(turn @ full[:, :5, :5] @ np.swapaxes(turn, 1, 2), known[:, :4]),
         _rest_std(data, normal.doppler, inner),
     )
 
@@ -548,7 +642,7 @@ def slant_partials(theta: FloatArray, medium: Medium) -> FloatArray:
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     medium
         Sound speed and depth difference.
 
@@ -601,7 +695,7 @@ class PassageResiduals:
 
 @dataclass(frozen=True)
 class FitConstants:
-    """What a fit does not change: turn, start of the floor, which unknowns are free."""
+    """What a fit does not change: turn, start of the floor, what is free, what changed."""
 
     turn: FloatArray
     """Sign of the bearing trend, +1 or -1, shape (batch,)."""
@@ -609,6 +703,8 @@ class FitConstants:
     """ln of the floor at the start, shape (batch,)."""
     free: BoolArray
     """Which unknowns the data can change, shape (batch, unknowns)."""
+    change: Change | None = None
+    """What changed beside the passage."""
 
 
 def passage_state(
@@ -624,7 +720,7 @@ def passage_state(
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 4 or 5).
+        Unknowns, shape (batch, 4 or more).
     fixed
         Turn of every row.
     blocks
@@ -636,7 +732,10 @@ def passage_state(
     normal
         What was evaluated at these unknowns already, if anything.
     """
-    law = law_of(theta, blocks.time_s, medium) if normal is None else normal.law
+    if normal is None:
+        law = law_of(theta, blocks.time_s, medium, fixed.change)
+    else:
+        law = normal.law
     is_rough = weight is None
     if weight is None:
         weight = blocks.weight
@@ -700,6 +799,7 @@ def weigh(
         fixed.turn,
         fixed.free,
         losses,
+        fixed.change,
     )
 
 
@@ -756,8 +856,9 @@ class PassageFit:
     """Result of a fit, one row per start or data set."""
 
     theta: FloatArray
-    """t0 (s), ln of the horizontal range over speed (s), v (m/s), ln of the floor, and
-    the depth difference (m) where it is an unknown, shape (batch, 4 or 5)."""
+    """t0 (s), ln of the horizontal range over speed (s), v (m/s), ln of the floor, the
+    depth difference (m) where it is an unknown, and the unknowns of the change if there
+    is one, shape (batch, 4 or more)."""
     turn: FloatArray
     """Sign of the bearing trend, shape (batch,)."""
     bearing_deg: FloatArray
@@ -778,12 +879,14 @@ class PassageFit:
     medium: Medium
     """Sound speed, and the depth difference with its prior."""
     full_covariance: FloatArray
-    """Of t0 (s), horizontal range over speed (s), v (m/s), bearing (degrees) and depth
-    difference (m), shape (batch, 5, 5)."""
+    """Of t0 (s), horizontal range over speed (s), v (m/s), bearing (degrees), depth
+    difference (m) and what changed, shape (batch, 5 or more, same)."""
     losses: Losses = NO_LOSS
     """Information that coloured noise takes from each kind."""
     slow: tuple[ColouredNoise, ...] = ()
     """Coloured noise of each kind; empty if it is white."""
+    change: Change | None = None
+    """What changed beside the passage; None for a straight one of steady frequencies."""
 
     @property
     def height_m(self) -> FloatArray:
@@ -805,7 +908,7 @@ class PassageFit:
         time_s
             Times of reception in seconds.
         """
-        return law_of(self.theta, time_s, self.medium)
+        return law_of(self.theta, time_s, self.medium, self.change)
 
 
 def fit_passage(
@@ -816,15 +919,16 @@ def fit_passage(
     *,
     rounds: int = 1,
     with_coloured_noise: bool = True,
+    change: Change | None = None,
 ) -> PassageFit:
-    """Fit a straight passage to every row of a batch.
+    """Fit a passage to every row of a batch.
 
     Parameters
     ----------
     blocks
         Measurements in fit units; one row serves all starts.
     start
-        Unknowns to start from, shape (batch, 4 or 5).
+        Unknowns to start from, shape (batch, 4 or more).
     turn
         Sign of the bearing trend of every row, +1 or -1.
     medium
@@ -834,9 +938,13 @@ def fit_passage(
         Rounds with full weights, after the rough ones.
     with_coloured_noise
         Whether coloured noise is looked for.
+    change
+        What changed beside the passage; the start then holds the depth difference and
+        the unknowns of the change.
     """
     theta, medium = _unknowns(start, blocks, medium)
-    fixed = FitConstants(turn, start[:, FLOOR], free_unknowns(theta, blocks))
+    free = free_unknowns(theta, blocks, medium)
+    fixed = FitConstants(turn, start[:, FLOOR], free, change)
     state = passage_state(theta, fixed, blocks, medium, None)
     for _ in range(ROUGH_ROUNDS):
         weight = rough_weight(state.residual, blocks)
@@ -878,6 +986,8 @@ def _unknowns(
             )
         else:
             medium = replace(medium, height_std_m=0.0)
+    if start.shape[1] > CHANGED:
+        return start, medium
     if not medium.height_std_m:
         return start[:, :HEIGHT], medium
     if start.shape[1] > HEIGHT:
@@ -897,17 +1007,16 @@ def weight_of(noises: Noises) -> FloatArray:
     return np.concatenate([noise.weight for noise in noises], axis=1)
 
 
-def take_row(fit: PassageFit, row: int) -> PassageFit:
-    """Return one row of a batch.
+def take_rows(fit: PassageFit, one: IntArray | list[int]) -> PassageFit:
+    """Return some rows of a batch.
 
     Parameters
     ----------
     fit
         Fit of a batch.
-    row
-        Row that is wanted.
+    one
+        Rows that are wanted.
     """
-    one = slice(row, row + 1)
     noises = tuple(
         type(noise)(*(getattr(noise, f.name)[one] for f in fields(noise)))
         for noise in fit.noises
@@ -924,6 +1033,11 @@ def take_row(fit: PassageFit, row: int) -> PassageFit:
         (noises[0], noises[1], noises[2]),
         fit.medium,
         fit.full_covariance[one],
+        change=None
+        if fit.change is None
+        else replace(
+            fit.change, time_s=fit.change.time_s[one], sign=fit.change.sign[one]
+        ),
     )
 
 
@@ -944,7 +1058,8 @@ def fit_with_coloured_noise(
         Rounds of noise and fit.
     """
     theta, noises, medium = fit.theta, fit.noises, fit.medium
-    fixed = FitConstants(fit.turn, theta[:, FLOOR], free_unknowns(theta, blocks))
+    free = free_unknowns(theta, blocks, medium)
+    fixed = FitConstants(fit.turn, theta[:, FLOOR], free, fit.change)
     slow: tuple[ColouredNoise, ...] = ()
     losses = NO_LOSS
     state = passage_state(theta, fixed, blocks, medium, weight_of(noises))
@@ -1014,7 +1129,8 @@ def _limiter(medium: Medium) -> Callable[[FloatArray, FloatArray], FloatArray]:
         reach = np.empty_like(step)
         reach[:, 0] = 2 * _slant_s(theta, medium)
         reach[:, 1:4] = 1.0, np.inf, 2.0
-        reach[:, HEIGHT:] = medium.height_std_m
+        reach[:, HEIGHT:] = np.inf
+        reach[:, HEIGHT:CHANGED] = medium.height_std_m
         limited: FloatArray = np.minimum(np.maximum(step, -reach), reach)
         speed = np.minimum(np.maximum(theta[:, 2] + step[:, 2], -fastest), fastest)
         limited[:, 2] = speed - theta[:, 2]
@@ -1050,6 +1166,7 @@ def _result(
         spread.full,
         data.losses,
         slow,
+        data.change,
     )
 
 

@@ -100,10 +100,11 @@ def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePass
             )
     scale, halves = _influence(fit, blocks)
     doubt = doubt or halves
+    every = np.append(scale, np.ones(fit.full_covariance.shape[1] - 4))
     wider = replace(
         fit,
         covariance=fit.covariance * np.outer(scale, scale),
-        full_covariance=fit.full_covariance * np.outer(*2 * (np.append(scale, 1.0),)),
+        full_covariance=fit.full_covariance * np.outer(every, every),
     )
     return replace(candidate, fit=wider, misfit=misfit, doubt=doubt)
 
@@ -277,7 +278,7 @@ def _refit(
     part = replace(blocks, weight=weight)
     if np.count_nonzero(part.shift.weight.any(axis=(0, 1))) < 2 * FEWEST_BLOCKS:
         return None
-    found = fit_passage(part, fit.theta, fit.turn, fit.medium)
+    found = fit_passage(part, fit.theta, fit.turn, fit.medium, change=fit.change)
     variance = np.diag(found.covariance[0])[:3]
     answer = np.array(
         [found.theta[0, 0], found.range_over_speed_s[0], found.theta[0, 2]]

@@ -10,7 +10,9 @@ widths from the distance of measurements to the time covered, times at a share o
 width; nothing is fixed in seconds.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -116,12 +118,102 @@ def find_initial_estimates(
     if blocks.shift.is_empty:
         theta[:, 2] = 0.0
     else:
-        rise = medium.height_m / np.maximum(theta[:, 2], SLOWEST_MPS)
-        least = SMALLEST_HORIZONTAL * grid.width[cells]
-        square = np.maximum(grid.width[cells] ** 2 - rise**2, least**2)
-        theta[:, 1] = 0.5 * np.log(square)
+        theta[:, 1] = _horizontal(grid.width[cells], theta[:, 2], medium)
     total = np.where(turn_of > 0, both[0][cells], both[1][cells])
     return InitialEstimates(theta, turn_of, total)
+
+
+class ChangedEstimates(NamedTuple):
+    """Unknowns to start from where the frequencies changed beside the passage."""
+
+    theta: FloatArray
+    """Unknowns as in `estimator`, shape (starts, 4)."""
+    number: IntArray
+    """Which of the changes it is, shape (starts,)."""
+    size: FloatArray
+    """Size of that change, shape (starts,)."""
+
+
+def find_changed_estimates(
+    blocks: Blocks,
+    medium: Medium,
+    turn: float,
+    changes: Callable[[FloatArray], FloatArray],
+    *,
+    n_starts: int = 3,
+    n_cells: int = 400,
+) -> ChangedEstimates:
+    """Search all passages beside all changes of the frequencies at once.
+
+    Both are linear in the frequencies, so that each pair of them costs a few products.
+
+    Parameters
+    ----------
+    blocks
+        Measurements in fit units; the first row of the batch is used.
+    medium
+        Sound speed.
+    turn
+        Sign of the bearing trend.
+    changes
+        Function of time that returns the shape of every change, (changes, n).
+    n_starts
+        Pairs that are wanted, with changes that are not neighbours.
+    n_cells
+        Cells of time to which longer data are condensed.
+    """
+    data = _condense(blocks, n_cells)
+    grid = _grid(data.time)
+    weight = data.shift_weight
+    size = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    centred = data.shift - (weight * data.shift).sum(axis=1, keepdims=True) / size
+    total = np.maximum(weight.sum(axis=0), 1e-300)
+    root = np.sqrt(np.where(weight.any(axis=0), total, 0.0))
+    basis = np.linalg.svd((weight / total * root).T, full_matrices=False)[0]
+
+    def free(rows: FloatArray) -> FloatArray:
+        left: FloatArray = rows * root - ((rows * root) @ basis) @ basis.T
+        return left
+
+    value = free((weight * centred).sum(axis=0) / total)
+    passing, changed = free(grid.x / grid.slant), free(changes(data.time))
+    length = np.sqrt(np.maximum((changed**2).sum(axis=1), 1e-300))
+    changed = changed / length[:, None]
+    along, own = passing @ value, changed @ value
+    both = passing @ changed.T
+    square = (passing**2).sum(axis=1)[:, None] - both**2
+    least = 1e-3 * np.maximum((passing**2).sum(axis=1)[:, None], 1e-300)
+    slope = (along[:, None] - both * own) / np.maximum(square, least)
+    speed = -medium.sound_speed_mps * slope
+    usable = (speed > 0) & (speed < 0.8 * medium.sound_speed_mps) & (square > least)
+    level, floor = _level_gain(grid, data)
+    bearing = _bearing_gain(grid, data)[0 if turn > 0 else 1]
+    gain = 0.5 * (own**2 + slope**2 * square) + (level + bearing)[:, None]
+    gain = np.where(usable, gain, -np.inf)
+    cells, numbers = [], []
+    for _ in range(n_starts):
+        at, of = divmod(int(np.argmax(gain)), gain.shape[1])
+        if not np.isfinite(gain[at, of]):
+            break
+        cells.append(at)
+        numbers.append(of)
+        gain[:, max(of - 2, 0) : of + 3] = -np.inf
+    cell, number = np.array(cells, np.int64), np.array(numbers, np.int64)
+    fast = speed[cell, number]
+    theta = np.stack(
+        [grid.time[cell], np.log(grid.width[cell]), fast, floor[cell]], axis=-1
+    )
+    theta[:, 1] = _horizontal(grid.width[cell], fast, medium)
+    amount = (own[number] - slope[cell, number] * both[cell, number]) / length[number]
+    return ChangedEstimates(theta, number, amount)
+
+
+def _horizontal(width: FloatArray, speed: FloatArray, medium: Medium) -> FloatArray:
+    """Return the logarithm of the horizontal range over speed of a slant one."""
+    rise = medium.height_m / np.maximum(speed, SLOWEST_MPS)
+    square = np.maximum(width**2 - rise**2, (SMALLEST_HORIZONTAL * width) ** 2)
+    logarithm: FloatArray = 0.5 * np.log(square)
+    return logarithm
 
 
 def _slow(speed: FloatArray) -> float:

@@ -22,7 +22,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.robust import median_scale
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
-from uwtrack_cli.motion.passage.estimator import PassageFit
+from uwtrack_cli.motion.passage.estimator import FLOOR, PassageFit
 from uwtrack_cli.motion.passage.measurements import Blocks
 from uwtrack_cli.motion.passage.noise import clip_wild
 
@@ -86,7 +86,7 @@ def passage_likelihood_ratio(
     """
     width_s = float(fit.range_over_speed_s[0])
     near_s = float(fit.theta[0, 0]) + width_s * np.linspace(-1.0, 1.0, N_BREAKS)
-    passing = _readings(fit, blocks)
+    passing = passage_residuals(fit, blocks)
     resting = (
         blocks.shift.value[0],
         wrap_rad(
@@ -97,8 +97,8 @@ def passage_likelihood_ratio(
     )
     gains = [
         _gains(
-            _series(one, block.weight[0], noise.scale[0]),
-            _series(other, block.weight[0], noise.scale[0])[0],
+            measured_series(one, block.weight[0], noise.scale[0]),
+            measured_series(other, block.weight[0], noise.scale[0])[0],
             blocks.time_s,
             width_s,
             breaks_s,
@@ -141,20 +141,20 @@ def motion_likelihood(blocks: Blocks, own: PassageFit, motion: PassageFit) -> fl
         The fit whose time, width, speed and turn are tried.
     """
     width_s = float(own.range_over_speed_s[0])
-    theta = np.concatenate([motion.theta[:, :3], own.theta[:, 3:4]], axis=1)
-    medium = replace(motion.medium, height_m=float(motion.height_m[0]))
+    theta = motion.theta.copy()
+    theta[:, FLOOR] = own.theta[:, FLOOR]
     tried = replace(
-        own, theta=theta, medium=medium, turn=motion.turn,
-        bearing_deg=motion.bearing_deg,
+        own, theta=theta, medium=motion.medium, turn=motion.turn,
+        bearing_deg=motion.bearing_deg, change=motion.change,
     )  # fmt: skip
     if not np.isfinite(motion.covariance[0, 3, 3]):
         tried = replace(tried, turn=own.turn, bearing_deg=own.bearing_deg)
     total = 0.0
     kinds = (blocks.shift, blocks.bearing, blocks.level)
     for reading, block, noise in zip(
-        _readings(tried, blocks), kinds, own.noises, strict=True
+        passage_residuals(tried, blocks), kinds, own.noises, strict=True
     ):
-        series, constants, precision, used = _series(
+        series, constants, precision, used = measured_series(
             reading, block.weight[0], noise.scale[0]
         )
         if used.any():
@@ -166,7 +166,7 @@ def motion_likelihood(blocks: Blocks, own: PassageFit, motion: PassageFit) -> fl
     return total
 
 
-def _readings(
+def passage_residuals(
     fit: PassageFit, blocks: Blocks
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Subtract the passage from the measurements, but for its constants."""
@@ -189,7 +189,9 @@ def _is_wrapped(residual: FloatArray, weight: FloatArray) -> bool:
     return float(np.min(scatter, initial=np.inf)) > WIDEST_SCATTER_RAD
 
 
-def _series(reading: FloatArray, weight: FloatArray, scale: FloatArray) -> Series:
+def measured_series(
+    reading: FloatArray, weight: FloatArray, scale: FloatArray
+) -> Series:
     """Condense rows to one value per instant; a constant per row stays free.
 
     A row's constant enters an instant with the row's share of the weight.

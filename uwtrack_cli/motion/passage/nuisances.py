@@ -22,7 +22,12 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.motion.passage.estimator import PassageFit, slant_partials
+from uwtrack_cli.motion.passage.estimator import (
+    CHANGED,
+    MANOEUVRE,
+    PassageFit,
+    slant_partials,
+)
 from uwtrack_cli.motion.sound_speed import sound_speed_std
 
 SENSOR_DEPTH_STD_M = 0.5
@@ -139,6 +144,8 @@ def marginalise(
     """
     inner = np.nan_to_num(fit.full_covariance[0])
     known = np.isfinite(np.diag(fit.full_covariance[0]))
+    count = known.size + len(NAMES)
+    motion, facts = [*range(5), *range(9, count)], list(range(5, 9))
     medium, speed = fit.medium, float(fit.theta[0, 2])
     gain, moved, left = np.zeros(4), 0.0, 0.0
     if medium.height_std_m and known[2]:
@@ -146,31 +153,33 @@ def marginalise(
         moved = float(fit.height_m[0]) - medium.height_m
         left = medium.height_std_m**2 - float(inner[4, 4])
     mean = priors.mean + gain * moved
-    joint = np.zeros((9, 9))
-    joint[:5, :5] = inner
-    joint[5:, 5:] = np.diag(priors.std**2) - np.outer(gain, gain) * left
-    joint[5:, :5] = gain[:, None] * inner[4]
-    joint[:5, 5:] = joint[5:, :5].T
+    joint = np.zeros((count, count))
+    joint[np.ix_(motion, motion)] = inner
+    joint[5:9, 5:9] = np.diag(priors.std**2) - np.outer(gain, gain) * left
+    joint[np.ix_(facts, motion)] = gain[:, None] * inner[4]
+    joint[np.ix_(motion, facts)] = joint[np.ix_(facts, motion)].T
     # slant range over speed keeps its value when speeds scale with the sound speed
-    turn = np.zeros((10, 9))
-    turn[:9] = np.eye(9)
-    turn[9, :5] = slant_partials(fit.theta, medium)[0, 1]
+    turn = np.zeros((count + 1, count))
+    turn[:count] = np.eye(count)
+    turn[count, :5] = slant_partials(fit.theta, medium)[0, 1]
     turn[2, 7] = speed / priors.mean[2] * float(known[2])
     turn[3, 8] = float(known[3])
+    if fit.change is not None and fit.change.kind == MANOEUVRE:
+        turn[9:count, 7] = fit.theta[0, CHANGED:] / priors.mean[2]
     joint = turn @ joint @ turn.T
-    slant = [0, 9, 2, 3]
+    slant = [0, count, 2, 3]
     found = replace(
         fit,
-        full_covariance=_or_nan(joint[:5, :5], known)[None],
+        full_covariance=_or_nan(joint[np.ix_(motion, motion)], known)[None],
         covariance=_or_nan(joint[np.ix_(slant, slant)], known[:4])[None],
     )
     variance = joint[2, 2] if known[2] else np.nan
     estimates = []
     for place, name in enumerate(NAMES):
-        own = joint[5 + place, 5 + place]
+        left = float(joint[5 + place, 5 + place])
         if np.isfinite(mean[place]):
-            share = joint[2, 5 + place] ** 2 / (own * variance) if own > 0 else 0.0
-            std = float(np.sqrt(max(own, 0.0)))
+            share = joint[2, 5 + place] ** 2 / (left * variance) if left > 0 else 0.0
+            std = float(np.sqrt(max(left, 0.0)))
             estimates.append(
                 NuisanceEstimate(name, float(mean[place]), std, float(share))
             )

@@ -25,6 +25,7 @@ from uwtrack_cli.motion.passage.contacts import (
     examine,
     examine_contacts,
     not_a_passage,
+    read,
     split,
 )
 from uwtrack_cli.motion.passage.fit_checks import check_fit
@@ -108,7 +109,7 @@ def _is_passage(item: CandidatePassage, limits: RecordingSpan) -> bool:
 def _checked(
     item: CandidatePassage, lines: Lines | None, terms: SearchTerms
 ) -> CandidatePassage:
-    return check_fit(ask_the_sound(item, terms.sound), lines)
+    return check_fit(ask_the_sound(read(item), terms.sound), lines)
 
 
 def _of_lines(lines: Lines, terms: SearchTerms) -> list[CandidatePassage]:

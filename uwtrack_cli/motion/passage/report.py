@@ -45,7 +45,7 @@ from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.estimation.correlation import long_run_excess
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.motion.passage.contacts import CandidatePassage
-from uwtrack_cli.motion.passage.estimator import PassageFit
+from uwtrack_cli.motion.passage.estimator import CHANGED, RAMP, STEP, PassageFit
 from uwtrack_cli.motion.passage.moving_sensor import (
     AT_REST_MPS,
     LARGEST_M,
@@ -59,6 +59,7 @@ from uwtrack_cli.motion.passage.nuisances import (
     NuisancePriors,
     marginalise,
 )
+from uwtrack_cli.motion.passage.readings import STRAIGHT
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
 
@@ -89,6 +90,10 @@ VALUES = (
     "course_deg", "course_std_deg", "bearing_deg",
     "bearing_std_deg", "received_level_db", "received_level_std_db",
     "source_level_db", "source_level_std_db", "rest_frame_evidence", "misfit",
+    "reading_weight", "rival_weight", "change_time_s", "change_time_std_s",
+    "frequency_change", "frequency_change_std", "frequency_slope_per_s",
+    "frequency_slope_std_per_s", "other_leg_speed_mps", "other_leg_speed_std_mps",
+    "other_leg_course_deg", "other_leg_course_std_deg",
 )  # fmt: skip
 """Columns of Encounters that are numbers about the passage."""
 
@@ -162,6 +167,10 @@ class Row:
     """Depths, sound speed and compass after the fit."""
     sensor: SensorMotion | None = None
     """Motion of the sensor; None for a fixed one."""
+    reading: str = STRAIGHT
+    """How the measurements are read."""
+    rival: str = ""
+    """The next reading; empty if it has less than 5 %."""
 
     def explain(self, reason: str, *names: str) -> None:
         """State why values are missing, unless they are there or explained."""
@@ -205,7 +214,44 @@ def passage_row(
         _without_speed(row, fit, context)
     if not (np.isfinite(row.values["speed_mps"]) or row.side):
         _add_law(row)
+    _add_change(row, fit)
     return row
+
+
+def _add_change(row: Row, fit: PassageFit) -> None:
+    """Give what changed beside the passage, and the other leg of a manoeuvre."""
+    change, v = fit.change, row.values
+    if change is None or not np.isfinite(v["speed_mps"]):
+        return
+    v["change_time_s"] = float(change.time_s[0])
+    size = fit.theta[0, CHANGED:]
+    spread = fit.full_covariance[0]
+    names = {STEP: "frequency_change{}", RAMP: "frequency_slope{}_per_s"}
+    if change.kind in names:
+        name = names[change.kind]
+        v[name.format("")] = float(size[0])
+        v[name.format("_std")] = float(np.sqrt(spread[5, 5]))
+        return
+    # velocity along the course and away from the sensor; each by speed and both
+    velocity = np.array([v["speed_mps"] + size[0], size[1]])
+    speed = float(np.hypot(*velocity))
+    unit = velocity / max(speed, 1e-9)
+    places = [2, 5, 6]
+    own = spread[np.ix_(places, places)]
+    along = np.array([unit[0], unit[0], unit[1]])
+    across = np.array([-unit[1], -unit[1], unit[0]]) / max(speed, 1e-9)
+    v["other_leg_speed_mps"] = speed
+    v["other_leg_speed_std_mps"] = float(np.sqrt(along @ own @ along))
+    if not row.side:
+        return
+    # away from the sensor is to port of the course if the sensor is to starboard
+    turn = float(fit.turn[0])
+    angle = np.rad2deg(np.arctan2(velocity[1], velocity[0]))
+    v["other_leg_course_deg"] = float((v["course_deg"] - turn * angle) % 360.0)
+    gradient = np.zeros(spread.shape[0])
+    gradient[places] = -turn * np.rad2deg(across)
+    gradient[3] = 1.0
+    v["other_leg_course_std_deg"] = float(np.sqrt(gradient @ spread @ gradient))
 
 
 def _without_speed(row: Row, fit: PassageFit, context: CpaContext) -> None:
@@ -370,6 +416,12 @@ def add_checks(row: Row, candidate: CandidatePassage, *, has_sound: bool) -> Non
     has_sound
         Whether the recording was at hand.
     """
+    reading = candidate.reading
+    row.reading, row.rival = reading.name, reading.rival
+    row.values["reading_weight"] = reading.weight
+    row.values["rival_weight"] = reading.rival_weight
+    if np.isfinite(row.values["change_time_s"]):
+        row.values["change_time_std_s"] = reading.change_time_std_s
     row.values["rest_frame_evidence"] = candidate.rest_frame_evidence
     row.values["misfit"] = candidate.misfit
     for name in ("rest_frame_evidence", "misfit"):
@@ -426,6 +478,8 @@ def make_encounters(
         status=np.array([row.status for row in rows], dtype=np.str_),
         time_utc_ns=np.array(utc, np.int64),
         side=np.array([row.side for row in rows], dtype=np.str_),
+        reading=np.array([row.reading for row in rows], dtype=np.str_),
+        rival=np.array([row.rival for row in rows], dtype=np.str_),
         sound_speed_mps=np.full(len(rows), context.sound_speed_mps),
         extrapolated=np.array([row.extrapolated for row in rows], np.bool_),
         covariance=np.array([row.covariance for row in rows]).reshape(-1, 4, 4),

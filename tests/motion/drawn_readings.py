@@ -1,0 +1,231 @@
+"""Passages beside which something changed, drawn by chance, and what they are read as.
+
+Measurements of one vessel are drawn with an independent law: the path of two straight
+legs, whose time of emission is found by Newton's method, and rest frequencies that step
+or ramp. Depths, sound speed and compass are drawn from the priors that the program is
+told. The tables in tests/baselines/readings.md are made by:
+python -m tests.motion.drawn_readings 400 70000
+"""
+
+import sys
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.motion.nuisance_coverage import interval
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.motion.cpa import find_encounters
+
+KINDS = (
+    "straight", "jitter", "frequency-step", "frequency-ramp", "turn", "speed-change",
+    "machinery",
+)  # fmt: skip
+READ_AS = {
+    "straight": "straight", "jitter": "straight", "turn": "manoeuvre",
+    "speed-change": "manoeuvre",
+}  # fmt: skip
+QUANTITIES = ("time", "speed", "range", "range over speed", "course")
+LENGTH_S, CLOSEST_S, STEP_S = 600.0, 300.0, 1.0
+SENSOR_DEPTH_M, SENSOR_STD_M, SOUND_STD_MPS, COMPASS_STD_DEG = 22.0, 0.5, 7.5, 2.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One drawn passage: its truth, in the order of `QUANTITIES`, and its table."""
+
+    kind: str
+    truth: np.ndarray
+    side: str
+    series: Series
+    change_s: float
+    nearest_m: float
+
+
+def draw(kind, seed):
+    """Draw one passage (or a machine that only changes its speed)."""
+    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    depth = -1.0
+    while depth <= 0:
+        depth = rng.normal(3.0, 2.0)
+    height = SENSOR_DEPTH_M + SENSOR_STD_M * rng.normal() - depth
+    sound = 1500.0 + SOUND_STD_MPS * rng.normal()
+    speed = rng.uniform(2.5, 8.0)
+    flat = np.exp(rng.uniform(np.log(30.0), np.log(400.0)))
+    course, turn = rng.uniform(0.0, 360.0), rng.choice([-1.0, 1.0])
+    slant = float(np.hypot(flat, height))
+    at = CLOSEST_S + rng.choice([-1, 1]) * slant / speed * rng.uniform(0.2, 3.0)
+    at = float(np.clip(at, 60.0, LENGTH_S - 60.0))
+    time = np.arange(STEP_S / 2, LENGTH_S, STEP_S)
+    if kind == "machinery":
+        x, y, ratio, far = 0 * time, 0 * time + 1, 0 * time + 1, 0 * time + 1
+    else:
+        legs = np.array([speed, 0.0]), _other(kind, speed, rng)
+        x, y, rate = received(time, flat, height, sound, at, legs)
+        ratio = 1.0 / (1.0 + rate / sound)
+        far = np.sqrt(x**2 + y**2 + height**2) / slant
+    ratio = ratio * _factor(kind, time, at, rng)
+    bearing = course - turn * 90.0 + turn * np.degrees(np.arctan2(x, y))
+    truth = np.array([CLOSEST_S, speed, slant, slant / speed, course])
+    side = "starboard" if turn > 0 else "port"
+    series = _measured(time, ratio, bearing, far, rng)
+    return Drawn(kind, truth, side, series, at, slant * float(far.min()))
+
+
+def _other(kind, speed, rng):
+    """Draw the velocity of the other leg, along the course and away from the sensor."""
+    if kind == "turn":
+        angle = np.radians(rng.uniform(10.0, 90.0) * rng.choice([-1.0, 1.0]))
+        return speed * np.array([np.cos(angle), np.sin(angle)])
+    change = rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.5)
+    return np.array([speed * (1.0 + change * (kind == "speed-change")), 0.0])
+
+
+def _factor(kind, time, at, rng):
+    """Draw what happens to all rest frequencies."""
+    factor, sign = np.ones_like(time), rng.choice([-1, 1])
+    if kind in ("frequency-step", "machinery"):
+        size = np.exp(rng.uniform(np.log(3e-4), np.log(3e-2)))
+        factor += sign * size * (time > at)
+    if kind == "frequency-ramp":
+        size = np.exp(rng.uniform(np.log(5e-4), np.log(2e-2)))
+        factor += sign * size * np.maximum(time - at, 0.0) / (LENGTH_S - at)
+    if kind in ("jitter", "machinery"):
+        memory_s, strength = rng.uniform(5.0, 60.0), 10 ** rng.uniform(-4.5, -3.3)
+        wander, decay = np.empty_like(time), np.exp(-STEP_S / memory_s)
+        wander[0] = rng.normal()
+        for k in range(1, time.size):
+            wander[k] = decay * wander[k - 1] + np.sqrt(1 - decay**2) * rng.normal()
+        factor += strength * wander
+    return factor
+
+
+def _measured(time, ratio, bearing, far, rng):
+    """Return the table of noisy measurements; four of ten sensors have no bearings."""
+    count = int(rng.integers(1, 5))
+    rest = rng.uniform(40.0, 90.0) * np.arange(2, 2 + count)
+    density = 10 ** (rng.uniform(22.0, 34.0) / 10) / far**2
+    sigma = np.sqrt(3 / (2 * np.pi**2 * density * STEP_S**3))
+    sigma = np.where(density * STEP_S >= 10, sigma, np.nan)[:, None]
+    frequency = rest * ratio[:, None] + sigma * rng.normal(size=(time.size, count))
+    bearing_std = rng.uniform(1.5, 6.0) * far
+    bearing = bearing + bearing_std * rng.normal(size=time.size)
+    bearing = bearing - COMPASS_STD_DEG * rng.normal()
+    if rng.random() < 0.4:
+        bearing, bearing_std = np.full((2, time.size), np.nan)
+    level = 10 * np.log10(10 ** (rng.uniform(0.0, 1.5)) / far**2 + 1)
+    return Series(
+        contact=np.ones(time.size, np.int64), time_s=time, frequency_hz=frequency,
+        frequency_std_hz=np.tile(sigma, count), bearing_deg=bearing % 360.0,
+        bearing_std_deg=bearing_std, level_db=level + rng.normal(size=time.size),
+        level_std_db=np.ones(time.size),
+    )  # fmt: skip
+
+
+def received(time, flat, height, sound, at, legs):
+    """Return place and range rate at the time of emission, by Newton's method.
+
+    The first leg has the closest approach, at `CLOSEST_S`; the other one goes before or
+    follows it from the instant ``at``.
+    """
+    (speed, _), other = legs
+    emitted = time - np.hypot(flat, height) / sound
+    for _ in range(40):
+        on = (emitted > at) == (at > CLOSEST_S)
+        lag = emitted - at
+        straight = speed * (emitted - CLOSEST_S)
+        x = np.where(on, speed * (at - CLOSEST_S) + other[0] * lag, straight)
+        y = np.where(on, flat + other[1] * lag, flat)
+        vx, vy = np.where(on, other[0], speed), np.where(on, other[1], 0.0)
+        distance = np.sqrt(x**2 + y**2 + height**2)
+        rate = (x * vx + y * vy) / distance
+        error = emitted + distance / sound - time
+        emitted = emitted - error / (1 + rate / sound)
+    return x, y, rate
+
+
+def is_clear(drawn):
+    """Whether the drawn closest approach is that of the whole path."""
+    return drawn.nearest_m > 0.98 * drawn.truth[2]
+
+
+SENSOR = Sensor(
+    id="h1", depth_m=SENSOR_DEPTH_M, depth_std_m=SENSOR_STD_M,
+    sound_speed_std_mps=SOUND_STD_MPS, compass_std_deg=COMPASS_STD_DEG,
+)  # fmt: skip
+
+
+def analyse(drawn):
+    """Return the encounters of a drawn passage."""
+    return find_encounters(series=drawn.series, sensor=SENSOR)
+
+
+def errors(drawn, found):
+    """Return errors and deviations of the row, nan where it gives nothing."""
+    names = (
+        "time{}_s", "speed{}_mps", "slant_range{}_m", "range_over_speed{}_s",
+        "course{}_deg",
+    )  # fmt: skip
+    value, std = (
+        np.array([getattr(found, name.format(part))[0] for name in names])
+        for part in ("", "_std")
+    )
+    error = value - drawn.truth
+    error[4] = (error[4] + 180.0) % 360.0 - 180.0
+    return error, std
+
+
+def score(kind, seed):
+    """Return reading, errors, deviations and whether the side is wrong, of one draw."""
+    number = seed
+    drawn = draw(kind, number)
+    while not is_clear(drawn):
+        number += 1_000_000
+        drawn = draw(kind, number)
+    found = analyse(drawn)
+    if not found.n_encounters:
+        is_refused = bool(found.refusals())
+        name = "refused" if is_refused else "nothing"
+        return name, np.full(5, np.nan), np.full(5, np.nan), False
+    error, std = errors(drawn, found)
+    reading = "straight" if found.reading is None else str(found.reading[0])
+    return reading, error, std, found.side[0] not in ("", drawn.side)
+
+
+COLUMNS = (
+    "straight", "frequency-step", "frequency-ramp", "manoeuvre", "refused", "nothing",
+)  # fmt: skip
+
+
+def main(count, first, kinds=KINDS):
+    """Print what so many passages of each kind are read as, and the coverage."""
+    warnings.simplefilter("ignore")
+    scores = {kind: [score(kind, first + k) for k in range(count)] for kind in kinds}
+    write = sys.stdout.write
+    write("| drawn | " + " | ".join(COLUMNS) + " | wrong side |\n")
+    write("|---" * (len(COLUMNS) + 2) + "|\n")
+    for kind, rows in scores.items():
+        names = [row[0] for row in rows]
+        cells = [str(names.count(name)) for name in COLUMNS]
+        wrong = sum(row[3] for row in rows)
+        write(f"| {kind} | " + " | ".join(cells) + f" | {wrong} |\n")
+    write("\n| drawn | quantity | given | within 1.96 deviations | 95 % of that share "
+          "| median deviation | beyond 5 |\n" + "|---" * 7 + "|\n")  # fmt: skip
+    passed = [kind for kind in kinds if kind != "machinery"]
+    for kind in [*passed, "all"]:
+        rows = [r for k in passed for r in scores[k] if kind in (k, "all")]
+        ratio = np.abs([row[1] / row[2] for row in rows])
+        for place, name in enumerate([*QUANTITIES, "every"]):
+            part = ratio[:, place] if name != "every" else ratio.ravel()
+            values = part[np.isfinite(part)]
+            low, high = interval((values < 1.96).sum(), values.size)
+            write(
+                f"| {kind} | {name} | {values.size} of {part.size} "
+                f"| {(values < 1.96).mean():.1%} | {low:.1%} to {high:.1%} "
+                f"| {np.median(values):.2f} | {(values > 5).sum()} |\n"
+            )
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), tuple(sys.argv[3:]) or KINDS)

@@ -1,0 +1,69 @@
+"""Passages beside which something changed: the law, the reading and what is given."""
+
+import numpy as np
+import pytest
+
+from tests.motion.drawn_readings import READ_AS, analyse, draw, errors, received
+from uwtrack_cli.acoustics.passage import passage_law, with_other_leg
+from uwtrack_cli.motion.cpa import find_encounters
+
+CLOSEST_S, FLAT_M, HEIGHT_M, SPEED_MPS = 300.0, 180.0, 19.0, 6.0
+STRAIGHT = np.array([[CLOSEST_S, np.log(FLAT_M / SPEED_MPS), SPEED_MPS]])
+
+
+@pytest.mark.parametrize("at", [265.0, 350.0])
+@pytest.mark.parametrize("change", [(-1.5, 2.0), (3.0, -4.0)])
+def test_the_law_of_two_legs_is_that_of_newtons_method(at, change):
+    time = np.arange(0.5, 600.0)
+    other = np.array([SPEED_MPS + change[0], change[1]])
+    legs = np.array([SPEED_MPS, 0.0]), other
+    x, y, rate = received(time, FLAT_M, HEIGHT_M, 1500.0, at, legs)
+    law = passage_law(time, STRAIGHT, 1500.0, HEIGHT_M, with_height=True)
+    sign = np.array([1.0 if at > CLOSEST_S else -1.0])
+    two = with_other_leg(
+        law, time, STRAIGHT, (np.array([at]), sign, np.array([change])), 1500.0, HEIGHT_M
+    )
+    turned = (two.angle[0] - np.arctan2(x, y) + np.pi) % (2 * np.pi) - np.pi
+    distance2 = x**2 + y**2 + HEIGHT_M**2
+    assert np.abs(two.shift[0] + 1 - 1 / (1 + rate / 1500.0)).max() < 1e-10
+    assert np.abs(turned).max() < 1e-9
+    spread = np.log((FLAT_M**2 + HEIGHT_M**2) / distance2)
+    assert np.abs(two.spread[0] - spread).max() < 1e-9
+
+
+def test_the_partials_of_two_legs_are_those_of_differences():
+    time = np.delete(np.arange(0.5, 600.0), slice(348, 354))
+    start = np.array([*STRAIGHT[0], HEIGHT_M, 0.7, -1.5])
+
+    def law(values):
+        one, height = values[None, :3], values[3:4]
+        straight = passage_law(time, one, 1500.0, height, with_height=True)
+        change = np.array([350.0]), np.ones(1), values[None, 4:]
+        return with_other_leg(straight, time, one, change, 1500.0, height).rows[0]
+
+    exact = law(start)[:, 1:]
+    for place, step in enumerate(1e-5 * np.eye(6)):
+        slope = (law(start + step)[:, 0] - law(start - step)[:, 0]) / 2e-5
+        assert np.abs(exact[:, place] - slope).max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [("straight", 1), ("jitter", 4), ("frequency-step", 4), ("frequency-ramp", 1),
+     ("turn", 1), ("speed-change", 4)],
+)  # fmt: skip
+def test_a_passage_is_read_as_it_was_drawn(kind, seed):
+    drawn = draw(kind, seed)
+    found = analyse(drawn)
+    error, std = errors(drawn, found)
+    assert found.reading[0] == READ_AS.get(kind, kind)
+    assert np.nanmax(np.abs(error / std)) < 4.0
+    is_changed = kind not in ("straight", "jitter")
+    assert np.isfinite(found.change_time_s[0]) == is_changed
+    if is_changed:
+        off = abs(found.change_time_s[0] - drawn.change_s)
+        assert off < max(4 * found.change_time_std_s[0], 3.0)
+
+
+def test_a_machine_that_changes_its_speed_is_no_passage():
+    assert not find_encounters(series=draw("machinery", 5).series).n_encounters

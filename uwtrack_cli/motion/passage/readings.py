@@ -1,0 +1,461 @@
+"""Readings that compete: a straight passage, or one beside which something changed.
+
+**Method.** A line's frequency also changes when a shaft is run faster or slower, or
+when the vessel turns; a straight passage of a steady source is then bent to fit, and is
+wrong with a small deviation. So every passage of lines is read in four ways: straight,
+with one step of all rest frequencies, with one ramp of them, and with one change of
+velocity. For many instants the unknowns of a change are added to the linearised
+passage, whose own unknowns and constants are projected out (score test); where that
+gains too little, even with noise taken as white, the passage is straight. Else the
+readings are fitted in full from their best instants, and weighed by their likelihoods
+with coloured noise of their own best strength, less what their search is worth: how few
+of the instants fit, and the width of the prior of the change (uniform in the logarithm
+of its size) over that of its posterior (Laplace). What the weights leave to the rivals widens the deviations of the winner by
+how far the rivals' answers are from its own.
+
+**Conventions.** Log-likelihoods in nepers. One data set, the fit's one row.
+
+**References.** Rao (1948), Proc. Camb. Phil. Soc. 44, 50; Davies (1987), Biometrika 74,
+33; MacKay (2003), Information Theory, ch. 28 (Laplace's method, Occam factors); Hoeting
+et al. (1999), Statist. Sci. 14, 382 (averaging over models).
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uwtrack_cli.acoustics.passage import Passage
+from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
+from uwtrack_cli.motion.passage.estimator import (
+    CHANGED,
+    FLOOR,
+    FLOOR_PRIOR_DEVIATION,
+    HEIGHT,
+    MANOEUVRE,
+    RAMP,
+    STEP,
+    Change,
+    PassageFit,
+    fit_passage,
+    fit_with_coloured_noise,
+    take_rows,
+)
+from uwtrack_cli.motion.passage.initial_estimates import find_changed_estimates
+from uwtrack_cli.motion.passage.likelihood_ratio import (
+    measured_series,
+    passage_residuals,
+)
+from uwtrack_cli.motion.passage.measurements import Blocks
+
+STRAIGHT = "straight"
+
+N_INSTANTS = 41
+"""Instants at which something may have changed."""
+
+EDGE = 0.03
+"""Share of the measurements at either end in which no change is sought."""
+
+N_STARTS = 3
+"""Instants from which each change is fitted."""
+
+N_ROUNDS, N_NEAR = 3, 5
+"""Rounds of instants about the best one, and instants of a round."""
+
+N_MOTION = 5
+"""Columns of the passage's own unknowns: motion, depth difference and floor."""
+
+SMALLEST_HEIGHT_STD_M, SMALLEST_SINGULAR = 1e-3, 1e-7
+"""Deviation that stands for an exact depth, and singular values that count as zero."""
+
+SMALLEST_SCORE = 4.0
+"""Gain in log-likelihood, noise taken as white, below which nothing changed."""
+
+ODDS = {STEP: 2.0, RAMP: 2.0, MANOEUVRE: 2.0}
+"""Logarithm of the odds against each change before the measurements: see
+calibration/readings.py."""
+
+SIZES = {STEP: (1e-4, 5e-2), RAMP: (1e-6, 5e-4), MANOEUVRE: (0.05, 10.0)}
+"""Sizes of the changes that are expected, uniform in the logarithm: share of the rest
+frequencies, the same per second, m/s."""
+
+SMALLEST_RIVAL = 0.05
+"""Weight from which a rival is named."""
+
+FARTHEST_MODE, MODE_STEPS = 8.0, 2.0
+"""Cost behind the best up to which another instant is kept, and how many steps of the
+last round it must be away."""
+
+SMALLEST_WEIGHT = 1e-3
+"""Weight of a fit below which its answer is left out."""
+
+FARTHEST_S, FARTHEST_LOG = 2.0, 1.0
+"""Largest first step of a start, in d/v, and in the logarithm of d/v."""
+
+
+class Reading(NamedTuple):
+    """How a passage is read."""
+
+    name: str = STRAIGHT
+    """The likeliest reading."""
+    weight: float = 1.0
+    """Its probability."""
+    rival: str = ""
+    """The next one; empty if it has less than 5 %."""
+    rival_weight: float = 0.0
+    """The probability of that one."""
+    change_time_std_s: float = np.nan
+    """Deviation of the instant of the change, s."""
+
+
+STRAIGHT_READING = Reading()
+"""Nothing changed beside the passage."""
+
+
+class Scores(NamedTuple):
+    """Gains of a change over a straight passage, and where each would start from."""
+
+    kind: str
+    """Kind of the change."""
+    gain: FloatArray
+    """Gain in log-likelihood of every instant and direction, shape (n,)."""
+    time_s: FloatArray
+    """Those instants, s."""
+    sign: FloatArray
+    """Those directions."""
+    theta: FloatArray
+    """Unknowns by the linearised model, shape (n, unknowns)."""
+
+    def search(self, gain: float) -> float:
+        """Return what the search over instants is worth, nepers.
+
+        Parameters
+        ----------
+        gain
+            Gain of the best instant with coloured noise.
+        """
+        best = float(self.gain.max())
+        share = np.clip(gain / best, 0.0, 1.0)
+        return float(-np.log(np.exp(share * (self.gain - best)).mean()))
+
+
+def read_passage(fit: PassageFit, blocks: Blocks) -> tuple[PassageFit, Reading]:
+    """Return the fit of the likeliest reading of a passage, as wide as the rivals ask.
+
+    Parameters
+    ----------
+    fit
+        Straight fit of one row, with lines.
+    blocks
+        The measurements that it was made from.
+    """
+    if blocks.shift.is_empty:
+        return fit, STRAIGHT_READING
+    tried = [(fit, np.nan)]
+    searches: list[Scores | None] = [None]
+    for kind in (STEP, RAMP, MANOEUVRE):
+        scores = score_changes(kind, fit, blocks)
+        if scores.gain.max() > SMALLEST_SCORE:
+            found = _fit_change(scores, fit, blocks)
+            tried += found
+            searches += [scores] * len(found)
+    if len(tried) == 1:
+        return fit, STRAIGHT_READING
+    fits = [one for one, _ in tried]
+    value = _log_likelihoods(fits, blocks)
+    gain = value - value[0]
+    for place, searched in enumerate(searches):
+        if searched is not None:
+            search = searched.search(float(gain[place]))
+            value[place] -= ODDS[searched.kind] + search + occam(fits[place])
+    chance = np.exp(value - value.max())
+    chance /= chance.sum()
+    names = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
+    kinds = sorted(set(names), key=lambda name: -chance[names == name].sum())
+    weight = [float(chance[names == name].sum()) for name in kinds]
+    best = int(np.argmax(np.where(names == kinds[0], chance, -1.0)))
+    has_rival = len(kinds) > 1 and weight[1] > SMALLEST_RIVAL
+    reading = Reading(
+        kinds[0],
+        weight[0],
+        kinds[1] if has_rival else "",
+        weight[1] if has_rival else 0.0,
+        _time_std_s(tried, names == kinds[0], best, chance),
+    )
+    return _averaged(fits, best, chance), reading
+
+
+def _time_std_s(
+    tried: list[tuple[PassageFit, float]], same: BoolArray, best: int, chance: FloatArray
+) -> float:
+    """Return the deviation of the instant of a change: within its mode and among them."""
+    if tried[best][0].change is None:
+        return float("nan")
+    at, own = np.array([
+        (_change(tried[row][0]).time_s[0], tried[row][1]) for row in np.flatnonzero(same)
+    ]).T  # fmt: skip
+    square = own**2 + (at - _change(tried[best][0]).time_s[0]) ** 2
+    return float(np.sqrt((chance[same] * square).sum() / chance[same].sum()))
+
+
+def _fit_change(
+    scores: Scores, fit: PassageFit, blocks: Blocks
+) -> list[tuple[PassageFit, float]]:
+    """Fit one kind of change: its likely modes, with the deviation of each instant."""
+    kind = scores.kind
+    theta, change = _starts(scores, fit, blocks)
+    fits = _fitted(theta, change, fit, blocks)
+    step = float(np.median(np.diff(np.unique(scores.time_s))))
+    square = np.zeros(theta.shape[0])
+    for _ in range(N_ROUNDS):
+        near = step * np.linspace(-0.5, 0.5, N_NEAR)
+        change = Change(
+            kind,
+            (_change(fits).time_s[:, None] + near).ravel(),
+            np.repeat(_change(fits).sign, N_NEAR),
+        )
+        wide = _fitted(np.repeat(fits.theta, N_NEAR, axis=0), change, fit, blocks)
+        step *= 2 / (N_NEAR - 1)
+        cost = np.minimum(_cost(wide), 1e300).reshape(-1, N_NEAR)
+        chance = np.exp(cost.min(axis=1, keepdims=True) - cost)
+        chance /= chance.sum(axis=1, keepdims=True)
+        mean = (chance * near).sum(axis=1)
+        scatter = (chance * (near - mean[:, None]) ** 2).sum(axis=1)
+        square = np.maximum(square, scatter)
+        fits = take_rows(wide, np.argmin(cost, axis=1) + N_NEAR * np.arange(len(cost)))
+    cost = _cost(fits)
+    time_std = np.sqrt(square + step**2 / 12)
+    at, kept = _change(fits).time_s, list[int]()
+    for row in np.argsort(cost):
+        far = abs(at[row] - at[kept]) > MODE_STEPS * step
+        likely = np.isfinite(cost[row]) and cost[row] < cost.min() + FARTHEST_MODE
+        if likely and far.all() and len(kept) < N_STARTS:
+            kept.append(int(row))
+    return [
+        (fit_with_coloured_noise(take_rows(fits, [row]), blocks), float(time_std[row]))
+        for row in kept
+    ]
+
+
+def _starts(
+    scores: Scores, fit: PassageFit, blocks: Blocks
+) -> tuple[FloatArray, Change]:
+    """Return starts by the linearised passage, and by a search through all of them."""
+    step = float(np.median(np.diff(np.unique(scores.time_s))))
+    starts: list[int] = []
+    for place in np.argsort(-scores.gain):
+        apart = np.abs(scores.time_s[place] - scores.time_s[starts]) > 2.5 * step
+        if np.all(apart | (scores.sign[starts] != scores.sign[place])):
+            starts.append(int(place))
+        if len(starts) == N_STARTS:
+            break
+    theta, time_s = scores.theta[starts], scores.time_s[starts]
+    sign = scores.sign[starts]
+    if scores.kind != MANOEUVRE:
+        every = Change(scores.kind, scores.time_s, scores.sign)
+        more = find_changed_estimates(
+            blocks, fit.medium, float(fit.turn[0]), every.shape, n_starts=N_STARTS
+        )
+        added = np.zeros((more.number.size, theta.shape[1]))
+        added[:, :4] = more.theta
+        added[:, HEIGHT] = fit.height_m
+        added[:, CHANGED] = more.size
+        theta = np.concatenate([theta, added])
+        time_s = np.append(time_s, scores.time_s[more.number])
+        sign = np.append(sign, scores.sign[more.number])
+    return theta, Change(scores.kind, time_s, sign)
+
+
+def _fitted(
+    theta: FloatArray, change: Change, fit: PassageFit, blocks: Blocks
+) -> PassageFit:
+    turn = np.repeat(fit.turn, theta.shape[0])
+    return fit_passage(blocks, theta, turn, fit.medium, change=change)
+
+
+def _change(fit: PassageFit) -> Change:
+    """Return what changed in a fit of a change."""
+    if fit.change is None:
+        msg = "a straight passage has no change"
+        raise ValueError(msg)
+    return fit.change
+
+
+def _cost(fits: PassageFit) -> FloatArray:
+    """Return the cost of every row with the prior of its change; inf if it is invalid.
+
+    A passage whose own closest approach lies on the other leg is none.
+    """
+    change = _change(fits)
+    cost = fits.cost + 0.5 * ((fits.theta[:, CHANGED:] / change.std) ** 2).sum(axis=1)
+    valid = np.isfinite(cost) & (fits.theta[:, 2] > 0)
+    if change.kind == MANOEUVRE:
+        valid &= (change.time_s - fits.theta[:, 0]) * change.sign > 0
+    return np.where(valid, cost, np.inf)
+
+
+class _Linear(NamedTuple):
+    """A passage and many changes, linear about its fit, whitened with the priors."""
+
+    value: FloatArray
+    """Residuals, shape (n,)."""
+    base: FloatArray
+    """Columns of the passage: t0, ln d/v, v, depth difference, floor, then the
+    constants; shape (n, columns)."""
+    extra: FloatArray
+    """Columns of the changes, shape (changes, unknowns, n)."""
+
+
+def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
+    """Return what a change at each of many instants would gain, noise taken as white.
+
+    Parameters
+    ----------
+    kind
+        Kind of the change.
+    fit
+        Straight fit of one row.
+    blocks
+        The measurements that it was made from.
+    """
+    used = (blocks.weight[0] > 0).any(axis=0)
+    first, last = np.quantile(blocks.time_s[used], [EDGE, 1 - EDGE])
+    instants = np.linspace(first, last, N_INSTANTS)
+    sign = np.ones(N_INSTANTS)
+    if kind == MANOEUVRE:
+        sign = np.where(instants > fit.theta[0, 0], 1.0, -1.0)
+    elif kind == RAMP:
+        instants, sign = np.tile(instants, 2), np.append(sign, -sign)
+    change = Change(kind, instants, sign)
+    theta = np.zeros((instants.size, CHANGED + change.std.size))
+    theta[:, : fit.theta.shape[1]] = fit.theta
+    theta[:, HEIGHT] = fit.height_m
+    value, base, extra = _linearised(change, theta, fit, blocks)
+    scale = np.sqrt((base**2).sum(axis=0))
+    scale[scale == 0] = 1.0
+    basis, singular, turn = np.linalg.svd(base / scale, full_matrices=False)
+    good = singular > SMALLEST_SINGULAR * singular[0]
+    basis, singular, turn = basis[:, good], singular[good], turn[good]
+    free = extra - (extra @ basis) @ basis.T
+    normal = free @ np.swapaxes(free, 1, 2)
+    normal[:, range(change.std.size), range(change.std.size)] += change.std**-2.0
+    right = free @ (value - basis @ (basis.T @ value))
+    size = np.linalg.solve(normal, right[..., None])[..., 0]
+    # what the passage itself moves by when the change is let in
+    left = value - np.einsum("ik,ikn->in", size, extra)
+    moved = ((left @ basis) / singular) @ turn / scale
+    width = float(fit.range_over_speed_s[0])
+    speed = float(fit.theta[0, 2])
+    reach = np.array([FARTHEST_S * width, FARTHEST_LOG, 0.5 * abs(speed)])
+    theta[:, :3] += np.clip(moved[:, :3], -reach, reach * [1.0, 1.0, 2.0])
+    theta[:, CHANGED:] = np.clip(size, -4 * change.std, 4 * change.std)
+    return Scores(kind, 0.5 * (right * size).sum(axis=-1), instants, sign, theta)
+
+
+def _linearised(
+    change: Change, theta: FloatArray, fit: PassageFit, blocks: Blocks
+) -> _Linear:
+    straight = replace(fit, theta=theta[:1, :CHANGED]).law(blocks.time_s)
+    every = Passage(np.repeat(straight.rows, theta.shape[0], axis=0))
+    rows = change.law(every, theta, blocks.time_s, fit.medium).rows
+    floor = fit.theta[:, FLOOR : FLOOR + 1]
+    share = np.exp(straight.spread - np.logaddexp(straight.spread, floor))[0]
+    factors = (1.0, float(fit.turn[0]), share)
+    kinds = (blocks.shift, blocks.bearing, blocks.level)
+    base = np.zeros((2, N_MOTION + sum(block.value.shape[1] for block in kinds)))
+    base[0, N_MOTION - 2] = 1 / max(fit.medium.height_std_m, SMALLEST_HEIGHT_STD_M)
+    base[1, N_MOTION - 1] = 1 / FLOOR_PRIOR_DEVIATION
+    values, bases = [np.zeros(2)], [base]
+    extras = [np.zeros((theta.shape[0], change.std.size, 2))]
+    begin = N_MOTION
+    for number, (residual, block, noise) in enumerate(
+        zip(passage_residuals(fit, blocks), kinds, fit.noises, strict=True)
+    ):
+        value, constants, precision, kept = measured_series(
+            residual, block.weight[0], noise.scale[0]
+        )
+        root = np.sqrt(precision)
+        partials = (rows[:, number, 1:] * factors[number])[..., kept] * root
+        part = np.zeros((value.size, base.shape[1]))
+        part[:, : N_MOTION - 1] = partials[0, : N_MOTION - 1].T
+        if number == 2:
+            part[:, N_MOTION - 1] = root * (1 - share[kept])
+        end = begin + constants.shape[1]
+        part[:, begin:end] = root[:, None] * constants
+        begin = end
+        values.append(root * value)
+        bases.append(part)
+        extras.append(partials[:, N_MOTION - 1 :])
+    return _Linear(
+        np.concatenate(values), np.concatenate(bases), np.concatenate(extras, axis=-1)
+    )
+
+
+def _log_likelihoods(fits: list[PassageFit], blocks: Blocks) -> FloatArray:
+    """Return the log-likelihood of every reading, coloured noise at its best in each."""
+    total = np.zeros(len(fits))
+    kinds = (blocks.shift, blocks.bearing, blocks.level)
+    residuals = [passage_residuals(fit, blocks) for fit in fits]
+    width_s = float(fits[0].range_over_speed_s[0])
+    for number, block in enumerate(kinds):
+        scale = np.min([fit.noises[number].scale[0] for fit in fits], axis=0)
+        series = [
+            measured_series(residual[number], block.weight[0], scale)
+            for residual in residuals
+        ]
+        kept = series[0][3]
+        if kept.any():
+            total += coloured_likelihoods(
+                [(one[0], one[1]) for one in series],
+                series[0][2], blocks.time_s[kept], width_s,
+            )  # fmt: skip
+    return total
+
+
+def occam(fit: PassageFit) -> float:
+    """Return the logarithm of prior over posterior density of a change's size.
+
+    Parameters
+    ----------
+    fit
+        Fit of one row with a change.
+    """
+    size = float(np.linalg.norm(fit.theta[0, CHANGED:]))
+    change = _change(fit)
+    low, high = SIZES[change.kind]
+    count = change.std.size
+    own = fit.full_covariance[0, 5:, 5:]
+    if not np.isfinite(own).all():
+        return 0.0
+    shell = (2.0, 2.0 * np.pi)[count - 1] * max(size, low) ** count
+    inside = 0.5 * (count * np.log(2 * np.pi) + np.linalg.slogdet(own)[1])
+    return float(max(np.log(shell * np.log(high / low)) - inside, 0.0))
+
+
+def _averaged(fits: list[PassageFit], best: int, chance: FloatArray) -> PassageFit:
+    """Return the winner, its covariance that of the mixture of all readings about it."""
+    winner = fits[best]
+    centre = _answer(winner)
+    full = winner.full_covariance[0].copy()
+    slant, flat = np.zeros((4, 4)), np.zeros((5, 5))
+    unknown = np.isnan(winner.covariance)
+    for fit, weight in zip(fits, chance, strict=True):
+        if weight < SMALLEST_WEIGHT or np.any(np.isnan(fit.covariance) != unknown):
+            continue
+        apart = _answer(fit) - centre
+        apart[3] = (apart[3] + 180.0) % 360.0 - 180.0
+        slant += weight * (fit.covariance[0] + np.outer(apart[:4], apart[:4]))
+        apart = apart[[0, 4, 2, 3, 5]]
+        own = fit.full_covariance[0, :5, :5]
+        flat += weight * (own + np.outer(apart, apart))
+    full[:5, :5] = flat
+    return replace(winner, covariance=slant[None], full_covariance=full[None])
+
+
+def _answer(fit: PassageFit) -> FloatArray:
+    """Time, slant d/v, speed, bearing, horizontal d/v and depth difference."""
+    return np.array([
+        fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2],
+        fit.bearing_deg[0], np.exp(fit.theta[0, 1]), fit.height_m[0],
+    ])  # fmt: skip
