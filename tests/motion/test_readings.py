@@ -21,7 +21,12 @@ def test_the_law_of_two_legs_is_that_of_newtons_method(at, change):
     law = passage_law(time, STRAIGHT, 1500.0, HEIGHT_M, with_height=True)
     sign = np.array([1.0 if at > CLOSEST_S else -1.0])
     two = with_other_leg(
-        law, time, STRAIGHT, (np.array([at]), sign, np.array([change])), 1500.0, HEIGHT_M
+        law,
+        time,
+        STRAIGHT,
+        (np.array([at]), sign, np.array([change])),
+        1500.0,
+        HEIGHT_M,
     )
     turned = (two.angle[0] - np.arctan2(x, y) + np.pi) % (2 * np.pi) - np.pi
     distance2 = x**2 + y**2 + HEIGHT_M**2

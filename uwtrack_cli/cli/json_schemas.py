@@ -98,7 +98,7 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "type": ["object", "null"],
             "properties": {"reading": _TEXT, "weight": {"type": "number"}},
             "required": ["reading", "weight"],
-            "description": "Next reading, if it has more than 5 %, with its weight.",
+            "description": "Next reading with its weight; null if none has 5 %.",
         },
         "change": {
             "type": ["object", "null"],
@@ -107,7 +107,7 @@ _DERIVED: dict[str, dict[str, Schema]] = {
                 for name in ("time_s", "time_std_s", *CHANGE_KEYS)
             },
             "required": ["time_s", "time_std_s", *CHANGE_KEYS],
-            "description": "What changed beside a straight passage, and when.",
+            "description": "What changed beside a passage, and when; null if nothing.",
         },
         "level_reference": {**_TEXT, "description": "'1 uPa' or 'full scale'."},
         "level_band_hz": {

@@ -281,6 +281,12 @@ def test_encounter_has_the_documented_keys_types_and_order():
     direct = {
         key: [value] for key, value in documented.items() if key in Encounters.columns()
     }
+    change = documented["change"]
+    times = {"change_time_s": change.pop("time_s"),
+             "change_time_std_s": change.pop("time_std_s")}  # fmt: skip
+    known = {k: [np.nan if v is None else v] for k, v in (times | change).items()}
+    direct |= known | {"rival": ["frequency-step"], "rival_weight": [0.1]}
+    documented = json.loads(ENCOUNTER)
     container = synthetic(
         Encounters, 1, **direct, time_utc_ns=[1_577_836_800_123_456_789],
         **NO_AMBIGUITY, **reason_columns("reason_encounter", [{}]), rest_encounter=[0, 0], rest_line_id=[1, 2],

@@ -144,10 +144,6 @@ def _encounter_rows(container: Container) -> Iterator[Row]:
         values["nuisances"] = _nuisances(container, i)
         values["rival"] = _rival(values)
         values["change"] = _change(values)
-        if values["rival"] is None:
-            values["reasons"].setdefault("rival", "no other reading has 5 %")
-        if values["change"] is None:
-            values["reasons"].setdefault("change", "nothing changed beside the passage")
         values["vessel"] = _vessel(values)
         if values["vessel"] is None:
             values["reasons"].setdefault("vessel", _why_no_vessel(container))

@@ -187,7 +187,10 @@ def read_passage(fit: PassageFit, blocks: Blocks) -> tuple[PassageFit, Reading]:
 
 
 def _time_std_s(
-    tried: list[tuple[PassageFit, float]], same: BoolArray, best: int, chance: FloatArray
+    tried: list[tuple[PassageFit, float]],
+    same: BoolArray,
+    best: int,
+    chance: FloatArray,
 ) -> float:
     """Return the deviation of the instant of a change: within its mode and among them."""
     if tried[best][0].change is None:

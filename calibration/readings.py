@@ -1,0 +1,86 @@
+"""Where the odds against a change beside a passage come from: drawn passages.
+
+Draws passages that are straight, that jitter, that step or ramp their frequencies and
+that manoeuvre, and weighs their readings with several odds: how many of those that did
+not change are read as changed, how many that did are read as straight, and which share
+of all quantities (time, range over speed, speed) lies within 1.96 deviations and beyond
+5. `ODDS` is the smallest number of nepers with at most 5 % of false changes among the
+straight ones. Forty of each kind take some minutes:
+python -m calibration.readings 40
+"""
+
+import sys
+import warnings
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from tests.motion.drawn_readings import KINDS, SENSOR, draw, is_clear
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.motion.passage import readings
+from uwtrack_cli.motion.passage.contacts import CandidatePassage, examine
+from uwtrack_cli.motion.passage.measurements import series_data
+from uwtrack_cli.motion.passage.nuisances import marginalise, nuisance_priors
+
+FIRST_SEED = 500_000
+"""Seeds that no table and no test uses."""
+
+TRIED = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0)
+"""Odds that are tried, nepers."""
+
+PRIORS = nuisance_priors(SENSOR, None, None, 3.0, 2.0)
+
+
+class Outcome(NamedTuple):
+    """A drawn passage read with some odds."""
+
+    name: str
+    """The reading."""
+    deviations: FloatArray
+    """Errors of time, range over speed and speed in stated deviations."""
+
+
+def found(kind: str, count: int) -> Iterator[tuple[CandidatePassage, FloatArray]]:
+    """Yield the candidates of so many drawn passages, with their truth."""
+    for seed in range(FIRST_SEED, FIRST_SEED + count):
+        drawn = draw(kind, seed)
+        lines = np.arange(1, 1 + drawn.series.frequency_hz.shape[1])
+        data = series_data(drawn.series, 1)
+        if not is_clear(drawn):
+            continue
+        one = examine(data, (1,), lines, PRIORS.medium, 1e-3)
+        if one is not None:
+            yield one, drawn.truth[[0, 3, 1]]
+
+
+def outcome(item: CandidatePassage, truth: FloatArray, odds: float) -> Outcome:
+    """Read a candidate with some odds."""
+    readings.ODDS.update(dict.fromkeys(readings.ODDS, odds))
+    fit, reading = readings.read_passage(item.fit, item.blocks)
+    fit = marginalise(fit, PRIORS)[0]
+    answer = np.array([fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2]])
+    deviation = np.sqrt(np.diag(fit.covariance[0])[:3])
+    return Outcome(reading.name, (answer - truth) / deviation)
+
+
+def main(count: int) -> None:
+    """Print a line for every kind and odds."""
+    warnings.simplefilter("ignore")
+    for kind in KINDS[:-1]:
+        items = list(found(kind, count))
+        for odds in TRIED:
+            made = [outcome(item, truth, odds) for item, truth in items]
+            straight = np.mean([one.name == readings.STRAIGHT for one in made])
+            values = np.abs([one.deviations for one in made])
+            values = values[np.isfinite(values)]
+            print(
+                f"{kind} odds {odds:g}: {len(made)} found, straight {straight:.1%}, "
+                f"within 1.96 {(values < 1.96).mean():.1%}, "
+                f"beyond 5 {(values > 5).mean():.2%}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))
