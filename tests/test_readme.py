@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 
 
@@ -13,6 +15,7 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.timeout(900)
 def test_the_commands_run_in_an_empty_folder(tmp_path):
     script = "set -eu\n" + "\n".join(blocks("sh"))
     folder = str(Path(sys.executable).parent)
