@@ -41,6 +41,8 @@ class Drawn:
     series: Series
     change_s: float
     nearest_m: float
+    flat_m: float = 0.0
+    other_mps: tuple = ()
 
 
 def draw(kind, seed):
@@ -70,7 +72,24 @@ def draw(kind, seed):
     truth = np.array([CLOSEST_S, speed, slant, slant / speed, course])
     side = "starboard" if turn > 0 else "port"
     series = _measured(time, ratio, bearing, far, rng)
-    return Drawn(kind, truth, side, series, at, slant * float(far.min()))
+    other = () if kind == "machinery" else tuple(legs[1])
+    nearest = slant * float(far.min())
+    return Drawn(kind, truth, side, series, at, nearest, float(flat), other)
+
+
+def place(drawn, time_s):
+    """Return east and north of the drawn vessel at a time, the sensor at the origin."""
+    speed, course = drawn.truth[1], np.radians(drawn.truth[4])
+    along = np.array([np.sin(course), np.cos(course)])
+    away = np.array([-along[1], along[0]]) * (1 if drawn.side == "starboard" else -1)
+    lag = time_s - CLOSEST_S
+    if (time_s > drawn.change_s) == (drawn.change_s > CLOSEST_S):
+        lag = drawn.change_s - CLOSEST_S
+        left = time_s - drawn.change_s
+    else:
+        left = 0.0
+    x = speed * lag + drawn.other_mps[0] * left
+    return x * along + (drawn.flat_m + drawn.other_mps[1] * left) * away
 
 
 def _other(kind, speed, rng):

@@ -3,9 +3,18 @@
 import numpy as np
 import pytest
 
-from tests.motion.drawn_readings import READ_AS, analyse, draw, errors, received
+from tests.motion.drawn_readings import (
+    READ_AS,
+    SENSOR,
+    analyse,
+    draw,
+    errors,
+    place,
+    received,
+)
 from uwtrack_cli.acoustics.passage import passage_law, with_other_leg
 from uwtrack_cli.motion.cpa import find_encounters
+from uwtrack_cli.motion.locate import locate_vessels
 
 CLOSEST_S, FLAT_M, HEIGHT_M, SPEED_MPS = 300.0, 180.0, 19.0, 6.0
 STRAIGHT = np.array([[CLOSEST_S, np.log(FLAT_M / SPEED_MPS), SPEED_MPS]])
@@ -47,9 +56,9 @@ def test_the_partials_of_two_legs_are_those_of_differences():
         return with_other_leg(straight, time, one, change, 1500.0, height).rows[0]
 
     exact = law(start)[:, 1:]
-    for place, step in enumerate(1e-5 * np.eye(6)):
+    for row, step in enumerate(1e-5 * np.eye(6)):
         slope = (law(start + step)[:, 0] - law(start - step)[:, 0]) / 2e-5
-        assert np.abs(exact[:, place] - slope).max() < 1e-7
+        assert np.abs(exact[:, row] - slope).max() < 1e-7
 
 
 @pytest.mark.parametrize(
@@ -68,6 +77,20 @@ def test_a_passage_is_read_as_it_was_drawn(kind, seed):
     if is_changed:
         off = abs(found.change_time_s[0] - drawn.change_s)
         assert off < max(4 * found.change_time_std_s[0], 3.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_positions_follow_both_legs_of_a_manoeuvre(seed):
+    drawn = draw("turn", seed)
+    other = 1.0 if drawn.change_s > CLOSEST_S else -1.0
+    times = [CLOSEST_S, drawn.change_s + 40.0 * other, drawn.change_s + 150.0 * other]
+    at = [f"{time:.3f}" for time in times]
+    fixes = locate_vessels([analyse(drawn)], [SENSOR], at=at)
+    for row in np.flatnonzero(fixes.mode == 1):
+        east, north = place(drawn, fixes.time_s[row])
+        off = np.array([fixes.east_m[row] - east, fixes.north_m[row] - north])
+        # 99.99 % of a chi-square with two degrees of freedom
+        assert off @ np.linalg.solve(fixes.covariance_m2[row], off) < 18.4
 
 
 def test_a_machine_that_changes_its_speed_is_no_passage():

@@ -28,7 +28,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
 from uwtrack_cli.motion.fusion.motion_fit import clock_errors
-from uwtrack_cli.motion.fusion.sensor_table import Passages, gather_passages
+from uwtrack_cli.motion.fusion.sensor_table import OtherLeg, Passages, gather_passages
 from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
 from uwtrack_cli.motion.options import Misfit, MotionModel, Probability, Search
 from uwtrack_cli.motion.target.contact import ContactAnswer, analyse_contacts
@@ -221,16 +221,28 @@ def _rows(
     passages: Passages,
 ) -> dict[str, FloatArray | list[str]]:
     """Predict one mode at all times: state and covariance grow with the lag."""
-    lag = times - mode.reference_s
-    transition = np.tile(np.eye(4), (times.size, 1, 1))
-    transition[:, 0, 2] = transition[:, 1, 3] = lag
-    state = transition @ mode.state
-    covariance = transition @ mode.covariance @ np.swapaxes(transition, 1, 2)
-    velocity = mode.state[2:]
-    speed = float(np.hypot(*velocity))
-    along = velocity / speed
-    across = np.array([along[1], -along[0]])
-    spread = mode.covariance[2:, 2:]
+    legs = [passages.other_leg[row] for row in mode.members]
+    leg = next((one for one in legs if one is not None), None)
+    state, covariance = _predicted(mode, times)
+    if leg is not None:
+        is_other = (times - leg.time_s > 0) == leg.is_later
+        if not np.isfinite(leg.along_away_mps).all():
+            times, state, covariance = (
+                values[~is_other] for values in (times, state, covariance)
+            )
+            msg = (
+                f"contact {contact} manoeuvred at {leg.time_s:.0f} s and its other "
+                f"course is not known: it has no positions there."
+            )
+            warnings.warn(msg, UwtrackNote, stacklevel=3)
+        elif is_other.any():
+            state[is_other], covariance[is_other] = _other_side(
+                mode, leg, times[is_other]
+            )
+    velocity, spread = state[:, 2:], covariance[:, 2:, 2:]
+    speed = np.hypot(*velocity.T)
+    along = velocity / speed[:, None]
+    across = np.stack([along[:, 1], -along[:, 0]], axis=1)
     names = sorted({passages.sensor[row] for row in mode.members})
     count = times.size
     return {
@@ -241,14 +253,49 @@ def _rows(
         "east_m": state[:, 0],
         "north_m": state[:, 1],
         "covariance_m2": covariance[:, :2, :2],
-        "speed_mps": np.full(count, speed),
-        "speed_std_mps": np.full(count, np.sqrt(along @ spread @ along)),
-        "course_deg": np.full(count, np.rad2deg(np.arctan2(*velocity)) % 360.0),
-        "course_std_deg": np.full(
-            count, np.rad2deg(np.sqrt(across @ spread @ across) / speed)
+        "speed_mps": speed,
+        "speed_std_mps": np.sqrt(np.einsum("ti,tij,tj->t", along, spread, along)),
+        "course_deg": np.rad2deg(np.arctan2(*velocity.T)) % 360.0,
+        "course_std_deg": np.rad2deg(
+            np.sqrt(np.einsum("ti,tij,tj->t", across, spread, across)) / speed
         ),
         "sensors": [",".join(names)] * count,
     }
+
+
+def _predicted(mode: Mode, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return state and covariance of a mode on its straight leg."""
+    transition = np.tile(np.eye(4), (times.size, 1, 1))
+    transition[:, 0, 2] = transition[:, 1, 3] = times - mode.reference_s
+    covariance = transition @ mode.covariance @ np.swapaxes(transition, 1, 2)
+    return transition @ mode.state, covariance
+
+
+def _other_side(
+    mode: Mode, leg: OtherLeg, times: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return state and covariance of a mode on the other side of its manoeuvre."""
+    (at,), (spread,) = _predicted(mode, np.array([leg.time_s]))
+    along = mode.state[2:] / np.hypot(*mode.state[2:])
+    course = np.radians(leg.course_deg)
+    # in a mode of the opposite side the vessel goes the opposite way
+    turn = leg.turn * np.sign(along @ [np.sin(course), np.cos(course)])
+    away = -turn * np.array([along[1], -along[0]])
+    velocity = leg.along_away_mps[0] * along + leg.along_away_mps[1] * away
+    unit = velocity / max(float(np.hypot(*velocity)), 1e-9)
+    axes = np.stack([unit, [unit[1], -unit[0]]], axis=1) * leg.std_mps
+    own = axes @ axes.T
+    turned = np.outer(velocity - mode.state[2:], velocity - mode.state[2:])
+    lag = (times - leg.time_s)[:, None]
+    state = np.concatenate(
+        [at[:2] + lag * velocity, np.tile(velocity, (times.size, 1))], axis=1
+    )
+    covariance = np.zeros((times.size, 4, 4))
+    place = spread[:2, :2] + leg.time_std_s**2 * turned
+    covariance[:, :2, :2] = place + lag[..., None] ** 2 * own
+    covariance[:, :2, 2:] = covariance[:, 2:, :2] = lag[..., None] * own
+    covariance[:, 2:, 2:] = own
+    return state, covariance
 
 
 def _fixes(parts: list[dict[str, FloatArray | list[str]]], passages: Passages) -> Fixes:

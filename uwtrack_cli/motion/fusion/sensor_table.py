@@ -7,6 +7,7 @@ sensors on a local grid keep it; a single sensor without a position is the origi
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,26 @@ class Grid:
     """East and north of every sensor, m, by its identifier."""
 
 
+class OtherLeg(NamedTuple):
+    """How a vessel moved on the other side of a manoeuvre."""
+
+    time_s: float
+    """When it manoeuvred, s."""
+    time_std_s: float
+    """Its standard deviation, s."""
+    is_later: bool
+    """Whether that leg follows the manoeuvre; else it goes before."""
+    course_deg: float
+    """Course at closest approach, degrees."""
+    turn: float
+    """+1 if the sensor lies to starboard there, -1 to port."""
+    along_away_mps: FloatArray
+    """Velocity there, along the course at closest approach and away from the sensor,
+    m/s, shape (2,); nan where its course is not known."""
+    std_mps: FloatArray
+    """Deviations of its speed, and across it, m/s, shape (2,)."""
+
+
 @dataclass(frozen=True)
 class Passages:
     """All usable encounters, one row each, on one grid and one clock."""
@@ -56,6 +77,8 @@ class Passages:
     """Deviation of the clock of every row, s, shape (rows,)."""
     grid: Grid
     """The common grid."""
+    other_leg: list[OtherLeg | None]
+    """The other leg of every row; None for a straight passage."""
 
 
 def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
@@ -154,7 +177,33 @@ def gather_passages(encounters: list[Encounters], sensors: list[Sensor]) -> Pass
         start,
         clocks,
         grid,
+        [
+            _other_leg(item, row, float(part.measured[0, 0]))
+            for (item, row), part in zip(rows, parts, strict=True)
+        ],
     )
+
+
+def _other_leg(item: Encounters, row: int, time_s: float) -> OtherLeg | None:
+    """Return the other leg of an encounter whose closest approach is at a time."""
+    columns = (
+        item.change_time_s, item.change_time_std_s, item.other_leg_speed_mps,
+        item.other_leg_speed_std_mps, item.other_leg_course_deg,
+        item.other_leg_course_std_deg,
+    )  # fmt: skip
+    known = [np.nan if values is None else float(values[row]) for values in columns]
+    at, at_std, speed, speed_std, course, course_std = known
+    if not np.isfinite(speed):
+        return None
+    after = at - float(item.time_s[row])
+    main = float(item.course_deg[row])
+    turn = {"starboard": 1.0, "port": -1.0}.get(str(item.side[row]), np.nan)
+    angle = np.radians(course - main)
+    return OtherLeg(
+        time_s + after, at_std, after > 0, main, turn,
+        speed * np.array([np.cos(angle), -turn * np.sin(angle)]),
+        np.array([speed_std, speed * np.radians(course_std)]),
+    )  # fmt: skip
 
 
 def _clock_deviations(known: dict[str, Sensor], names: list[str]) -> FloatArray:

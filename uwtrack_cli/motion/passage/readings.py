@@ -267,7 +267,25 @@ def _starts(
         theta = np.concatenate([theta, added])
         time_s = np.append(time_s, scores.time_s[more.number])
         sign = np.append(sign, scores.sign[more.number])
+    elif not blocks.bearing.is_empty:
+        theta = np.concatenate([theta, _mirrored(theta, time_s)])
+        time_s, sign = np.tile(time_s, 2), np.tile(sign, 2)
     return theta, Change(scores.kind, time_s, sign)
+
+
+def _mirrored(theta: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return manoeuvres whose other leg is mirrored at the bearing of their instant.
+
+    Ranges, and so frequencies and levels, are the same on both: only bearings tell.
+    """
+    place = np.stack([time_s - theta[:, 0], np.exp(theta[:, 1])], axis=1)
+    unit = place / np.sqrt((place**2).sum(axis=1, keepdims=True))
+    straight = np.stack([theta[:, 2], np.zeros(theta.shape[0])], axis=1)
+    velocity = straight + theta[:, CHANGED:]
+    along = (velocity * unit).sum(axis=1, keepdims=True)
+    other = theta.copy()
+    other[:, CHANGED:] = 2 * along * unit - velocity - straight
+    return other
 
 
 def _fitted(

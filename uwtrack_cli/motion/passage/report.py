@@ -400,6 +400,16 @@ def add_sensor_motion(row: Row, context: CpaContext) -> str | None:
     )  # fmt: skip
     v["speed_mps"], v["speed_std_mps"] = ground.speed_mps, ground.speed_std_mps
     v["course_deg"], v["course_std_deg"] = ground.course_deg, ground.course_std_deg
+    if np.isfinite(v["other_leg_speed_mps"]):
+        other = over_ground(
+            v["other_leg_speed_mps"], v["other_leg_course_deg"], v["bearing_deg"],
+            np.diag([v["other_leg_speed_std_mps"], v["other_leg_course_std_deg"]]) ** 2,
+            motion.velocity_mps,
+        )  # fmt: skip
+        v["other_leg_speed_mps"] = other.speed_mps
+        v["other_leg_speed_std_mps"] = other.speed_std_mps
+        v["other_leg_course_deg"] = other.course_deg
+        v["other_leg_course_std_deg"] = other.course_std_deg
     row.side = side_of_vessel(1 if ground.is_starboard else -1)
     return None
 
