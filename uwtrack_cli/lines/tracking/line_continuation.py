@@ -5,6 +5,9 @@ with its rate, and its variance grows. A line that is confirmed later, and began
 the other had ended, is its continuation when frequency, rate and bearing agree so well
 that a stranger, who could be anywhere in the band, would be there far less likely. Each
 ended line is continued once, by the likeliest of those that are confirmed together.
+A line that turns at once, faster than its filter follows, falls silent and another one
+begins where it was last heard: with a small prior probability the rate is free, and the
+new line's first frequency is compared with the old one's last.
 
 **Conventions.** A new line is compared at its present state; likelihood ratios are in
 nepers.
@@ -32,6 +35,15 @@ LEAST_LOG_RATIO = 1.6
 RETURNING = 0.5
 """Prior probability that a line which fell silent comes back."""
 
+TURNING = 0.5
+"""Prior probability that a line which comes back has another rate."""
+
+TURN_WINDOWS = 3.0
+"""Mean time from the last peak before a turn to the first one after it, in windows."""
+
+SILENT_FRAMES = 2
+"""Frames without a peak of its own after which a line may have turned."""
+
 LEAST_STD, LEAST_RATE_STD = 0.3, 0.2
 """Floors of the deviations of differences of frequencies, in resolutions, and of rates, in
 resolutions per window: the first peaks of a new line may be noise's, and a machine does
@@ -44,6 +56,8 @@ class EndedLine:
 
     number: int
     """Number of the line."""
+    slot: int
+    """Its slot if it is still waited for, else -1."""
     row: int
     """Last frame that belongs to it, counted from the start."""
     time_s: float
@@ -70,10 +84,24 @@ class LineContinuation:
         """Take note of the lines that have ended since the last call."""
         kept = [e for e in self.ended if time_s - e.time_s < self.silence_s]
         fresh = [
-            EndedLine(int(self.store.line[slot]), row, *self.store.recall(slot, row))
+            EndedLine(
+                int(self.store.line[slot]), -1, row, *self.store.recall(slot, row)
+            )
             for slot, row in self.store.take_ended()
         ]
         self.ended = kept + (fresh if self.silence_s else [])
+
+    def _waited_for(self) -> list[EndedLine]:
+        """Return the confirmed lines that have no peaks of their own any more."""
+        store = self.store
+        slots = store.confirmed
+        slots = slots[store.rows - store.settled[slots] >= SILENT_FRAMES]
+        return [
+            EndedLine(int(store.line[slot]), slot, row, *store.recall(slot, row))
+            for slot, row in zip(
+                slots.tolist(), store.settled[slots].tolist(), strict=True
+            )
+        ]
 
     def numbers(self, slots: IntArray, time_s: float) -> IntArray:
         """Return for lines to be confirmed the numbers that they continue, 0 for none.
@@ -86,18 +114,28 @@ class LineContinuation:
             Time of the frame, s.
         """
         numbers = np.zeros(slots.size, dtype=np.int64)
-        if not self.ended or not slots.size:
+        if not slots.size or not self.silence_s:
             return numbers
-        ratio = np.array([self._log_ratio(old, slots, time_s) for old in self.ended])
+        silent = self.ended + self._waited_for()
+        if not silent:
+            return numbers
+        begin = _Beginnings(self.store, slots)
+        ratio = np.array([self._log_ratio(e, slots, begin, time_s) for e in silent])
+        replaced = []
         while ratio.max() > LEAST_LOG_RATIO:
             old, new = np.unravel_index(int(ratio.argmax()), ratio.shape)
-            numbers[new] = self.ended[old].number
+            numbers[new] = silent[old].number
+            replaced.append(silent[old].slot)
             ratio[old], ratio[:, new] = -np.inf, -np.inf
+        self.store.release(np.array([slot for slot in replaced if slot >= 0], np.int64))
+        self.store.take_ended()  # they go on
         taken = set(numbers.tolist())
         self.ended = [e for e in self.ended if e.number not in taken]
         return numbers
 
-    def _log_ratio(self, old: EndedLine, slots: IntArray, time_s: float) -> FloatArray:
+    def _log_ratio(
+        self, old: EndedLine, slots: IntArray, begin: "_Beginnings", time_s: float
+    ) -> FloatArray:
         """Logarithm of "the old line again" over "a stranger" for some new lines."""
         store = self.store
         gap_s = time_s - old.time_s
@@ -123,5 +161,48 @@ class LineContinuation:
         n_strangers = len(self.ended) + store.confirmed.size
         density = n_strangers / self.band_hz
         log_ratio += np.log(RETURNING / density) - 0.5 * np.log(2.0 * np.pi * spread)
+        if old.slot >= 0:
+            log_ratio[:] = -np.inf  # on its course it would have found the peaks itself
+        log_ratio = np.logaddexp(log_ratio, self._turned(old, begin, density))
         log_ratio[store.born[slots] <= old.row] = -np.inf
         return np.asarray(log_ratio)
+
+    def _turned(
+        self, old: EndedLine, begin: "_Beginnings", density: float
+    ) -> FloatArray:
+        """Logarithm of "the old line with another rate" over "a stranger"."""
+        gap_s = np.maximum(begin.time_s - old.time_s, 0.0)
+        before = KalmanState(*old.state)
+        # it went on for an unknown part of the gap
+        drift = np.abs(before.rate[0]) * gap_s
+        spread = before.variance[0] + begin.variance_hz2 + drift**2 / 3.0
+        spread = spread + (LEAST_STD * self.resolution_hz) ** 2
+        off = begin.frequency_hz - before.position[0] - 0.5 * before.rate[0] * gap_s
+        log_ratio = -0.5 * (off**2 / spread + np.log(2.0 * np.pi * spread))
+        log_ratio += np.log(RETURNING * TURNING / density)
+        # it begins at once, where strangers begin at any time
+        wait_s = TURN_WINDOWS / self.resolution_hz
+        log_ratio += np.log(max(begin.time_s.max() / wait_s, 1.0)) - gap_s / wait_s
+        is_known = before.variance[1] < UNKNOWN_BEARING_VARIANCE
+        turn = wrap_deg(begin.bearing_deg - before.position[1])
+        if is_known:
+            around = before.variance[1] + begin.bearing_variance_deg2
+            log_ratio -= 0.5 * turn**2 / around
+        return np.asarray(log_ratio)
+
+
+class _Beginnings:
+    """When and where some lines began; arrays of shape (line,)."""
+
+    def __init__(self, store: TrackStore, slots: IntArray) -> None:
+        first = [
+            store.recall(slot, row)
+            for slot, row in zip(
+                slots.tolist(), store.born[slots].tolist(), strict=True
+            )
+        ]
+        self.time_s = np.array([time_s for time_s, _, _ in first])
+        states = np.array([state for _, state, _ in first])
+        self.frequency_hz, self.bearing_deg = states[:, 0, 0], states[:, 0, 1]
+        self.variance_hz2 = states[:, 2, 0]
+        self.bearing_variance_deg2 = states[:, 2, 1]

@@ -56,6 +56,12 @@ _MOST_HITS = 32.0
 _CORRELATION_WINDOWS = 4.0
 """Windows over which the errors of a smoothed line are taken as correlated."""
 
+_UNRESOLVED = 1.5
+"""Distance of two lines, in resolutions, within which their peaks may be one."""
+
+_MERGED_STD = 0.5
+"""Deviation of such a peak from either line, in resolutions."""
+
 _LEAST_JITTER = 0.1
 """Floor of a line's deviation in the comb test, in resolutions."""
 
@@ -176,6 +182,8 @@ class LineTracker:
         noise = np.empty((n, slots.size))
         innovation[0] = peaks.frequency_hz[peak]
         noise[0] = store.frequency_noise_hz2(slots)
+        is_merged = self._is_unresolved(slots)
+        noise[0, is_merged] += (_MERGED_STD * self.resolution_hz) ** 2
         if n == 2:
             innovation[1] = peaks.bearing_deg[peak]
             noise[1] = peaks.bearing_variance_deg2[peak]
@@ -185,8 +193,25 @@ class LineTracker:
             innovation[1] = np.where(np.isnan(turn), 0.0, turn)
         store.correct(slots, kalman.update(before, innovation, noise))
         deviation = innovation[0] / np.sqrt(before.variance[0] + noise[0])
-        self._adapt(slots, deviation, 1.0 / (1.0 + np.exp(-chosen.gain)))
+        probability = np.where(is_merged, 0.0, 1.0 / (1.0 + np.exp(-chosen.gain)))
+        self._adapt(slots, deviation, probability)
         self._note_peaks(slots, peak, peaks)
+
+    def _is_unresolved(self, slots: IntArray) -> BoolArray:
+        """Tell which confirmed lines are so near another that they may share a peak.
+
+        Lines that cross keep their rates through it: a common peak belongs to neither.
+        """
+        store = self.store
+        confirmed = store.confirmed
+        is_near = np.zeros(store.stage.size, dtype=bool)
+        if confirmed.size > 1:
+            frequency = store.frequency_hz[confirmed]
+            order = frequency.argsort()
+            near = np.diff(frequency[order]) < _UNRESOLVED * self.resolution_hz
+            is_near[confirmed[order[1:]]] = near
+            is_near[confirmed[order[:-1]]] |= near
+        return np.asarray(is_near[slots])
 
     def _adapt(
         self, slots: IntArray, innovation: FloatArray, probability: FloatArray

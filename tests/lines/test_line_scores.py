@@ -1,0 +1,54 @@
+"""One line, one id: scenes of lines in noise at the commands' defaults.
+
+The whole table is in tests/baselines/line_scenes.md; here are single draws of what broke lines once.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.lines.line_scores import SCENES, bursts, score, tracked
+
+SEED = 4242
+
+
+@pytest.mark.parametrize(
+    ("name", "cover", "purity", "ids"),
+    [
+        ("fades of 10 s at 10 dB", 0.95, 0.99, 1.3),
+        ("stops of 20 s", 0.95, 0.99, 1.3),
+        ("crossings at 0.05 Hz/s", 0.95, 0.94, 1.1),
+        ("pairs 2 bins apart", 0.95, 0.95, 1.3),
+        ("sweeps of 0.5 bins a frame", 0.95, 0.99, 2.5),
+    ],
+)
+def test_a_line_keeps_its_id(name, cover, purity, ids):
+    scene = SCENES[name](np.random.default_rng(SEED))
+    found = score(scene, tracked(scene, SEED))
+    assert found.cover.mean() >= cover
+    assert found.purity >= purity
+    assert found.ids <= ids
+
+
+def test_bursts_of_a_minute_are_followed_at_the_defaults():
+    rng = np.random.default_rng(SEED)
+    covers = []
+    for k in range(3):
+        scene = bursts(rng, 5.0)
+        covers.append(score(scene, tracked(scene, SEED + k)).cover)
+    assert np.mean(np.concatenate(covers) > 0.5) > 0.75
+
+
+def test_the_scores_see_a_tracker_that_breaks_and_mixes_lines():
+    """A score that cannot fail is none: ids cut in two, and two lines under one id."""
+    scene = SCENES["steady at 15 dB"](np.random.default_rng(SEED))
+    scene.frequency_hz, scene.snr_db = scene.frequency_hz[:2, :200], scene.snr_db[:2]
+    lines = tracked(scene, SEED)
+    assert score(scene, lines).ids == 1.0
+    broken = np.where(lines.time_s > 50.0, lines.line + 100, lines.line)
+    assert score(scene, replace(lines, line=broken)).ids == 2.0
+    mixed = np.ones_like(lines.line)
+    assert score(scene, replace(lines, line=mixed)).purity == pytest.approx(
+        0.5, abs=0.02
+    )
