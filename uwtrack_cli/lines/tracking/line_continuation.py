@@ -72,9 +72,32 @@ class LineContinuation:
     """Remembers the lines that have ended, and finds them again."""
 
     def __init__(
-        self, store: TrackStore, resolution_hz: float, band_hz: float, silence_s: float
+        self,
+        store: TrackStore,
+        resolution_hz: float,
+        band_hz: float,
+        silence_s: float,
+        *,
+        may_turn: bool,
     ) -> None:
+        """Remember the lines of a store.
+
+        Parameters
+        ----------
+        store
+            The lines.
+        resolution_hz
+            Resolution of a frame in Hz.
+        band_hz
+            Width of the band in which strangers begin, Hz.
+        silence_s
+            Longest silence of a line, s; 0 continues none.
+        may_turn
+            Whether lines may change faster than their process noise says: not if it
+            was given as fixed.
+        """
         self.store = store
+        self.may_turn = may_turn
         self.silence_s = silence_s
         self.resolution_hz = resolution_hz
         self.band_hz = band_hz
@@ -116,7 +139,7 @@ class LineContinuation:
         numbers = np.zeros(slots.size, dtype=np.int64)
         if not slots.size or not self.silence_s:
             return numbers
-        silent = self.ended + self._waited_for()
+        silent = self.ended + (self._waited_for() if self.may_turn else [])
         if not silent:
             return numbers
         begin = _Beginnings(self.store, slots)
@@ -163,7 +186,8 @@ class LineContinuation:
         log_ratio += np.log(RETURNING / density) - 0.5 * np.log(2.0 * np.pi * spread)
         if old.slot >= 0:
             log_ratio[:] = -np.inf  # on its course it would have found the peaks itself
-        log_ratio = np.logaddexp(log_ratio, self._turned(old, begin, density))
+        if self.may_turn:
+            log_ratio = np.logaddexp(log_ratio, self._turned(old, begin, density))
         log_ratio[store.born[slots] <= old.row] = -np.inf
         return np.asarray(log_ratio)
 

@@ -83,8 +83,9 @@ class LineTracker:
             self.store, options, self.logic, self.resolution_hz
         )
         self.continuation = LineContinuation(
-            self.store, self.resolution_hz, self.band_hz, options.gates.silence_s
-        )
+            self.store, self.resolution_hz, self.band_hz, options.gates.silence_s,
+            may_turn=options.motion.adaptation > 0.0,
+        )  # fmt: skip
         self.hop_s = frames.hop_s
         self.reference = peaks.reference
         self.families = FamilyRegister()
