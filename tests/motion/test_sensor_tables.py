@@ -48,6 +48,18 @@ def test_a_still_source_has_a_fix_and_the_offsets_are_told():
     assert motions.reference.tolist() == ["b0"]
 
 
+def test_bearings_of_one_moment_tell_a_place_whose_ellipse_grows_as_a_vessel_may_go():
+    square = []
+    for seed in range(10):
+        series, place, _, _ = buoys(seed + 300, rows=1, strange=0.0, std_deg=3.0)
+        fixes = locate_vessels(series=series, at=["0", "100"])
+        square.append(errors(fixes, place, np.zeros(2))[1])
+        spread = np.linalg.eigvalsh(fixes.covariance_m2)
+        assert np.all(spread[1] > 1000.0**2)
+    # five or more of ten beyond a 95 % region happen once in 15,000 such tests
+    assert np.count_nonzero(np.array(square) > 5.99) < 5
+
+
 def test_the_order_of_rows_and_the_origin_of_the_grid_do_not_matter():
     series, *_ = buoys(5)
     mixed = series.take("row", np.random.default_rng(1).permutation(series.time_s.size))

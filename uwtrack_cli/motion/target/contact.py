@@ -166,7 +166,7 @@ def _answer(
         data=data,
         modes=answers,
         n_values=problem.n_values,
-        manoeuvring=is_manoeuvring(problem.track) or data.platforms is not None,
+        manoeuvring=data.platforms is not None or is_manoeuvring(problem.track),
         target_manoeuvre=find_manoeuvre(
             problem, modes.q[0], options.nuisances, data.overlap_rows
         ),
@@ -416,11 +416,18 @@ def _modes(
     freedom = 4 + problem.n_lines
     threshold = float(chdtri(freedom, 1.0 - options.search.confidence))
     found = information(problem, merged.q[0])
-    return find_modes(
+    modes = find_modes(
         problem,
         merged,
         threshold * misfit_scale(problem, merged.q[0]),
         singular=found.rank < len(found.bread),
+    )
+    if problem.sensor is None:
+        return modes
+    # a way through the very place of a sensor fits well and is improbable
+    order = np.argsort(-modes.weight, kind="stable")
+    return Modes(
+        modes.q[order], modes.rest_hz[order], modes.value[order], modes.weight[order]
     )
 
 

@@ -111,6 +111,9 @@ def _at_times(
         msg = "fixes are of sensors whose places are known"
         raise TypeError(msg)
     state, covariance = grid_state(mode, platforms)
+    if not mode.observability.observable[2:4].all():  # a place, and no velocity
+        covariance[2:, :] = covariance[:, 2:] = 0.0
+        covariance[[2, 3], [2, 3]] = 1e3 * VESSEL_VELOCITY_STD_MPS**2
     covariance = _with_vessel_prior(covariance)
     lag = times - answer.data.time_s[0]
     transition = np.tile(np.eye(4), (times.size, 1, 1))

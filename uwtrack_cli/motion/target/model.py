@@ -81,8 +81,11 @@ def to_motion(q: FloatArray) -> FloatArray:
 
 def motion_jacobian(q: FloatArray) -> FloatArray:
     """Differentiate (R, bearing, speed, course) by solver coordinates."""
-    speed = np.maximum(np.hypot(q[:, 2], q[:, 3]), 1e-9)
-    sine, cosine = q[:, 2] / speed, q[:, 3] / speed
+    speed = np.hypot(q[:, 2], q[:, 3])
+    # at rest any course will do: north
+    sine = np.where(speed > 1e-9, q[:, 2] / np.maximum(speed, 1e-9), 0.0)
+    cosine = np.where(speed > 1e-9, q[:, 3] / np.maximum(speed, 1e-9), 1.0)
+    speed = np.maximum(speed, 1e-9)
     jacobian = np.zeros((q.shape[0], 4, 4))
     jacobian[:, 0, 0] = np.exp(q[:, 0])
     jacobian[:, 1, 1] = 1.0

@@ -401,8 +401,11 @@ def _last_position(
 ) -> tuple[FloatArray, FloatArray]:
     """Range and bearing at the last measurement, with deviations."""
     track = problem.track
-    node = track.now[-1]
-    time = track.time_s[node]
+    time = track.time_s[track.now[-1]]
+    # from the sensor that the first range and bearing count from
+    sensor = problem.sensor
+    own = -1 if sensor is None else np.flatnonzero(sensor == sensor[0])[-1]
+    node = track.now[own]
     state = to_state(q)
     east = state[0] + state[2] * time - track.east_m[node]
     north = state[1] + state[3] * time - track.north_m[node]
