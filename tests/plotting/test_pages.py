@@ -446,5 +446,20 @@ def test_short_and_empty_products_have_pages(containers):
         pages_of([c for c in containers if c.NAME == "sensor"])
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, -1.0])
+def test_numbers_that_no_run_makes_end_in_no_traceback(containers, value):
+    def changed(c):
+        if isinstance(c, Encounters):
+            return replace(
+                c, rest_frequency_hz=np.full(c.rest_frequency_hz.size, value)
+            )
+        if isinstance(c, Overview) and np.isfinite(value):
+            return replace(c, frequency_hz=np.full(c.frequency_hz.size, value))
+        return replace(c, reader=None) if isinstance(c, Recording) else c
+
+    for page in pages_of([changed(c) for c in containers]):
+        assert page.draw(View()).axes
+
+
 def test_a_scene_without_times_draws_nothing():
     assert Scene([]).times_s is None

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.acoustics.passage import Passage, passage_law
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
 
 TURN = {"starboard": 1.0, "port": -1.0}
@@ -58,6 +58,13 @@ class PassageFit:
         """Speed over sound speed; 0 if unknown."""
         speed = self.speed_mps if np.isfinite(self.speed_mps) else 0.0
         return speed / float(self.encounters.sound_speed_mps[self.row])
+
+    @property
+    def rest_rows(self) -> IntArray:
+        """Rows of its rest frequencies, those that are frequencies."""
+        frequency = self.encounters.rest_frequency_hz
+        known = (self.encounters.rest_encounter == self.row) & np.isfinite(frequency)
+        return np.flatnonzero(known & (frequency > 0))
 
     @property
     def is_drawn(self) -> bool:

@@ -281,11 +281,10 @@ def _strips(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
 def _best_lines(page: PassagePage) -> list[int]:
     """Return the rows of the rest frequencies that have strips, the highest first."""
     found = page.fit.encounters
-    own = np.flatnonzero(found.rest_encounter == page.fit.row)
+    frequency, own = found.rest_frequency_hz, page.fit.rest_rows
     band = page.view.band_hz
     if band is not None:
-        frequency = found.rest_frequency_hz[own]
-        own = own[(frequency >= band[0]) & (frequency <= band[1])]
+        own = own[(frequency[own] >= band[0]) & (frequency[own] <= band[1])]
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = found.rest_frequency_std_hz[own] / found.rest_frequency_hz[own]
     best = own[np.argsort(relative, kind="stable")][:MOST_STRIPS]
@@ -364,7 +363,7 @@ def _draw_part(
     if overview is None or overview.frequency_hz.size < 2:
         return False
     width = float(np.diff(overview.frequency_hz).min())
-    if 2 * half_hz / width < FEWEST_CELLS:
+    if not width > 0 or 2 * half_hz / width < FEWEST_CELLS:
         return False
     near = np.abs(overview.frequency_hz - rest_hz) <= half_hz + width
     if near.sum() < FEWEST_CELLS:
@@ -455,7 +454,7 @@ def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[Part]
 def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
     """Return what the lines leave of their curve."""
     fit = page.fit
-    own = np.flatnonzero(fit.encounters.rest_encounter == fit.row)
+    own = fit.rest_rows
     if not own.size or not fit.is_drawn or fit.mach <= 0:
         return []
     time_s, left, weight = _left(page.scene, fit, own, span_s)
@@ -706,7 +705,7 @@ def fact_lines(row: Row) -> list[tuple[str, str]]:
         for name, head, unit in FACTS
         if row.get(head.key) is not None
     ]
-    rest = sorted(row["rest_frequencies_hz"])
+    rest = sorted(f for f in row["rest_frequencies_hz"] if f is not None)
     for number in range(0, len(rest), 3):
         part = ", ".join(f"{f:.2f}" for f in rest[number : number + 3])
         end = " Hz" if number + 3 >= len(rest) else ","
