@@ -3,6 +3,8 @@
 import sys
 from pathlib import Path
 
+from sphinx.application import Sphinx
+
 import uwtrack_cli
 
 HERE = Path(__file__).parent
@@ -30,10 +32,9 @@ autodoc_typehints = "none"  # the sections of the docstrings tell them
 autodoc_member_order = "bysource"
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
-nb_execution_mode = "cache"
+nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
-nb_execution_cache_path = str(HERE / "_build" / "notebooks")
 nb_execution_in_temp = True
 nb_merge_streams = True
 
@@ -47,3 +48,8 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
 }
 html_sidebars = {name: [] for name in ("index", "install", "tutorial", "notebook")}
+
+
+def setup(app: Sphinx) -> None:
+    """Run the notebook in every build: what it shows may have changed."""
+    app.connect("env-get-outdated", lambda *_: ["notebook"])
