@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from geographiclib.geodesic import Geodesic
 from typer.testing import CliRunner
 
 from tests.support import recording_of
@@ -18,6 +19,7 @@ from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.product import read_product
 from uwtrack_cli.flow.products import small_containers
 from uwtrack_cli.flow.rerun_sources import with_sound
+from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
 from uwtrack_cli.plotting.lofargram import (
     FrequencyAxis,
     choose_axis,
@@ -245,6 +247,27 @@ def test_the_map_shows_the_track_of_ais(containers):
     assert "AIS FERRY" in [t.get_text() for t in ax.texts]
     (drawn,) = [line for line in ax.lines if len(line.get_xdata()) == 13]
     np.testing.assert_allclose(drawn.get_xdata(), track.first)
+
+
+def test_tracks_of_ais_are_metres_from_the_sensor(tmp_path, product):
+    """Distances on the map are those of the geodesic."""
+    places = [Geodesic.WGS84.Direct(35.0, 128.5, azimuth, 300.0)
+              for azimuth in (10.0, 90.0, 200.0)]  # fmt: skip
+    rows = [f"2024-05-01 12:0{2 + k}:30.000,235070762,{g['lat2']},{g['lon2']},90,10"
+            for k, g in enumerate(places)]  # fmt: skip
+    head = "Time,MMSI,Latitude_degrees,Longitude_degrees,COG_degrees,SOG_knots"
+    table = tmp_path / "ais.csv"
+    table.write_text("\n".join([head, *rows]) + "\n")
+    with read_product(product) as opened:
+        (recording,) = opened.read_all(Recording)
+    sensor = recording.sensor
+    (track,) = tracks_past(read_vessels(table), sensor, recording)
+    np.testing.assert_allclose(track.time_s, [60.0, 120.0, 180.0], atol=1e-3)
+    np.testing.assert_allclose(np.hypot(track.first, track.second), 300.0, atol=0.02)
+    azimuth = np.degrees(np.arctan2(track.first, track.second)) % 360.0
+    np.testing.assert_allclose(azimuth, [10.0, 90.0, 200.0], atol=0.01)
+    with pytest.raises(DataError, match="not known"):
+        tracks_past(read_vessels(table), sensor, None)
 
 
 def test_the_band_of_a_fit_is_its_first_order_deviation(containers):

@@ -13,6 +13,16 @@ import numpy as np
 from uwtrack_cli.acoustics.passage import Passage, passage_law
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.files.tables.json_rows import Row, json_rows
+from uwtrack_cli.plotting.view import Scene, View
+
+REACH = 4.0
+"""d/v on either side of the closest approach that are shown."""
+
+
+FEWEST_FRAMES = 12
+"""Frames that are shown on either side, at least."""
 
 TURN = {"starboard": 1.0, "port": -1.0}
 """Sense in which the bearing turns, by the side of the vessel where the sensor is."""
@@ -118,3 +128,36 @@ class PassageFit:
         return np.asarray(np.sqrt(np.maximum(
             np.einsum("ni,ij,nj->n", along, covariance, along), 0.0
         )))  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class PassagePage:
+    """All that a page of a passage shows."""
+
+    scene: Scene
+    """The recording."""
+    fit: PassageFit
+    """The passage."""
+    view: View
+    """What of it is drawn."""
+
+    @property
+    def row(self) -> Row:
+        """Its row, as it is printed."""
+        return json_rows(self.fit.encounters)[self.fit.row]
+
+    def span_s(self) -> tuple[float, float]:
+        """Return begin and end of what is shown, s."""
+        known = self.scene.times_s or (-np.inf, np.inf)
+        middle, reach = self.fit.arrival_s, REACH * self.fit.width_s
+        if not np.isfinite(middle):
+            middle = self.fit.time_s
+        lines = self.scene.first(Lines)
+        if lines is not None:
+            reach = np.fmax(reach, FEWEST_FRAMES * lines.frames.hop_s)
+        if not np.isfinite([middle, reach]).all():
+            return self.view.span_s(known, self.scene.clock)
+        low, high = max(known[0], middle - reach), min(known[1], middle + reach)
+        if not low < high:  # it lies outside of the recording
+            low, high = known
+        return self.view.span_s((low, high), self.scene.clock)

@@ -1,83 +1,48 @@
 """The page of one passage: its lines as they were heard, the fit, what is left of it.
 
-**Method.** Every strip is a part of the lofargram a few Doppler shifts high, about the
-rest frequency of a line. Where the sound is at hand, it is resolved as finely as the
-line's own sweep allows (frames of 1 / sqrt(sweep rate)); else the picture that the
-product carries is taken where it resolves the shift, and the measured frequencies
-where it does not. A panel is drawn if it has something to say.
+**Method.** Strips of the sound about each line with the fit (`passage_strips`), what the
+fit leaves of the measurements, level, bearing, map and numbers. A panel is drawn if it
+has something to say.
 
 **Conventions.** Bands are two standard deviations on either side. Residuals are shares
 of the Doppler shift v/c, so that a fit which leaves its lines is seen at once.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.data.spectra import Levels, Overview
-from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.tables.json_rows import Row, json_rows
+from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.files.tables.json_rows import Row
 from uwtrack_cli.files.tables.summaries import Head, utc_text
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.lofargram import (
-    FrequencyAxis,
-    cell_edges,
-    choose_axis,
-    draw_lofargram,
-    over_floor,
-    shades,
-)
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
-    Panel,
     Part,
     draw_parts,
     side_by_side,
     stacked,
     titled_figure,
 )
-from uwtrack_cli.plotting.passage_fit import PassageFit
+from uwtrack_cli.plotting.passage_fit import PassageFit, PassagePage
 from uwtrack_cli.plotting.passage_map import draw_map, has_map
+from uwtrack_cli.plotting.passage_strips import line_strips, measured_line
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
-    LEVELS_MAP,
     MEASURED,
-    NO_SOUND,
     WARNING,
     broken_bearing,
     calm,
     contact_color,
-    halo,
 )
 from uwtrack_cli.plotting.view import Scene, View
-from uwtrack_cli.spectra.zoom import Window, Zoom, zoom
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-
-REACH = 4.0
-"""d/v on either side of the closest approach that are shown."""
-
-FEWEST_FRAMES = 12
-"""Frames that are shown on either side, at least."""
-
-MOST_STRIPS = 6
-"""Lines that have a strip of their own, the best measured ones."""
-
-SHIFTS = 3.0
-"""Height of a strip on either side of the rest frequency, in Doppler shifts."""
-
-FEWEST_CELLS = 6.0
-"""Cells of the overview in a strip below which it shows nothing of the line."""
-
-LONGEST_FRAME_S = 30.0
 
 MARKED_MISFIT = 0.2
 """Misfit from which a page warns: half of what refuses a passage."""
@@ -92,56 +57,6 @@ USABLE_BEARING_DEG = 30.0
 
 MAP_IN = 3.8
 """Height of the map on a narrow page, inches."""
-
-
-USUAL_SNR_DB = 15.0
-"""How strong a measurement is drawn whose strength is not known."""
-
-
-class MeasuredLine(NamedTuple):
-    """What was measured of a line."""
-
-    time_s: FloatArray
-    """Times, s, shape (n,)."""
-    frequency_hz: FloatArray
-    """Frequencies, Hz, shape (n,)."""
-    std_hz: FloatArray
-    """Their deviations, Hz; nan if unknown."""
-    snr_db: FloatArray
-    """Signal-to-noise ratios, dB; nan if unknown."""
-
-
-@dataclass(frozen=True, eq=False)
-class PassagePage:
-    """All that a page of a passage shows."""
-
-    scene: Scene
-    """The recording."""
-    fit: PassageFit
-    """The passage."""
-    view: View
-    """What of it is drawn."""
-
-    @property
-    def row(self) -> Row:
-        """Its row, as it is printed."""
-        return json_rows(self.fit.encounters)[self.fit.row]
-
-    def span_s(self) -> tuple[float, float]:
-        """Return begin and end of what is shown, s."""
-        known = self.scene.times_s or (-np.inf, np.inf)
-        middle, reach = self.fit.arrival_s, REACH * self.fit.width_s
-        if not np.isfinite(middle):
-            middle = self.fit.time_s
-        lines = self.scene.first(Lines)
-        if lines is not None:
-            reach = np.fmax(reach, FEWEST_FRAMES * lines.frames.hop_s)
-        if not np.isfinite([middle, reach]).all():
-            return self.view.span_s(known, self.scene.clock)
-        low, high = max(known[0], middle - reach), min(known[1], middle + reach)
-        if not low < high:  # it lies outside of the recording
-            low, high = known
-        return self.view.span_s((low, high), self.scene.clock)
 
 
 def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
@@ -167,7 +82,7 @@ def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
         raise ValueError(msg)
     page = PassagePage(scene, PassageFit(encounters, row), view)
     span_s = page.span_s()
-    parts = [*_strips(page, span_s), *_residuals(page, span_s)]
+    parts = [*line_strips(page, span_s), *_residuals(page, span_s)]
     parts += [*_level(page, span_s), *_bearing(page, span_s)]
     is_mapped, right = has_map(encounters, row), None
     heads = title_lines(page)
@@ -261,194 +176,6 @@ def _mark(fit: PassageFit, ax: "Axes") -> None:
         ax.axvline(
             fit.arrival_s, linewidth=0.7, linestyle=(0, (1, 3)), color="black", zorder=1
         )
-
-
-def _strips(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
-    """Return the strips of the best lines, the highest one on top."""
-    fit = page.fit
-    rows = _best_lines(page)
-    if not rows or not fit.is_drawn or fit.mach <= 0:
-        return _overview_part(page, span_s)
-    rest = [float(fit.encounters.rest_frequency_hz[k]) for k in rows]
-    zooms = _zooms(page, span_s, rest)
-    parts = []
-    for number, k in enumerate(rows):
-        zoomed = zooms[number] if zooms else None
-        parts.append(Part(0.82, _strip(page, k, zoomed, len(rows))))
-    return parts
-
-
-def _best_lines(page: PassagePage) -> list[int]:
-    """Return the rows of the rest frequencies that have strips, the highest first."""
-    found = page.fit.encounters
-    frequency, own = found.rest_frequency_hz, page.fit.rest_rows
-    band = page.view.band_hz
-    if band is not None:
-        own = own[(frequency[own] >= band[0]) & (frequency[own] <= band[1])]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = found.rest_frequency_std_hz[own] / found.rest_frequency_hz[own]
-    best = own[np.argsort(relative, kind="stable")][:MOST_STRIPS]
-    order = np.argsort(-found.rest_frequency_hz[best], kind="stable")
-    return [int(k) for k in best[order]]
-
-
-def _half_hz(fit: PassageFit, rest_hz: float) -> float:
-    return SHIFTS * fit.mach * rest_hz
-
-
-def _zooms(
-    page: PassagePage, span_s: tuple[float, float], rest_hz: Sequence[float]
-) -> list[Zoom]:
-    """Return fine spectrograms about the lines, if the sound is at hand."""
-    recording = page.scene.first(Recording)
-    if recording is None or recording.reader is None:
-        return []
-    fit = page.fit
-    windows = []
-    for rest in rest_hz:
-        sweep = rest * fit.mach / fit.width_s  # Hz/s, at closest approach
-        frame_s = min(1 / np.sqrt(sweep), LONGEST_FRAME_S, np.ptp(span_s) / 8)
-        half = max(_half_hz(fit, rest), 3.0 / frame_s)
-        windows.append(Window(rest, min(half, 0.9 * rest), float(frame_s)))
-    margin = 0.5 * max(window.frame_s for window in windows)
-    try:
-        return zoom(recording, (span_s[0] - margin, span_s[1] + margin), windows)
-    except DataError:  # the sound has gone since it was found
-        return []
-
-
-def _strip(page: PassagePage, rest_row: int, zoomed: Zoom | None, count: int) -> Panel:
-    def draw(ax: "Axes") -> None:
-        from matplotlib.ticker import MaxNLocator
-
-        fit = page.fit
-        rest = float(fit.encounters.rest_frequency_hz[rest_row])
-        half = _half_hz(fit, rest)
-        is_picture = True
-        if zoomed is not None and zoomed.time_s.size > 1:
-            half = max(half, float(zoomed.offset_hz[-1]))
-            dark, bright = shades(zoomed.level_db)
-            ax.pcolormesh(
-                cell_edges(zoomed.time_s, ax.get_xlim()), cell_edges(zoomed.offset_hz),
-                zoomed.level_db.T, cmap=LEVELS_MAP, vmin=dark, vmax=bright,
-                rasterized=True,
-            )  # fmt: skip
-            ax.set_facecolor(NO_SOUND)
-        else:
-            is_picture = _draw_part(page.scene.first(Overview), rest, half, ax)
-        if not is_picture:
-            line = int(fit.encounters.rest_line_id[rest_row])
-            _draw_points(measured_line(page.scene, fit.contact, line), rest, ax)
-        _draw_curve(fit, rest, rest_row, ax, is_picture=is_picture)
-        ax.set_ylim(-half, half)
-        ax.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
-        ax.yaxis.set_major_formatter(lambda value, _: f"{value:+g}" if value else "0")
-        ax.tick_params(labelsize=7)
-        ax.text(
-            0.008, 0.9, f"{rest:.2f} Hz", transform=ax.transAxes, va="top", fontsize=8,
-            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8},
-        )  # fmt: skip
-        spec = ax.get_subplotspec()
-        first = 0 if spec is None else spec.rowspan.start
-        if first == (count - 1) // 2:
-            ax.set_ylabel("off the rest\nfrequency (Hz)", fontsize=8)
-
-    return draw
-
-
-def _draw_part(
-    overview: Overview | None, rest_hz: float, half_hz: float, ax: "Axes"
-) -> bool:
-    """Draw the overview about a frequency; False where it resolves nothing."""
-    if overview is None or overview.frequency_hz.size < 2:
-        return False
-    width = float(np.diff(overview.frequency_hz).min())
-    if not width > 0 or 2 * half_hz / width < FEWEST_CELLS:
-        return False
-    near = np.abs(overview.frequency_hz - rest_hz) <= half_hz + width
-    if near.sum() < FEWEST_CELLS:
-        return False
-    relative = over_floor(overview)[:, near]
-    dark, bright = shades(relative)
-    ax.pcolormesh(
-        cell_edges(overview.time_s, ax.get_xlim()),
-        cell_edges(overview.frequency_hz[near]) - rest_hz,
-        np.ma.masked_invalid(relative.T), cmap=LEVELS_MAP, vmin=dark, vmax=bright,
-        rasterized=True,
-    )  # fmt: skip
-    ax.set_facecolor(NO_SOUND)
-    return True
-
-
-def measured_line(scene: Scene, contact: int, line: int) -> MeasuredLine:
-    """Return what was measured of a line: tracked in sound, or given in a table.
-
-    Parameters
-    ----------
-    scene
-        The recording or table.
-    contact
-        Contact of the line.
-    line
-        Identifier of the line; of a table, the number of its column.
-    """
-    lines, series = scene.first(Lines), scene.first(Series)
-    if lines is not None:
-        rows = (lines.line == line) & np.isfinite(lines.measured_frequency_hz)
-        columns = (lines.time_s, lines.measured_frequency_hz,
-                   lines.measured_frequency_std_hz, lines.measured_snr_db)  # fmt: skip
-        return MeasuredLine(*(np.asarray(column[rows], float) for column in columns))
-    if series is None or not 1 <= line <= series.frequency_hz.shape[1]:
-        return MeasuredLine(*np.zeros((4, 0)))
-    frequency = series.frequency_hz[:, line - 1]
-    rows = (series.contact == contact) & np.isfinite(frequency)
-    unknown = np.full(int(rows.sum()), np.nan)
-    std = series.frequency_std_hz[rows, line - 1]
-    return MeasuredLine(series.time_s[rows], frequency[rows], std, unknown)
-
-
-def _draw_points(measured: MeasuredLine, rest_hz: float, ax: "Axes") -> None:
-    """Draw the measured frequencies, the stronger the darker."""
-    calm(ax)
-    snr = np.nan_to_num(measured.snr_db, nan=USUAL_SNR_DB)
-    ax.scatter(
-        measured.time_s, measured.frequency_hz - rest_hz, s=5, c=snr,
-        cmap=f"{LEVELS_MAP}_r", vmin=0.0, vmax=25.0, linewidths=0,
-    )  # fmt: skip
-
-
-def _draw_curve(
-    fit: PassageFit, rest_hz: float, rest_row: int, ax: "Axes", *, is_picture: bool
-) -> None:
-    """Draw the fit thin, with its band, so that the sound stays visible beneath."""
-    time_s = np.linspace(*ax.get_xlim(), 400)
-    shift, std = fit.shift(time_s)
-    rest_std = np.nan_to_num(fit.encounters.rest_frequency_std_hz[rest_row])
-    half = BAND_DEVIATIONS * np.hypot(rest_hz * std, rest_std)
-    color = contact_color(fit.contact)
-    ax.plot(
-        time_s, rest_hz * shift, color=color, lw=0.9,
-        path_effects=halo() if is_picture else None,
-    )  # fmt: skip
-    ax.fill_between(
-        time_s, rest_hz * shift - half, rest_hz * shift + half, lw=0, alpha=0.3,
-        color="white" if is_picture else color,
-    )  # fmt: skip
-
-
-def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
-    """Return the lofargram about a passage that no line shows."""
-    overview = page.scene.first(Overview)
-    if overview is None or overview.frequency_hz.size < 2:
-        return []
-    axis: FrequencyAxis = choose_axis(
-        overview, None, page.view.band_hz, is_log=page.view.is_log
-    )
-
-    def draw(ax: "Axes") -> None:
-        draw_lofargram(overview, axis, span_s, ax)
-
-    return [Part(2.4, draw)]
 
 
 def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
