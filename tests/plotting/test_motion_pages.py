@@ -11,6 +11,7 @@ from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.series import read_series
+from uwtrack_cli.motion.target.inputs import measurements_from_series
 from uwtrack_cli.motion.tma import estimate_motion
 from uwtrack_cli.plotting.page import pages_of
 from uwtrack_cli.plotting.passage_map import scale_length
@@ -62,7 +63,7 @@ def ways(ax):
 
 
 def test_every_mode_is_drawn_where_it_starts_and_ends(ax):
-    draw_motion_map(motions(), None, ax)
+    draw_motion_map(motions(), [], ax)
     first, second = ways(ax)[:2]
     np.testing.assert_allclose(first, [[1000.0, 0.0], [1000.0, 500.0]], atol=1e-9)
     np.testing.assert_allclose(second, [[0.0, 2000.0], [500.0, 2000.0]], atol=1e-9)
@@ -71,7 +72,7 @@ def test_every_mode_is_drawn_where_it_starts_and_ends(ax):
 
 def test_an_untold_range_is_a_ray_along_the_bearing(ax):
     draw_motion_map(
-        motions(observable=[False, False], range_m=[np.nan, np.nan]), None, ax
+        motions(observable=[False, False], range_m=[np.nan, np.nan]), [], ax
     )
     rays = [line.get_xydata() for line in ax.lines if line.get_linestyle() == ":"]
     assert rays[0][1, 0] > 0
@@ -100,8 +101,6 @@ def test_residuals_of_the_sample_are_as_large_as_its_deviations(samples):
     navigation = read_navigation(samples / "own-ship.csv")
     found = estimate_motion(series, navigation=navigation, updates=3)
     scene = Scene([found, series, navigation])
-    from uwtrack_cli.motion.target.inputs import measurements_from_series
-
     (data,) = measurements_from_series(series)
     left = motion_residuals(scene, found, data)
     for values, std in (
@@ -116,6 +115,29 @@ def test_residuals_of_the_sample_are_as_large_as_its_deviations(samples):
     labels = [ax.get_ylabel() for ax in figure.axes]
     assert sum("residual" in label for label in labels) == 2
     assert all(ax.has_data() for ax in figure.axes)
+
+
+def test_residuals_of_a_table_of_sensors_count_from_each_of_them(tmp_path):
+    rng = np.random.default_rng(2)
+    places = {"b1": (0.0, 0.0), "b2": (2000.0, 300.0), "b3": (900.0, -1500.0)}
+    rows = ["time_s,sensor,sensor_east_m,sensor_north_m,bearing_deg,bearing_std_deg"]
+    for time_s in np.arange(0.0, 900.0, 15.0):
+        for name, (east, north) in places.items():
+            away = (-500.0 + 3.5 * time_s - east, -700.0 + 2.0 * time_s - north)
+            bearing = (np.degrees(np.arctan2(*away)) + rng.normal(0.0, 2.0)) % 360
+            rows.append(f"{time_s},{name},{east},{north},{bearing:.3f},2")
+    (tmp_path / "b.csv").write_text("\n".join(rows) + "\n")
+    series = read_series(tmp_path / "b.csv")
+    found = estimate_motion(series, updates=2)
+    (data,) = measurements_from_series(series)
+    left = motion_residuals(Scene([found, series]), found, data).bearing_deg
+    scaled = left[np.isfinite(left)] / 2.0
+    assert scaled.size == 180
+    assert scaled.std() == pytest.approx(1.0, abs=4 / np.sqrt(360))
+    (page,) = pages_of([found, series])
+    map_texts = [t.get_text() for t in page.draw(View()).axes[0].texts]
+    assert set(places) <= set(map_texts)
+    assert "own ship" not in map_texts
 
 
 def test_nothing_known_of_own_ship_leaves_no_residuals():

@@ -57,8 +57,8 @@ from uwtrack_cli.plotting.style import (
 )
 from uwtrack_cli.plotting.target_motion_page import (
     draw_motion_map,
+    measured_from,
     motion_states,
-    own_way,
 )
 from uwtrack_cli.plotting.view import Scene, View
 
@@ -133,7 +133,7 @@ def recording_figure(scenes: Sequence[Scene], view: View) -> "Figure":
     draw_parts(every, upper, scenes[0].clock, shared, view.ticks)
     ratio = 0.9 * view.width_in / (MAP_IN - 0.5)
     if motions is not None and has_motion:
-        draw_motion_map(motions, own_way(scenes[0]), lower.subplots(), ratio)
+        draw_motion_map(motions, measured_from(scenes[0]), lower.subplots(), ratio)
     elif is_mapped:
         draw_sensor_map(scenes, lower.subplots(), ratio)
     return figure

@@ -16,7 +16,7 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.constants import SOURCE_DEPTH_M
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
@@ -30,6 +30,7 @@ from uwtrack_cli.motion.target.inputs import (
     measurements_from_lines,
     measurements_from_series,
     own_path,
+    sensor_paths,
 )
 from uwtrack_cli.motion.target.model import predict_values
 from uwtrack_cli.motion.target.own_ship import Doppler, OwnPath, make_observer_track
@@ -124,7 +125,7 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> "Figu
     else:
         figure, left = titled_figure(heads, view, 0.7 * view.width_in)
         right = left
-    draw_motion_map(motions, own_way(scene), left.subplots())
+    draw_motion_map(motions, measured_from(scene), left.subplots())
     if parts:
         draw_parts(parts, right, scene.clock, span_s, 5 if view.is_wide else view.ticks)
     return figure
@@ -198,16 +199,20 @@ def _now(row: Row, clock: Clock) -> str:
 
 
 def draw_motion_map(
-    motions: Motions, path: OwnPath | None, ax: "Axes", ratio: float = 1.0
+    motions: Motions,
+    ways: Sequence[tuple[str, OwnPath]],
+    ax: "Axes",
+    ratio: float = 1.0,
 ) -> "Axes":
-    """Draw own ship's way, and every mode's way and regions.
+    """Draw the ways of what measured, and every mode's way and regions.
 
     Parameters
     ----------
     motions
         The motions.
-    path
-        Own ship's way; None is one that stands still.
+    ways
+        Name and way of own ship, or of every sensor, the one first from which the
+        ranges count; none is a platform that stands still.
     ax
         Where to draw.
     ratio
@@ -215,15 +220,19 @@ def draw_motion_map(
     """
     known = motions.range_m[np.isfinite(motions.range_m)]
     ray_m = float(known.max()) if known.size else 1000.0
-    begin = np.zeros(2)
-    if path is not None and path.time_s.size > 1:
-        grid = np.linspace(motions.time_s.min(), motions.now_time_s.max(), 200)
-        own = np.stack(path.at(grid)) - np.stack(path.at(grid[:1]))
-        ax.plot(*own, color="black", lw=1.4)
-        draw_arrow(ax, own[:, -6], own[:, -1], "black")
-        begin = own[:, 0]
-    ax.plot(*begin, "k^", ms=7)
-    name_place(ax, begin, "own ship", "black", (6, -12))
+    grid = np.linspace(motions.time_s.min(), motions.now_time_s.max(), 200)
+    origin = np.stack(ways[0][1].at(grid[:1])) if ways else np.zeros((2, 1))
+    for name, path in ways:
+        moves = path.time_s.size > 1
+        way = np.stack(path.at(grid if moves else path.time_s)) - origin
+        if np.ptp(way, axis=1).max() > 1.0:
+            ax.plot(*way, color="black", lw=1.4)
+            draw_arrow(ax, way[:, -6], way[:, -1], "black")
+        ax.plot(*way[:, 0], "k^", ms=7)
+        name_place(ax, way[:, 0], name, "black", (6, -12))
+    if not ways:
+        ax.plot(0.0, 0.0, "k^", ms=7)
+        name_place(ax, np.zeros(2), "own ship", "black", (6, -12))
     for row in range(motions.contact.size):
         _draw_mode(motions, row, ray_m, ax)
     fit_limits(ax, ratio)
@@ -297,15 +306,29 @@ def _navigation(scene: Scene) -> Navigation | None:
     return given or (None if sensor is None else sensor.navigation)
 
 
-def own_way(scene: Scene) -> OwnPath | None:
-    """Return the way of what measured; None where it is not known or stands still."""
-    navigation, measured = _navigation(scene), _measured(scene)
-    if navigation is None or not measured:
-        return None
+def measured_from(scene: Scene) -> list[tuple[str, OwnPath]]:
+    """Return name and way of own ship or of every sensor, the reference first."""
+    measured = _measured(scene)
+    if not measured:
+        return []
+    data = measured[0]
     try:
-        return own_path(navigation, measured[0])
+        paths, sensor = _paths(scene, data)
     except DataError:
-        return None
+        return []
+    if data.platforms is None:
+        return [("own ship", paths[0])] if paths[0].time_s.size > 1 else []
+    names = data.platforms.name
+    order = [int(sensor[0]), *(k for k in range(len(names)) if k != sensor[0])]
+    return [(names[k], paths[k]) for k in order]
+
+
+def _paths(scene: Scene, data: Measurements) -> tuple[list[OwnPath], IntArray]:
+    """Return the way of every platform, and the platform of every row."""
+    if data.platforms is None:
+        path = own_path(_navigation(scene), data)
+        return [path], np.zeros(data.time_s.size, np.int64)
+    return sensor_paths(data, data.platforms), data.platforms.sensor
 
 
 def motion_residuals(
@@ -341,28 +364,26 @@ def motion_residuals(
     if not np.isfinite([distance, bearing, speed, course]).all():
         return None
     try:
-        path = own_path(_navigation(scene), data)
+        paths, sensor = _paths(scene, data)
     except DataError:
         return None
-    steps = np.diff(data.time_s)
-    interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
-    doppler: Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
-    track = make_observer_track(path, data.time_s, doppler, interval_s)
     angle, way = np.radians(bearing), np.radians(course)
-    state = np.array([[
+    state = np.array([
         distance * np.sin(angle), distance * np.cos(angle),
         speed * np.sin(way), speed * np.cos(way),
-    ]])  # fmt: skip
-    predicted, rate = predict_values(track, state, _medium(scene, motions))
-    left = data.bearing_deg - np.degrees(predicted[0])
+    ])  # fmt: skip
+    predicted, rate = _predicted(
+        paths, sensor, data, state, motions, _medium(scene, motions)
+    )
+    left = data.bearing_deg - np.degrees(predicted)
     left = (left + 180.0) % 360.0 - 180.0
     record = scene.first(BearingTime)
     if record is not None and record.ambiguity == MIRROR:
-        heading = np.degrees(path.heading_at(data.time_s))
-        mirrored = 2 * heading - data.bearing_deg - np.degrees(predicted[0])
+        heading = np.degrees(paths[0].heading_at(data.time_s))
+        mirrored = 2 * heading - data.bearing_deg - np.degrees(predicted)
         mirrored = (mirrored + 180.0) % 360.0 - 180.0
         left = np.where(np.abs(mirrored) < np.abs(left), mirrored, left)
-    shift = 1.0 - rate[0] / motions.sound_speed_mps
+    shift = 1.0 - rate / motions.sound_speed_mps
     own = motions.rest_motion == row
     rest = dict(zip(motions.rest_line_id[own].tolist(),
                     motions.rest_frequency_hz[own].tolist(), strict=True))  # fmt: skip
@@ -370,6 +391,38 @@ def motion_residuals(
     return Residuals(
         data.time_s, left, data.frequency_hz - at_rest[:, np.newaxis] * shift
     )
+
+
+def _predicted(
+    paths: Sequence[OwnPath],
+    sensor: IntArray,
+    data: Measurements,
+    state: FloatArray,
+    motions: Motions,
+    medium: Medium,
+) -> tuple[FloatArray, FloatArray]:
+    """Return bearings in rad and range rates in m/s at every row, from its platform.
+
+    The state counts from the platform of the first row, at its time.
+    """
+    steps = np.diff(np.unique(data.time_s))  # several sensors share instants
+    interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
+    doppler: Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
+    start_s = data.time_s[:1]
+    origin = np.stack(paths[int(sensor[0])].at(start_s))[:, 0]
+    bearing, rate = np.zeros(data.time_s.size), np.zeros(data.time_s.size)
+    for number, path in enumerate(paths):
+        rows = np.flatnonzero(sensor == number)
+        if not rows.size:
+            continue
+        time_s = data.time_s[rows]
+        begin = np.stack(path.at(time_s[:1]))[:, 0]
+        gone = state[2:] * (time_s[0] - start_s[0])
+        own = np.concatenate([state[:2] + origin + gone - begin, state[2:]])
+        track = make_observer_track(path, time_s, doppler, interval_s)
+        found = predict_values(track, own[np.newaxis], medium)
+        bearing[rows], rate[rows] = found[0][0], found[1][0]
+    return bearing, rate
 
 
 def _medium(scene: Scene, motions: Motions) -> Medium:
