@@ -51,7 +51,7 @@ def run(scenario, *settings) -> dict[type[Container], Container]:
 
 def truth_at(scenario, time_s):
     """Range and bearing from the array's middle, and the vessel's course and speed."""
-    here = array_place(scenario.sensors[0], 0.0).at(np.array(time_s))
+    here = array_place(scenario.sensors[0], (0.0,) * 3).at(np.array(time_s))
     there = vessel_trajectory(scenario.vessels[0], scenario).at(np.array(time_s))
     east, north = there[0] - here[0], there[1] - here[1]
     return {

@@ -22,7 +22,7 @@ from uwtrack_cli.simulate import simulate_recordings, truth
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 NAMES = (
     "pass", "two-sensors-h1", "two-sensors-h2", "mono", "propeller", "noise",
-    "towed-array",
+    "towed-array", "small-array",
 )  # fmt: skip
 
 

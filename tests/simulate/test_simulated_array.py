@@ -92,7 +92,7 @@ def test_every_place_follows_the_ships_way():
     way = np.array(ship.at(fine_s)[:2])
     length = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=1))))
     for along_m in (PLACES[0], 0.0, PLACES[-1]):
-        here = array_place(plan, along_m).at(time_s)
+        here = array_place(plan, (0.0, along_m, 0.0)).at(time_s)
         ships = np.interp(time_s, fine_s, length)
         behind = np.interp(ships - (40.0 - along_m), length, fine_s)
         there = ship.at(behind)

@@ -82,13 +82,19 @@ class PeakRules:
     """Reference of the levels."""
 
 
-def beam_floors(beams: Beams) -> FloatArray:
-    """Return the noise density of every beam by itself, shape (beam, frame, cell)."""
-    valid = beams.frames.valid_fraction
-    floors = [
-        noise_floor(power, valid, zero_padding=beams.padding) for power in beams.power
-    ]
-    return np.stack(floors)
+def beam_floors(power: FloatArray, frames: Frames) -> FloatArray:
+    """Return the noise density of every beam by itself, shape (beam, frame, cell).
+
+    Parameters
+    ----------
+    power
+        Power density of the beams, same shape.
+    frames
+        Time base.
+    """
+    valid = frames.valid_fraction
+    padding = max(1, round(frames.fft_length / frames.window_samples))
+    return np.stack([noise_floor(one, valid, zero_padding=padding) for one in power])
 
 
 def find_beam_peaks(beams: Beams, floor: FloatArray, rules: PeakRules) -> Peaks:
@@ -173,11 +179,10 @@ def _measure(
     beams: Beams, floor: FloatArray, beam: IntArray, frame: IntArray, cell: IntArray
 ) -> dict[str, Any]:
     """Interpolate in direction and frequency; both corrections of the direction."""
-    frames, power = beams.frames, beams.power
-    step_bins = frames.window_samples / frames.fft_length
-    natural_bin_hz = frames.bin_hz / step_bins
-    beside = [power[beam, frame, cell + k].astype(np.float64) for k in (-1, 0, 1)]
-    offset_bins = peak_offset_bins(beside[0], beside[1], beside[2], step_bins)
+    power = beams.power
+    offset_bins, step_bins, natural_bin_hz = bin_offsets(
+        power, beams.frames, beam, frame, cell
+    )
     frequency_hz = beams.frequency_hz[cell] + offset_bins * natural_bin_hz
     around = [power[beam + k, frame, cell].astype(np.float64) for k in (-1, 0, 1)]
     left, centre, right = (np.log(np.maximum(p, 1e-37)) for p in around)
@@ -195,3 +200,28 @@ def _measure(
         "ratio": peak / floor[beam, frame, cell],
         "line_power": peak * NOISE_BANDWIDTH_BINS * natural_bin_hz,
     }
+
+
+def bin_offsets(
+    power: FloatArray, frames: Frames, beam: IntArray, frame: IntArray, cell: IntArray
+) -> tuple[FloatArray, float, float]:
+    """Return how far tones lie from their cells, in natural bins.
+
+    Parameters
+    ----------
+    power
+        Power of the beams, shape (beam, frame, cell).
+    frames
+        Time base.
+    beam, frame, cell
+        Where the maxima are.
+
+    Returns
+    -------
+    tuple
+        The offsets, the distance of cells in natural bins, and a natural bin in Hz.
+    """
+    step_bins = frames.window_samples / frames.fft_length
+    beside = [power[beam, frame, cell + k].astype(np.float64) for k in (-1, 0, 1)]
+    offset = peak_offset_bins(beside[0], beside[1], beside[2], step_bins)
+    return offset, step_bins, frames.bin_hz / step_bins

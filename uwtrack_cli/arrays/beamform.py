@@ -1,4 +1,4 @@
-"""Sound of a line array to beams: the bearing-time record, and peaks with bearings.
+"""Sound of an array to beams: the bearing-time record, and peaks with bearings.
 
 **Method.** The spectra of all hydrophones are turned and summed for every direction
 (conventional beams, shaded), a block of frames at a time. Peaks are sought over
@@ -8,27 +8,33 @@ separate sources that lie within one beam's width.
 
 **Conventions.** A line measures the angle from its head, a cone, and not a bearing:
 port and starboard look alike. Bearings are written for one side; `tma` settles which it
-is when own ship turns. Levels are those of a plane wave at one hydrophone.
+is when own ship turns. A planar or volume array hears bearings and elevations, and its
+broadband sound gives directions frame by frame (`broadband_directions`). Levels are
+those of a plane wave at one hydrophone.
 
 **References.** H. L. Van Trees, Optimum Array Processing (2002), chapters 2 and 6;
 J. Capon, Proc. IEEE 57 (1969).
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Annotated, Any, Literal
 from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uwtrack_cli.arrays.array_place import check_place, place_of_array
+from uwtrack_cli.arrays.array_place import ArrayPlace, check_place, place_of_array
 from uwtrack_cli.arrays.beam_peaks import (
     Beams,
     PeakRules,
     beam_floors,
     find_beam_peaks,
 )
+from uwtrack_cli.arrays.broadband_directions import DirectionSearch
+from uwtrack_cli.arrays.direction_grid import LOBE_DB, SpatialArray
+from uwtrack_cli.arrays.direction_table import TableFacts, ambiguity_of, direction_table
 from uwtrack_cli.arrays.element_check import ElementCheck
 from uwtrack_cli.arrays.line_array import (
     CLEAR_SHARE,
@@ -37,6 +43,7 @@ from uwtrack_cli.arrays.line_array import (
     Shading,
 )
 from uwtrack_cli.arrays.mvdr import mvdr_power
+from uwtrack_cli.arrays.spatial_peaks import Lobes, SpatialBeams, find_spatial_peaks
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.frames import Frames
@@ -56,6 +63,9 @@ from uwtrack_cli.spectra.spectrogram import (
 BLOCK_FRAMES = 2 * TILE_FRAMES
 """Frames of a block of conventional beams."""
 
+MOST_VALUES = 3_000_000
+"""Beams times cells of an array that is no line: 32 frames of them are 400 MB."""
+
 Probability = Annotated[float, AtLeast(1e-9), AtMost(0.5)]
 
 
@@ -72,7 +82,7 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     | None = None,
     decimation: Annotated[int, AtLeast(1), AtMost(256)] = 1,
     beams: Annotated[int, AtLeast(5), AtMost(4097)] | None = None,
-    shading: Shading = "chebyshev",
+    shading: Shading | None = None,
     sidelobe_db: Annotated[float, Unit("dB"), AtLeast(15), AtMost(80)] = 30.0,
     beamformer: Literal["conventional", "mvdr"] = "conventional",
     snapshots: Annotated[int, AtLeast(1), AtMost(100_000)] | None = None,
@@ -83,12 +93,13 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     above_design: Literal["drop", "mark"] = "drop",
     frame: Literal["compass", "array"] = "compass",
 ) -> Iterator[BearingTime]:
-    """Form beams of a line array, and find peaks in frequency and direction.
+    """Form beams of an array, and find peaks in frequency and direction.
 
     A line of hydrophones hears from which angle a sound comes, counted from the head
     of the array, and hears lines weaker than one hydrophone can. It cannot tell port
     from starboard: bearings are written for one side, and tma settles it when own ship
-    turns.
+    turns. An array of another shape hears bearing and elevation, of lines and of
+    broadband sound.
 
     Parameters
     ----------
@@ -106,10 +117,12 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     decimation
         Reduce the sample rate by this factor first.
     beams
-        Beams from astern to ahead; 4 for each hydrophone and one more unless given.
+        Beams of a line array from astern to ahead; 4 for each hydrophone and one more
+        unless given.
     shading
         Weights of the hydrophones: uniform hears weakest lines, chebyshev and hann
-        keep strong ones out of other beams.
+        keep strong ones out of other beams. Chebyshev unless given; arrays that are no
+        line are uniform.
     sidelobe_db
         Sidelobes of chebyshev below the main lobe.
     beamformer
@@ -122,14 +135,15 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     loading
         Addition to its diagonal, as a share of the mean power.
     false_alarm_probability
-        Probability that noise alone exceeds the threshold, per beam and cell.
+        Probability that noise alone exceeds the threshold, per beam and cell; and that
+        a frame of noise has a direction of broadband sound.
     kept_probability
         The same for the weakest peaks kept, not below the first.
     side
         Side that bearings are written for.
     above_design
-        What is done above the design frequency, where directions are not unique: drop,
-        or keep and mark.
+        What is done above the design frequency of a line array, where directions are
+        not unique: drop, or keep and mark. Other arrays always mark.
     frame
         Compass bearings, or angles from the array's head alone.
 
@@ -158,8 +172,17 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         )
         raise OptionError(msg)
     array = _array_of(recording)
+    is_line = isinstance(array, LineArray)
+    if not is_line and (beams is not None or shading not in {None, "uniform"}):
+        msg = (
+            "beams and shading are those of a line array; array "
+            f"{recording.sensor.id!r} is none, and its beams are uniform: leave "
+            f"{'shading' if beams is None else 'beams'} out."
+        )
+        raise OptionError(msg)
+    shading = shading or "chebyshev"
     check_place(recording, needs_heading=frame == "compass")
-    n_elements = array.along_m.size
+    n_elements = len(recording.sensor.element_xyz_m)
     layout = plan_frames(
         recording, window_s, overlap, zero_padding, band_hz, decimation
     )
@@ -174,13 +197,6 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
             )
             raise OptionError(msg)
         block_frames = -(-wanted // TILE_FRAMES) * TILE_FRAMES
-    n_beams = 4 * array.n_places + 1 if beams is None else beams
-    if n_beams < 2 * array.n_places + 1:
-        msg = (
-            f"beams must be at least {2 * array.n_places + 1} for {array.n_places} "
-            f"places of hydrophones, got {n_beams}: sources between beams are lost."
-        )
-        raise OptionError(msg)
     rules = PeakRules(
         false_alarm_probability=false_alarm_probability,
         kept_probability=kept_probability,
@@ -191,47 +207,61 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         if recording.sensor.full_scale_upa is None
         else MICROPASCAL,
     )
-    former = _BeamFormer(
-        recording=recording,
-        layout=layout,
-        array=array,
-        cos_angle=array.beam_cosines(n_beams),
-        weights=array.weights(shading, sidelobe_db),
-        loading=loading if beamformer == "mvdr" else None,
-        rules=rules,
-        check=ElementCheck(
-            recording.sensor.channel_names,
-            array.along_m,
-            array.design_frequency_hz / 2.0,
-        ),
-    )
+    given: dict[str, Any] = {
+        "recording": recording,
+        "layout": layout,
+        "weights": np.full(n_elements, 1.0 / n_elements),
+        "loading": loading if beamformer == "mvdr" else None,
+        "rules": rules,
+    }
+    former: _BeamFormer
+    if isinstance(array, LineArray):
+        given["weights"] = array.weights(shading, sidelobe_db)
+        former = _LineFormer(array=array, n_beams=_beam_count(array, beams), **given)
+    else:
+        former = _SpatialFormer(array=array, **given)
     return former.blocks(block_frames)
 
 
-def _array_of(recording: Recording) -> LineArray:
+def _beam_count(array: LineArray, beams: int | None) -> int:
+    n_beams = 4 * array.n_places + 1 if beams is None else beams
+    if n_beams < 2 * array.n_places + 1:
+        msg = (
+            f"beams must be at least {2 * array.n_places + 1} for {array.n_places} "
+            f"places of hydrophones, got {n_beams}: sources between beams are lost."
+        )
+        raise OptionError(msg)
+    return n_beams
+
+
+def _array_of(recording: Recording) -> LineArray | SpatialArray:
     sensor = recording.sensor
-    places = sensor.element_places_m
-    if places.size == 0:
+    if not len(sensor.element_xyz_m):
         msg = (
             f"{recording.name} was recorded by {sensor.kind} sensor {sensor.id!r}; "
-            f'beams need kind = "array" with element_along_m in its sensor file '
-            f"(--sensor), and no --channel."
+            f'beams need kind = "array" with element_along_m or element_positions_m in '
+            f"its sensor file (--sensor), and no --channel."
         )
         raise DataError(msg)
-    return LineArray(places, sensor.sound_speed_mps)
+    if sensor.element_positions_m is not None:
+        return SpatialArray(sensor.element_xyz_m, sensor.sound_speed_mps)
+    return LineArray(sensor.element_places_m, sensor.sound_speed_mps)
 
 
 def _band(
     layout: FrameTransform,
-    array: LineArray,
+    array: LineArray | SpatialArray,
     band_hz: tuple[float, float] | None,
     above_design: str,
 ) -> slice:
     """Return the cells in which directions can be told; say what is left out."""
     cells = np.fft.rfftfreq(layout.fft_length, 1.0 / layout.rate_hz)
-    low, high = band_hz or (array.lowest_frequency_hz, float(cells[-1]))
-    clear_hz = CLEAR_SHARE * array.design_frequency_hz
-    if above_design == "drop" and high > clear_hz:
+    lowest_hz = array.sound_speed_mps / (2.0 * array.aperture_m)
+    low, high = band_hz or (lowest_hz, float(cells[-1]))
+    clear_hz = high
+    if isinstance(array, LineArray):
+        clear_hz = CLEAR_SHARE * array.design_frequency_hz
+    if isinstance(array, LineArray) and above_design == "drop" and high > clear_hz:
         msg = (
             f"hydrophones {array.spacing_m:g} m apart tell directions up to their "
             f"design frequency of {array.design_frequency_hz:.0f} Hz: the band ends at "
@@ -249,26 +279,24 @@ def _band(
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _BeamFormer:
     """Turns the blocks of one recording into beams."""
 
     recording: Recording
     layout: FrameTransform
-    array: LineArray
-    cos_angle: FloatArray
     weights: FloatArray
     loading: float | None
     """Loading of MVDR; None for conventional beams."""
     rules: PeakRules
-    check: ElementCheck
+    _frequency_hz: FloatArray = field(init=False)
+    _turns: NDArray[np.complex64] = field(init=False)
+    """Turns of every hydrophone for every beam, shape (cell, beam, element)."""
+    _check: ElementCheck = field(init=False)
 
     def __post_init__(self) -> None:
-        """Prepare the turns of every hydrophone for every beam."""
+        """Take the band from the layout."""
         self._frequency_hz = self.layout.frequency_hz
-        self._turns = self.array.steering(
-            self._frequency_hz, self.cos_angle, np.ones(self.weights.size)
-        )
 
     def blocks(self, block_frames: int) -> Iterator[BearingTime]:
         """Yield the beams of the recording, so many frames at a time."""
@@ -281,27 +309,42 @@ class _BeamFormer:
 
     def _block(self, samples: FloatArray, frames: Frames) -> BearingTime:
         spectra = self._spectra(samples, frames.n_frames)
-        alive = self.check.alive(spectra, self._frequency_hz, float(frames.time_s[0]))
+        alive = self._check.alive(spectra, self._frequency_hz, float(frames.time_s[0]))
         weights = np.where(alive, self.weights, 0.0)
         weights = weights / weights.sum()
+        power = self._power(spectra, weights)
         place = place_of_array(self.recording.sensor, frames)
-        beams = Beams(
-            array=self.array,
-            weights=weights,
-            cos_angle=self.cos_angle,
-            frequency_hz=self._frequency_hz,
-            power=self._power(spectra, weights),
-            frames=frames,
-            place=place,
-        )
-        floor = beam_floors(beams)
-        peaks = find_beam_peaks(beams, floor, self.rules)
-        shown = beams.power
+        shown = power
         if self.loading is not None:
             used = self._turns[:, :, alive]
-            power = mvdr_power(spectra[:, alive], used, self.loading)
-            shown = np.repeat(power.T[:, None, :], frames.n_frames, axis=1)
-        return self._record(beams, shown, np.median(floor, axis=0), peaks)
+            mvdr = mvdr_power(spectra[:, alive], used, self.loading)
+            shown = np.repeat(mvdr.T[:, None, :], frames.n_frames, axis=1)
+        return self._found(spectra, weights, power, shown, frames, place)
+
+    def _found(
+        self,
+        spectra: NDArray[np.complex64],
+        weights: FloatArray,
+        power: FloatArray,
+        shown: FloatArray,
+        frames: Frames,
+        place: ArrayPlace,
+    ) -> BearingTime:
+        """Return the record of a block with what was found in it.
+
+        Parameters
+        ----------
+        spectra
+            Spectra of all hydrophones, shape (cell, element, frame).
+        weights
+            Weights of the hydrophones, 0 for one that is not used.
+        power, shown
+            Power density of the conventional beams, and of those of the record, shape
+            (beam, frame, cell).
+        frames, place
+            Time base, and where the array was.
+        """
+        raise NotImplementedError
 
     def _spectra(self, samples: FloatArray, n_frames: int) -> NDArray[np.complex64]:
         """Spectra of all hydrophones, shape (cell, element, frame)."""
@@ -321,9 +364,14 @@ class _BeamFormer:
         return np.ascontiguousarray(power.transpose(1, 2, 0))
 
     def _record(
-        self, beams: Beams, shown: FloatArray, noise: FloatArray, peaks: Peaks
+        self,
+        shown: FloatArray,
+        noise: FloatArray,
+        peaks: Peaks,
+        place: ArrayPlace,
+        **own: Any,
     ) -> BearingTime:
-        frames, place = peaks.frames, beams.place
+        frames = peaks.frames
         with np.errstate(divide="ignore", invalid="ignore"):
             level_db = 10.0 * np.log10(shown.sum(axis=2) * frames.bin_hz).T
             excess_db = 10.0 * np.log10((shown / noise).mean(axis=2)).T
@@ -331,7 +379,6 @@ class _BeamFormer:
         level_db[silent], excess_db[silent] = np.nan, np.nan
         return BearingTime(
             frames=frames,
-            cos_angle=self.cos_angle,
             level_db=level_db,
             excess_db=excess_db,
             east_m=place.east_m,
@@ -340,10 +387,182 @@ class _BeamFormer:
             bend_deg=place.bend_deg,
             band_low_hz=float(self._frequency_hz[0]),
             band_high_hz=float(self._frequency_hz[-1]),
-            design_frequency_hz=self.array.design_frequency_hz,
             beamformer="conventional" if self.loading is None else "mvdr",
             side=self.rules.side,
-            ambiguity=MIRROR if self.rules.compass else "none",
             reference=self.rules.reference,
             peaks=peaks,
+            **own,
         )
+
+
+@dataclass(kw_only=True)
+class _LineFormer(_BeamFormer):
+    """Beams of a line array, evenly spaced in the cosine with its head."""
+
+    array: LineArray
+    n_beams: int
+
+    def __post_init__(self) -> None:
+        """Prepare the turns of every hydrophone for every beam."""
+        super().__post_init__()
+        self._cosines = self.array.beam_cosines(self.n_beams)
+        self._turns = self.array.steering(
+            self._frequency_hz, self._cosines, np.ones(self.weights.size)
+        )
+        self._check = ElementCheck(
+            self.recording.sensor.channel_names,
+            self.array.along_m,
+            self.array.design_frequency_hz / 2.0,
+        )
+
+    def _found(
+        self,
+        spectra: NDArray[np.complex64],  # noqa: ARG002 - of all arrays
+        weights: FloatArray,
+        power: FloatArray,
+        shown: FloatArray,
+        frames: Frames,
+        place: ArrayPlace,
+    ) -> BearingTime:
+        beams = Beams(
+            array=self.array,
+            weights=weights,
+            cos_angle=self._cosines,
+            frequency_hz=self._frequency_hz,
+            power=power,
+            frames=frames,
+            place=place,
+        )
+        floor = beam_floors(power, frames)
+        peaks = find_beam_peaks(beams, floor, self.rules)
+        return self._record(
+            shown,
+            np.median(floor, axis=0),
+            peaks,
+            place,
+            cos_angle=self._cosines,
+            design_frequency_hz=self.array.design_frequency_hz,
+            ambiguity=MIRROR if self.rules.compass else "none",
+        )
+
+
+@dataclass(kw_only=True)
+class _SpatialFormer(_BeamFormer):
+    """Beams of a planar or volume array, over all directions that it hears."""
+
+    array: SpatialArray
+
+    def __post_init__(self) -> None:
+        """Prepare the beams, what they cannot tell apart, and the search."""
+        super().__post_init__()
+        array, names = self.array, self.recording.sensor.channel_names
+        self._grid = array.grid(float(self._frequency_hz[-1]))
+        n_values = self._grid.n_beams * self._frequency_hz.size
+        if n_values > MOST_VALUES:
+            msg = (
+                f"{self._grid.n_beams} beams of {self._frequency_hz.size} cells are "
+                f"more than memory takes: narrow --band-hz, or shorten --window-s, by "
+                f"a factor of {n_values / MOST_VALUES:.1f}."
+            )
+            raise OptionError(msg)
+        self._turns = array.steering(self._frequency_hz, self._grid.toward)
+        self._lobes = Lobes.of(array, self._grid, self._frequency_hz)
+        padding = round(self.layout.fft_length / self.layout.window)
+        self._natural = slice(0, None, max(1, padding))
+        self._search = DirectionSearch(
+            array,
+            self._grid,
+            self._frequency_hz[self._natural],
+            self.rules.false_alarm_probability,
+        )
+        # the nearest hydrophones are those whose signs can be compared
+        self._check = ElementCheck(
+            names,
+            np.arange(len(names), dtype=float),
+            array.sound_speed_mps / (4.0 * array.aperture_m),
+        )
+        self._tell_lobes()
+
+    def _tell_lobes(self) -> None:
+        share = float(self._lobes.share.max())
+        if share > 10.0 ** (-LOBE_DB / 10.0):
+            at_hz = float(self._lobes.frequency_hz[int(np.argmax(self._lobes.share))])
+            msg = (
+                f"hydrophones {self.array.closest_m:.4g} m apart and more are sparse for "
+                f"this band: at {at_hz:.4g} Hz a lobe {-10 * np.log10(share):.1f} dB below "
+                f"the main one may be taken for it. Such peaks are marked (is_aliased); "
+                f"other directions that explain a frame are listed as its lobes."
+            )
+            warn(msg, UwtrackWarning, stacklevel=4)
+
+    def _found(
+        self,
+        spectra: NDArray[np.complex64],
+        weights: FloatArray,
+        power: FloatArray,
+        shown: FloatArray,
+        frames: Frames,
+        place: ArrayPlace,
+    ) -> BearingTime:
+        beams = SpatialBeams(
+            array=self.array,
+            grid=self._grid,
+            lobes=self._lobes,
+            weights=weights,
+            frequency_hz=self._frequency_hz,
+            power=power,
+            frames=frames,
+            place=place,
+        )
+        centres, owner = self._grid.floor_beams
+        floor = beam_floors(power[centres], frames)[owner]
+        peaks = find_spatial_peaks(beams, floor, self.rules)
+        alive = weights > 0.0
+        found = self._search.find(
+            spectra[self._natural],
+            self._turns[self._natural],
+            alive,
+            frames.valid_fraction == 1.0,
+        )
+        facts = TableFacts(
+            time_s=frames.time_s,
+            heading_deg=place.heading_deg,
+            first_frame=frames.first_frame,
+            start_utc_ns=frames.start_utc_ns,
+            probability=self.rules.false_alarm_probability,
+            band_hz=(float(self._frequency_hz[0]), float(self._frequency_hz[-1])),
+            method="beams",
+            reference=self.rules.reference,
+        )
+        level = power[found.beam, found.frame].sum(axis=1) * frames.bin_hz
+        return self._record(
+            self._loudest(shown),
+            np.median(floor, axis=0),
+            peaks,
+            place,
+            azimuth_deg=self._azimuth_deg,
+            design_frequency_hz=self.array.sound_speed_mps
+            / (2.0 * self.array.closest_m),
+            ambiguity=ambiguity_of(self.array),
+            directions=direction_table(
+                found, self.array, self.recording.sensor, facts, 10.0 * np.log10(level)
+            ),
+        )
+
+    @cached_property
+    def _azimuth_deg(self) -> FloatArray:
+        count = max(8, int(2.0 * np.pi / self._grid.step))
+        return 360.0 / count * np.arange(count)
+
+    def _loudest(self, power: FloatArray) -> FloatArray:
+        """Return power over azimuth: in every cell that of the loudest elevation."""
+        toward, step = self._grid.toward, 360.0 / self._azimuth_deg.size
+        own = np.degrees(np.arctan2(toward[:, 0], toward[:, 1])) % 360.0
+        level = np.hypot(toward[:, 0], toward[:, 1])
+        found = np.zeros((self._azimuth_deg.size, *power.shape[1:]), power.dtype)
+        for row, azimuth in enumerate(self._azimuth_deg):
+            apart = np.abs((own - azimuth + 180.0) % 360.0 - 180.0)
+            near = (apart <= step) & (level > 0.3) & (level <= 1.0 + self._grid.step)
+            chosen = np.flatnonzero(near) if near.any() else [int(np.argmin(apart))]
+            found[row] = power[chosen].max(axis=0)
+        return found

@@ -20,6 +20,7 @@ from uwtrack_cli.cli.results import is_shown, print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.directions import Delays
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
@@ -62,6 +63,15 @@ Sensors = Annotated[
     typer.Option("--sensors", help="Sensor file of a table that names its sensors."),
 ]
 
+SENSOR_FILE: tuple[str, Any] = (
+    "sensor",
+    Annotated[
+        Path | None,
+        typer.Option("--sensor", help="Sensor file of the array that measured delays."),
+    ],
+)
+"""Option for the sensor of a stage that reads delays: their tables do not hold it."""
+
 
 def register(app: typer.Typer, name: str) -> None:
     """Add the command of a stage."""
@@ -101,6 +111,8 @@ def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
     parameters += [_parameter(*SIDE_TABLES[n], None) for n in SIDE_TABLES if n in names]
     if _takes_sensors(stage):
         parameters.append(_parameter("sensors", Sensors, None))
+    if Delays in _wanted(stage):
+        parameters.append(_parameter(*SENSOR_FILE, None))
     parameters += _ending_parameters()
     return [*parameters, _parameter("json_output", AsJson, default=False)]
 
@@ -204,7 +216,7 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
             read.add(source, _wanted(stage))
     refuse_unknown_step(read.products, own["branch"])
     for kind in _wanted(stage):
-        name, _ = SIDE_TABLES.get(kind.NAME, ("", None))
+        name, _ = {**SIDE_TABLES, "sensor": SENSOR_FILE}.get(kind.NAME, ("", None))
         if own.get(name) is not None:
             read.add_table(own[name], kind)
     return read

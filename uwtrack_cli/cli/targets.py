@@ -258,19 +258,24 @@ def _read_table(
     """Read a CSV table as the first container that has a table and is wanted."""
     from functools import partial
 
+    from uwtrack_cli.files.tables.delays import read_delays
     from uwtrack_cli.files.tables.navigation import read_navigation
     from uwtrack_cli.files.tables.replay import SUFFIXES, read_replay_track
     from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
+    from uwtrack_cli.files.tables.sensors import load_sensor
     from uwtrack_cli.files.tables.series import read_series
 
     is_replay = path.suffix.lower() in SUFFIXES
     readers: dict[str, Callable[[Path], Container]] = {
+        "delays": read_delays,
         "series": partial(read_series, sensors=sensors),
         "scans": read_scans,
         "contacts": read_contacts,
         "navigation": read_replay_track if is_replay else read_navigation,
         "roc": read_roc,
     }
+    if [kind.NAME for kind in wanted] == ["sensor"]:  # an option of its own
+        return load_sensor(path)
     for name, reader in readers.items():
         if name in {kind.NAME for kind in wanted}:
             return reader(path)

@@ -218,7 +218,9 @@ class Container:
         changes |= {
             name: None
             for name, spec in cls.columns().items()
-            if spec.optional and name not in changes
+            if spec.optional
+            and name not in changes
+            and spec.axes[0] not in cls.FIXED_AXES
         }
         for name, spec in cls.owner_columns().items():
             if changes[name] is None:

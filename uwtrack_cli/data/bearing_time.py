@@ -1,4 +1,4 @@
-"""The bearing-time record of a line array, and where the array was."""
+"""The bearing-time record of an array, and where the array was."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from uwtrack_cli.data.base import Container, FloatArray, column, scalar
+from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
 
@@ -17,7 +18,8 @@ MIRROR = "mirror"
 class BearingTime(Container):
     """Broadband level of every beam over time, with place and heading of the array.
 
-    It carries the peaks that were found in the beams, where these are kept.
+    It carries the peaks that were found in the beams, where these are kept, and of a
+    planar or volume array the directions of broadband sound.
     """
 
     NAME: ClassVar[str] = "bearing_time"
@@ -28,9 +30,13 @@ class BearingTime(Container):
 
     frames: Frames
     """Time base of the rows."""
-    cos_angle: FloatArray = column(
-        "1", "Cosine of the angle from the array's head; beyond 1 in the last beams.",
-        "beam",
+    cos_angle: FloatArray | None = column(
+        "1", "Cosine of the angle from the array's head; beyond 1 in the last beams; "
+        "None: no line array.", "beam", optional=True,
+    )  # fmt: skip
+    azimuth_deg: FloatArray | None = column(
+        "degree", "Angle from the array's head, clockwise; the level is that of the "
+        "loudest elevation. None: a line array.", "beam", optional=True,
     )  # fmt: skip
     level_db: FloatArray = column(
         "dB", "Level of the beam in the band (re the reference).", "frame", "beam",
@@ -59,7 +65,12 @@ class BearingTime(Container):
     )
     beamformer: str = scalar("", "'conventional' or 'mvdr'.")
     side: str = scalar("", "Side that bearings are written for, starboard or port.")
-    ambiguity: str = scalar("", "'mirror' if the side is open, 'none' if it is not.")
+    ambiguity: str = scalar(
+        "", "'mirror' if the side is open, 'elevation' or 'plane' as in directions, "
+        "else 'none'."
+    )  # fmt: skip
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
     peaks: Peaks | None = None
     """Peaks in frequency and direction; None where they only passed by."""
+    directions: Directions | None = None
+    """Directions of broadband sound; None of a line array."""

@@ -61,6 +61,14 @@ class Peaks(Container):
         "degree", "Standard deviation of that angle.", "peak",
         dtype=np.float32, optional=True,
     )  # fmt: skip
+    elevation_deg: FloatArray | None = column(
+        "degree", "Angle above the horizontal; None: no planar or volume array.",
+        "peak", dtype=np.float32, optional=True,
+    )  # fmt: skip
+    elevation_std_deg: FloatArray | None = column(
+        "degree", "Standard deviation of that angle.", "peak",
+        dtype=np.float32, optional=True,
+    )  # fmt: skip
     is_aliased: BoolArray | None = column(
         "1", "Whether a grating lobe of the array may stand for the direction.", "peak",
         dtype=np.bool_, optional=True,

@@ -36,7 +36,7 @@ class Navigation(Container):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sensor(Container):
-    """One hydrophone, vector sensor or line array; None is unknown, never invented.
+    """One hydrophone, vector sensor or array; None is unknown, never invented.
 
     The level of full scale is known from ``full_scale_db``, or from sensitivity, gain
     and input voltage together; not from both.
@@ -75,6 +75,13 @@ class Sensor(Container):
         "head, comma separated.",
         None,
     )
+    element_positions_m: str | None = scalar(
+        "m",
+        "Places of the hydrophones of a planar or volume array from its middle, x to "
+        "starboard, y ahead and z up, comma separated, one after the other by "
+        "semicolons.",
+        None,
+    )
     tow_offset_m: float | None = scalar(
         "m", "Way from the place that the navigation gives to the array's middle.", None
     )
@@ -93,14 +100,26 @@ class Sensor(Container):
 
     @property
     def is_array(self) -> bool:
-        """Whether it is a line array."""
+        """Whether it is an array."""
         return self.kind == "array"
 
     @property
     def element_places_m(self) -> FloatArray:
-        """Places of the hydrophones of an array, positive to its head; else none."""
+        """Places of the hydrophones of a line array, positive to its head; else none."""
         texts = self.element_along_m.split(",") if self.element_along_m else []
         return np.array([float(text) for text in texts])
+
+    @property
+    def element_xyz_m(self) -> FloatArray:
+        """Places of the hydrophones of any array, starboard, ahead and up, m.
+
+        Shape (element, 3); no rows for a sensor that is no array.
+        """
+        if self.element_positions_m is None:
+            along = self.element_places_m
+            return np.stack([0.0 * along, along, 0.0 * along], axis=1)
+        rows = self.element_positions_m.split(";")
+        return np.array([[float(text) for text in row.split(",")] for row in rows])
 
     @property
     def channel_names(self) -> tuple[str, ...]:

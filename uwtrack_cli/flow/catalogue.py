@@ -20,6 +20,8 @@ STAGES: dict[str, str] = {
     "decidecades": "uwtrack_cli.spectra.decidecades:measure_decidecades",
     "peaks": "uwtrack_cli.spectra.peaks:find_peaks",
     "beamform": "uwtrack_cli.arrays.beamform:form_beams",
+    "delays": "uwtrack_cli.arrays.delays:measure_delays",
+    "directions": "uwtrack_cli.arrays.directions:find_directions",
     "classify": "uwtrack_cli.lines.classify:classify_peaks",
     "track": "uwtrack_cli.lines.track:track_lines",
     "track-pda": "uwtrack_cli.lines.track_pda:track_lines_pda",

@@ -147,6 +147,9 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
         "element_along_m": None
         if sensor.element_along_m is None
         else sensor.element_places_m.tolist(),
+        "element_positions_m": None
+        if sensor.element_positions_m is None
+        else sensor.element_xyz_m.tolist(),
         "tow_offset_m": sensor.tow_offset_m,
         "heading_source": None
         if sensor.heading_source == "fixed"

@@ -19,6 +19,9 @@ DEFAULT_RECIPE = "vessel"
 ARRAY_RECIPE = "towed-array"
 """Recipe of recordings by line arrays."""
 
+SPATIAL_ARRAY_RECIPE = "small-array"
+"""Recipe of recordings by arrays that are no line."""
+
 
 def usual_recipe(sensors: Sequence[Sensor | None]) -> str:
     """Return the recipe for the kind of sensor that made the recordings.
@@ -31,13 +34,22 @@ def usual_recipe(sensors: Sequence[Sensor | None]) -> str:
     Raises
     ------
     OptionError
-        Some were made by line arrays and others were not.
+        Some were made by arrays of a kind and others were not.
     """
-    arrays = [sensor is not None and sensor.is_array for sensor in sensors]
-    if any(arrays) and not all(arrays):
-        msg = "some recordings are of line arrays, some not: run them apart."
+    recipes = {_recipe_for(sensor) for sensor in sensors}
+    if len(recipes) > 1:
+        msg = (
+            f"the recordings are of sensors of several kinds, whose recipes are "
+            f"{' and '.join(sorted(recipes))}: run them apart."
+        )
         raise OptionError(msg)
-    return ARRAY_RECIPE if any(arrays) else DEFAULT_RECIPE
+    return recipes.pop() if recipes else DEFAULT_RECIPE
+
+
+def _recipe_for(sensor: Sensor | None) -> str:
+    if sensor is None or not sensor.is_array:
+        return DEFAULT_RECIPE
+    return ARRAY_RECIPE if sensor.element_along_m else SPATIAL_ARRAY_RECIPE
 
 
 def shipped_recipes() -> list[str]:

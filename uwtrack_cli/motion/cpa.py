@@ -20,6 +20,8 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
+from uwtrack_cli.data.bearing_time import BearingTime
+from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
@@ -36,6 +38,7 @@ from uwtrack_cli.motion.passage.contacts import (
     not_a_passage,
     read,
 )
+from uwtrack_cli.motion.passage.directions import bearing_series, with_directions
 from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.measurements import series_data
 from uwtrack_cli.motion.passage.nuisances import NuisancePriors, nuisance_priors
@@ -66,6 +69,8 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     sensor: Sensor | None = None,
     series: Series | None = None,
     recording: Recording | None = None,
+    directions: Directions | None = None,
+    bearing_time: BearingTime | None = None,
     *,
     sound_speed_mps: SoundSpeed | None = None,
     sound_speed_std_mps: Annotated[
@@ -100,6 +105,11 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     recording
         The recording. Where its sound is at hand, a passage of lines must make them
         steadier in the vessel's own time than any other reading does.
+    directions
+        Directions that an array heard, from delays: the bearings of the levels, or
+        a series of bearings by themselves.
+    bearing_time
+        Record of an array, whose directions are taken in the same way.
     sound_speed_mps
         Sound speed; by default that of the sensor. An error of 1 % in it is an error
         of 1 % in speed and range.
@@ -134,19 +144,12 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     Choi et al. (2014), eqs. 3-6, as one joint likelihood with the corrected eq. 5;
     rest frequencies, level and noise floor are free.
     """
+    _check_array(sensor)
+    if directions is None and bearing_time is not None:
+        directions = bearing_time.directions
+    levels = with_directions(levels, directions)
     if lines is None and levels is None and series is None:
-        msg = (
-            "closest approaches need lines, levels or a series, got none: run "
-            "'uwtrack track' or 'uwtrack levels' first, or give a CSV file."
-        )
-        raise DataError(msg)
-    if sensor is not None and sensor.is_array:
-        msg = (
-            f"sensor {sensor.id!r} is a line array, which may move and cannot tell port "
-            f"from starboard; a closest approach needs a fixed sensor: take 'uwtrack "
-            f"tma' for range, course and speed (recipe towed-array), or --channel."
-        )
-        raise DataError(msg)
+        series = _bearings_alone(directions)
     known = sensor if sensor is not None else Sensor(id=_name(lines, levels))
     sound = recording if ask_sound else None
     priors = nuisance_priors(
@@ -180,6 +183,32 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
             refusals.append(_refused(item, turned))
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     return make_encounters(rows, refusals, context)
+
+
+def _bearings_alone(directions: Directions | None) -> Series:
+    if directions is None:
+        msg = (
+            "closest approaches need lines, levels or a series, got none: run "
+            "'uwtrack track' or 'uwtrack levels' first, or give a CSV file."
+        )
+        raise DataError(msg)
+    return bearing_series(directions)
+
+
+def _check_array(sensor: Sensor | None) -> None:
+    """Refuse an array that moves, or whose bearings may lie on either side."""
+    if sensor is None or not sensor.is_array:
+        return
+    if sensor.element_positions_m is None or sensor.navigation is not None:
+        kind = "moves" if sensor.element_positions_m else (
+            "is a line array, which may move and cannot tell port from starboard"
+        )  # fmt: skip
+        msg = (
+            f"sensor {sensor.id!r} {kind}; a closest approach needs a fixed sensor that "
+            f"hears bearings: take 'uwtrack tma' for range, course and speed (recipe "
+            f"towed-array), or --channel."
+        )
+        raise DataError(msg)
 
 
 def _name(lines: Lines | None, levels: Levels | None) -> str:

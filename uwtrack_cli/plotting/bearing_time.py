@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.plotting.lofargram import check_axes
@@ -31,6 +32,8 @@ def draw_bearing_time(
 ) -> "Axes":
     """Draw the record: angle from the array's head over time, level as shade.
 
+    Of an array that is no line the angle goes all around, clockwise.
+
     The shade is the level over the background of all beams, whitened over the band, so
     that a few loud frequencies do not hide the rest.
 
@@ -53,8 +56,7 @@ def draw_bearing_time(
     step = -(-chosen.size // LARGEST_ROWS)
     rows = np.arange(0, chosen.size, step)
     excess_db = np.fmax.reduceat(record.excess_db[chosen], rows, axis=0)
-    inside = np.abs(record.cos_angle) <= 1.0
-    angle_deg = np.degrees(np.arccos(record.cos_angle[inside]))
+    angle_deg, inside = _angles(record)
     image = ax.pcolormesh(
         time_s[chosen][rows], angle_deg, excess_db[:, inside].T,
         cmap=LEVELS_MAP, vmin=-1.0, vmax=6.0, shading="nearest", rasterized=True,
@@ -65,8 +67,18 @@ def draw_bearing_time(
     bar.ax.tick_params(labelsize=7)
     ax.set_ylabel("angle from ahead (deg)", fontsize=9)
     ax.tick_params(labelsize=8)
-    ax.set(yticks=range(0, 181, 30), ylim=(180.0, 0.0))
+    widest = 360 if record.cos_angle is None else 180
+    ax.set(yticks=range(0, widest + 1, 30), ylim=(widest, 0.0))
     return ax
+
+
+def _angles(record: BearingTime) -> tuple[FloatArray, BoolArray]:
+    """Return the angles of the beams that are drawn, and which they are."""
+    if record.cos_angle is None:
+        assert record.azimuth_deg is not None  # noqa: S101 - one of the two
+        return record.azimuth_deg, np.ones(record.azimuth_deg.size, np.bool_)
+    inside = np.abs(record.cos_angle) <= 1.0
+    return np.degrees(np.arccos(record.cos_angle[inside])), inside
 
 
 def draw_line_angles(record: BearingTime, lines: Lines, ax: "Axes") -> "Axes":
@@ -77,8 +89,10 @@ def draw_line_angles(record: BearingTime, lines: Lines, ax: "Axes") -> "Axes":
     heading = np.unwrap(record.heading_deg, period=360.0)
     at = np.interp(lines.time_s, record.frames.time_s, heading)
     side = 1.0 if record.side == "starboard" else -1.0
-    angle_deg = (side * (lines.measured_bearing_deg - at)) % 360.0
-    angle_deg = np.minimum(angle_deg, 360.0 - angle_deg)
+    angle_deg = (lines.measured_bearing_deg - at) % 360.0
+    if record.cos_angle is not None:
+        angle_deg = (side * angle_deg) % 360.0
+        angle_deg = np.minimum(angle_deg, 360.0 - angle_deg)
     for line, contact in contacts.items():
         rows = np.flatnonzero((lines.line == line) & np.isfinite(angle_deg))
         if contact <= 0 or not rows.size:

@@ -1,10 +1,11 @@
-"""Ambient noise at the hydrophones of a line array: isotropic, and each one's own.
+"""Ambient noise at the hydrophones of an array: isotropic, and each one's own.
 
 **Method.** Isotropic noise is a sum of plane waves from directions whose cosines with
 the array are the nodes of a Gauss-Legendre rule, with its weights as powers: the mean
 over all directions of a sphere is the mean over that cosine, and a rule of M nodes is
-exact for phases up to about 2 M radians across the array. Each wave is a stream of
-noise of its own, delayed to every hydrophone by its shaping filter. A hydrophone's own
+exact for phases up to about 2 M radians across the array. An array of another shape
+takes as many waves around as twice the nodes, for every node of the rule. Each wave is
+a stream of noise of its own, delayed to every hydrophone by its shaping filter. A hydrophone's own
 noise (flow, electronics) is white and shared with no other.
 
 **Conventions.** Pressure in uPa. A delay shifts the middle of the filter, whose taper
@@ -70,9 +71,10 @@ class ArrayNoise:
             raise OptionError(msg)
         self._seed = scenario.seed
         self._number = number
-        along_m = np.array(plan.element_along_m)
-        along_m = along_m - along_m.mean()
-        crossing_s = 2.0 * float(np.abs(along_m).max()) / scenario.sound_speed_mps
+        places_m = np.array(plan.element_places)
+        places_m = places_m - places_m.mean(axis=0)
+        radius_m = float(np.linalg.norm(places_m, axis=1).max())
+        crossing_s = 2.0 * radius_m / scenario.sound_speed_mps
         if crossing_s * rate > 2 * LONGEST_DELAY:
             msg = (
                 f"sound crosses {plan.id} in {crossing_s * rate:.0f} samples; the noise "
@@ -80,8 +82,8 @@ class ArrayNoise:
             )
             raise OptionError(msg)
         n_nodes = int(np.ceil(0.5 * np.pi * rate * crossing_s)) + SPARE_NODES
-        cosines, weights = np.polynomial.legendre.leggauss(n_nodes)
-        delays_s = -np.outer(along_m, cosines) / scenario.sound_speed_mps
+        directions, weights = _plane_waves(n_nodes, is_line=bool(plan.element_along_m))
+        delays_s = -(places_m @ directions.T) / scenario.sound_speed_mps
         filters = delayed_filters(
             lambda f: ambient_density(noise, f), rate, delays_s.ravel()
         )
@@ -95,7 +97,7 @@ class ArrayNoise:
             white = shaping_filter(lambda f: np.full_like(f, density), rate)
             self._own = [
                 NoiseGenerator(scenario.seed, (110, number, k), white)
-                for k in range(along_m.size)
+                for k in range(len(places_m))
             ]
 
     def tile(self, number: int) -> Array:
@@ -112,3 +114,19 @@ class ArrayNoise:
         for element, own in enumerate(self._own):
             found[:, element] += own.tile(number)
         return np.asarray(found)
+
+
+def _plane_waves(n_nodes: int, *, is_line: bool) -> tuple[Array, Array]:
+    """Return directions that fill the sphere, shape (wave, 3), and their weights."""
+    cosines, weights = np.polynomial.legendre.leggauss(n_nodes)
+    turn = np.zeros(1) if is_line else np.pi / n_nodes * np.arange(2 * n_nodes)
+    sine = np.sqrt(1.0 - cosines**2)
+    around = np.stack(
+        [
+            np.outer(sine, np.sin(turn)),
+            np.repeat(cosines[:, None], turn.size, axis=1),
+            np.outer(sine, np.cos(turn)),
+        ],
+        axis=-1,
+    )
+    return around.reshape(-1, 3), np.repeat(weights / turn.size, turn.size)

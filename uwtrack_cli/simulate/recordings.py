@@ -112,10 +112,14 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
     channels = directional if plan.kind == "difar" else "omni"
     array: dict[str, Any] = {}
     if plan.kind == "array":
-        numbers = range(1, len(plan.element_along_m) + 1)
+        numbers = range(1, len(plan.element_places) + 1)
         channels = ",".join(f"e{number}" for number in numbers)
         array = {
-            "element_along_m": ",".join(map(repr, plan.element_along_m)),
+            "element_along_m": ",".join(map(repr, plan.element_along_m)) or None,
+            "element_positions_m": ";".join(
+                ",".join(map(repr, place)) for place in plan.element_positions_m
+            )
+            or None,
             "tow_offset_m": plan.tow_offset_m if moving else None,
             "heading_source": plan.heading_source if moving else "fixed",
         }
@@ -170,7 +174,7 @@ def _navigation(scenario: Scenario, plan: SensorPlan) -> Navigation:
 
 
 def _n_channels(plan: SensorPlan) -> int:
-    counts = {"omni": 1, "difar": 3, "array": len(plan.element_along_m)}
+    counts = {"omni": 1, "difar": 3, "array": len(plan.element_places)}
     return counts[plan.kind]
 
 

@@ -63,9 +63,11 @@ class SensorPlan(OptionGroup):
     id: str
     """Name of the sensor and of its recording."""
     kind: Literal["omni", "difar", "array"] = "omni"
-    """One hydrophone, one with two horizontal dipoles, or a line of hydrophones."""
+    """One hydrophone, one with two horizontal dipoles, or many hydrophones."""
     element_along_m: tuple[Coordinate, ...] = ()
     """Place of each hydrophone of an array, from its middle, positive to its head, m."""
+    element_positions_m: tuple[tuple[Coordinate, Coordinate, Coordinate], ...] = ()
+    """Places of the hydrophones of a fixed array of any shape: starboard, ahead, up, m."""
     tow_offset_m: Range = 0.0
     """Way from the place on the track back to the array's middle, m."""
     heading_source: Literal["way", "compass"] = "way"
@@ -145,15 +147,32 @@ class SensorPlan(OptionGroup):
         if self.latitude is not None and self.position_error_m != (0.0, 0.0):
             msg = "position_error_m goes with east_m and north_m, not with latitude."
             raise OptionError(msg)
-        if (self.kind == "array") != (len(self.element_along_m) > 1):
-            msg = 'element_along_m goes with kind = "array", two places or more.'
+        self._check_array()
+        if self.track is not None and (self.heading_deg or self.latitude is not None):
+            msg = "a sensor with a track has neither heading_deg nor latitude."
+            raise OptionError(msg)
+
+    def _check_array(self) -> None:
+        shapes = [self.element_along_m, self.element_positions_m]
+        if (self.kind == "array") != any(len(places) > 1 for places in shapes):
+            msg = (
+                'element_along_m or element_positions_m goes with kind = "array", two '
+                "places or more."
+            )
+            raise OptionError(msg)
+        if self.element_positions_m and (self.track or self.element_along_m):
+            msg = "element_positions_m goes without track and element_along_m."
             raise OptionError(msg)
         if self.kind != "array" and (self.tow_offset_m or self.element_noise_db):
             msg = 'tow_offset_m and element_noise_db go with kind = "array".'
             raise OptionError(msg)
-        if self.track is not None and (self.heading_deg or self.latitude is not None):
-            msg = "a sensor with a track has neither heading_deg nor latitude."
-            raise OptionError(msg)
+
+    @property
+    def element_places(self) -> tuple[tuple[float, float, float], ...]:
+        """Places of the hydrophones of an array: starboard, ahead and up, m."""
+        return self.element_positions_m or tuple(
+            (0.0, along_m, 0.0) for along_m in self.element_along_m
+        )
 
     @property
     def full_scale_upa(self) -> float:

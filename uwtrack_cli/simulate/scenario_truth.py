@@ -89,6 +89,9 @@ def _sensor(scenario: Scenario, plan: SensorPlan) -> dict[str, Any]:
     }
     if plan.kind == "array":
         facts["element_along_m"] = list(plan.element_along_m)
+        facts["element_positions_m"] = [
+            list(place) for place in plan.element_positions_m
+        ]
     if plan.track is not None:
         facts["track"] = _track(sensor_trajectory(plan), scenario.duration_s)
     return facts

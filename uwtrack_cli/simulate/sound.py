@@ -206,11 +206,18 @@ def sound_at_elements(sound: VesselSound, plan: SensorPlan) -> list[VesselSound]
         replace(
             sound,
             paths=tuple(
-                (factor, replace(path, receiver=array_place(plan, along_m)))
+                (
+                    factor,
+                    replace(
+                        path,
+                        receiver=array_place(plan, place),
+                        receiver_depth_m=path.receiver_depth_m - place[2],
+                    ),
+                )
                 for factor, path in sound.paths
             ),
         )
-        for along_m in plan.element_along_m
+        for place in plan.element_places
     ]
 
 
@@ -271,7 +278,12 @@ def first_emission_s(scenario: Scenario, vessel: Vessel) -> float:
         for sign in (1.0, -1.0)
     ]
     farther_m = max(
-        (abs(x) for plan in scenario.sensors for x in plan.element_along_m), default=0.0
+        (
+            float(np.linalg.norm(place))
+            for plan in scenario.sensors
+            for place in plan.element_places
+        ),
+        default=0.0,
     )
     return -float(np.ceil(max(delays) + farther_m / scenario.sound_speed_mps)) - 1.0
 

@@ -97,14 +97,14 @@ def fixed(east_m: float, north_m: float) -> Trajectory:
 def sensor_trajectory(plan: SensorPlan) -> Trajectory:
     """Return the trajectory of a sensor; of an array that of its middle."""
     if plan.kind == "array":
-        return array_place(plan, 0.0)
+        return array_place(plan, (0.0, 0.0, 0.0))
     if plan.track is None:
         return fixed(plan.east_m, plan.north_m)
     return track_trajectory(plan.track)
 
 
-def array_place(plan: SensorPlan, along_m: float) -> Trajectory:
-    """Return the trajectory of a place on an array.
+def array_place(plan: SensorPlan, place_m: tuple[float, float, float]) -> Trajectory:
+    """Return the horizontal trajectory of a place on an array.
 
     A towed array lies on the way of its ship: each place comes where the ship was, as
     much later as it is behind. A fixed one points where its compass says.
@@ -113,20 +113,23 @@ def array_place(plan: SensorPlan, along_m: float) -> Trajectory:
     ----------
     plan
         The array.
-    along_m
-        The place, from the array's middle, positive to its head, m.
+    place_m
+        The place from the array's middle: starboard, ahead and up, m.
 
     Raises
     ------
     OptionError
         The ship stops or changes its speed, so that the array could not follow.
     """
+    starboard_m, along_m, _ = place_m
     if plan.track is None:
         known = plan.heading_deg + plan.compass_offset_deg
         heading = np.radians(known - plan.compass_error_deg)
         return fixed(
-            plan.east_m + along_m * float(np.sin(heading)),
-            plan.north_m + along_m * float(np.cos(heading)),
+            plan.east_m
+            + float(along_m * np.sin(heading) + starboard_m * np.cos(heading)),
+            plan.north_m
+            + float(along_m * np.cos(heading) - starboard_m * np.sin(heading)),
         )
     segments = track_trajectory(plan.track).segments
     speeds = {segment.speed_mps for segment in segments}

@@ -114,7 +114,7 @@ def compute_spectrogram(
     layout = plan_frames(
         recording, window_s, overlap, zero_padding, band_hz, decimation
     )
-    if recording.sensor.is_array:
+    if recording.sensor.element_along_m is not None:
         msg = (
             f"the spectrogram is that of hydrophone {recording.sensor.channel_names[0]} "
             f"of array {recording.sensor.id!r} alone; 'uwtrack beamform' hears all."

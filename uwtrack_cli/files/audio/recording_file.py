@@ -225,7 +225,8 @@ def _one_channel(
         raise OptionError(msg)
     one = replace(
         sensor, kind="omni", channels="omni",
-        element_along_m=None, tow_offset_m=None, heading_source=None,
+        element_along_m=None, element_positions_m=None, tow_offset_m=None,
+        heading_source=None,
     )  # fmt: skip
     return one, (channel - 1,)
 

@@ -26,6 +26,7 @@ from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.decidecades import Decidecades, RadiatedLevels
 from uwtrack_cli.data.decisions import Decision
+from uwtrack_cli.data.directions import Delays, Directions
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
@@ -72,6 +73,8 @@ CONTAINERS: dict[str, type[Container]] = {
         Overview,
         Levels,
         Decidecades,
+        Delays,
+        Directions,
         BearingTime,
         Peaks,
         Families,

@@ -43,6 +43,7 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
                     "sound_speed_std_mps",
                     "full_scale_db",
                     "element_along_m",
+                    "element_positions_m",
                     "tow_offset_m",
                     "heading_source",
                 )
@@ -55,6 +56,8 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
             ("peaks", "cone_deg"),
             ("peaks", "cone_std_deg"),
             ("peaks", "is_aliased"),
+            ("peaks", "elevation_deg"),
+            ("peaks", "elevation_std_deg"),
             ("levels", "tilt_db"),
             *(
                 (kind.NAME, name)

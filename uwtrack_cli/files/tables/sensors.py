@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 from warnings import warn
 
+import numpy as np
+
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, from_table, shown
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
@@ -40,7 +42,10 @@ FEWEST_ELEMENTS = 3
 """Hydrophones that an array needs."""
 
 APERTURES_M = (0.01, 2000.0)
-"""Shortest and longest line array; millimetres and inches come out beyond."""
+"""Shortest and longest array; millimetres and inches come out beyond."""
+
+STRAIGHT_SHARE = 1e-3
+"""An array narrower than this share of its length is a line."""
 
 TOW_KEYS = {
     "tow_offset_m": (
@@ -54,7 +59,10 @@ TOW_KEYS = {
 }
 """What must be known of a towed array, and what it means."""
 
-ARRAY_KEYS = ("element_along_m", *TOW_KEYS)
+PLACE_KEYS = ("element_along_m", "element_positions_m")
+"""Where the hydrophones of a line array are, and those of any other."""
+
+ARRAY_KEYS = (*PLACE_KEYS, *TOW_KEYS)
 """Keys that only an array has."""
 
 USUAL = {
@@ -80,7 +88,7 @@ class SensorTable:
     id: str
     """Identifier, unique in a deployment."""
     kind: Literal["omni", "difar", "array"] = "omni"
-    """One hydrophone, a vector sensor, or a line of hydrophones."""
+    """One hydrophone, a vector sensor, or many hydrophones."""
     channels: list[str] | None = None
     """Names of the channels in the order of the file; "-" leaves one out."""
     latitude: Annotated[float, Unit("degree"), AtLeast(-90), AtMost(90)] | None = None
@@ -121,6 +129,8 @@ class SensorTable:
     """Standard deviation of the clock."""
     element_along_m: list[Place] | None = None
     """Place of each hydrophone of an array, from its middle, positive to its head."""
+    element_positions_m: list[tuple[Place, Place, Place]] | None = None
+    """Places of the hydrophones of a planar or volume array: starboard, ahead, up."""
     tow_offset_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(1e5)] | None = None
     """Way from the place that the navigation gives back to the array's middle."""
     heading_source: Literal["way", "compass"] | None = None
@@ -177,10 +187,18 @@ class SensorTable:
 
     def _check_array(self) -> None:
         used = [name for name in self.channels or [] if name != "-"]
-        places = self.element_along_m or []
+        given = [key for key in PLACE_KEYS if getattr(self, key) is not None]
+        if len(given) > 1:
+            msg = (
+                f"an array has {' or '.join(PLACE_KEYS)}, not both: the first for a "
+                f"line, the second for any other shape."
+            )
+            raise OptionError(msg)
+        key = given[0] if given else PLACE_KEYS[0]
+        places: list[Any] = getattr(self, key) or []
         if len(used) != len(places) or len(used) < FEWEST_ELEMENTS:
             msg = (
-                f"an array needs a channel and a place in element_along_m for each of "
+                f"an array needs a channel and a place in {key} for each of "
                 f"at least {FEWEST_ELEMENTS} hydrophones, got {len(used)} channels to "
                 f'use and {len(places)} places; "-" leaves a channel out.'
             )
@@ -194,16 +212,25 @@ class SensorTable:
             raise OptionError(msg)
         twice = [place for place in places if places.count(place) > 1]
         if twice:
+            where = " ".join(f"{value:g}" for value in np.ravel(twice[0]))
             msg = (
-                f"element_along_m puts two hydrophones at {twice[0]:g} m: give each its "
+                f"{key} puts two hydrophones at {where} m: give each its "
                 f'own place, or leave one out with channel name "-".'
             )
             raise OptionError(msg)
-        aperture_m = max(places) - min(places)
+        spread = np.reshape(np.array(places, float), (len(places), -1))
+        spans = np.linalg.svd(spread - spread.mean(axis=0), compute_uv=False)
+        aperture_m = float(np.ptp(spread, axis=0).max())
         if not APERTURES_M[0] <= aperture_m <= APERTURES_M[1]:
             msg = (
-                f"element_along_m spans {aperture_m:g} m; line arrays have "
+                f"{key} spans {aperture_m:g} m; arrays have "
                 f"{APERTURES_M[0]:g} to {APERTURES_M[1]:g} m. Are the places in metres?"
+            )
+            raise OptionError(msg)
+        if spans.size > 1 and spans[1] < STRAIGHT_SHARE * spans[0]:
+            msg = (
+                "element_positions_m lie on one line, which hears a cone and no "
+                "bearing: give element_along_m, the places along that line."
             )
             raise OptionError(msg)
         self._check_tow()
@@ -276,6 +303,10 @@ class SensorTable:
         facts["channels"] = ",".join(self.channels or ["omni"])
         if self.element_along_m is not None:
             facts["element_along_m"] = ",".join(map(repr, self.element_along_m))
+        if self.element_positions_m is not None:
+            facts["element_positions_m"] = ";".join(
+                ",".join(map(repr, place)) for place in self.element_positions_m
+            )
         if self.kind == "array" and self.heading_deg is not None:
             facts["heading_source"] = "fixed"
         if self.navigation is not None:

@@ -1,0 +1,167 @@
+"""What was found of directions, as a table with bearings, elevations and ranges.
+
+**Method.** A source near the surface that is heard from an elevation e by an array at
+depth z lies at the horizontal range (z - z_s) / tan e; depth of the source, of the
+array and the elevation add to its deviation. Rays are taken as straight.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.arrays.broadband_directions import Found
+from uwtrack_cli.arrays.direction_grid import SpatialArray
+from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.directions import Directions
+from uwtrack_cli.data.sensor import Sensor
+
+SURE_DEVIATIONS = 8.0
+"""Deviations by which an elevation must exceed zero to tell a range: of those nearer to
+zero the too high ones would be chosen."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TableFacts:
+    """Time base and circumstances of the directions of a block."""
+
+    time_s: FloatArray
+    """Times of the frames, s."""
+    heading_deg: FloatArray
+    """The array's heading at these times, degrees."""
+    first_frame: int
+    """Index of the first frame in the recording."""
+    start_utc_ns: int | None
+    """UTC epoch of time zero, ns."""
+    probability: float
+    """Share of frames of noise with a direction."""
+    band_hz: tuple[float, float]
+    """Band, Hz."""
+    method: str
+    """'beams' or 'delays'."""
+    reference: str
+    """Reference of the levels."""
+
+
+def ambiguity_of(array: SpatialArray) -> str:
+    """Return what the shape of an array leaves open, as in `Directions`."""
+    if not array.is_planar:
+        return "none"
+    return "elevation" if array.is_level else "plane"
+
+
+def direction_table(
+    found: Found,
+    array: SpatialArray,
+    sensor: Sensor,
+    facts: TableFacts,
+    level_db: FloatArray,
+) -> Directions:
+    """Return the directions of a block.
+
+    Parameters
+    ----------
+    found
+        What was found, one row per frame that has a direction.
+    array, sensor
+        The hydrophones, and what is known of them.
+    facts
+        Time base and circumstances.
+    level_db
+        Level of every direction.
+    """
+    heading = facts.heading_deg[found.frame]
+    stated = array.bearings(found.toward, found.covariance, heading)
+    length = np.linalg.norm(found.toward, axis=1)
+    along = found.toward / np.maximum(length, 1e-9)[:, None]
+    radial = np.einsum("ni,nij,nj->n", along, found.covariance, along)
+    speed_share = (sensor.sound_speed_std_mps or 0.0) / array.sound_speed_mps
+    radial = radial + (length * speed_share) ** 2
+    range_m, range_std_m = surface_range(
+        stated.elevation_deg, stated.elevation_std_deg, sensor
+    )
+    lobes = _lobes(found, array, facts.heading_deg)
+    return Directions(
+        frame=found.frame + facts.first_frame,
+        time_s=facts.time_s[found.frame],
+        bearing_deg=stated.bearing_deg,
+        bearing_std_deg=stated.bearing_std_deg,
+        elevation_deg=stated.elevation_deg,
+        elevation_std_deg=stated.elevation_std_deg,
+        slowness_ratio=length,
+        slowness_ratio_std=np.sqrt(np.maximum(radial, 0.0)),
+        snr_db=10.0 * np.log10(np.maximum(found.snr, 1e-3)),
+        level_db=level_db,
+        range_m=range_m,
+        range_std_m=range_std_m,
+        lobe_frame=lobes[0] + facts.first_frame,
+        lobe_bearing_deg=lobes[1],
+        lobe_elevation_deg=lobes[2],
+        lobe_weight=lobes[3],
+        false_alarm_probability=facts.probability,
+        band_low_hz=facts.band_hz[0],
+        band_high_hz=facts.band_hz[1],
+        method=facts.method,
+        ambiguity=ambiguity_of(array),
+        reference=facts.reference,
+        sensor=sensor.id,
+        start_utc_ns=facts.start_utc_ns,
+    )
+
+
+def surface_range(
+    elevation_deg: FloatArray, elevation_std_deg: FloatArray, sensor: Sensor
+) -> tuple[FloatArray, FloatArray]:
+    """Return horizontal ranges of sources near the surface, and their deviations, m.
+
+    Parameters
+    ----------
+    elevation_deg, elevation_std_deg
+        Elevations of the sources and their deviations.
+    sensor
+        The array; without its depth nothing is known.
+    """
+    unknown = np.full(elevation_deg.shape, np.nan)
+    if sensor.depth_m is None:
+        return unknown, unknown
+    above = sensor.depth_m - SOURCE_DEPTH_M
+    above_std = np.hypot(sensor.depth_std_m or 0.0, SOURCE_DEPTH_STD_M)
+    rise, rise_std = np.radians(elevation_deg), np.radians(elevation_std_deg)
+    is_sure = (above > 0.0) & (rise > SURE_DEVIATIONS * rise_std)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = above / np.tan(rise)
+        by_angle = above * rise_std / np.sin(rise) ** 2
+        std = np.hypot(by_angle, above_std / np.tan(rise))
+    return np.where(is_sure, far, np.nan), np.where(is_sure, std, np.nan)
+
+
+def _lobes(
+    found: Found, array: SpatialArray, heading_deg: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Return frame, bearing, elevation and weight of the other directions.
+
+    Of a plane every direction has an image on the other side, as likely as itself.
+    """
+    frame, toward, weight = found.lobe_frame, found.lobe_toward, found.lobe_weight
+    is_below = np.zeros(frame.size, np.bool_)
+    if array.is_planar:
+        own = np.ones(heading_deg.size)
+        np.subtract.at(own, frame, weight)
+        is_below = np.repeat(
+            [False, True, True], [frame.size, frame.size, len(found.frame)]
+        )
+        weight = 0.5 * np.concatenate([weight, weight, own[found.frame]])
+        toward = np.concatenate([toward, toward, found.toward])
+        frame = np.concatenate([frame, frame, found.frame])
+    none = np.broadcast_to(1e-12 * np.eye(3), (frame.size, 3, 3))
+    above, below = (
+        array.bearings(toward, none, heading_deg[frame], below=side)
+        for side in (False, True)
+    )
+    order = np.argsort(frame, kind="stable")
+    return (
+        frame[order],
+        np.where(is_below, below.bearing_deg, above.bearing_deg)[order],
+        np.where(is_below, below.elevation_deg, above.elevation_deg)[order],
+        weight[order],
+    )

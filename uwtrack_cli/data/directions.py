@@ -1,0 +1,107 @@
+"""Directions that an array heard, and the delays between its hydrophones."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from uwtrack_cli.data.base import (
+    Container,
+    FloatArray,
+    IntArray,
+    TextArray,
+    column,
+    scalar,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Directions(Container):
+    """One row per direction from which broadband sound came, in the order of time.
+
+    What an array of a given shape cannot tell apart is on the axis ``lobe``: for every
+    direction the others that would explain the sound, with their weights.
+    """
+
+    NAME: ClassVar[str] = "directions"
+    STREAMS: ClassVar[bool] = True
+
+    frame: IntArray = column(
+        "1", "Index of the frame in the recording.", "direction", dtype=np.int64
+    )
+    time_s: FloatArray = column(
+        "s", "Centre of the frame, from the first sample.", "direction"
+    )
+    bearing_deg: FloatArray = column(
+        "degree", "Compass bearing; nan without heading.", "direction"
+    )
+    bearing_std_deg: FloatArray = column(
+        "degree", "Its standard deviation.", "direction"
+    )
+    elevation_deg: FloatArray = column(
+        "degree", "Angle above the horizontal; a level plane has no sign.", "direction"
+    )
+    elevation_std_deg: FloatArray = column(
+        "degree", "Its standard deviation.", "direction"
+    )
+    slowness_ratio: FloatArray = column(
+        "1", "Slowness as heard times the sound speed: of a level plane that along the "
+        "ground; of a volume array 1 but for errors.", "direction",
+    )  # fmt: skip
+    slowness_ratio_std: FloatArray = column("1", "Its standard deviation.", "direction")
+    snr_db: FloatArray = column(
+        "dB", "Power over noise in the beam, mean over the band; nan for delays.",
+        "direction",
+    )  # fmt: skip
+    level_db: FloatArray = column(
+        "dB", "Level from the direction in the band; nan for delays.", "direction"
+    )
+    range_m: FloatArray = column(
+        "m", "Horizontal range of a source near the surface, from elevation and depth; "
+        "nan if they do not tell.", "direction",
+    )  # fmt: skip
+    range_std_m: FloatArray = column("m", "Its standard deviation.", "direction")
+    lobe_frame: IntArray = column(
+        "1", "Frame whose direction may be another.", "lobe", dtype=np.int64
+    )
+    lobe_bearing_deg: FloatArray = column("degree", "Compass bearing.", "lobe")
+    lobe_elevation_deg: FloatArray = column("degree", "Elevation.", "lobe")
+    lobe_weight: FloatArray = column(
+        "1", "Probability of that direction among those of the frame.", "lobe"
+    )
+    false_alarm_probability: float = scalar(
+        "1", "Nominal share of frames of noise with a direction; nan for delays."
+    )
+    band_low_hz: float = scalar("Hz", "Lower edge of the band; nan for delays.")
+    band_high_hz: float = scalar("Hz", "Upper edge of the band; nan for delays.")
+    method: str = scalar("", "'beams' or 'delays'.")
+    ambiguity: str = scalar(
+        "", "'none', 'elevation' (its sign is open) or 'plane' (both sides of it)."
+    )
+    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+    sensor: str = scalar("", "Identifier of the sensor.")
+    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Delays(Container):
+    """One row per pair of hydrophones and frame: how much later the second hears."""
+
+    NAME: ClassVar[str] = "delays"
+    STREAMS: ClassVar[bool] = True
+
+    time_s: FloatArray = column("s", "Centre of the frame.", "delay")
+    channel_a: TextArray = column("", "First channel.", "delay", dtype=np.str_)
+    channel_b: TextArray = column("", "Second channel.", "delay", dtype=np.str_)
+    delay_s: FloatArray = column(
+        "s", "Arrival at the second less arrival at the first.", "delay"
+    )
+    delay_std_s: FloatArray = column("s", "Its standard deviation.", "delay")
+    coherence: FloatArray | None = column(
+        "1", "Coherence (not squared) of the pair in the band; None in tables.",
+        "delay", optional=True,
+    )  # fmt: skip
+    sensor: str | None = scalar(
+        "", "Identifier of the sensor; None if not known.", None
+    )
+    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
