@@ -3,6 +3,12 @@
 from uwtrack_cli.arrays.beamform import (
     form_beams as form_beams,
 )
+from uwtrack_cli.arrays.delays import (
+    measure_delays as measure_delays,
+)
+from uwtrack_cli.arrays.directions import (
+    find_directions as find_directions,
+)
 from uwtrack_cli.clutter.pdaf import (
     track_in_clutter as track_in_clutter,
 )
@@ -23,6 +29,12 @@ from uwtrack_cli.data.decidecades import (
 )
 from uwtrack_cli.data.decisions import (
     Decision as Decision,
+)
+from uwtrack_cli.data.directions import (
+    Delays as Delays,
+)
+from uwtrack_cli.data.directions import (
+    Directions as Directions,
 )
 from uwtrack_cli.data.encounters import (
     Encounters as Encounters,

@@ -98,8 +98,9 @@ def test_a_stage_is_in_a_recipe_or_stands_alone_and_is_in_the_readme(name):
     assert f"uwtrack {name}" in readme
     recipes = [load_recipe(r) for r in shipped_recipes()]
     in_recipe = any(step.stage_name == name for r in recipes for step in r.steps)
-    tables = {"tma", "pdaf", "discriminate"}  # what they read
-    assert in_recipe or name in {"classify", *tables}  # families of single frames
+    tables = {"tma", "pdaf", "discriminate", "directions"}  # what they read
+    alone = {"classify", "delays"}  # families of single frames; a table for others
+    assert in_recipe or name in {*alone, *tables}
 
 
 @pytest.mark.parametrize("name", NAMES)
