@@ -15,6 +15,7 @@ from tests.motion.drawn_readings import (
 from uwtrack_cli.acoustics.passage import passage_law, with_other_leg
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.locate import locate_vessels
+from uwtrack_cli.plotting.passage_fit import PassageFit
 
 CLOSEST_S, FLAT_M, HEIGHT_M, SPEED_MPS = 300.0, 180.0, 19.0, 6.0
 STRAIGHT = np.array([[CLOSEST_S, np.log(FLAT_M / SPEED_MPS), SPEED_MPS]])
@@ -77,6 +78,19 @@ def test_a_passage_is_read_as_it_was_drawn(kind, seed):
     if is_changed:
         off = abs(found.change_time_s[0] - drawn.change_s)
         assert off < max(4 * found.change_time_std_s[0], 3.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("turn", 2), ("frequency-step", 4), ("frequency-ramp", 1)]
+)
+def test_the_curve_of_a_page_follows_what_changed(kind, seed):
+    drawn = draw(kind, seed)
+    found = analyse(drawn)
+    shift, _ = PassageFit(found, 0).shift(drawn.series.time_s)
+    curve = found.rest_frequency_hz[0] * (1 + shift)
+    off = (drawn.series.frequency_hz - curve[:, None])[:, 0]
+    scaled = off / drawn.series.frequency_std_hz[:, 0]
+    assert np.sqrt(np.nanmean(scaled**2)) < 1.2
 
 
 @pytest.mark.parametrize("seed", [1, 2, 4])

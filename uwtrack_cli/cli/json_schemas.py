@@ -105,8 +105,9 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "properties": {
                 name: {"type": ["number", "null"]}
                 for name in ("time_s", "time_std_s", *CHANGE_KEYS)
-            },
-            "required": ["time_s", "time_std_s", *CHANGE_KEYS],
+            }
+            | {"follows": {"type": "boolean"}},
+            "required": ["time_s", "time_std_s", "follows", *CHANGE_KEYS],
             "description": "What changed beside a passage, and when; null if nothing.",
         },
         "level_reference": {**_TEXT, "description": "'1 uPa' or 'full scale'."},

@@ -202,6 +202,10 @@ class Encounters(HasReasons, HasNuisances):
     change_time_std_s: FloatArray | None = column(
         "s", "Its standard deviation.", "encounter", optional=True
     )
+    change_follows: BoolArray | None = column(
+        "1", "Whether the ramp or the other leg follows that time; else it goes before "
+        "it.", "encounter", dtype=np.bool_, optional=True,
+    )  # fmt: skip
     frequency_change: FloatArray | None = column(
         "1", "Share by which all rest frequencies stepped then.", "encounter",
         optional=True,

@@ -1,7 +1,7 @@
 """What a fitted passage says at any time, with deviations, for the panels of its page.
 
-**Method.** The law of a straight passage at the values of the encounter; deviations
-follow from its covariance to first order. The speed that counts is that relative to the
+**Method.** The law of a passage at the values of the encounter, with what changed
+beside it; deviations follow from the covariance of its motion to first order. The speed that counts is that relative to the
 sensor: slant range over (slant range over speed), which is the vessel's own where the
 sensor is at rest.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.acoustics.passage import Passage, passage_law
+from uwtrack_cli.acoustics.passage import Passage, passage_law, with_other_leg
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
@@ -90,7 +90,7 @@ class PassageFit:
     def shift(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the relative Doppler shift and its deviation."""
         law = self._law(time_s, self.width_s)
-        return law.shift[0], self._std(law.shift_d[0], self.width_s)
+        return law.shift[0], self._std(law.shift_d[0][:, :3], self.width_s)
 
     def spread_db(self, time_s: FloatArray) -> FloatArray:
         """Return the level less that at closest approach, dB."""
@@ -114,7 +114,45 @@ class PassageFit:
         speed = self.mach * float(self.encounters.sound_speed_mps[self.row])
         parameters = np.array([[self.time_s, np.log(width_s), speed]])
         sound = float(self.encounters.sound_speed_mps[self.row])
-        return passage_law(time_s, parameters, sound)
+        law = passage_law(time_s, parameters, sound, with_height=True)
+        return self._changed(law, time_s, parameters)
+
+    def _changed(
+        self, law: Passage, time_s: FloatArray, parameters: FloatArray
+    ) -> Passage:
+        """Put the step, the ramp or the other leg of the encounter into a passage."""
+        found = self.encounters
+
+        def known(name: str) -> float:
+            values = getattr(found, name)
+            return float("nan") if values is None else float(values[self.row])
+
+        at = known("change_time_s")
+        if not np.isfinite(at):
+            return law
+        sign = 1.0 if known("change_follows") else -1.0
+        step, slope = known("frequency_change"), known("frequency_slope_per_s")
+        lag = time_s - at
+        if np.isfinite(step) or np.isfinite(slope):
+            share = np.where(lag > 0, step, 0.0) if np.isfinite(step) else (
+                np.where(sign * lag > 0, slope * lag, 0.0)
+            )  # fmt: skip
+            rows = law.rows.copy()
+            rows[:, 0] *= 1 + share
+            rows[:, 0, 0] += share
+            return Passage(rows)
+        turn = TURN.get(str(found.side[self.row]), float("nan"))
+        speed = known("other_leg_speed_mps")
+        angle = np.radians(known("other_leg_course_deg") - known("course_deg"))
+        other = speed * np.array([np.cos(angle), -turn * np.sin(angle)])
+        if not np.isfinite(other).all():
+            rows = law.rows.copy()
+            rows[..., sign * lag > 0] = np.nan
+            return Passage(rows)
+        difference = (other - [parameters[0, 2], 0.0])[None]
+        sound = float(found.sound_speed_mps[self.row])
+        change = (np.array([at]), np.array([sign]), difference)
+        return with_other_leg(law, time_s, parameters, change, sound, 0.0)
 
     def _std(self, partials: FloatArray, width_s: float) -> FloatArray:
         """Return deviations from partials by time, ln(d/v), speed and more."""

@@ -256,7 +256,7 @@ ENCOUNTER = """
      "vessel": {"name": "FERRY", "mmsi": "235000001", "probability": 0.98},
      "reading": "manoeuvre", "reading_weight": 0.9,
      "rival": {"reading": "frequency-step", "weight": 0.1},
-     "change": {"time_s": 700.1, "time_std_s": 0.8, "frequency_change": null,
+     "change": {"time_s": 700.1, "time_std_s": 0.8, "follows": true, "frequency_change": null,
                 "frequency_change_std": null, "frequency_slope_per_s": null,
                 "frequency_slope_std_per_s": null, "other_leg_speed_mps": 4.1,
                 "other_leg_speed_std_mps": 0.1, "other_leg_course_deg": 61.0,
@@ -283,7 +283,8 @@ def test_encounter_has_the_documented_keys_types_and_order():
     }
     change = documented["change"]
     times = {"change_time_s": change.pop("time_s"),
-             "change_time_std_s": change.pop("time_std_s")}  # fmt: skip
+             "change_time_std_s": change.pop("time_std_s"),
+             "change_follows": change.pop("follows")}  # fmt: skip
     known = {k: [np.nan if v is None else v] for k, v in (times | change).items()}
     direct |= known | {"rival": ["frequency-step"], "rival_weight": [0.1]}
     documented = json.loads(ENCOUNTER)

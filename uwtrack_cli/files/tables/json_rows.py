@@ -169,7 +169,8 @@ def _change(values: Row) -> Row | None:
     if values.get("change_time_s") is None:
         return None
     change = {
-        "time_s": values["change_time_s"], "time_std_s": values["change_time_std_s"]
+        "time_s": values["change_time_s"], "time_std_s": values["change_time_std_s"],
+        "follows": values["change_follows"],
     }  # fmt: skip
     return change | {key: values[key] for key in CHANGE_KEYS}
 

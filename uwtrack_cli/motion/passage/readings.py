@@ -10,8 +10,8 @@ gains too little, even with noise taken as white, the passage is straight. Else 
 readings are fitted in full from their best instants, and weighed by their likelihoods
 with coloured noise of their own best strength, less what their search is worth: how few
 of the instants fit, and the width of the prior of the change (uniform in the logarithm
-of its size) over that of its posterior (Laplace). What the weights leave to the rivals widens the deviations of the winner by
-how far the rivals' answers are from its own.
+of its size) over that of its posterior (Laplace). What the weights leave to the rivals
+widens the deviations of the winner by how far the rivals' answers are from its own.
 
 **Conventions.** Log-likelihoods in nepers. One data set, the fit's one row.
 

@@ -171,6 +171,8 @@ class Row:
     """How the measurements are read."""
     rival: str = ""
     """The next reading; empty if it has less than 5 %."""
+    change_follows: bool = False
+    """Whether what changed follows its time; else it goes before it."""
 
     def explain(self, reason: str, *names: str) -> None:
         """State why values are missing, unless they are there or explained."""
@@ -224,6 +226,7 @@ def _add_change(row: Row, fit: PassageFit) -> None:
     if change is None or not np.isfinite(v["speed_mps"]):
         return
     v["change_time_s"] = float(change.time_s[0])
+    row.change_follows = bool(change.sign[0] > 0)
     size = fit.theta[0, CHANGED:]
     spread = fit.full_covariance[0]
     names = {STEP: "frequency_change{}", RAMP: "frequency_slope{}_per_s"}
@@ -490,6 +493,7 @@ def make_encounters(
         side=np.array([row.side for row in rows], dtype=np.str_),
         reading=np.array([row.reading for row in rows], dtype=np.str_),
         rival=np.array([row.rival for row in rows], dtype=np.str_),
+        change_follows=np.array([row.change_follows for row in rows], np.bool_),
         sound_speed_mps=np.full(len(rows), context.sound_speed_mps),
         extrapolated=np.array([row.extrapolated for row in rows], np.bool_),
         covariance=np.array([row.covariance for row in rows]).reshape(-1, 4, 4),
