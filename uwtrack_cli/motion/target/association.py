@@ -23,7 +23,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.solvers.marquardt import SearchBounds, minimise
-from uwtrack_cli.motion.target.objective import loss_value, residuals
+from uwtrack_cli.motion.target.objective import loss_value, misfit, residuals
 from uwtrack_cli.motion.target.problem import Problem
 from uwtrack_cli.motion.target.starts import multistart, subset_starts
 
@@ -46,7 +46,9 @@ FEWEST_RUNS = -4.0
 """Deviations from the expected number of runs below which strange rows come in
 stretches: then the target turned, or the motion is wrong, and they are not others."""
 
-ROUNDS, FIRST_ROUNDS, FOLLOWED_STARTS, TOLERANCE = 40, 4, 3, 1e-3
+ROUNDS, FIRST_ROUNDS, FOLLOWED_STARTS, TOLERANCE = 40, 4, 5, 1e-3
+FLATTEST = 1e-2
+"""Curvature below which a direction reaches beyond any search box."""
 FIRST_STD_RAD = np.radians([6.0, 2.0])
 """Deviations with which the search for an unknown deviation begins."""
 
@@ -166,7 +168,20 @@ def _search(
     ends = [
         _climb(problem, limits, one, heard, is_told) for one in found[:FOLLOWED_STARTS]
     ]
-    return max(ends, key=lambda one: one.gain)
+    return max(ends, key=lambda one: _evidence(problem, one))
+
+
+def _evidence(problem: Problem, found: _Mixture) -> float:
+    """Return twice the log evidence of a single source: gain and posterior volume.
+
+    Laplace's approximation (MacKay 2003, eq. 27.8), flat in the solver's coordinates. A
+    way through the very place of a sensor may explain strange bearings of that sensor
+    well, but few ways do.
+    """
+    weight = problem.bearing_weight * np.sqrt(found.probability[0]) / found.scale
+    here = misfit(replace(problem, bearing_weight=weight), found.q[:1])
+    values = np.linalg.eigvalsh(here.matrix[0])
+    return found.gain - float(np.log(np.maximum(values, FLATTEST)).sum())
 
 
 def _begin(problem: Problem, q: FloatArray, scale: float) -> _Mixture:
