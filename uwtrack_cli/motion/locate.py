@@ -36,7 +36,7 @@ from uwtrack_cli.motion.target.cross_fix import fixes_of_answers
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target.inputs import check_sensors, measurements_from_series
 from uwtrack_cli.motion.target.modes import TmaOptions
-from uwtrack_cli.motion.target.motion_table import ellipse_agrees, reasons_of
+from uwtrack_cli.motion.target.motion_table import reasons_of
 
 
 @checked
@@ -177,13 +177,7 @@ def _cross_fixes(
         own = answer.data.time_s
         times = fix_times(own[[0, -1]], series.start_utc_ns, at, every_s, until)
         answers.append((answer, times))
-    doubtful = [
-        f"The likelihood of contact {answer.data.contact} is no ellipse: its true 95 % "
-        f"region reaches farther on one side; 'uwtrack tma' gives its intervals."
-        for answer, _ in answers
-        if not ellipse_agrees(answer.modes[0])
-    ]
-    return replace(fixes_of_answers(answers, series), statement=" ".join(doubtful))
+    return fixes_of_answers(answers, series)
 
 
 def _clock_statements(passages: Passages, mode: Mode) -> list[str]:

@@ -78,6 +78,8 @@ class ContactAnswer:
     """Range, bearing, speed and course (SI) of each, shape (updates, 4)."""
     update_std: FloatArray
     """Their deviations, same shape; nan where not observable."""
+    problem: Problem
+    """What was solved, with the weights of its rows."""
     probability: FloatArray | None = None
     """Probability that each row's bearing is this contact's, shape (rows,); None where
     all of them are."""
@@ -173,6 +175,7 @@ def _answer(
         update_rows=ends - 1,
         update_motion=to_motion(estimates),
         update_std=np.stack(deviations),
+        problem=problem,
     )
 
 
