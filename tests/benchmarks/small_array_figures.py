@@ -1,0 +1,115 @@
+"""Figures of small arrays for `tests/baselines/arrays.md`.
+
+python -m tests.benchmarks.small_array_figures
+"""
+
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from tests.arrays.test_spatial_array import TETRAHEDRON, C, sensor_of
+from tests.support import recording_of
+from uwtrack_cli.arrays.beamform import form_beams
+from uwtrack_cli.arrays.delays import measure_delays
+from uwtrack_cli.arrays.directions import find_directions
+from uwtrack_cli.data.bearing_time import BearingTime
+from uwtrack_cli.data.directions import Delays, Directions
+from uwtrack_cli.files.audio.recording_file import open_recording
+
+RATE_HZ, FRAMES = 4000, 100
+WEIGHTINGS = ("plain", "phat", "ml")
+
+
+def frames_from_anywhere(rho_db, seed=7):
+    """Seconds of sound, each from a direction of its own, in independent noise."""
+    rng = np.random.default_rng(seed)
+    azimuth = rng.uniform(0.0, 2.0 * np.pi, FRAMES)
+    elevation = np.radians(rng.uniform(-30.0, 30.0, FRAMES))
+    frequency_hz = np.fft.rfftfreq(RATE_HZ, 1.0 / RATE_HZ)
+    parts = []
+    for a, e in zip(azimuth, elevation, strict=True):
+        toward = [np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)]
+        source = np.fft.rfft(rng.standard_normal(RATE_HZ)) * 10.0 ** (rho_db / 20.0)
+        turn = np.exp(2j * np.pi * np.outer(TETRAHEDRON @ toward / C, frequency_hz))
+        heard = np.fft.irfft(source * turn, RATE_HZ).T
+        parts.append(heard + rng.standard_normal((RATE_HZ, 4)))
+    return np.concatenate(parts), np.degrees(azimuth), np.degrees(elevation)
+
+
+def bound_deg(band_hz, rho_db):
+    rho = 10.0 ** (rho_db / 10.0)
+    turn = 2.0 * np.pi * np.arange(*band_hz) / C
+    weight = 4.0 * rho**2 / (1.0 + 4.0 * rho) / 1.5
+    return np.degrees(1.0 / np.sqrt(2.0 * np.sum(weight * turn**2) * 0.5))
+
+
+def told(found: Directions, azimuth_deg, elevation_deg):
+    frame = np.rint(found.time_s - 0.5).astype(int)
+    off = (found.bearing_deg - azimuth_deg[frame] + 180.0) % 360.0 - 180.0
+    rise = found.elevation_deg - elevation_deg[frame]
+    level = np.cos(np.radians(elevation_deg[frame]))
+    ratio = np.concatenate(
+        [off / found.bearing_std_deg, rise / found.elevation_std_deg]
+    )
+    rms = [np.sqrt(np.mean(x**2)) for x in (off * level, rise, ratio)]
+    return f"{rms[0]:.3f} {rms[1]:.3f} {rms[2]:.2f} {1.0 - frame.size / FRAMES:.2f}"
+
+
+def directions():
+    print(
+        "band, dB: bound; rms azimuth x cos(el), elevation, over stated, share without"
+    )
+    sensor = sensor_of(TETRAHEDRON)
+    for band_hz in ((60.0, 1800.0), (60.0, 700.0), (800.0, 1800.0)):
+        for rho_db in (-5, 0, 10, 20):
+            samples, *truth = frames_from_anywhere(rho_db)
+            recording = recording_of(samples, RATE_HZ, sensor)
+            row = [f"bound {bound_deg(band_hz, rho_db):.3f}"]
+            for weighting in WEIGHTINGS:
+                blocks = measure_delays(
+                    recording, overlap=0.0, band_hz=band_hz, weighting=weighting
+                )
+                found = find_directions(Delays.join(list(blocks)), sensor)
+                row.append(f"{weighting} {told(found, *truth)}")
+            beams = form_beams(
+                recording, overlap=0.0, zero_padding=1, band_hz=band_hz,
+                false_alarm_probability=1e-3,
+            )  # fmt: skip
+            found = BearingTime.join(list(beams)).directions
+            row.append(f"beams {told(found, *truth)}")
+            print(band_hz, rho_db, " | ".join(row), flush=True)
+
+
+def real_noise():
+    """Hydrophones minutes apart in time share no sound, but keep their noise."""
+    folder = Path(os.environ["UWTRACK_REAL_DATA"]) / "array"
+    table = np.loadtxt(
+        folder / "infrasound_brp.positions.csv", delimiter=",", skiprows=1
+    )
+    places = np.column_stack([table[:, 1:], np.zeros(4)])
+    sensor = sensor_of(places, sound_speed_mps=345.0)
+    recording = open_recording(folder / "infrasound_brp.wav", sensor=sensor)
+    (samples,) = recording.reader(recording.n_samples)
+    for probability in (0.1, 0.01):
+        hits = frames = 0
+        for shift in (4130, 5730, 7930, 9170):
+            apart = np.stack(
+                [np.roll(samples[:, k], shift * k) for k in range(4)], axis=1
+            )
+            blocks = form_beams(
+                recording_of(apart, 100.0, sensor), band_hz=(1.0, 5.0), window_s=20.0,
+                false_alarm_probability=probability, kept_probability=0.2,
+            )  # fmt: skip
+            record = BearingTime.join(list(blocks))
+            hits += record.directions.frame.size
+            frames += record.frames.n_frames
+        print(f"real noise, {probability}: {hits} of {frames} frames")
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    directions()
+    if "UWTRACK_REAL_DATA" in os.environ:
+        real_noise()
