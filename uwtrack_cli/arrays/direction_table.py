@@ -77,6 +77,8 @@ def direction_table(
     radial = np.einsum("ni,nij,nj->n", along, found.covariance, along)
     speed_share = (sensor.sound_speed_std_mps or 0.0) / array.sound_speed_mps
     radial = radial + (length * speed_share) ** 2
+    if not array.is_planar:  # its length is not free
+        radial = np.full(length.size, np.nan)
     range_m, range_std_m = surface_range(
         stated.elevation_deg, stated.elevation_std_deg, sensor
     )

@@ -46,9 +46,11 @@ class Directions(Container):
     )
     slowness_ratio: FloatArray = column(
         "1", "Slowness as heard times the sound speed: of a level plane that along the "
-        "ground; of a volume array 1 but for errors.", "direction",
+        "ground; of a volume array 1.", "direction",
     )  # fmt: skip
-    slowness_ratio_std: FloatArray = column("1", "Its standard deviation.", "direction")
+    slowness_ratio_std: FloatArray = column(
+        "1", "Its standard deviation; nan for a volume array.", "direction"
+    )
     snr_db: FloatArray = column(
         "dB", "Power over noise in the beam, mean over the band; nan for delays.",
         "direction",
