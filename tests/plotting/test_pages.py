@@ -484,5 +484,22 @@ def test_numbers_that_no_run_makes_end_in_no_traceback(containers, value):
         assert page.draw(View()).axes
 
 
+def test_a_page_draws_what_a_fit_says_of_a_part_alone(containers, monkeypatch):
+    whole = PassageFit._law
+
+    def part(self, time_s, width_s):
+        law = whole(self, time_s, width_s)
+        rows = law.rows.copy()
+        rows[..., time_s > 60.0] = np.nan
+        return replace(law, rows=rows)
+
+    monkeypatch.setattr(PassageFit, "_law", part)
+    silent = [replace(c, reader=None) if isinstance(c, Recording) else c
+              for c in containers]  # fmt: skip
+    figure = pages_of(silent)[1].draw(View())
+    for name in ("residual", "level", "bearing"):
+        assert np.isfinite(labelled(figure, name)[0].get_ylim()).all()
+
+
 def test_a_scene_without_times_draws_nothing():
     assert Scene([]).times_s is None

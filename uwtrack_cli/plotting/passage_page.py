@@ -232,7 +232,13 @@ def _left(
         values.append(100 * (shift - fit.shift(time_s)[0]) / fit.mach)
         with np.errstate(divide="ignore", invalid="ignore"):
             weights.append(np.nan_to_num(1 / std**2, nan=1.0, posinf=1.0))
-    return np.concatenate(times), np.concatenate(values), np.concatenate(weights)
+    found_values = np.concatenate(values)
+    known = np.isfinite(found_values)  # what the fit says nothing of is left out
+    return (
+        np.concatenate(times)[known],
+        found_values[known],
+        np.concatenate(weights)[known],
+    )
 
 
 def _block_means(
@@ -311,7 +317,9 @@ def _draw_level_fit(
             total = total + 10 ** ((own + f.spread_db(at_s)) / 10)
         return total
 
-    background = max(float(np.median(10 ** (level_db / 10) - power(time_s, 0.0))), 0.0)
+    background = max(
+        float(np.nanmedian(10 ** (level_db / 10) - power(time_s, 0.0))), 0.0
+    )
     std = np.nan_to_num(float(found.received_level_std_db[fit.row]))
     curves = [
         10 * np.log10(power(grid, add) + background)
@@ -321,7 +329,7 @@ def _draw_level_fit(
     ax.plot(grid, curves[0], color=color, lw=1.1)
     ax.fill_between(grid, curves[1], curves[2], color=color, alpha=0.25, lw=0)
     low, high = ax.get_ylim()
-    ax.set_ylim(low, max(high, float(curves[0].max()) + 1.0))
+    ax.set_ylim(low, float(np.nanmax(curves[0] + 1.0, initial=high)))
 
 
 def _bearing(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
