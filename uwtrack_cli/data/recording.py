@@ -146,6 +146,23 @@ def read_stretch(reader: Reader | None, first_sample: int, n_samples: int) -> Sa
     return samples
 
 
+@dataclass(frozen=True)
+class HeldSamples:
+    """A reader of sound that is held as a whole."""
+
+    samples: Samples
+    """All samples, shape (sample, channel)."""
+
+    def __call__(self, block_samples: int) -> Iterator[Samples]:
+        """Yield consecutive blocks of so many samples, the last one shorter."""
+        for first in range(0, self.samples.shape[0], block_samples):
+            yield self.samples[first : first + block_samples]
+
+    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+        """Return so many samples from one on."""
+        return self.samples[first_sample : first_sample + n_samples]
+
+
 @dataclass
 class SampleRing:
     """A reader that keeps the last samples of a source which cannot go back.

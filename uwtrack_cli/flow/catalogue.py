@@ -27,6 +27,7 @@ STAGES: dict[str, str] = {
     "track-pda": "uwtrack_cli.lines.track_pda:track_lines_pda",
     "trace": "uwtrack_cli.lines.trace:trace_lines",
     "cpa": "uwtrack_cli.motion.cpa:find_encounters",
+    "zoom": "uwtrack_cli.flow.zoom:zoom_in",
     "radiated": "uwtrack_cli.motion.radiated:estimate_radiated_levels",
     "presence": "uwtrack_cli.presence.presence:find_presence",
     "locate": "uwtrack_cli.motion.locate:locate_vessels",

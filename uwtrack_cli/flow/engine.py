@@ -117,6 +117,7 @@ class Engine:
         self._revise = revise
         self._given = list(given)
         self._sink = sink
+        self._revised: dict[str, Container] = {}
         self._streams = {
             node.step.name: _StreamNode(node)
             for node in graph.nodes
@@ -217,7 +218,11 @@ class Engine:
                 self.push(name, rest, stream.node.step)
         last = [node for node in self.graph.nodes if node.step.stage.kind == "whole"]
         for number, node in enumerate(last, 1):
-            self._sink.write(node.step, self._whole(node))
+            made = self._whole(node)
+            if node.step.name in self.graph.outputs:
+                self._sink.write(node.step, made)
+            else:  # a later step makes this table again
+                self._revised[node.step.name] = made
             if progress is not None:
                 progress(number / len(last))
 
@@ -231,12 +236,18 @@ class Engine:
         inputs: list[Any] = []
         for wanted in step.stage.inputs:
             names = node.sources.get(wanted.name, ())
-            found = [self._sink.read(by_name[name]) for name in names]
+            found = [
+                self._revised[name]
+                if name in self._revised
+                else self._sink.read(by_name[name])
+                for name in names
+            ]
             if not names:
                 found = [c for c in self._given if isinstance(c, wanted.kinds)]
             inputs.append(_as_argument(step, wanted, found))
         made: Container = step.stage.function(*inputs, **step.options)
-        if isinstance(made, Encounters) and self._revise is not None:
+        is_last = step.name in self.graph.outputs
+        if is_last and isinstance(made, Encounters) and self._revise is not None:
             return self._revise(made)
         return made
 

@@ -143,7 +143,8 @@ class Graph:
         makers = [
             node.step.name
             for node in self.nodes
-            if node.step.name == node.step.stage_name
+            if node.step.name in self.outputs
+            and node.step.name == node.step.stage_name
             and node.step.stage.output is step.stage.output
         ]
         return "" if makers == [step.name] else step.name
@@ -161,6 +162,23 @@ class Graph:
             for node in self.nodes
         )
         return replace(self, nodes=nodes)
+
+    def part(self, wanted: Collection[str]) -> Self:
+        """Return the part of the graph that some steps need.
+
+        Parameters
+        ----------
+        wanted
+            Names of the steps.
+        """
+        by_name = {node.step.name: node for node in self.nodes}
+        names, waiting = set(wanted), list(wanted)
+        while waiting:
+            for sources in by_name[waiting.pop()].sources.values():
+                waiting += [name for name in sources if name not in names]
+                names.update(sources)
+        nodes = tuple(node for node in self.nodes if node.step.name in names)
+        return replace(self, nodes=nodes, outputs=self.outputs & names)
 
     def edges(self) -> list[tuple[str, str, str]]:
         """Return who reads whom: source, reader and the container that passes.
@@ -338,7 +356,10 @@ def _in_order(nodes: Mapping[str, Node], name: str) -> tuple[Node, ...]:
 def _outputs(
     nodes: Sequence[Node], keep: Collection[type[Container]]
 ) -> frozenset[str]:
-    """Return what is kept: all that is small, is marked, or that a whole stage reads."""
+    """Return what is kept: all that is small, is marked, or that a whole stage reads.
+
+    A table that a whole stage makes again, better, is not: there is one answer.
+    """
     kept = {
         node.step.name
         for node in nodes
@@ -349,7 +370,21 @@ def _outputs(
     for node in nodes:
         if node.step.stage.kind == "whole":
             kept.update(name for names in node.sources.values() for name in names)
-    return frozenset(kept)
+    return frozenset(kept - _revised(nodes))
+
+
+def _revised(nodes: Sequence[Node]) -> set[str]:
+    """Return the steps whose table another step reads and makes again."""
+    made = {node.step.name: node.step for node in nodes}
+    return {
+        name
+        for node in nodes
+        for names in node.sources.values()
+        for name in names
+        if node.step.stage.kind == made[name].stage.kind == "whole"
+        and node.step.stage.output is made[name].stage.output
+        and not made[name].is_output
+    }
 
 
 def _refuse_idle(nodes: Sequence[Node], outputs: frozenset[str], name: str) -> None:

@@ -16,7 +16,7 @@ value has moved by its deviation or the deviation has shrunk by a third.
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -84,9 +84,9 @@ class LiveWatch:
         self._whole = [
             node.step
             for node in graph.nodes
-            if node.step.stage.kind == "whole" and node.step.stage.output is Encounters
+            if node.step.name in graph.outputs and node.step.stage.output is Encounters
         ]
-        self._graph = _part(graph, self._whole)
+        self._graph = graph.part([step.name for step in self._whole])
         self._rings = {step.name: _Ring(step) for step in _roots(self._graph)}
         self._results = {step.name: _Ring(step) for step in _direct(self._graph)}
         self._due_s = {stretch: stretch / LOOKS for stretch in STRETCHES_S}
@@ -446,19 +446,6 @@ def _span(block: Container) -> tuple[float, float]:
     if not isinstance(frames, Frames) or not frames.n_frames:
         return np.inf, -np.inf
     return float(frames.time_s[0]), float(frames.time_s[-1])
-
-
-def _part(graph: Graph, wanted: Sequence[Step]) -> Graph:
-    """Return the part of a graph that some steps need."""
-    by_name = {node.step.name: node for node in graph.nodes}
-    names = {step.name for step in wanted}
-    waiting = list(names)
-    while waiting:
-        for sources in by_name[waiting.pop()].sources.values():
-            waiting += [name for name in sources if name not in names]
-            names.update(sources)
-    nodes = tuple(node for node in graph.nodes if node.step.name in names)
-    return replace(graph, nodes=nodes, outputs=graph.outputs & names)
 
 
 def _behind_scans(graph: Graph) -> set[str]:

@@ -50,8 +50,8 @@ def open_recording(
     path
         The recording.
     sensor
-        The sensor that made it; without one, a single channel is taken as an omni
-        hydrophone of unknown position and calibration.
+        The sensor that made it; without one, the first channel is taken as an omni
+        hydrophone of unknown position and calibration, with a warning.
     start_utc_ns
         Time of the first sample of the file, ns since 1970-01-01 UTC.
     channel
@@ -176,7 +176,8 @@ def select_channels(
     sensor
         The sensor; without one an omni hydrophone of which nothing is known.
     channel
-        Channel to take, counted from 1; None takes those of the sensor.
+        Channel to take, counted from 1; None takes those of the sensor, and the first
+        without one.
 
     Raises
     ------
@@ -188,13 +189,7 @@ def select_channels(
     if channel is not None:
         return _one_channel(path, n_channels, sensor, channel)
     if sensor is None:
-        if n_channels > 1:
-            msg = (
-                f"{path} has {n_channels} channels: give --channel 1 to {n_channels}, "
-                f"or --sensor with a sensor file that names the channels."
-            )
-            raise DataError(msg)
-        return _unnamed(path), (0,)
+        return _unnamed(path, n_channels), (0,)
     names = sensor.channel_names
     if len(names) != n_channels:
         msg = (
@@ -231,10 +226,15 @@ def _one_channel(
     return one, (channel - 1,)
 
 
-def _unnamed(path: Path) -> Sensor:
+def _unnamed(path: Path, n_channels: int = 1) -> Sensor:
+    first = (
+        f"channel 1 of {n_channels} is read (--channel takes another), "
+        if n_channels > 1
+        else ""
+    )
     msg = (
-        f"{path.name} has no sensor file: position, depth and calibration are unknown, "
-        f"levels are relative to full scale; give --sensor to change that."
+        f"{path.name} has no sensor file: {first}position, depth and calibration are "
+        f"unknown, levels are relative to full scale; give --sensor to change that."
     )
     warn(msg, UwtrackWarning, stacklevel=4)
     return Sensor(id=UNNAMED)

@@ -1,0 +1,115 @@
+"""What passes within seconds is looked at again in shorter frames."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tests.flow.auto_scores import brief_passage, in_memory, passages
+from tests.flow.made_encounters import encounters_of
+from tests.support import recording_of, white_noise
+from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.recording import HeldSamples
+from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.flow.engine import run_recipe
+from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.flow.zoom import quick_rises, zoom_in
+
+HOP_S = 0.5
+
+
+def levels_of(excess_db):
+    """Levels of one-second frames, as far as a rise needs them."""
+    time = HOP_S * (1 + np.arange(len(excess_db)))
+    frames = SimpleNamespace(hop_s=HOP_S, time_s=time, window_s=1.0)
+    return SimpleNamespace(excess_db=np.asarray(excess_db, float), frames=frames)
+
+
+def in_noise(level_db, seed=1):
+    return level_db + np.random.default_rng(seed).normal(0.0, 0.3, len(level_db))
+
+
+TIME = HOP_S * (1 + np.arange(1200))
+
+
+def test_a_passage_of_a_second_is_looked_at_and_nothing_else():
+    """10 log(1 + S / (1 + x^2)), the law of a passage at a ratio of 10 dB."""
+    hump = 10 * np.log10(1 + 10 / (1 + ((TIME - 300.0) / 1.0) ** 2))
+    found = quick_rises(levels_of(in_noise(hump)), 4.0)
+    assert found
+    assert all(abs(time - 300.0) < 1.5 for time, _ in found)
+
+
+@pytest.mark.parametrize(
+    "level",
+    [
+        0.0 * TIME,
+        np.where(TIME > 300.0, 10.0, 0.0),
+        6.0 * np.sin(2 * np.pi * TIME / 10.0),
+        10 * np.log10(1 + 10 / (1 + ((TIME - 300.0) / 40.0) ** 2)),
+        np.clip(TIME - 250.0, 0.0, 10.0),
+    ],
+    ids=["steady", "step", "swell", "slow passage", "onset of rain"],
+)
+def test_what_is_no_brief_passage_is_not_looked_at(level):
+    assert quick_rises(levels_of(in_noise(level)), 4.0) == []
+
+
+@pytest.fixture(scope="module")
+def car():
+    """A vehicle in air, and the facts of its passage."""
+    scenario = brief_passage(
+        3, speed_mps=(25.0, 26.0), range_m=(6.0, 6.5), base_hz=(100.0, 110.0),
+        length_s=16.0, sound_speed_mps=343.0,
+    )  # fmt: skip
+    return in_memory(scenario), passages(scenario)[0]
+
+
+def encounters_in(made):
+    return [item for item in made if isinstance(item, Encounters)]
+
+
+@pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackNote")
+def test_a_vehicle_is_found_without_being_expected(car):
+    recording, (time_s, width_s, speed_mps) = car
+    (found,) = encounters_in(run_recipe(recording, load_recipe("auto")))
+    assert found.status.tolist() == ["ok"]
+    assert abs(found.time_s[0] - time_s) < 4 * found.time_std_s[0] + 0.02
+    for value, truth in (("speed_mps", speed_mps), ("range_over_speed_s", width_s)):
+        stem, unit = value.rsplit("_", 1)
+        std = getattr(found, f"{stem}_std_{unit}")[0]
+        assert abs(getattr(found, value)[0] - truth) < 3 * std
+    assert found.rest_frame_evidence[0] > 0.1
+
+
+def test_sound_that_does_not_rise_is_read_once(monkeypatch):
+    sound = white_noise(40 * 2000, 1, rate_hz=2000.0).astype(np.float32)[:, None]
+    recording = recording_of(sound, 2000.0)
+    looked = []
+    held = replace(recording, reader=HeldSamples(sound))
+    monkeypatch.setattr(
+        HeldSamples, "stretch", lambda *place: looked.append(place) or sound[:0]
+    )
+    (found,) = encounters_in(run_recipe(held, load_recipe("auto")))
+    assert found.n_encounters == 0
+    assert looked == []
+
+
+def test_a_table_that_is_made_again_is_not_kept():
+    graph = load_recipe("auto").graph()
+    assert "cpa" not in graph.outputs
+    assert "zoom" in graph.outputs
+    (zoom,) = [s for s in graph.steps() if s.name == "zoom"]
+    assert graph.product_key(zoom) == ""
+
+
+def test_without_the_sound_there_is_nothing_to_look_at():
+    with pytest.raises(DataError, match="run the recording itself"):
+        zoom_in(encounters_of())
+
+
+def test_an_unknown_recipe_is_named():
+    recording = recording_of(np.zeros((10, 1)), 10.0)
+    with pytest.raises(OptionError, match="no recipe 'vehicles'"):
+        zoom_in(encounters_of(), recording=recording, recipes=("vehicles",))

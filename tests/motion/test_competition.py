@@ -1,0 +1,71 @@
+"""One row for each passage, whichever frames have shown it best."""
+
+import pytest
+
+from tests.flow.made_encounters import encounters_of
+from uwtrack_cli.motion.competition import compete
+
+SLOW = {
+    "time_s": 100.0, "time_std_s": 0.2, "range_over_speed_s": 4.0,
+    "range_over_speed_std_s": 0.2, "speed_mps": 8.0, "speed_std_mps": 0.3,
+    "rest_frame_evidence": 0.3,
+}  # fmt: skip
+"""A passage of four seconds, as long frames have it."""
+
+LEVELS = {
+    "status": "level-only", "speed_mps": float("nan"), "speed_std_mps": float("nan"),
+    "rest_frame_evidence": float("nan"),
+}  # fmt: skip
+
+
+def won(first, *others, highest=0):
+    """Return the rows of two tables after they have competed, and what was refused."""
+    table = compete(
+        encounters_of(*first), [encounters_of(*rows) for rows in others], highest
+    )
+    rows = zip(table.contact, table.speed_mps, table.range_over_speed_s, strict=True)
+    return [tuple(map(float, row)) for row in rows], table.refusals()
+
+
+def test_answers_that_agree_are_one_and_the_better_known_one_stays():
+    close = SLOW | {"speed_mps": 8.4, "range_over_speed_std_s": 0.1}
+    rows, refused = won([SLOW], [close])
+    assert rows == [(2.0, 8.4, 4.0)]
+    assert refused == []
+    vague = close | {"range_over_speed_std_s": 0.4}
+    assert won([SLOW], [vague]) == ([(1.0, 8.0, 4.0)], [])
+
+
+def test_of_answers_that_do_not_agree_the_steadier_lines_win():
+    other = SLOW | {"speed_mps": 20.0, "range_over_speed_s": 1.0}
+    sharper = other | {"rest_frame_evidence": 0.9}
+    rows, ((contact, _, _, reason),) = won([SLOW], [sharper])
+    assert rows == [(2.0, 20.0, 1.0)]
+    assert contact == 1
+    assert "0.90 against 0.30" in reason
+    blurred = other | {"rest_frame_evidence": 0.1}
+    assert won([SLOW], [blurred]) == ([(1.0, 8.0, 4.0)], [])
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_lines_beat_levels(order):
+    hump = SLOW | LEVELS | {"range_over_speed_s": 2.0, "range_over_speed_std_s": 0.01}
+    first, second = [SLOW, hump][::order]
+    ((_, speed, _),), _ = won([first], [second])
+    assert speed == 8.0
+
+
+def test_passages_at_other_times_and_those_of_one_table_do_not_compete():
+    later = SLOW | {"time_s": 130.0}
+    rows, refused = won([SLOW, SLOW], [later], highest=40)
+    assert [row[0] for row in rows] == [1.0, 2.0, 41.0]
+    assert refused == []
+
+
+def test_three_tables_give_one_row_and_the_order_does_not_matter():
+    best = SLOW | {"rest_frame_evidence": 1.2, "speed_mps": 30.0,
+                   "range_over_speed_s": 0.5}  # fmt: skip
+    middle = SLOW | {"rest_frame_evidence": 0.6, "speed_mps": 15.0}
+    for others in ([best], [middle]), ([middle], [best]):
+        rows, _ = won([SLOW], *others)
+        assert [row[1] for row in rows] == [30.0]

@@ -1,0 +1,142 @@
+"""One answer to each passage from the answers of several resolutions.
+
+**Method.** Frames of different lengths see one passage, each in its own way: tables of
+closest approaches are added one after the other, and a row competes with those of the
+tables before it that claim the same time. Rows that agree are one passage, and the one
+with the smaller deviations is kept. Where they do not agree, lines beat levels, since
+the sound itself was asked of them, and of two with lines the one whose lines are
+steadier in the vessel's own time wins (`rest_frame_evidence`). What loses is no closest
+approach any more, and the reason says so.
+
+**Conventions.** Rows of one table never compete: they are told apart already. Times
+count from the first sample.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from uwtrack_cli.data.base import IntArray
+from uwtrack_cli.data.encounters import Encounters
+
+DEVIATIONS = 3.0
+"""Deviations within which two answers agree."""
+
+WIDTHS = 1.0
+"""d/v, of the shorter passage, within which two rows claim the same time."""
+
+LEVEL_ONLY = "level-only"
+LOST = "frames of another length show another passage, {better}"
+
+
+def compete(
+    first: Encounters, others: Sequence[Encounters], highest_contact: int = 0
+) -> Encounters:
+    """Let the rows of several tables compete for the passages of one recording.
+
+    Parameters
+    ----------
+    first
+        Table that keeps its contact numbers.
+    others
+        Further tables, in any order; their rows get numbers that are free.
+    highest_contact
+        Highest contact number that is taken, by lines that passed nobody.
+
+    Returns
+    -------
+    Encounters
+        One row per passage, in the order of time.
+    """
+    kept = first
+    for other in others:
+        losers: dict[int, str] = {}
+        winners = []
+        for row in range(other.n_encounters):
+            rivals = [k for k in range(kept.n_encounters) if _meet(kept, k, other, row)]
+            reasons = [_beaten(kept, k, other, row) for k in rivals]
+            if any(reason is None for reason in reasons):
+                continue
+            winners.append(row)
+            losers |= {
+                k: str(reason) for k, reason in zip(rivals, reasons, strict=True)
+            }
+        if winners:
+            kept = _exchanged(
+                kept,
+                losers,
+                other.take("encounter", np.array(winners)),
+                highest_contact,
+            )
+    return kept.take("encounter", np.argsort(np.nan_to_num(kept.time_s, nan=np.inf)))
+
+
+def _meet(one: Encounters, k: int, two: Encounters, n: int) -> bool:
+    """Tell whether two rows claim the same time."""
+    widths = (one.range_over_speed_s[k], two.range_over_speed_s[n])
+    known = [width for width in widths if np.isfinite(width)]
+    reach = WIDTHS * min(known, default=0.0)
+    reach += DEVIATIONS * _spread(one.time_std_s[k], two.time_std_s[n])
+    return bool(abs(one.time_s[k] - two.time_s[n]) < reach)
+
+
+def _spread(one: float, two: float) -> float:
+    return float(np.hypot(np.nan_to_num(one), np.nan_to_num(two)))
+
+
+def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> str | None:
+    """Return why the second row beats the first, empty if both agree; None if not."""
+    sharper = two.range_over_speed_std_s[n] < one.range_over_speed_std_s[k]
+    have_lines = [one.status[k] != LEVEL_ONLY, two.status[n] != LEVEL_ONLY]
+    if have_lines[0] != have_lines[1]:
+        wins, words = have_lines[1], "which lines confirm"
+    elif _agree(one, k, two, n):
+        return "" if sharper else None
+    elif not any(have_lines):
+        wins, words = bool(sharper), "which is better determined"
+    else:
+        evidence = [
+            -np.inf if table.rest_frame_evidence is None
+            else float(np.nan_to_num(table.rest_frame_evidence[row], nan=-np.inf))
+            for table, row in ((one, k), (two, n))
+        ]  # fmt: skip
+        wins = evidence[1] > evidence[0]
+        words = (
+            f"in which the lines are steadier in the vessel's own time (rest-frame "
+            f"evidence {evidence[1]:.2f} against {evidence[0]:.2f})"
+        )
+    return LOST.format(better=words) if wins else None
+
+
+def _agree(one: Encounters, k: int, two: Encounters, n: int) -> bool:
+    for value, std in (
+        ("range_over_speed_s", "range_over_speed_std_s"),
+        ("speed_mps", "speed_std_mps"),
+    ):
+        apart = abs(getattr(one, value)[k] - getattr(two, value)[n])
+        allowed = DEVIATIONS * _spread(getattr(one, std)[k], getattr(two, std)[n])
+        if apart > allowed:  # what one of them does not know is no disagreement
+            return False
+    return True
+
+
+def _exchanged(
+    kept: Encounters, losers: dict[int, str], winners: Encounters, highest: int
+) -> Encounters:
+    """Put winners into the place of losers, with contact numbers of their own."""
+    highest = max(highest, int(kept.contact.max(initial=0)))
+    highest = max([highest, *(contact for contact, *_ in kept.refusals())])
+    stay = np.setdiff1d(np.arange(kept.n_encounters), list(losers))
+    told = [k for k, reason in losers.items() if reason]
+    numbers: IntArray = highest + 1 + np.arange(winners.n_encounters)
+    winners = replace(
+        winners,
+        contact=numbers,
+        refused_contact=kept.contact[told],
+        refused_sensor=kept.sensor[told],
+        refused_from_s=(kept.time_s - kept.range_over_speed_s)[told],
+        refused_to_s=(kept.time_s + kept.range_over_speed_s)[told],
+        refused_reason=np.array([losers[k] for k in told], np.str_),
+    )
+    return Encounters.join([winners, kept.take("encounter", stay)])
