@@ -92,7 +92,7 @@ def run(
         typer.Option(
             "--recipe",
             help="Name of a shipped recipe, or a TOML file; unless given, towed-array "
-            "for line arrays and vessel for other sensors.",
+            "for line arrays and auto for other sensors.",
             autocompletion=_recipes,
         ),
     ] = None,

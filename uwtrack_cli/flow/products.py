@@ -311,7 +311,8 @@ def with_sound_at_hand(
         for h in available
     ]
     found = [h.container for h in held if isinstance(h.container, Recording)]
-    if found and all(recording.reader is None for recording in found):
+    can_do_without = "ask_sound" in step.stage.defaults
+    if can_do_without and found and all(one.reader is None for one in found):
         step = replace(step, options={**step.options, "ask_sound": False})
     return step, held
 

@@ -13,7 +13,7 @@ from uwtrack_cli.flow.recipe import Recipe
 
 SAMPLE_SUFFIXES = (".wav", ".csv")
 
-DEFAULT_RECIPE = "vessel"
+DEFAULT_RECIPE = "auto"
 """Recipe of recordings by single sensors."""
 
 ARRAY_RECIPE = "towed-array"

@@ -36,7 +36,7 @@ from uwtrack_cli.data.recording import Recording
 
 Kind = Literal["source", "map", "scan", "whole"]
 
-PRODUCTS = {"trace": "trace", "demon": "demon", "beamform": "beams"}
+PRODUCTS = {"trace": "trace", "demon": "demon", "beamform": "beams", "zoom": "zoom"}
 """What the product of a stage is called where it is not called by its container."""
 
 
