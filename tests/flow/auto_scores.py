@@ -73,24 +73,32 @@ def vehicle(seed):
     )  # fmt: skip
 
 
+def car():
+    """Return a short recording of a loud car."""
+    return brief_passage(
+        3, speed_mps=(25.0, 26.0), range_m=(6.0, 6.5), base_hz=(100.0, 110.0),
+        length_s=16.0, sound_speed_mps=343.0,
+    )  # fmt: skip
+
+
 KINDS = {
     "vessel": (
-        lambda seed: draw_scenario(seed, n_vessels=1, sample_rate_hz=RATE_HZ),
+        lambda seed: draw_scenario(seed, n_vessels=1, sample_rate_hz=4000.0),
         ("vessel", "auto"),
     ),
     "small craft": (small_craft, ("vessel", "small-craft", "auto")),
     "vehicle": (vehicle, ("vessel", "vehicle", "auto")),
-    "none": (
+    "disturbances": (
         lambda seed: draw_scenario(
-            seed, n_vessels=0, sample_rate_hz=RATE_HZ, duration_s=600.0
+            seed, n_vessels=0, sample_rate_hz=4000.0, duration_s=300.0
         ),
-        ("vessel", "small-craft", "auto"),
+        ("vessel", "auto"),
     ),
-    "none, no disturbance": (
+    "noise": (
         lambda seed: draw_scenario(
-            seed, n_vessels=0, kinds=[], sample_rate_hz=RATE_HZ, duration_s=600.0
+            seed, n_vessels=0, kinds=[], sample_rate_hz=4000.0, duration_s=300.0
         ),
-        ("vessel", "small-craft", "auto"),
+        ("vessel", "auto"),
     ),
 }
 """Kinds of recordings with the recipes that are run over them."""

@@ -93,7 +93,8 @@ def test_the_commands_one_by_one_are_the_library(uwtrack, short_pass, by_library
 
 
 def test_the_run_command_is_the_library(uwtrack, short_pass, by_library):
-    assert uwtrack("run", short_pass, "-o", "p.run.h5").exit_code == 0
+    words = ("run", short_pass, "--recipe", "vessel", "-o", "p.run.h5")
+    assert uwtrack(*words).exit_code == 0
     with read_product("p.run.h5") as product:
         for kind in KINDS:
             assert_same(product.read(kind, step=""), by_library[kind])

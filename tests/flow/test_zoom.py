@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.flow.auto_scores import brief_passage, in_memory, passages
+from tests.flow.auto_scores import car, in_memory, passages
 from tests.flow.made_encounters import encounters_of
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.encounters import Encounters
@@ -56,24 +56,15 @@ def test_what_is_no_brief_passage_is_not_looked_at(level):
     assert quick_rises(levels_of(in_noise(level)), 4.0) == []
 
 
-@pytest.fixture(scope="module")
-def car():
-    """A vehicle in air, and the facts of its passage."""
-    scenario = brief_passage(
-        3, speed_mps=(25.0, 26.0), range_m=(6.0, 6.5), base_hz=(100.0, 110.0),
-        length_s=16.0, sound_speed_mps=343.0,
-    )  # fmt: skip
-    return in_memory(scenario), passages(scenario)[0]
-
-
 def encounters_in(made):
     return [item for item in made if isinstance(item, Encounters)]
 
 
 @pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackNote")
-def test_a_vehicle_is_found_without_being_expected(car):
-    recording, (time_s, width_s, speed_mps) = car
-    (found,) = encounters_in(run_recipe(recording, load_recipe("auto")))
+def test_a_vehicle_is_found_without_being_expected():
+    scenario = car()
+    ((time_s, width_s, speed_mps),) = passages(scenario)
+    (found,) = encounters_in(run_recipe(in_memory(scenario), load_recipe("auto")))
     assert found.status.tolist() == ["ok"]
     assert abs(found.time_s[0] - time_s) < 4 * found.time_std_s[0] + 0.02
     for value, truth in (("speed_mps", speed_mps), ("range_over_speed_s", width_s)):
