@@ -30,12 +30,15 @@ def encounters(uwtrack, path, *words):
     return json.loads(done.stdout)
 
 
-def test_the_train_passes_at_its_known_speed(uwtrack):
+@pytest.mark.parametrize(
+    "recipe", [(), ("--recipe", "vehicle")], ids=["auto", "vehicle"]
+)
+def test_the_train_passes_at_its_known_speed(uwtrack, recipe):
     found = encounters(
-        uwtrack, FOLDER / "train" / "traindoppler.wav",
-        "--recipe", "vehicle", "--sound-speed-mps", 343,
+        uwtrack, FOLDER / "train" / "traindoppler.wav", "--sound-speed-mps", 343,
+        *recipe,
     )  # fmt: skip
-    (train,) = [row for row in found if row["status"] == "ok"]
+    (train,) = found
     assert train["speed_mps"] == pytest.approx(34.1, rel=0.03)
     assert train["time_s"] == pytest.approx(9.60, abs=0.1)
     assert abs(train["speed_mps"] - 34.1) < 3 * train["speed_std_mps"]
@@ -43,7 +46,7 @@ def test_the_train_passes_at_its_known_speed(uwtrack):
 
 def test_electrical_hum_is_no_vessel(uwtrack):
     (path,) = (FOLDER / "orcasound").glob("*.flac")
-    assert encounters(uwtrack, path, "--channel", 1) == []
+    assert encounters(uwtrack, path) == []
 
 
 @pytest.mark.parametrize("name", SHIPS)
@@ -58,7 +61,7 @@ def test_a_ship_that_does_not_pass_gives_lines_and_no_encounter(uwtrack, name):
 
 def test_a_car_without_lines_gives_range_over_speed_alone(uwtrack):
     (path,) = (FOLDER / "cars").glob("*.wav")
-    (car,) = encounters(uwtrack, path, "--recipe", "vehicle", "--sound-speed-mps", 340)
+    (car,) = encounters(uwtrack, path, "--sound-speed-mps", 340)
     assert car["status"] == "level-only"
     assert car["speed_mps"] is None
     assert car["reasons"]["speed_mps"]
