@@ -256,9 +256,11 @@ def _placed(
     inside = np.isfinite(time_s) & ~table.extrapolated
     inside &= (time_s - width_s > start_s) & (time_s + width_s < stop_s)
     inside &= (time_s > 0) & (time_s < recording.duration_s)
+    changed_s = table.change_time_s
     placed = replace(
         table,
         time_s=time_s,
+        change_time_s=None if changed_s is None else changed_s + shift_s,
         arrival_time_s=table.arrival_time_s + shift_s,
         rest_line_id=np.zeros_like(table.rest_line_id),
     )
