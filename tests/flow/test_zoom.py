@@ -103,4 +103,4 @@ def test_without_the_sound_there_is_nothing_to_look_at():
 def test_an_unknown_recipe_is_named():
     recording = recording_of(np.zeros((10, 1)), 10.0)
     with pytest.raises(OptionError, match="no recipe 'vehicles'"):
-        zoom_in(encounters_of(), recording=recording, recipes=("vehicles",))
+        zoom_in(encounters_of(), recording=recording, recipes=["vehicles"])

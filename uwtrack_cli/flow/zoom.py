@@ -35,6 +35,9 @@ from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.competition import compete
 
+RECIPES = ("small-craft", "vehicle")
+"""Recipes that look again: frames of a quarter and a tenth of a second."""
+
 RISE_S = (0.5, 1.0, 2.0)
 """Half lengths of a rise, s."""
 
@@ -64,7 +67,7 @@ def zoom_in(
     lines: Lines | None = None,
     recording: Recording | None = None,
     *,
-    recipes: tuple[str, ...] = ("small-craft", "vehicle"),
+    recipes: list[str] | None = None,
     least_rise_db: Annotated[float, Unit("dB"), AtLeast(0.1), AtMost(100)] = 4.0,
 ) -> Encounters:
     """Look again, in shorter frames, where something passes within seconds.
@@ -80,7 +83,8 @@ def zoom_in(
     recording
         The recording, whose sound is read again.
     recipes
-        Recipes with shorter frames that are run over what is looked at.
+        Recipes with shorter frames that are run over what is looked at; small-craft
+        and vehicle unless given.
     least_rise_db
         Least rise of the level within seconds that is looked at.
 
@@ -102,7 +106,7 @@ def zoom_in(
             "itself, or keep it beside its product."
         )
         raise DataError(msg)
-    graphs = [_up_to_passages(name) for name in recipes]
+    graphs = [_up_to_passages(name) for name in recipes or RECIPES]
     own = encounters.of_sensor(recording.sensor.id)
     taken = 0 if lines is None else int(lines.line_contact.max(initial=0))
     found: list[Encounters] = []
