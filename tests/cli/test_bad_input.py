@@ -118,11 +118,11 @@ def a_recording_shorter_than_a_window(folder):
     return ["run", "short.wav"]
 
 
-@case(1, "channel")
-def several_channels_and_no_sensor(folder):
+@case(2, "has channels 1 to 3, got channel 4")
+def a_channel_that_is_not_there(folder):
     noise = np.random.default_rng(1).normal(0, 0.1, (20_000, 3))
     soundfile.write(folder / "three.wav", noise, 2000)
-    return ["run", "three.wav"]
+    return ["run", "three.wav", "--channel", "4"]
 
 
 @case(1, "not an HDF5 file")
