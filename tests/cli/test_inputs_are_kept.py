@@ -51,6 +51,9 @@ def made(tmp_path_factory, samples):
     array, rate = soundfile.read(samples / "towed-array.wav", frames=20_000)
     soundfile.write(folder / "array.wav", array, rate)
     shutil.copy(samples / "towed-array.sensor.toml", folder / "array.sensor.toml")
+    array, rate = soundfile.read(samples / "small-array.wav", frames=20_000)
+    soundfile.write(folder / "small.wav", array, rate)
+    shutil.copy(samples / "small-array.sensor.toml", folder / "small.sensor.toml")
     for name in ("towed-array.nav.csv", "way.csv"):
         shutil.copy(samples / "towed-array.nav.csv", folder / name)
     (folder / "ais.csv").write_text(AIS)
@@ -62,6 +65,7 @@ def made(tmp_path_factory, samples):
     for words in (
         ["run", "pass.wav", "--keep-peaks", "-o", "pass.run.h5"],
         ["spectrogram", "pass.wav", "-o", "pass.spectrogram.h5"],
+        ["delays", "small.wav", "-o", "small.delays.h5"],
     ):
         before = Path.cwd()
         os.chdir(folder)
@@ -102,6 +106,8 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
         ("array.wav --own-ship way.csv -o aim.h5", "aim.h5",
          "array.wav array.sensor.toml way.csv"),
     ],
+    "delays": [("small.wav -o aim.h5", "aim.h5", "small.wav small.sensor.toml")],
+    "directions": [("small.delays.h5 -o aim.h5", "aim.h5", "small.delays.h5")],
     "overview": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "levels": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "decidecades": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
@@ -112,6 +118,7 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
     "trace": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "presence": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "radiated": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
+    "zoom": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "cpa": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "locate": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "tma": [

@@ -71,7 +71,8 @@ def test_the_progress_is_whole_when_the_fits_are_done(found):
     assert told == sorted(told)
     assert told[-1] == pytest.approx(recording.duration_s)
     streamed = [seconds for seconds in told if seconds <= 0.8 * recording.duration_s]
-    assert len(told) - len(streamed) == 3  # cpa, locate and presence follow the sound
+    # cpa, radiated, locate and presence follow the sound
+    assert len(told) - len(streamed) == 4
 
 
 def test_tables_fit_eighty_columns(uwtrack, samples):

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from uwtrack_cli.errors import OutputError
-from uwtrack_cli.files.input_ledger import refuse_input
+from uwtrack_cli.files.input_ledger import refusal, refuse_input
 
 NAMELESS = Path("/proc/self/fd")
 """Where Linux shows open files, those without a name included."""
@@ -104,8 +104,7 @@ def _check_existing(
     refuse_input(path)
     for source in inputs:
         if Path(source).exists() and target.samefile(source):
-            msg = f"{path} is an input of this command and is never overwritten."
-            raise OutputError(msg)
+            raise OutputError(refusal(path))
     if not target.is_file():
         msg = f"cannot write {path}: it is a device or a pipe, not a regular file."
         raise OutputError(msg)

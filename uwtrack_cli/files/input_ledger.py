@@ -98,11 +98,21 @@ def refuse_input(target: Path) -> None:
     """
     noted = _ledger.get()
     if noted and not noted.isdisjoint(_identities(target)):
-        msg = (
-            f"{target} is read by this command and is not overwritten; "
-            f"name another file with --output."
-        )
-        raise OutputError(msg)
+        raise OutputError(refusal(target))
+
+
+def refusal(target: Path) -> str:
+    """Say that an input is not overwritten.
+
+    Parameters
+    ----------
+    target
+        The output that was asked for.
+    """
+    return (
+        f"{target} is read by this command and is not overwritten; "
+        f"name another file with --output."
+    )
 
 
 def _identities(path: Path) -> Iterator[Identity]:

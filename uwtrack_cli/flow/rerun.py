@@ -166,6 +166,14 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
                 f"made before, and its history does not tell how: run the chain again."
             )
             raise DataError(msg)
+        if step.inputs:  # encounters that a later step made again are not read
+            made = [
+                held
+                for held in made
+                if held.step in step.inputs
+                or not held.step
+                or not isinstance(held.container, Encounters)
+            ]
         *carried, result = whole_result(step, made, [])
         made = [*carried, result._replace(step=step.name)]
     return made

@@ -41,6 +41,13 @@ SMALLEST_GAIN = 2.0
 """Gain in log-likelihood below which the noise counts as white."""
 
 
+STRENGTHS = np.geomspace(1e-3, 1e6, 46)
+"""Strengths of coloured noise to try, over the white noise of a cell."""
+
+FINE_STRENGTHS = np.geomspace(0.65, 1.55, 9)
+"""Strengths to try beside the best of them, over it."""
+
+
 @dataclass(frozen=True)
 class ColouredNoise:
     """Variances and correlation times of coloured noise, inflation of the white part.
@@ -138,7 +145,7 @@ def fit_coloured_noise(
 
 def _variances(root: FloatArray) -> FloatArray:
     """Strengths of coloured noise to try, beside that of the white noise of a cell."""
-    return np.asarray(np.mean(root**-2.0) * np.geomspace(1e-3, 1e6, 46))
+    return np.asarray(np.mean(root**-2.0) * STRENGTHS)
 
 
 def _turn(vectors: FloatArray, rows: FloatArray) -> FloatArray:
@@ -259,7 +266,7 @@ def _best_variance(
     variances = _variances(root)
     likelihood = _likelihood(turned, design, values, variances, None)[0]
     middle = int(np.argmax(likelihood))
-    fine = variances[middle] * np.geomspace(0.65, 1.55, 9)
+    fine = variances[middle] * FINE_STRENGTHS
     return float(_likelihood(turned, design, values, fine, None)[0].max())
 
 

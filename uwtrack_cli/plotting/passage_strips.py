@@ -36,7 +36,7 @@ from uwtrack_cli.plotting.style import (
     halo,
 )
 from uwtrack_cli.plotting.view import Scene
-from uwtrack_cli.spectra.zoom import Window, Zoom, zoom
+from uwtrack_cli.spectra.zoom_transform import Window, Zoom, zoom
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 
 from tests.support import recording_of as held_recording
 from tests.support import white_noise
-from uwtrack_cli.spectra import zoom as module
-from uwtrack_cli.spectra.zoom import Window, decimate, zoom
+from uwtrack_cli.spectra import zoom_transform as module
+from uwtrack_cli.spectra.zoom_transform import Window, decimate, zoom
 
 RATE_HZ = 2000.0
 
