@@ -100,7 +100,9 @@ def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, 
     if name == "auto":  # what passes within a second
         recording = in_memory(car())
     whole = results(recipe, recording)
-    for gone in recipe.steps:
+    # auto has the steps of vessel, which are tried there, and its own
+    known = load_recipe("vessel").steps if name == "auto" else ()
+    for gone in (step for step in recipe.steps if step not in known):
         readers = {
             node.step.name
             for node in graph.nodes
