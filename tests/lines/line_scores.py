@@ -6,7 +6,7 @@ share of the true frames with a point within 1.5 Hz, *purity* the share of an id
 that belong to its main line, *ids* the ids per true line.
 
 The table in tests/baselines/line_scenes.md is made by:
-python -m tests.lines.line_scores 4 9100 > tests/baselines/line_scenes.md
+python -m tests.lines.line_scores 2 9100 > tests/baselines/line_scenes.md
 """
 
 import sys
