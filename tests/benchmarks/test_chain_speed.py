@@ -62,7 +62,7 @@ def test_the_spectrogram_costs_little_more_than_its_transforms(capsys):
 
 
 def test_a_run_stays_within_fifty_bare_transforms(capsys):
-    """The aim is forty, and 41 was measured; the rest is for a loaded machine.
+    """The aim is forty, and 41 to 48 were measured; the rest is for a loaded machine.
 
     Both are taken in turn, until the least disturbed runs show what they can do.
     """
@@ -70,11 +70,11 @@ def test_a_run_stays_within_fifty_bare_transforms(capsys):
     recording, recipe = recording_of(samples, RATE_HZ), load_recipe("vessel")
     run_recipe(recording, recipe)  # imports and tables
     run_s = bare_s = np.inf
-    for _ in range(8):
+    for _ in range(16):
         run_s = min(run_s, cpu_s(lambda: run_recipe(recording, recipe), repeats=1))
         bare_s = min(bare_s, cpu_s(lambda: bare_transform(samples), repeats=2))
         ratio = run_s / bare_s
-        if ratio < 45.0:
+        if ratio < 48.0:
             break
     with capsys.disabled():
         print(f"\nrun: {ratio:.1f} times, {900 / run_s:.0f} times real time")
