@@ -16,6 +16,7 @@ those of a plane wave at one hydrophone.
 J. Capon, Proc. IEEE 57 (1969).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -280,7 +281,7 @@ def _band(
 
 
 @dataclass(kw_only=True)
-class _BeamFormer:
+class _BeamFormer(ABC):
     """Turns the blocks of one recording into beams."""
 
     recording: Recording
@@ -321,6 +322,7 @@ class _BeamFormer:
             shown = np.repeat(mvdr.T[:, None, :], frames.n_frames, axis=1)
         return self._found(spectra, weights, power, shown, frames, place)
 
+    @abstractmethod
     def _found(
         self,
         spectra: NDArray[np.complex64],
@@ -344,7 +346,6 @@ class _BeamFormer:
         frames, place
             Time base, and where the array was.
         """
-        raise NotImplementedError
 
     def _spectra(self, samples: FloatArray, n_frames: int) -> NDArray[np.complex64]:
         """Spectra of all hydrophones, shape (cell, element, frame)."""
