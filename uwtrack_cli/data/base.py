@@ -13,6 +13,7 @@ one with an ``owner``, holds the row of that axis that each row belongs to.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from inspect import get_annotations
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -118,10 +119,10 @@ class Container:
 
     @classmethod
     def columns(cls) -> dict[str, Column]:
-        """Array fields by name, in the order of their declaration."""
-        return {
-            f.name: f.metadata["column"] for f in fields(cls) if "column" in f.metadata
-        }
+        """Array fields by name: the class's own as declared, then the inherited."""
+        own = get_annotations(cls)
+        ordered = sorted(fields(cls), key=lambda each: each.name not in own)
+        return {f.name: f.metadata["column"] for f in ordered if "column" in f.metadata}
 
     @classmethod
     def scalars(cls) -> dict[str, Field[Any]]:
@@ -245,15 +246,17 @@ class Container:
         )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class HasReasons(Container):
     """A container whose rows say why a value is missing, as a ragged table.
 
-    It has the columns ``reason_key`` and ``reason_text`` on the axis ``reason``,
-    beside the one with the rows that the reasons belong to.
+    Beside these columns, it has one with the rows that the reasons belong to.
     """
 
-    reason_key: TextArray
-    reason_text: TextArray
+    reason_key: TextArray = column(
+        "", "Name of the value that is missing or limited.", "reason", dtype=np.str_
+    )
+    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
 
     def reasons(self, row: int) -> dict[str, str]:
         """Return what is missing in a row of the main axis, and why, by key."""
@@ -265,17 +268,28 @@ class HasReasons(Container):
         return dict(zip(keys, texts, strict=True))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class HasNuisances(Container):
     """A container whose rows rest on facts that are not known exactly.
 
-    It has the columns of a ragged table on the axis ``nuisance``, beside the one with
-    the rows that the nuisances belong to; older files have none.
+    Beside these columns of a ragged table, it has one with the rows that the nuisances
+    belong to; older files have none.
     """
 
-    nuisance_name: TextArray | None
-    nuisance_value: FloatArray | None
-    nuisance_std: FloatArray | None
-    nuisance_share: FloatArray | None
+    nuisance_name: TextArray | None = column(
+        "", "Fact that is not known exactly, with its unit.", "nuisance",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    nuisance_value: FloatArray | None = column(
+        "1", "Its estimate, or the value that was assumed.", "nuisance", optional=True
+    )
+    nuisance_std: FloatArray | None = column(
+        "1", "Its standard deviation.", "nuisance", optional=True
+    )
+    nuisance_share: FloatArray | None = column(
+        "1", "Share of the variance of the speed (encounters) or of the range (motions) "
+        "that it causes; nan without one.", "nuisance", optional=True,
+    )  # fmt: skip
 
     def nuisances(self, row: int) -> dict[str, dict[str, float]]:
         """Return value, standard deviation and share of each nuisance, by name."""
@@ -297,6 +311,22 @@ class HasNuisances(Container):
             }
             for i in self.owned_rows(owner, row)
         }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HasRestFrequencies(Container):
+    """A container whose rows have rest frequencies of lines, as a ragged table.
+
+    Beside these columns, it has one with the rows that the frequencies belong to.
+    """
+
+    rest_line_id: IntArray = column(
+        "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
+    )
+    rest_frequency_hz: FloatArray = column("Hz", "Rest frequency.", "rest_line")
+    rest_frequency_std_hz: FloatArray = column(
+        "Hz", "Its standard deviation.", "rest_line"
+    )
 
 
 def flatten(lists: Iterable[Iterable[T]]) -> tuple[IntArray, list[T]]:

@@ -41,7 +41,7 @@ class Decidecades(Container):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RadiatedLevels(HasReasons, Container):
+class RadiatedLevels(HasReasons):
     """Radiated noise levels of passages in decidecade bands; a row per passage and band.
 
     They are levels at 1 m under spherical spreading, the surface image included, of a single
@@ -73,9 +73,5 @@ class RadiatedLevels(HasReasons, Container):
         "1", "Row of the level that a reason belongs to.", "reason",
         dtype=np.int64, owner="level",
     )  # fmt: skip
-    reason_key: TextArray = column(
-        "", "Name of the value that is missing.", "reason", dtype=np.str_
-    )
-    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
     spreading_db: float = scalar("dB", "Loss per decade of range that was assumed.")
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")

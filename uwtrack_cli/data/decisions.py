@@ -83,10 +83,6 @@ class Decision(HasReasons):
         "1", "Row of the pair that a reason belongs to.", "reason",
         dtype=np.int64, owner="pair",
     )  # fmt: skip
-    reason_key: TextArray = column(
-        "", "Name of the value that is missing or limited.", "reason", dtype=np.str_
-    )
-    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
     scan_pair: IntArray = column(
         "1", "Row of the pair.", "scan", dtype=np.int64, owner="pair"
     )

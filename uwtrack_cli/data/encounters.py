@@ -11,6 +11,7 @@ from uwtrack_cli.data.base import (
     FloatArray,
     HasNuisances,
     HasReasons,
+    HasRestFrequencies,
     IntArray,
     TextArray,
     column,
@@ -19,7 +20,7 @@ from uwtrack_cli.data.base import (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Encounters(HasReasons, HasNuisances):
+class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     """One row per closest approach of a contact; nan is "not observable".
 
     The covariance is over (time_s, range_over_speed_s, speed_mps, bearing_deg),
@@ -113,13 +114,6 @@ class Encounters(HasReasons, HasNuisances):
         "1", "Row of the encounter that a rest frequency belongs to.", "rest_line",
         dtype=np.int64, owner="encounter",
     )  # fmt: skip
-    rest_line_id: IntArray = column(
-        "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
-    )
-    rest_frequency_hz: FloatArray = column("Hz", "Rest frequency.", "rest_line")
-    rest_frequency_std_hz: FloatArray = column(
-        "Hz", "Its standard deviation.", "rest_line"
-    )
     ambiguity_encounter: IntArray = column(
         "1", "Row of the encounter that another solution belongs to.", "ambiguity",
         dtype=np.int64, owner="encounter",
@@ -135,10 +129,6 @@ class Encounters(HasReasons, HasNuisances):
         "1", "Row of the encounter that a reason belongs to.", "reason",
         dtype=np.int64, owner="encounter",
     )  # fmt: skip
-    reason_key: TextArray = column(
-        "", "Name of the value that is missing or limited.", "reason", dtype=np.str_
-    )
-    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
     sensor_east_m: FloatArray | None = column(
         "m", "East of a moving sensor at closest approach; nan for a fixed one.",
         "encounter", optional=True,
@@ -157,20 +147,6 @@ class Encounters(HasReasons, HasNuisances):
     nuisance_encounter: IntArray | None = column(
         "1", "Row of the encounter that a nuisance belongs to.", "nuisance",
         dtype=np.int64, owner="encounter", optional=True,
-    )  # fmt: skip
-    nuisance_name: TextArray | None = column(
-        "", "Fact that is not known exactly, with its unit.", "nuisance",
-        dtype=np.str_, optional=True,
-    )  # fmt: skip
-    nuisance_value: FloatArray | None = column(
-        "1", "Its estimate.", "nuisance", optional=True
-    )
-    nuisance_std: FloatArray | None = column(
-        "1", "Its standard deviation.", "nuisance", optional=True
-    )
-    nuisance_share: FloatArray | None = column(
-        "1", "Share of the variance of the speed that it causes; nan without one.",
-        "nuisance", optional=True,
     )  # fmt: skip
     rest_frame_evidence: FloatArray | None = column(
         "1", "Nepers by which the sound of its lines is sharper in the vessel's own "

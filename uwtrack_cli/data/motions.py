@@ -10,6 +10,7 @@ from uwtrack_cli.data.base import (
     FloatArray,
     HasNuisances,
     HasReasons,
+    HasRestFrequencies,
     IntArray,
     TextArray,
     column,
@@ -18,7 +19,7 @@ from uwtrack_cli.data.base import (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Motions(HasReasons, HasNuisances):
+class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     """One row per contact and mode, best first; nan is "not observable".
 
     The state is that at the contact's first measurement. Intervals (low, high) are
@@ -164,38 +165,13 @@ class Motions(HasReasons, HasNuisances):
         "1", "Row of the motion that a rest frequency belongs to.", "rest_line",
         dtype=np.int64, owner="motion",
     )  # fmt: skip
-    rest_line_id: IntArray = column(
-        "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
-    )
-    rest_frequency_hz: FloatArray = column("Hz", "Rest frequency.", "rest_line")
-    rest_frequency_std_hz: FloatArray = column(
-        "Hz", "Its standard deviation.", "rest_line"
-    )
     reason_motion: IntArray = column(
         "1", "Row of the motion that a reason belongs to.", "reason",
         dtype=np.int64, owner="motion",
     )  # fmt: skip
-    reason_key: TextArray = column(
-        "", "Name of the value that is missing or limited.", "reason", dtype=np.str_
-    )
-    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
     nuisance_motion: IntArray | None = column(
         "1", "Row of the motion that a nuisance belongs to.", "nuisance",
         dtype=np.int64, owner="motion", optional=True,
-    )  # fmt: skip
-    nuisance_name: TextArray | None = column(
-        "", "Fact that is not known exactly, with its unit.", "nuisance",
-        dtype=np.str_, optional=True,
-    )  # fmt: skip
-    nuisance_value: FloatArray | None = column(
-        "1", "Value that was assumed.", "nuisance", optional=True
-    )
-    nuisance_std: FloatArray | None = column(
-        "1", "Its standard deviation.", "nuisance", optional=True
-    )
-    nuisance_share: FloatArray | None = column(
-        "1", "Share of the variance of the range that it causes.", "nuisance",
-        optional=True,
     )  # fmt: skip
     update_contact: IntArray = column(
         "1", "Contact of an estimate over time.", "update", dtype=np.int64

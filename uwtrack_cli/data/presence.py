@@ -6,7 +6,6 @@ from typing import ClassVar, Self
 import numpy as np
 
 from uwtrack_cli.data.base import (
-    Container,
     FloatArray,
     HasReasons,
     IntArray,
@@ -27,7 +26,7 @@ OF_VESSELS = frozenset({VESSEL, RATES, LINES, BROADBAND})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Presence(HasReasons, Container):
+class Presence(HasReasons):
     """One row per stretch in which something was heard, in the order of time.
 
     Kinds: 'vessel' (a harmonic family, lines that move together, or a passage),
@@ -98,10 +97,6 @@ class Presence(HasReasons, Container):
         "1", "Row of the stretch that a reason belongs to.", "reason",
         dtype=np.int64, owner="stretch",
     )  # fmt: skip
-    reason_key: TextArray = column(
-        "", "Name of the value that is missing.", "reason", dtype=np.str_
-    )
-    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
 
     def of_sensor(self, sensor: str) -> Self:
