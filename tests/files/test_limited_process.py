@@ -86,6 +86,15 @@ def test_time_is_limited_and_nothing_is_left_behind(what, seconds):
         os.waitpid(-1, os.WNOHANG)
 
 
+def test_the_child_may_see_first_that_time_is_up(monkeypatch):
+    received = limited_process._received
+    monkeypatch.setattr(
+        limited_process, "_received", lambda pipe, until: received(pipe, until + 20.0)
+    )
+    with pytest.raises(DataError, match="too long"):
+        run("wait", seconds=0.1)
+
+
 def test_the_limits_hold_for_the_child_alone():
     before = resource.getrlimit(resource.RLIMIT_AS)
     run("answer")
