@@ -182,9 +182,9 @@ def exceedances(recording, probability):
 
     seen = []
 
-    def find(beams, floor, rules):
+    def find(beams, floor, noise, rules):
         seen.append((beams, floor))
-        return found(beams, floor, rules)
+        return found(beams, floor, noise, rules)
 
     found = beamform.find_beam_peaks
     with patch.object(beamform, "find_beam_peaks", find):

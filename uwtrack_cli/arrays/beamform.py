@@ -32,6 +32,7 @@ from uwtrack_cli.arrays.beam_peaks import (
     PeakRules,
     beam_floors,
     find_beam_peaks,
+    median_of_beams,
 )
 from uwtrack_cli.arrays.broadband_directions import DirectionSearch
 from uwtrack_cli.arrays.direction_grid import LOBE_DB, SpatialArray
@@ -351,8 +352,7 @@ class _BeamFormer(ABC):
         """Spectra of all hydrophones, shape (cell, element, frame)."""
         shape = (self._frequency_hz.size, self.weights.size, n_frames)
         found = np.empty(shape, np.complex64)
-        for element in range(self.weights.size):
-            channel = np.ascontiguousarray(samples[:, element])
+        for element, channel in enumerate(_transposed(samples, 256)):
             for rows, part in self.layout.spectra(channel, n_frames):
                 found[:, element, rows] = part[:, self.layout.kept].T
         return found
@@ -362,7 +362,9 @@ class _BeamFormer(ABC):
         weighted = spectra * weights.astype(np.float32)[:, None]
         pressure = self._turns @ weighted
         power = pressure.real**2 + pressure.imag**2
-        return np.ascontiguousarray(power.transpose(1, 2, 0))
+        return _transposed(power.reshape(len(power), -1), 16).reshape(
+            *power.shape[1:], -1
+        )
 
     def _record(
         self,
@@ -435,10 +437,11 @@ class _LineFormer(_BeamFormer):
             place=place,
         )
         floor = beam_floors(power, frames)
-        peaks = find_beam_peaks(beams, floor, self.rules)
+        noise = median_of_beams(floor)
+        peaks = find_beam_peaks(beams, floor, noise, self.rules)
         return self._record(
             shown,
-            np.median(floor, axis=0),
+            noise,
             peaks,
             place,
             cos_angle=self._cosines,
@@ -517,7 +520,8 @@ class _SpatialFormer(_BeamFormer):
         )
         centres, owner = self._grid.floor_beams
         floor = beam_floors(power[centres], frames)[owner]
-        peaks = find_spatial_peaks(beams, floor, self.rules)
+        noise = median_of_beams(floor)
+        peaks = find_spatial_peaks(beams, floor, noise, self.rules)
         alive = weights > 0.0
         found = self._search.find(
             spectra[self._natural],
@@ -538,7 +542,7 @@ class _SpatialFormer(_BeamFormer):
         level = power[found.beam, found.frame].sum(axis=1) * frames.bin_hz
         return self._record(
             self._loudest(shown),
-            np.median(floor, axis=0),
+            noise,
             peaks,
             place,
             azimuth_deg=self._azimuth_deg,
@@ -567,3 +571,11 @@ class _SpatialFormer(_BeamFormer):
             chosen = np.flatnonzero(near) if near.any() else [int(np.argmin(apart))]
             found[row] = power[chosen].max(axis=0)
         return found
+
+
+def _transposed(values: NDArray[Any], strip: int) -> NDArray[Any]:
+    """Copy the transpose of a matrix a strip of rows at a time, which stay in the cache."""
+    found = np.empty(values.shape[::-1], values.dtype)
+    for first in range(0, len(values), strip):
+        found[:, first : first + strip] = values[first : first + strip].T
+    return found

@@ -14,7 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.arrays.array_place import ArrayPlace
-from uwtrack_cli.arrays.beam_peaks import BENT_DEG, SPARE_DB, PeakRules, bin_offsets
+from uwtrack_cli.arrays.beam_peaks import (
+    BENT_DEG,
+    SPARE_DB,
+    PeakRules,
+    bin_offsets,
+    cells_above,
+)
 from uwtrack_cli.arrays.direction_grid import (
     LOBE_DB,
     DirectionGrid,
@@ -76,7 +82,7 @@ class SpatialBeams:
 
 
 def find_spatial_peaks(
-    beams: SpatialBeams, floor: FloatArray, rules: PeakRules
+    beams: SpatialBeams, floor: FloatArray, noise: FloatArray, rules: PeakRules
 ) -> Peaks:
     """Find the peaks of a block of beams.
 
@@ -86,6 +92,8 @@ def find_spatial_peaks(
         The beams.
     floor
         Noise density of each of them, same shape as their power.
+    noise
+        Its median over the beams, shape (frame, cell).
     rules
         What counts as a peak.
 
@@ -120,10 +128,8 @@ def find_spatial_peaks(
         np.nan_to_num(beams.place.heading_deg[frame]),
     )
     is_known = rules.compass & ~(beams.place.bend_deg[frame] > BENT_DEG)
-    with np.errstate(invalid="ignore"):
-        middle = np.median(floor, axis=0)
     return Peaks(
-        frames=with_noise(frames, beams.frequency_hz, middle, detect),
+        frames=with_noise(frames, beams.frequency_hz, noise, detect),
         frame=frame + frames.first_frame,
         frequency_hz=frequency_hz,
         frequency_std_hz=frequency_std_hz(snr, frames.window_s),
@@ -148,20 +154,13 @@ def _maxima(
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Beams, frames and cells of the maxima, in the order of frame and cell."""
     power = beams.power
-    cells = slice(padding, power.shape[2] - padding)
-    inner = power[:, :, cells]
-    is_peak = inner > floor[:, :, cells] * keep[:, None].astype(np.float32)
-    for shift in range(1, padding + 1):
-        is_peak &= inner >= power[:, :, padding - shift : -padding - shift]
-        stop = power.shape[2] - padding + shift
-        is_peak &= inner > power[:, :, padding + shift : stop]
-    beam, frame, cell = np.nonzero(is_peak)
-    heights = inner[beam, frame, cell]
-    lobe = beams.lobes.at(beams.frequency_hz[cells])[cell]
+    beam, frame, cell = cells_above(power, floor, keep, padding)
+    heights = power[beam, frame, cell]
+    lobe = beams.lobes.at(beams.frequency_hz[cell])
     spare = np.minimum(lobe * 10.0 ** (SPARE_DB / 10.0), 1.0)
-    strongest = inner.max(axis=0)[frame, cell]
-    beside = inner[beams.grid.neighbours[beam], frame[:, None], cell[:, None]]
+    strongest = power.max(axis=0)[frame, cell]
+    beside = power[beams.grid.neighbours[beam], frame[:, None], cell[:, None]]
     kept = heights > beside.max(axis=1)
     kept &= ~beams.grid.is_rim[beam] & (heights >= spare * strongest)
     order = np.lexsort((beam[kept], cell[kept], frame[kept]))
-    return beam[kept][order], frame[kept][order], cell[kept][order] + padding
+    return beam[kept][order], frame[kept][order], cell[kept][order]

@@ -28,6 +28,9 @@ TILE_FRAMES = 16
 TILE_BINS = 16
 """Natural bins in a tile."""
 
+CHUNK_VALUES = 1 << 18
+"""Values of as many beams as are worked on at once: a megabyte stays in the cache."""
+
 LN2 = float(np.log(2.0))
 
 SMALLEST = np.float32(1e-37)
@@ -78,7 +81,8 @@ def noise_floor(
     Parameters
     ----------
     power_density
-        Power density, shape (frame, frequency); the first frame starts a tile.
+        Power density, shape (frame, frequency), or (beam, frame, frequency) for beams of
+        their own floors; the first frame starts a tile.
     valid_fraction
         Share of valid samples per frame; frames below one half are left out.
     zero_padding
@@ -90,71 +94,110 @@ def noise_floor(
         Noise density, same shape, float32; nan where a tile has no valid frame.
     """
     floor = np.full(power_density.shape, np.nan, np.float32)
-    for start in range(0, power_density.shape[0], TILE_FRAMES):
-        rows = (
-            np.flatnonzero(valid_fraction[start : start + TILE_FRAMES] >= 0.5) + start
-        )
-        if rows.size:
-            floor[rows] = _tile_floor(power_density[rows], zero_padding)
+    n_frames, n_cells = power_density.shape[-2:]
+    beams = power_density.reshape(-1, n_frames, n_cells)
+    floors = floor.reshape(beams.shape)
+    at_once = max(1, CHUNK_VALUES // (TILE_FRAMES * n_cells))
+    for start in range(0, n_frames, TILE_FRAMES):
+        valid = valid_fraction[start : start + TILE_FRAMES] >= 0.5
+        rows = np.flatnonzero(valid) + start
+        if not rows.size:
+            continue
+        kept = slice(start, start + valid.size) if valid.all() else rows
+        for first in range(0, len(beams), at_once):
+            chunk = slice(first, first + at_once)
+            floors[chunk, kept] = _tile_floors(beams[chunk, kept], zero_padding)
     return floor
 
 
-def _tile_floor(power: FloatArray, zero_padding: int) -> FloatArray:
-    n_cells = power.shape[1]
+def _tile_floors(power: FloatArray, zero_padding: int) -> FloatArray:
+    """Return the floors of one tile of every beam, shape (beam, frame, cell)."""
+    n_cells = power.shape[2]
     width = min(TILE_BINS * zero_padding, n_cells)
     n_blocks = n_cells // width
-    gain, margin = _frame_gain(_blocks_of(power, n_blocks, width))
-    # cells beyond the last whole block have its gain
-    of_block = np.minimum(np.arange(n_cells) // width, n_blocks - 1)
-    cell_gain = gain[:, of_block]
-    steady = power / cell_gain
-    blocks = _blocks_of(steady, n_blocks, width)
-    whole = _noise_median(blocks.transpose(1, 0, 2).reshape(n_blocks, -1))
-    whole = np.maximum(whole, SMALLEST)
+    blocks = _blocks_of(power, n_blocks, width)
+    gain, margin = _frame_gain(blocks)
+    steady = blocks / gain[..., None]
+    tiles = steady.transpose(0, 2, 1, 3).reshape(len(power), n_blocks, -1)
+    level = np.log(np.maximum(_noise_median(tiles), SMALLEST))
     centres = (np.arange(n_blocks) + 0.5) * width - 0.5
-    level = np.log(whole)
-    shape = np.interp(np.arange(n_cells), centres, level)
-    step = np.diff(level)
-    for k in np.flatnonzero(np.abs(step) > EDGE_STEP):
+    shape = _interpolated(level, centres, n_cells)
+    # cells beyond the last whole block have its gain
+    last_width = n_cells - (n_blocks - 1) * width
+    widths = np.append(np.full(n_blocks - 1, width), last_width)
+    step = np.diff(level, axis=1)
+    for beam, k in np.argwhere(np.abs(step) > EDGE_STEP):
         # a tile with an edge in it is part quiet: its loud neighbour knows better
-        first, last = k, k + 1
-        if step[k] < 0.0 and k > 0 and abs(step[k - 1]) < EDGE_STEP:
+        first, last, up = k, k + 1, step[beam]
+        if up[k] < 0.0 and k > 0 and abs(up[k - 1]) < EDGE_STEP:
             first = k - 1
-        if step[k] > 0.0 and k + 1 < step.size and abs(step[k + 1]) < EDGE_STEP:
+        if up[k] > 0.0 and k + 1 < up.size and abs(up[k + 1]) < EDGE_STEP:
             last = k + 2
-        left, right = level[first : k + 1].max(), level[k + 1 : last + 1].max()
+        left = level[beam, first : k + 1].max()
+        right = level[beam, k + 1 : last + 1].max()
         at = slice(int(centres[first]) + 1, int(centres[last]) + 1)
-        shape[at] = _edge(steady[:, at], left, right, EDGE_BINS * zero_padding)
-    floor: FloatArray = cell_gain
-    floor *= (np.exp(shape + margin[of_block]) / LN2).astype(np.float32)
-    return np.maximum(floor, SMALLEST)
+        cell_gain = np.repeat(gain[beam], widths, axis=1)[:, at]
+        shape[beam, at] = _edge(
+            power[beam, :, at] / cell_gain, left, right, EDGE_BINS * zero_padding
+        )
+    shape += np.repeat(margin, widths, axis=1)
+    floor: FloatArray = np.repeat(gain, widths, axis=2)
+    floor *= (np.exp(shape) / LN2).astype(np.float32)[:, None]
+    return np.maximum(floor, SMALLEST, out=floor)
+
+
+def _interpolated(level: FloatArray, centres: FloatArray, n_cells: int) -> FloatArray:
+    """Interpolate the levels of blocks to cells, constant beyond the outer centres."""
+    if centres.size == 1:
+        return np.repeat(level.astype(np.float64), n_cells, axis=1)
+    level = level.astype(np.float64)
+    cell = np.clip(np.arange(n_cells), centres[0], centres[-1])
+    left = np.clip(np.searchsorted(centres, cell, "right") - 1, 0, centres.size - 2)
+    slope = np.diff(level, axis=1) / np.diff(centres)
+    return slope[:, left] * (cell - centres[left]) + level[:, left]
 
 
 def _blocks_of(power: FloatArray, n_blocks: int, width: int) -> FloatArray:
-    return power[:, : n_blocks * width].reshape(power.shape[0], n_blocks, width)
+    return power[..., : n_blocks * width].reshape(*power.shape[:2], n_blocks, width)
 
 
 def _frame_gain(blocks: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return how loud each frame is in each block, and what to raise a block by.
 
-    The gains are about one, shape (frame, block); the raise is in nepers.
+    The gains are about one, shape (beam, frame, block); the raise is in nepers, shape
+    (beam, block).
 
     All blocks of a frame share a gain. Where the bands of a tile leave it by more than
     the medians of noise do, each has a gain of its own, less what noise makes of it
     (James and Stein 1961).
     """
     usual = _median(blocks)
-    typical = np.maximum(_median(usual.T), SMALLEST)
-    lag = np.log(np.maximum(usual / typical, SMALLEST))
-    common = _median(lag)[:, None]
-    if blocks.shape[1] < BAND_BLOCKS:
-        return np.exp(np.broadcast_to(common, lag.shape)), np.zeros(lag.shape[1])
-    padded = np.pad(lag - common, ((0, 0), (BAND_BLOCKS // 2,) * 2), mode="edge")
-    own = _median(np.lib.stride_tricks.sliding_window_view(padded, BAND_BLOCKS, axis=1))
-    spread = np.maximum((own**2).mean(axis=0), 1e-9)
+    typical = np.maximum(_median(usual.transpose(0, 2, 1)), SMALLEST)
+    lag = np.log(np.maximum(usual / typical[:, None], SMALLEST))
+    common = _median(lag)[..., None]
+    if blocks.shape[2] < BAND_BLOCKS:
+        gain = np.exp(np.broadcast_to(common, lag.shape))
+        return gain, np.zeros((len(lag), lag.shape[2]))
+    own = _running_median(lag - common)
+    spread = np.maximum((own**2).mean(axis=1), 1e-9)
     share = np.where(spread > OWN_GAIN * BAND_VARIANCE, 1 - BAND_VARIANCE / spread, 0.0)
-    gain: FloatArray = np.exp(common + share.astype(np.float32) * own)
+    gain = np.exp(common + share.astype(np.float32)[:, None] * own)
     return gain, OWN_MARGIN * share
+
+
+def _running_median(values: FloatArray) -> FloatArray:
+    """Return the median of each block and the two on either side of it.
+
+    Nine comparisons of whole arrays find the median of five, in a quarter of the time
+    that sorting every five takes.
+    """
+    padded = np.pad(values, ((0, 0), (0, 0), (BAND_BLOCKS // 2,) * 2), mode="edge")
+    n = values.shape[2]
+    a, b, c, d, e = (padded[..., k : k + n] for k in range(BAND_BLOCKS))
+    a, b = np.minimum(a, b), np.maximum(a, b)
+    d, e = np.minimum(d, e), np.maximum(d, e)
+    low, high = np.maximum(a, d), np.minimum(b, e)  # least and greatest are out
+    return np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c))
 
 
 def _edge(power: FloatArray, left: float, right: float, margin: int) -> FloatArray:
@@ -193,8 +236,8 @@ def _kept_median(ordered: FloatArray, typical: FloatArray) -> FloatArray:
 
 
 def _median(values: FloatArray) -> FloatArray:
-    middle = values.shape[-1] // 2
-    return np.partition(values, middle, axis=-1)[..., middle]
+    # for such short rows numpy sorts faster than it partitions
+    return np.sort(values, axis=-1)[..., values.shape[-1] // 2]
 
 
 def independent_cells(
