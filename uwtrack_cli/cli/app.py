@@ -31,6 +31,7 @@ COMMANDS: dict[str, str] = {
     "plot": "picture_commands:plot",
     "report": "picture_commands:report",
     "export": "export_commands:export",
+    "calibrate": "calibrate_commands:calibrate",
     "score": "score_commands:score",
     "diff": "score_commands:diff",
     "simulate": "sample_commands:simulate",

@@ -69,6 +69,21 @@ class Sensor(Container):
     full_scale_db: float | None = scalar(
         "dB re 1 uPa", "Level of a full-scale peak.", None
     )
+    dipole_gains: str | None = scalar(
+        "1",
+        "Output of the first and of the second dipole for sound along its axis, over "
+        "that of the omni channel, comma separated; None: both are 1.",
+        None,
+    )
+    dipole_crosstalk: float = scalar(
+        "1", "Share of the other dipole that each dipole hears.", 0.0
+    )
+    omni_crosstalk: str | None = scalar(
+        "1",
+        "Share of the omni channel in the first and in the second dipole, comma "
+        "separated; None: neither hears it.",
+        None,
+    )
     element_along_m: str | None = scalar(
         "m",
         "Places of the hydrophones of a line array from its middle, positive to its "
@@ -104,6 +119,18 @@ class Sensor(Container):
         return self.kind == "array"
 
     @property
+    def dipole_response(self) -> FloatArray:
+        """What each dipole channel holds of both dipoles and of the omni channel.
+
+        Shape (2, 3): a recorded dipole is its row times the ideal first and second
+        dipole and the omni channel.
+        """
+        gains = np.array(_pair(self.dipole_gains, 1.0))
+        cross, leak = self.dipole_crosstalk, _pair(self.omni_crosstalk, 0.0)
+        shares = np.array([[1.0, cross, leak[0]], [cross, 1.0, leak[1]]])
+        return np.asarray(gains[:, None] * shares)
+
+    @property
     def element_places_m(self) -> FloatArray:
         """Places of the hydrophones of a line array, positive to its head; else none."""
         texts = self.element_along_m.split(",") if self.element_along_m else []
@@ -135,3 +162,9 @@ class Sensor(Container):
             return None
         total_db = self.sensitivity_db_re_v_per_upa + (self.gain_db or 0.0)
         return float(self.adc_peak_v * np.power(10.0, -total_db / 20.0))
+
+
+def _pair(text: str | None, usual: float) -> tuple[float, float]:
+    """Return two numbers from text; the usual one twice where there is none."""
+    first, second = text.split(",") if text else (usual, usual)
+    return float(first), float(second)

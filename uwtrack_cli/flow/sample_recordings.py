@@ -130,6 +130,10 @@ def remake_samples(directory: Path, into: Path | None = None) -> tuple[Path, ...
 
 def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
     """Return a sensor file: the facts of a sensor as TOML."""
+
+    def pair(text: str | None) -> list[float] | None:
+        return None if text is None else [float(part) for part in text.split(",")]
+
     facts: dict[str, object] = {
         "id": sensor.id,
         "kind": sensor.kind,
@@ -144,6 +148,9 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
         "heading_deg": sensor.heading_deg
         if "x" in sensor.channel_names or sensor.heading_source == "fixed"
         else None,
+        "dipole_gains": pair(sensor.dipole_gains),
+        "dipole_crosstalk": sensor.dipole_crosstalk or None,
+        "omni_crosstalk": pair(sensor.omni_crosstalk),
         "element_along_m": None
         if sensor.element_along_m is None
         else sensor.element_places_m.tolist(),

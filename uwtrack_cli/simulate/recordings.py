@@ -273,6 +273,8 @@ class _SensorSound:
                     cosine, sine = np.cos(turned), np.sin(turned)
                     total[:, 1] += pressure * (east * cosine - north * sine)
                     total[:, 2] += pressure * (east * sine + north * cosine)
+        if self.plan.kind == "difar":
+            _mix_dipoles(self.plan, total)
         if self.recorder is not None:
             total = self.recorder(total)
         return np.asarray(total / self.plan.full_scale_upa)
@@ -303,6 +305,16 @@ class _SensorSound:
             return np.full(1, fixed + np.radians(plan.heading_deg))
         time_s = np.arange(number * TILE, (number + 1) * TILE) / self.rate
         return np.asarray(fixed + self.trajectory.course_rad(time_s))
+
+
+def _mix_dipoles(plan: SensorPlan, total: Array) -> None:
+    """Let each dipole pick up the other one and the omni channel, in place."""
+    omni, first, second = total.T.copy()
+    one, other = plan.dipole_gain_errors
+    heard = first + plan.dipole_crosstalk * second + plan.omni_crosstalk[0] * omni
+    total[:, 1] = (1.0 + one) * heard
+    heard = second + plan.dipole_crosstalk * first + plan.omni_crosstalk[1] * omni
+    total[:, 2] = (1.0 + other) * heard
 
 
 def _hum_jitter(scenario: Scenario, noise: Noise) -> JitterSeries | None:

@@ -41,6 +41,7 @@ from uwtrack_cli.simulate.vessels import (
     Vessel,
 )
 
+GainError = Annotated[float, AtLeast(-0.9), AtMost(0.9)]
 ClockOffset = Annotated[float, Unit("s"), AtLeast(-1e6), AtMost(1e6)]
 
 
@@ -125,6 +126,12 @@ class SensorPlan(OptionGroup):
         float, Unit("degree"), AtLeast(-180.0), AtMost(180.0)
     ] = 0.0
     """Error that the compass correction leaves, degrees."""
+    dipole_gain_errors: tuple[GainError, GainError] = (0.0, 0.0)
+    """Relative error of the gain of each dipole, against the omni channel."""
+    dipole_crosstalk: GainError = 0.0
+    """Share of the other dipole that each dipole picks up."""
+    omni_crosstalk: tuple[GainError, GainError] = (0.0, 0.0)
+    """Share of the omni channel that each dipole picks up."""
     clock_error_s: ClockOffset = 0.0
     """Error that the clock correction leaves, s."""
 
@@ -148,6 +155,10 @@ class SensorPlan(OptionGroup):
             msg = "position_error_m goes with east_m and north_m, not with latitude."
             raise OptionError(msg)
         self._check_array()
+        mixing = (*self.dipole_gain_errors, *self.omni_crosstalk, self.dipole_crosstalk)
+        if self.kind != "difar" and any(mixing):
+            msg = 'errors of gain and crosstalk of dipoles go with kind = "difar".'
+            raise OptionError(msg)
         if self.track is not None and (self.heading_deg or self.latitude is not None):
             msg = "a sensor with a track has neither heading_deg nor latitude."
             raise OptionError(msg)

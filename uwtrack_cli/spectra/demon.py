@@ -45,7 +45,8 @@ from uwtrack_cli.spectra.band_envelopes import (
     BandEnvelopes,
     EnvelopePlan,
 )
-from uwtrack_cli.spectra.spectrogram import READ_SAMPLES, time_base, turn_deg
+from uwtrack_cli.spectra.dipoles import directional_channels, true_components
+from uwtrack_cli.spectra.spectrogram import READ_SAMPLES, time_base
 
 USUAL_BAND_HZ = (400.0, 8000.0)
 """Band of cavitation that is taken unless another is given, cut to the sound's."""
@@ -266,7 +267,7 @@ def _kept(
 
 def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
     assert recording.reader is not None  # noqa: S101 - checked before
-    channels, axes = _channels(recording)
+    channels = directional_channels(recording.sensor)
     envelopes = BandEnvelopes(layout.envelope, channels)
     width = len(layout.envelope.groups)
     pending = np.zeros((0, len(channels), width), np.float32)
@@ -278,7 +279,7 @@ def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
         pending, valid = np.concatenate([pending, more]), np.append(valid, holds)
         while pending.shape[0] >= layout.window + (wanted - 1) * layout.hop:
             part = (pending, valid)
-            yield _block(recording, layout, part, (next_frame, wanted), axes)
+            yield _block(recording, layout, part, (next_frame, wanted))
             next_frame += wanted
             gone = wanted * layout.hop
             pending, valid = pending[gone:], valid[gone:]
@@ -287,7 +288,7 @@ def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
     rest = max(0, 1 + (pending.shape[0] - layout.window) // layout.hop)
     if rest > 0 or next_frame == 0:
         part = (pending, valid)
-        yield _block(recording, layout, part, (next_frame, rest), axes)
+        yield _block(recording, layout, part, (next_frame, rest))
 
 
 def _no_frames(
@@ -324,33 +325,18 @@ def _no_frames(
     )
 
 
-def _channels(recording: Recording) -> tuple[tuple[int, ...], str]:
-    """Return the channels used, and whether dipoles lie along "true" axes or "own"."""
-    sensor = recording.sensor
-    names = sensor.channel_names
-    omni = names.index("omni") if "omni" in names else 0
-    if not sensor.has_direction:
-        return (omni,), ""
-    axes = ("east", "north") if "east" in names else ("x", "y")
-    return (omni, *(names.index(axis) for axis in axes)), axes[0]
-
-
 def _block(
     recording: Recording,
     layout: _Layout,
     envelopes: tuple[FloatArray, BoolArray],
     place: tuple[int, int],
-    axes: str,
 ) -> Spectrogram:
     first, count = place
     frames = _frames(recording, layout, envelopes[1], first, count)
     density = _density(envelopes[0], layout, count)
     east, north = None, None
-    if axes:
-        turn = np.radians(turn_deg(recording.sensor, axes == "x", frames))[:, None]
-        cos, sin = np.cos(turn).astype(np.float32), np.sin(turn).astype(np.float32)
-        across, along = density[1], density[2]
-        east, north = across * cos + along * sin, along * cos - across * sin
+    if recording.sensor.has_direction:
+        east, north = true_components(recording.sensor, frames, *density)
     return Spectrogram(
         frames=frames,
         frequency_hz=layout.frequency_hz,

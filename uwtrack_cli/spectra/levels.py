@@ -5,7 +5,9 @@ the sub-band's own median are lines and left out. What remains is divided by a
 quiet-time density (the lowest of the tile medians within half an hour either way), so
 that every sub-band weighs as its noise is known, and averaged: the excess. For a vector
 sensor the whitened intensity gives the bearing, and its scatter across the line of
-sight gives the deviation.
+sight gives the deviation. Ambient sound that comes from somewhere (surf, a harbour) would
+draw the bearing of a weak vessel towards itself: its intensity is taken off, as it was in
+the quiet time, where that was long enough to be nobody's passage.
 
 **Conventions.** Excess in dB above the quiet time; level in dB re the reference over
 the whole band. Tiles count absolute frames, so blocks have no influence.
@@ -33,6 +35,13 @@ TILE_FRAMES = 64
 
 REACH_TILES = 56
 """Tiles on either side among which the quietest one is sought."""
+
+QUIET_S = 120.0
+"""Time that must be as quiet as the quietest tile for the ambient's direction to be
+known: a vessel of 6 m/s stays within the spread only beyond 12 km."""
+
+QUIET_SPREAD = 1.12
+"""Level above the quietest tile within which a tile is as quiet (0.5 dB)."""
 
 LINE_FACTOR = 5.0
 """Cells above this multiple of the sub-band's mean are lines."""
@@ -80,7 +89,7 @@ def measure_levels(
     The excess deviates by 4.34 dB over the root of the number of independent cells.
     """
     waiting: list[_Bands] = []
-    quiet: list[FloatArray] = []
+    quiet: list[_TileSound] = []
     rest: _Bands | None = None
     done = 0
     for block in blocks:
@@ -89,16 +98,16 @@ def measure_levels(
         n_whole = rest.frames.n_frames // TILE_FRAMES
         for k in range(n_whole):
             waiting.append(rest.take("frame", _rows(k)))
-            quiet.append(_quiet_density(waiting[-1]))
+            quiet.append(_tile_sound(waiting[-1]))
         rest = rest.take("frame", slice(n_whole * TILE_FRAMES, None))
         n_ready = max(0, len(quiet) - REACH_TILES - done)
         yield _levels(waiting[:n_ready], quiet, done, rest)
         done, waiting = done + n_ready, waiting[n_ready:]
     if rest is not None:
         if rest.frames.n_frames >= TILE_FRAMES // 4 or not quiet:
-            quiet.append(_quiet_density(rest))
+            quiet.append(_tile_sound(rest))
         else:
-            quiet.append(np.full(rest.density.shape[1], np.nan))
+            quiet.append(_TileSound.unknown(rest.density.shape[1]))
         yield _levels([*waiting, rest], quiet, done, rest.take("frame", slice(0)))
 
 
@@ -120,6 +129,58 @@ def condense(
         The means of the sub-bands, some hundred times smaller.
     """
     return _measure(block, band_hz, n_bands)
+
+
+@dataclass(frozen=True)
+class WhitenedFrames:
+    """Power and intensity of each frame, every sub-band over its quiet density."""
+
+    time_s: FloatArray
+    """Centre of each frame, s from the first sample, shape (frame,)."""
+    power: FloatArray
+    """Mean over the band, 1 in the quiet time, shape (frame,); nan without sound."""
+    intensity: FloatArray
+    """Along the first and the second dipole, in the same unit, shape (frame, 2)."""
+    n_cells: FloatArray
+    """Independent cells of each frame, shape (frame,)."""
+
+
+def whiten_frames(
+    blocks: Iterator[Spectrogram], *, band_hz: tuple[float, float], n_bands: int
+) -> WhitenedFrames:
+    """Return power and intensity between the lines of a recording of a vector sensor.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of its spectrogram.
+    band_hz, n_bands
+        Options of `measure_levels`.
+
+    Raises
+    ------
+    OptionError
+        The band holds too few cells.
+    """
+    bands = _Bands.join([_measure(block, band_hz, n_bands) for block in blocks])
+    tiles = range(-(-bands.frames.n_frames // TILE_FRAMES))
+    quiet = np.array(
+        [_tile_sound(bands.take("frame", _rows(k))).density for k in tiles]
+    )
+    known = np.isfinite(quiet).all(axis=1)
+    width_hz = bands.high_hz - bands.low_hz + bands.frames.bin_hz
+    weight = width_hz / width_hz.sum()
+    if known.any():
+        weight = weight / quiet[known].min(axis=0)
+    heard = bands.frames.valid_fraction == 1.0
+    return WhitenedFrames(
+        time_s=bands.frames.time_s,
+        power=np.where(heard, (weight * bands.density).sum(axis=1), np.nan),
+        # cells above the line factor are left out of the density as of the intensity,
+        # but only the former is raised by what they would have added
+        intensity=(weight[:, None] * bands.intensity).sum(axis=1) / KEPT_MEAN,
+        n_cells=bands.n_cells.sum(axis=1),
+    )
 
 
 def _condensed(
@@ -205,37 +266,90 @@ def _median(power: FloatArray) -> FloatArray:
     return np.partition(power, middle, axis=1)[:, middle, None]
 
 
-def _quiet_density(tile: _Bands) -> FloatArray:
-    """Median density per sub-band over the frames with sound."""
+@dataclass(frozen=True, eq=False)
+class _TileSound:
+    """What a tile of frames holds on the whole."""
+
+    density: FloatArray
+    """Median density per sub-band, shape (band,); nan without sound."""
+    intensity: FloatArray
+    """Mean intensity, shape (band, 2)."""
+
+    @classmethod
+    def unknown(cls, n_bands: int) -> "_TileSound":
+        """Return that of a tile without sound."""
+        return cls(np.full(n_bands, np.nan), np.zeros((n_bands, 2)))
+
+
+def _tile_sound(tile: _Bands) -> _TileSound:
+    """Return median density and mean intensity over the frames with sound."""
     has_sound = (tile.frames.valid_fraction > 0.5) & (tile.density > 0).all(axis=1)
     if not has_sound.any():
-        return np.full(tile.density.shape[1], np.nan)
-    return np.median(tile.density[has_sound], axis=0)
+        return _TileSound.unknown(tile.density.shape[1])
+    return _TileSound(
+        np.median(tile.density[has_sound], axis=0),
+        tile.intensity[has_sound].mean(axis=0),
+    )
 
 
 def _levels(
-    tiles: list[_Bands], quiet: list[FloatArray], first_tile: int, pattern: _Bands
+    tiles: list[_Bands], quiet: list[_TileSound], first_tile: int, pattern: _Bands
 ) -> Levels:
     """Turn whole tiles into levels; without any, a block of no rows."""
     parts = []
     for k, tile in enumerate(tiles, start=first_tile):
-        around = np.array(quiet[max(0, k - REACH_TILES) : k + REACH_TILES + 1])
+        near = quiet[max(0, k - REACH_TILES) : k + REACH_TILES + 1]
+        around = np.array([one.density for one in near])
         known = np.isfinite(around).all(axis=1)
         noise = around[known].min(axis=0) if known.any() else around[0]
-        parts.append(_tile_levels(tile, noise))
+        tile_s = TILE_FRAMES * tile.frames.hop_s
+        here = min(k, REACH_TILES)
+        parts.append(_tile_levels(tile, noise, _ambient(near, here, noise, tile_s)))
     if not parts:
         empty = pattern.take("frame", slice(0))
-        return _tile_levels(empty, np.full(empty.density.shape[1], np.nan))
+        n_bands = empty.density.shape[1]
+        unknown = np.full(n_bands, np.nan)
+        return _tile_levels(empty, unknown, np.zeros((n_bands, 2)))
     return Levels.join(parts)
 
 
-def _tile_levels(tile: _Bands, noise: FloatArray) -> Levels:
+def _ambient(
+    near: list[_TileSound], here: int, noise: FloatArray, tile_s: float
+) -> FloatArray:
+    """Return the intensity to take off a tile, shape (band, 2); zero if not known.
+
+    Nothing is taken off a quiet tile: its bearing is that of what is heard then.
+
+    Parameters
+    ----------
+    near
+        The tiles around, and this one.
+    here
+        Number of this one among them.
+    noise
+        Density of the quiet time, shape (band,).
+    tile_s
+        Length of a tile, s.
+    """
+    if not np.isfinite(near[0].intensity).all():  # no directions
+        return np.zeros((noise.size, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level = np.array([(one.density / noise).mean() for one in near])
+    lowest = np.nanmin(level) if np.isfinite(level).any() else np.nan
+    is_quiet = level <= QUIET_SPREAD * lowest
+    if is_quiet[here] or np.count_nonzero(is_quiet) * tile_s < QUIET_S:
+        return np.zeros((noise.size, 2))
+    quiet = [one.intensity for one, used in zip(near, is_quiet, strict=True) if used]
+    return np.asarray(np.mean(quiet, axis=0))
+
+
+def _tile_levels(tile: _Bands, noise: FloatArray, ambient: FloatArray) -> Levels:
     width_hz = tile.high_hz - tile.low_hz + tile.frames.bin_hz
     share = width_hz / width_hz.sum()
     ratio = tile.density / noise
     mean = (share * ratio).sum(axis=1)
     variance = (share**2 * ratio**2 / tile.n_cells).sum(axis=1)
-    bearing_deg, bearing_std_deg = _bearing(tile, noise, share)
+    bearing_deg, bearing_std_deg = _bearing(tile, noise, share, ambient)
     silent = (tile.frames.valid_fraction < 0.5) | ~(mean > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         level_db = 10 * np.log10((width_hz * tile.density).sum(axis=1))
@@ -262,11 +376,11 @@ def _tile_levels(tile: _Bands, noise: FloatArray) -> Levels:
 
 
 def _bearing(
-    tile: _Bands, noise: FloatArray, share: FloatArray
+    tile: _Bands, noise: FloatArray, share: FloatArray, ambient: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Bearing of the whitened intensity; deviation from its transverse scatter."""
+    """Bearing of what the intensity has above the ambient's; transverse deviation."""
     weight = (share / noise)[:, None]
-    east, north = (tile.intensity * weight).sum(axis=1).T
+    east, north = ((tile.intensity - ambient) * weight).sum(axis=1).T
     bearing = np.arctan2(east, north)
     cos, sin = np.cos(bearing)[:, None], np.sin(bearing)[:, None]
     east2, north2, product = np.moveaxis(tile.square, 2, 0)

@@ -30,9 +30,9 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
-from uwtrack_cli.estimation.angles import interpolate_deg
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.decimation import Decimator
+from uwtrack_cli.spectra.dipoles import directional_channels, true_components
 from uwtrack_cli.spectra.frame_transform import FrameTransform
 
 READ_SAMPLES = 1 << 18
@@ -248,21 +248,14 @@ def _block(
     frames = describe_frames(recording, layout, samples, first_frame, n_frames)
     whole = bool((frames.valid_fraction == 1.0).all())
     clean = samples if whole else np.nan_to_num(samples)
-    names = sensor.channel_names
-    omni = names.index("omni") if "omni" in names else 0
-    if not sensor.has_direction:
+    columns = directional_channels(sensor)
+    if len(columns) == 1:
         return _spectrogram(
-            sensor, layout, frames, layout.power(clean[:, omni], n_frames)
+            sensor, layout, frames, layout.power(clean[:, columns[0]], n_frames)
         )
-    axes = ("east", "north") if "east" in names else ("x", "y")
-    chosen = [omni, *(names.index(axis) for axis in axes)]
-    power, across, along = layout.intensity(clean[:, chosen], n_frames)
-    turn = np.radians(turn_deg(sensor, axes[0] == "x", frames))[:, None]
-    cos, sin = np.cos(turn).astype(np.float32), np.sin(turn).astype(np.float32)
-    return _spectrogram(
-        sensor, layout, frames, power,
-        across * cos + along * sin, along * cos - across * sin,
-    )  # fmt: skip
+    power, first, second = layout.intensity(clean[:, list(columns)], n_frames)
+    parts = true_components(sensor, frames, power, first, second)
+    return _spectrogram(sensor, layout, frames, power, *parts)
 
 
 def _spectrogram(
@@ -372,28 +365,3 @@ def _valid_fraction(
     first = np.arange(n_frames) * layout.hop
     lost: FloatArray = before[first + layout.window] - before[first]
     return 1.0 - lost / layout.window
-
-
-def turn_deg(sensor: Sensor, turns: bool, frames: Frames) -> FloatArray:
-    """Return the angle from the sensor's own axes to east and north, degrees.
-
-    Parameters
-    ----------
-    sensor
-        The sensor.
-    turns
-        Whether its axes turn with its housing.
-    frames
-        Frames for which it is wanted; the result has their shape (frame,).
-    """
-    offset = np.full(frames.n_frames, sensor.compass_offset_deg)
-    if not turns:
-        return offset
-    navigation = sensor.navigation
-    if navigation is None or np.isnan(navigation.heading_deg).all():
-        return offset + sensor.heading_deg
-    time_s = frames.time_s
-    if navigation.start_utc_ns is not None and frames.start_utc_ns is not None:
-        time_s = time_s + (frames.start_utc_ns - navigation.start_utc_ns) / 1e9
-    heading = interpolate_deg(time_s, navigation.time_s, navigation.heading_deg)
-    return offset + sensor.heading_deg + heading

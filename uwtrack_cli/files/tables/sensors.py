@@ -27,6 +27,8 @@ from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.toml_tables import read_toml
 
 Degrees = Annotated[float, Unit("degree"), AtLeast(-360), AtMost(360)]
+Gain = Annotated[float, AtLeast(0.01), AtMost(100)]
+Share = Annotated[float, AtLeast(-0.9), AtMost(0.9)]
 Place = Annotated[float, Unit("m"), AtLeast(-1e7), AtMost(1e7)]
 
 WAVE_GUIDES = (2_000.0, 2.9e8)
@@ -64,6 +66,9 @@ PLACE_KEYS = ("element_along_m", "element_positions_m")
 
 ARRAY_KEYS = (*PLACE_KEYS, *TOW_KEYS)
 """Keys that only an array has."""
+
+DIPOLE_KEYS = ("dipole_gains", "dipole_crosstalk", "omni_crosstalk")
+"""Keys that only a sensor with dipoles has."""
 
 USUAL = {
     "sensitivity_db_re_v_per_upa": (-230.0, -120.0),
@@ -127,6 +132,13 @@ class SensorTable:
     """Added once to every time."""
     clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
     """Standard deviation of the clock."""
+    dipole_gains: tuple[Gain, Gain] | None = None
+    """Output of the first and of the second dipole for sound along its axis, over that
+    of the omni channel; 1 and 1 if not given. `uwtrack calibrate` measures it."""
+    dipole_crosstalk: Share | None = None
+    """Share of the other dipole that each dipole hears (axes that are not square)."""
+    omni_crosstalk: tuple[Share, Share] | None = None
+    """Share of the omni channel in the first and in the second dipole."""
     element_along_m: list[Place] | None = None
     """Place of each hydrophone of an array, from its middle, positive to its head."""
     element_positions_m: list[tuple[Place, Place, Place]] | None = None
@@ -183,6 +195,7 @@ class SensorTable:
             self._check_array()
         else:
             self._check_channels()
+        self._check_dipoles()
         self._check_calibration()
 
     def _check_array(self) -> None:
@@ -246,6 +259,12 @@ class SensorTable:
                 msg = f"an array with navigation needs {key}: {meaning}."
                 raise OptionError(msg)
 
+    def _check_dipoles(self) -> None:
+        own = [key for key in DIPOLE_KEYS if getattr(self, key) is not None]
+        if own and self.kind != "difar":
+            msg = f'{own[0]} belongs to a sensor with dipoles: give kind = "difar".'
+            raise OptionError(msg)
+
     def _check_channels(self) -> None:
         own = [key for key in ARRAY_KEYS if getattr(self, key) is not None]
         if own:
@@ -301,6 +320,9 @@ class SensorTable:
         """Return the sensor; files that it names lie relative to a folder."""
         facts = {f.name: getattr(self, f.name) for f in fields(SensorTable)}
         facts["channels"] = ",".join(self.channels or ["omni"])
+        for key in ("dipole_gains", "omni_crosstalk"):
+            if facts[key] is not None:
+                facts[key] = ",".join(map(repr, facts[key]))
         if self.element_along_m is not None:
             facts["element_along_m"] = ",".join(map(repr, self.element_along_m))
         if self.element_positions_m is not None:

@@ -1,0 +1,134 @@
+"""`calibrate`: a vector sensor and a vessel of known track."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from uwtrack_cli.cli.command_factory import AsJson, command
+from uwtrack_cli.cli.console import put, say, say_wrote, show_table
+from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
+from uwtrack_cli.errors import OptionError
+
+if TYPE_CHECKING:
+    from uwtrack_cli.flow.calibration import Calibration
+
+BESIDE = ".calibrated.sensor.toml"
+"""What the name of the new sensor file ends with, unless another is given."""
+
+UNUSED = ("own_ship", "channel")
+"""Options of recordings that a sensor at rest with all its channels has no use for."""
+
+
+def register(app: typer.Typer, name: str) -> None:
+    """Add the command."""
+    own = [p for p in SOURCE_PARAMETERS if p.name not in UNUSED]
+    command(app, name)(with_parameters(calibrate, own))
+
+
+def calibrate(
+    *,
+    source: Annotated[
+        Path, typer.Argument(help="Recording of a DIFAR sensor that a vessel passes.")
+    ],
+    truth: Annotated[
+        Path,
+        typer.Option(
+            "--truth", help="Track of the vessel: NAME.truth.json, or an AIS table."
+        ),
+    ],
+    vessel: Annotated[
+        str | None,
+        typer.Option(
+            help="Name or MMSI of the vessel; unless given, the one that comes nearest."
+        ),
+    ] = None,
+    band_hz: Annotated[
+        tuple[float, float],
+        typer.Option(help="Band in Hz between whose lines the vessel is heard."),
+    ] = (100.0, 1500.0),
+    window_s: Annotated[
+        float, typer.Option(help="Length of a frame in s.")
+    ] = 1.0,
+    within_m: Annotated[
+        float, typer.Option(help="Largest range in m at which frames are used.")
+    ] = 2000.0,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o",
+            help="New sensor file; pass.calibrated.sensor.toml unless given.",
+        ),
+    ] = None,
+    json_output: AsJson = False,
+    **source_options: Any,
+) -> None:  # fmt: skip
+    """Calibrate the dipoles of a DIFAR sensor by a vessel whose track is known.
+
+    Measures gains, crosstalk and orientation, and writes a new sensor file with them,
+    never over an existing one. The deviation of the compass is what the passage leaves.
+    """
+    from uwtrack_cli.files.atomic import atomic_target, check_target
+    from uwtrack_cli.flow.calibration import calibrate_sensor
+    from uwtrack_cli.flow.sample_recordings import sensor_text
+    from uwtrack_cli.flow.scoring.score_product import read_any_truth
+
+    _check(band_hz, window_s, within_m)
+    target = source.with_name(source.stem + BESIDE) if output is None else output
+    check_target(target, overwrite=False)
+    recording = open_source(source, source_options)
+    known = read_any_truth(truth)
+    found, sensor = calibrate_sensor(
+        recording, known, vessel=vessel, band_hz=band_hz, window_s=window_s,
+        within_m=within_m,
+    )  # fmt: skip
+    heading = (
+        f"# Gains, crosstalk and compass measured with {source.name} and "
+        f"{known.name}: {found.vessel} at {found.least_range_m:.0f} m.\n"
+    )
+    with atomic_target(target) as temporary:
+        temporary.write_text(heading + sensor_text(sensor), encoding="utf-8")
+    if json_output:
+        put([json.dumps(asdict(found), ensure_ascii=False)])
+    else:
+        _show(found)
+    say_wrote(target)
+
+
+def _check(band_hz: tuple[float, float], window_s: float, within_m: float) -> None:
+    """Refuse what no calibration can use.
+
+    Raises
+    ------
+    OptionError
+        An option is out of range.
+    """
+    if not 0.0 <= band_hz[0] < band_hz[1] <= 1e6:
+        msg = (
+            f"--band-hz must be two increasing frequencies from 0 to 1e6 Hz, got "
+            f"{band_hz[0]:g} {band_hz[1]:g}."
+        )
+        raise OptionError(msg)
+    if not 0.01 <= window_s <= 60.0:
+        msg = f"--window-s must be 0.01 to 60 s, got {window_s:g}."
+        raise OptionError(msg)
+    if not 1.0 <= within_m <= 1e5:
+        msg = f"--within-m must be 1 to 100000 m, got {within_m:g}."
+        raise OptionError(msg)
+
+
+def _show(found: "Calibration") -> None:
+    show_table(("quantity", "value", "std", ""), list(map(_row, found.quantities)))
+    say(
+        f"bearings of {found.vessel} over {found.span_deg:.0f} degrees erred by "
+        f"{found.error_before_deg:.1f} degrees rms, and by {found.error_after_deg:.1f} "
+        f"with this; {found.compass_std_deg:.2g} degrees are left in other directions"
+    )
+
+
+def _row(item: Any) -> Sequence[str]:
+    remark = "" if item.is_told else "not told by this passage"
+    return item.quantity, f"{item.value:.4g}", f"{item.std:.2g}", remark
