@@ -118,7 +118,7 @@ def test_directions_err_as_stated_and_near_the_bound(snr_db):
 
 
 @pytest.mark.parametrize(("density_db", "own_db"), [(-60.0, 60.0), (60.0, 48.0)])
-def test_noise_gives_directions_at_most_at_the_stated_rate(density_db, own_db):
+def test_noise_gives_directions_at_the_stated_rate(density_db, own_db):
     array = {
         "id": "a", "kind": "array", "depth_m": 30.0, "full_scale_db": 140.0,
         "element_positions_m": TETRAHEDRON.tolist(), "element_noise_db": own_db,
@@ -131,8 +131,8 @@ def test_noise_gives_directions_at_most_at_the_stated_rate(density_db, own_db):
         false_alarm_probability=0.1, kept_probability=0.1,
     )  # fmt: skip
     found = BearingTime.join(list(blocks)).directions
-    # 200 frames of noise have 20 at most; 4 deviations more are 37
-    assert found.frame.size < 37
+    # 20 of 200 frames are due: rates of 0.08 and 0.125 give 6 to 40 in 99.9 %
+    assert 6 <= found.frame.size <= 40
 
 
 @pytest.mark.filterwarnings("ignore:hydrophone e2 is")

@@ -19,7 +19,7 @@ the matched subspace statistic; H. Cox, J. Acoust. Soc. Am. 54 (1973): isotropic
 R. R. Blandford, Geophysics 39 (1974): its use on arrays in the ground.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -44,9 +44,22 @@ SCORING_STEPS = 5
 LARGEST_ISOTROPIC = 0.995
 """Largest share of isotropic noise that is whitened: beyond, errors of place count."""
 
-OWN_BEAMS = 0.30
-"""Directions of a grid that noise fills independently, as a share of its beams: not
-less, so that the rate is at most the stated one (calibration/directions.py)."""
+DRAWN_FRAMES = 128
+"""Frames of drawn noise of each kind by which the threshold is set, whatever the
+array's shape: the rate differs from the stated one by 17 % (one deviation)."""
+
+DRAWN_ISOTROPIC = 0.95
+"""Share of isotropic noise in those of the second kind; the rest is independent."""
+
+DRAWN_AT_ONCE = 32
+"""Of these, so many at once, as beams are formed of."""
+
+DRAWN_SHARE = 0.25
+"""Share of them, the highest, that tells how many directions noise fills."""
+
+HIGHER_FACTOR = 1.2
+"""Directions that noise fills at the heights of rates of 0.1 and less, over those at
+the share above: neighbours are less alike there (calibration/directions.py)."""
 
 LEAST_WEIGHT = 0.01
 """Lobes of less weight are not listed."""
@@ -100,6 +113,9 @@ class DirectionSearch:
     grid: DirectionGrid
     frequency_hz: FloatArray
     probability: float
+    _directions: dict[bytes, tuple[float, float]] = field(
+        default_factory=dict, init=False
+    )
 
     def __post_init__(self) -> None:
         """Refuse a band that is too narrow."""
@@ -130,40 +146,87 @@ class DirectionSearch:
         is_whole
             Frames that are searched.
         """
+        height, parts, share = self._heights(spectra, turns, alive)
+        is_found = self._best(height) > self._threshold(turns, alive, share)
+        frame = np.flatnonzero(is_found & is_whole)
+        return self._measured(parts, height[:, frame], frame, alive)
+
+    def _heights(
+        self,
+        spectra: NDArray[np.complex64],
+        turns: NDArray[np.complex64],
+        alive: BoolArray,
+    ) -> tuple[FloatArray, list[Whitened], float]:
+        """Return the sum over the band, shape (beam, frame), and what it is made of.
+
+        The last is the share of isotropic noise over the whole band.
+        """
         equal = _equalised(spectra[:, alive])
         parts: list[Whitened] = []
-        height = np.zeros((self.grid.n_beams, is_whole.size))
+        height = np.zeros((self.grid.n_beams, spectra.shape[2]))
+        fitted = []
         for bins in _bands(self.frequency_hz.size):
-            heard, root = self._whitened(equal[bins], self.frequency_hz[bins], alive)
+            coherence = self.array.isotropic_coherence(self.frequency_hz[bins])
+            coherence = coherence[:, alive][:, :, alive]
+            heard, root, match = _whitened(equal[bins], coherence)
             steered = turns[bins][:, :, alive].conj() @ root.transpose(0, 2, 1)
             height += _log_gain(heard, steered)
             parts.append((heard, root))
-        best = np.where(self.grid.is_rim[:, None], -np.inf, height).max(axis=0)
-        frame = np.flatnonzero((best > self.threshold()) & is_whole)
-        return self._measured(parts, height[:, frame], frame, alive)
+            fitted.append(match)
+        seen, full = np.sum(fitted, axis=0)
+        return height, parts, float(np.clip(seen / max(full, 1e-9), 0.0, 1.0))
 
-    def threshold(self) -> float:
-        """Return what the sum over the band reaches in noise at the stated rate."""
+    def _best(self, height: FloatArray) -> FloatArray:
+        """Return the highest maximum of every frame, those at the rim left out."""
+        maxima = np.where(self.grid.is_maximum(height), height, -np.inf)
+        return np.asarray(maxima.max(axis=0))
+
+    def _threshold(
+        self, turns: NDArray[np.complex64], alive: BoolArray, share: float
+    ) -> float:
+        """Return what the sum over the band reaches in noise at the stated rate.
+
+        One direction reaches a height with the probability Q of a gamma law, the best
+        of n independent ones with 1 - exp(-n Q). A height that a known share of frames
+        of drawn noise exceeds tells n, for independent and for isotropic noise (whose
+        whitening is estimated); between them ln n follows the share of the latter.
+        """
         from scipy.special import gammainccinv
 
-        n_own = max(1.0, OWN_BEAMS * np.count_nonzero(~self.grid.is_rim))
         shape = self.frequency_hz.size / BIN_CORRELATION
+        key = alive.tobytes()
+        if key not in self._directions:
+            self._directions[key] = (
+                self._own_directions(turns, alive, 0.0),
+                self._own_directions(turns, alive, DRAWN_ISOTROPIC),
+            )
+        ends = np.log(self._directions[key])
+        n_own = float(np.exp(np.interp(share, [0.0, DRAWN_ISOTROPIC], ends)))
         return float(BIN_CORRELATION * gammainccinv(shape, self.probability / n_own))
 
-    def _whitened(
-        self, equal: NDArray[np.complex64], frequency_hz: FloatArray, alive: BoolArray
-    ) -> Whitened:
-        """Return spectra of a few bins with white noise, and what whitened it."""
-        coherence = self.array.isotropic_coherence(frequency_hz)[:, alive][:, :, alive]
-        upper = np.triu_indices(coherence.shape[1], 1)
-        cross = np.einsum("fit,fjt->fij", equal, equal.conj()).real
-        n_used = max(int(np.count_nonzero(equal.any(axis=(0, 1)))), 1)
-        pairs, seen = coherence[:, *upper], cross[:, *upper] / n_used
-        share = float((pairs * seen).sum() / max(float((pairs**2).sum()), 1e-9))
-        share = min(max(share, 0.0), LARGEST_ISOTROPIC)
-        noise = (1.0 - share) * np.eye(coherence.shape[1]) + share * coherence
-        root = np.linalg.inv(np.linalg.cholesky(noise)).astype(np.complex64)
-        return root @ equal, root
+    def _own_directions(
+        self, turns: NDArray[np.complex64], alive: BoolArray, share: float
+    ) -> float:
+        """Return how many directions noise with a share of isotropic noise fills."""
+        from scipy.special import gammaincc
+
+        rng = np.random.default_rng(1)
+        coherence = self.array.isotropic_coherence(self.frequency_hz)
+        mixed = (1.0 - share) * np.eye(alive.size) + share * coherence
+        root = np.linalg.cholesky(mixed).astype(np.complex64)
+        best = []
+        for _ in range(DRAWN_FRAMES // DRAWN_AT_ONCE):
+            size = (2, self.frequency_hz.size + 2, alive.size, DRAWN_AT_ONCE)
+            real, imaginary = rng.standard_normal(size, np.float32)
+            bins = real + 1j * imaginary
+            windowed = bins[1:-1] - 0.5 * (
+                bins[:-2] + bins[2:]
+            )  # as Hann's window does
+            best.append(self._best(self._heights(root @ windowed, turns, alive)[0]))
+        height = float(np.quantile(np.concatenate(best), 1.0 - DRAWN_SHARE))
+        shape = self.frequency_hz.size / BIN_CORRELATION
+        chance = float(gammaincc(shape, height / BIN_CORRELATION))
+        return float(max(1.0, -np.log(1.0 - DRAWN_SHARE) / chance * HIGHER_FACTOR))
 
     def _measured(
         self,
@@ -321,6 +384,25 @@ def _equalised(spectra: NDArray[np.complex64]) -> NDArray[np.complex64]:
         power[bins] /= level[:, None]
         spectra[bins] /= np.sqrt(level)[:, None]
     return np.asarray(spectra / np.sqrt(np.maximum(power.mean(axis=0), tiny)))
+
+
+def _whitened(
+    equal: NDArray[np.complex64], coherence: FloatArray
+) -> tuple[NDArray[np.complex64], NDArray[np.complex64], tuple[float, float]]:
+    """Return spectra of a few bins with white noise, and what whitened it.
+
+    The last are what the pairs show of the coherence of isotropic noise, and what they
+    would show of it if all noise were so.
+    """
+    upper = np.triu_indices(coherence.shape[1], 1)
+    cross = np.einsum("fit,fjt->fij", equal, equal.conj()).real
+    n_used = max(int(np.count_nonzero(equal.any(axis=(0, 1)))), 1)
+    pairs, seen = coherence[:, *upper], cross[:, *upper] / n_used
+    match = float((pairs * seen).sum()), float((pairs**2).sum())
+    share = min(max(match[0] / max(match[1], 1e-9), 0.0), LARGEST_ISOTROPIC)
+    noise = (1.0 - share) * np.eye(coherence.shape[1]) + share * coherence
+    root = np.linalg.inv(np.linalg.cholesky(noise)).astype(np.complex64)
+    return root @ equal, root, match
 
 
 def _log_gain(
