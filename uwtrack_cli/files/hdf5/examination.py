@@ -13,6 +13,7 @@ What the examination accepts is readable; it proves nothing about who wrote the 
 
 import contextlib
 import io
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -36,6 +37,7 @@ MAX_ATTRIBUTE_BYTES = 1 << 20
 MAX_CHUNK_BYTES = 1 << 24
 PATIENCE_S = 6.0
 BYTES_PER_S = 5e6
+KNOWN_TYPES = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
 HDF5_ERRORS = (
     OSError, RuntimeError, KeyError, ValueError, TypeError, UnicodeError,
     AttributeError, IndexError, OverflowError, MemoryError, RecursionError,
@@ -185,8 +187,7 @@ def attribute(item: Any, name: str) -> Any:
         msg = f"{item.name} lacks the attribute {name!r}"
         raise DataError(msg)
     handle = h5py.h5a.open(item.id, key)
-    known = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
-    if handle.shape != () or handle.get_type().get_class() not in known:
+    if handle.shape != () or handle.get_type().get_class() not in KNOWN_TYPES:
         msg = f"attribute {name!r} of {item.name} is no single number or text"
         raise DataError(msg)
     size = handle.get_storage_size()
@@ -208,24 +209,27 @@ def check_stored(dataset: h5py.Dataset) -> None:
         Elements elsewhere, a foreign filter or type, or more of them than the file
         holds.
     """
-    name = dataset.name
-    if dataset.is_virtual or dataset.external:
-        msg = f"{name} keeps its elements in other files"
-        raise DataError(msg)
     plist = dataset.id.get_create_plist()
+    layout = plist.get_layout()
+    if layout == h5py.h5d.VIRTUAL or plist.get_external_count():
+        msg = f"{dataset.name} keeps its elements in other files"
+        raise DataError(msg)
     filters = {plist.get_filter(i)[0] for i in range(plist.get_nfilters())}
     if filters - {h5py.h5z.FILTER_FLETCHER32}:
-        msg = f"{name} uses a filter that products do not have"
+        msg = f"{dataset.name} uses a filter that products do not have"
         raise DataError(msg)
-    if dataset.dtype.kind not in "iufS":
-        msg = f"{name} has elements of a type that products do not have"
+    dtype = dataset.id.dtype
+    if dtype.kind not in "iufS":
+        msg = f"{dataset.name} has elements of a type that products do not have"
         raise DataError(msg)
-    item_bytes = dataset.dtype.itemsize
-    claimed = int(np.prod([float(n) for n in dataset.shape])) * item_bytes
-    chunk = int(np.prod([float(n) for n in dataset.chunks or ()])) * item_bytes
-    held = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
-    if max(claimed, chunk if claimed and dataset.chunks else 0) > held:
-        msg = f"{name} claims {max(claimed, chunk)} bytes, more than the file holds"
+    chunks = plist.get_chunk() if layout == h5py.h5d.CHUNKED else ()
+    claimed = math.prod(dataset.id.shape) * dtype.itemsize
+    chunk = math.prod(chunks) * dtype.itemsize
+    held = min(
+        dataset.id.get_storage_size(), h5py.h5i.get_file_id(dataset.id).get_filesize()
+    )
+    if max(claimed, chunk if claimed and chunks else 0) > held:
+        msg = f"{dataset.name} claims {max(claimed, chunk)} bytes, more than the file holds"
         raise DataError(msg)
 
 
@@ -314,11 +318,12 @@ def _check_attributes(group: h5py.Group) -> None:
 
 def _check_chunks(dataset: h5py.Dataset) -> None:
     """Refuse a chunk that is not as long as its elements and their checksum."""
-    if not dataset.chunks:
+    chunks = dataset.chunks
+    if not chunks:
         return
-    plain = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize
+    plain = math.prod(chunks) * dataset.id.dtype.itemsize
     whole = plain + (4 if dataset.fletcher32 else 0)
-    end = dataset.file.id.get_filesize()
+    end = h5py.h5i.get_file_id(dataset.id).get_filesize()
 
     def check(chunk: Any) -> None:
         is_within = 0 < chunk.byte_offset <= end - chunk.size
@@ -330,8 +335,7 @@ def _check_chunks(dataset: h5py.Dataset) -> None:
 
 
 def _object(group: h5py.Group, name: str) -> Any:
-    link = group.get(name, getlink=True)
-    if not isinstance(link, h5py.HardLink):
+    if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
         msg = f"{group.name}/{name} is a link to elsewhere, which products do not have"
         raise DataError(msg)
     item = group[name]

@@ -138,18 +138,18 @@ class Product:
         """Return the shapes of a container's columns, as far as it has them."""
         kind = CONTAINERS[key.name]
         with reading(self.name):
-            group = _group(self.file, self.paths[key], kind)
+            own = _group(self.file, self.paths[key], kind)
             return {
-                column: _dataset(group, column, spec).shape
+                column: _dataset(own, column, spec).shape
                 for column, spec in kind.columns().items()
-                if stored_name(self.schema_version, key.name, column) in group
+                if stored_name(self.schema_version, key.name, column) in own.group
             }
 
     def has_part(self, key: ContainerKey, part: str) -> bool:
         """Tell whether a container has a part."""
         with reading(self.name):
-            group = _group(self.file, self.paths[key], CONTAINERS[key.name])
-            return part not in _absent(group)
+            own = _group(self.file, self.paths[key], CONTAINERS[key.name])
+            return part not in _absent(own.group)
 
     @overload
     def read(
@@ -368,9 +368,9 @@ def read_whole(file: h5py.File, path: str, kind: type[C]) -> C:
 
 def _read(file: h5py.File, path: str, kind: type[C], rows: Rows) -> C:
     """Read a container, or some rows of it, with its parts."""
-    group = _group(file, path, kind)
-    absent, version = _absent(group), _version(group)
-    values = _split(group, kind)
+    own = _group(file, path, kind)
+    absent, version = _absent(own.group), own.version
+    values = _split(own, kind)
     for name, spec in kind.columns().items():
         if name in values:
             continue
@@ -379,16 +379,27 @@ def _read(file: h5py.File, path: str, kind: type[C], rows: Rows) -> C:
             values[name] = None
         else:
             chosen = rows.get((kind.NAME, spec.axes[0]), slice(None))
-            values[name] = _column(group, name, spec, chosen)
-    values |= _scalars(group, kind, absent)
+            values[name] = _column(own, name, spec, chosen)
+    values |= _scalars(own, kind, absent)
     for name, part in part_classes(kind).items():
         values[name] = None
         if name not in absent:
-            values[name] = _read(file, str(attribute(group, name)), part, rows)
+            values[name] = _read(file, str(attribute(own.group, name)), part, rows)
     return kind(**values)
 
 
-def _group(file: h5py.File, path: str, kind: type[Container]) -> h5py.Group:
+class _Stored(NamedTuple):
+    """A container in a file, with what each of its columns asks for."""
+
+    group: h5py.Group
+    """Its group."""
+    container: str
+    """Its name."""
+    version: int
+    """Version of the layout of the file."""
+
+
+def _group(file: h5py.File, path: str, kind: type[Container]) -> _Stored:
     """Return the group of a container, made sure of its kind."""
     group = file.get(path) if path in file else None
     if not isinstance(group, h5py.Group):
@@ -397,7 +408,7 @@ def _group(file: h5py.File, path: str, kind: type[Container]) -> h5py.Group:
     if attribute(group, "container") != kind.NAME:
         msg = f"{path} holds no {kind.NAME}"
         raise DataError(msg)
-    return group
+    return _Stored(group, kind.NAME, int(attribute(file, "schema_version")))
 
 
 def _absent(group: h5py.Group) -> set[str]:
@@ -405,9 +416,9 @@ def _absent(group: h5py.Group) -> set[str]:
     return set(filter(None, str(attribute(group, "absent")).split(",")))
 
 
-def _dataset(group: h5py.Group, name: str, spec: Column) -> h5py.Dataset:
+def _dataset(own: _Stored, name: str, spec: Column) -> h5py.Dataset:
     """Return the dataset of a column, checked but not yet read."""
-    container, version = str(attribute(group, "container")), _version(group)
+    group, container, version = own
     stored = stored_name(version, container, name)
     dataset = group.get(stored)
     if dataset is None:
@@ -425,41 +436,33 @@ def _dataset(group: h5py.Group, name: str, spec: Column) -> h5py.Dataset:
     return dataset
 
 
-def _column(group: h5py.Group, name: str, spec: Column, rows: slice) -> Any:
+def _column(own: _Stored, name: str, spec: Column, rows: slice) -> Any:
     """Read the rows of a column as the container wants them."""
-    dataset = _dataset(group, name, spec)
+    dataset = _dataset(own, name, spec)
     n_rows = len(range(*rows.indices(dataset.shape[0])))
     row_bytes = int(np.prod(dataset.shape[1:], dtype=float)) * dataset.dtype.itemsize
     if n_rows * row_bytes > MAX_READ_BYTES:
         msg = f"{dataset.name} is too large to be read at once"
         raise DataError(msg)
-    container = str(attribute(group, "container"))
-    return decode(migrate(_version(group), container, name, dataset[rows]), spec)
+    return decode(migrate(own.version, own.container, name, dataset[rows]), spec)
 
 
-def _split(group: h5py.Group, kind: type[Container]) -> dict[str, Any]:
+def _split(own: _Stored, kind: type[Container]) -> dict[str, Any]:
     """Return the columns that an older version kept together in one."""
     found: dict[str, Any] = {}
-    for name, split in split_columns(_version(group), kind.NAME).items():
+    for name, split in split_columns(own.version, kind.NAME).items():
         axes = next(iter(kind.columns().values())).axes
         text = Column(axes, "", np.dtype(np.str_), "", optional=False)
-        found |= split(_column(group, name, text, slice(None)))
+        found |= split(_column(own, name, text, slice(None)))
     return found
 
 
-def _version(group: h5py.Group) -> int:
-    return int(attribute(group.file, "schema_version"))
-
-
-def _scalars(
-    group: h5py.Group, kind: type[Container], absent: set[str]
-) -> dict[str, Any]:
+def _scalars(own: _Stored, kind: type[Container], absent: set[str]) -> dict[str, Any]:
     """Return the single values that the file has; the others have their defaults."""
-    version = _version(group)
     return {
-        name: None if name in absent else _scalar(group, name, plain)
+        name: None if name in absent else _scalar(own.group, name, plain)
         for name, plain in scalar_types(kind).items()
-        if not is_later(version, kind.NAME, name)
+        if not is_later(own.version, kind.NAME, name)
     }
 
 
@@ -480,7 +483,7 @@ def _stream(file: h5py.File, path: str, kind: type[C], block_rows: int) -> Itera
         raise DataError(msg)
     frames = _group(file, paths["frames"], Frames)
     n_frames = _dataset(frames, "time_s", Frames.columns()["time_s"]).shape[0]
-    first = int(attribute(frames, "first_frame"))
+    first = int(attribute(frames.group, "first_frame"))
     begins = dict.fromkeys(INDEXED_AXES[kind.NAME], 0)
     for start in range(0, max(1, n_frames), block_rows):
         stop = min(start + block_rows, n_frames)
@@ -488,9 +491,9 @@ def _stream(file: h5py.File, path: str, kind: type[C], block_rows: int) -> Itera
             (name, "frame"): slice(start, stop) for name in CONTAINERS
         }
         for name, axis in begins:
-            group = _group(file, paths[name], CONTAINERS[name])
+            own = _group(file, paths[name], CONTAINERS[name])
             begin = begins[name, axis]
-            column = _dataset(group, "frame", CONTAINERS[name].columns()["frame"])
+            column = _dataset(own, "frame", CONTAINERS[name].columns()["frame"])
             last = stop == n_frames
             end = (
                 column.shape[0] if last else bisect_left(column, first + stop, lo=begin)
@@ -506,7 +509,7 @@ def _stream(file: h5py.File, path: str, kind: type[C], block_rows: int) -> Itera
 def _part_paths(file: h5py.File, path: str, kind: type[Container]) -> dict[str, str]:
     """Return the groups of a container and its parts, by name."""
     found = {kind.NAME: path}
-    group = _group(file, path, kind)
+    group = _group(file, path, kind).group
     for name, part in part_classes(kind).items():
         if name not in _absent(group):
             found |= _part_paths(file, str(attribute(group, name)), part)
