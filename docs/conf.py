@@ -2,7 +2,10 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
+from docutils import nodes
+from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
 import uwtrack_cli
@@ -23,8 +26,9 @@ extensions = [
     "myst_nb",
     "numpydoc",
     "sphinx.ext.autodoc",
-    "sphinx.ext.mathjax",
 ]
+html_math_renderer = "mathml"
+myst_update_mathjax = False
 exclude_patterns = ["_build"]
 smartquotes = False  # options begin with two hyphens
 numpydoc_show_class_members = False
@@ -50,6 +54,24 @@ html_theme_options = {
 html_sidebars = {name: [] for name in ("index", "install", "tutorial", "notebook")}
 
 
+def write_inline_math(translator: Any, node: nodes.math) -> None:
+    """Write a formula as MathML, which browsers draw by themselves: no script."""
+    translator.body.append(convert(node.astext()))
+    raise nodes.SkipNode
+
+
+def write_block_math(translator: Any, node: nodes.math_block) -> None:
+    """Write a formula of its own line as MathML."""
+    translator.body.append(f"<p>{convert(node.astext(), display='block')}</p>")
+    raise nodes.SkipNode
+
+
 def setup(app: Sphinx) -> None:
-    """Run the notebook in every build: what it shows may have changed."""
+    """Draw formulas without a script from elsewhere, and run the notebook each time.
+
+    What the notebook shows may have changed.
+    """
+    app.add_html_math_renderer(
+        "mathml", (write_inline_math, None), (write_block_math, None)
+    )
     app.connect("env-get-outdated", lambda *_: ["notebook"])
