@@ -68,11 +68,15 @@ def test_the_demo_runs_from_the_wheel_in_an_empty_environment(distributions, tmp
         "PYTHONPATH": "",
         "PATH": f"{bin_folder}:/usr/bin:/bin",
     }
+    rows: list[list[str]] = []
     for words in (
         ["uwtrack", "sample", "pass"],
         ["uwtrack", "run", "pass.wav"],
         ["uwtrack", "plot", "pass.run.h5", "-o", "pass.png"],
     ):
         done = run(words, cwd=tmp_path, env=environment)
+        rows += [line.split() for line in done.stderr.splitlines() if "  ok  " in line]
     assert (tmp_path / "pass.png").stat().st_size > 20_000
     assert "wrote pass.png" in done.stderr
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert rows[0] in [line.split() for line in readme.splitlines()]
