@@ -1,5 +1,6 @@
 """Fixtures that several folders of tests share."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import soundfile
 from typer.testing import CliRunner
 
+from tests.command_server import command_server
 from uwtrack_cli.files.shipped_folder import shipped_folder
 
 
@@ -21,6 +23,13 @@ def uwtrack(monkeypatch, tmp_path):
         return CliRunner().invoke(app, [str(w) for w in words], **options)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def program(tmp_path_factory) -> Iterator[Path]:
+    """The folder of an `uwtrack` for scripts, which needs no start."""
+    with command_server(tmp_path_factory.mktemp("program")) as folder:
+        yield folder
 
 
 @pytest.fixture(scope="session")

@@ -61,14 +61,19 @@ def test_the_site_builds_without_a_warning_and_every_link_arrives():
             assert target.exists(), f"{path.name}: {link}"
             if parts.fragment and target in names:
                 assert unquote(parts.fragment) in names[target], f"{path.name}: {link}"
+    for path in site.rglob("*.html"):  # nothing is fetched from elsewhere
+        tree = lxml.html.parse(path).getroot()
+        for fetched in tree.xpath("//script/@src | //link[@rel='stylesheet']/@href"):
+            assert not urlsplit(fetched).netloc, f"{path.name}: {fetched}"
+    assert trees[site / "methods.html"].xpath("//*[local-name() = 'mfrac']")
     notebook = trees[site / "notebook.html"].text_content()
     assert "2024-05-01 12:02:28" in notebook  # it was executed
     assert "false_alarm_probability must be a number" in notebook
 
 
-@pytest.fixture
-def sound_programs(tmp_path_factory, monkeypatch):
-    """Programs that give sound, as sox, ffmpeg and arecord do; the program itself."""
+@pytest.fixture(scope="module")
+def sound_programs(tmp_path_factory):
+    """Programs that give sound, as sox, ffmpeg and arecord do."""
     folder = tmp_path_factory.mktemp("bin")
     noise = np.random.default_rng(1).normal(0.0, 0.1, 4 * 48_000)
     soundfile.write(folder / "sound.wav", noise, 48_000, subtype="PCM_24")
@@ -77,14 +82,19 @@ def sound_programs(tmp_path_factory, monkeypatch):
         program = folder / name
         program.write_text(f"#!/bin/sh\nexec cat {folder}/sound.{sound}\n")
         program.chmod(0o755)
-    path = f"{folder}:{Path(sys.executable).parent}:{os.environ['PATH']}"
-    monkeypatch.setenv("PATH", path)
     return folder
 
 
 @pytest.mark.parametrize("page", EXECUTED, ids=lambda page: page.stem)
-def test_the_blocks_of_a_page_run_in_their_order(page, sound_programs, tmp_path):
+def test_the_blocks_of_a_page_run_in_their_order(
+    page, program, sound_programs, tmp_path, monkeypatch
+):
     (tmp_path / "recorder.wav").write_bytes((sound_programs / "sound.wav").read_bytes())
+    folders = (program, sound_programs, Path(sys.executable).parent)
+    path = ":".join([*map(str, folders), os.environ["PATH"]])
+    monkeypatch.setenv("PATH", path)
+    (tmp_path / "home").mkdir()
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
     script = ["set -eu", "export MPLBACKEND=agg"]
     for language, code in FENCED.findall(page.read_text(encoding="utf-8")):
         script.append(code if language == "sh" else f"python <<'CODE'\n{code}CODE")
@@ -98,6 +108,13 @@ def test_the_blocks_of_a_page_run_in_their_order(page, sound_programs, tmp_path)
         shown = re.sub(r"\s+", " ", page.read_text(encoding="utf-8"))
         for line in done.stdout.splitlines()[:5]:  # what it prints is what it says
             assert re.sub(r"\s+", " ", line).strip() in shown
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.stem)
+def test_commands_stand_in_blocks_that_are_run(page):
+    text = FENCED.sub("", page.read_text(encoding="utf-8"))
+    lines = [line.strip() for line in text.splitlines()]
+    assert not [line for line in lines if re.match(r"(uwtrack|python) [a-z-]", line)]
 
 
 def test_every_other_command_line_names_commands_and_options_that_exist():
