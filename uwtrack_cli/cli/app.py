@@ -25,6 +25,7 @@ COMMANDS: dict[str, str] = {
     "recipes": "run_commands:recipes",
     "rerun": "batch_commands:rerun",
     **dict.fromkeys(STAGES, "chain_commands"),
+    "forecast": "forecast_commands:forecast",
     "info": "file_commands:info",
     "show": "file_commands:show",
     "verify": "file_commands:verify",

@@ -32,6 +32,7 @@ Schema = dict[str, Any]
 REPORTS: dict[str, tuple[str, bool]] = {
     "batch": ("uwtrack_cli.flow.batch:Outcome", True),
     "passages": ("uwtrack_cli.flow.passages:PassageRow", True),
+    "forecast": ("uwtrack_cli.flow.forecast:ForecastRow", True),
     "diff": ("uwtrack_cli.flow.comparison:Difference", True),
     "score": ("uwtrack_cli.flow.scoring.score_product:ProductScore", False),
     "calibrate": ("uwtrack_cli.flow.calibration:Calibration", False),

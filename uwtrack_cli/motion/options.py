@@ -35,11 +35,16 @@ class MotionModel(OptionGroup):
     propagation
         Whether sound takes its time or arrives at once; auto is delayed for lines
         made from sound and instant for tables.
+    tow_length_m
+        Way from own ship back to the end of a towed array whose heading was taken from
+        own ship: bearings weigh less until all of it has passed a turn. By default
+        300 m where array_heading is course, else 0.
     """
 
     doppler: Literal["instantaneous", "interval"] = "instantaneous"
     interval_s: Annotated[float | None, Unit("s"), AtLeast(1e-3), AtMost(1e6)] = None
     propagation: Literal["auto", "delayed", "instant"] = "auto"
+    tow_length_m: Annotated[float | None, Unit("m"), AtLeast(0), AtMost(1e5)] = None
 
 
 @dataclass(frozen=True)

@@ -206,20 +206,35 @@ def read_replay(paths: Sequence[Path]) -> Series:
     return placed
 
 
-def read_replay_track(path: Path) -> Navigation:
-    """Read the track of the one ship of a REP file.
+def read_replay_track(
+    path: Path, name: str | None = None, flag: str | None = None
+) -> Navigation:
+    """Read the track of a ship of a REP file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        Name of the ship; None where the file has one ship alone.
+    flag
+        Option that gives the name, for the message; None if there is none.
 
     Raises
     ------
     DataError
-        There is none, or several.
+        There is no such ship, or several where none is named.
     """
     tracks, _ = _read([path])
-    if len(tracks) != 1:
+    if name is not None:
+        tracks = {key: one for key, one in tracks.items() if key == name} or tracks
+    if len(tracks) != 1 or (name is not None and name not in tracks):
         names = ", ".join(list(tracks)[:10]) or "none"
-        msg = (
-            f"{path} must have the track of one ship to be own ship's, it has {names}."
-        )
+        wanted = "have the track of one ship to be own ship's" if flag is None else (
+            f"tell which track is meant: give {flag}" if name is None
+            else f"have a track {shown(name)}"
+        )  # fmt: skip
+        msg = f"{path} must {wanted}, it has {names}."
         raise DataError(msg)
     (track,) = tracks.values()
     order = np.unique(np.array(track.time_ns), return_index=True)[1]

@@ -50,7 +50,9 @@ from uwtrack_cli.motion.target.observability import (
     misfit_scale,
 )
 from uwtrack_cli.motion.target.own_ship import (
+    USUAL_TOW_M,
     OwnPath,
+    bend_rad,
     make_observer_track,
     make_sensors_track,
 )
@@ -273,9 +275,6 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
     frequency_std = _filled(
         data.frequency_hz, data.frequency_std_hz, weights.frequency_std_hz
     )
-    bearing_weight, bearing = _weigh(
-        np.radians(data.bearing_deg), np.radians(bearing_std)
-    )
     frequency_weight, frequency = _weigh(data.frequency_hz, frequency_std)
     share = 1.0
     if weights.line_weighting == "mean":
@@ -291,6 +290,8 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         path = own_path(options.navigation, data)
         track = make_observer_track(path, data.time_s, model.doppler, interval)
         heading = _array_heading(path, data.time_s, interval, options)
+        bent = np.degrees(bend_rad(path, data.time_s, _tow_length_m(options)))
+        bearing_std = np.hypot(bearing_std, bent)
     else:
         paths = sensor_paths(data, platforms)
         track = make_sensors_track(
@@ -299,6 +300,9 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         heading = None
     if data.mirrored_bearing_deg is not None:
         heading = _between_mirrors(data.bearing_deg, data.mirrored_bearing_deg)
+    bearing_weight, bearing = _weigh(
+        np.radians(data.bearing_deg), np.radians(bearing_std)
+    )
     return Problem(
         track=track,
         bearing_rad=bearing[np.newaxis],
@@ -384,6 +388,13 @@ def _array_heading(
         )
         raise DataError(msg)
     return heading
+
+
+def _tow_length_m(options: TmaOptions) -> float:
+    """Return the way from own ship to the end of an array that takes its heading."""
+    given = options.model.tow_length_m
+    usual = USUAL_TOW_M if options.array_heading == "course" else 0.0
+    return usual if given is None else given
 
 
 def _growing(rows: int, updates: int) -> IntArray:

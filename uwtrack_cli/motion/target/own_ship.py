@@ -107,6 +107,61 @@ class OwnPath:
         return np.asarray(np.arctan2(east_after - east, north_after - north))
 
 
+USUAL_TOW_M = 300.0
+"""Way from own ship to the end of an array whose tow is not known."""
+
+BEND_STEPS = 16
+"""Steps into which the way behind own ship is cut."""
+
+
+def bend_rad(path: OwnPath, time_s: FloatArray, length_m: float) -> FloatArray:
+    """Return by how much own ship turned on the way that its array lies on, rad.
+
+    An array follows own ship's way: until it has passed a turn, its heading lies
+    between the course before and the course after.
+
+    Parameters
+    ----------
+    path
+        Own ship's path.
+    time_s
+        Times wanted, s, in order, shape (n,).
+    length_m
+        Way from own ship back to the array's end, m.
+
+    Returns
+    -------
+    FloatArray
+        Largest difference between the course at each time and on the way behind,
+        shape (n,); 0 for a platform that stands still.
+    """
+    if path.time_s.size < 2 or length_m == 0.0 or time_s.size == 0:
+        return np.zeros(time_s.size)
+    speeds = np.hypot(np.diff(path.east_m), np.diff(path.north_m)) / np.diff(
+        path.time_s
+    )
+    speed = float(np.median(speeds))
+    if speed <= 0.0:
+        return np.zeros(time_s.size)
+    step_s = length_m / speed / BEND_STEPS
+    # more than a tow before the first row own ship is taken to have gone straight
+    grid = np.arange(
+        time_s[0] - 2.0 * length_m / speed, time_s[-1] + 2 * step_s, step_s
+    )
+    east, north = path.at(grid)
+    leg = np.hypot(np.diff(east), np.diff(north))
+    course = np.unwrap(np.arctan2(np.diff(east), np.diff(north)))
+    way = np.cumsum(leg)
+    now = np.clip(np.searchsorted(grid, time_s) - 1, 0, course.size - 1)
+    last = np.searchsorted(way, way[now] - length_m)
+    return np.array(
+        [
+            np.abs(course[a : b + 1] - course[b]).max()
+            for a, b in zip(last, now, strict=True)
+        ]
+    )
+
+
 def _arc(part: FloatArray, half_turn: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Progress along and off the chord of an arc, in chords.
 
