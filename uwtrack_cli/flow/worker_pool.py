@@ -148,15 +148,17 @@ def _serve(pipe: connection.Connection, parent_pid: int) -> None:
         signal.signal(held, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD)
+    code = 0
     try:
         while True:
             pipe.send(_run(pipe.recv()))
-    except (EOFError, OSError):
-        return
+    except (EOFError, OSError, KeyboardInterrupt):
+        pass  # the parent is gone, or has interrupted a worker between two jobs
     except SystemExit as ending:
-        # What was begun is removed. An interpreter that takes itself down would
-        # still let HDF5 close files whose Python half is gone, and report it.
-        os._exit(int(ending.code or 0))
+        code = int(ending.code or 0)
+    # What was begun is removed. An interpreter that takes itself down would still let
+    # HDF5 close files whose Python half is gone, and report it.
+    os._exit(code)
 
 
 def _run(job: Job) -> Outcome:

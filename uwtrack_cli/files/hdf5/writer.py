@@ -34,6 +34,7 @@ from uwtrack_cli.files.hdf5.checksum import append_checksum
 from uwtrack_cli.files.hdf5.examination import examined
 from uwtrack_cli.files.hdf5.history import HistoryStep
 from uwtrack_cli.files.hdf5.layout import (
+    CHUNK_BYTES,
     FORMAT,
     SCHEMA_VERSION,
     encode,
@@ -41,16 +42,23 @@ from uwtrack_cli.files.hdf5.layout import (
     sensor_of,
 )
 from uwtrack_cli.files.hdf5.reader import C, read_whole
+from uwtrack_cli.files.held_signals import signals_held
 
 LIBVER = ("v110", "v110")
 """HDF5 1.10 and later read the files: object headers carry checksums of their own."""
+
+CACHE_BYTES = 2 * CHUNK_BYTES
+"""Bytes of chunks that HDF5 holds of each column, whole ones let go first: rows are
+appended, and none is met again. By itself it holds 8 MB, a day of a column."""
 
 
 class ProductStore:
     """The HDF5 file of a product that is not complete: takes containers, then ends."""
 
     def __init__(self, file: Any) -> None:
-        self.file = h5py.File(file, "w", libver=LIBVER)
+        self.file = h5py.File(
+            file, "w", libver=LIBVER, rdcc_nbytes=CACHE_BYTES, rdcc_w0=1.0
+        )
         self.file.attrs["schema_version"] = np.int64(SCHEMA_VERSION)
         self._tops: dict[str, AppendableGroup] = {}
         self._whole: set[str] = set()
@@ -226,28 +234,39 @@ class ProductWriter:
 
     @contextlib.contextmanager
     def _finishing(self, file: "FailSafeFile") -> Iterator[None]:
-        """Keep the HDF5 file open; finish it in the end, or just close it."""
+        """Keep the HDF5 file open; finish it in the end, or just close it.
+
+        HDF5 must be done with the file before Python closes it, whatever happens: it
+        would go on to write into it when the last reference to its half is gone.
+        """
         self._file = file
-        with self._writing():
-            store = ProductStore(file)
-        self._store = store
         try:
+            with self._writing():
+                self._store = ProductStore(file)
             yield
             with self._writing():
-                store.finish(self.history)
+                self.store.finish(self.history)
                 sha256 = append_checksum(file)
             examined.add(sha256)
         except BaseException:
-            with contextlib.suppress(OSError, RuntimeError, ValueError):
-                store.file.close()
+            with (
+                signals_held(),
+                contextlib.suppress(OSError, RuntimeError, ValueError),
+            ):
+                if self._store is not None:
+                    self._store.file.close()
             raise
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn a failed write into an error of ours, whoever noticed it."""
+        """Turn a failed write into an error of ours, whoever noticed it.
+
+        A signal waits: raised within HDF5 it would leave half an operation.
+        """
         noticed: Exception | None = None
         try:
-            yield
+            with signals_held():
+                yield
         except UwtrackError:
             raise
         except (OSError, RuntimeError) as error:
