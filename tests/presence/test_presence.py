@@ -13,10 +13,12 @@ from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.presence import find_presence
 from uwtrack_cli.presence.rate_families import rate_families
 from uwtrack_cli.presence.stretch import MISSING, Stretch, make_presence
+from uwtrack_cli.presence.tonal_stretches import chance_together
 from uwtrack_cli.spectra.levels import measure_levels
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
@@ -275,3 +277,36 @@ def test_a_vector_sensor_gives_the_bearing_of_the_blades():
     ])  # fmt: skip
     assert rows.size
     assert presence.bearing_deg[rows[0]] == pytest.approx(70.0, abs=6.0)
+
+
+def test_few_of_many_lines_are_joined_by_chance():
+    """Drawn: evidence of pairs is a likelihood ratio, and joins k - 1 of them."""
+    rng = np.random.default_rng(12)
+    n_lines, n_runs = 8, 20_000
+    shift = np.sqrt(2 * 3.0)  # a likelihood ratio that reaches e^3 most often
+    ratio = shift * rng.normal(size=(n_runs, n_lines, n_lines)) - shift**2 / 2
+    joined = np.triu(ratio > 3.0, 1)
+    triples = sum(
+        (joined[:, a, b] & joined[:, b, c]).mean()
+        for a in range(n_lines) for b in range(a + 1, n_lines)
+        for c in range(b + 1, n_lines)
+    )  # fmt: skip
+    assert 0.0 < triples <= chance_together(3, n_lines)
+    assert chance_together(3, 46) == 1.0
+    assert chance_together(6, 6) < 1e-3
+
+
+def test_a_stretch_lies_within_the_sound():
+    """A passage near the end would be heard for longer than there is sound."""
+    time = clock(240.0)
+    rise = 1 + 30 / (1 + ((time - 200) / 40) ** 2)
+    blocks = compute_spectrogram(
+        recording_of(white_noise(time.size, 10) * np.sqrt(rise), RATE_HZ)
+    )
+    levels = Levels.join(list(measure_levels(blocks)))
+    encounters = find_encounters(levels=levels)
+    assert encounters.n_encounters == 1
+    assert 200 + 2 * encounters.range_over_speed_s[0] > 240
+    presence = find_presence(levels=[levels], encounters=[encounters])
+    row = row_of(presence, "vessel")
+    assert 0 <= presence.from_s[row] < 200 < presence.to_s[row] <= 240

@@ -37,7 +37,7 @@ _MOST_CELLS = 2_000_000
 _FAMILY_EVIDENCE = 8.0
 """Evidence of a common family, in nepers: its chance is below 1e-3."""
 
-_LEAST_EVIDENCE = 3.0
+LEAST_EVIDENCE = 3.0
 """Evidence that joins two lines (Kass & Raftery 1995: strong)."""
 
 _LEAST_COMMON = 4
@@ -150,7 +150,7 @@ def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextA
     same = (family[:, None] == family[None, :]) & (family >= 0)[:, None]
     evidence += np.where(same, _FAMILY_EVIDENCE, 0.0)
     evidence[is_hum, :] = evidence[:, is_hum] = -np.inf
-    label = group(evidence, _LEAST_EVIDENCE)
+    label = group(evidence, LEAST_EVIDENCE)
     size = np.bincount(label)[label]
     has_bearing = np.isfinite(safe.bearing_deg).any(axis=1)
     is_contact = ~is_hum & (is_moving | has_bearing | (size > 1))

@@ -131,10 +131,26 @@ def _of_sensor(
         _add_rates(one, found)
     for own in levels:
         found += level_humps(own)
+    begins, ends = _span(lines, levels)
     for table in encounters:
         _mark_passages(table, found)
         _add_refusals(table, found)
+    for stretch in found:  # a passage is longer than what was heard of it
+        stretch.from_s = float(np.clip(stretch.from_s, begins, ends))
+        stretch.to_s = float(np.clip(stretch.to_s, begins, ends))
     return found
+
+
+def _span(lines: Sequence[Lines], levels: Sequence[Levels]) -> tuple[float, float]:
+    """Return where the sound begins and ends that there are frames of, s."""
+    frames = [*(one.frames for one in lines), *(one.frames for one in levels)]
+    frames = [one for one in frames if one.n_frames]
+    if not frames:
+        return -np.inf, np.inf
+    half_s = [0.5 * one.window_s for one in frames]
+    begins = [float(f.time_s[0]) - h for f, h in zip(frames, half_s, strict=True)]
+    ends = [float(f.time_s[-1]) + h for f, h in zip(frames, half_s, strict=True)]
+    return min(begins), max(ends)
 
 
 def _add_rates(envelope: Lines, found: list[Stretch]) -> None:

@@ -13,13 +13,14 @@ evidence n (s - ln(1 + s) - 1) nepers against noise, which may choose its path.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import gcd
+from math import comb, exp, gcd
 
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
+from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
 from uwtrack_cli.presence.line_summary import (
     LineSummary,
     common_bearing,
@@ -59,6 +60,10 @@ FEWEST_TOGETHER = 3
 
 GREATEST_CHANCE = 0.05
 """Probability in noise alone above which lines are no sign of anything."""
+
+VESSEL_CHANCE = 1e-3
+"""Expected number by chance above which a family, or lines that move together, are no
+vessel: one in a thousand recordings has one then."""
 
 STEADY = "its lines keep their frequencies: no closest approach within the recording"
 MOVING = "its lines move, but as no passage does"
@@ -105,13 +110,16 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
     found = [one for one in made if one is not None]
     lines = pool.lines
     mains = _mains(lines, free)
+    is_moving = (lines.status == "moving") & (pool.chance <= GREATEST_CHANCE)
+    n_free = np.count_nonzero(free & ~mains & is_moving)
     for contact in np.unique(lines.contact[free & (lines.contact > 0)]).tolist():
         rows: IntArray = np.flatnonzero(free & ~mains & (lines.contact == contact))
-        is_certain = pool.chance[rows] <= GREATEST_CHANCE
-        moving = (lines.status[rows] == "moving") & is_certain
-        if np.count_nonzero(moving) >= FEWEST_TOGETHER:
+        moving = is_moving[rows]
+        n_moving = np.count_nonzero(moving)
+        joined = chance_together(int(n_moving), int(n_free))
+        if n_moving >= FEWEST_TOGETHER and joined <= VESSEL_CHANCE:
             free[rows] = False
-            chance = float(pool.chance[rows].min())
+            chance = max(joined, float(pool.chance[rows].min()))
             found.append(_stretch(VESSEL, lines, rows, chance, MOVING))
     hum = np.flatnonzero(free & mains)
     if hum.size:
@@ -127,6 +135,27 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
             chance = float(pool.chance[rows].min())
             found.append(_stretch(kind, lines, rows, chance, reason))
     return found
+
+
+def chance_together(n_joined: int, n_lines: int) -> float:
+    """Return a bound on how many groups of so many lines are joined by chance.
+
+    Parameters
+    ----------
+    n_joined
+        Lines that are joined.
+    n_lines
+        Lines that could have been.
+
+    Notes
+    -----
+    A likelihood ratio exceeds e^x with a probability of at most e^-x where the lines
+    have nothing to do with each other (Markov's inequality). To join k of n lines takes
+    k - 1 such ratios, and there are "n choose k" ways to choose them.
+    """
+    if n_joined < 1:
+        return 1.0
+    return min(1.0, comb(n_lines, n_joined) * exp(-LEAST_EVIDENCE * (n_joined - 1)))
 
 
 def _mains(lines: LineSummary, free: BoolArray) -> BoolArray:
@@ -287,10 +316,14 @@ def _are_one(a: _Family, b: _Family) -> bool:
 
 
 def _family_stretch(family: _Family, pool: _Pool, free: BoolArray) -> Stretch | None:
-    """Return a family with what lies on its teeth; None if others have its lines."""
+    """Return a family with what lies on its teeth; None if others have its lines.
+
+    Nor is a family returned that noise gives.
+    """
     lines = pool.lines
     own = family.rows[free[family.rows]]
-    if own.size < FEWEST_TOGETHER:
+    is_chance = family.log10_chance > np.log10(VESSEL_CHANCE)
+    if own.size < FEWEST_TOGETHER or is_chance:
         return None
     spacing, std, rows = _refined(family, lines, own, free)
     free[rows] = False
