@@ -1,5 +1,7 @@
 """Several vessels without lines in one recording: all, once each, and no others."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
+from uwtrack_cli.motion.passage.report import MOST_FRAMES, Row, add_levels
 from uwtrack_cli.simulate import make_scenario
 from uwtrack_cli.studies.seatrial import analyse
 
@@ -176,3 +179,37 @@ def test_deviations_of_two_passages_hold(has_bearing):
     assert (times <= 3).mean() >= 0.98
     if has_bearing:
         assert 0.4 <= np.median(times) <= 1.0
+
+
+class Heard:
+    """A fit of which only the law of its level is asked for."""
+
+    def __init__(self, time_s, width_s):
+        self.time_s, self.range_over_speed_s = time_s, np.array([width_s])
+
+    def law(self, time_s):
+        u = (time_s - self.time_s) / self.range_over_speed_s
+        return SimpleNamespace(spread=-np.log1p(u**2)[None])
+
+
+def test_the_level_of_a_passage_is_that_over_the_background_of_its_own_time():
+    """A day of a harbour: by night it is quieter by 10 dB, and three vessels pass."""
+    rng = np.random.default_rng(11)
+    time = 0.5 * np.arange(3 * MOST_FRAMES)
+    background_db = np.where(time < time[-1] / 2, 80.0, 90.0)
+    truth = [(4000.0, 20.0, 90.0), (4100.0, 30.0, 86.0), (25000.0, 40.0, 96.0)]
+    fits = [Heard(time_s, width_s) for time_s, width_s, _ in truth]
+    power = 10 ** (background_db / 10)
+    for fit, (_, _, level_db) in zip(fits, truth, strict=True):
+        power += 10 ** (level_db / 10) * np.exp(fit.law(time).spread[0])
+    level_db = 10 * np.log10(power) + 0.5 * rng.normal(size=time.size)
+    frames = SimpleNamespace(time_s=time)
+    levels = SimpleNamespace(frames=frames, level_db=level_db)
+    rows = [Row(k, "ok") for k in range(len(truth))]
+    for row, (time_s, _, _) in zip(rows, truth, strict=True):
+        row.values["time_s"] = time_s
+    add_levels(rows, levels, fits, SimpleNamespace(reference="full scale"))
+    for row, (_, _, true_db) in zip(rows, truth, strict=True):
+        off = row.values["received_level_db"] - true_db
+        assert abs(off) < 4 * row.values["received_level_std_db"]
+        assert row.values["received_level_std_db"] < 0.5

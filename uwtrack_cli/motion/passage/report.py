@@ -25,6 +25,7 @@ own resolution.
 """
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -538,6 +539,10 @@ MOST_FRAMES, MOST_FAR = 20_000, 5_000
 FAR = np.log(0.01)
 """Spreading beyond ten times the range at closest approach: background alone."""
 
+FAR_WIDTHS, NEAR_WIDTHS = 10.0, 15.0
+"""d/v beyond which a vessel is far, and up to which a long recording's levels about a
+closest approach are taken: its background is that of the time, not of the day."""
+
 
 def add_levels(
     rows: list[Row], levels: Levels | None, fits: list[PassageFit], context: CpaContext
@@ -559,17 +564,22 @@ def add_levels(
         for row in rows:
             row.explain("no broadband levels", *KEYS)
         return
+    middle_s = np.array([row.values["time_s"] for row in rows])
+    width_s = np.array([float(fit.range_over_speed_s[0]) for fit in fits])
     time = np.asarray(levels.frames.time_s, float)
-    spread = np.empty((len(fits), time.size))
-    for number, fit in enumerate(fits):  # a copy each: the law's other rows may go
-        law = fit.law(time)
-        spread[number] = law.spread[0]
-    width_s = max(float(fit.range_over_speed_s[0]) for fit in fits)
-    level = np.asarray(levels.level_db, float)
-    if time.size > MOST_FRAMES:
-        kept = _telling(spread)
-        level, spread, time = level[kept], spread[:, kept], time[kept]
-    found = _fit_levels(level, spread, time, width_s)
+    level_db = np.asarray(levels.level_db, float)
+    if time.size <= MOST_FRAMES:
+        found = _levels_of(level_db, time, fits, width_s)
+    else:  # one by one, with its neighbours: what is far is no matter of it
+        found = np.empty((2, len(fits)))
+        for k, reach_s in enumerate(NEAR_WIDTHS * width_s):
+            near = np.abs(time - middle_s[k]) <= reach_s
+            lag_s = np.abs(middle_s - middle_s[k])
+            own = np.flatnonzero(lag_s <= reach_s + FAR_WIDTHS * width_s)
+            part = _levels_of(
+                level_db[near], time[near], [fits[j] for j in own], width_s[own]
+            )
+            found[:, k] = part[:, own == k][:, 0]
     for row, level, std in zip(rows, *found, strict=True):
         if not std < LARGEST_LEVEL_STD_DB:
             row.explain("the level does not stand out from the background", *KEYS)
@@ -577,6 +587,22 @@ def add_levels(
         row.values["received_level_db"] = float(level)
         row.values["received_level_std_db"] = float(std)
         _add_source_level(row, context)
+
+
+def _levels_of(
+    level_db: FloatArray,
+    time_s: FloatArray,
+    fits: Sequence[PassageFit],
+    width_s: FloatArray,
+) -> FloatArray:
+    """Return levels at closest approach and deviations, shape (2, fit)."""
+    spread = np.empty((len(fits), time_s.size))
+    for number, fit in enumerate(fits):  # a copy each: the law's other rows may go
+        spread[number] = fit.law(time_s).spread[0]
+    if time_s.size > MOST_FRAMES:
+        kept = _telling(spread)
+        level_db, spread, time_s = level_db[kept], spread[:, kept], time_s[kept]
+    return np.stack(_fit_levels(level_db, spread, time_s, float(width_s.max())))
 
 
 def _telling(spread: FloatArray) -> IntArray:
