@@ -104,6 +104,24 @@ def test_every_event_has_its_keys_and_every_line_an_end(told):
     assert max(spans) > 60.0
 
 
+def test_what_is_heard_is_told_before_it_passes_and_agrees_with_the_file(told, uwtrack):
+    events = events_of(told[0], "presence")
+    vessel = [event for event in events if event["n_lines"] >= 3]
+    assert len({event["stretch"] for event in vessel}) == 1
+    assert [event["revision"] for event in vessel] == list(range(len(vessel)))
+    assert vessel[0]["from_s"] < PASS_S
+    assert not vessel[0]["final"]
+    assert vessel[-1]["final"]
+    shown = uwtrack("show", told[1] / "live.h5", "presence", "--format", "json")
+    in_file = [row for row in json.loads(shown.stdout) if row["n_lines"] >= 3]
+    for key in ("kind", "n_lines", "spacing_hz"):
+        assert [vessel[-1][key]] == [row[key] for row in in_file]
+    (number,) = {event["contact"] for event in events_of(told[0], "encounter")}
+    assert vessel[-1]["encounter"] == number
+    ends = {event["stretch"] for event in events if event["final"]}
+    assert ends == {event["stretch"] for event in events}
+
+
 def test_noise_with_a_gap_is_told_as_a_gap_and_as_nothing_else(uwtrack):
     sound = 0.1 * np.random.default_rng(5).standard_normal(90 * RATE)
     sound[20 * RATE : 25 * RATE] = np.nan

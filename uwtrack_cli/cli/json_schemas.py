@@ -200,18 +200,25 @@ _OF_LINES_AND_GAPS: dict[str, Schema] = {
     "frequency_high_hz": {**_NUMBER, "description": "Highest frequency so far. [Hz]"},
     "snr_db": {"type": ["number", "null"], "description": "Median SNR. [dB]"},
     "n_points": {"type": "integer", "description": "Points of the line so far."},
+    "stretch": {"type": "integer", "description": "Number of a stretch of presence."},
     "duration_s": {**_NUMBER, "description": "Length of the gap so far. [s]"},
     "reason": {**_TEXT, "description": "What disturbs the sound."},
 }
 
 
 def _events() -> Schema:
-    """Return the schema of one line of `run - --json`; an encounter has its own keys."""
-    encounter = _container(CONTAINERS["encounters"])["items"]["properties"]
+    """Return the schema of one line of `run - --json`.
+
+    An encounter and a stretch of presence have the keys of their containers, too.
+    """
+    encounter, presence = (
+        _container(CONTAINERS[name])["items"]["properties"]
+        for name in ("encounters", "presence")
+    )
     return {
         "title": "An event of live sound: one JSON object per line.",
         "type": "object",
-        "properties": {**encounter, **_OF_LINES_AND_GAPS, **_EVENT},
+        "properties": {**presence, **encounter, **_OF_LINES_AND_GAPS, **_EVENT},
         "required": list(_EVENT),
     }
 

@@ -152,8 +152,9 @@ def run(
     made: list[Held] = []
     for source, recording, target in zip(sources, recordings, targets, strict=True):
         made += _run_one(
-            source, recording, chosen, keep, target, vessels, overwrite=overwrite
-        )
+            source, recording, chosen, keep, target, vessels,
+            overwrite=overwrite, whole=fusion is not None,
+        )  # fmt: skip
     _print_all(made, as_json=json_output)
     if fusion is not None:
         fused = fusion.apply(made)
@@ -194,6 +195,7 @@ def _run_one(
     vessels: "AisVessels | None",
     *,
     overwrite: bool,
+    whole: bool,
 ) -> list["Held"]:
     from uwtrack_cli.cli.targets import writer_for
     from uwtrack_cli.flow.products import run_into_product
@@ -203,8 +205,9 @@ def _run_one(
         writer_for(target, overwrite=overwrite, inputs=[source]) as writer,
     ):
         made = run_into_product(
-            recording, recipe, writer, keep=keep, progress=done, vessels=vessels
-        )
+            recording, recipe, writer,
+            keep=keep, progress=done, vessels=vessels, whole=whole,
+        )  # fmt: skip
     say_sensitivity([held.container for held in made])
     say_wrote(target)
     return made

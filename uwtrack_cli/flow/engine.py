@@ -13,7 +13,7 @@ the recording are resolved before the run, and written into history as they are 
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -51,6 +51,9 @@ class Sink(Protocol):
     def read(self, step: Step) -> Container:
         """Return the whole result of a step."""
 
+    def forget(self, kept: Collection[str]) -> None:
+        """Let go of what can be read again, but for the results of some steps."""
+
 
 class Watch(Protocol):
     """Sees what passes through an engine, while it passes."""
@@ -85,6 +88,9 @@ class MemorySink:
         if len(blocks) > 1:
             blocks[:] = [type(blocks[0]).join(blocks)]
         return blocks[0]
+
+    def forget(self, kept: Collection[str]) -> None:
+        """Keep everything: there is no other place that has it."""
 
 
 class Engine:
@@ -219,6 +225,9 @@ class Engine:
         last = [node for node in self.graph.nodes if node.step.stage.kind == "whole"]
         for number, node in enumerate(last, 1):
             made = self._whole(node)
+            # a day of lines and levels is held for those who read it, not to the end
+            follows = [s for n in last[number : number + 1] for s in n.sources.values()]
+            self._sink.forget({name for names in follows for name in names})
             if node.step.name in self.graph.outputs:
                 self._sink.write(node.step, made)
             else:  # a later step makes this table again

@@ -1,4 +1,4 @@
-"""What is told of live sound while it comes: lines, closest approaches, gaps.
+"""What is told of live sound while it comes: lines, presence, closest approaches, gaps.
 
 **Method.** The blocks that the scans of a recipe take are kept for the last
 ``RING_S`` seconds. At fixed times of the sound the scans and the whole stages are run
@@ -26,6 +26,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import COASTED, Lines
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.audio.live_reader import UNCHANGED_S, LiveReader
@@ -33,6 +34,7 @@ from uwtrack_cli.files.tables.json_rows import json_rows, plain
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
+from uwtrack_cli.flow.live_presence import LivePresence, with_told_encounter
 from uwtrack_cli.flow.step import Step
 
 Event = dict[str, Any]
@@ -80,11 +82,13 @@ class LiveWatch:
         self._tell = tell
         self._recording = recording
         self._passages = _Passages(self._say)
+        self._presence = LivePresence(self._say)
         self._lines: dict[str, _OpenLines] = {}
         self._whole = [
             node.step
             for node in graph.nodes
-            if node.step.name in graph.outputs and node.step.stage.output is Encounters
+            if node.step.name in graph.outputs
+            and node.step.stage.output in (Encounters, Presence)
         ]
         self._graph = graph.part([step.name for step in self._whole])
         self._rings = {step.name: _Ring(step) for step in _roots(self._graph)}
@@ -125,9 +129,10 @@ class LiveWatch:
                 if now_s > before:  # a shorter stretch does not hold it all
                     self._look(stretch_s)
             before = stretch_s
-        if self._passages.some_are_due(now_s):
-            rows, _ = self._rows(RING_S)
-            self._passages.decide(rows, now_s)
+        if self._passages.some_are_due(now_s) or self._presence.some_are_due(now_s):
+            found = self._found(RING_S)
+            self._passages.decide(found.passages, now_s)
+            self._presence.decide(self._with_told_encounters(found), now_s)
 
     def finish(self, found: Sequence[Container]) -> None:
         """Tell what the whole sound has decided.
@@ -135,25 +140,36 @@ class LiveWatch:
         Parameters
         ----------
         found
-            The results of the run, its encounters among them.
+            The results of the run, its encounters and presence among them.
         """
         self._tell_gaps()
         for lines in self._lines.values():
             lines.finish()
-        tables = [c for c in found if isinstance(c, Encounters)]
-        self._passages.finish([row for table in tables for row in json_rows(table)])
+        passages = _with_status(_rows_of(found, Encounters), (*PASSED, "extrapolated"))
+        self._passages.finish(passages)
+        heard = _rows_of(found, Presence)
+        last = _Found(passages, heard, 0.0)
+        self._presence.finish(self._with_told_encounters(last))
 
     def _look(self, stretch_s: float) -> None:
-        rows, start_s = self._rows(stretch_s)
-        for row in rows:
+        found = self._found(stretch_s)
+        for row in found.passages:
             width_s = _width_s(row)
             margin_s = width_s if row["status"] == "ok" else 3.0 * width_s
-            is_inside = start_s <= max(0.0, row["time_s"] - margin_s)
+            is_inside = found.start_s <= max(0.0, row["time_s"] - margin_s)
             if is_inside and row["time_s"] + width_s <= self._now_s:
                 self._passages.see(row, stretch_s)
+        heard = self._with_told_encounters(found)
+        self._presence.see(heard, (found.start_s, self._now_s), stretch_s)
 
-    def _rows(self, stretch_s: float) -> tuple[list[Event], float]:
-        """Run the last stretch of the sound anew; return its passages and its begin."""
+    def _with_told_encounters(self, found: "_Found") -> list[Event]:
+        """Return what was heard, its closest approaches named as they were told."""
+        contacts = {row["contact"]: self._passages.told(row) for row in found.passages}
+        known = {own: told for own, told in contacts.items() if told is not None}
+        return [with_told_encounter(row, known) for row in found.presence]
+
+    def _found(self, stretch_s: float) -> "_Found":
+        """Run the last stretch of the sound anew; return what it shows."""
         sink = MemorySink()
         engine = Engine(self._graph, context_of(self._recording), sink)
         start_s = self._now_s
@@ -169,9 +185,10 @@ class LiveWatch:
                         sink.append(ring.step, block)
                 engine.finish()
         except DataError:  # too little sound for one of the stages
-            return [], start_s
-        rows = [row for step in self._whole for row in json_rows(sink.read(step))]
-        return _with_status(rows, PASSED), start_s
+            return _Found([], [], start_s)
+        made = [sink.read(step) for step in self._whole]
+        passages = _with_status(_rows_of(made, Encounters), PASSED)
+        return _Found(passages, _rows_of(made, Presence), start_s)
 
     def _tell_gaps(self) -> None:
         reader = self._recording.reader
@@ -196,6 +213,18 @@ class LiveWatch:
         event |= facts
         event |= {"revision": revision, "final": is_final, "decided_s": self._now_s}
         self._tell(event)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a look at the last of the sound shows."""
+
+    passages: list[Event]
+    """Rows of the closest approaches in it."""
+    presence: list[Event]
+    """Rows of what was heard."""
+    start_s: float
+    """Where its sound begins, s from the first sample."""
 
 
 @dataclass
@@ -232,6 +261,11 @@ class _Passages:
             known.stretch_s = max(stretch_s, known.stretch_s)
             self._revise(known, row)
 
+    def told(self, row: Event) -> int | None:
+        """Return the contact under which a passage was told; None if it was not."""
+        known = _nearest(row, [p for p in self._known if p.row["status"] != WITHDRAWN])
+        return None if known is None else known.contact
+
     def some_are_due(self, now_s: float) -> bool:
         """Tell whether a passage waits to be decided."""
         return any(not p.is_final and p.due_s <= now_s for p in self._known)
@@ -246,8 +280,7 @@ class _Passages:
 
     def finish(self, rows: Sequence[Event]) -> None:
         """Tell what the whole sound says otherwise, or for the first time."""
-        wanted = _with_status(rows, (*PASSED, "extrapolated"))
-        found = _paired(wanted, self._known)
+        found = _paired(rows, self._known)
         paired = [id(row) for row in found.values()]
         for k, passage in enumerate(self._known):
             row = found.get(k)
@@ -256,7 +289,7 @@ class _Passages:
                 self._revise(passage, _withdrawn(passage.row))
             elif row is not None and not (was_final and _agrees(row, passage.row)):
                 self._revise(passage, row)
-        for row in wanted:
+        for row in rows:
             if id(row) not in paired:
                 known = _Passage(row, 1 + len(self._known), 0, RING_S, is_final=True)
                 self._known.append(known)
@@ -271,6 +304,10 @@ class _Passages:
         self._say(
             "encounter", row["time_s"], row, passage.revision, is_final=passage.is_final
         )
+
+
+def _rows_of(found: Sequence[Container], kind: type[Container]) -> list[Event]:
+    return [row for c in found if isinstance(c, kind) for row in json_rows(c)]
 
 
 def _with_status(rows: Sequence[Event], wanted: Sequence[str]) -> list[Event]:

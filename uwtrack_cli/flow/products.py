@@ -62,10 +62,13 @@ class ProductSink:
         self._writer = writer
         self._key_of = graph.product_key
         self._whole: dict[str, Container] = {}
+        self._read: dict[str, Container] = {}
+        self._ends: dict[str, list[Container]] = {}
 
     def append(self, step: Step, block: Container) -> None:
         """Write a block of a step's result."""
         self._writer.append(block, self._key_of(step))
+        self._ends[step.name] = [*self._ends.get(step.name, [])[-1:], block]
 
     def write(self, step: Step, container: Container) -> None:
         """Write the whole result of a step."""
@@ -74,10 +77,21 @@ class ProductSink:
 
     def read(self, step: Step) -> Container:
         """Return the whole result of a step."""
-        if step.name not in self._whole:
+        if step.name in self._whole:
+            return self._whole[step.name]
+        if step.name not in self._read:
             kind = step.stage.output
-            self._whole[step.name] = self._writer.read_back(kind, self._key_of(step))
-        return self._whole[step.name]
+            self._read[step.name] = self._writer.read_back(kind, self._key_of(step))
+        return self._read[step.name]
+
+    def forget(self, kept: Collection[str]) -> None:
+        """Let go of streams that were read back, but for those of some steps."""
+        self._read = {name: c for name, c in self._read.items() if name in kept}
+
+    def ends(self, step: Step) -> list[Container]:
+        """Return what was written whole, or the last two blocks of a stream."""
+        whole = self._whole.get(step.name)
+        return self._ends.get(step.name, []) if whole is None else [whole]
 
 
 class Held(NamedTuple):
@@ -89,7 +103,7 @@ class Held(NamedTuple):
     """Name of the step that made it; empty for the usual one."""
 
 
-def run_into_product(
+def run_into_product(  # noqa: PLR0913 (what a run may be given)
     recording: Recording,
     recipe: Recipe,
     writer: ProductWriter,
@@ -100,6 +114,7 @@ def run_into_product(
     tell: Tell | None = None,
     files: RecordedFiles | None = None,
     vessels: AisVessels | None = None,
+    whole: bool = False,
 ) -> list[Held]:
     """Run a recipe over a recording into a product.
 
@@ -124,11 +139,14 @@ def run_into_product(
         closest approaches are kept.
     vessels
         Vessels of an AIS table, which give the encounters names.
+    whole
+        Whether streams, which are as long as the sound, are returned whole.
 
     Returns
     -------
     list[Held]
-        The small containers of the product, its encounters among them.
+        Tables of the product, its encounters among them; of a stream the last two
+        blocks, unless it is wanted whole.
 
     Raises
     ------
@@ -151,9 +169,14 @@ def run_into_product(
     )
     small = [s for s in graph.steps() if s.name in graph.outputs]
     small = [s for s in small if s.stage.output not in PASSING]
+    found = [
+        (step, one)
+        for step in small
+        for one in ([sink.read(step)] if whole else sink.ends(step))
+    ]
     if watch is not None:
-        watch.finish([sink.read(step) for step in small])
-    made = [Held(sink.read(step), graph.product_key(step)) for step in small]
+        watch.finish([one for _, one in found])
+    made = [Held(one, graph.product_key(step)) for step, one in found]
     return [Held(recording), Held(recording.sensor), *made]
 
 
@@ -235,6 +258,9 @@ class _LastBlocks:
     def read(self, step: Step) -> Container:
         msg = f"{step.name} is a stream and is not read back."
         raise TypeError(msg)
+
+    def forget(self, kept: Collection[str]) -> None:  # noqa: ARG002 - a sink
+        return
 
 
 def whole_result(

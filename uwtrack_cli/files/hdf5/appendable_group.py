@@ -26,8 +26,9 @@ from uwtrack_cli.files.hdf5.layout import (
     sensor_of,
 )
 
-PENDING_BYTES = 1 << 22
-"""Blocks are written when they have come to so many bytes together."""
+PENDING_BYTES = 1 << 19
+"""Blocks are written when they have come to so many bytes together: a product has a
+dozen groups that wait, and a quiet sensor takes hours to fill what is larger."""
 
 COMPARED_BYTES = 1 << 22
 """Bytes of two columns that are compared at once."""
