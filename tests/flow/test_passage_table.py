@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import shutil
+import sys
 import time
 from dataclasses import replace
 
@@ -215,6 +216,19 @@ def test_sql_sees_the_table_and_nothing_else(passages, uwtrack, folder):
         done = uwtrack("passages", folder, "--sql", bad)
         assert done.exit_code == 2, done.output
         assert "is not understood" in done.stderr
+
+
+@pytest.mark.parametrize("words", [("--sql", "SELECT 1"), ("--to", "parquet")])
+def test_without_duckdb_its_install_command_is_said_before_the_work(
+    uwtrack, folder, monkeypatch, words
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+    done = uwtrack("passages", folder, *words, "-o", "p.out")
+    assert done.exit_code == 1
+    assert done.stderr.count("\n") == 1
+    assert "pip install 'uwtrack[catalogue]'" in done.stderr
+    assert not (folder / "cache").exists()  # nothing was read
 
 
 @pytest.mark.parametrize(

@@ -89,10 +89,13 @@ def passages(  # noqa: PLR0913 - three views of one table
     remembered, so that a folder costs its new products alone.
     """
     from uwtrack_cli.files.atomic import check_target
+    from uwtrack_cli.flow.exports.passage_tables import load_duckdb
     from uwtrack_cli.flow.passages import collect_passages, count_passages, usual_cache
 
     output = None if output == PIPE else output
     _check(per, sql, bands, form, output)
+    if sql is not None or form == "parquet":
+        load_duckdb()
     if output is not None:
         check_target(output, overwrite=overwrite)
     table = collect_passages(

@@ -103,8 +103,7 @@ def query_passages(table: PassageTable, query: str) -> list[Row]:
     DataError
         DuckDB is not installed.
     """
-    import duckdb
-
+    duckdb = load_duckdb()
     connection = _database(table)
     connection.execute("SET enable_external_access = false")
     connection.execute("SET lock_configuration = true")
@@ -132,8 +131,14 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-def _database(table: PassageTable) -> Any:
-    """Return a database in memory that holds the tables of passages and levels."""
+def load_duckdb() -> Any:
+    """Return DuckDB; a command asks for it before it reads ten thousand results.
+
+    Raises
+    ------
+    DataError
+        It is not installed.
+    """
     try:
         import duckdb
     except ImportError as error:
@@ -141,7 +146,12 @@ def _database(table: PassageTable) -> Any:
             f"Parquet and SQL need DuckDB ({error}); pip install 'uwtrack[catalogue]'."
         )
         raise DataError(msg) from error
-    connection = duckdb.connect()
+    return duckdb
+
+
+def _database(table: PassageTable) -> Any:
+    """Return a database in memory that holds the tables of passages and levels."""
+    connection = load_duckdb().connect()
     for name, kind, rows in (
         ("passages", PassageRow, table.passages),
         ("levels", PassageLevel, table.levels),
