@@ -139,9 +139,13 @@ def test_a_new_file_costs_its_own_part(recorder, tmp_path):
         (["--per", "day"], "go with --join"),
         (["--join", "--overlap-s", 10], "--overlap-s goes with --per"),
         (["--join", "--per", "day", "--overlap-s", -1], "must be 0 or more"),
+        (["--time-zone", "Mars/Olympus"], "unknown time zone 'Mars/Olympus'"),
+        (["--time-pattern", "names"], "unknown time pattern 'names'"),
     ],
 )
-def test_what_does_not_go_together_is_refused(recorder, day, words, said):
+def test_what_suits_no_file_is_refused_once(recorder, day, words, said, tmp_path):
     done = recorder("batch", day, "-o", "out", *words)
     assert done.exit_code == 2
     assert said in done.stderr
+    assert done.stderr.count("error") == 1
+    assert not (tmp_path / "out").exists()

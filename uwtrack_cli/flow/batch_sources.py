@@ -10,6 +10,7 @@ from typing import Any
 
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.audio.opening import SUFFIXES
+from uwtrack_cli.files.audio.start_time import check_clock_options
 from uwtrack_cli.files.input_ledger import as_input, refuse_input
 from uwtrack_cli.files.tables.sensors import sensor_files
 from uwtrack_cli.flow.batch import Job
@@ -75,10 +76,12 @@ def make_jobs(
     Raises
     ------
     OptionError
-        Two recordings would be written to one file.
+        Two recordings would be written to one file, or the time zone or the pattern of
+        names is not understood.
     OutputError
         A product would replace a file that is read, for this or another product.
     """
+    check_clock_options(options.get("time_pattern"), options.get("time_zone"))
     parts = [Part((k,)) for k in range(len(found))]
     if joining is not None:
         parts = _parts(found, options, joining)

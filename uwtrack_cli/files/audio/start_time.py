@@ -98,6 +98,28 @@ def find_start_utc_ns(
     return next(iter(found), None)
 
 
+def check_clock_options(
+    time_pattern: str | None = None, time_zone: str | None = None
+) -> None:
+    """Refuse what no recording could be read with, before the first one is read.
+
+    Parameters
+    ----------
+    time_pattern
+        Name of a preset, or a pattern, as for `find_start_utc_ns`.
+    time_zone
+        Name of a zone, or an offset.
+
+    Raises
+    ------
+    OptionError
+        The pattern or the zone cannot be understood.
+    """
+    named_zone(time_zone or "UTC")
+    if time_pattern is not None:
+        _patterns(time_pattern)
+
+
 def _patterns(text: str) -> dict[str, str]:
     if text in PRESETS:
         return {text: PRESETS[text]}
