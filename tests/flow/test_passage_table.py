@@ -1,14 +1,17 @@
 """One table over many results: each passage once, nothing lost, read once."""
 
 import csv
+import gzip
 import io
 import json
 import shutil
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import duckdb
+import h5py
 import numpy as np
 import pytest
 
@@ -16,6 +19,7 @@ from tests.flow.made_encounters import encounters_of
 from uwtrack_cli.data.decidecades import RadiatedLevels
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.files.hdf5.checksum import LINE_BYTES, append_checksum
 from uwtrack_cli.files.hdf5.product import write_product
 from uwtrack_cli.flow.passages import collect_passages, count_passages
 
@@ -126,6 +130,26 @@ def test_a_damaged_product_is_named_and_left_out(folder):
     table = collect_passages([folder])
     assert len(table.passages) == 4
     assert "day1.run.h5" in table.problems[0]
+
+
+def test_a_product_that_lacks_what_is_read_is_named(folder):
+    path = folder / "day1.run.h5"
+    data = io.BytesIO(path.read_bytes()[:-LINE_BYTES])
+    with h5py.File(data, "r+") as file:
+        del file["h1/sensor"].attrs["kind"]
+    append_checksum(data)
+    path.write_bytes(data.getvalue())
+    (problem,) = collect_passages([folder]).problems
+    assert problem.startswith(f"left out: {path}: ")
+    assert "lacks the attribute 'kind'" in problem
+
+
+def test_results_of_every_layout_stand_in_one_table(folder):
+    old = Path(__file__).parents[1] / "files" / "hdf5" / "version-2.h5.gz"
+    (folder / "old.h5").write_bytes(gzip.decompress(old.read_bytes()))
+    table = collect_passages([folder])
+    assert not table.problems
+    assert len(table.passages) > 6
 
 
 def test_one_identifier_at_two_places_is_said(folder):

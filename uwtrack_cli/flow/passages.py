@@ -234,7 +234,8 @@ def collect_passages(
             try:
                 result = _read_result(path, vessels)
             except UwtrackError as error:
-                table.problems.append(f"left out: {error}")
+                named = "" if str(path) in str(error) else f"{path}: "
+                table.problems.append(f"left out: {named}{error}")
                 continue
             remembered.keep(path, result)
         results.append(result)

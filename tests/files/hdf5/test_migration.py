@@ -60,6 +60,7 @@ def test_what_version_2_printed_is_printed_of_its_files(second, uwtrack):
     sensor |= {"depth_std_m": None, "sound_speed_std_mps": None, "full_scale_db": None}
     sensor |= {"element_along_m": None, "tow_offset_m": None, "heading_source": None}
     sensor |= {"element_positions_m": None}
+    sensor |= {"dipole_gains": None, "dipole_crosstalk": 0.0, "omni_crosstalk": None}
     added = ("_std_m", "_over_speed_s", "_over_speed_std_s")
     for row in printed["encounters"]:
         row.update({f"horizontal_range{name}": None for name in added}, nuisances={})

@@ -46,6 +46,9 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
                     "element_positions_m",
                     "tow_offset_m",
                     "heading_source",
+                    "dipole_gains",
+                    "dipole_crosstalk",
+                    "omni_crosstalk",
                 )
             ),
             ("fixes", "statement"),
