@@ -26,9 +26,23 @@ READ_AS = {
     "straight": "straight", "jitter": "straight", "turn": "manoeuvre",
     "speed-change": "manoeuvre",
 }  # fmt: skip
+MANOEUVRES = ("turn", "speed-change")
 QUANTITIES = ("time", "speed", "range", "range over speed", "course")
 LENGTH_S, CLOSEST_S, STEP_S = 600.0, 300.0, 1.0
 SENSOR_DEPTH_M, SENSOR_STD_M, SOUND_STD_MPS, COMPASS_STD_DEG = 22.0, 0.5, 7.5, 2.0
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a bound must know of a drawn passage: medium, change and noise."""
+
+    height_m: float
+    sound_mps: float
+    change: np.ndarray
+    frequency_std: np.ndarray
+    wander: tuple
+    bearing_std_deg: np.ndarray
+    level_gain: float
 
 
 @dataclass(frozen=True)
@@ -43,6 +57,7 @@ class Drawn:
     nearest_m: float
     flat_m: float = 0.0
     other_mps: tuple = ()
+    facts: Facts | None = None
 
 
 def draw(kind, seed):
@@ -67,14 +82,17 @@ def draw(kind, seed):
         x, y, rate = received(time, flat, height, sound, at, legs)
         ratio = 1.0 / (1.0 + rate / sound)
         far = np.sqrt(x**2 + y**2 + height**2) / slant
-    ratio = ratio * _factor(kind, time, at, rng)
+    factor, size, wander = _factor(kind, time, at, rng)
+    ratio = ratio * factor
     bearing = course - turn * 90.0 + turn * np.degrees(np.arctan2(x, y))
     truth = np.array([CLOSEST_S, speed, slant, slant / speed, course])
     side = "starboard" if turn > 0 else "port"
-    series = _measured(time, ratio, bearing, far, rng)
+    series, noise = _measured(time, ratio, bearing, far, rng)
     other = () if kind == "machinery" else tuple(legs[1])
     nearest = slant * float(far.min())
-    return Drawn(kind, truth, side, series, at, nearest, float(flat), other)
+    change = np.array(other if kind in MANOEUVRES else size)
+    facts = Facts(height, sound, change, noise[0], wander, *noise[1:])
+    return Drawn(kind, truth, side, series, at, nearest, float(flat), other, facts)
 
 
 def place(drawn, time_s):
@@ -102,14 +120,16 @@ def _other(kind, speed, rng):
 
 
 def _factor(kind, time, at, rng):
-    """Draw what happens to all rest frequencies."""
+    """Draw what happens to all rest frequencies; also its size and the jitter."""
     factor, sign = np.ones_like(time), rng.choice([-1, 1])
+    size, drawn = [], ()
     if kind in ("frequency-step", "machinery"):
-        size = np.exp(rng.uniform(np.log(3e-4), np.log(3e-2)))
-        factor += sign * size * (time > at)
+        size = [sign * np.exp(rng.uniform(np.log(3e-4), np.log(3e-2)))]
+        factor += size[0] * (time > at)
     if kind == "frequency-ramp":
-        size = np.exp(rng.uniform(np.log(5e-4), np.log(2e-2)))
-        factor += sign * size * np.maximum(time - at, 0.0) / (LENGTH_S - at)
+        whole = sign * np.exp(rng.uniform(np.log(5e-4), np.log(2e-2)))
+        size = [whole / (LENGTH_S - at)]
+        factor += size[0] * np.maximum(time - at, 0.0)
     if kind in ("jitter", "machinery"):
         memory_s, strength = rng.uniform(5.0, 60.0), 10 ** rng.uniform(-4.5, -3.3)
         wander, decay = np.empty_like(time), np.exp(-STEP_S / memory_s)
@@ -117,7 +137,8 @@ def _factor(kind, time, at, rng):
         for k in range(1, time.size):
             wander[k] = decay * wander[k - 1] + np.sqrt(1 - decay**2) * rng.normal()
         factor += strength * wander
-    return factor
+        drawn = strength, memory_s
+    return factor, size, drawn
 
 
 def _measured(time, ratio, bearing, far, rng):
@@ -133,13 +154,15 @@ def _measured(time, ratio, bearing, far, rng):
     bearing = bearing - COMPASS_STD_DEG * rng.normal()
     if rng.random() < 0.4:
         bearing, bearing_std = np.full((2, time.size), np.nan)
-    level = 10 * np.log10(10 ** (rng.uniform(0.0, 1.5)) / far**2 + 1)
-    return Series(
+    gain = 10 ** (rng.uniform(0.0, 1.5))
+    level = 10 * np.log10(gain / far**2 + 1)
+    series = Series(
         contact=np.ones(time.size, np.int64), time_s=time, frequency_hz=frequency,
         frequency_std_hz=np.tile(sigma, count), bearing_deg=bearing % 360.0,
         bearing_std_deg=bearing_std, level_db=level + rng.normal(size=time.size),
         level_std_db=np.ones(time.size),
     )  # fmt: skip
+    return series, (sigma / (rest * ratio[:, None]), bearing_std, gain)
 
 
 def received(time, flat, height, sound, at, legs):

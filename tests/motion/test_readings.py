@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.motion.drawn_bounds import bounds
 from tests.motion.drawn_readings import (
     READ_AS,
     SENSOR,
@@ -12,9 +13,11 @@ from tests.motion.drawn_readings import (
     place,
     received,
 )
+from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.acoustics.passage import passage_law, with_other_leg
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.locate import locate_vessels
+from uwtrack_cli.motion.passage.estimator import RAMP, Change, law_of
 from uwtrack_cli.plotting.passage_fit import PassageFit
 
 CLOSEST_S, FLAT_M, HEIGHT_M, SPEED_MPS = 300.0, 180.0, 19.0, 6.0
@@ -107,5 +110,42 @@ def test_positions_follow_both_legs_of_a_manoeuvre(seed):
         assert off @ np.linalg.solve(fixes.covariance_m2[row], off) < 18.4
 
 
-def test_a_machine_that_changes_its_speed_is_no_passage():
-    assert not find_encounters(series=draw("machinery", 5).series).n_encounters
+@pytest.mark.parametrize("seed", [810018])
+def test_a_passage_beside_a_step_beyond_its_doppler_shift_is_found(seed):
+    drawn = draw("frequency-step", seed)
+    assert abs(drawn.facts.change[0]) > 2 * drawn.truth[1] / 1500.0
+    found = analyse(drawn)
+    error, std = errors(drawn, found)
+    assert found.reading.tolist() == ["frequency-step"]
+    assert np.nanmax(np.abs(error / std)) < 4.0
+    size = found.frequency_change[0], found.frequency_change_std[0]
+    assert abs(size[0] - drawn.facts.change[0]) < 4 * size[1]
+
+
+@pytest.mark.parametrize("seed", [5, 810039])
+def test_a_machine_that_changes_its_speed_is_no_passage(seed):
+    assert not find_encounters(series=draw("machinery", seed).series).n_encounters
+
+
+def test_the_instant_of_a_ramp_is_one_of_its_unknowns():
+    """Its partial is that of differences, and it widens what the passage tells."""
+    theta = np.array([[CLOSEST_S, np.log(30.0), SPEED_MPS, 0.0, HEIGHT_M, 2e-5, 0.0]])
+    change, medium = Change(RAMP, np.array([330.0]), np.ones(1)), Medium(1500.0)
+    time = np.arange(0.5, 600.0)
+    step = np.array([0.0] * 6 + [1e-3])
+    ahead, behind = (
+        law_of(theta + sign * step, time, medium, change).shift[0] for sign in (1, -1)
+    )
+    exact = law_of(theta, time, medium, change).rows[0, 0, -1]
+    assert np.abs(exact - (ahead - behind) / 2e-3).max() < 1e-9
+    assert np.abs(exact).max() > 1e-5
+
+
+def test_stated_deviations_are_near_the_bound():
+    """Bounds by another law, with the same unknowns; half of them would be wrong."""
+    for kind, seed in (("straight", 1), ("frequency-ramp", 1), ("speed-change", 4)):
+        drawn = draw(kind, seed)
+        _, std = errors(drawn, analyse(drawn))
+        share = (std / bounds(drawn))[:4]
+        assert share.min() > 0.8
+        assert share.max() < 2.0

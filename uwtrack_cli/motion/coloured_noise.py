@@ -25,16 +25,16 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 
-N_CORRELATION_TIMES = 9
+N_CORRELATION_TIMES = 7
 FEWEST_CELLS, MOST_CELLS = 60, 160
 CELLS_PER_WIDTH = 12.0
 """Noise that forgets within such a share of d/v acts as white noise."""
 
-LARGEST_LOSS = 2.0
-"""Log-likelihood behind the best up to which noise counts as likely: 86 % of the truths
-(chi-square with two degrees of freedom)."""
+SMALLEST_WIDENING = 1.1
+"""Factor on a variance, in the worst direction of the design, from which coloured noise
+is not taken for white."""
 
-SMALLEST_SHARE = 1e-3
+SMALLEST_SHARE = 1e-2
 """Part of the coloured variance below which a correlation time is left out."""
 
 SMALLEST_GAIN = 2.0
@@ -129,18 +129,34 @@ def fit_coloured_noise(
             variances,
             freedom,
         )
-    white = max(plain, inflated - SMALLEST_GAIN)
-    if float(likelihood.max()) <= white + 2 * SMALLEST_GAIN:
-        if inflated <= plain + SMALLEST_GAIN:
-            return WHITE
-        return ColouredNoise(NO_COLOUR, NO_COLOUR, inflation)
     behind = likelihood.max() - likelihood
-    chance = np.where(behind <= LARGEST_LOSS, np.exp(-behind), 0.0)
-    chance /= chance.sum()
+    chance = np.exp(-behind) / np.exp(-behind).sum()
     inner = float((chance * inflations).sum())
     strength = (chance * inflations) @ variances / inner
     kept = strength > SMALLEST_SHARE * strength.sum()
-    return ColouredNoise(strength[kept], correlation_times[kept], inner)
+    noise = ColouredNoise(strength[kept], correlation_times[kept], inner)
+    if _matters(noise, size, time, basis):
+        return noise
+    if inflated <= plain + SMALLEST_GAIN:
+        return WHITE
+    return ColouredNoise(NO_COLOUR, NO_COLOUR, inflation)
+
+
+def _matters(
+    noise: ColouredNoise, root: FloatArray, time: FloatArray, basis: FloatArray
+) -> bool:
+    """Return whether coloured noise widens what the design determines."""
+    lag = np.abs(time[:, None] - time[None, :])
+    kernel = np.zeros_like(lag)
+    for variance, memory_s in zip(
+        noise.variance, noise.correlation_time_s, strict=True
+    ):
+        kernel += variance * np.exp(-lag / memory_s)
+    covariance = np.eye(root.size) + root[:, None] * kernel * root
+    own, others = basis[: root.size], basis[root.size :]
+    information = own.T @ np.linalg.solve(covariance, own) + others.T @ others
+    least = float(np.linalg.eigvalsh(information)[0])
+    return least * SMALLEST_WIDENING < 1.0
 
 
 def _variances(root: FloatArray) -> FloatArray:
@@ -353,5 +369,17 @@ def information_loss(
         kernel += variance * np.exp(-lag / correlation_time)
     root = np.sqrt(size)
     outer = root[:, None] * root[None, :]
-    inverse = np.linalg.inv(np.eye(size.size) + outer * kernel)
-    return InformationLoss(weight, starts, inverse / (outer * noise.inflation))
+    kernel *= outer
+    kernel.flat[:: size.size + 1] += 1.0
+    outer *= noise.inflation
+    return InformationLoss(weight, starts, _inverse(kernel) / outer)
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Invert a symmetric matrix whose eigenvalues are one or more."""
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    factor, _ = dpotrf(matrix, lower=0)
+    half, _ = dpotri(factor, lower=0)
+    upper = np.triu(half)
+    return np.asarray(upper + np.triu(half, 1).T)

@@ -26,9 +26,11 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.passage.estimator import (
+    CHANGED,
     PassageFit,
     fit_passage,
     fit_with_coloured_noise,
+    level_misfit,
     take_rows,
 )
 from uwtrack_cli.motion.passage.initial_estimates import find_initial_estimates
@@ -48,8 +50,10 @@ from uwtrack_cli.motion.passage.measurements import (
     thin,
 )
 from uwtrack_cli.motion.passage.readings import (
+    FREQUENCY_CHANGES,
     STRAIGHT_READING,
     Reading,
+    may_hide_passage,
     read_passage,
 )
 
@@ -161,16 +165,32 @@ def examine_from(
     width = slant_over_speed_s(np.exp(theta[0, 1]), theta[0, 2], height)
     short = condense(data, float(theta[0, 0]), float(width))
     blocks = make_blocks(short)
-    fit = fit_passage(blocks, theta, turn, medium)
-    if _is_misfit(fit, blocks):
+    white = fit_passage(blocks, theta, turn, medium)
+    fit = fit_with_coloured_noise(white, blocks)
+    # lines that jitter pull a fit of white noise off the levels: ask the better one
+    if _is_misfit(white, blocks) and _is_misfit(fit, blocks):
         short = replace(short, level_db=np.full_like(short.level_db, np.nan))
         blocks = make_blocks(short)
         fit = fit_passage(blocks, fit.theta, fit.turn, medium)
-    fit = fit_with_coloured_noise(fit, blocks)
+        fit = fit_with_coloured_noise(fit, blocks)
     likelihood_ratio = passage_likelihood_ratio(fit, blocks, false_alarm_probability)
-    if not likelihood_ratio.is_passage:
-        return None
-    return CandidatePassage(*owner, short, blocks, fit, likelihood_ratio, other_turn)
+    reading = STRAIGHT_READING
+    moves_on = blocks.shift.is_empty or bool(fit.theta[0, 2] > 0)
+    if not (moves_on and likelihood_ratio.is_passage):
+        # a change of all frequencies larger than their Doppler shift hides a passage
+        if not may_hide_passage(fit, blocks, likelihood_ratio.threshold):
+            return None
+        fit, reading = read_passage(fit, blocks, FREQUENCY_CHANGES)
+        if fit.change is None:
+            return None
+        likelihood_ratio = passage_likelihood_ratio(
+            fit, blocks, false_alarm_probability
+        )
+        if not likelihood_ratio.is_passage:
+            return None
+    return CandidatePassage(
+        *owner, short, blocks, fit, likelihood_ratio, other_turn, reading=reading
+    )
 
 
 def read(candidate: CandidatePassage) -> CandidatePassage:
@@ -179,8 +199,10 @@ def read(candidate: CandidatePassage) -> CandidatePassage:
     Parameters
     ----------
     candidate
-        A significant straight fit.
+        A significant fit; one that is not straight was read already.
     """
+    if candidate.fit.change is not None:
+        return candidate
     fit, reading = read_passage(candidate.fit, candidate.blocks)
     return replace(candidate, fit=fit, reading=reading)
 
@@ -190,9 +212,9 @@ def _is_misfit(fit: PassageFit, blocks: Blocks) -> bool:
 
     Fringes of the surface image and other spreading laws leave correlated residuals.
     """
-    known = not blocks.shift.is_empty or not blocks.bearing.is_empty
-    misfit = float(fit.noises[2].inflation[0] * fit.noises[2].scale[0, 0] ** 2)
-    return known and not blocks.level.is_empty and misfit > LARGEST_LEVEL_MISFIT
+    if blocks.level.is_empty or (blocks.shift.is_empty and blocks.bearing.is_empty):
+        return False
+    return level_misfit(fit, blocks) > LARGEST_LEVEL_MISFIT
 
 
 def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float]:
@@ -215,6 +237,8 @@ def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float
     sane = np.isfinite(fits.cost)
     if not blocks.shift.is_empty:
         sane &= fits.theta[:, 2] > 0
+    if not sane.any():  # a rise of all frequencies may hide their fall
+        sane = np.isfinite(fits.cost)
     cost = np.where(sane, fits.cost, np.inf)
     if not np.isfinite(cost).any():
         return None, 0.0
@@ -481,7 +505,7 @@ def _refit(
     )
     return examine_from(
         some, (candidate.contacts, candidate.line_ids[rows]),
-        (candidate.fit.theta, candidate.fit.turn), medium, probability,
+        (candidate.fit.theta[:, :CHANGED], candidate.fit.turn), medium, probability,
     )  # fmt: skip
 
 

@@ -238,9 +238,13 @@ FLOOR, HEIGHT, CHANGED = 3, 4, 5
 
 STEP, RAMP, MANOEUVRE = "frequency-step", "frequency-ramp", "manoeuvre"
 
-CHANGE_STD = {STEP: (0.02,), RAMP: (2e-4,), MANOEUVRE: (4.0, 4.0)}
+CHANGE_STD = {STEP: (0.02,), RAMP: (2e-4, 1e4), MANOEUVRE: (4.0, 4.0)}
 """Deviations of the changes before the fit: share of all rest frequencies; the same per
-second; velocity along and across the course, m/s."""
+second, and the instant, s; velocity along and across the course, m/s."""
+
+N_SIZES = {STEP: 1, RAMP: 1, MANOEUVRE: 2}
+"""How many of these are sizes. A step and a manoeuvre make the frequencies jump, so
+that their instants are sought one by one; that of a ramp is fitted with its slope."""
 
 
 @dataclass(frozen=True)
@@ -248,8 +252,8 @@ class Change:
     """What changed once beside the passage: all rest frequencies, or the velocity.
 
     Its unknowns stand behind the depth difference: the step of the rest frequencies as
-    a share, their slope (1/s), or the differences of the velocity along the course and
-    away from the sensor (m/s).
+    a share, their slope (1/s) and what its instant is later by (s), or the differences
+    of the velocity along the course and away from the sensor (m/s).
     """
 
     kind: str
@@ -286,9 +290,16 @@ class Change:
                 straight, time_s, theta[:, :3], change, medium.sound_speed_mps,
                 theta[:, HEIGHT],
             )  # fmt: skip
-        rows = np.zeros((*straight.rows.shape[:2], 6, time_s.size))
+        count = CHANGED + self.std.size
+        rows = np.zeros((*straight.rows.shape[:2], count, time_s.size))
         rows[:, :, :5] = straight.rows
-        shape = self.shape(time_s)
+        moved = self
+        if self.kind == RAMP:
+            moved = replace(self, time_s=self.time_s + theta[:, CHANGED + 1])
+            is_changed = moved.shape(time_s) != 0.0
+            slope = theta[:, CHANGED, None]
+            rows[:, 0, 6] = np.where(is_changed, -slope * (1 + straight.shift), 0.0)
+        shape = moved.shape(time_s)
         factor = 1 + theta[:, CHANGED, None] * shape
         rows[:, 0, 5] = (1 + straight.shift) * shape
         rows[:, 0, :5] *= factor[:, None]
@@ -1078,6 +1089,25 @@ def fit_with_coloured_noise(
     return _result(theta, data, (blocks, medium), (state, noises, normal), slow)
 
 
+def level_misfit(fit: PassageFit, blocks: Blocks) -> float:
+    """Return the variance of level residuals, slow changes included, over its own.
+
+    Parameters
+    ----------
+    fit
+        Fit of one row.
+    blocks
+        Measurements in fit units, one row.
+    """
+    free = np.ones(fit.theta.shape, np.bool_)
+    fixed = FitConstants(fit.turn, fit.theta[:, FLOOR], free, fit.change)
+    weight = weight_of(fit.noises)
+    state = passage_state(fit.theta, fixed, blocks, fit.medium, weight)
+    longest = _longest_correlation_time_s(fit.theta, blocks, fit.medium)
+    level = block_noises(state.residual, blocks, longest)[2]
+    return float(level.inflation[0] * level.scale[0, 0] ** 2)
+
+
 def _descend(
     theta: FloatArray,
     data: WeightedData,
@@ -1099,8 +1129,9 @@ def _descend(
         return normal.cost, normal.gradient, normal.matrix
 
     found = damped_least_squares(
-        evaluate, theta, _limiter(medium), max_steps=max_steps, tolerance=tolerance
-    )
+        evaluate, theta, _limiter(medium, data.change), max_steps=max_steps,
+        tolerance=tolerance,
+    )  # fmt: skip
     trial, normal = last[0]
     return found, normal if trial is found else None
 
@@ -1121,7 +1152,9 @@ def _slant_s(theta: FloatArray, medium: Medium) -> FloatArray:
     return slant_over_speed_s(np.exp(theta[:, 1]), theta[:, 2], height)
 
 
-def _limiter(medium: Medium) -> Callable[[FloatArray, FloatArray], FloatArray]:
+def _limiter(
+    medium: Medium, change: Change | None
+) -> Callable[[FloatArray, FloatArray], FloatArray]:
     """Keep steps within the reach of the linearisation, and the speed below sound."""
     fastest = 0.8 * medium.sound_speed_mps
 
@@ -1131,6 +1164,8 @@ def _limiter(medium: Medium) -> Callable[[FloatArray, FloatArray], FloatArray]:
         reach[:, 1:4] = 1.0, np.inf, 2.0
         reach[:, HEIGHT:] = np.inf
         reach[:, HEIGHT:CHANGED] = medium.height_std_m
+        if change is not None and change.kind == RAMP:
+            reach[:, CHANGED + 1] = 0.5 * reach[:, 0]
         limited: FloatArray = np.minimum(np.maximum(step, -reach), reach)
         speed = np.minimum(np.maximum(theta[:, 2] + step[:, 2], -fastest), fastest)
         limited[:, 2] = speed - theta[:, 2]
@@ -1151,6 +1186,11 @@ def _result(
 ) -> PassageFit:
     (blocks, medium), (state, noises, normal) = given, last
     spread = passage_covariance(theta, data, normal, medium)
+    change = data.change
+    if change is not None and change.kind == RAMP:
+        change = replace(change, time_s=change.time_s + theta[:, CHANGED + 1])
+        theta = theta.copy()
+        theta[:, CHANGED + 1] = 0.0
     rest = blocks.mean_hz * (1 + state.rest)
     return PassageFit(
         theta,
@@ -1166,7 +1206,7 @@ def _result(
         spread.full,
         data.losses,
         slow,
-        data.change,
+        change,
     )
 
 

@@ -132,6 +132,8 @@ class ChangedEstimates(NamedTuple):
     """Which of the changes it is, shape (starts,)."""
     size: FloatArray
     """Size of that change, shape (starts,)."""
+    others: FloatArray
+    """Gain in log-likelihood of bearings and levels alone, shape (starts,)."""
 
 
 def find_changed_estimates(
@@ -205,7 +207,7 @@ def find_changed_estimates(
     )
     theta[:, 1] = _horizontal(grid.width[cell], fast, medium)
     amount = (own[number] - slope[cell, number] * both[cell, number]) / length[number]
-    return ChangedEstimates(theta, number, amount)
+    return ChangedEstimates(theta, number, amount, (level + bearing)[cell])
 
 
 def _horizontal(width: FloatArray, speed: FloatArray, medium: Medium) -> FloatArray:

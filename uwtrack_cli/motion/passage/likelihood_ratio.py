@@ -22,7 +22,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.robust import median_scale
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
-from uwtrack_cli.motion.passage.estimator import FLOOR, PassageFit
+from uwtrack_cli.motion.passage.estimator import FLOOR, RAMP, PassageFit
 from uwtrack_cli.motion.passage.measurements import Blocks
 from uwtrack_cli.motion.passage.noise import clip_wild
 
@@ -32,10 +32,11 @@ WIDEST_SCATTER_RAD = 1.2
 Series = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 """Values of the instants used, columns of the rows' constants, precision, use."""
 
-NOWHERE = np.empty(0)
-
 N_BREAKS = 17
 """Instants within d/v of the closest approach at which a line may be two."""
+
+N_ANYWHERE = 25
+"""Instants of the whole record at which a change that is claimed may be all there is."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,8 @@ def passage_likelihood_ratio(
         Probability of a passage in noise alone.
     """
     width_s = float(fit.range_over_speed_s[0])
-    near_s = float(fit.theta[0, 0]) + width_s * np.linspace(-1.0, 1.0, N_BREAKS)
+    breaks_s, bends_s = _instants(fit, blocks.time_s)
+    nowhere = breaks_s[:0], breaks_s[:0]
     passing = passage_residuals(fit, blocks)
     resting = (
         blocks.shift.value[0],
@@ -101,14 +103,14 @@ def passage_likelihood_ratio(
             measured_series(other, block.weight[0], noise.scale[0])[0],
             blocks.time_s,
             width_s,
-            breaks_s,
+            changes_s,
         )
-        for one, other, block, noise, breaks_s in zip(
+        for one, other, block, noise, changes_s in zip(
             passing,
             resting,
             (blocks.shift, blocks.bearing, blocks.level),
             fit.noises,
-            (near_s, NOWHERE, NOWHERE),
+            ((breaks_s, bends_s), nowhere, nowhere),
             strict=True,
         )
     ]
@@ -209,16 +211,23 @@ def _gains(
     still: FloatArray,
     time_s: FloatArray,
     width_s: float,
-    breaks_s: FloatArray,
+    changes_s: tuple[FloatArray, FloatArray],
 ) -> tuple[float, float, float]:
-    """Compute the gain of "passes" over a constant per row, a line, and a break."""
+    """Compute the gain of "passes" over a constant per row, a line, and a change."""
     moving, constants, precision, used = passing
     if not used.any():
         return 0.0, 0.0, 0.0
     time = time_s[used]
-    lag = (time - time.mean()) / max(float(np.ptp(time_s)), 1e-300)
+    unit = max(float(np.ptp(time_s)), 1e-300)
+    lag = (time - time.mean()) / unit
     line = np.concatenate([constants, lag[:, None]], axis=1)
-    rivals = [constants, line, *(_broken(constants, time > at) for at in breaks_s)]
+    rivals = [constants, line]
+    rivals += [_broken(constants, time > at) for at in changes_s[0]]
+    rivals += [
+        np.column_stack([constants, np.maximum(sign * (time - at), 0.0) / unit])
+        for at in changes_s[1]
+        for sign in (1.0, -1.0)
+    ]
     likelihood = coloured_likelihoods(
         [(moving, constants), *((still, columns) for columns in rivals)],
         precision,
@@ -227,6 +236,25 @@ def _gains(
     )
     gain = likelihood[0] - likelihood[1:]
     return float(gain[0]), float(gain[1]), float(gain[[0, *range(2, gain.size)]].min())
+
+
+def _instants(fit: PassageFit, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return when frequencies may break, and when they may bend, without a passage.
+
+    They may break near the closest approach. Where a passage is claimed beside a change
+    of its own, that change may be all there is, at any instant and first of all at its
+    own.
+    """
+    width_s = float(fit.range_over_speed_s[0])
+    near = float(fit.theta[0, 0]) + width_s * np.linspace(-1.0, 1.0, N_BREAKS)
+    if fit.change is None:
+        return near, near[:0]
+    first, last = time_s[0], time_s[-1]
+    own = float(fit.change.time_s[0]) + 0.5 * width_s * np.linspace(-1, 1, N_BREAKS)
+    more = np.concatenate([own, np.linspace(first, last, N_ANYWHERE + 2)[1:-1]])
+    more = more[(more > first) & (more < last)]
+    is_ramp = fit.change.kind == RAMP
+    return np.concatenate([near, more]), more if is_ramp else more[:0]
 
 
 def _broken(constants: FloatArray, is_late: BoolArray) -> FloatArray:

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.acoustics.passage import Passage
+from uwtrack_cli.acoustics.passage import Passage, slant_over_speed_s
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.estimator import (
@@ -34,6 +34,7 @@ from uwtrack_cli.motion.passage.estimator import (
     FLOOR_PRIOR_DEVIATION,
     HEIGHT,
     MANOEUVRE,
+    N_SIZES,
     RAMP,
     STEP,
     Change,
@@ -51,6 +52,10 @@ from uwtrack_cli.motion.passage.measurements import Blocks
 
 STRAIGHT = "straight"
 
+FREQUENCY_CHANGES = (STEP, RAMP)
+CHANGES = (*FREQUENCY_CHANGES, MANOEUVRE)
+"""What may have changed beside a passage."""
+
 N_INSTANTS = 41
 """Instants at which something may have changed."""
 
@@ -59,6 +64,9 @@ EDGE = 0.03
 
 N_STARTS = 3
 """Instants from which each change is fitted."""
+
+ROUGH_SHARE = 0.5
+"""Share of the gain of a passage that a coarse search beside a change must find."""
 
 N_ROUNDS, N_NEAR = 3, 5
 """Rounds of instants about the best one, and instants of a round."""
@@ -140,7 +148,9 @@ class Scores(NamedTuple):
         return float(-np.log(np.exp(share * (self.gain - best)).mean()))
 
 
-def read_passage(fit: PassageFit, blocks: Blocks) -> tuple[PassageFit, Reading]:
+def read_passage(
+    fit: PassageFit, blocks: Blocks, kinds: tuple[str, ...] = CHANGES
+) -> tuple[PassageFit, Reading]:
     """Return the fit of the likeliest reading of a passage, as wide as the rivals ask.
 
     Parameters
@@ -149,12 +159,14 @@ def read_passage(fit: PassageFit, blocks: Blocks) -> tuple[PassageFit, Reading]:
         Straight fit of one row, with lines.
     blocks
         The measurements that it was made from.
+    kinds
+        The changes that are tried.
     """
     if blocks.shift.is_empty:
         return fit, STRAIGHT_READING
     tried = [(fit, np.nan)]
     searches: list[Scores | None] = [None]
-    for kind in (STEP, RAMP, MANOEUVRE):
+    for kind in kinds:
         scores = score_changes(kind, fit, blocks)
         if scores.gain.max() > SMALLEST_SCORE:
             found = _fit_change(scores, fit, blocks)
@@ -165,6 +177,8 @@ def read_passage(fit: PassageFit, blocks: Blocks) -> tuple[PassageFit, Reading]:
     fits = [one for one, _ in tried]
     value = _log_likelihoods(fits, blocks)
     gain = value - value[0]
+    if fit.theta[0, 2] <= 0:
+        value[0] = -np.inf
     for place, searched in enumerate(searches):
         if searched is not None:
             search = searched.search(float(gain[place]))
@@ -172,18 +186,65 @@ def read_passage(fit: PassageFit, blocks: Blocks) -> tuple[PassageFit, Reading]:
     chance = np.exp(value - value.max())
     chance /= chance.sum()
     names = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
-    kinds = sorted(set(names), key=lambda name: -chance[names == name].sum())
-    weight = [float(chance[names == name].sum()) for name in kinds]
-    best = int(np.argmax(np.where(names == kinds[0], chance, -1.0)))
-    has_rival = len(kinds) > 1 and weight[1] > SMALLEST_RIVAL
+    ranked = sorted(set(names), key=lambda name: -chance[names == name].sum())
+    weight = [float(chance[names == name].sum()) for name in ranked]
+    best = int(np.argmax(np.where(names == ranked[0], chance, -1.0)))
+    has_rival = len(ranked) > 1 and weight[1] > SMALLEST_RIVAL
     reading = Reading(
-        kinds[0],
+        ranked[0],
         weight[0],
-        kinds[1] if has_rival else "",
+        ranked[1] if has_rival else "",
         weight[1] if has_rival else 0.0,
-        _time_std_s(tried, names == kinds[0], best, chance),
+        _time_std_s(tried, names == ranked[0], best, chance),
     )
     return _averaged(fits, best, chance), reading
+
+
+def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
+    """Return whether a change of all frequencies leaves room for a passage beside it.
+
+    Parameters
+    ----------
+    fit
+        Straight fit of one row that is no passage.
+    blocks
+        The measurements that it was made from.
+    least
+        Gain in log-likelihood that a passage must have.
+    """
+    if blocks.shift.is_empty:
+        return False
+    block, time_s = blocks.shift, blocks.time_s
+    series, constants, precision, used = measured_series(
+        block.value[0], block.weight[0], fit.noises[0].scale[0]
+    )
+    time_s = time_s[used]
+    for kind in FREQUENCY_CHANGES:
+        every = _instants(kind, fit, blocks)
+        step = float(np.median(np.diff(np.unique(every.time_s))))
+        found = find_changed_estimates(
+            blocks, fit.medium, float(fit.turn[0]), every.shape, n_starts=N_STARTS
+        )
+        width = slant_over_speed_s(
+            np.exp(found.theta[:, 1]), found.theta[:, 2], fit.medium.height_m
+        )
+        lag = (time_s - found.theta[:, :1]) / width[:, None]
+        passing = lag / np.hypot(1, lag)
+        changed = every.shape(time_s)[found.number] / np.ptp(time_s)
+        for at, change, passage, others in zip(
+            every.time_s[found.number], changed, passing, found.others, strict=True
+        ):
+            # the instant is known to a step of the search: what lies there is left out
+            kept = abs(time_s - at) > step
+            alone = np.column_stack([constants, change])[kept]
+            both = np.column_stack([alone, passage[kept]])
+            value = coloured_likelihoods(
+                [(series[kept], alone), (series[kept], both)], precision[kept],
+                time_s[kept], float(fit.range_over_speed_s[0]),
+            )  # fmt: skip
+            if value[1] - value[0] + others > ROUGH_SHARE * least:
+                return True
+    return False
 
 
 def _time_std_s(
@@ -211,7 +272,7 @@ def _fit_change(
     fits = _fitted(theta, change, fit, blocks)
     step = float(np.median(np.diff(np.unique(scores.time_s))))
     square = np.zeros(theta.shape[0])
-    for _ in range(N_ROUNDS):
+    for _ in range(0 if kind == RAMP else N_ROUNDS):
         near = step * np.linspace(-0.5, 0.5, N_NEAR)
         change = Change(
             kind,
@@ -229,16 +290,25 @@ def _fit_change(
         fits = take_rows(wide, np.argmin(cost, axis=1) + N_NEAR * np.arange(len(cost)))
     cost = _cost(fits)
     time_std = np.sqrt(square + step**2 / 12)
+    apart = np.full(cost.size, MODE_STEPS * step)
+    if kind == RAMP:
+        time_std = np.sqrt(fits.full_covariance[:, -1, -1])
+        apart = np.fmax(MODE_STEPS * time_std, 1e-3 * step)
     at, kept = _change(fits).time_s, list[int]()
     for row in np.argsort(cost):
-        far = abs(at[row] - at[kept]) > MODE_STEPS * step
+        far = abs(at[row] - at[kept]) > apart[row]
         likely = np.isfinite(cost[row]) and cost[row] < cost.min() + FARTHEST_MODE
         if likely and far.all() and len(kept) < N_STARTS:
             kept.append(int(row))
-    return [
-        (fit_with_coloured_noise(take_rows(fits, [row]), blocks), float(time_std[row]))
+    made = [
+        fit_with_coloured_noise(take_rows(fits, [row]), blocks, rounds=1)
         for row in kept
     ]
+    if kind == RAMP:
+        own = [float(np.sqrt(one.full_covariance[0, -1, -1])) for one in made]
+    else:
+        own = [float(time_std[row]) for row in kept]
+    return list(zip(made, own, strict=True))
 
 
 def _starts(
@@ -311,6 +381,8 @@ def _cost(fits: PassageFit) -> FloatArray:
     change = _change(fits)
     cost = fits.cost + 0.5 * ((fits.theta[:, CHANGED:] / change.std) ** 2).sum(axis=1)
     valid = np.isfinite(cost) & (fits.theta[:, 2] > 0)
+    if change.kind == RAMP:
+        valid &= fits.full_covariance[:, -1, -1] > 0
     if change.kind == MANOEUVRE:
         valid &= (change.time_s - fits.theta[:, 0]) * change.sign > 0
     return np.where(valid, cost, np.inf)
@@ -340,15 +412,8 @@ def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
     blocks
         The measurements that it was made from.
     """
-    used = (blocks.weight[0] > 0).any(axis=0)
-    first, last = np.quantile(blocks.time_s[used], [EDGE, 1 - EDGE])
-    instants = np.linspace(first, last, N_INSTANTS)
-    sign = np.ones(N_INSTANTS)
-    if kind == MANOEUVRE:
-        sign = np.where(instants > fit.theta[0, 0], 1.0, -1.0)
-    elif kind == RAMP:
-        instants, sign = np.tile(instants, 2), np.append(sign, -sign)
-    change = Change(kind, instants, sign)
+    change = _instants(kind, fit, blocks)
+    instants, sign = change.time_s, change.sign
     theta = np.zeros((instants.size, CHANGED + change.std.size))
     theta[:, : fit.theta.shape[1]] = fit.theta
     theta[:, HEIGHT] = fit.height_m
@@ -372,6 +437,19 @@ def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
     theta[:, :3] += np.clip(moved[:, :3], -reach, reach * [1.0, 1.0, 2.0])
     theta[:, CHANGED:] = np.clip(size, -4 * change.std, 4 * change.std)
     return Scores(kind, 0.5 * (right * size).sum(axis=-1), instants, sign, theta)
+
+
+def _instants(kind: str, fit: PassageFit, blocks: Blocks) -> Change:
+    """Return one kind of change at many instants."""
+    used = (blocks.weight[0] > 0).any(axis=0)
+    first, last = np.quantile(blocks.time_s[used], [EDGE, 1 - EDGE])
+    instants = np.linspace(first, last, N_INSTANTS)
+    sign = np.ones(N_INSTANTS)
+    if kind == MANOEUVRE:
+        sign = np.where(instants > fit.theta[0, 0], 1.0, -1.0)
+    elif kind == RAMP:
+        instants, sign = np.tile(instants, 2), np.append(sign, -sign)
+    return Change(kind, instants, sign)
 
 
 def _linearised(
@@ -442,11 +520,11 @@ def occam(fit: PassageFit) -> float:
     fit
         Fit of one row with a change.
     """
-    size = float(np.linalg.norm(fit.theta[0, CHANGED:]))
-    change = _change(fit)
-    low, high = SIZES[change.kind]
-    count = change.std.size
-    own = fit.full_covariance[0, 5:, 5:]
+    kind = _change(fit).kind
+    low, high = SIZES[kind]
+    count = N_SIZES[kind]
+    size = float(np.linalg.norm(fit.theta[0, CHANGED : CHANGED + count]))
+    own = fit.full_covariance[0, 5 : 5 + count, 5 : 5 + count]
     if not np.isfinite(own).all():
         return 0.0
     shell = (2.0, 2.0 * np.pi)[count - 1] * max(size, low) ** count
