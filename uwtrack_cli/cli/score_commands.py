@@ -16,7 +16,11 @@ from uwtrack_cli.errors import OptionError
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.comparison import Difference
+    from uwtrack_cli.flow.scoring.encounter_scores import Identity
     from uwtrack_cli.flow.scoring.score_product import ProductScore
+
+STRAIGHT = "straight"
+"""The reading that goes without saying."""
 
 ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
 Tolerance = Annotated[
@@ -134,7 +138,7 @@ def _show(found: "ProductScore") -> None:
         chances = ", ".join(f"{name} {p:.3f}" for name, p in who.candidates)
         say(
             f"contact {who.contact} of {who.sensor}: {chances or 'no vessel known'}, "
-            f"unlisted {who.unlisted:.3f}"
+            f"unlisted {who.unlisted:.3f}{_reading(who)}"
         )
     for text in found.missed:
         say(f"missed: {text}")
@@ -145,6 +149,14 @@ def _show(found: "ProductScore") -> None:
             f"GOSPA {found.gospa_m:.1f} m, OSPA {found.ospa_m:.1f} m (mean of "
             f"{found.n_times} times)"
         )
+
+
+def _reading(who: "Identity") -> str:
+    """Say how an encounter is read where it is not a straight passage for certain."""
+    if who.reading in ("", STRAIGHT) and not who.rival:
+        return ""
+    rival = f", rival {who.rival}" if who.rival else ""
+    return f"; read as {who.reading} {who.reading_weight:.2f}{rival}"
 
 
 def _cells(item: Any) -> Sequence[str]:

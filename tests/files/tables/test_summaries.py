@@ -50,6 +50,14 @@ def test_what_is_nowhere_known_has_no_column():
     )
 
 
+def test_a_reading_is_shown_where_one_is_not_straight():
+    straight, turned = ROW | {"reading": "straight"}, ROW | {"reading": "manoeuvre"}
+    assert "reading" not in summary_of("encounters", [straight, straight]).titles
+    table = _table([straight, turned])
+    place = table[0].index("reading")
+    assert [row[place] for row in table[1:]] == ["straight", "manoeuvre"]
+
+
 def test_times_are_utc_where_all_of_them_are_known():
     column = {title: cells[0] for title, *cells in zip(*_table([ROW]), strict=True)}
     assert column["UTC 2024-05-01"] == "12:02:28.05 ± 0.04"

@@ -1,6 +1,7 @@
 """Results in the words and digits of a short table, for screens and reports.
 
-**Conventions.** A column in which nothing is known is left out. Times are UTC where the
+**Conventions.** A column in which nothing is known is left out, and that of the readings
+where all are straight. Times are UTC where the
 start of every recording is known, and seconds from the first sample where not.
 """
 
@@ -28,6 +29,8 @@ class Head:
     """Decimals; None for text."""
     std: str | None = None
     """Key of the standard deviation; None without one."""
+    usual: str | None = None
+    """Text that every row has unless something matters; a column of it is left out."""
 
     def text(self, row: Row) -> str:
         """Return the cell of a row; a dash stands for what is not known."""
@@ -61,6 +64,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("course deg", "course_deg", 1, "course_std_deg"),
         Head("bearing deg", "bearing_deg", 1, "bearing_std_deg"),
         Head("side", "side"),
+        Head("reading", "reading", usual="straight"),
     ),
     "fixes": (
         Head("contact", "contact"),
@@ -94,6 +98,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("bearing deg", "bearing_deg", 2, "bearing_std_deg"),
         Head("speed m/s", "speed_mps", 2, "speed_std_mps"),
         Head("course deg", "course_deg", 1, "course_std_deg"),
+        Head("reading", "reading", usual="straight"),
         Head("observable", "observable"),
     ),
 }
@@ -147,10 +152,12 @@ def summary_of(name: str, rows: Sequence[Row]) -> Summary:
         if rows and all(row.get(f"{end}_utc") for row in rows):
             cells = [utc_text(row[f"{end}_utc"]) for row in rows]
             titles[f"{end} s"], columns[f"{end} s"] = f"{end} UTC", cells
+    usual = {head.title: {NOT_KNOWN, head.usual} for head in SUMMARIES[name]}
     known = {
         title: cells
         for title, cells in columns.items()
-        if not cells or any(cell != NOT_KNOWN for cell in cells)
+        if (not cells and usual[title] == {NOT_KNOWN, None})
+        or not set(cells) <= usual[title]
     }
     spare = [s for s in SPARE[name] if s in known]
     if len(set(known.get("sensor", ()))) > 1:

@@ -89,6 +89,12 @@ class Identity:
     """Vessels with their probabilities, most probable first."""
     unlisted: float
     """Probability that it is a vessel not in the truth."""
+    reading: str = ""
+    """How its measurements are read; empty where the result does not tell."""
+    reading_weight: float = float("nan")
+    """Probability of that reading."""
+    rival: str = ""
+    """The next reading; empty if it has less than 5 %."""
 
 
 @dataclass(frozen=True)
@@ -301,12 +307,21 @@ def _identity(
         chance[passage.vessel] = chance.get(passage.vessel, 0.0) + float(value)
     ranked = sorted(chance.items(), key=lambda item: -item[1])
     best = dict(matching.pairs).get(k)
+    reading: tuple[str, float, str] = ("", float("nan"), "")
+    if encounters.reading is not None and encounters.rival is not None:
+        weight = encounters.reading_weight
+        reading = (
+            str(encounters.reading[row]),
+            float("nan") if weight is None else float(weight[row]),
+            str(encounters.rival[row]),
+        )
     return Identity(
         int(encounters.contact[row]),
         str(encounters.sensor[row]),
         None if best is None else passages[best].vessel,
         tuple((name, value) for name, value in ranked if value >= 0.001),
         float(matching.unlisted[k]),
+        *reading,
     )
 
 
