@@ -8,6 +8,8 @@ import pytest
 from tests.motion.sonar_tables import heard, own_ship
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.motion.options import MotionModel, Nuisances
+from uwtrack_cli.motion.target.last_leg import bent
+from uwtrack_cli.motion.target.objective import residuals
 from uwtrack_cli.motion.tma import estimate_motion
 from uwtrack_cli.studies.tma_scenarios import (
     COUNT,
@@ -15,6 +17,7 @@ from uwtrack_cli.studies.tma_scenarios import (
     SOUND_SPEED_MPS,
     STEP_S,
     TARGETS,
+    make_problem,
     make_scenario,
 )
 
@@ -68,11 +71,28 @@ def test_a_straight_target_is_not_suspected(name):
     assert np.isnan(motions.manoeuvre_time_s).all()
 
 
-@pytest.mark.parametrize(
-    ("turn_deg", "faster_kn", "noise"),
-    [(10.0, 0.0, 1.0), (0.0, 1.0, 1.0), (90.0, 0.0, 1.0), (30.0, 0.0, 5.0)],
-)
-def test_a_target_that_changes_its_velocity_is_told_and_its_state_is_not_given(
+def state_at_the_end(name, turn_deg, faster_kn):
+    """Range, bearing, speed and course at the last row, SI and degrees."""
+    scenario = make_scenario(name)
+    time = STEP_S * (COUNT - 1)
+    course, start = np.radians([scenario.course_deg, scenario.bearing_deg])
+    speed = scenario.speed_mps + faster_kn * KNOT_MPS
+    later = course + np.radians(turn_deg)
+    place = scenario.range_m * np.array([np.sin(start), np.cos(start)])
+    place = place + TURN_S * scenario.speed_mps * np.array(
+        [np.sin(course), np.cos(course)]
+    )
+    place += (time - TURN_S) * speed * np.array([np.sin(later), np.cos(later)])
+    place -= np.array([scenario.own_east_m[-1], scenario.own_north_m[-1]])
+    bearing = np.degrees(np.arctan2(*place))
+    return np.array([np.hypot(*place), bearing, speed, np.degrees(later)])
+
+
+CHANGES = [(10.0, 0.0, 1.0), (0.0, 1.0, 1.0), (90.0, 0.0, 1.0), (30.0, 0.0, 5.0)]
+
+
+@pytest.mark.parametrize(("turn_deg", "faster_kn", "noise"), CHANGES)
+def test_a_target_that_changes_its_velocity_is_told_and_where_it_is_now(
     turn_deg, faster_kn, noise
 ):
     motions = motions_of(turning("S1-T1", turn_deg, faster_kn, noise), "S1-T1")
@@ -81,7 +101,46 @@ def test_a_target_that_changes_its_velocity_is_told_and_its_state_is_not_given(
     assert motions.manoeuvre_gain[0] > 20.0
     if turn_deg < 90.0:
         assert motions.manoeuvre_time_s[0] == pytest.approx(TURN_S, abs=600.0)
-    for name in ("range_m", "speed_mps", "course_deg", "now_range_m", "range_low_m"):
+    for name in ("range_m", "speed_mps", "course_deg", "range_low_m"):
         assert np.isnan(getattr(motions, name)).all()
-    assert "manoeuvre, state not given" in motions.reasons(0)["range_m"]
+    assert "at the first measurement not given" in motions.reasons(0)["range_m"]
     assert not motions.manoeuvre_needed[0]
+    names = ("range{}_m", "bearing{}_deg", "speed{}_mps", "course{}_deg")
+    now, std = (
+        np.array([getattr(motions, f"now_{n.format(part)}")[0] for n in names])
+        for part in ("", "_std")
+    )
+    off = now - state_at_the_end("S1-T1", turn_deg, faster_kn)
+    off[[1, 3]] = (off[[1, 3]] + 180.0) % 360.0 - 180.0
+    assert np.abs(off / std).max() < 4.0
+    assert std[0] < 0.15 * now[0]  # 1 to 10 %: it is not bought with wide deviations
+
+
+def test_both_legs_are_a_straight_motion_seen_from_a_bent_track():
+    """Without noise nothing is left of bearings and frequencies but the one row in
+    which the velocity changes."""
+    series = turning("S1-T1", 30.0, 2.0, 0.0)
+    scenario = make_scenario("S1-T1")
+    problem = make_problem(scenario, noise=1.0, runs=1, seed=0)
+    problem = replace(
+        problem,
+        bearing_rad=np.radians(series.bearing_deg)[None, None],
+        frequency_hz=series.frequency_hz.T[None],
+    )
+    before = scenario.speed_mps * np.array([
+        np.sin(np.radians(scenario.course_deg)), np.cos(np.radians(scenario.course_deg))
+    ])  # fmt: skip
+    speed = scenario.speed_mps + 2.0 * KNOT_MPS
+    course = np.radians(scenario.course_deg + 30.0)
+    after = speed * np.array([np.sin(course), np.cos(course)])
+    first = scenario.range_m * np.array([
+        np.sin(np.radians(scenario.bearing_deg)), np.cos(np.radians(scenario.bearing_deg))
+    ])  # fmt: skip
+    track, own = problem.track, (scenario.own_east_m[1], scenario.own_north_m[1])
+    node = track.now[0]
+    origin = np.array(own) - np.array([track.east_m[node], track.north_m[node]])
+    place = first - origin + TURN_S * (before - after)
+    q = np.array([np.log(np.hypot(*place)), np.arctan2(*place), *after])
+    r = residuals(bent(problem, np.array([*(after - before), TURN_S])), q[None])
+    assert np.abs(r.bearing).max() < 1e-6
+    assert np.sort(np.abs(r.frequency.ravel()))[-3] < 1e-5

@@ -66,6 +66,19 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     now_bearing_std_deg: FloatArray = column(
         "degree", "Its standard deviation.", "motion"
     )
+    now_speed_mps: FloatArray | None = column(
+        "m/s", "Speed at that time; of the last leg where the target changed its "
+        "velocity.", "motion", optional=True,
+    )  # fmt: skip
+    now_speed_std_mps: FloatArray | None = column(
+        "m/s", "Its standard deviation.", "motion", optional=True
+    )
+    now_course_deg: FloatArray | None = column(
+        "degree", "Compass course at that time.", "motion", optional=True
+    )
+    now_course_std_deg: FloatArray | None = column(
+        "degree", "Its standard deviation.", "motion", optional=True
+    )
     observable: BoolArray = column(
         "1", "Whether the range is observable.", "motion", dtype=np.bool_
     )

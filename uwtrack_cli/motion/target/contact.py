@@ -33,6 +33,7 @@ from uwtrack_cli.motion.target.inputs import (
     sensor_paths,
     white_scatter,
 )
+from uwtrack_cli.motion.target.last_leg import find_last_leg
 from uwtrack_cli.motion.target.manoeuvre import Manoeuvre, find_manoeuvre
 from uwtrack_cli.motion.target.model import to_motion
 from uwtrack_cli.motion.target.modes import (
@@ -74,6 +75,8 @@ class ContactAnswer:
     """Whether own ship leaves a straight and steady track."""
     target_manoeuvre: Manoeuvre
     """The change of the target's velocity that gains most."""
+    last_leg: ModeAnswer | None
+    """The motion behind a certain change; None without one, or where it is not told."""
     update_rows: IntArray
     """Last row of every estimate over time, shape (updates,)."""
     update_motion: FloatArray
@@ -166,14 +169,17 @@ def _answer(
         _deviations(problem.rows(slice(0, int(end))), q)
         for end, q in zip(ends, estimates, strict=True)
     ]
+    change = find_manoeuvre(problem, modes.q[0], options.nuisances, data.overlap_rows)
+    last = None
+    if change.is_certain:
+        last = find_last_leg(problem, modes.q[0], limits, change, options)
     return ContactAnswer(
         data=data,
         modes=answers,
         n_values=problem.n_values,
         manoeuvring=data.platforms is not None or is_manoeuvring(problem.track),
-        target_manoeuvre=find_manoeuvre(
-            problem, modes.q[0], options.nuisances, data.overlap_rows
-        ),
+        target_manoeuvre=change,
+        last_leg=last,
         update_rows=ends - 1,
         update_motion=to_motion(estimates),
         update_std=np.stack(deviations),

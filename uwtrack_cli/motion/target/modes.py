@@ -355,7 +355,7 @@ def describe_mode(
     covariance = found.turn @ inner @ found.turn.T
     white = found.covariance()
     r = residuals(problem, q[np.newaxis])
-    now, now_std = _last_position(problem, q, inner)
+    now, now_std = last_position(problem, q, inner)
     rise = scale * float(chdtri(1, 1.0 - options.search.confidence))
     return ModeAnswer(
         q=q,
@@ -396,10 +396,20 @@ def _limit_met(q: FloatArray, limits: SearchBounds) -> float | None:
     return None
 
 
-def _last_position(
+def last_position(
     problem: Problem, q: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Range and bearing at the last measurement, with deviations."""
+    """Return range (m) and bearing (rad) at the last measurement, with deviations.
+
+    Parameters
+    ----------
+    problem
+        The measurements.
+    q
+        Motion in solver coordinates, shape (4,).
+    covariance
+        Of the solver coordinates, shape (4 or more, same).
+    """
     track = problem.track
     time = track.time_s[track.now[-1]]
     # from the sensor that the first range and bearing count from

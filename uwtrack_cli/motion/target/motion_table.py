@@ -11,17 +11,23 @@ from uwtrack_cli.data.base import flatten, reason_columns
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.motion.target.contact import ContactAnswer
 from uwtrack_cli.motion.target.cross_fix import grid_state
+from uwtrack_cli.motion.target.last_leg import state_now
 from uwtrack_cli.motion.target.model import to_motion
 from uwtrack_cli.motion.target.modes import ModeAnswer, TmaOptions
 
 LARGEST_LOG_RANGE_STD = 1.0
 """Deviation of ln R above which the range is not given."""
 
+NOW = ("now_range_m", "now_bearing_deg", "now_speed_mps", "now_course_deg")
+
 STATE = (
     "range_m", "bearing_deg", "speed_mps", "course_deg", "rest_frequencies_hz",
-    "now_range_m", "now_bearing_deg",
+    *NOW,
 )  # fmt: skip
-"""What is not given when the target manoeuvred."""
+"""What is not given when the target manoeuvred; of the state now where its last leg is
+not told."""
+
+MOVED = ("bearing_deg", "speed_mps", "course_deg")
 
 LARGEST_SPEED_STD_MPS = 5.0
 LARGEST_COURSE_STD_RAD = np.radians(60.0)
@@ -30,7 +36,9 @@ LARGEST_COURSE_STD_RAD = np.radians(60.0)
 def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
     """Return why a value is not observable, by column."""
     if answer.target_manoeuvre.is_certain:
-        return dict.fromkeys(STATE, _manoeuvred(answer))
+        hidden = dict.fromkeys(STATE, _manoeuvred(answer))
+        known = NOW if _leg_of(answer, mode) is not None else ()
+        return {key: why for key, why in hidden.items() if key not in known}
     observable = mode.observability.observable.copy()
     # what scales or turns freely drags speed and course along, even where their
     # slopes happen to vanish
@@ -61,19 +69,29 @@ def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
         )
         if hidden
     }
-    now = {"now_range_m": "range_m", "now_bearing_deg": "bearing_deg"}
+    now = {f"now_{key}": key for key in ("range_m", *MOVED)}
     return reasons | {key: reasons[of] for key, of in now.items() if of in reasons}
+
+
+def _leg_of(answer: ContactAnswer, mode: ModeAnswer) -> ModeAnswer | None:
+    """Return the last leg beside the best mode: it is the only one that is fitted."""
+    return answer.last_leg if mode is answer.modes[0] else None
 
 
 def _manoeuvred(answer: ContactAnswer) -> str:
     """Say that one straight motion does not tell where the target is."""
     change = answer.target_manoeuvre
     at = float(answer.data.time_s[0]) + change.time_s
-    return (
-        f"manoeuvre, state not given: the target changed its velocity at about "
-        f"{at:.0f} s (the misfit gains {change.gain:.0f}); give the rows before or "
-        f"after it by themselves"
+    why = (
+        f"the target changed its velocity at about {at:.0f} s (the misfit gains "
+        f"{change.gain:.0f})"
     )
+    if answer.last_leg is None:
+        return (
+            f"manoeuvre, state not given: {why}; give the rows before or after it by "
+            f"themselves"
+        )
+    return f"manoeuvre, state at the first measurement not given: {why}"
 
 
 def _at_least(range_m: float) -> str:
@@ -284,8 +302,7 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
         "course_high_deg": np.degrees(spans["course"].high) % 360.0,
         "covariance": covariance,
         "now_time_s": float(data.time_s[-1]),
-        **_with_std("now_range", "m", mode.now[0], mode.now_std[0]),
-        **_with_std("now_bearing", "deg", *np.degrees([mode.now[1], mode.now_std[1]])),
+        **_now(_leg_of(answer, mode) or mode),
         "ellipse_trusted": ellipse_agrees(mode),
         "misfit": mode.value,
         "n_values": answer.n_values,
@@ -295,6 +312,18 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
     }
     _blank(values, reasons)
     return values
+
+
+def _now(mode: ModeAnswer) -> dict[str, float]:
+    """Return the state at the last measurement."""
+    state, std = state_now(mode)
+    state, std = state * DEGREES, std * DEGREES
+    return {
+        **_with_std("now_range", "m", state[0], std[0]),
+        **_with_std("now_bearing", "deg", state[1], std[1]),
+        **_with_std("now_speed", "mps", state[2], std[2]),
+        **_with_std("now_course", "deg", state[3], std[3]),
+    }
 
 
 def _with_std(name: str, unit: str, value: float, std: float) -> dict[str, float]:
@@ -331,11 +360,24 @@ def _observability(
         "manoeuvre_needed": needed,
         "weakest_direction": seen.weakest,
         "report": (
-            f"{_manoeuvred(answer)}."
+            _report_of_legs(answer)
             if change.is_certain
             else report_of(mode, answer, reasons, manoeuvre_needed=needed)
         ),
     }
+
+
+def _report_of_legs(answer: ContactAnswer) -> str:
+    """Describe a target that changed its velocity, and what it does now."""
+    words, leg = _manoeuvred(answer), answer.last_leg
+    if leg is None:
+        return f"{words}."
+    state, std = state_now(leg)
+    return (
+        f"{words}; at the last measurement its range is {state[0]:.0f} +- {std[0]:.0f} "
+        f"m, its speed {state[2]:.2f} +- {std[2]:.2f} m/s and its course "
+        f"{np.degrees(state[3]):.1f} +- {np.degrees(std[3]):.1f} degrees."
+    )
 
 
 def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
