@@ -24,14 +24,16 @@ FIXED = Sensor(
 )  # fmt: skip
 
 
-def tones(cosines, levels_db, frequency_hz=449.7, duration_s=8.0, seed=1):
+def tones(
+    cosines, levels_db, frequency_hz=449.7, duration_s=8.0, seed=1, places=PLACES
+):
     """Plane waves with equal frequency and random phases in independent noise."""
     rng = np.random.default_rng(seed)
     time_s = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
-    total = rng.standard_normal((time_s.size, N))
+    total = rng.standard_normal((time_s.size, len(places)))
     for cosine, level_db in zip(cosines, levels_db, strict=True):
         phase = rng.random()
-        delay_s = -PLACES * cosine / C
+        delay_s = -places * cosine / C
         amplitude = np.sqrt(2.0 * 10.0 ** (level_db / 10.0))
         cycles = frequency_hz * (time_s[:, None] - delay_s) + phase
         total += amplitude * np.cos(2.0 * np.pi * cycles)
@@ -201,8 +203,13 @@ def exceedances(recording, probability):
      (0.6, {"beamformer": "mvdr"})],
 )  # fmt: skip
 def test_two_sources_are_resolved(widths, options):
+    assert both_stand_out(widths, options, seed=2)
+
+
+def both_stand_out(widths, options, seed):
+    """Whether two sources of 10 dB a hydrophone give two maxima near their places."""
     width = C / (449.7 * N)
-    rng = np.random.default_rng(2)
+    rng = np.random.default_rng(seed)
     white = rng.standard_normal((2, round(20 * RATE_HZ)))
     band = np.fft.rfftfreq(white.shape[1], 1.0 / RATE_HZ)
     inside = (band > 440.0) & (band < 460.0)
@@ -218,7 +225,7 @@ def test_two_sources_are_resolved(widths, options):
     tops = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] > power[2:])) + 1
     best = sorted(tops, key=lambda k: -power[k])[:2]
     found = np.sort(record.cos_angle[best])
-    assert np.abs(found - pair).max() < 0.5 * widths * width
+    return len(best) == 2 and np.abs(found - pair).max() < 0.5 * widths * width
 
 
 def test_blocks_of_reading_change_no_bit():

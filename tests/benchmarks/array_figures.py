@@ -1,23 +1,35 @@
-"""Figures of line arrays for `tests/baselines/arrays.md`: python -m tests.benchmarks.array_figures."""
+"""Figures of line arrays for `tests/baselines/arrays.md`.
 
+All of them, or those named: python -m tests.benchmarks.array_figures [NAME ...]
+"""
+
+import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 
 from tests.arrays.test_array_chain import TURN, run, scene, truth_at
 from tests.arrays.test_beamform import (
+    FIXED,
     PLACES,
     RATE_HZ,
     C,
     N,
     beams_of,
+    both_stand_out,
     cosine_of,
     exceedances,
     tones,
 )
+from tests.support import recording_of
 from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.simulate.recordings import simulate_recordings
 from uwtrack_cli.simulate.scenario import make_scenario
+from uwtrack_cli.spectra.peaks import find_peaks
+from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 DENSITY = 2.0 / RATE_HZ
 """One-sided density of noise of unit variance."""
@@ -64,22 +76,82 @@ def directions():
             )
 
 
+def sensor_of(n_elements):
+    """A line of hydrophones 1 m apart, and their places."""
+    places = np.arange(n_elements) - 0.5 * (n_elements - 1)
+    names = ",".join(f"e{k}" for k in range(n_elements))
+    along = ",".join(map(str, places))
+    return replace(FIXED, channels=names, element_along_m=along), places
+
+
+def half_detected(levels, shares):
+    """Level at which half are detected, from a straight line through the shares."""
+    slope, middle = np.polyfit(levels, np.array(shares) - 0.5, 1)
+    return -middle / slope
+
+
 def detection():
-    print("rho dB: share detected at 1e-4, uniform, 4N+1 beams")
-    for rho_db in (-3.5, -3.0, -2.5, -2.0):
-        hits = frames = 0
-        for seed in range(4):
-            at = 0.2 + seed / 4.0 * 2.0 / (4 * N)
-            samples = tones([at], [level_db(rho_db)], 450.0, 60.0, seed)
-            record = beams_of(
-                samples, shading="uniform", overlap=0.0, band_hz=(300.0, 600.0)
-            )
-            peaks = record.peaks
-            near = peaks.is_detection & (np.abs(peaks.frequency_hz - 450.0) < 1.0)
-            near &= np.abs(cosine_of(peaks) - at) < 0.2
-            hits += np.unique(peaks.frame[near]).size
-            frames += record.frames.n_frames
-        print(f"{rho_db:5.1f} {hits / frames:.3f}")
+    print("hydrophones: level of half detected at 1e-4 by default bands, uniform")
+    for n_elements, centre_db in ((1, 9.8), (16, -2.3), (32, -5.3)):
+        sensor, places = sensor_of(max(n_elements, 2))
+        levels, shares = centre_db + np.array([-1.0, -0.5, 0.0, 0.5, 1.0]), []
+        for rho_db in levels:
+            hits = frames = 0
+            for seed in range(12):
+                at = 0.2 + seed / 12.0 * 2.0 / (4 * n_elements)
+                samples = tones(
+                    [at], [level_db(rho_db)], 450.0, 60.0, 50 + seed, places
+                )
+                if n_elements == 1:
+                    sound = recording_of(samples[:, :1], RATE_HZ, Sensor(id="one"))
+                    spectra = compute_spectrogram(sound, overlap=0.0)
+                    peaks = Peaks.join([find_peaks(block) for block in spectra])
+                    near = peaks.is_detection.copy()
+                else:
+                    peaks = beams_of(
+                        samples, sensor, shading="uniform", overlap=0.0
+                    ).peaks
+                    near = peaks.is_detection & (np.abs(cosine_of(peaks) - at) < 0.2)
+                near &= np.abs(peaks.frequency_hz - 450.0) < 1.0
+                hits += np.unique(peaks.frame[near]).size
+                frames += peaks.frames.n_frames
+            shares.append(hits / frames)
+        print(f"{n_elements:3} {half_detected(levels, shares):.2f} dB",
+              np.round(shares, 3), frames)  # fmt: skip
+
+
+def endfire():
+    print("hydrophones, cosine: rms over 0.893 sqrt(sigma), frames, greatest deviation")
+    for n_elements in (16, 32):
+        sensor, places = sensor_of(n_elements)
+        for cosine in (1.0, -1.0):
+            errors, stated = [], []
+            for seed in range(8):
+                samples = tones(
+                    [cosine], [level_db(12.0)], 450.0, 60.0, 80 + seed, places
+                )
+                peaks = beams_of(
+                    samples, sensor, shading="uniform", overlap=0.0,
+                    band_hz=(350.0, 550.0),
+                ).peaks  # fmt: skip
+                strong = peaks.snr_db > 18.0
+                errors.append(peaks.cone_deg[strong] - (0.0 if cosine > 0 else 180.0))
+                stated.append(np.radians(peaks.cone_std_deg[strong]) ** 2)
+            error, sigma = np.concatenate(errors), np.concatenate(stated)
+            wanted = 0.893 * np.degrees(np.sqrt(sigma.mean()))
+            most = np.degrees(np.sqrt(sigma.max()))
+            print(f"{n_elements:3} {cosine:+.0f} {np.sqrt((error**2).mean()) / wanted:.3f} "
+                  f"{error.size} {most:.1f}")  # fmt: skip
+
+
+def resolution():
+    print("beamformer, widths apart: share of records in which both sources stand out")
+    for widths, options in (
+        (1.2, {"beamformer": "conventional", "shading": "uniform"}),
+        (0.6, {"beamformer": "mvdr"}),
+    ):
+        found = [both_stand_out(widths, options, seed) for seed in range(40)]
+        print(f"{options['beamformer']:12} {widths} {np.mean(found):.3f}")
 
 
 def false_alarms():
@@ -129,7 +201,7 @@ def motions():
 
 
 def cost():
-    samples = tones([0.3], [-10.0], duration_s=120.0).astype(np.float32)
+    samples = tones([0.3], [-10.0], duration_s=600.0).astype(np.float32)
     begin = time.process_time()
     beams_of(samples, zero_padding=1)
     whole = time.process_time() - begin
@@ -146,6 +218,11 @@ def cost():
     )
 
 
+FIGURES = (
+    cost, directions, detection, endfire, resolution, motions, false_alarms
+)  # fmt: skip
+
 if __name__ == "__main__":
-    for figure in (cost, directions, detection, motions, false_alarms):
-        figure()
+    for figure in FIGURES:
+        if figure.__name__ in sys.argv[1:] or not sys.argv[1:]:
+            figure()
