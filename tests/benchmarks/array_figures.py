@@ -23,11 +23,13 @@ from tests.arrays.test_beamform import (
     tones,
 )
 from tests.support import recording_of
+from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.simulate.recordings import simulate_recordings
 from uwtrack_cli.simulate.scenario import make_scenario
+from uwtrack_cli.simulate.trajectories import array_place, vessel_trajectory
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
@@ -200,6 +202,82 @@ def motions():
         print(seed, *row, found.contact.tolist(), found.weight.round(3).tolist())
 
 
+def towed_scene(n_elements, vessels, seed, turn=True, duration_s=1000.0):
+    """A towed line 1 m apart, 150 m behind a ship of 3 m/s that turns by 60 degrees.
+
+    Vessels are given by east and north at the start (m), course (degrees), speed (m/s)
+    and their lines (Hz, dB).
+    """
+    turns = [{"at_s": 450.0, "course_deg": 60.0, "rate_deg_per_s": 1.0}] if turn else []
+    places = np.arange(n_elements) - 0.5 * (n_elements - 1)
+    array = {
+        "id": "tow1", "kind": "array", "depth_m": 40.0, "full_scale_db": 140.0,
+        "element_along_m": places[::-1].tolist(),
+        "tow_offset_m": 150.0, "element_noise_db": 54.0,
+        "track": {"course_deg": 0.0, "speed_mps": 3.0, "turn": turns},
+    }  # fmt: skip
+    return make_scenario(
+        {"seed": seed, "duration_s": duration_s, "sample_rate_hz": RATE_HZ,
+         "sensor": [array], "noise": {"density_db": 62.0},
+         "vessel": [
+             {"source_depth_m": 5.0,
+              "track": {"east_m": east, "north_m": north, "course_deg": course,
+                        "speed_mps": speed},
+              "line": [{"frequency_hz": f, "source_level_db": level}
+                       for f, level in lines]}
+             for east, north, course, speed, lines in vessels]}
+    )  # fmt: skip
+
+
+ONE = [(2600.0, 1900.0, 170.0, 5.0, [(310.0, 138.0), (455.0, 137.0), (610.0, 136.0)])]
+TWO = [
+    (2300.0, 1500.0, 140.0, 6.0, [(330.0, 135.0), (560.0, 134.5)]),
+    (-1700.0, 1900.0, 60.0, 4.0, [(410.0, 135.0), (655.0, 134.5)]),
+]
+
+
+def scenes():
+    """The scenes of a towed line: range, speed and course of every vessel."""
+    print(
+        "scene seed: lines followed | contact, weight, reading: value +- stated (truth)"
+    )
+    for name, n_elements, vessels, turn, seeds in (
+        ("turn", 16, ONE, True, range(1, 6)),
+        ("two", 32, TWO, True, range(11, 14)),
+        ("straight", 16, ONE, False, range(21, 24)),
+    ):
+        for seed in seeds:
+            scenario = towed_scene(n_elements, vessels, seed, turn)
+            made = run(scenario)
+            found = made[Motions]
+            print(name, seed, np.unique(made[Lines].line_id).size, end=" |")
+            for row in range(found.contact.size):
+                middle = array_place(scenario.sensors[0], (0.0,) * 3)
+                here = middle.at(np.array(found.time_s[row]))
+                print(f" {found.contact[row]} w {found.weight[row]:.2f}", end="")
+                best = None
+                for vessel in scenario.vessels:
+                    there = vessel_trajectory(vessel, scenario)
+                    there = there.at(np.array(found.time_s[row]))
+                    east, north = there[0] - here[0], there[1] - here[1]
+                    away = np.hypot(east, north)
+                    off = abs(
+                        found.bearing_deg[row] - np.degrees(np.arctan2(east, north))
+                    )
+                    off = min(off % 360.0, -off % 360.0)
+                    if best is None or off < best[0]:
+                        best = off, away, vessel
+                off, away, vessel = best
+                print(
+                    f" {off:.1f} deg off: {found.range_m[row]:.0f}+-"
+                    f"{found.range_std_m[row]:.0f} ({away:.0f}) m,"
+                    f" {found.speed_mps[row]:.2f}+-{found.speed_std_mps[row]:.2f} m/s,"
+                    f" {found.course_deg[row]:.1f}+-{found.course_std_deg[row]:.1f} deg;",
+                    end="",
+                )
+            print(flush=True)
+
+
 def cost():
     samples = tones([0.3], [-10.0], duration_s=600.0).astype(np.float32)
     begin = time.process_time()
@@ -219,7 +297,7 @@ def cost():
 
 
 FIGURES = (
-    cost, directions, detection, endfire, resolution, motions, false_alarms
+    cost, directions, detection, endfire, resolution, motions, scenes, false_alarms
 )  # fmt: skip
 
 if __name__ == "__main__":

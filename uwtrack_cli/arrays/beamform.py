@@ -65,6 +65,9 @@ from uwtrack_cli.spectra.spectrogram import (
 BLOCK_FRAMES = 2 * TILE_FRAMES
 """Frames of a block of conventional beams."""
 
+DIFFUSE_POINTS = 32
+"""Frequencies at which noise from all around is looked at."""
+
 MOST_VALUES = 3_000_000
 """Beams times cells of an array that is no line: 32 frames of them are 400 MB."""
 
@@ -390,6 +393,7 @@ class _BeamFormer(ABC):
             bend_deg=place.bend_deg,
             band_low_hz=float(self._frequency_hz[0]),
             band_high_hz=float(self._frequency_hz[-1]),
+            sidelobe_db=self.rules.sidelobe_db,
             beamformer="conventional" if self.loading is None else "mvdr",
             side=self.rules.side,
             reference=self.rules.reference,
@@ -411,6 +415,10 @@ class _LineFormer(_BeamFormer):
         self._cosines = self.array.beam_cosines(self.n_beams)
         self._turns = self.array.steering(
             self._frequency_hz, self._cosines, np.ones(self.weights.size)
+        )
+        some = np.linspace(0, self._frequency_hz.size - 1, DIFFUSE_POINTS).astype(int)
+        self._diffuse = self.array.diffuse_power(
+            self._frequency_hz[some], self._cosines, self.weights
         )
         self._check = ElementCheck(
             self.recording.sensor.channel_names,
@@ -445,6 +453,7 @@ class _LineFormer(_BeamFormer):
             peaks,
             place,
             cos_angle=self._cosines,
+            diffuse_power=self._diffuse,
             design_frequency_hz=self.array.design_frequency_hz,
             ambiguity=MIRROR if self.rules.compass else "none",
         )

@@ -129,6 +129,33 @@ class LineArray:
         phase = -2j * np.pi * frequency_hz[:, None, None] * turns
         return np.asarray(weights * np.exp(phase), np.complex64)
 
+    def diffuse_power(
+        self, frequency_hz: FloatArray, cos_angle: FloatArray, weights: FloatArray
+    ) -> FloatArray:
+        """Return what isotropic noise gives in each beam, over the median of all beams.
+
+        Parameters
+        ----------
+        frequency_hz
+            Frequencies over which it is averaged, Hz, shape (cell,).
+        cos_angle
+            Cosines of the beams, shape (beam,).
+        weights
+            Weights of the hydrophones, shape (element,).
+
+        Notes
+        -----
+        w^H G w with G = sinc(2 f |x_i - x_j| / c) (Van Trees 2002, section 4.5).
+        """
+        apart = np.abs(np.subtract.outer(self.along_m, self.along_m))
+        total = np.zeros(cos_angle.size)
+        for one in frequency_hz:
+            steering = self.steering(np.array([one]), cos_angle, weights)[0]
+            coherence = np.sinc(2.0 * one * apart / self.sound_speed_mps)
+            power = np.einsum("bi,bi->b", steering.conj(), steering @ coherence).real
+            total += power / np.median(power)
+        return np.asarray(total / frequency_hz.size)
+
     def is_aliased(self, frequency_hz: FloatArray, cos_angle: FloatArray) -> BoolArray:
         """Tell whether a grating lobe of a direction is in view, |u -+ c/(f d)| <= 1."""
         distance = self.sound_speed_mps / (frequency_hz * self.spacing_m)

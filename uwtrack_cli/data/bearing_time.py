@@ -38,6 +38,10 @@ class BearingTime(Container):
         "degree", "Angle from the array's head, clockwise; the level is that of the "
         "loudest elevation. None: a line array.", "beam", optional=True,
     )  # fmt: skip
+    diffuse_power: FloatArray | None = column(
+        "1", "Power that noise from all around would give over the median of all beams; "
+        "None: not known.", "beam", optional=True,
+    )  # fmt: skip
     level_db: FloatArray = column(
         "dB", "Level of the beam in the band (re the reference).", "frame", "beam",
         dtype=np.float32,
@@ -62,6 +66,9 @@ class BearingTime(Container):
     band_high_hz: float = scalar("Hz", "Upper edge of the band.")
     design_frequency_hz: float = scalar(
         "Hz", "Frequency above which directions are not unique."
+    )
+    sidelobe_db: float | None = scalar(
+        "dB", "Sidelobes of its beams below the main lobe; None: not known.", None
     )
     beamformer: str = scalar("", "'conventional' or 'mvdr'.")
     side: str = scalar("", "Side that bearings are written for, starboard or port.")

@@ -12,6 +12,7 @@ their efficiency and wild ones have no say at all.
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.angles import wrap_rad
 
 CONSTANT = 7.0
 """Deviations beyond so many scales have no weight: 99 % efficient on Gaussians."""
@@ -21,6 +22,9 @@ GAUSSIAN_CORRECTION = 1.0867
 
 SHARE_CORRECTION = 1.1257
 """Makes bisquare-weighted Gaussians of variance one again."""
+
+FEWEST_VALUES = 6
+"""Values from which a scatter can be estimated."""
 
 PRIOR_COUNT = 8.0
 """Measurements that the expected scale of one counts for."""
@@ -136,3 +140,28 @@ def bisquare_weight(deviation: FloatArray) -> FloatArray:
     np.maximum(weight, 0.0, out=weight)
     weight *= weight
     return weight
+
+
+def white_scatter(values: FloatArray, *, circular: bool = False) -> float:
+    """Estimate the deviation of white noise on a smooth course of values.
+
+    Parameters
+    ----------
+    values
+        Values in the order of time; nan where there is none; rad if circular.
+    circular
+        Whether the values are angles.
+
+    Notes
+    -----
+    Median absolute second difference over 0.6745 sqrt(6): a straight course
+    cancels, and outliers do not count.
+    """
+    heard = values[~np.isnan(values)]
+    if heard.size < FEWEST_VALUES:
+        return float("nan")
+    first = np.diff(heard)
+    if circular:
+        first = wrap_rad(first)
+    second = wrap_rad(np.diff(first)) if circular else np.diff(first)
+    return float(np.median(np.abs(second)) / (0.6745 * np.sqrt(6.0)))

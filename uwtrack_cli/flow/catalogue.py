@@ -20,6 +20,7 @@ STAGES: dict[str, str] = {
     "decidecades": "uwtrack_cli.spectra.decidecades:measure_decidecades",
     "peaks": "uwtrack_cli.spectra.peaks:find_peaks",
     "beamform": "uwtrack_cli.arrays.beamform:form_beams",
+    "track-bearings": "uwtrack_cli.arrays.track_bearings:track_bearings",
     "delays": "uwtrack_cli.arrays.delays:measure_delays",
     "directions": "uwtrack_cli.arrays.directions:find_directions",
     "classify": "uwtrack_cli.lines.classify:classify_peaks",

@@ -78,7 +78,8 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     Parameters
     ----------
     series
-        Bearings and frequencies measured elsewhere.
+        Bearings and frequencies measured elsewhere, or the bearings of broadband
+        contacts that an array follows beside the lines.
     lines
         Tracked frequency lines; their raw measurements are fitted.
     navigation
@@ -130,7 +131,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     (theta_k(p) - theta_k) / sigma and (f_nk(p) - f_nk) / sigma with
     f = f0 (1 - rate / c) (Chang et al. 2003, eqs 1-4, corrected).
     """
-    contacts = _contacts(series, lines)
+    contacts = _contacts(series, lines, is_array=bearing_time is not None)
     is_of_sensors = series is not None and series.sensor is not None
     if series is not None and is_of_sensors:
         check_sensors(series)
@@ -148,9 +149,10 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     speed = sound_speed_mps
     if speed is None:
         speed = SOUND_SPEED_WATER_MPS if sensor is None else sensor.sound_speed_mps
+    is_table = lines is None and bearing_time is None
     propagation = model.propagation
     if propagation == "auto":
-        propagation = "instant" if lines is None else "delayed"
+        propagation = "instant" if is_table else "delayed"
     analysis = TmaOptions(
         navigation=navigation,
         solver=solver,
@@ -160,7 +162,7 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
         height_m=_height(sensor),
         sound_speed_mps=speed,
         delayed=propagation == "delayed",
-        is_table=lines is None,
+        is_table=is_table,
         updates=updates,
         seed=seed,
         misfit=misfit,
@@ -239,8 +241,11 @@ def _height(sensor: Sensor | None) -> float:
     return sensor.depth_m - SOURCE_DEPTH_M
 
 
-def _contacts(series: Series | None, lines: Lines | None) -> list[Measurements]:
-    if (series is None) == (lines is None):
+def _contacts(
+    series: Series | None, lines: Lines | None, *, is_array: bool
+) -> list[Measurements]:
+    """Take the inputs apart; contacts of an array that have no lines come after."""
+    if (series is None) == (lines is None) and not (is_array and series is not None):
         found = "neither" if series is None else "both"
         msg = (
             f"target motion needs either a table of bearings and frequencies or "
@@ -248,9 +253,12 @@ def _contacts(series: Series | None, lines: Lines | None) -> list[Measurements]:
             f"'uwtrack trace'."
         )
         raise DataError(msg)
-    if series is not None:
-        if series.time_s.size == 0:
-            msg = "the table of bearings and frequencies has no rows."
-            raise DataError(msg)
-        return measurements_from_series(series)
-    return [] if lines is None else measurements_from_lines(lines)
+    contacts = [] if lines is None else measurements_from_lines(lines)
+    if series is None:
+        return contacts
+    if series.time_s.size == 0 and lines is None and not is_array:
+        msg = "the table of bearings and frequencies has no rows."
+        raise DataError(msg)
+    known = {one.contact for one in contacts}
+    told = measurements_from_series(series)
+    return contacts + [one for one in told if one.contact not in known]

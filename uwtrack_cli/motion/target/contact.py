@@ -15,6 +15,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.robust import white_scatter
 from uwtrack_cli.motion.solvers.marquardt import (
     DescentResult,
     SearchBounds,
@@ -31,7 +32,6 @@ from uwtrack_cli.motion.target.inputs import (
     own_path,
     rounding_std,
     sensor_paths,
-    white_scatter,
 )
 from uwtrack_cli.motion.target.last_leg import find_last_leg
 from uwtrack_cli.motion.target.manoeuvre import Manoeuvre, find_manoeuvre

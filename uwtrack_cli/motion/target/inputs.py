@@ -15,7 +15,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.estimation.robust import FEWEST_VALUES, white_scatter
 from uwtrack_cli.motion.target.own_ship import OwnPath
 
 LONGEST_EXTRAPOLATION_S = 60.0
@@ -275,7 +275,7 @@ def _check_frequencies(data: Measurements, who: str) -> None:
         if heard.size and np.any(heard <= 0):
             msg = f"line {line} of {who} has a frequency of {heard.min():g} Hz."
             raise DataError(msg)
-        if heard.size < FEWEST:
+        if heard.size < FEWEST_VALUES:
             continue
         low, middle, high = np.percentile(heard, [25.0, 50.0, 75.0])
         if (high - low) / middle > 0.1:
@@ -369,34 +369,6 @@ def _extrapolation(steps: FloatArray, measured_s: FloatArray) -> float:
 FITTED = 4
 """Parameters of a motion, that the residuals were fitted with."""
 
-FEWEST = 6
-"""Values from which a scatter can be estimated."""
-
-
-def white_scatter(values: FloatArray, *, circular: bool = False) -> float:
-    """Estimate the deviation of white noise on a smooth course of values.
-
-    Parameters
-    ----------
-    values
-        Values in the order of time; nan where there is none; rad if circular.
-    circular
-        Whether the values are angles.
-
-    Notes
-    -----
-    Median absolute second difference over 0.6745 sqrt(6): a straight course
-    cancels, and outliers do not count.
-    """
-    heard = values[~np.isnan(values)]
-    if heard.size < FEWEST:
-        return float("nan")
-    first = np.diff(heard)
-    if circular:
-        first = wrap_rad(first)
-    second = wrap_rad(np.diff(first)) if circular else np.diff(first)
-    return float(np.median(np.abs(second)) / (0.6745 * np.sqrt(6.0)))
-
 
 MOST_DECIMALS = 6
 
@@ -452,7 +424,7 @@ def correlation_inflation(z: FloatArray, heard: FloatArray, fewest_lags: int) ->
     valid = heard > 0
     count = np.count_nonzero(valid, axis=0)
     known = count > 0
-    if np.count_nonzero(known) < FEWEST:
+    if np.count_nonzero(known) < FEWEST_VALUES:
         return 1.0
     # outliers are for the loss to weigh, not for the deviations
     pooled = np.where(valid, np.clip(z, -5.0, 5.0), 0.0).sum(0)
@@ -462,7 +434,7 @@ def correlation_inflation(z: FloatArray, heard: FloatArray, fewest_lags: int) ->
     width = max(fewest_lags + 1, known.size // 8)
     for lag in range(1, width):
         pairs = np.count_nonzero(known[lag:] & known[:-lag])
-        if pairs < FEWEST:
+        if pairs < FEWEST_VALUES:
             break
         shared = float((pooled[lag:] * pooled[:-lag]).sum() / pairs)
         total += 2.0 * (1.0 - lag / width) * shared

@@ -1,0 +1,360 @@
+"""Contacts of a line array by their broadband sound: bearings over time.
+
+**Method.** The bearing-time record is averaged over some seconds. Directions in which it
+stands out of those beside it, by more than its own noise and the sidelobes of the loudest,
+are followed from average to average by a Kalman filter of the cosine with the array's
+head. When the array turns, a contact keeps its compass bearing on one of two sides: the
+filter expects it at both, and takes the nearer. What is heard in most averages is a
+contact; one that moves with the lines of another has its number.
+
+**Conventions.** As in `beamform`: cosine 1 is ahead; bearings are written for the side of
+the record.
+
+**References.** W. A. Struzinski & E. D. Lowe, J. Acoust. Soc. Am. 76 (1984): noise
+background normalisation; Y. Bar-Shalom & X.-R. Li, Multitarget-Multisensor Tracking
+(1995), chapter 2, for confirmation by m of n.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from uwtrack_cli.arrays.beam_peaks import BENT_DEG, SPARE_DB
+from uwtrack_cli.arrays.line_array import SIDELOBES_DB, angle_std_deg
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.bearing_time import BearingTime
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.angles import interpolate_deg, wrap_deg
+from uwtrack_cli.estimation.assignment import assign
+from uwtrack_cli.estimation.kalman import KalmanState, predict, update
+from uwtrack_cli.estimation.robust import white_scatter
+from uwtrack_cli.estimation.window import cell_correlation
+
+SURE_DEVIATIONS = 5.0
+"""Deviations of the record's noise by which a direction must stand out: among some thirty
+maxima an average, noise does so in one of ten thousand."""
+
+RATE_DENSITY = 4e-8
+"""Density of the noise that changes the rate of a cosine, 1/s^3: by 0.002 /s, that of a
+vessel of 5 m/s at 2.5 km, within 100 s."""
+
+START_RATE = 0.01
+"""Deviation of a rate that is not known, 1/s."""
+
+TURNING_DEG = 2.0
+"""Turn of the array within an average from which it tells no directions, degrees."""
+
+ROUNDS = 5
+"""Fits of the background, each without the beams that the last one leaves above it."""
+
+GATE = 4.0
+"""Deviations within which a direction may belong to a contact."""
+
+MOST_MISSED_S = 90.0
+"""A contact that is not heard for so long has ended, s."""
+
+FEWEST_POINTS = 8
+"""Directions that make a contact."""
+
+HEARD_SHARE = 0.5
+"""Share of the averages of its time in which a contact is heard at least."""
+
+SAME_DEG = 3.0
+"""Bearings that differ by less, in the median, are those of one contact."""
+
+
+@checked
+def track_bearings(
+    bearing_time: BearingTime,
+    lines: Lines | None = None,
+    *,
+    average_s: Annotated[float, Unit("s"), AtLeast(0.1), AtMost(3600)] = 10.0,
+) -> Series:
+    """Follow the directions of broadband sound that a line array hears.
+
+    A vessel without lines stands out of the bearing-time record by its noise alone. Its
+    bearings over time are a contact for tma, which finds its range after own ship has
+    turned. A contact that lines show already keeps their number.
+
+    Parameters
+    ----------
+    bearing_time
+        Record of a line array.
+    lines
+        Lines that it heard; contacts with the same bearings keep their numbers.
+    average_s
+        Time over which the record is averaged: longer hears weaker contacts, as long
+        as none moves by half a beam within it.
+
+    Returns
+    -------
+    Series
+        A row per contact and average in which it was heard.
+
+    Raises
+    ------
+    DataError
+        The record is of an array that is no line.
+    OptionError
+        An option is out of range.
+
+    Notes
+    -----
+    A direction stands out by its prominence, the least by which it exceeds the lower
+    ways to higher ones. Deviations come from the scatter of each contact's cosines
+    about a smooth course, as a share of how much they stand out.
+    """
+    if bearing_time.cos_angle is None:
+        msg = (
+            "this record is of an array that is no line: its broadband directions are "
+            "measured already ('uwtrack show FILE directions'); 'cpa' and 'locate' take "
+            "them."
+        )
+        raise DataError(msg)
+    averages = _averages(bearing_time, bearing_time.cos_angle, average_s)
+    side = 1.0 if bearing_time.side == "starboard" else -1.0
+    tracks = [
+        found
+        for rows in _follow(averages)
+        if (found := _measured(averages, rows, side)) is not None
+    ]
+    return _series(tracks, lines, bearing_time.frames)
+
+
+@dataclass(frozen=True, eq=False)
+class _Averages:
+    """Averages of the record, and what stands out of them."""
+
+    time_s: FloatArray
+    """Middle of each, s, shape (average,)."""
+    heading_deg: FloatArray
+    """Heading of the array there; 0 where it has none."""
+    step: float
+    """Cosine from beam to beam."""
+    average: IntArray
+    """Average of every direction that stands out, ascending, shape (direction,)."""
+    cosine: FloatArray
+    """The directions."""
+    height: FloatArray
+    """By how many deviations of the noise each stands out."""
+
+
+@dataclass(frozen=True, eq=False)
+class _BearingTrack:
+    """Bearings of a contact."""
+
+    time_s: FloatArray
+    """Times, s."""
+    bearing_deg: FloatArray
+    """Bearings on the side of the record."""
+    bearing_std_deg: FloatArray
+    """Their deviations."""
+
+
+def _averages(
+    record: BearingTime, cos_angle: FloatArray, average_s: float
+) -> _Averages:
+    frames = record.frames
+    hop_s = frames.hop_samples / frames.sample_rate_hz
+    count = max(1, round(average_s / hop_s))
+    power = 10.0 ** (record.excess_db.astype(np.float64) / 10.0)
+    power -= _background(power, record.diffuse_power)
+    heading = np.nan_to_num(record.heading_deg)
+    silent = ~np.isfinite(power).all(axis=1) | (record.bend_deg > BENT_DEG)
+    sidelobe_db = record.sidelobe_db or SIDELOBES_DB["uniform"]
+    spare = 10.0 ** (-(sidelobe_db - SPARE_DB) / 10.0)
+    time_s, found = [], []
+    for number, start in enumerate(range(0, frames.n_frames, count)):
+        at = slice(start, start + count)
+        time_s.append(float(frames.time_s[at].mean()))
+        turned = np.ptp(np.unwrap(heading[at], period=360.0))
+        rows = power[at][~silent[at]]
+        if turned > TURNING_DEG or 2 * len(rows) < count:
+            continue
+        noise = _noise(rows, hop_s / frames.window_s)
+        place, height = _standing_out(rows.mean(axis=0), noise, spare)
+        found.append((np.full(place.size, number), place, height))
+    nothing = np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+    average, place, height = (
+        np.concatenate(each) for each in zip(nothing, *found, strict=True)
+    )
+    step = float(cos_angle[1] - cos_angle[0])
+    middle = np.array(time_s)
+    return _Averages(
+        time_s=middle,
+        heading_deg=interpolate_deg(middle, frames.time_s, heading),
+        step=step,
+        average=average.astype(np.int64),
+        cosine=np.clip(cos_angle[0] + step * place, -1.0, 1.0),
+        height=height,
+    )
+
+
+def _background(power: FloatArray, diffuse: FloatArray | None) -> FloatArray:
+    """Return what noise from all around and of each hydrophone gives in each beam.
+
+    Noise from all around is weaker in the beams ahead and astern: left in, its slope
+    would move every direction to the side. It is as much of it as explains what most
+    beams have in most frames.
+    """
+    usual = np.nanmedian(power, axis=0)
+    model = np.ones((usual.size, 1))
+    if diffuse is not None and np.ptp(diffuse) > 0.0:
+        model = np.column_stack([model[:, 0], diffuse])
+    weight = np.ones(usual.size)
+    for _ in range(ROUNDS):
+        scaled = model * weight[:, None]
+        share, *_ = np.linalg.lstsq(scaled, weight * usual, rcond=None)
+        excess = usual - model @ share
+        spread = max(1.4826 * float(np.median(np.abs(excess))), 1e-9)
+        weight = np.where(excess > 2.0 * spread, 0.0, 1.0)  # a steady contact
+    return np.asarray(model @ share)
+
+
+def _noise(power: FloatArray, hop_windows: float) -> float:
+    """Deviation of the mean of some frames, from the change between frames."""
+    apart = min(max(1, round(1.0 / hop_windows)), len(power) - 1)
+    change = np.abs(power[apart:] - power[:-apart])
+    one = float(np.median(change)) / (0.6745 * np.sqrt(2.0)) if apart else 1.0
+    shared = sum(cell_correlation(0.0, k * hop_windows) for k in range(1, apart + 1))
+    return one * float(np.sqrt((1.0 + 2.0 * shared) / len(power)))
+
+
+def _standing_out(
+    power: FloatArray, noise: float, spare: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return places between beams of what stands out, and by how many deviations."""
+    from scipy.signal import find_peaks
+
+    least = SURE_DEVIATIONS * np.sqrt(2.0) * noise
+    top, facts = find_peaks(power, prominence=max(least, spare * float(np.ptp(power))))
+    left, centre, right = power[top - 1], power[top], power[top + 1]
+    curvature = np.minimum(left + right - 2.0 * centre, -1e-12)
+    part = np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)
+    return top + part, facts["prominences"] / max(noise, 1e-12)
+
+
+def _follow(averages: _Averages) -> list[IntArray]:
+    """Return the directions of every contact that is followed, in the order of time."""
+    members: list[list[int]] = []
+    active = np.zeros(0, np.int64)
+    heard_s, heading = np.zeros(0), np.zeros(0)
+    state = KalmanState(*(np.zeros(0) for _ in KalmanState._fields))
+    noise = (0.5 * averages.step) ** 2
+    before_s = 0.0
+    for k, time_s in enumerate(averages.time_s):
+        state = predict(state, time_s - before_s, np.array(RATE_DENSITY))
+        before_s = time_s
+        here = np.flatnonzero(averages.average == k)
+        cosine = averages.cosine[here]
+        expected = _after_turn(state.position, averages.heading_deg[k] - heading)
+        away = cosine - expected[:, :, None]
+        nearer = np.abs(away).argmin(axis=0)
+        away = np.take_along_axis(away, nearer[None], axis=0)[0]
+        cost = away**2 / (state.variance + noise)[:, None]
+        track, at = np.nonzero(cost < GATE**2)
+        chosen = assign(track, at, cost[track, at])
+        track, at = track[chosen], at[chosen]
+        innovation, variance = np.zeros(active.size), np.full(active.size, np.inf)
+        innovation[track], variance[track] = away[track, at], noise
+        # after a turn it goes on from where the nearer side puts it
+        position = state.position.copy()
+        position[track] = cosine[at] - away[track, at]
+        state = update(state._replace(position=position), innovation, variance)
+        heard_s[track], heading[track] = time_s, averages.heading_deg[k]
+        for which, one in zip(active[track], here[at], strict=True):
+            members[which].append(int(one))
+        new = np.setdiff1d(np.arange(here.size), at)
+        started = np.arange(len(members), len(members) + new.size)
+        members += [[int(one)] for one in here[new]]
+        lasting = time_s - heard_s <= MOST_MISSED_S
+        begun = KalmanState(
+            cosine[new], np.zeros(new.size), np.full(new.size, noise),
+            np.zeros(new.size), np.full(new.size, START_RATE**2),
+        )  # fmt: skip
+        state = KalmanState(
+            *(
+                np.append(old[lasting], add)
+                for old, add in zip(state, begun, strict=True)
+            )
+        )
+        active = np.append(active[lasting], started)
+        heard_s = np.append(heard_s[lasting], np.full(new.size, time_s))
+        heading = np.append(
+            heading[lasting], np.full(new.size, averages.heading_deg[k])
+        )
+    return [np.array(rows) for rows in members]
+
+
+def _after_turn(cosine: FloatArray, turn_deg: FloatArray) -> FloatArray:
+    """Where contacts on starboard and on port are after a turn, shape (2, contact)."""
+    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    turn = wrap_deg(turn_deg)
+    moved = np.cos(np.radians([angle - turn, angle + turn]))
+    return np.where(np.abs(turn) > 0.0, moved, cosine)
+
+
+def _measured(averages: _Averages, rows: IntArray, side: float) -> _BearingTrack | None:
+    """Return the bearings of a contact; None for what is heard too seldom to be one."""
+    number = averages.average[rows]
+    if rows.size < FEWEST_POINTS or rows.size < HEARD_SHARE * (np.ptp(number) + 1):
+        return None
+    cosine, height = averages.cosine[rows], averages.height[rows]
+    # the weaker it stands out, the more its place is moved by noise
+    scatter = white_scatter(cosine)
+    std = np.maximum(scatter, 1e-6) * np.median(height) / height
+    cone_deg = np.degrees(np.arccos(cosine))
+    return _BearingTrack(
+        time_s=averages.time_s[number],
+        bearing_deg=(averages.heading_deg[number] + side * cone_deg) % 360.0,
+        bearing_std_deg=angle_std_deg(cosine, std),
+    )
+
+
+def _series(tracks: list[_BearingTrack], lines: Lines | None, frames: Frames) -> Series:
+    """Join the contacts, numbered as those of lines with the same bearings."""
+    numbers = [0 if lines is None else _contact_of(track, lines) for track in tracks]
+    unused = max([0, *numbers, *([] if lines is None else lines.line_contact.tolist())])
+    for k, number in enumerate(numbers):
+        if not number:
+            unused += 1
+            numbers[k] = unused
+    time_s, bearing, std = (
+        np.concatenate([np.zeros(0), *(getattr(track, name) for track in tracks)])
+        for name in ("time_s", "bearing_deg", "bearing_std_deg")
+    )
+    contact = np.repeat(np.array(numbers, np.int64), [t.time_s.size for t in tracks])
+    order = np.lexsort((contact, time_s))
+    nothing, no_lines = np.full(time_s.size, np.nan), np.zeros((time_s.size, 0))
+    return Series(
+        contact=contact[order],
+        time_s=time_s[order],
+        bearing_deg=bearing[order],
+        bearing_std_deg=std[order],
+        frequency_hz=no_lines,
+        frequency_std_hz=no_lines,
+        level_db=nothing,
+        level_std_db=nothing,
+        start_utc_ns=frames.start_utc_ns,
+    )
+
+
+def _contact_of(track: _BearingTrack, lines: Lines) -> int:
+    """Return the contact whose lines have the same bearings; 0 if there is none."""
+    best, number = SAME_DEG, 0
+    for contact in np.unique(lines.line_contact[lines.line_contact > 0]):
+        own = np.isin(lines.line, lines.line_id[lines.line_contact == contact])
+        own &= np.isfinite(lines.measured_bearing_deg)
+        own &= (lines.time_s >= track.time_s[0]) & (lines.time_s <= track.time_s[-1])
+        if np.count_nonzero(own) < FEWEST_POINTS:
+            continue
+        nearest = np.abs(lines.time_s[own][:, None] - track.time_s).argmin(axis=1)
+        apart = wrap_deg(lines.measured_bearing_deg[own] - track.bearing_deg[nearest])
+        if float(np.median(np.abs(apart))) < best:
+            best, number = float(np.median(np.abs(apart))), int(contact)
+    return number
