@@ -14,7 +14,7 @@ that is lower than the strongest of its cell by more than the sidelobes is dropp
 Rife & Boorstyn 1974 for the deviation of the frequency.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -152,8 +152,13 @@ def find_beam_peaks(
     side = 1.0 if rules.side == "starboard" else -1.0
     bearing = (beams.place.heading_deg[frame] + side * cone_deg) % 360.0
     is_known = rules.compass & ~(beams.place.bend_deg[frame] > BENT_DEG)
+    bent = beams.place.bend_deg > BENT_DEG
+    heading = np.where(bent, np.nan, beams.place.heading_deg)
     return Peaks(
-        frames=with_noise(frames, beams.frequency_hz, noise, detect),
+        frames=replace(
+            with_noise(frames, beams.frequency_hz, noise, detect),
+            array_heading_deg=heading if rules.compass else None,
+        ),
         frame=frame + frames.first_frame,
         frequency_hz=measured["frequency_hz"],
         frequency_std_hz=frequency_std_hz(snr, frames.window_s),

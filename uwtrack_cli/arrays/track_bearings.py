@@ -2,10 +2,10 @@
 
 **Method.** The bearing-time record is averaged over some seconds. Directions in which it
 stands out of those beside it, by more than its own noise and the sidelobes of the loudest,
-are followed from average to average by a Kalman filter of the cosine with the array's
-head. When the array turns, a contact keeps its compass bearing on one of two sides: the
-filter expects it at both, and takes the nearer. What is heard in most averages is a
-contact; one that moves with the lines of another has its number.
+are followed from average to average by a Kalman filter of the bearing on either side.
+Without a turn of the array both sides fit; in a turn the bearing goes on smoothly on one
+of them, and leads. What is heard in most averages is a contact; one that moves with the
+lines of another has its number.
 
 **Conventions.** As in `beamform`: cosine 1 is ahead; bearings are written for the side of
 the record.
@@ -39,12 +39,15 @@ SURE_DEVIATIONS = 5.0
 """Deviations of the record's noise by which a direction must stand out: among some thirty
 maxima an average, noise does so in one of ten thousand."""
 
-RATE_DENSITY = 4e-8
-"""Density of the noise that changes the rate of a cosine, 1/s^3: by 0.002 /s, that of a
-vessel of 5 m/s at 2.5 km, within 100 s."""
+ACCELERATION_DENSITY = 1e-4
+"""Density of the noise that changes the rate of a bearing, degree^2/s^3: by 0.1 degrees
+a second, that of a vessel of 5 m/s at 2.9 km, within 100 s."""
 
-START_RATE = 0.01
-"""Deviation of a rate that is not known, 1/s."""
+START_RATE_DEGPS = 0.5
+"""Deviation of a rate that is not known, degrees per second."""
+
+MOST_MISFIT = 50.0
+"""What one side may have fitted worse than the other, at most, in squared deviations."""
 
 TURNING_DEG = 2.0
 """Turn of the array within an average from which it tells no directions, degrees."""
@@ -242,61 +245,59 @@ def _standing_out(
 def _follow(averages: _Averages) -> list[IntArray]:
     """Return the directions of every contact that is followed, in the order of time."""
     members: list[list[int]] = []
-    active = np.zeros(0, np.int64)
-    heard_s, heading = np.zeros(0), np.zeros(0)
-    state = KalmanState(*(np.zeros(0) for _ in KalmanState._fields))
-    noise = (0.5 * averages.step) ** 2
+    active, heard_s = np.zeros(0, np.int64), np.zeros(0)
+    state = KalmanState(*(np.zeros((2, 0)) for _ in KalmanState._fields))
+    misfit = np.zeros((2, 0))
     before_s = 0.0
     for k, time_s in enumerate(averages.time_s):
-        state = predict(state, time_s - before_s, np.array(RATE_DENSITY))
+        state = predict(state, time_s - before_s, np.array(ACCELERATION_DENSITY))
         before_s = time_s
         here = np.flatnonzero(averages.average == k)
-        cosine = averages.cosine[here]
-        expected = _after_turn(state.position, averages.heading_deg[k] - heading)
-        away = cosine - expected[:, :, None]
-        nearer = np.abs(away).argmin(axis=0)
-        away = np.take_along_axis(away, nearer[None], axis=0)[0]
-        cost = away**2 / (state.variance + noise)[:, None]
+        seen, variance = _on_both_sides(averages, here, averages.heading_deg[k])
+        away = wrap_deg(seen[:, None, :] - state.position[:, :, None])
+        fit = away**2 / (state.variance[:, :, None] + variance)
+        # a side that has fitted worse so far counts less
+        fit += (misfit - misfit.min(axis=0))[:, :, None]
+        cost = fit.min(axis=0)
         track, at = np.nonzero(cost < GATE**2)
         chosen = assign(track, at, cost[track, at])
         track, at = track[chosen], at[chosen]
-        innovation, variance = np.zeros(active.size), np.full(active.size, np.inf)
-        innovation[track], variance[track] = away[track, at], noise
-        # after a turn it goes on from where the nearer side puts it
-        position = state.position.copy()
-        position[track] = cosine[at] - away[track, at]
-        state = update(state._replace(position=position), innovation, variance)
-        heard_s[track], heading[track] = time_s, averages.heading_deg[k]
+        innovation = np.zeros(state.position.shape)
+        noise = np.full(state.position.shape, np.inf)
+        innovation[:, track], noise[:, track] = away[:, track, at], variance[at]
+        unlikely = innovation**2 / (state.variance + noise)
+        misfit = np.minimum(misfit + unlikely, misfit.min(axis=0) + MOST_MISFIT)
+        state = update(state, innovation, noise)
+        heard_s[track] = time_s
         for which, one in zip(active[track], here[at], strict=True):
             members[which].append(int(one))
         new = np.setdiff1d(np.arange(here.size), at)
-        started = np.arange(len(members), len(members) + new.size)
-        members += [[int(one)] for one in here[new]]
         lasting = time_s - heard_s <= MOST_MISSED_S
+        zero = np.zeros((2, new.size))
         begun = KalmanState(
-            cosine[new], np.zeros(new.size), np.full(new.size, noise),
-            np.zeros(new.size), np.full(new.size, START_RATE**2),
-        )  # fmt: skip
-        state = KalmanState(
-            *(
-                np.append(old[lasting], add)
-                for old, add in zip(state, begun, strict=True)
-            )
+            seen[:, new], zero, zero + variance[new], zero, zero + START_RATE_DEGPS**2
         )
-        active = np.append(active[lasting], started)
+        state = KalmanState(*(
+            np.append(old[:, lasting], add, axis=1)
+            for old, add in zip(state, begun, strict=True)
+        ))  # fmt: skip
+        misfit = np.append(misfit[:, lasting], zero, axis=1)
+        active = np.append(
+            active[lasting], np.arange(len(members), len(members) + new.size)
+        )
         heard_s = np.append(heard_s[lasting], np.full(new.size, time_s))
-        heading = np.append(
-            heading[lasting], np.full(new.size, averages.heading_deg[k])
-        )
+        members += [[int(one)] for one in here[new]]
     return [np.array(rows) for rows in members]
 
 
-def _after_turn(cosine: FloatArray, turn_deg: FloatArray) -> FloatArray:
-    """Where contacts on starboard and on port are after a turn, shape (2, contact)."""
-    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    turn = wrap_deg(turn_deg)
-    moved = np.cos(np.radians([angle - turn, angle + turn]))
-    return np.where(np.abs(turn) > 0.0, moved, cosine)
+def _on_both_sides(
+    averages: _Averages, rows: IntArray, heading_deg: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return bearings of directions on starboard and port, and their variance."""
+    cosine = averages.cosine[rows]
+    cone_deg = np.degrees(np.arccos(cosine))
+    std_deg = angle_std_deg(cosine, np.full(rows.size, 0.5 * averages.step))
+    return np.stack([heading_deg + cone_deg, heading_deg - cone_deg]), std_deg**2
 
 
 def _measured(averages: _Averages, rows: IntArray, side: float) -> _BearingTrack | None:

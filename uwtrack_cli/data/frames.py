@@ -41,6 +41,11 @@ class Frames(Container):
         "dB", "Detection threshold above the noise; nan before peaks were sought.",
         "frame", dtype=np.float32,
     )  # fmt: skip
+    array_heading_deg: FloatArray | None = column(
+        "degree", "Heading of a line array that cannot tell port from starboard; nan "
+        "where its bearings are not given. None: bearings are of one side.",
+        "frame", optional=True,
+    )  # fmt: skip
     sensor: str = scalar("", "Identifier of the sensor.")
     sample_rate_hz: float = scalar("Hz", "Sample rate of the recording.")
     window_samples: int = scalar("1", "Length of the analysis window.")

@@ -147,6 +147,10 @@ class TrackStore:
         self.last_innovation[:] = self.innovation
         self.innovation[:] = 0.0
 
+    def loosen_bearings(self, turn_deg: float) -> None:
+        """Let all bearings be off by a turn that some of them follow and some do not."""
+        self.bearing_variance_deg2[:] += turn_deg**2
+
     def coast(self, slots: IntArray | slice = slice(None)) -> None:
         """Mark lines as not measured in this frame."""
         self.association[slots] = COASTED

@@ -93,8 +93,23 @@ class LineTracker:
         self.frames_seen = 0
         self.window_frames = frames.window_s / frames.hop_s
         self.last_time_s: float | None = None
+        self.last_heading_deg: float | None = None
         self.is_after_gap = False
         self.usual_precision = 0.0
+
+    def turn(self, heading_deg: float) -> None:
+        """Note where a line array points whose bearings are written for one side.
+
+        When it turns, bearings on that side stay, and those of vessels on the other
+        swing by twice the turn: lines keep their identity on either. (A turn is the
+        whole one since bearings were given last: a bent array has none.)
+        """
+        if np.isnan(heading_deg):
+            return
+        if self.last_heading_deg is not None:
+            turned = float(wrap_deg(heading_deg - self.last_heading_deg))
+            self.store.loosen_bearings(2.0 * turned)
+        self.last_heading_deg = heading_deg
 
     def step(
         self, frame: int, time_s: float, valid_fraction: float, peaks: FramePeaks
@@ -351,6 +366,8 @@ def follow_peaks(
             tracker = make_tracker(frames, peaks)
         parts = []
         for index, frame_peaks in enumerate(split_frames(block, peaks)):
+            if frames.array_heading_deg is not None:
+                tracker.turn(float(frames.array_heading_deg[index]))
             tracker.step(
                 frames.first_frame + index,
                 float(frames.time_s[index]),
