@@ -68,6 +68,10 @@ BLOCK_FRAMES = 2 * TILE_FRAMES
 DIFFUSE_POINTS = 32
 """Frequencies at which noise from all around is looked at."""
 
+LINE_SHARE = 4.0
+"""Power over the mean of a beam's cells from which a cell counts no more: of noise, it
+leaves out 2 % (exp -4)."""
+
 MOST_VALUES = 3_000_000
 """Beams times cells of an array that is no line: 32 frames of them are 400 MB."""
 
@@ -380,7 +384,7 @@ class _BeamFormer(ABC):
         frames = peaks.frames
         with np.errstate(divide="ignore", invalid="ignore"):
             level_db = 10.0 * np.log10(shown.sum(axis=2) * frames.bin_hz).T
-            excess_db = 10.0 * np.log10((shown / noise).mean(axis=2)).T
+            excess_db = 10.0 * np.log10(_broadband_mean(shown / noise)).T
         silent = frames.valid_fraction < 0.5
         level_db[silent], excess_db[silent] = np.nan, np.nan
         return BearingTime(
@@ -580,6 +584,17 @@ class _SpatialFormer(_BeamFormer):
             chosen = np.flatnonzero(near) if near.any() else [int(np.argmin(apart))]
             found[row] = power[chosen].max(axis=0)
         return found
+
+
+def _broadband_mean(ratio: FloatArray) -> FloatArray:
+    """Mean over the cells in which lines count as much as strong noise.
+
+    A line would lift its own beam and, in its main lobe, those of other contacts.
+    """
+    mean: FloatArray = ratio.mean(axis=2)
+    for _ in range(2):  # lines that raised the first mean do not raise the second
+        mean = np.minimum(ratio, LINE_SHARE * mean[:, :, None]).mean(axis=2)
+    return mean / np.float32(1.0 - np.exp(-LINE_SHARE))
 
 
 def _transposed(values: NDArray[Any], strip: int) -> NDArray[Any]:

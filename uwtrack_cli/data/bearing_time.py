@@ -47,7 +47,8 @@ class BearingTime(Container):
         dtype=np.float32,
     )  # fmt: skip
     excess_db: FloatArray = column(
-        "dB", "Mean over the band of the power over the median of all beams' noise.",
+        "dB", "Mean over the band of the power over the median of all beams' noise; a line "
+        "counts as much as strong noise.",
         "frame", "beam", dtype=np.float32,
     )  # fmt: skip
     east_m: FloatArray = column(
