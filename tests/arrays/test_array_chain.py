@@ -23,8 +23,13 @@ from uwtrack_cli.simulate.trajectories import array_place, vessel_trajectory
 pytestmark = pytest.mark.filterwarnings("ignore:hydrophones 3 m apart")
 
 
-def scene(seed=7, turn=(), course_deg=20.0, duration_s=280.0, place=(1200.0, 600.0)):
-    """Eight hydrophones 80 m behind a ship; one vessel with two lines."""
+LINES = [{"frequency_hz": f, "source_level_db": 141.0} for f in (141.0, 213.0)]
+
+
+def scene(
+    seed=7, turn=(), course_deg=20.0, duration_s=280.0, place=(1200.0, 600.0), **sound
+):
+    """Eight hydrophones 80 m behind a ship; one vessel, of two lines unless given."""
     array = {
         "id": "tow1", "kind": "array", "depth_m": 20.0, "full_scale_db": 140.0,
         "element_along_m": [10.5 - 3.0 * k for k in range(8)], "tow_offset_m": 80.0,
@@ -34,7 +39,7 @@ def scene(seed=7, turn=(), course_deg=20.0, duration_s=280.0, place=(1200.0, 600
         "source_depth_m": 4.0,
         "track": {"east_m": place[0], "north_m": place[1], "course_deg": 310.0,
                   "speed_mps": 6.0},
-        "line": [{"frequency_hz": f, "source_level_db": 141.0} for f in (141.0, 213.0)],
+        **(sound or {"line": LINES}),
     }  # fmt: skip
     return make_scenario(
         {"seed": seed, "duration_s": duration_s, "sample_rate_hz": 500.0,
@@ -74,6 +79,30 @@ def assert_near_truth(motions, row, scenario, deviations=4.0):
 
 
 TURN = {"at_s": 110.0, "course_deg": 320.0, "rate_deg_per_s": 2.0}
+
+
+def test_lines_of_a_vessel_on_the_other_side_hold_through_the_turn():
+    turn = {"at_s": 110.0, "course_deg": 80.0, "rate_deg_per_s": 2.0}
+    made = run(scene(turn=[turn], place=(-1100.0, 300.0)), "beamform.side=starboard")
+    lines = made[Lines]
+    assert lines.line_contact.tolist() == [1, 1]
+    for line in lines.line_id:
+        heard = lines.time_s[
+            (lines.line == line) & ~np.isnan(lines.measured_bearing_deg)
+        ]
+        assert heard.min() < 40.0
+        assert heard.max() > 240.0
+
+
+def test_a_vessel_without_lines_is_followed_by_its_noise():
+    noise = {"band_hz": [40.0, 240.0], "source_level_db": 152.0}
+    scenario = scene(turn=[TURN], broadband=noise)
+    made = run(scenario)
+    assert made[Lines].line_id.size == 0
+    motions = made[Motions]
+    assert motions.contact.tolist() == [1]
+    assert_near_truth(motions, 0, scenario)
+    assert motions.range_std_m[0] < 0.25 * motions.range_m[0]
 
 
 def test_a_turn_settles_the_side_and_the_motion():

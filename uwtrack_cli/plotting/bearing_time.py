@@ -7,6 +7,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.plotting.lofargram import check_axes
 from uwtrack_cli.plotting.style import (
     LEVELS_MAP,
@@ -83,26 +84,44 @@ def _angles(record: BearingTime) -> tuple[FloatArray, BoolArray]:
 
 def draw_line_angles(record: BearingTime, lines: Lines, ax: "Axes") -> "Axes":
     """Draw measured angles of contacts over the record, in the contacts' colours."""
-    contacts = dict(
-        zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True)
-    )
+    angle_deg = _angle_from_ahead(record, lines.time_s, lines.measured_bearing_deg)
+    contacts = zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True)
+    for line, contact in contacts:
+        if contact > 0:
+            own = lines.line == line
+            _mark(ax, lines.time_s[own], angle_deg[own], contact)
+    return ax
+
+
+def draw_contact_angles(record: BearingTime, series: Series, ax: "Axes") -> "Axes":
+    """Draw angles of contacts that are followed without lines, in their colours."""
+    angle_deg = _angle_from_ahead(record, series.time_s, series.bearing_deg)
+    for contact in np.unique(series.contact).tolist():
+        own = series.contact == contact
+        _mark(ax, series.time_s[own], angle_deg[own], contact)
+    return ax
+
+
+def _angle_from_ahead(
+    record: BearingTime, time_s: FloatArray, bearing_deg: FloatArray
+) -> FloatArray:
     heading = np.unwrap(record.heading_deg, period=360.0)
-    at = np.interp(lines.time_s, record.frames.time_s, heading)
+    at = np.interp(time_s, record.frames.time_s, heading)
     side = 1.0 if record.side == "starboard" else -1.0
-    angle_deg = (lines.measured_bearing_deg - at) % 360.0
+    angle_deg: FloatArray = (bearing_deg - at) % 360.0
     if record.cos_angle is not None:
         angle_deg = (side * angle_deg) % 360.0
         angle_deg = np.minimum(angle_deg, 360.0 - angle_deg)
-    for line, contact in contacts.items():
-        rows = np.flatnonzero((lines.line == line) & np.isfinite(angle_deg))
-        if contact <= 0 or not rows.size:
-            continue
-        kept = rows[:: -(-rows.size // MOST_MARKS)]
-        ax.plot(
-            lines.time_s[kept], angle_deg[kept], "o", ms=2.6, mew=0.4,
-            color=contact_color(contact), mec="white",
-        )  # fmt: skip
-    return ax
+    return angle_deg
+
+
+def _mark(ax: "Axes", time_s: FloatArray, angle_deg: FloatArray, contact: int) -> None:
+    rows = np.flatnonzero(np.isfinite(angle_deg))
+    kept = rows[:: max(1, -(-rows.size // MOST_MARKS))]
+    ax.plot(
+        time_s[kept], angle_deg[kept], "o", ms=2.6, mew=0.4,
+        color=contact_color(contact), mec="white",
+    )  # fmt: skip
 
 
 def draw_heading(record: BearingTime, ax: "Axes") -> "Axes":

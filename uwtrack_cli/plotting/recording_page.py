@@ -21,6 +21,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import KINDS, Presence
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels, Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.json_rows import json_rows
@@ -28,6 +29,7 @@ from uwtrack_cli.files.tables.presence_words import presence_sentences
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.bearing_time import (
     draw_bearing_time,
+    draw_contact_angles,
     draw_heading,
     draw_line_angles,
 )
@@ -549,10 +551,12 @@ def _record(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
     record = scene.first(BearingTime)
     if record is None or not record.frames.n_frames:
         return []
-    lines = scene.first(Lines)
+    lines, followed = scene.first(Lines), scene.first(Series)
 
     def draw(ax: "Axes") -> None:
         draw_bearing_time(record, ax, span_s)
+        if followed is not None and record.cos_angle is not None:
+            draw_contact_angles(record, followed, ax)
         if lines is not None:
             draw_line_angles(record, lines, ax)
 
