@@ -19,7 +19,7 @@ ROOMS = {
     "arrays": {"data", "acoustics", "estimation", "spectra"},
     "lines": {"data", "acoustics", "estimation"},
     "motion": {"data", "acoustics", "estimation"},
-    "presence": {"data", "acoustics", "estimation"},
+    "presence": {"data", "acoustics", "estimation", "lines"},
     "clutter": {"data", "acoustics", "estimation"},
     "discrimination": {"data", "acoustics", "estimation"},
     "files": {"data", "acoustics"},
