@@ -271,3 +271,24 @@ def test_a_report_is_drawn_by_a_browser(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0
     assert (tmp_path / "page.png").stat().st_size > 10_000
+
+
+def test_residuals_of_a_table_are_exported(uwtrack, samples, tmp_path):
+    for name in ("bearings.csv", "own-ship.csv"):
+        (tmp_path / name).write_bytes((samples / name).read_bytes())
+    words = ["tma", "bearings.csv", "--own-ship", "own-ship.csv", "-q", "-o", "b.h5"]
+    assert uwtrack(*words, "--sound-speed-mps", 1480).exit_code == 0
+    rows = ["--container", "motions", "--axis", "row"]
+    done = uwtrack("export", "b.h5", "--to", "csv", *rows, "-o", "rows.csv")
+    assert done.exit_code == 0, done.output
+    head, *lines = (tmp_path / "rows.csv").read_text().splitlines()
+    assert head.split(",")[-1] == "row_residual_deg"
+    assert len(lines) == len((tmp_path / "bearings.csv").read_text().splitlines()) - 1
+    assert uwtrack("show", "b.h5", "motions", "--axis", "row").exit_code == 0
+    alone = uwtrack("export", "b.h5", "--to", "csv", "--axis", "row", "-o", "c.csv")
+    assert alone.exit_code == 2
+    assert "needs --container" in alone.stderr
+    wrong = uwtrack("show", "b.h5", "motions", "--axis", "lobe")
+    assert wrong.exit_code == 2
+    assert "it has motion" in wrong.stderr
+    assert uwtrack("show", "b.h5", "--axis", "row").exit_code == 2

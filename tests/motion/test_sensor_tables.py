@@ -138,3 +138,16 @@ def test_what_a_table_of_sensors_cannot_be_is_refused():
         )  # fmt: skip
     with pytest.raises(OptionError, match="recursive"):
         estimate_motion(series, solver="recursive")
+
+
+def test_bearings_of_one_sensor_in_radians_are_told_with_its_name():
+    series, *_ = buoys(1, strange=0.0)
+    of_one = series.sensor == "b2"
+    mixed = replace(
+        series,
+        bearing_deg=np.where(
+            of_one, np.radians(series.bearing_deg), series.bearing_deg
+        ),
+    )
+    with pytest.raises(DataError, match=r"by b2 .* radians"):
+        locate_vessels(series=mixed)

@@ -42,6 +42,13 @@ Branch = Annotated[
     ),
 ]
 
+Axis = Annotated[
+    str | None,
+    typer.Option(
+        "--axis",
+        help="Rows of another axis of the container: row (motions), lobe (directions).",
+    ),
+]
 Ais = Annotated[
     Path | None,
     typer.Option(

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from uwtrack_cli.cli.command_factory import (
+    Axis,
     Branch,
     Output,
     Overwrite,
@@ -40,6 +41,7 @@ def export(
         str | None, typer.Option("--sensor", help="Sensor, where there are several.")
     ] = None,
     step: Branch = None,
+    axis: Axis = None,
     output: Output = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -53,12 +55,15 @@ def export(
     if container is not None and form != "csv":
         msg = f"--container goes with --to csv, not {form}, which takes what it needs."
         raise OptionError(msg)
+    if axis is not None and container is None:
+        msg = f"--axis {axis} needs --container, and --to csv."
+        raise OptionError(msg)
     target = _target(output, file, ENDINGS[form])
     inputs = () if file == PIPE else (file,)
     with open_product(file) as product:
         export_product(
             product, form, target, container=container, sensor=sensor,
-            step=step, overwrite=overwrite, inputs=inputs,
+            step=step, axis=axis, overwrite=overwrite, inputs=inputs,
         )  # fmt: skip
     say(f"wrote {target}")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, Branch, command
+from uwtrack_cli.cli.command_factory import AsJson, Axis, Branch, command
 from uwtrack_cli.cli.console import FAILED, is_verbose, put
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.data.presence import Presence
@@ -135,6 +135,7 @@ def show(
         str | None, typer.Option("--sensor", help="Sensor, where there are several.")
     ] = None,
     step: Branch = None,
+    axis: Axis = None,
     schema: Annotated[
         str | None,
         typer.Option(
@@ -164,6 +165,9 @@ def show(
         msg = "name the product to show, or an output with --schema."
         raise OptionError(msg)
     if container is None:
+        if axis is not None:
+            msg = f"--axis {axis} needs the name of the container that has it."
+            raise OptionError(msg)
         _show_result(file, form, sensor, step)
         return
     if container not in CONTAINERS:
@@ -172,7 +176,7 @@ def show(
     with open_product(file) as product:
         refuse_unknown_step([product], step)
         found = read_of_branch(product, CONTAINERS[container], sensor, step)
-        put(write_table(found, form))
+        put(write_table(found, form, axis=axis))
 
 
 def _show_result(file: Path, form: str, sensor: str | None, step: str | None) -> None:

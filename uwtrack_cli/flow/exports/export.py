@@ -53,6 +53,7 @@ def export_product(
     container: str | None = None,
     sensor: str | None = None,
     step: str | None = None,
+    axis: str | None = None,
     overwrite: bool = False,
     inputs: tuple[Path, ...] = (),
 ) -> None:
@@ -72,6 +73,8 @@ def export_product(
         Sensor, where there are several.
     step
         Step whose branch is meant, where several steps made results of one kind.
+    axis
+        Axis of the container whose rows a CSV holds; the main one unless given.
     overwrite
         Whether an existing file may be replaced.
     inputs
@@ -88,7 +91,7 @@ def export_product(
     refuse_unknown_step([product], step)
     if form == "csv":
         chosen = _chosen(product, container, sensor, step)
-        text = "\n".join(write_table(chosen, "csv")) + "\n"
+        text = "\n".join(write_table(chosen, "csv", axis=axis)) + "\n"
     elif form == "netcdf":
         with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
             history = [step.to_json() for step in product.history]

@@ -251,12 +251,21 @@ def _check_bearings(data: Measurements, who: str) -> None:
         raise DataError(msg)
     stated = std[~np.isnan(std)]
     _check_positive(stated, f"bearing_std_deg of {who}")
-    turn = 2.0 * np.pi + 1e-6
-    scatter = np.degrees(white_scatter(np.radians(bearing).ravel(), circular=True))
+    for stream in range(len(bearing)):
+        of = "" if data.platforms is None else f" by {data.platforms.name[stream]}"
+        _check_degrees(bearing[stream], std[stream], f"{who}{of}")
+
+
+def _check_degrees(bearing: FloatArray, std: FloatArray, who: str) -> None:
+    """Refuse bearings of one sensor that are radians; others may be degrees."""
+    heard, stated = bearing[~np.isnan(bearing)], std[~np.isnan(std)]
+    if heard.size == 0 or np.any(np.abs(heard) > 2.0 * np.pi + 1e-6):
+        return
+    scatter = np.degrees(white_scatter(np.radians(bearing), circular=True))
     small_std = stated.size > 0 and np.median(stated) < 0.1
     # as degrees, the scatter of radians falls short of its deviation 57-fold
     too_smooth = stated.size > 0 and 0.0 < scatter < np.median(stated) / 25.0
-    if np.all(np.abs(heard) <= turn) and (small_std or too_smooth):
+    if small_std or too_smooth:
         msg = (
             f"the bearings of {who} lie between {heard.min():.3g} and "
             f"{heard.max():.3g} with a scatter of {scatter:.2g} and a deviation of "
