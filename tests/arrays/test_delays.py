@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from geographiclib.geodesic import Geodesic
 from scipy.signal import correlate
 
 from tests.arrays.test_spatial_array import (
@@ -85,7 +86,8 @@ def test_a_table_gives_what_the_geometry_says(uwtrack, tmp_path, monkeypatch):
     (tmp_path / "s.toml").write_text(
         'id = "t"\nkind = "array"\nchannels = ["e0", "e1", "e2", "e3"]\n'
         f"element_positions_m = {places}\nheading_deg = 100.0\ndepth_m = 30.0\n"
-        "depth_std_m = 0.1\n"
+        "depth_std_m = 0.1\nlatitude = 54.0\nlongitude = 10.0\nposition_std_m = 2.0\n"
+        "compass_std_deg = 3.0\n"
     )
     done = uwtrack("directions", "d.csv", "--sensor", "s.toml", "-o", "d.h5")
     assert done.exit_code == 0, done.output
@@ -95,6 +97,19 @@ def test_a_table_gives_what_the_geometry_says(uwtrack, tmp_path, monkeypatch):
     assert float(row["elevation_deg"]) == pytest.approx(40.0, abs=1e-6)
     level_m = float(row["range_m"]) * np.tan(elevation)
     assert abs(level_m - 30.0) < 8.0  # the depth of the source is not known
+    far = float(row["range_m"])
+    place = float(row["east_m"]), float(row["north_m"])
+    assert place == pytest.approx((-far * np.sqrt(0.75), 0.5 * far))
+    line = Geodesic.WGS84.Inverse(
+        54.0, 10.0, float(row["latitude"]), float(row["longitude"])
+    )
+    assert (line["s12"], line["azi1"] % 360.0) == pytest.approx((far, 300.0), abs=1e-3)
+    spread = np.array(
+        [float(row[f"covariance_m2_{i}_{j}"]) for i, j in np.ndindex(2, 2)]
+    )
+    across = np.array([0.5, np.sqrt(0.75)])  # the array's place and its compass alone
+    across_m2 = across @ spread.reshape(2, 2) @ across
+    assert across_m2 == pytest.approx(2.0**2 + (far * np.radians(3.0)) ** 2, rel=0.01)
     bad = ["0.5,e1,e0,0.004,2e-6", *rows[1:]]
     (tmp_path / "bad.csv").write_text("\n".join([head, *bad]) + "\n")
     done = uwtrack("directions", "bad.csv", "--sensor", "s.toml", "-o", "b.h5")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
 from uwtrack_cli.arrays.broadband_directions import Found
 from uwtrack_cli.arrays.direction_grid import SpatialArray
 from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
@@ -96,6 +97,11 @@ def direction_table(
         level_db=level_db,
         range_m=range_m,
         range_std_m=range_std_m,
+        **surface_place(
+            np.stack([stated.bearing_deg, stated.bearing_std_deg]),
+            np.stack([range_m, range_std_m]),
+            sensor,
+        ),
         lobe_frame=lobes[0] + facts.first_frame,
         lobe_bearing_deg=lobes[1],
         lobe_elevation_deg=lobes[2],
@@ -135,6 +141,52 @@ def surface_range(
         by_angle = above * rise_std / np.sin(rise) ** 2
         std = np.hypot(by_angle, above_std / np.tan(rise))
     return np.where(is_sure, far, np.nan), np.where(is_sure, std, np.nan)
+
+
+def surface_place(
+    bearing_deg: FloatArray, range_m: FloatArray, sensor: Sensor
+) -> dict[str, FloatArray]:
+    """Return where sources near the surface are, by one array at rest.
+
+    Parameters
+    ----------
+    bearing_deg
+        Bearings and their deviations, shape (2, n).
+    range_m
+        Horizontal ranges and their deviations, m, shape (2, n); nan if unknown.
+    sensor
+        The array; its compass and its own place add to the deviations.
+
+    Returns
+    -------
+    dict
+        Columns of `Directions`; nan for an array that moves.
+    """
+    (bearing, bearing_std), (far, far_std) = np.radians(bearing_deg), range_m
+    if sensor.navigation is not None:
+        far = np.full(far.shape, np.nan)
+    along = np.stack([np.sin(bearing), np.cos(bearing)], axis=-1)
+    across = np.stack([np.cos(bearing), -np.sin(bearing)], axis=-1)
+    turn = np.hypot(bearing_std, np.radians(sensor.compass_std_deg or 0.0))
+    spread = far_std**2 * np.einsum("ni,nj->ijn", along, along)
+    spread = spread + (far * turn) ** 2 * np.einsum("ni,nj->ijn", across, across)
+    spread = spread + sensor.position_std_m**2 * np.eye(2)[:, :, None]
+    off = far[:, None] * along
+    latitude = longitude = np.full(far.shape, np.nan)
+    own = (sensor.east_m or 0.0, sensor.north_m or 0.0)
+    if sensor.latitude is not None and sensor.longitude is not None:
+        origin, known = Origin(sensor.latitude, sensor.longitude), np.isfinite(far)
+        latitude, longitude = latitude.copy(), longitude.copy()
+        latitude[known], longitude[known] = to_latitude_longitude(
+            off[known, 0], off[known, 1], origin
+        )
+    return {
+        "east_m": own[0] + off[:, 0],
+        "north_m": own[1] + off[:, 1],
+        "covariance_m2": np.where(np.isfinite(far), spread, np.nan).transpose(2, 0, 1),
+        "latitude": latitude,
+        "longitude": longitude,
+    }
 
 
 def _lobes(

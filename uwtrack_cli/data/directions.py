@@ -25,6 +25,7 @@ class Directions(Container):
 
     NAME: ClassVar[str] = "directions"
     STREAMS: ClassVar[bool] = True
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("coordinate", "coordinate_too")
 
     frame: IntArray = column(
         "1", "Index of the frame in the recording.", "direction", dtype=np.int64
@@ -63,6 +64,24 @@ class Directions(Container):
         "nan if they do not tell.", "direction",
     )  # fmt: skip
     range_std_m: FloatArray = column("m", "Its standard deviation.", "direction")
+    east_m: FloatArray | None = column(
+        "m", "Where that source is, east on the grid of the array at rest, or east of it "
+        "where it has latitude and longitude; nan without range.", "direction",
+        optional=True,
+    )  # fmt: skip
+    north_m: FloatArray | None = column(
+        "m", "The same to the north.", "direction", optional=True
+    )
+    covariance_m2: FloatArray | None = column(
+        "m^2", "Covariance of east and north.", "direction", "coordinate",
+        "coordinate_too", optional=True,
+    )  # fmt: skip
+    latitude: FloatArray | None = column(
+        "degree", "Its latitude; nan if the array has none.", "direction", optional=True
+    )
+    longitude: FloatArray | None = column(
+        "degree", "Its longitude.", "direction", optional=True
+    )
     lobe_frame: IntArray = column(
         "1", "Frame whose direction may be another.", "lobe", dtype=np.int64
     )
