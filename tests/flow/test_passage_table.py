@@ -21,6 +21,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.files.hdf5.checksum import LINE_BYTES, append_checksum
 from uwtrack_cli.files.hdf5.product import write_product
+from uwtrack_cli.flow import passages
 from uwtrack_cli.flow.passages import collect_passages, count_passages
 
 START_NS = 1_714_564_800 * 10**9  # 2024-05-01T12:00:00Z
@@ -175,6 +176,24 @@ def test_only_what_is_new_is_read(folder, tmp_path):
     assert len(collect_passages([folder], cache=cache).passages) == 4
 
 
+def test_what_was_read_before_an_interrupt_is_not_read_again(
+    folder, tmp_path, monkeypatch
+):
+    cache = tmp_path / "p.sqlite"
+    whole = passages._read_result
+
+    def until_the_last(path, vessels):
+        if path.name == "day2.run.h5":
+            raise KeyboardInterrupt
+        return whole(path, vessels)
+
+    monkeypatch.setattr(passages, "_read_result", until_the_last)
+    with pytest.raises(KeyboardInterrupt):
+        collect_passages([folder], cache=cache)
+    monkeypatch.setattr(passages, "_read_result", whole)
+    assert collect_passages([folder], cache=cache).n_read == 1
+
+
 def test_ten_thousand_results_cost_little_once_they_are_known(tmp_path):
     """The table of a year: the second time takes a hundredth of the first."""
     one = write_result(tmp_path / "a0.run.h5", 0)
@@ -203,7 +222,7 @@ def test_counts_are_per_day_month_and_sensor(folder):
 
 
 @pytest.fixture
-def passages(uwtrack, monkeypatch, folder):
+def listed(uwtrack, monkeypatch, folder):
     """Run the command over the folder, with a cache of its own."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
 
@@ -215,24 +234,24 @@ def passages(uwtrack, monkeypatch, folder):
     return run
 
 
-def test_the_command_prints_tables_that_others_read(passages, folder):
-    assert passages().stdout.count("2024-05-0") == 6
-    rows = list(csv.DictReader(io.StringIO(passages("--to", "csv").stdout)))
+def test_the_command_prints_tables_that_others_read(listed, folder):
+    assert listed().stdout.count("2024-05-0") == 6
+    rows = list(csv.DictReader(io.StringIO(listed("--to", "csv").stdout)))
     assert len(rows) == 6
     assert float(rows[0]["speed_mps"]) == pytest.approx(6.0)
-    lines = passages("--to", "jsonl").stdout.splitlines()
+    lines = listed("--to", "jsonl").stdout.splitlines()
     assert [json.loads(line)["sensor"] for line in lines] == ["h1"] * 6
-    passages("--to", "parquet", "-o", folder / "p.parquet")
+    listed("--to", "parquet", "-o", folder / "p.parquet")
     found = duckdb.read_parquet(str(folder / "p.parquet")).fetchall()
     assert len(found) == 6
     assert str(found[0][0]).startswith("2024-05-01 12:01")
-    counted = passages("--per", "month", "--to", "csv").stdout.splitlines()
+    counted = listed("--per", "month", "--to", "csv").stdout.splitlines()
     assert counted == ["month,passages", "2024-05,6"]
 
 
-def test_sql_sees_the_table_and_nothing_else(passages, uwtrack, folder):
+def test_sql_sees_the_table_and_nothing_else(listed, uwtrack, folder):
     query = "SELECT sensor, count(*) AS n, avg(speed_mps) AS v FROM passages GROUP BY 1"
-    (row,) = json.loads(passages("--sql", query, "--to", "json").stdout)
+    (row,) = json.loads(listed("--sql", query, "--to", "json").stdout)
     assert row == {"sensor": "h1", "n": 6, "v": pytest.approx(6.0)}
     secret = folder / "secret.csv"
     secret.write_text("a\n1\n")

@@ -40,6 +40,9 @@ from uwtrack_cli.flow.vessel_names import WITHIN_M, AisVessels, read_vessels
 Group = Literal["day", "month", "vessel", "sensor"]
 UNKNOWN = "unknown"
 
+SAVED_AT_ONCE = 500
+"""Results after which the cache is written."""
+
 SAME_PLACE_M = 50.0
 """Distance within which two positions of one sensor identifier are the same place."""
 
@@ -227,19 +230,21 @@ def collect_passages(
     results: list[Result] = []
     remembered = _Cache(cache, ais, within_m)
     vessels = None if ais is None else read_vessels(ais, within_m)
-    for path in find_results(sources):
-        result = remembered.find(as_input(path))  # an input, even if not opened
-        if result is None:
-            table.n_read += 1
-            try:
-                result = _read_result(path, vessels)
-            except UwtrackError as error:
-                named = "" if str(path) in str(error) else f"{path}: "
-                table.problems.append(f"left out: {named}{error}")
-                continue
-            remembered.keep(path, result)
-        results.append(result)
-    remembered.save()
+    try:
+        for path in find_results(sources):
+            result = remembered.find(as_input(path))  # an input, even if not opened
+            if result is None:
+                table.n_read += 1
+                try:
+                    result = _read_result(path, vessels)
+                except UwtrackError as error:
+                    named = "" if str(path) in str(error) else f"{path}: "
+                    table.problems.append(f"left out: {named}{error}")
+                    continue
+                remembered.keep(path, result)
+            results.append(result)
+    finally:  # an interrupt, too: the next time goes on from here
+        remembered.save()
     table.n_results = len(results)
     table.problems += _places_that_differ(results)
     table.problems += dict.fromkeys(text for r in results for text in r.unnamed)
@@ -480,6 +485,8 @@ class _Cache:
         """Note what a product gave."""
         stamp = _stamp(path) + self._made_by
         self._new.append((_key(path), stamp, json.dumps(asdict(result))))
+        if len(self._new) >= SAVED_AT_ONCE:  # the program may be killed
+            self.save()
 
     def save(self) -> None:
         """Write what is new; a cache that cannot be written is done without."""
@@ -495,6 +502,7 @@ class _Cache:
                 database.executemany(
                     "INSERT OR REPLACE INTO results VALUES (?, ?, ?)", self._new
                 )
+                self._new = []
 
 
 def _key(path: Path) -> bytes:
