@@ -11,7 +11,9 @@ from uwtrack_cli.cli.command_factory import Ais, Branch, Overwrite, WithinM, com
 from uwtrack_cli.cli.console import say
 from uwtrack_cli.cli.targets import PIPE, Inputs, open_product, product_name
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.truth import VesselTrack
@@ -197,7 +199,7 @@ def with_more(
     *,
     needs_sound: bool,
 ) -> tuple[list[Container], list[VesselTrack]]:
-    """Add own ship's way, the sound, and what AIS knows."""
+    """Add own ship's way, peaks of an array, the sound, and what AIS knows."""
     from uwtrack_cli.flow.rerun_sources import with_sound
     from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
 
@@ -206,6 +208,8 @@ def with_more(
         with_sound(c, products) if needs_sound and isinstance(c, Recording) else c
         for c in containers
     ]
+    if any(isinstance(c, BearingTime) for c in found):  # beams show where peaks lie
+        found += [peaks for product in products for peaks in product.read_all(Peaks)]
     if ais is None:
         return [*found, *navigation], []
     vessels = read_vessels(ais, within_m)

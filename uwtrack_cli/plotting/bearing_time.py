@@ -7,6 +7,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.plotting.lofargram import check_axes
 from uwtrack_cli.plotting.style import (
@@ -122,6 +123,49 @@ def _mark(ax: "Axes", time_s: FloatArray, angle_deg: FloatArray, contact: int) -
         time_s[kept], angle_deg[kept], "o", ms=2.6, mew=0.4,
         color=contact_color(contact), mec="white",
     )  # fmt: skip
+
+
+def draw_frequency_azimuth(
+    record: BearingTime, peaks: Peaks, ax: "Axes", span_s: tuple[float, float]
+) -> "Axes":
+    """Draw at which frequencies and angles peaks were found within a span of time.
+
+    Vertical rows of one frequency are lines; rows of one angle are a vessel.
+
+    Parameters
+    ----------
+    record
+        The record of the array.
+    peaks
+        What was found in its beams.
+    ax
+        Where to draw.
+    span_s
+        Begin and end, s.
+    """
+    time_s = record.frames.time_s[peaks.frame - record.frames.first_frame]
+    at = np.flatnonzero(
+        peaks.is_detection & (time_s >= span_s[0]) & (time_s <= span_s[1])
+    )
+    if peaks.cone_deg is not None:
+        angle_deg = peaks.cone_deg[at]
+    else:
+        angle_deg = _angle_from_ahead(record, time_s[at], peaks.bearing_deg[at])
+    order = np.argsort(peaks.snr_db[at])
+    dots = ax.scatter(
+        peaks.frequency_hz[at][order], angle_deg[order], c=peaks.snr_db[at][order],
+        s=7.0, cmap=LEVELS_MAP, vmin=5.0, vmax=30.0, linewidths=0.0, rasterized=True,
+    )  # fmt: skip
+    bar = ax.figure.colorbar(dots, ax=ax, pad=0.01, aspect=30)
+    bar.set_label("dB over the noise of the beam", fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+    calm(ax)
+    widest = 180 if record.cos_angle is not None else 360
+    ax.set(xlim=(record.band_low_hz, record.band_high_hz), ylim=(widest, 0.0))
+    ax.set(yticks=range(0, widest + 1, 30))
+    ax.set_xlabel("frequency (Hz)", fontsize=9)
+    ax.set_ylabel("angle from ahead (deg)", fontsize=9)
+    return ax
 
 
 def draw_heading(record: BearingTime, ax: "Axes") -> "Axes":

@@ -19,6 +19,7 @@ from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.presence import KINDS, Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.series import Series
@@ -30,6 +31,7 @@ from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.bearing_time import (
     draw_bearing_time,
     draw_contact_angles,
+    draw_frequency_azimuth,
     draw_heading,
     draw_line_angles,
 )
@@ -117,28 +119,43 @@ def recording_figure(scenes: Sequence[Scene], view: View) -> "Figure":
         clock = scenes[0].clock
         shared = view.span_s(shared, clock)
         parts = [_parts(scene, view, shared, len(scenes)) for scene in scenes]
-    motions = scenes[0].first(Motions)
-    has_motion = motions is not None and motions.contact.size > 0
-    is_mapped = has_motion or has_sensor_map(scenes)
-    if not any(parts) and not is_mapped:
+    below = _below(scenes, shared, 0.9 * view.width_in / (MAP_IN - 0.5))
+    if not any(parts) and below is None:
         held = ", ".join(sorted({c.NAME for s in scenes for c in s.containers}))
         msg = f"there is nothing to draw; the files hold {held or 'nothing'}."
         raise DataError(msg)
     every = [part for own in parts for part in own]
     height = sum(part.height for part in every) + (0.5 if every else 0.0)
-    map_in = MAP_IN if is_mapped else 0.0
+    map_in = 0.0 if below is None else MAP_IN
     figure, body = titled_figure(_heads(scenes, shared), view, height + map_in)
-    if every and is_mapped:
+    if every and below is not None:
         upper, lower = stacked(body, height, map_in)
     else:
         upper, lower = body, body
     draw_parts(every, upper, scenes[0].clock, shared, view.ticks)
-    ratio = 0.9 * view.width_in / (MAP_IN - 0.5)
-    if motions is not None and has_motion:
-        draw_motion_map(motions, measured_from(scenes[0]), lower.subplots(), ratio)
-    elif is_mapped:
-        draw_sensor_map(scenes, lower.subplots(), ratio)
+    if below is not None:
+        below(lower.subplots())
     return figure
+
+
+def _below(
+    scenes: Sequence[Scene], span_s: tuple[float, float], ratio: float
+) -> Panel | None:
+    """Return what is drawn below the panels over time: a map, or peaks of an array."""
+    first = scenes[0]
+    motions, record, peaks = (
+        first.first(Motions),
+        first.first(BearingTime),
+        first.first(Peaks),
+    )
+    if motions is not None and motions.contact.size:
+        origin = measured_from(first)
+        return lambda ax: draw_motion_map(motions, origin, ax, ratio)
+    if has_sensor_map(scenes):
+        return lambda ax: draw_sensor_map(scenes, ax, ratio)
+    if record is not None and peaks is not None and peaks.frame.size:
+        return lambda ax: draw_frequency_azimuth(record, peaks, ax, span_s)
+    return None
 
 
 def _heads(scenes: Sequence[Scene], span_s: tuple[float, float]) -> list[HeadLine]:
