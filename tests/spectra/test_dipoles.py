@@ -1,9 +1,12 @@
 """Vector sensors with faults: corrected as told, and measured by a known passage."""
 
 import json
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from geographiclib.geodesic import Geodesic
 
 from tests.benchmarks.difar_figures import (
     ambient_pull,
@@ -84,8 +87,6 @@ def test_exchanged_and_inverted_dipoles_are_told(channels, words):
                 [np.sign(c or 1) * block[:, abs(c)] for c in channels], axis=1
             )
 
-    from dataclasses import replace
-
     with pytest.raises(DataError, match=words):
         calibrate_sensor(replace(recording, reader=wrong), truth)
 
@@ -154,10 +155,43 @@ def test_the_command_writes_a_new_sensor_file_and_never_over_another(uwtrack, tm
     assert abs(off) < 3.0 * found["compass_std_deg"] + 0.5
     again = uwtrack(*words)
     assert again.exit_code == 1
-    assert "a.calibrated.sensor.toml exists" in again.stderr
+    assert "replaces no sensor file" in again.stderr
     other = uwtrack(*words, "-o", "b.sensor.toml")
     assert other.exit_code == 0
     assert "orientation_deg" in other.stderr
+    (tmp_path / "ais.csv").write_text(
+        ais_of(json.loads((tmp_path / "a.truth.json").read_text()))
+    )
+    words[3] = "ais.csv"
+    known = ["--start-utc", "2024-05-01T12:00:00Z", "--vessel", "ferry"]
+    done = uwtrack(*words, *known, "-o", "c.sensor.toml", "--json")
+    assert done.exit_code == 0, done.output
+    by_ais = json.loads(done.stdout)
+    assert (
+        abs(by_ais["compass_offset_deg"] + 12.0) < 3.0 * by_ais["compass_std_deg"] + 0.5
+    )
+    assert by_ais["compass_std_deg"] > found["compass_std_deg"]  # of places and clocks
+    unknown = uwtrack(*words, "-o", "d.sensor.toml")
+    assert unknown.exit_code == 1
+    assert "--start-utc" in unknown.stderr
+
+
+def ais_of(truth):
+    """Write the track of a truth file as AIS messages, ten seconds apart."""
+    track = truth["vessels"][0]["track"]
+    lines = ["MMSI,time_utc,latitude,longitude,SOG,COG,VesselName"]
+    for k in range(0, len(track["time_s"]), 10):
+        east, north = track["east_m"][k], track["north_m"][k]
+        azimuth = np.degrees(np.arctan2(east, north))
+        place = Geodesic.WGS84.Direct(35.0, 128.5, azimuth, np.hypot(east, north))
+        clock = datetime(2024, 5, 1, 12, tzinfo=UTC) + timedelta(
+            seconds=track["time_s"][k]
+        )
+        lines.append(
+            f"123456789,{clock:%Y-%m-%dT%H:%M:%S}Z,{place['lat2']:.6f},"
+            f"{place['lon2']:.6f},11.66,81.0,FERRY"
+        )
+    return "\n".join(lines) + "\n"
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import typer
 from uwtrack_cli.cli.command_factory import AsJson, command
 from uwtrack_cli.cli.console import put, say, say_wrote, show_table
 from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import OptionError, OutputError
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.calibration import Calibration
@@ -78,6 +78,12 @@ def calibrate(
 
     _check(band_hz, window_s, within_m)
     target = source.with_name(source.stem + BESIDE) if output is None else output
+    if target.exists():
+        msg = (
+            f"{target} exists already, and calibrate replaces no sensor file: name "
+            f"another one with -o."
+        )
+        raise OutputError(msg)
     check_target(target, overwrite=False)
     recording = open_source(source, source_options)
     known = read_any_truth(truth)
