@@ -139,6 +139,18 @@ def test_sound_that_is_only_silence_is_said(uwtrack):
     assert "is silent" in done.stderr
 
 
+def test_sound_that_does_not_change_is_no_sound_and_said(uwtrack):
+    """A converter that is stuck: rounding alone would show steady lines."""
+    stuck = np.full(120 * RATE, 77, "<i2").tobytes()
+    raw = ("--raw", "s16le", "--rate-hz", RATE)
+    done = uwtrack("run", "-", "-o", "s.h5", *raw, input=stuck)
+    assert done.exit_code == 0
+    assert "does not change: every sample is 0.00235" in " ".join(done.stderr.split())
+    assert "no vessel was found" in done.stderr
+    shown = uwtrack("show", "s.h5", "presence", "--format", "json")
+    assert json.loads(shown.stdout) == []
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_finishes_the_product(uwtrack, tmp_path, number):
     """The sound has a gap, whose event says that all before it has been worked on."""

@@ -16,7 +16,7 @@ from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.options import (
     AtLeast,
@@ -249,11 +249,13 @@ def _block(
     whole = bool((frames.valid_fraction == 1.0).all())
     clean = samples if whole else np.nan_to_num(samples)
     columns = directional_channels(sensor)
+    is_flat = _flat_frames(clean[:, list(columns)], layout, n_frames)
     if len(columns) == 1:
-        return _spectrogram(
-            sensor, layout, frames, layout.power(clean[:, columns[0]], n_frames)
-        )
+        power = layout.power(clean[:, columns[0]], n_frames)
+        power[is_flat] = 0.0
+        return _spectrogram(sensor, layout, frames, power)
     power, first, second = layout.intensity(clean[:, list(columns)], n_frames)
+    power[is_flat], first[is_flat], second[is_flat] = 0.0, 0.0, 0.0
     parts = true_components(sensor, frames, power, first, second)
     return _spectrogram(sensor, layout, frames, power, *parts)
 
@@ -353,6 +355,26 @@ def time_base(
         first_frame=first_frame,
         start_utc_ns=start_utc_ns,
     )
+
+
+FLAT_SAMPLES = 8
+"""Samples at the begin of a frame that are looked at first: sound changes within them."""
+
+
+def _flat_frames(
+    samples: FloatArray, layout: FrameTransform, n_frames: int
+) -> BoolArray:
+    """Tell in which frames nothing changes: a converter that is stuck, no sound.
+
+    What rounding leaves of them has a spectrum of steady lines.
+    """
+    first = np.arange(n_frames) * layout.hop
+    begin = samples[first[:, None] + np.arange(min(FLAT_SAMPLES, layout.window))]
+    is_flat: BoolArray = (begin == begin[:, :1]).all(axis=(1, 2))
+    for frame in np.flatnonzero(is_flat):
+        whole = samples[first[frame] : first[frame] + layout.window]
+        is_flat[frame] = bool((whole == whole[0]).all())
+    return is_flat
 
 
 def _valid_fraction(

@@ -140,6 +140,8 @@ class Tally:
         self.n_full = np.zeros(n_channels, np.int64)
         self.n_nan = np.zeros(n_channels, np.int64)
         self.has_sound = np.zeros(n_channels, np.bool_)
+        self.changes = np.zeros(n_channels, np.bool_)
+        self.first: Samples | None = None
 
     def add(self, block: Samples) -> None:
         """Count what a block holds."""
@@ -148,6 +150,10 @@ class Tally:
         self.n_full += np.count_nonzero(magnitude >= FULL_SCALE, axis=0)
         self.n_nan += np.count_nonzero(np.isnan(block), axis=0)
         self.has_sound |= np.any(magnitude > 0.0, axis=0)
+        if not self.changes.all() and block.shape[0]:
+            if self.first is None:
+                self.first = block[0].copy()
+            self.changes |= np.any((block != self.first) & ~np.isnan(block), axis=0)
 
     def problems(self, name: str, columns: tuple[int, ...]) -> Iterator[str]:
         """Yield what is wrong with the channels of a recording, in words."""
@@ -160,6 +166,11 @@ class Tally:
                 )
             if not self.has_sound[i]:
                 yield f"{channel} is silent: every sample is zero or no number."
+            elif self.first is not None and not self.changes[i]:
+                yield (
+                    f"{channel} does not change: every sample is {self.first[i]:.4g}, "
+                    f"which is no sound."
+                )
             share = self.n_full[i] / self.n_samples
             if share >= CLIPPED_SHARE:
                 yield (

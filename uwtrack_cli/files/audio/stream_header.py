@@ -146,7 +146,10 @@ def _format(content: bytes, order: str, name: str) -> tuple[float, int, SampleFo
     )
     if tag == EXTENSIBLE and len(content) >= 26:
         tag = struct.unpack(order + "H", content[24:26])[0]
-    n_bytes = frame // n_channels if n_channels else 0
+    if not n_channels:
+        msg = f"{name} claims to have no channel: it is damaged."
+        raise DataError(msg)
+    n_bytes = frame // n_channels
     allowed = {PCM: (1, 2, 3, 4), FLOAT: (4, 8)}.get(tag, ())
     if n_bytes not in allowed or 8 * n_bytes != (bits + 7) // 8 * 8:
         msg = (
