@@ -5,8 +5,10 @@ runs the chain with its checks switched off, and prints what each check says of 
 and of the false passages. A threshold lies where it refuses no true one:
 `SMALLEST_EVIDENCE`, `LARGEST_MISFIT` and `SMALLEST_SLOPE` were set from 88 recordings of
 `tests/motion/random_passages.py`, 30 drawn ones with a vessel and 20 without (three
-recipes each). A recording takes some ten seconds:
+recipes each). A recording takes some ten seconds; the third number is the first seed, and
+the last line says what the thresholds refuse among these draws:
 python -m calibration.fit_checks 30 20
+python -m calibration.fit_checks 8 4 40000
 """
 
 import sys
@@ -21,9 +23,15 @@ from uwtrack_cli.data.recording import SampleRing
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.passage.contacts import CandidatePassage, examine_contacts
-from uwtrack_cli.motion.passage.fit_checks import doppler_misfit, level_slope
+from uwtrack_cli.motion.passage.fit_checks import (
+    LARGEST_MISFIT,
+    SLOPE_DEVIATIONS,
+    SMALLEST_SLOPE,
+    doppler_misfit,
+    level_slope,
+)
 from uwtrack_cli.motion.passage.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.rest_frame import ask_the_sound
+from uwtrack_cli.motion.passage.rest_frame import SMALLEST_EVIDENCE, ask_the_sound
 from uwtrack_cli.simulate import Scenario, simulate_recordings
 from uwtrack_cli.simulate.random_passages import draw_scenario
 
@@ -63,10 +71,21 @@ def describe(item: CandidatePassage, lines: Lines, scenario: Scenario) -> str:
     )
 
 
+def is_refused(item: CandidatePassage, lines: Lines) -> bool:
+    """Return whether a check refuses a candidate, with its threshold."""
+    slope, std = level_slope(item, lines)
+    return bool(
+        item.rest_frame_evidence < SMALLEST_EVIDENCE
+        or doppler_misfit(item.fit, item.blocks) > LARGEST_MISFIT
+        or slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE
+    )
+
+
 def main(n_vessels: int, n_quiet: int, seed: int = 900) -> None:
     """Print a table of so many recordings with and without a vessel."""
     warnings.simplefilter("ignore")
     print(HEAD)
+    refused: dict[bool, list[bool]] = {True: [], False: []}
     for number in range(n_vessels + n_quiet):
         is_quiet = number >= n_vessels
         scenario = draw_scenario(
@@ -75,7 +94,13 @@ def main(n_vessels: int, n_quiet: int, seed: int = 900) -> None:
         for recipe in RECIPES if is_quiet else RECIPES[:1]:
             for item, lines in candidates(scenario, recipe):
                 if np.isfinite(item.fit.covariance[0, 2, 2]):
-                    print(describe(item, lines, scenario), flush=True)
+                    words = describe(item, lines, scenario)
+                    refused[words.startswith("true")].append(is_refused(item, lines))
+                    print(words, flush=True)
+    print(
+        f"seeds from {seed}: refused {sum(refused[True])} of {len(refused[True])} true "
+        f"and {sum(refused[False])} of {len(refused[False])} false passages"
+    )
 
 
 if __name__ == "__main__":

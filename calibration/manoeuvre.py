@@ -5,12 +5,17 @@ turn or change their speed half way, and prints the gains of the best change of
 velocity over the threshold: for straight ones the share beyond it is that of false
 manoeuvres, for the others that of those found. Some seconds for ten records of each:
 python -m calibration.manoeuvre 60
+
+With another seed than that of the threshold (11) it is confirmed; "straight" leaves the
+others out, and the last line has the false manoeuvres of all with their exact interval:
+python -m calibration.manoeuvre 60 4000 straight
 """
 
 import sys
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import binomtest
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
@@ -64,30 +69,38 @@ def _heard(relative: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def gains(
-    name: str, noise: float, runs: int, change: tuple[float, float]
+    name: str, noise: float, runs: int, change: tuple[float, float], seed: int
 ) -> FloatArray:
     """Return gains over those of chance, of so many records of a scenario."""
-    problem = make_problem(make_scenario(name), noise=noise, runs=runs, seed=11)
+    problem = make_problem(make_scenario(name), noise=noise, runs=runs, seed=seed)
     problem = turned(problem, name, *change)
     fit = fit_from_truth(problem, make_scenario(name).solution())
     found = [find_manoeuvre(problem.record(k), fit.q[k], KNOWN, 0) for k in range(runs)]
     return np.array([one.gain / one.chance_gain for one in found])
 
 
-def main(runs: int) -> None:
-    """Print a line for every scenario, noise and change."""
+def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
+    """Print a line for every scenario, noise and change, and the false ones of all."""
+    changes = ((0.0, 0.0), *(() if only_straight else TURNS))
+    false, straight = 0, 0
     for name in TARGETS:
         for noise in (1.0, 5.0):
-            for change in ((0.0, 0.0), *TURNS):
-                found = gains(name, noise, runs, change)
+            for change in changes:
+                found = gains(name, noise, runs, change, seed)
                 median, high = np.quantile(found, [0.5, 0.98])
                 share = (found > 1.0).mean()
+                if change == (0.0, 0.0):
+                    false, straight = false + int((found > 1.0).sum()), straight + runs
                 print(
                     f"{name} noise {noise:g} turn {change[0]:g} deg {change[1]:+g} kn: "
                     f"median {median:.1f}, 98 % {high:.1f}, found {share:.3f}",
                     flush=True,
                 )
+    low, high = binomtest(false, straight).proportion_ci(method="exact")
+    print(
+        f"seed {seed}: false manoeuvres {false} of {straight} ({low:.1%} to {high:.1%})"
+    )
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(*map(int, sys.argv[1:3]), only_straight="straight" in sys.argv)

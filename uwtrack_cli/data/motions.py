@@ -123,7 +123,7 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     )  # fmt: skip
     manoeuvre_gain: FloatArray | None = column(
         "1", "What the best change of velocity gains in the misfit; straight targets "
-        "exceed 13 (20 in coloured noise) in less than 2 % of the records.", "motion", optional=True,
+        "exceed 14.5 (20 in coloured noise) in less than 2 % of the records.", "motion", optional=True,
     )  # fmt: skip
     east_m: FloatArray | None = column(
         "m", "Place at the first measurement, east of the sensors' origin; nan without "

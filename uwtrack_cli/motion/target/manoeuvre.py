@@ -41,9 +41,10 @@ SMALLEST_CORRELATION = 3.0
 LARGEST_DECAY = 0.98
 """Correlation of neighbours of the slowest Markov noise."""
 
-LARGEST_CHANCE_GAIN = 13.0
+LARGEST_CHANCE_GAIN = 14.5
 """Gain that straight targets exceed in less than 2 % of the records: see
-calibration/manoeuvre.py."""
+calibration/manoeuvre.py. With 13, 17 of 600 independent records (seed 4000) did; with
+this one 4 of 600 (seed 8000: 0.2 to 1.7 %)."""
 
 COLOURED_CHANCE_GAIN = 20.0
 """The same where noise has a memory, whose strength is known less well."""
