@@ -219,20 +219,25 @@ def errors(drawn, found):
 
 
 def score(kind, seed):
-    """Return reading, errors, deviations and whether the side is wrong, of one draw."""
+    """Return reading, errors, deviations, if the side is wrong, bounds and range."""
+    from tests.motion.drawn_bounds import bounds
+
     number = seed
     drawn = draw(kind, number)
     while not is_clear(drawn):
         number += 1_000_000
         drawn = draw(kind, number)
     found = analyse(drawn)
+    bound = np.full(5, np.nan) if kind == "machinery" else bounds(drawn)
+    slant = float(drawn.truth[2])
     if not found.n_encounters:
         is_refused = bool(found.refusals())
         name = "refused" if is_refused else "nothing"
-        return name, np.full(5, np.nan), np.full(5, np.nan), False
+        return name, np.full(5, np.nan), np.full(5, np.nan), False, bound, slant
     error, std = errors(drawn, found)
     reading = "straight" if found.reading is None else str(found.reading[0])
-    return reading, error, std, found.side[0] not in ("", drawn.side)
+    is_wrong = found.side[0] not in ("", drawn.side)
+    return reading, error, std, is_wrong, bound, slant
 
 
 COLUMNS = (
@@ -240,33 +245,63 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def main(count, first, kinds=KINDS):
-    """Print what so many passages of each kind are read as, and the coverage."""
-    warnings.simplefilter("ignore")
-    scores = {kind: [score(kind, first + k) for k in range(count)] for kind in kinds}
-    write = sys.stdout.write
-    write("| drawn | " + " | ".join(COLUMNS) + " | wrong side |\n")
-    write("|---" * (len(COLUMNS) + 2) + "|\n")
+DUE = 0.05
+"""Bound of the range, as a share, below which a passage is due to be found."""
+
+
+def confusion(scores):
+    """Return what passages of each kind are read as, in Markdown."""
+    lines = ["| drawn | " + " | ".join(COLUMNS) + " | wrong side | found where due |"]
+    lines.append("|---" * (len(COLUMNS) + 3) + "|")
     for kind, rows in scores.items():
         names = [row[0] for row in rows]
         cells = [str(names.count(name)) for name in COLUMNS]
         wrong = sum(row[3] for row in rows)
-        write(f"| {kind} | " + " | ".join(cells) + f" | {wrong} |\n")
-    write("\n| drawn | quantity | given | within 1.96 deviations | 95 % of that share "
-          "| median deviation | beyond 5 |\n" + "|---" * 7 + "|\n")  # fmt: skip
-    passed = [kind for kind in kinds if kind != "machinery"]
+        due = [row[0] for row in rows if _share_of_range(row) < DUE]
+        found = sum(name not in ("refused", "nothing") for name in due)
+        lines.append(
+            f"| {kind} | " + " | ".join(cells) + f" | {wrong} | {found} of {len(due)} |"
+        )
+    return lines
+
+
+def _share_of_range(row):
+    """Return the bound of the range as a share of it; nan for a machine."""
+    return row[4][2] / row[5]
+
+
+def coverage(scores):
+    """Return how often the intervals hold, beside their size, in Markdown."""
+    head = (
+        "drawn", "quantity", "given", "within 1.96 deviations", "95 % of that share",
+        "median deviation", "beyond 5", "stated over bound",
+    )  # fmt: skip
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    passed = [kind for kind in scores if kind != "machinery"]
     for kind in [*passed, "all"]:
         rows = [r for k in passed for r in scores[k] if kind in (k, "all")]
         ratio = np.abs([row[1] / row[2] for row in rows])
+        size = np.array([row[2] / row[4] for row in rows])
         for place, name in enumerate([*QUANTITIES, "every"]):
             part = ratio[:, place] if name != "every" else ratio.ravel()
             values = part[np.isfinite(part)]
+            share = size[:, place] if name != "every" else size.ravel()
             low, high = interval((values < 1.96).sum(), values.size)
-            write(
+            lines.append(
                 f"| {kind} | {name} | {values.size} of {part.size} "
                 f"| {(values < 1.96).mean():.1%} | {low:.1%} to {high:.1%} "
-                f"| {np.median(values):.2f} | {(values > 5).sum()} |\n"
+                f"| {np.median(values):.2f} | {(values > 5).sum()} "
+                f"| {np.nanmedian(share):.2f} |"
             )
+    return lines
+
+
+def main(count, first, kinds=KINDS):
+    """Print what so many passages of each kind are read as, and the coverage."""
+    warnings.simplefilter("ignore")
+    scores = {kind: [score(kind, first + k) for k in range(count)] for kind in kinds}
+    lines = [*confusion(scores), "", *coverage(scores)]
+    sys.stdout.write("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
