@@ -296,6 +296,55 @@ def cost():
     )
 
 
+def oracle():
+    """Beams of two sources against those of acoular, which must be installed for it."""
+    from acoular import (
+        BeamformerBase,
+        ImportGrid,
+        MicGeom,
+        PowerSpectraImport,
+        SteeringVector,
+    )
+
+    print("Hz: greatest difference to acoular within 20 dB of the maximum, dB")
+    window = np.hanning(1601)[:-1]
+    for frequency_hz in (300.0, 500.0, 700.0):
+        samples = tones([0.31, -0.45], [0.0, -3.0], frequency_hz, 32.0, 5)
+        record = beams_of(
+            samples, shading="uniform", overlap=0.0, zero_padding=1,
+            band_hz=(frequency_hz - 8.0, frequency_hz + 8.0),
+        )  # fmt: skip
+        inside = np.abs(record.cos_angle) <= 1.0
+        cosines = record.cos_angle[inside]
+        ours = 10.0 * np.log10(
+            (10.0 ** (record.level_db[:, inside] / 10.0)).mean(axis=0)
+        )
+        frames = samples.reshape(-1, 1600, N) * window[:, None]
+        spectra = np.fft.rfft(frames, axis=1)
+        toward = np.stack([cosines, np.sqrt(1.0 - cosines**2), 0.0 * cosines])
+        steer = SteeringVector(
+            grid=ImportGrid(pos=1e4 * toward),
+            mics=MicGeom(pos_total=np.stack([PLACES, 0.0 * PLACES, 0.0 * PLACES])),
+            steer_type="classic",
+        )
+        steer.env.c = C
+        power = 0.0
+        for cell_hz in frequency_hz + np.arange(-8.0, 9.0):
+            cell = spectra[:, round(cell_hz)]
+            matrix = np.einsum("kn,km->nm", cell, cell.conj()) / len(cell)
+            data = PowerSpectraImport(csm=matrix[None], frequencies=cell_hz)
+            beams = BeamformerBase(
+                freq_data=data, steer=steer, r_diag=False, cached=False
+            )
+            power = power + beams.synthetic(cell_hz, 0).ravel()
+        theirs = 10.0 * np.log10(power)
+        near = theirs > theirs.max() - 20.0
+        off = (ours - theirs)[near]
+        print(
+            f"{frequency_hz:.0f} {np.abs(off - np.median(off)).max():.3f} {near.sum()}"
+        )
+
+
 FIGURES = (
     cost, directions, detection, endfire, resolution, motions, scenes, false_alarms
 )  # fmt: skip
@@ -304,3 +353,5 @@ if __name__ == "__main__":
     for figure in FIGURES:
         if figure.__name__ in sys.argv[1:] or not sys.argv[1:]:
             figure()
+    if "oracle" in sys.argv[1:]:
+        oracle()
