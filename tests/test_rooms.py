@@ -27,7 +27,9 @@ ROOMS = {
         "data", "acoustics", "estimation", "simulate", "spectra", "arrays", "lines", "motion",
         "presence", "clutter", "discrimination", "files",
     },
-    "plotting": {"data", "acoustics", "estimation", "spectra", "motion", "files", "flow"},
+    "plotting": {
+        "data", "acoustics", "estimation", "spectra", "arrays", "motion", "files", "flow",
+    },
     "studies": {
         "data", "acoustics", "estimation", "simulate", "spectra", "arrays", "lines", "motion",
         "presence", "clutter", "discrimination", "files", "flow",

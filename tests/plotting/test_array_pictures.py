@@ -1,12 +1,17 @@
 """Pictures of an array's record show the contacts and peaks where they are."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 from tests.arrays.test_track_bearings import bearing_of, drawn
+from uwtrack_cli.arrays.line_array import LineArray
 from uwtrack_cli.arrays.track_bearings import track_bearings
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.plotting.bearing_time import (
+    draw_beam_pattern,
     draw_contact_angles,
     draw_frequency_azimuth,
 )
@@ -45,3 +50,20 @@ def test_peaks_of_the_span_lie_over_frequency_and_angle():
     (dots,) = ax.collections
     assert dots.get_offsets().tolist() == [[310.0, 62.0], [600.0, 120.0]]
     assert ax.get_ylim() == (180.0, 0.0)
+
+
+def test_the_pattern_is_that_of_the_shading():
+    record, _ = record_and_truth()
+    array = LineArray(np.arange(12.0) - 5.5, 1500.0)
+    ax = Figure().subplots()
+    draw_beam_pattern(replace(record, shading="chebyshev"), array, ax)
+    low, middle, high = ax.lines
+    assert [line.get_label() for line in ax.lines] == ["175 Hz", "350 Hz", "700 Hz"]
+    for line in (low, middle, high):
+        level, angle = line.get_xdata(), line.get_ydata()
+        assert angle[np.argmax(level)] == 90.0
+        assert level.max() == pytest.approx(0.0, abs=1e-6)
+    level = high.get_xdata()
+    tops = (level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])
+    sidelobes = np.sort(level[1:-1][tops])[:-1]
+    np.testing.assert_allclose(sidelobes, -30.0, atol=0.05)  # Dolph 1946: all equal

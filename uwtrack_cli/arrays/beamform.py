@@ -220,6 +220,7 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         "recording": recording,
         "layout": layout,
         "weights": np.full(n_elements, 1.0 / n_elements),
+        "shading": shading if is_line else "uniform",
         "loading": loading if beamformer == "mvdr" else None,
         "rules": rules,
     }
@@ -295,6 +296,8 @@ class _BeamFormer(ABC):
     recording: Recording
     layout: FrameTransform
     weights: FloatArray
+    shading: str
+    """What the weights are."""
     loading: float | None
     """Loading of MVDR; None for conventional beams."""
     rules: PeakRules
@@ -398,6 +401,7 @@ class _BeamFormer(ABC):
             band_low_hz=float(self._frequency_hz[0]),
             band_high_hz=float(self._frequency_hz[-1]),
             sidelobe_db=self.rules.sidelobe_db,
+            shading=self.shading,
             beamformer="conventional" if self.loading is None else "mvdr",
             side=self.rules.side,
             reference=self.rules.reference,

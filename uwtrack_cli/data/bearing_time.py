@@ -71,6 +71,7 @@ class BearingTime(Container):
     sidelobe_db: float | None = scalar(
         "dB", "Sidelobes of its beams below the main lobe; None: not known.", None
     )
+    shading: str = scalar("", "Weights of the hydrophones; empty: not known.", "")
     beamformer: str = scalar("", "'conventional' or 'mvdr'.")
     side: str = scalar("", "Side that bearings are written for, starboard or port.")
     ambiguity: str = scalar(

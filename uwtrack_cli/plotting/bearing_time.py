@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uwtrack_cli.arrays.line_array import LineArray
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 LARGEST_ROWS = 2000
 """Rows of the picture; of longer records the loudest of several frames is drawn."""
 
+
+PATTERN_POINTS = 721
+"""Angles of a beam's pattern."""
 
 MOST_MARKS = 120
 """Angles of a line that are drawn."""
@@ -165,6 +169,34 @@ def draw_frequency_azimuth(
     ax.set(yticks=range(0, widest + 1, 30))
     ax.set_xlabel("frequency (Hz)", fontsize=9)
     ax.set_ylabel("angle from ahead (deg)", fontsize=9)
+    return ax
+
+
+def draw_beam_pattern(record: BearingTime, array: LineArray, ax: "Axes") -> "Axes":
+    """Draw what a beam at the side of a line array hears from other angles.
+
+    Parameters
+    ----------
+    record
+        Record of the array, which knows its shading.
+    array
+        The hydrophones.
+    ax
+        Where to draw; its angles are those of the panel beside.
+    """
+    weights = array.weights(record.shading or "uniform", record.sidelobe_db or 30.0)  # type: ignore[arg-type]
+    angle_deg = np.linspace(0.0, 180.0, PATTERN_POINTS)
+    cosines = np.cos(np.radians(angle_deg))
+    frequencies = np.array([0.25, 0.5, 1.0]) * record.band_high_hz
+    for frequency_hz, style in zip(frequencies, (":", "--", "-"), strict=True):
+        steering = array.steering(np.array([frequency_hz]), cosines, weights)[0]
+        power = np.abs(steering.sum(axis=1)) ** 2
+        ax.plot(10.0 * np.log10(np.maximum(power, 1e-9)), angle_deg, style,
+                color=MEASURED, lw=0.9, label=f"{frequency_hz:.0f} Hz")  # fmt: skip
+    calm(ax)
+    ax.set(xlim=(-45.0, 2.0), ylim=(180.0, 0.0), yticks=range(0, 181, 30))
+    ax.set_xlabel("beam at 90 deg (dB)", fontsize=9)
+    ax.legend(fontsize=7, loc="lower left", framealpha=0.9, edgecolor="none")
     return ax
 
 

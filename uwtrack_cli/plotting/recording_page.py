@@ -9,11 +9,12 @@ the place of the lofargram.
 **Conventions.** A panel is drawn if it has something to say.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uwtrack_cli.arrays.line_array import LineArray
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.encounters import Encounters
@@ -22,6 +23,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.presence import KINDS, Presence
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels, Overview
 from uwtrack_cli.errors import DataError
@@ -29,6 +31,7 @@ from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.bearing_time import (
+    draw_beam_pattern,
     draw_bearing_time,
     draw_contact_angles,
     draw_frequency_azimuth,
@@ -68,7 +71,7 @@ from uwtrack_cli.plotting.view import Scene, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 MOST_POINTS = 1500
 """Points of a line or level that are drawn; of more, every so many-th."""
@@ -134,28 +137,37 @@ def recording_figure(scenes: Sequence[Scene], view: View) -> "Figure":
         upper, lower = body, body
     draw_parts(every, upper, scenes[0].clock, shared, view.ticks)
     if below is not None:
-        below(lower.subplots())
+        below(lower)
     return figure
 
 
 def _below(
     scenes: Sequence[Scene], span_s: tuple[float, float], ratio: float
-) -> Panel | None:
+) -> Callable[["SubFigure"], object] | None:
     """Return what is drawn below the panels over time: a map, or peaks of an array."""
     first = scenes[0]
-    motions, record, peaks = (
-        first.first(Motions),
-        first.first(BearingTime),
-        first.first(Peaks),
-    )
+    motions = first.first(Motions)
     if motions is not None and motions.contact.size:
         origin = measured_from(first)
-        return lambda ax: draw_motion_map(motions, origin, ax, ratio)
+        return lambda part: draw_motion_map(motions, origin, part.subplots(), ratio)
     if has_sensor_map(scenes):
-        return lambda ax: draw_sensor_map(scenes, ax, ratio)
-    if record is not None and peaks is not None and peaks.frame.size:
-        return lambda ax: draw_frequency_azimuth(record, peaks, ax, span_s)
-    return None
+        return lambda part: draw_sensor_map(scenes, part.subplots(), ratio)
+    record, peaks = first.first(BearingTime), first.first(Peaks)
+    if record is None or peaks is None or not peaks.frame.size:
+        return None
+    sensor = first.first(Sensor)
+    if sensor is None or record.cos_angle is None:
+        return lambda part: draw_frequency_azimuth(
+            record, peaks, part.subplots(), span_s
+        )
+    array = LineArray(sensor.element_places_m, sensor.sound_speed_mps)
+
+    def draw(part: "SubFigure") -> None:
+        left, right = part.subplots(1, 2, width_ratios=[4.0, 1.0])
+        draw_frequency_azimuth(record, peaks, left, span_s)
+        draw_beam_pattern(record, array, right)
+
+    return draw
 
 
 def _heads(scenes: Sequence[Scene], span_s: tuple[float, float]) -> list[HeadLine]:
