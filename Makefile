@@ -30,7 +30,7 @@ demo: $(BIN)/uwtrack  ## run the chain on a sample and draw a picture
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --output $(DEMO)/pass.png --overwrite
 
 test: $(VENV)/.development  ## the whole suite: style, types, tests, doctests, README
-	$(BIN)/python -m pytest --numprocesses 2
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
 long: $(VENV)/.development  ## the Monte-Carlo and stress runs that take long
 	$(BIN)/python -m pytest -m long --timeout 0

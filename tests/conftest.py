@@ -12,6 +12,19 @@ from tests.command_server import command_server
 from uwtrack_cli.files.shipped_folder import shipped_folder
 
 
+USUAL_TIMEOUT_S = 300
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with single long tests: at the end, a process would wait for the other."""
+
+    def is_long(item):
+        mark = item.get_closest_marker("timeout")
+        return mark is not None and mark.args[0] > USUAL_TIMEOUT_S
+
+    items.sort(key=is_long, reverse=True)
+
+
 @pytest.fixture
 def uwtrack(monkeypatch, tmp_path):
     """Run a command line in an empty folder; the result has exit_code and texts."""

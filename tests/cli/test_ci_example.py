@@ -3,7 +3,6 @@
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -18,32 +17,25 @@ def blocks(language):
 
 @pytest.fixture
 def workplace(tmp_path):
-    """A folder with the script and limits of the document, and the program."""
+    """A folder with the script and limits of the document."""
     (tmp_path / "ci").mkdir()
     (tmp_path / "ci" / "results.sh").write_text(blocks("sh")[0])
     limits, close = blocks("toml")
     (tmp_path / "ci" / "limits.toml").write_text(limits)
     (tmp_path / "ci" / "close.toml").write_text(close)
-    program = tmp_path / "bin" / "uwtrack"
-    program.parent.mkdir()
-    program.write_text(
-        f"#!{sys.executable}\nfrom uwtrack_cli.cli import main\n"
-        "if __name__ == '__main__':\n    main()\n"
-    )
-    program.chmod(0o755)
     return tmp_path
 
 
-def run(folder):
-    path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
+def run(folder, program):
+    path = f"{program}{os.pathsep}{os.environ['PATH']}"
     return subprocess.run(
         ["sh", "ci/results.sh"], cwd=folder, env={**os.environ, "PATH": path},
         capture_output=True, text=True, check=False, timeout=250,
     )  # fmt: skip
 
 
-def test_the_example_passes_and_fails_on_a_change(workplace, uwtrack):
-    done = run(workplace)
+def test_the_example_passes_and_fails_on_a_change(workplace, program, uwtrack):
+    done = run(workplace, program)
     assert done.returncode == 0, done.stderr
     words = ["diff", workplace / "out" / "pass.run.h5", workplace / "again.h5"]
     assert uwtrack(*words, "--tolerance", "ci/close.toml").exit_code == 0
