@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 from tests.command_server import command_server
 from uwtrack_cli.files.shipped_folder import shipped_folder
 
-
 USUAL_TIMEOUT_S = 300
 
 
