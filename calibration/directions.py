@@ -1,8 +1,9 @@
 """Rate of directions in noise: python -m calibration.directions.
 
 `HIGHER_FACTOR` of `uwtrack_cli.arrays.broadband_directions` brings the rates below, found with
-a factor of 1, to about 1. Rates over stated ones, 2048 frames, at 0.1 and 0.01 (whose counts
-err by a fifth), for independent noise, half of it isotropic, and 95 % of it:
+a factor of 1, to about 1 (tests/baselines/arrays.md has those with it). Rates over stated
+ones, 2048 frames, at 0.1 and 0.01 (whose counts err by a fifth), for independent noise, half
+of it isotropic, and 95 % of it:
 square of 1 m, 60-700 Hz: 1.11 1.46, 1.30 1.76, 0.97 1.03; tetrahedron of 1 m, 60-900 Hz:
 1.04 1.07, 1.30 1.42, 1.09 1.51; four microphones 150 m wide, 1-5 Hz: 1.12 0.83, 1.23 1.12,
 1.25 1.17.
