@@ -52,6 +52,7 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
                 )
             ),
             ("fixes", "statement"),
+            ("frames", "array_heading_deg"),
             *(("encounters", f"ais_{key}") for key in ("name", "digest", "within_m")),
             ("files", "first_sample"),
             ("files", "own_start_utc_ns"),
