@@ -12,6 +12,8 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
+from uwtrack_cli.motion.target.modes import Interval
+from uwtrack_cli.motion.target.motion_table import course_ends
 from uwtrack_cli.motion.tma import estimate_motion
 from uwtrack_cli.studies.tma_scenarios import TARGETS, make_scenario
 
@@ -386,3 +388,13 @@ def test_a_second_line_with_gaps_sharpens_the_range_and_has_its_own_rest_frequen
     )
     assert mean.range_std_m[0] > motions.range_std_m[0]
     assert off_in_sigmas(mean, "S3") < 18.5
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ends"),
+    [(-10.0, 20.0, (350.0, 20.0)), (100.0, 280.0, (100.0, 280.0)),
+     (-80.0, 280.0, (0.0, 360.0)), (-200.0, 300.0, (0.0, 360.0))],
+)  # fmt: skip
+def test_any_course_is_not_an_interval_of_no_width(low, high, ends):
+    span = Interval(*np.radians([low, high]), open_low=False, open_high=False)
+    assert tuple(course_ends(span).values()) == pytest.approx(ends)

@@ -52,7 +52,7 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     course_deg: FloatArray = column("degree", "Compass course.", "motion")
     course_std_deg: FloatArray = column("degree", "Its standard deviation.", "motion")
     course_low_deg: FloatArray = column(
-        "degree", "Start of its interval, clockwise.", "motion"
+        "degree", "Start of its interval, clockwise; 0 to 360 is any course.", "motion"
     )
     course_high_deg: FloatArray = column("degree", "End of its interval.", "motion")
     covariance: FloatArray = column(

@@ -13,7 +13,7 @@ from uwtrack_cli.motion.target.contact import ContactAnswer
 from uwtrack_cli.motion.target.cross_fix import grid_state
 from uwtrack_cli.motion.target.last_leg import state_now
 from uwtrack_cli.motion.target.model import to_motion
-from uwtrack_cli.motion.target.modes import ModeAnswer, TmaOptions
+from uwtrack_cli.motion.target.modes import Interval, ModeAnswer, TmaOptions
 
 LARGEST_LOG_RANGE_STD = 1.0
 """Deviation of ln R above which the range is not given."""
@@ -28,6 +28,9 @@ STATE = (
 not told."""
 
 MOVED = ("bearing_deg", "speed_mps", "course_deg")
+
+WHOLE_CIRCLE_DEG = 359.9
+"""Width from which an interval of the course is the whole circle."""
 
 LARGEST_SPEED_STD_MPS = 5.0
 LARGEST_COURSE_STD_RAD = np.radians(60.0)
@@ -298,8 +301,7 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
         ),
         "speed_low_mps": spans["speed"].low,
         "speed_high_mps": np.nan if spans["speed"].open_high else spans["speed"].high,
-        "course_low_deg": np.degrees(spans["course"].low) % 360.0,
-        "course_high_deg": np.degrees(spans["course"].high) % 360.0,
+        **course_ends(spans["course"]),
         "covariance": covariance,
         "now_time_s": float(data.time_s[-1]),
         **_now(_leg_of(answer, mode) or mode),
@@ -312,6 +314,25 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
     }
     _blank(values, reasons)
     return values
+
+
+def course_ends(span: Interval) -> dict[str, float]:
+    """Return the interval of the course, clockwise; the whole circle is 0 to 360.
+
+    Parameters
+    ----------
+    span
+        Interval in radians, not wrapped.
+
+    Examples
+    --------
+    >>> course_ends(Interval(-3.5, 3.5, True, True))
+    {'course_low_deg': 0.0, 'course_high_deg': 360.0}
+    """
+    low, high = np.degrees(span.low), np.degrees(span.high)
+    if high - low >= WHOLE_CIRCLE_DEG:
+        return {"course_low_deg": 0.0, "course_high_deg": 360.0}
+    return {"course_low_deg": low % 360.0, "course_high_deg": high % 360.0}
 
 
 def _now(mode: ModeAnswer) -> dict[str, float]:
