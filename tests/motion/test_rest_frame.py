@@ -11,6 +11,9 @@ from tests.support import recording_of
 from uwtrack_cli.data.recording import SampleRing
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
+from uwtrack_cli.motion.passage.contacts import examine_contacts
+from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.rest_frame import rest_frame
 
 RATE_HZ = 512.0
 SCENE = Scene(speed_mps=6.0, range_m=150.0, rest_hz=(120.0,), closest_s=150.0,
@@ -88,3 +91,18 @@ def test_without_the_sound_the_passage_stands_and_says_so():
     assert found.status.tolist() == ["ok"]
     assert np.isnan(found.rest_frame_evidence[0])
     assert found.reasons(0)["rest_frame_evidence"] == "the sound is not at hand"
+
+
+def test_a_passage_of_less_than_some_samples_is_not_asked():
+    """A candidate may be as narrow as it likes: it is refused by its frames, later."""
+    lines = lines_of_scenes([SCENE], np.random.default_rng(1))
+    found = find_encounters(lines, None, DIFAR)
+    assert found.n_encounters == 1
+    (item,) = examine_contacts(
+        lines, nuisance_priors(DIFAR, None, None, 22.0, 2.0).medium, 1e-3
+    )
+    theta = item.fit.theta.copy()
+    theta[0, 1] = np.log(1e-3)  # of the range: d/v of less than a millisecond
+    narrow = replace(item.fit, theta=theta)
+    assert narrow.range_over_speed_s[0] * RATE_HZ < 1.0
+    assert rest_frame(sound_of(1 + shift_at(TIME)[0], 1.0), narrow, item.blocks) is None

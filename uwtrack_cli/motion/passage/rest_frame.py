@@ -168,7 +168,8 @@ def rest_frame(
     heard_s = float(fit.theta[0, 0]) + mach * width
     start_s = max(heard_s - REACH * width, 0.0)
     stop_s = min(heard_s + REACH * width, recording.duration_s)
-    if not 0 < (stop_s - start_s) * recording.sample_rate_hz < MOST_SAMPLES:
+    n_samples = (stop_s - start_s) * recording.sample_rate_hz
+    if not FEWEST_FRAMES * FEWEST_CELLS <= n_samples < MOST_SAMPLES:
         return None
     try:
         sound = recording.stretch(start_s, stop_s)[:, 0]
