@@ -15,7 +15,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.spectra import Levels, Spectrogram
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.hdf5.product import (
     ProductWriter,
@@ -453,3 +453,17 @@ def test_a_recipe_that_came_with_0_1_0_still_joins(path):
             now = plain(step.options[option])
             nested = isinstance(value, dict)
             assert ({key: now[key] for key in value} if nested else now) == value
+
+
+def test_a_recipe_is_slowed_down_for_a_recorder_of_low_frequencies():
+    """Infrasound at 100 Hz: levels of 100 to 1500 Hz are those of 3.3 to 50 Hz."""
+    graph = load_recipe("vessel").graph()
+    with pytest.warns(UwtrackWarning, match="30 times as long"):
+        slow = graph.resolved(recording_of(np.zeros((10, 1)), 100.0))
+    options = {step.name: step.options for step in slow.steps()}
+    assert options["levels"]["band_hz"] == pytest.approx((100 / 30, 50.0))
+    assert options["spectrogram"]["band_hz"] == pytest.approx((1 / 3, 200 / 3))
+    assert options["spectrogram"]["window_s"] == pytest.approx(30.0)
+    for rate_hz in (1000.0, 96_000.0):
+        same = graph.resolved(recording_of(np.zeros((10, 1)), rate_hz))
+        assert [s.options for s in same.steps()] == [s.options for s in graph.steps()]

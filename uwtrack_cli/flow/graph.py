@@ -14,7 +14,8 @@ in vain.
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
-from typing import Self
+from typing import Any, Self
+from warnings import warn
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
@@ -23,10 +24,13 @@ from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.flow.catalogue import STAGES, find_stage
 from uwtrack_cli.flow.stage import Input, Stage
 from uwtrack_cli.flow.step import Step
+
+HELD_SHARE = 0.8
+"""Share of the highest frequency of a recording below which every band must begin."""
 
 PASSING: tuple[type[Container], ...] = (Spectrogram, Peaks, Families)
 """Containers too large to keep: they pass by and only what follows from them stays."""
@@ -150,18 +154,46 @@ class Graph:
         return "" if makers == [step.name] else step.name
 
     def resolved(self, recording: Recording) -> Self:
-        """Return the graph with the options that follow from a recording."""
+        """Return the graph with the options that follow from a recording.
+
+        A recipe for faster recorders is slowed down: where a band lies above all that
+        the recording holds, the bands that reach higher than it are lowered and their
+        windows lengthened, by one factor.
+
+        Parameters
+        ----------
+        recording
+            The recording.
+        """
+        highest_hz = 0.5 * recording.sample_rate_hz
+        slower = self._slowness(highest_hz)
+        if slower > 1.0:
+            msg = (
+                f"{recording.name} reaches {highest_hz:g} Hz: the recipe's windows are "
+                f"taken {slower:g} times as long, and its bands as much lower."
+            )
+            warn(msg, UwtrackWarning, stacklevel=2)
         nodes = tuple(
             replace(
                 node,
                 step=replace(
                     node.step,
-                    options=node.step.stage.resolve(recording, node.step.options),
+                    options=node.step.stage.resolve(
+                        recording, _slowed(node.step, slower, highest_hz)
+                    ),
                 ),
             )
             for node in self.nodes
         )
         return replace(self, nodes=nodes)
+
+    def _slowness(self, highest_hz: float) -> float:
+        """Return by what to slow the steps down for sound up to a frequency."""
+        options = [{**s.stage.defaults, **s.options} for s in self.steps()]
+        bands = [o["band_hz"] for o in options if o.get("band_hz") is not None]
+        if all(low < HELD_SHARE * highest_hz for low, _ in bands):
+            return 1.0
+        return float(min(high for _, high in bands if high > highest_hz)) / highest_hz
 
     def part(self, wanted: Collection[str]) -> Self:
         """Return the part of the graph that some steps need.
@@ -215,6 +247,18 @@ class Graph:
     def steps(self) -> Iterator[Step]:
         """Return the steps in the order in which they run."""
         return (node.step for node in self.nodes)
+
+
+def _slowed(step: Step, factor: float, highest_hz: float) -> dict[str, Any]:
+    """Return a step's options with lower bands and longer windows, if it needs them."""
+    whole = {**step.stage.defaults, **step.options}
+    band_hz = whole.get("band_hz")
+    if factor == 1.0 or band_hz is None or band_hz[1] <= highest_hz:
+        return dict(step.options)
+    slower = {"band_hz": tuple(edge / factor for edge in band_hz)}
+    if whole.get("window_s") is not None:
+        slower["window_s"] = factor * whole["window_s"]
+    return {**step.options, **slower}
 
 
 def taken(container: Container, kinds: Sequence[type[Container]]) -> Container:
