@@ -79,6 +79,7 @@ class Levels(Container):
 
     NAME: ClassVar[str] = "levels"
     STREAMS: ClassVar[bool] = True
+    FIXED_AXES: ClassVar[tuple[str, ...]] = ("part",)
 
     frames: Frames
     """Time base of the rows."""
@@ -101,6 +102,10 @@ class Levels(Container):
     bearing_std_deg: FloatArray = column(
         "degree", "Standard deviation of the bearing.", "frame"
     )
+    part_excess_db: FloatArray | None = column(
+        "dB", "Excess of equal parts of the band, lowest first.", "frame", "part",
+        dtype=np.float32, optional=True,
+    )  # fmt: skip
     band_low_hz: float = scalar("Hz", "Lower edge of the band.")
     band_high_hz: float = scalar("Hz", "Upper edge of the band.")
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")

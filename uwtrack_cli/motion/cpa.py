@@ -6,7 +6,8 @@ retarded-time law, and a decision whether it is a passage at all. A passage of l
 then held against its own residuals, the lines' levels, its halves and the sound itself.
 
 **Conventions.** Times count from the first sample; time of closest approach is
-geometric, and its sound arrives d/c later. What the data do not tell is nan, with the
+geometric, and its sound arrives d/c later. A passage of the level alone must be one in
+the parts of the band, too. What the data do not tell is nan, with the
 reason under its key.
 
 **References.** Choi et al. (2014), corrected: free rest frequencies, level and floor;
@@ -57,6 +58,7 @@ from uwtrack_cli.motion.passage.report import (
     passage_row,
     widen_for_others,
 )
+from uwtrack_cli.motion.passage.sub_bands import ask_the_parts
 
 UNSEEN = "the closest approach lies outside, and no Doppler shift shows it"
 """Why bearings and levels alone give no approach beyond the recording."""
@@ -166,7 +168,10 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
             lines, levels, medium, false_alarm_probability, limits, sound
         )
     has_sound = sound is not None and sound.reader is not None
-    pairs = [(item, _row(item, context, limits, has_sound=has_sound)) for item in found]
+    pairs = [
+        (item, _row(item, context, limits, levels, has_sound=has_sound))
+        for item in found
+    ]
     passed = [(item, row) for item, row in pairs if isinstance(row, Row)]
     refusals = [row for _, row in pairs if isinstance(row, Refusal)]
     fits = [item.fit for item, _ in passed]
@@ -277,6 +282,7 @@ def _row(
     candidate: CandidatePassage,
     context: CpaContext,
     limits: RecordingSpan,
+    levels: Levels | None,
     *,
     has_sound: bool,
 ) -> Row | Refusal:
@@ -289,6 +295,8 @@ def _row(
         if row.status == LEVEL_ONLY:
             reason = reason or UNSEEN
         row = replace(row, status=EXTRAPOLATED, extrapolated=True)
+    if row.status == LEVEL_ONLY and levels is not None:
+        reason = reason or ask_the_parts(candidate, levels).doubt or None
     if reason is not None:
         return _refused(candidate, reason)
     add_checks(row, candidate, has_sound=has_sound)

@@ -18,6 +18,7 @@ the whole band. Tiles count absolute frames, so blocks have no influence.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -42,6 +43,9 @@ known: a vessel of 6 m/s stays within the spread only beyond 12 km."""
 
 QUIET_SPREAD = 1.12
 """Level above the quietest tile within which a tile is as quiet (0.5 dB)."""
+
+N_PARTS = 8
+"""Parts of the band whose levels are kept, of some sub-bands each."""
 
 LINE_FACTOR = 5.0
 """Cells above this multiple of the sub-band's mean are lines."""
@@ -358,6 +362,9 @@ def _tile_levels(tile: _Bands, noise: FloatArray, ambient: FloatArray) -> Levels
         n_bands = ratio.shape[1]
         upper, lowest = ratio[:, n_bands // 2 :], ratio[:, : max(1, n_bands // 4)]
         tilt_db = 10 * np.log10(upper.mean(axis=1) / lowest.mean(axis=1))
+        edges = np.linspace(0, n_bands, min(N_PARTS, n_bands) + 1).astype(np.int64)
+        parts = [ratio[:, a:b].mean(axis=1) for a, b in pairwise(edges)]
+        part_excess_db = 10 * np.log10(np.stack(parts, axis=1))
     columns = {
         "level_db": level_db,
         "excess_db": excess_db,
@@ -369,6 +376,7 @@ def _tile_levels(tile: _Bands, noise: FloatArray, ambient: FloatArray) -> Levels
     return Levels(
         frames=tile.frames,
         **{name: np.where(silent, np.nan, values) for name, values in columns.items()},
+        part_excess_db=np.where(silent[:, None], np.nan, part_excess_db),
         band_low_hz=float(tile.low_hz[0]),
         band_high_hz=float(tile.high_hz[-1]),
         reference=tile.reference,

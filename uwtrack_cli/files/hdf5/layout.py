@@ -34,6 +34,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
+from uwtrack_cli.data.rises import Rises
 from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
@@ -78,6 +79,7 @@ CONTAINERS: dict[str, type[Container]] = {
         BearingTime,
         Peaks,
         Families,
+        Rises,
         Lines,
         Presence,
         Encounters,

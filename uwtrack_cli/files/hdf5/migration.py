@@ -63,6 +63,7 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
             ("peaks", "elevation_deg"),
             ("peaks", "elevation_std_deg"),
             ("levels", "tilt_db"),
+            ("levels", "part_excess_db"),
             *(
                 (kind.NAME, name)
                 for kind in (Encounters, Motions)

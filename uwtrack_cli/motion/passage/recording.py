@@ -2,7 +2,8 @@
 
 **Method.** The broadband has no contact of its own. It is given to the only
 contact that passes, if it agrees with its lines; where no line shows a passage, the
-broadband is examined first, with the lines that follow it. Where it tells of passages
+broadband is examined first, with the lines that follow it if its parts tell a passage
+(`sub_bands`). Where it tells of passages
 that no contact accounts for, each is examined with what the others put into the
 broadband taken out (see `several`).
 
@@ -33,6 +34,7 @@ from uwtrack_cli.motion.passage.likelihood_ratio import motion_likelihood
 from uwtrack_cli.motion.passage.measurements import contact_data, contact_ids, lines_of
 from uwtrack_cli.motion.passage.rest_frame import ask_the_sound
 from uwtrack_cli.motion.passage.source_separation import separate_sources
+from uwtrack_cli.motion.passage.sub_bands import ask_the_parts
 
 SMALLEST_LINE_GAIN = 5.0
 """Gain in log-likelihood by which the lines of a contact must follow a passage that
@@ -144,8 +146,11 @@ def _apart(
     used = lines.line_contact.max(initial=0) if lines is not None else 0
     number = max([*taken, int(used)], default=0)
     pairs = zip(more, shares[first:], strict=True)
-    for passage, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
-        best = _with_lines(passage, lines, free, own, terms)
+    for rise, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
+        passage = ask_the_parts(rise, own)
+        best = passage
+        if not passage.doubt:
+            best = _with_lines(passage, lines, free, own, terms)
         free = [n for n in free if n not in best.contacts]
         if best is passage:
             number += 1
@@ -163,7 +168,9 @@ def _broadband_first(
     """
     data = contact_data(None, levels, ())
     alone = examine(data, (1,), np.empty(0, np.int64), terms.medium, terms.probability)
-    if alone is None or lines is None:
+    if alone is not None:
+        alone = ask_the_parts(alone, levels)
+    if alone is None or lines is None or alone.doubt:
         return [alone] if alone else []
     return [_with_lines(alone, lines, contact_ids(lines), levels, terms)]
 

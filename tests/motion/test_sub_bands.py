@@ -1,0 +1,153 @@
+"""The parts of the band: one passage, or something else that is loud for a while."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from tests.motion.passing_vessel import frames_of
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.motion.cpa import find_encounters
+from uwtrack_cli.motion.passage.sub_bands import (
+    FEWEST_PARTS,
+    _exceeded,
+    agreement,
+)
+
+TIME = np.arange(240) + 0.5
+PLACE_S, WIDTH_S = 120.0, 8.0
+LAG = (TIME - PLACE_S) / WIDTH_S
+LAW = 1 / (1 + LAG**2)
+RATIO_DB = (16.0, 14.0, 12.0, 12.0, 10.0, 10.0, 8.0, 8.0)
+"""Height of the rise in each part at the closest approach."""
+N_CELLS = 60.0
+"""Independent cells behind a level: it deviates by 13 %."""
+
+
+def levels_of(power, seed=1):
+    """Levels whose parts have a power over the quiet time, shape (part, n)."""
+    rng = np.random.default_rng(seed)
+    measured = power * rng.gamma(N_CELLS, 1 / N_CELLS, power.shape)
+    whole = measured.mean(axis=0)
+    none = np.full(TIME.size, np.nan)
+    return Levels(
+        frames=frames_of(TIME.size),
+        level_db=10 * np.log10(whole),
+        excess_db=10 * np.log10(whole),
+        excess_std_db=np.full(TIME.size, 4.34 / np.sqrt(8 * N_CELLS)),
+        tilt_db=np.zeros(TIME.size),
+        bearing_deg=none,
+        bearing_std_deg=none,
+        part_excess_db=10 * np.log10(measured.T),
+        band_low_hz=100.0,
+        band_high_hz=900.0,
+        reference="1 uPa",
+    )
+
+
+def heights():
+    return 10 ** (np.array(RATIO_DB)[:, None] / 10)
+
+
+def encounters(levels):
+    return find_encounters(None, levels, Sensor(id="h1"))
+
+
+def test_a_passage_is_one_in_every_part_of_the_band():
+    levels = levels_of(1 + heights() * LAW)
+    told = agreement(levels, PLACE_S, WIDTH_S)
+    assert told.reason == ""
+    assert told.n_parts == len(RATIO_DB)
+    (row,) = encounters(levels).status.tolist()
+    assert row == "level-only"
+
+
+def test_the_chance_of_disagreement_is_that_of_chi_square():
+    """Under the law the probability of a larger chi-square is even, or larger: the law's
+    own deviation makes it so."""
+    chances = [
+        agreement(levels_of(1 + heights() * LAW, seed), PLACE_S, WIDTH_S).probability
+        for seed in range(10)
+    ]
+    assert min(chances) > 0.01
+    scipy_says = chi2.sf([1.0, 9.0, 30.0], [2, 6, 14])
+    ours = [_exceeded(*pair) for pair in ((1.0, 2), (9.0, 6), (30.0, 14))]
+    np.testing.assert_allclose(ours, scipy_says, rtol=1e-9)
+
+
+def rain():
+    """White above the middle of the band alone."""
+    return heights() * np.array([0, 0, 0, 0, 0, 1, 1, 1])[:, None] * LAW
+
+
+def parts_apart():
+    """Each part rises at a time of its own: several sources, or none that passes."""
+    place = PLACE_S + np.array([-16, 12, -8, 16, 8, -12, 4, -20])[:, None]
+    return heights() / (1 + ((TIME - place) / WIDTH_S) ** 2)
+
+
+def gust():
+    return heights() * np.where(np.abs(LAG) < 2, np.cos(np.pi * LAG / 4) ** 2, 0.0)
+
+
+def squall():
+    ramps = np.minimum(1 + 2 * LAG, 1 - 0.5 * LAG)
+    return heights() * np.clip(ramps, 0.0, 1.0)
+
+
+def hatch():
+    return heights() * np.clip(2 - np.abs(LAG), 0.0, 1.0)
+
+
+def gain():
+    """The recorder turns everything up by 12 dB and down again."""
+    swing = np.where(np.abs(LAG) < 2, np.cos(np.pi * LAG / 4) ** 2, 0.0)
+    return np.ones((8, 1)) * (10 ** (1.2 * swing) - 1)
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (rain, "3 parts of the band rise"),
+        (gust, "more as"),
+        (squall, "more as"),
+        (hatch, "parts of the band rise|more as"),
+        (gain, "more as"),
+    ],
+)
+def test_what_is_loud_for_a_while_is_no_passage(made, words):
+    levels = levels_of(1 + made())
+    assert re.search(words, agreement(levels, PLACE_S, WIDTH_S).reason)
+    assert encounters(levels).n_encounters == 0
+
+
+def test_parts_that_rise_apart_are_no_passage():
+    told = agreement(levels_of(1 + parts_apart()), PLACE_S, WIDTH_S)
+    assert "different times or widths" in told.reason
+
+
+def test_a_bearing_that_turns_needs_no_parts():
+    """Of a vector sensor the bearings tell that something passes."""
+    levels = levels_of(1 + rain())
+    turned = replace(
+        levels,
+        bearing_deg=90.0 + np.degrees(np.arctan(LAG)),
+        bearing_std_deg=np.full(TIME.size, 3.0),
+    )
+    assert encounters(turned).n_encounters == 1
+
+
+def test_levels_of_an_older_product_are_taken_as_they_are():
+    levels = replace(levels_of(1 + heights() * LAW), part_excess_db=None)
+    assert agreement(levels, PLACE_S, WIDTH_S) is None
+    assert encounters(levels).n_encounters == 1
+
+
+def test_few_frames_or_parts_are_no_passage():
+    levels = levels_of(1 + heights() * LAW)
+    few = replace(levels, part_excess_db=levels.part_excess_db[:, : FEWEST_PARTS - 1])
+    assert "parts of the band rise" in agreement(few, PLACE_S, WIDTH_S).reason
+    assert agreement(levels, PLACE_S, 0.5).n_parts == 0
