@@ -73,6 +73,45 @@ def vehicle(seed):
     )  # fmt: skip
 
 
+def lines_alone(draw):
+    """Leave the broadband of what passes out: its level hardly rises."""
+
+    def drawn(seed):
+        scenario = draw(seed)
+        vessels = tuple(replace(one, broadband=None) for one in scenario.vessels)
+        return replace(scenario, vessels=vessels)
+
+    return drawn
+
+
+def weak_vessel(seed):
+    """Draw a slow vessel with steady lines that are too weak for single frames."""
+    rng = np.random.default_rng([seed, 78])
+    base, strength = rng.uniform(20.0, 60.0), rng.uniform(4.0, 16.0)
+    return make_scenario({
+        "seed": int(rng.integers(2**31)),
+        "duration_s": 480.0,
+        "sample_rate_hz": 4000.0,
+        "sensor": [{"id": "h1", "depth_m": 20.0, "full_scale_db": 175.0}],
+        "vessel": [{
+            "source_depth_m": 3.0,
+            "closest_approach": {
+                "time_s": float(rng.uniform(160.0, 320.0)),
+                "horizontal_range_m": float(rng.uniform(60.0, 300.0)),
+                "speed_mps": float(rng.uniform(3.0, 8.0)),
+                "course_deg": 0.0,
+                "side": "port",
+            },
+            "line": [
+                {"frequency_hz": float(base * n), "cn0_db_hz": float(strength)}
+                for n in range(1, 4 + int(rng.integers(0, 8)))
+            ],
+            "frequency_jitter": {"fraction": 1e-5, "correlation_s": 30.0},
+        }],
+        "noise": {"density_db": 60.0, "slope_db_per_decade": -15.0},
+    })  # fmt: skip
+
+
 def car():
     """Return a short recording of a loud car."""
     return brief_passage(
@@ -88,6 +127,9 @@ KINDS = {
     ),
     "small craft": (small_craft, ("vessel", "small-craft", "auto")),
     "vehicle": (vehicle, ("vessel", "vehicle", "auto")),
+    "small craft, lines": (lines_alone(small_craft), ("small-craft", "auto")),
+    "vehicle, lines": (lines_alone(vehicle), ("vehicle", "auto")),
+    "weak": (weak_vessel, ("vessel", "weak-lines", "auto")),
     "disturbances": (
         lambda seed: draw_scenario(
             seed, n_vessels=0, sample_rate_hz=4000.0, duration_s=300.0
@@ -123,9 +165,11 @@ def passages(scenario):
     return found
 
 
-def scores(scenario, table):
-    """Count what a table finds, and what it finds wrongly."""
+def scores(scenario, table, evidence):
+    """Count what a table finds, and what it finds wrongly; add its rows' evidence."""
     counts = Counter()
+    asked = table.rest_frame_evidence
+    asked = np.full(table.n_encounters, np.nan) if asked is None else asked
     free = set(range(table.n_encounters))
     for time_s, width_s, speed_mps in passages(scenario):
         counts["passages"] += 1
@@ -137,6 +181,7 @@ def scores(scenario, table):
                                         abs(table.time_s[k] - time_s)))  # fmt: skip
         free.discard(best)
         counts["found"] += 1
+        evidence["true"].append(asked[best])
         off = [(table.range_over_speed_s[best] - width_s)
                / table.range_over_speed_std_s[best]]  # fmt: skip
         if np.isfinite(table.speed_mps[best]):
@@ -147,8 +192,12 @@ def scores(scenario, table):
     for k in free:
         kind = "level-only" if table.status[k] == "level-only" else "with lines"
         counts[f"false, {kind}"] += 1
+        evidence["false"].append(asked[k])
     return counts
 
+
+SHARES = (0.0, 0.1, 0.5, 0.9, 1.0)
+"""Quantiles of the evidence that are told."""
 
 HEADS = ("passages", "found", "with speed", "beyond 3 deviations",
          "beyond 5 deviations", "false, with lines", "false, level-only")  # fmt: skip
@@ -166,6 +215,7 @@ def main(runs, seed, *wanted):
         f"|---|---|{'---|' * (len(HEADS) + 1)}\n"
     )
     notes = []
+    evidence = {"true": [], "false": []}
     for kind in wanted or KINDS:
         draw, recipes = KINDS[kind]
         counts = {name: Counter() for name in recipes}
@@ -180,7 +230,7 @@ def main(runs, seed, *wanted):
                 made = run_recipe(recording, load_recipe(name))
                 cost[name] += time.process_time() - begin
                 table = next(c for c in made if isinstance(c, Encounters))
-                one = scores(scenario, table)
+                one = scores(scenario, table, evidence)
                 counts[name].update(one)
                 if one["passages"] > one["found"] or any(
                     one[head] for head in HEADS[3:]
@@ -188,9 +238,16 @@ def main(runs, seed, *wanted):
                     notes.append(f"{kind} {number} {name}: {dict(one)}")
         for name in recipes:
             row = " | ".join(str(counts[name][head]) for head in HEADS)
-            ratio = cost[name] / cost["vessel"]
-            out.write(f"| {kind} | {name} | {row} | {ratio:.1f} |\n")
+            ratio = f"{cost[name] / cost['vessel']:.1f}" if cost["vessel"] else ""
+            out.write(f"| {kind} | {name} | {row} | {ratio} |\n")
             out.flush()
+    for truth, values in evidence.items():
+        known = [value for value in values if np.isfinite(value)]
+        told = np.quantile(known, SHARES) if known else []
+        out.write(
+            f"\nRest-frame evidence of {len(known)} {truth} rows with lines, at "
+            f"{', '.join(map(str, SHARES))}: {', '.join(f'{v:.2f}' for v in told)}\n"
+        )
     out.write("\n```text\n" + "\n".join(notes) + "\n```\n")
 
 

@@ -1,7 +1,6 @@
 """What passes within seconds is looked at again in shorter frames."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,46 +13,7 @@ from uwtrack_cli.data.recording import HeldSamples
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
-from uwtrack_cli.flow.zoom import quick_rises, zoom_in
-
-HOP_S = 0.5
-
-
-def levels_of(excess_db):
-    """Levels of one-second frames, as far as a rise needs them."""
-    time = HOP_S * (1 + np.arange(len(excess_db)))
-    frames = SimpleNamespace(hop_s=HOP_S, time_s=time, window_s=1.0)
-    return SimpleNamespace(excess_db=np.asarray(excess_db, float), frames=frames)
-
-
-def in_noise(level_db, seed=1):
-    return level_db + np.random.default_rng(seed).normal(0.0, 0.3, len(level_db))
-
-
-TIME = HOP_S * (1 + np.arange(1200))
-
-
-def test_a_passage_of_a_second_is_looked_at_and_nothing_else():
-    """10 log(1 + S / (1 + x^2)), the law of a passage at a ratio of 10 dB."""
-    hump = 10 * np.log10(1 + 10 / (1 + ((TIME - 300.0) / 1.0) ** 2))
-    found = quick_rises(levels_of(in_noise(hump)), 4.0)
-    assert found
-    assert all(abs(time - 300.0) < 1.5 for time, _ in found)
-
-
-@pytest.mark.parametrize(
-    "level",
-    [
-        0.0 * TIME,
-        np.where(TIME > 300.0, 10.0, 0.0),
-        6.0 * np.sin(2 * np.pi * TIME / 10.0),
-        10 * np.log10(1 + 10 / (1 + ((TIME - 300.0) / 40.0) ** 2)),
-        np.clip(TIME - 250.0, 0.0, 10.0),
-    ],
-    ids=["steady", "step", "swell", "slow passage", "onset of rain"],
-)
-def test_what_is_no_brief_passage_is_not_looked_at(level):
-    assert quick_rises(levels_of(in_noise(level)), 4.0) == []
+from uwtrack_cli.flow.zoom import zoom_in
 
 
 def encounters_in(made):

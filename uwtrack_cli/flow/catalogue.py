@@ -19,6 +19,7 @@ STAGES: dict[str, str] = {
     "levels": "uwtrack_cli.spectra.levels:measure_levels",
     "decidecades": "uwtrack_cli.spectra.decidecades:measure_decidecades",
     "peaks": "uwtrack_cli.spectra.peaks:find_peaks",
+    "rises": "uwtrack_cli.spectra.rises:find_rises",
     "beamform": "uwtrack_cli.arrays.beamform:form_beams",
     "track-bearings": "uwtrack_cli.arrays.track_bearings:track_bearings",
     "delays": "uwtrack_cli.arrays.delays:measure_delays",

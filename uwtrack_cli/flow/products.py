@@ -16,7 +16,7 @@ from typing import NamedTuple
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
-from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.data.spectra import Overview, Spectrogram
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
 from uwtrack_cli.files.hdf5.product import (
@@ -291,6 +291,7 @@ def whole_result(
         made = [_apply(step, group) for group in _by_sensor(given, wanted)]
     result = made[0] if len(made) == 1 else type(made[0]).join(made)
     carried = [h for h in there if type(h.container) is not type(result)]
+    carried = _with_one_picture(carried)
     # tables of the whole file, which hold the rows of all sensors
     tables: dict[tuple[type[Container], str], list[Container]] = {}
     for held in carried:
@@ -300,6 +301,19 @@ def whole_result(
     rest = [held for held in carried if not _is_of_all_sensors(held.container)]
     rest += [Held(kind.join(several), name) for (kind, name), several in tables.items()]
     return [*rest, Held(result)]
+
+
+def _with_one_picture(carried: Sequence[Held]) -> list[Held]:
+    """Keep the first overview of each sensor: files of other frames have their own."""
+    seen: set[str] = set()
+    kept = []
+    for held in carried:
+        if isinstance(held.container, Overview):
+            if held.container.sensor in seen:
+                continue
+            seen.add(held.container.sensor)
+        kept.append(held)
+    return kept
 
 
 def _is_of_all_sensors(container: Container) -> bool:

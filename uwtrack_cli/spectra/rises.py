@@ -1,0 +1,318 @@
+"""Rises of level or lines that last seconds: where something may pass quickly.
+
+**Method.** Each frame is cut into sub-bands. A sub-band's noise is its median cell; the
+cells that exceed it by a factor which noise exceeds with a stated probability make the
+strength of its lines, 1 + ln(power over that factor) summed over all cells. It needs no
+line that lasts and does not mind how fast lines sweep. Every frame has a noise of its
+own, so rain, gusts and knocks do not raise it; a line that is heard a quarter of the
+time, such as hum, makes its cell as loud as it usually is, and must exceed that. The
+noise of the sub-bands against their own quiet frames makes the level.
+
+A rise is the mean over some frames, without the strongest few, less that of the louder
+of both sides: a knock, a step, the flank of a slow passage and the onset of rain are
+none. Its height counts in spreads of
+the rises of like length that the recording has all the time, so that swell and hum
+that flutters are none, either. A stretch is too short to know its own spread where
+it holds few such lengths; there the usual spread of drawn sound stands in, weighted like
+some lengths more.
+
+**Conventions.** Stretches count absolute frames, so blocks have no influence. Memory is
+bounded by one stretch.
+
+**References.** Rohling (1983), IEEE Trans. Aerosp. Electron. Syst. 19, 608, eq. 33, for
+the factor. `calibration/rises.py` draws what the constants were set from.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.options import AtLeast, AtMost, checked
+from uwtrack_cli.data.rises import LEVEL, LINES, Rises
+from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.estimation.noise_floor import LN2, threshold_factor
+
+HALF_LENGTHS_S = (0.15, 0.3, 0.5, 1.0, 2.0)
+"""Half lengths of the rises that are sought, s."""
+
+FLANK = (2.0, 6.0)
+"""Where the sides of a rise begin and end, in half lengths, from the middle."""
+
+LEFT_OUT = 3
+"""Strongest frames of a rise that are left out: as many as overlap one instant."""
+
+BAND_BINS = 32
+"""Natural bins of a sub-band."""
+
+BIN_CORRELATION = 1.944
+"""Correlation sum of natural bins under a Hann window, 1 + 2 (4/9 + 1/36)."""
+
+CELL_PROBABILITY = 1e-4
+"""Probability that noise makes a cell count among the lines."""
+
+HIT_SQUARE = 1.2
+"""Mean square of what a cell of noise counts, 1 + ln(1 + y / 9) with y exponential."""
+
+QUIET_SHARE = 0.2
+"""Share of a sub-band's frames that its quiet level lies above."""
+
+LOUD_SHARE = 0.75
+"""Share of a cell's frames that what it usually has lies above."""
+
+LOUD_FACTOR = 10.0
+"""What a line must exceed that: noise, or a line that fades, does so rarely."""
+
+LARGEST_RATIO = 6e4
+"""Largest ratio that is told, as half precision holds it."""
+
+USUAL_LEVEL_DB = 0.25
+"""Spread of rises of the level in sound without a passage, dB: the median over drawn
+recordings without a vessel."""
+
+USUAL_WEIGHT = 2.0
+"""Lengths of a rise with its sides that the usual spread is worth."""
+
+STRETCH_FRAMES, CONTEXT_FRAMES = 6_000, 1_200
+"""Frames that are searched at once, and those beside them that are known, too."""
+
+
+class _Cells(NamedTuple):
+    """What is kept of some frames."""
+
+    time_s: FloatArray
+    """Middles, s, shape (frame,)."""
+    density: FloatArray
+    """Noise of each sub-band, nan without sound, shape (frame, band)."""
+    ratio: NDArray[np.float16]
+    """Power over noise and over the factor that noise exceeds, shape (frame, cell)."""
+    edges: IntArray
+    """First cell of each sub-band, and the number of cells, shape (band + 1,)."""
+
+
+@checked
+def find_rises(
+    blocks: Iterator[Spectrogram],
+    *,
+    least_spreads: Annotated[float, AtLeast(1), AtMost(1000)] = 7.0,
+) -> Iterator[Rises]:
+    """Find where the level, or lines, rise and fall again within seconds.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of a spectrogram with frames of a tenth of a second or so.
+    least_spreads
+        Height of a rise from which it is told, in spreads of the recording's own rises.
+        With the default an hour of noise alone has fewer than one.
+
+    Returns
+    -------
+    Iterator[Rises]
+        One block per block read, and the rest at last.
+
+    Raises
+    ------
+    OptionError
+        The option is out of range.
+    """
+    held: list[_Cells] = []
+    hop_s, known, sensor = 1.0, 0, ""
+    for block in blocks:
+        hop_s, sensor = block.frames.hop_s, block.frames.sensor
+        held.append(_cells(block))
+        found = []
+        while sum(part.time_s.size for part in held) - known >= (
+            STRETCH_FRAMES + CONTEXT_FRAMES
+        ):
+            whole = _joined(held)
+            stop = known + STRETCH_FRAMES
+            around = _part(whole, slice(None, stop + CONTEXT_FRAMES))
+            found += _search(around, hop_s, (known, stop), least_spreads)
+            rest = slice(stop - CONTEXT_FRAMES, None)
+            held = [_part(whole, rest)]
+            known = CONTEXT_FRAMES
+        yield _table(found, least_spreads, sensor)
+    if held:
+        whole = _joined(held)
+        found = _search(whole, hop_s, (known, whole.time_s.size), least_spreads)
+        yield _table(found, least_spreads, sensor)
+
+
+def _joined(parts: list[_Cells]) -> _Cells:
+    time_s, density, ratio, edges = zip(*parts, strict=True)
+    return _Cells(
+        np.concatenate(time_s), np.concatenate(density), np.concatenate(ratio), edges[0]
+    )
+
+
+def _part(cells: _Cells, rows: slice) -> _Cells:
+    return _Cells(
+        cells.time_s[rows], cells.density[rows], cells.ratio[rows], cells.edges
+    )
+
+
+def _table(
+    found: list[tuple[float, float, str, float]], least_spreads: float, sensor: str
+) -> Rises:
+    time_s, half_s, kind, spreads = zip(*found, strict=True) if found else ((),) * 4
+    return Rises(
+        time_s=np.array(time_s, float),
+        half_length_s=np.array(half_s, float),
+        kind=np.array(kind, np.str_),
+        spreads=np.array(spreads, float),
+        least_spreads=least_spreads,
+        sensor=sensor,
+    )
+
+
+def _cells(block: Spectrogram) -> _Cells:
+    """Measure the noise of the frames of a block, and what is above it."""
+    power, frames = block.power_density, block.frames
+    padding = max(1, round(frames.fft_length / frames.window_samples))
+    n_bands = max(1, power.shape[1] // (BAND_BINS * padding))
+    edges = np.linspace(0, power.shape[1], n_bands + 1).astype(np.int64)
+    density = np.empty((power.shape[0], n_bands), np.float32)
+    ratio = np.empty(power.shape, np.float16)
+    for k, cells in enumerate(map(slice, edges[:-1], edges[1:])):
+        part = power[:, cells]
+        middle = part.shape[1] // 2
+        density[:, k] = np.partition(part, middle, axis=1)[:, middle] / LN2
+        # the tested cell is one of those behind the median: measured, noise exceeds
+        # the factor 1.1 times as often as is stated
+        bins = max(3.0, part.shape[1] / padding)
+        factor = threshold_factor(CELL_PROBABILITY, round(bins, 1), 1 / bins)
+        least = np.maximum(factor * density[:, k, None], 1e-37)
+        ratio[:, cells] = np.minimum(part / least, LARGEST_RATIO)
+    silent = (frames.valid_fraction < 0.5) | ~(density > 0).all(axis=1)
+    density[silent] = np.nan
+    ratio[silent] = 0.0
+    return _Cells(frames.time_s, density, ratio, edges)
+
+
+def _search(
+    held: _Cells, hop_s: float, searched: tuple[int, int], least_spreads: float
+) -> list[tuple[float, float, str, float]]:
+    """Return middle, half length, kind and height of the rises of a stretch."""
+    n_cells = held.ratio.shape[1]
+    usual = CELL_PROBABILITY * n_cells
+    noise_db = 10 / np.log(10) * np.sqrt(BIN_CORRELATION / n_cells)
+    level_db, lines = _level_db(held.density), _lines(held)
+    found = []
+    for half in sorted({max(1, round(half_s / hop_s)) for half_s in HALF_LENGTHS_S}):
+        half_s = half * hop_s
+        middle, side = 2 * half + 1, (FLANK[1] - FLANK[0]) * half
+        # of two sides the louder: its mean scatters by 0.68 of one's variance
+        share = 1 / middle + 0.68 / side
+        one_hit = np.sqrt(HIT_SQUARE * (usual * share + 1 / middle**2))
+        noise = max(noise_db * np.sqrt(share), USUAL_LEVEL_DB)
+        for kind, values, least in (
+            (LEVEL, level_db, noise), (LINES, lines, one_hit)
+        ):  # fmt: skip
+            height = heights(values, half, least)
+            height[: searched[0]] = height[searched[1] :] = -np.inf
+            reach = round(FLANK[1] * half)
+            while height.size and height[top := int(np.argmax(height))] > least_spreads:
+                found.append(
+                    (float(held.time_s[top]), half_s, kind, float(height[top]))
+                )
+                height[max(0, top - reach) : top + reach + 1] = -np.inf
+    return sorted(found)
+
+
+def _level_db(density: FloatArray) -> FloatArray:
+    """Return the level against the quiet frames of each sub-band, dB."""
+    level_db = np.full(density.shape[0], np.nan)
+    known = np.isfinite(density).all(axis=1)
+    if known.any():
+        quiet = np.quantile(density[known], QUIET_SHARE, axis=0)
+        level_db[known] = 10 * np.log10((density[known] / quiet).mean(axis=1))
+    return level_db
+
+
+def _lines(held: _Cells) -> FloatArray:
+    """Return the strength of the lines of each frame; nan where there is no sound."""
+    n_frames = held.ratio.shape[0]
+    place = int(LOUD_SHARE * (n_frames - 1))
+    lines = np.zeros(n_frames)
+    for k, cells in enumerate(map(slice, held.edges[:-1], held.edges[1:])):
+        ratio = held.ratio[:, cells]
+        if not (ratio > 1.0).any():
+            continue
+        least = np.ones(ratio.shape, np.float32)
+        # a cell must exceed what it usually has, over its band's noise and by itself
+        gain = np.nan_to_num(held.density[:, k, None])
+        for scale in (np.float32(1.0), np.maximum(gain, np.float32(1e-37))):
+            own = ratio * scale
+            usual = np.partition(own, place, axis=0)[place]
+            np.maximum(least, LOUD_FACTOR * usual / scale, out=least)
+        row, cell = np.nonzero(ratio > least)
+        over = ratio[row, cell] / least[row, cell]
+        lines += np.bincount(row, 1.0 + np.log(over), minlength=n_frames)
+    return np.where(np.isfinite(held.density[:, 0]), lines, np.nan)
+
+
+def heights(values: FloatArray, half: int, usual_spread: float) -> FloatArray:
+    """Return how high each frame stands as the middle of a rise.
+
+    Parameters
+    ----------
+    values
+        A value of each frame, nan where there is none, shape (frame,).
+    half
+        Half length of the rise, frames.
+    usual_spread
+        Spread of such rises where nothing passes, in the unit of the values.
+
+    Returns
+    -------
+    array, shape (frame,)
+        Height in spreads; minus infinity where it is not known.
+    """
+    near, far = round(FLANK[0] * half), round(FLANK[1] * half)
+    middle = _lasting(values, half)
+    least = (far - near + 1) // 2
+    before = _mean(values, -far, -near, least)
+    after = _mean(values, near, far, least)
+    rise = middle - np.fmax(before, after)  # at an end the other side tells
+    known = np.isfinite(rise)
+    if not known.any():
+        return np.full(values.size, -np.inf)
+    median = float(np.median(rise[known]))
+    own = 1.4826 * float(np.median(np.abs(rise[known] - median)))
+    lengths = np.count_nonzero(known) / (2 * far)
+    weight = USUAL_WEIGHT / (USUAL_WEIGHT + lengths)
+    spread = usual_spread**weight * max(own, usual_spread) ** (1 - weight)
+    height: FloatArray = np.where(known, (rise - min(median, 0.0)) / spread, -np.inf)
+    return height
+
+
+def _lasting(values: FloatArray, half: int) -> FloatArray:
+    """Return the mean of the frames about each one without the strongest; else nan."""
+    length = 2 * half + 1
+    middle = np.full(values.size, np.nan)
+    if values.size >= length:
+        around = np.lib.stride_tricks.sliding_window_view(values, length)
+        kept = length - min(LEFT_OUT, half)
+        middle[half : values.size - half] = np.partition(
+            around, kept - 1, axis=1
+        )[:, :kept].mean(axis=1)  # fmt: skip
+    return middle
+
+
+def _mean(values: FloatArray, first: int, last: int, least: int) -> FloatArray:
+    """Return the mean over frames from one offset to another; nan where few are."""
+    known = np.isfinite(values)
+    total = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
+    count = np.concatenate([[0], np.cumsum(known)])
+    place = np.arange(values.size)
+    low = np.clip(place + first, 0, values.size)
+    high = np.clip(place + last + 1, 0, values.size)
+    number = count[high] - count[low]
+    enough = number >= max(least, 1)
+    mean: FloatArray = np.where(
+        enough, (total[high] - total[low]) / np.maximum(number, 1), np.nan
+    )
+    return mean
