@@ -207,3 +207,13 @@ def test_a_singular_matrix_has_no_inverse():
     assert np.isnan(inverse_or_nan(singular)).any()
     good = np.array([[[4.0, 1e-6], [1e-6, 9e-12]]])
     np.testing.assert_allclose(inverse_or_nan(good), np.linalg.inv(good), rtol=1e-8)
+
+
+def test_a_matrix_that_is_not_finite_has_no_inverse_and_leaves_the_others_theirs():
+    good = np.array([[4.0, 1.0], [1.0, 2.0]])
+    lost = np.array([[np.nan, 0.0], [0.0, 1.0]])
+    endless = np.array([[np.inf, 0.0], [0.0, 1.0]])
+    found = inverse_or_nan(np.stack([lost, good, endless]))
+    np.testing.assert_allclose(found[1] @ good, np.eye(2), atol=1e-12)
+    assert np.isnan(found[[0, 2]]).all()
+    assert np.isnan(inverse_or_nan(lost)).all()

@@ -106,13 +106,18 @@ def unit_scale(matrix: FloatArray) -> FloatArray:
 
 
 def inverse_or_nan(matrix: FloatArray) -> FloatArray:
-    """Invert symmetric positive matrices; nan where they are singular.
+    """Invert symmetric positive matrices; nan where they are singular or not finite.
 
     Parameters
     ----------
     matrix
         Symmetric matrices, shape (..., p, p).
     """
+    finite = np.isfinite(matrix).all(axis=(-2, -1), keepdims=True)
+    if not finite.all():  # a fit that has left the numbers: the others have theirs
+        usable = np.where(finite, matrix, np.eye(matrix.shape[-1]))
+        found: FloatArray = np.where(finite, inverse_or_nan(usable), np.nan)
+        return found
     scale = unit_scale(matrix)
     outer = scale[..., :, None] * scale[..., None, :]
     unit = matrix / outer
