@@ -102,6 +102,10 @@ FARTHEST_S, FARTHEST_LOG = 2.0, 1.0
 """Largest first step of a start, in d/v, and in the logarithm of d/v."""
 
 
+FASTEST_START = 0.8
+"""Speed of a start at most, over that of sound; no fit goes beyond it."""
+
+
 class Reading(NamedTuple):
     """How a passage is read."""
 
@@ -362,6 +366,9 @@ def _fitted(
     theta: FloatArray, change: Change, fit: PassageFit, blocks: Blocks
 ) -> PassageFit:
     turn = np.repeat(fit.turn, theta.shape[0])
+    # a start that a score test has thrown beyond the speed of sound has no law
+    theta = theta.copy()
+    theta[:, 2] = np.minimum(theta[:, 2], FASTEST_START * fit.medium.sound_speed_mps)
     return fit_passage(blocks, theta, turn, fit.medium, change=change)
 
 
