@@ -79,7 +79,11 @@ class AppendableGroup:
             raise DataError(msg)
         for name, spec in self._columns(appendable=True):
             values = getattr(block, name)
-            self._pending.setdefault(name, []).append(values)
+            is_known = name in self._pending or name in self.datasets
+            if is_known and not values.shape[0]:
+                continue  # tables of a stream come at its end, and nothing before
+            own = values if values.shape[0] else values.copy()  # not what it views
+            self._pending.setdefault(name, []).append(own)
             self._pending_bytes += values.nbytes if spec.dtype.kind != "U" else 0
         if not _has_rows(self._first) and _has_rows(block):
             self._first = block
