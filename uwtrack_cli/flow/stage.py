@@ -16,7 +16,7 @@ command line its fields are flat (``--feedback-alpha``), in a recipe they are a 
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module
 from inspect import Parameter, getdoc, signature
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -236,11 +236,22 @@ class Stage:
 
     @cached_property
     def _hints(self) -> dict[str, Any]:
-        return get_type_hints(self.function, include_extras=True)
+        return _type_hints(self.function)
 
     @property
-    def _parameters(self) -> list[Parameter]:
-        return list(signature(self.function).parameters.values())
+    def _parameters(self) -> tuple[Parameter, ...]:
+        return _parameters_of(self.function)
+
+
+@cache
+def _type_hints(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of a stage's function: they are looked up often."""
+    return get_type_hints(function, include_extras=True)
+
+
+@cache
+def _parameters_of(function: Callable[..., Any]) -> tuple[Parameter, ...]:
+    return tuple(signature(function).parameters.values())
 
 
 def is_group(hint: Any) -> bool:

@@ -104,6 +104,8 @@ def comb_tests(
         most = _most_hits(frequency_hz, rule, lower, upper, spacings)
         keep = most >= needed[spacings - 1]
         lower, upper, spacings = lower[keep], upper[keep], spacings[keep]
+    if not lower.size:
+        return lower, upper, spacings, np.zeros(0)
     hits = _interior_hits(frequency_hz, bearing_deg, rule, lower, upper, spacings)
     density = _density(frequency_hz, rule, lower, upper, hits)
     chance = tail[_tail_step(scale * density), spacings - 1, hits]
@@ -143,7 +145,7 @@ def _hypotheses(
     frequency_hz: FloatArray, bearing_deg: FloatArray, rule: CombRule
 ) -> tuple[IntArray, IntArray, IntArray]:
     """List pairs and numbers of spacings, ordered by number of spacings."""
-    lower, upper = np.triu_indices(frequency_hz.size, 1)
+    lower, upper = _pairs(frequency_hz.size)
     span = frequency_hz[upper] - frequency_hz[lower]
     fits = (span >= 2.0 * rule.least_spacing_hz) & (
         span <= rule.most_spacings * rule.spacing_hz[1]
@@ -158,6 +160,15 @@ def _hypotheses(
         (spacing >= rule.least_spacing_hz) & (spacing <= rule.spacing_hz[1])
     )
     return lower[pair], upper[pair], counts[row]
+
+
+@lru_cache(maxsize=16)
+def _pairs(n_peaks: int) -> tuple[IntArray, IntArray]:
+    """List the pairs of peaks; most frames have as many as the one before."""
+    lower, upper = np.triu_indices(n_peaks, 1)
+    lower.setflags(write=False)
+    upper.setflags(write=False)
+    return lower, upper
 
 
 def agree(a_deg: FloatArray, b_deg: FloatArray, window_deg: float) -> BoolArray:

@@ -46,12 +46,14 @@ class Pairs:
         """Keep the best pair of each line, and of each peak if it is for one line."""
         if not self.line.size:
             return self
-        order = np.lexsort((self.cost, self.line))
-        line = self.line[order]
-        is_first = np.empty(line.size, dtype=bool)
+        is_first = np.empty(self.line.size, dtype=bool)
         is_first[0] = True
-        np.not_equal(line[1:], line[:-1], out=is_first[1:])
-        best = order[is_first]
+        np.not_equal(self.line[1:], self.line[:-1], out=is_first[1:])
+        least = np.minimum.reduceat(self.cost, is_first.nonzero()[0])
+        group = is_first.cumsum() - 1
+        best = (self.cost == least[group]).nonzero()[0]
+        if best.size > least.size:  # of equal ones the first
+            best = best[np.unique(group[best], return_index=True)[1]]
         if is_exclusive and np.bincount(self.peak[best]).max() > 1:
             return self.take(assign(self.line, self.peak, self.cost))
         return self.take(best)
@@ -77,8 +79,8 @@ class Associator:
     ) -> Choice:
         """Choose peaks: confirmed lines, which come first in ``slots``, then others."""
         n_confirmed = self.store.confirmed.size
-        is_wide = self.is_recognised(slots)
-        is_wide[n_confirmed:] = False
+        is_wide = np.zeros(slots.size, dtype=bool)
+        is_wide[:n_confirmed] = self.is_recognised(slots[:n_confirmed])
         pairs = self.pairs(slots, is_wide, peaks, height)
         pairs = self._allowed(pairs, is_wide, peaks)
         middle = int(np.searchsorted(pairs.line, n_confirmed))

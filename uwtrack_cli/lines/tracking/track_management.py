@@ -218,10 +218,10 @@ def merge_lines(store: TrackStore, gates: Gates, resolution_hz: float) -> None:
     order = position.argsort(kind="stable")
     position, slots = position[order], slots[order]
     for gap in (1, 2):
-        is_near = position[gap:] - position[:-gap] < near_hz
-        if not is_near.any():
+        near = (position[gap:] - position[:-gap] < near_hz).nonzero()[0]
+        if not near.size:
             break
-        low, high = slots[:-gap][is_near], slots[gap:][is_near]
+        low, high = slots[near], slots[near + gap]
         slip = np.abs(state.rate[0, high] - state.rate[0, low])
         doubt = np.sqrt(state.rate_variance[0, high] + state.rate_variance[0, low])
         is_one = slip < gates.merge_rate_sigmas * doubt
@@ -243,7 +243,9 @@ def _end_doubles(
     low, high = low[both], high[both]
     if not low.size:
         return
-    weaker = np.unique(_weaker(store, low, high))
+    weaker = _weaker(store, low, high)
+    if weaker.size > 1:
+        weaker = np.unique(weaker)
     store.doubled[weaker] += 2
     is_confirmed = store.stage[weaker] == CONFIRMED
     lasting = store.doubled[weaker] >= gates.merge_frames

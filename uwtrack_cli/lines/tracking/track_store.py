@@ -98,8 +98,11 @@ class TrackStore:
         without a peak.
     """
 
-    def __init__(self, capacity: int = 64) -> None:
+    # rows a power of two apart would evict each other from the processor's cache
+    def __init__(self, capacity: int = 1000) -> None:
         self.rows = 0
+        # slots that have ever been taken: of the others no memory is touched
+        self._used = 0
         self.next_line = 1
         self.next_serial = 1
         self.n_quantities = 1
@@ -130,9 +133,9 @@ class TrackStore:
         self.frequency_variance_hz2, self.bearing_variance_deg2 = t[4], t[5]
         self.noise_density = t[_STATE_ROWS:_MEASURED]
         self.measured_frequency_hz, self.association = t[_MEASURED], t[_ASSOCIATION]
-        self._moving = KalmanState(*(pair[:n] for pair in self.state))
         self._moving_rows = t[:_STATE_ROWS].reshape(5, 2, -1)[:, :n]
-        self._sorted: tuple[IntArray, IntArray] | None = None
+        self._confirmed: IntArray | None = None
+        self._active: IntArray | None = None
 
     def track_bearings(self) -> None:
         """Let bearings move, too; until one is measured they are left alone."""
@@ -141,11 +144,12 @@ class TrackStore:
 
     def advance(self, step_s: float) -> None:
         """Carry all lines over a time step, and forget their measurements."""
-        noise = self.noise_density[: self.n_quantities]
-        advance(self._moving, step_s, noise)
-        self._table[_MEASURED:] = np.nan
-        self.last_innovation[:] = self.innovation
-        self.innovation[:] = 0.0
+        used = self._used
+        noise = self.noise_density[: self.n_quantities, :used]
+        advance(KalmanState(*self._moving_rows[:, :, :used]), step_s, noise)
+        self._table[_MEASURED:, :used] = np.nan
+        self.last_innovation[:used] = self.innovation[:used]
+        self.innovation[:used] = 0.0
 
     def loosen_bearings(self, turn_deg: float) -> None:
         """Let all bearings be off by a turn that some of them follow and some do not."""
@@ -188,26 +192,26 @@ class TrackStore:
     @property
     def confirmed(self) -> IntArray:
         """Slots of the confirmed lines."""
-        return self._by_stage()[0]
+        if self._confirmed is None:
+            self._confirmed = (self.stage[: self._used] == CONFIRMED).nonzero()[0]
+        return self._confirmed
 
     def active(self) -> IntArray:
         """Slots of the confirmed lines, then of the tentative ones."""
-        return self._by_stage()[1]
-
-    def _by_stage(self) -> tuple[IntArray, IntArray]:
-        if self._sorted is None:
-            confirmed = np.flatnonzero(self.stage == CONFIRMED)
-            tentative = np.flatnonzero(self.stage == TENTATIVE)
-            self._sorted = confirmed, np.concatenate([confirmed, tentative])
-        return self._sorted
+        if self._active is None:
+            tentative = (self.stage[: self._used] == TENTATIVE).nonzero()[0]
+            self._active = np.concatenate([self.confirmed, tentative])
+        return self._active
 
     def _free_slots(self, count: int) -> IntArray:
         """Return ``count`` free slots; the table grows when there are too few."""
-        free = np.flatnonzero(self.stage == FREE)
-        while free.size < count:
+        # as many beyond those in use are free for certain
+        while self._used + count > self.stage.size:
             self._grow()
-            free = np.flatnonzero(self.stage == FREE)
-        return free[:count]
+        is_free = self.stage[: self._used + count] == FREE
+        free: IntArray = is_free.nonzero()[0][:count]
+        self._used = max(self._used, int(free[-1]) + 1 if count else 0)
+        return free
 
     def _grow(self) -> None:
         """Double the slots, so that there are few copies of the ring."""
@@ -257,11 +261,10 @@ class TrackStore:
         counts = np.zeros((_N_COUNTS, count), dtype=np.int64)
         counts[0], counts[2], counts[3:5], counts[5:8] = TENTATIVE, serial, 1, self.rows
         self._counts[:, slots] = counts
-        one, none = np.ones(count), np.zeros(count)
-        self._gauges[:, slots] = np.stack(
-            [score, score, one, precision, one, one, none, none]
-        )
-        self._sorted = None
+        gauges = np.ones((_N_GAUGES, count))
+        gauges[:2], gauges[3], gauges[6:] = score, precision, 0.0
+        self._gauges[:, slots] = gauges
+        self._active = None
 
     def confirm(self, slots: IntArray, numbers: IntArray) -> None:
         """Make confirmed lines of tentative ones.
@@ -279,18 +282,20 @@ class TrackStore:
             fresh = self.next_line - 1 + np.cumsum(is_new)
             self.line[slots] = np.where(is_new, fresh, numbers)
             self.next_line += int(is_new.sum())
-            self._sorted = None
+            self._confirmed = self._active = None
 
     def release(self, slots: IntArray) -> None:
         """Take lines out: tentative ones are forgotten, confirmed ones have ended."""
         if slots.size:
             is_confirmed = self.stage[slots] == CONFIRMED
             self.stage[slots] = np.where(is_confirmed, ENDED, FREE)
-            ended = slots[is_confirmed]
-            self._ended += zip(
-                ended.tolist(), self.settled[ended].tolist(), strict=True
-            )
-            self._sorted = None
+            self._active = None
+            if is_confirmed.any():
+                ended = slots[is_confirmed]
+                self._ended += zip(
+                    ended.tolist(), self.settled[ended].tolist(), strict=True
+                )
+                self._confirmed = None
 
     def take_ended(self) -> list[tuple[int, int]]:
         """Return slot and last settled row of lines that ended since the last call."""
@@ -328,7 +333,7 @@ class TrackStore:
     def keep_frame(self, frame: int, time_s: float, step_s: float) -> None:
         """Copy the table of this frame into the ring."""
         at = self.rows % self._size
-        self._ring[at] = self._table
+        self._ring[at, :, : self._used] = self._table[:, : self._used]
         self._row_frame[at], self._row_time[at] = frame, time_s
         self._row_step[at] = step_s
         self.rows += 1
