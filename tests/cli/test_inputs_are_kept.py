@@ -66,6 +66,7 @@ def made(tmp_path_factory, samples):
         ["run", "pass.wav", "--keep-peaks", "-o", "pass.run.h5"],
         ["spectrogram", "pass.wav", "-o", "pass.spectrogram.h5"],
         ["delays", "small.wav", "-o", "small.delays.h5"],
+        ["beamform", "array.wav", "--own-ship", "way.csv", "-o", "array.beams.h5"],
     ):
         before = Path.cwd()
         os.chdir(folder)
@@ -106,6 +107,7 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
         ("array.wav --own-ship way.csv -o aim.h5", "aim.h5",
          "array.wav array.sensor.toml way.csv"),
     ],
+    "track-bearings": [("array.beams.h5 -o aim.h5", "aim.h5", "array.beams.h5")],
     "delays": [("small.wav -o aim.h5", "aim.h5", "small.wav small.sensor.toml")],
     "directions": [("small.delays.h5 -o aim.h5", "aim.h5", "small.delays.h5")],
     "overview": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
