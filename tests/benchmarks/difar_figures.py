@@ -120,15 +120,16 @@ def direction_error(sensor, due):
 def ambient_pull(snr_db, *, share, apart_deg=90.0, seed=1, quiet_s=200.0, loud_s=200.0):
     """Return the mean error of broadband bearings beside directed ambient sound.
 
-    A vessel is heard at 70 degrees in the second part of the recording; a share of the
-    ambient comes from apart_deg beside it.
+    A vessel is heard at 70 degrees between two quiet times; a share of the ambient comes
+    from apart_deg beside it.
     """
     rate = 2000.0
-    n, begin = int(rate * (quiet_s + loud_s)), int(rate * quiet_s)
+    begin, end = int(rate * quiet_s), int(rate * (quiet_s + loud_s))
+    n = begin + end
     noise = [white_noise(n, seed * 10 + k, rate_hz=rate) for k in range(3)]
     wind = white_noise(n, seed * 10 + 3, rate_hz=rate) * np.sqrt(share)
     ship = white_noise(n, seed * 10 + 4, rate_hz=rate) * 10 ** (snr_db / 20)
-    ship[:begin] = 0.0
+    ship[:begin], ship[end:] = 0.0, 0.0
     angles = np.radians([70.0, 70.0 + apart_deg])
     isotropic = np.sqrt(1 - share)
     samples = np.stack(
@@ -141,7 +142,7 @@ def ambient_pull(snr_db, *, share, apart_deg=90.0, seed=1, quiet_s=200.0, loud_s
     )  # fmt: skip
     blocks = compute_spectrogram(recording_of(samples, rate, DIFAR))
     made = Levels.join(list(measure_levels(blocks, band_hz=(100.0, 900.0))))
-    loud = made.frames.time_s > quiet_s + 1.0
+    loud = np.abs(made.frames.time_s - n / rate / 2.0) < loud_s / 2.0 - 1.0
     error = wrap_deg(made.bearing_deg[loud] - 70.0)
     return error, made.bearing_std_deg[loud]
 

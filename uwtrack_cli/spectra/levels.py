@@ -6,8 +6,9 @@ quiet-time density (the lowest of the tile medians within half an hour either wa
 that every sub-band weighs as its noise is known, and averaged: the excess. For a vector
 sensor the whitened intensity gives the bearing, and its scatter across the line of
 sight gives the deviation. Ambient sound that comes from somewhere (surf, a harbour) would
-draw the bearing of a weak vessel towards itself: its intensity is taken off, as it was in
-the quiet time, where that was long enough to be nobody's passage.
+draw the bearing of a weak vessel towards itself: its intensity is taken off, where it was
+the same in the quiet time before and after. (The quiet time of a single passage holds the
+vessel itself, faintly; taken off, it would turn every bearing.)
 
 **Conventions.** Excess in dB above the quiet time; level in dB re the reference over
 the whole band. Tiles count absolute frames, so blocks have no influence.
@@ -37,9 +38,14 @@ TILE_FRAMES = 64
 REACH_TILES = 56
 """Tiles on either side among which the quietest one is sought."""
 
-QUIET_S = 120.0
-"""Time that must be as quiet as the quietest tile for the ambient's direction to be
-known: a vessel of 6 m/s stays within the spread only beyond 12 km."""
+QUIET_S = 60.0
+"""Time that must be as quiet as the quietest tile, before and again after, for the
+ambient's direction to be known."""
+
+SAME_AMBIENT = 0.3
+"""Difference of the intensity before from that after, as a share of their mean, up to
+which both are the ambient's: a vessel that is still heard in the quiet time lies in
+another direction after it has passed."""
 
 QUIET_SPREAD = 1.12
 """Level above the quietest tile within which a tile is as quiet (0.5 dB)."""
@@ -341,10 +347,18 @@ def _ambient(
         level = np.array([(one.density / noise).mean() for one in near])
     lowest = np.nanmin(level) if np.isfinite(level).any() else np.nan
     is_quiet = level <= QUIET_SPREAD * lowest
-    if is_quiet[here] or np.count_nonzero(is_quiet) * tile_s < QUIET_S:
+    sides = is_quiet[:here], is_quiet[here + 1 :]
+    if is_quiet[here] or min(map(np.count_nonzero, sides)) * tile_s < QUIET_S:
         return np.zeros((noise.size, 2))
-    quiet = [one.intensity for one, used in zip(near, is_quiet, strict=True) if used]
-    return np.asarray(np.mean(quiet, axis=0))
+    intensity = np.array([one.intensity for one in near])
+    before = intensity[:here][sides[0]].mean(axis=0)
+    after = intensity[here + 1 :][sides[1]].mean(axis=0)
+    mean = 0.5 * (before + after)
+    apart, whole = (
+        float(np.hypot(*(each / noise[:, None]).sum(axis=0)))
+        for each in (before - after, mean)
+    )
+    return mean if apart < SAME_AMBIENT * whole else np.zeros((noise.size, 2))
 
 
 def _tile_levels(tile: _Bands, noise: FloatArray, ambient: FloatArray) -> Levels:

@@ -282,7 +282,7 @@ def _merge(
     kept: list[CandidatePassage] = []
     while left:
         leader, *left = left
-        same = [item for item in left if agrees(item, leader)]
+        same = [item for item in left if agrees(item, leader) or _is_one(item, leader)]
         if same:
             contacts = tuple(
                 number for item in (leader, *same) for number in item.contacts
@@ -295,6 +295,27 @@ def _merge(
             left = [item for item in left if item not in same]
         kept.append(leader)
     return kept
+
+
+def _is_one(item: CandidatePassage, leader: CandidatePassage) -> bool:
+    """Tell whether two passages have one time, speed and range, within deviations.
+
+    Noise and changes that each fit takes for its own can set their likelihoods apart;
+    two vessels at one time, speed and range at once are hardly ever met. Where both
+    have bearings, these decide.
+    """
+    fits = item.fit, leader.fit
+    if not (item.blocks.bearing.is_empty or leader.blocks.bearing.is_empty):
+        return False
+    if min(float(fit.theta[0, 2]) for fit in fits) <= 0.0:
+        return False
+    values = np.array(
+        [[fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2]] for fit in fits]
+    )
+    variances = np.array([np.diag(fit.covariance[0])[:3] for fit in fits])
+    apart = np.abs(values[0] - values[1])
+    near = apart < SAME_DEVIATIONS * np.sqrt(variances.sum(axis=0))
+    return bool(near.all() and apart[0] < SAME_SHARE * values[:, 1].min())
 
 
 def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
@@ -311,6 +332,12 @@ def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
     other = motion_likelihood(item.blocks, item.fit, leader.fit)
     return own - other < AGREEMENT
 
+
+SAME_DEVIATIONS = 3.0
+"""Deviations within which time, d/v and speed of two passages are the same."""
+
+SAME_SHARE = 0.2
+"""Share of d/v within which their times are."""
 
 LARGEST_RELATIVE_WIDTH = 1.0 / 3.0
 """A bend whose d/v is less certain than this is no passage: machinery drifts, too."""
