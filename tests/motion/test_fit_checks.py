@@ -9,7 +9,7 @@ from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage.contacts import examine_contacts
+from uwtrack_cli.motion.passage.contacts import examine_contacts, tell_once
 from uwtrack_cli.motion.passage.fit_checks import (
     check_fit,
     doppler_misfit,
@@ -77,3 +77,22 @@ def test_halves_of_two_speeds_widen_what_they_disagree_about():
     checked = check_fit(one, lines)
     widened = np.sqrt(checked.fit.covariance[0, 2, 2] / one.fit.covariance[0, 2, 2])
     assert widened > 1.5
+
+
+def test_one_passage_of_two_contacts_is_told_once():
+    lines = lines_of(SCENE)
+    unknown = np.full(lines.time_s.size, np.nan)
+    one = candidate_of(replace(lines, measured_bearing_deg=unknown))
+    theta = one.fit.theta.copy()
+    theta[0, 0] += 40.0
+    again = replace(one, contacts=(9,))
+    other = replace(one, contacts=(10,), fit=replace(one.fit, theta=theta))
+    doubts = {item.contacts[0]: item.doubt for item in tell_once([one, again, other])}
+    assert doubts[1] == doubts[10] == ""
+    assert doubts[9].startswith("the passage of contact 1")
+
+
+def test_bearings_keep_two_contacts_apart():
+    one = candidate_of(lines_of(SCENE))
+    found = tell_once([one, replace(one, contacts=(9,))])
+    assert [item.doubt for item in found] == ["", ""]

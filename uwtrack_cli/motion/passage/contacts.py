@@ -282,7 +282,7 @@ def _merge(
     kept: list[CandidatePassage] = []
     while left:
         leader, *left = left
-        same = [item for item in left if agrees(item, leader) or _is_one(item, leader)]
+        same = [item for item in left if agrees(item, leader)]
         if same:
             contacts = tuple(
                 number for item in (leader, *same) for number in item.contacts
@@ -297,13 +297,33 @@ def _merge(
     return kept
 
 
-def _is_one(item: CandidatePassage, leader: CandidatePassage) -> bool:
-    """Tell whether two passages have one time, speed and range, within deviations.
+def tell_once(found: list[CandidatePassage]) -> list[CandidatePassage]:
+    """Return the candidates, those in doubt that claim a stronger one's passage again.
 
-    Noise and changes that each fit takes for its own can set their likelihoods apart;
-    two vessels at one time, speed and range at once are hardly ever met. Where both
-    have bearings, these decide.
+    Lines of one vessel that were followed in their own ways may not be explained by one
+    fit, and their likelihoods then keep them apart. Two vessels with one time, speed and
+    range within deviations are hardly ever met; where both have bearings, these decide.
+
+    Parameters
+    ----------
+    found
+        Candidates that were examined and checked.
     """
+    kept: list[CandidatePassage] = []
+    for item in sorted(found, key=lambda item: -item.likelihood_ratio.total):
+        known = [one for one in kept if not one.doubt]
+        first = next((one for one in known if _is_one(item, one)), None)
+        if first is not None and not item.doubt:
+            again = (
+                f"the passage of contact {first.contacts[0]}, with its time and speed"
+            )
+            kept.append(replace(item, doubt=again))
+        else:
+            kept.append(item)
+    return kept
+
+
+def _is_one(item: CandidatePassage, leader: CandidatePassage) -> bool:
     fits = item.fit, leader.fit
     if not (item.blocks.bearing.is_empty or leader.blocks.bearing.is_empty):
         return False
@@ -333,7 +353,7 @@ def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
     return own - other < AGREEMENT
 
 
-SAME_DEVIATIONS = 3.0
+SAME_DEVIATIONS = 4.0
 """Deviations within which time, d/v and speed of two passages are the same."""
 
 SAME_SHARE = 0.2

@@ -28,6 +28,7 @@ from uwtrack_cli.motion.passage.contacts import (
     not_a_passage,
     read,
     split,
+    tell_once,
 )
 from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.likelihood_ratio import motion_likelihood
@@ -125,7 +126,7 @@ def _of_lines(lines: Lines, terms: SearchTerms) -> list[CandidatePassage]:
         for other in others:
             number += 1
             found.append(replace(other, contacts=(number,)))
-    return [_checked(item, lines, terms) for item in found]
+    return tell_once([_checked(item, lines, terms) for item in found])
 
 
 def _apart(
