@@ -32,6 +32,7 @@ _HOMES = {
     "find_peaks": "spectra.peaks",
     "find_rises": "spectra.rises",
     "form_beams": "arrays.beamform",
+    "track_bearings": "arrays.track_bearings",
     "measure_delays": "arrays.delays",
     "find_directions": "arrays.directions",
     "classify_peaks": "lines.classify",

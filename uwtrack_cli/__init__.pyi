@@ -9,6 +9,9 @@ from uwtrack_cli.arrays.delays import (
 from uwtrack_cli.arrays.directions import (
     find_directions as find_directions,
 )
+from uwtrack_cli.arrays.track_bearings import (
+    track_bearings as track_bearings,
+)
 from uwtrack_cli.clutter.pdaf import (
     track_in_clutter as track_in_clutter,
 )
@@ -65,6 +68,9 @@ from uwtrack_cli.data.recording import (
 )
 from uwtrack_cli.data.recording import (
     Recording as Recording,
+)
+from uwtrack_cli.data.rises import (
+    Rises as Rises,
 )
 from uwtrack_cli.data.scans import (
     Roc as Roc,
@@ -197,6 +203,9 @@ from uwtrack_cli.spectra.overview import (
 )
 from uwtrack_cli.spectra.peaks import (
     find_peaks as find_peaks,
+)
+from uwtrack_cli.spectra.rises import (
+    find_rises as find_rises,
 )
 from uwtrack_cli.spectra.spectrogram import (
     compute_spectrogram as compute_spectrogram,

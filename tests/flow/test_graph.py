@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.arrays.test_array_chain import scene
 from tests.flow.auto_scores import car, in_memory
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.base import Container
@@ -30,6 +31,7 @@ from uwtrack_cli.flow.products import run_into_product
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
 from uwtrack_cli.flow.stage import plain
+from uwtrack_cli.simulate.recordings import simulate_recordings
 
 RECIPES_0_1 = Path(__file__).parent / "recipes-0.1.0"
 """Recipes as 0.1.0 shipped them."""
@@ -106,6 +108,14 @@ def test_the_nearest_earlier_step_that_fits_is_read():
     assert read["locate"] == {"encounters": ("cpa",)}
 
 
+def two_vessels():
+    """Sound of a towed array that hears a vessel of lines and one without."""
+    noise = {"band_hz": [40.0, 240.0], "source_level_db": 155.0}
+    lined = scene(duration_s=130.0)
+    other = scene(duration_s=130.0, place=(900.0, -600.0), broadband=noise)
+    return replace(lined, vessels=(*lined.vessels, *other.vessels))
+
+
 @pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")
 @pytest.mark.parametrize("name", shipped_recipes())
 def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, name):
@@ -117,6 +127,8 @@ def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, 
     recording = open_recording(sound, sensor=sensor, start_s=45.0, stop_s=80.0)
     if name == "auto":  # what passes within a second
         recording = in_memory(car())
+    elif name == "towed-array":  # a vessel of lines, and one without
+        (recording,) = simulate_recordings(two_vessels())
     whole = results(recipe, recording)
     # auto has the steps of vessel, which are tried there, and its own
     known = load_recipe("vessel").steps if name == "auto" else ()

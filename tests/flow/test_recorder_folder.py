@@ -166,6 +166,7 @@ class BreaksOff:
         raise DataError(msg)
 
 
+@pytest.mark.filterwarnings("ignore:channel 1 of .* does not change")
 @pytest.mark.parametrize("block", [7, 300, 5000])
 def test_where_a_file_breaks_off_the_rest_is_a_gap(tmp_path, block):
     one = written(tmp_path, "h1_20240501_120000.wav", np.zeros(1000))

@@ -95,8 +95,9 @@ def noise_floor(
     """
     floor = np.full(power_density.shape, np.nan, np.float32)
     n_frames, n_cells = power_density.shape[-2:]
-    beams = power_density.reshape(-1, n_frames, n_cells)
-    floors = floor.reshape(beams.shape)
+    one = power_density.ndim == 2
+    beams = power_density[None] if one else power_density
+    floors = floor[None] if one else floor
     at_once = max(1, CHUNK_VALUES // (TILE_FRAMES * n_cells))
     for start in range(0, n_frames, TILE_FRAMES):
         valid = valid_fraction[start : start + TILE_FRAMES] >= 0.5

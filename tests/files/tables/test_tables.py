@@ -342,6 +342,8 @@ MOTION = """
                     [0.0, 0.0, 0.0009, 0.0], [0.0, 0.0, 0.0, 0.0289]],
      "ellipse_trusted": true, "now_time_s": 5994.0, "now_range_m": 32290.0,
      "now_range_std_m": 156.0, "now_bearing_deg": 296.0, "now_bearing_std_deg": 0.07,
+     "now_speed_mps": 11.0, "now_speed_std_mps": 0.2, "now_course_deg": 131.0,
+     "now_course_std_deg": 0.9,
      "misfit": 1995.0, "n_values": 2000,
      "nuisances": {"compass_deg": {"value": 0.0, "std": 1.0, "share": 0.05}},
      "reading": "straight", "manoeuvre_time_s": null, "manoeuvre_gain": 2.5,

@@ -242,6 +242,14 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
             kept = abs(time_s - at) > step
             alone = np.column_stack([constants, change])[kept]
             both = np.column_stack([alone, passage[kept]])
+            spread = [
+                _weighed_misfit(series[kept], columns, precision[kept])
+                for columns in (alone, both)
+            ]
+            n_values = np.count_nonzero(kept)
+            white = 0.5 * n_values * np.log(spread[0] / max(spread[1], 1e-300))
+            if white + others <= ROUGH_SHARE * least:
+                continue  # noise that is coloured gives it less, and takes long to ask
             value = coloured_likelihoods(
                 [(series[kept], alone), (series[kept], both)], precision[kept],
                 time_s[kept], float(fit.range_over_speed_s[0]),
@@ -249,6 +257,16 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
             if value[1] - value[0] + others > ROUGH_SHARE * least:
                 return True
     return False
+
+
+def _weighed_misfit(
+    series: FloatArray, columns: FloatArray, precision: FloatArray
+) -> float:
+    """Return the weighted sum of squares that constants and shapes leave."""
+    root = np.sqrt(precision)
+    scaled = columns * root[:, None]
+    share, *_ = np.linalg.lstsq(scaled, series * root, rcond=None)
+    return float(((series * root - scaled @ share) ** 2).sum())
 
 
 def _time_std_s(
