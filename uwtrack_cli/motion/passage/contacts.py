@@ -176,7 +176,8 @@ def examine_from(
     likelihood_ratio = passage_likelihood_ratio(fit, blocks, false_alarm_probability)
     reading = STRAIGHT_READING
     moves_on = blocks.shift.is_empty or bool(fit.theta[0, 2] > 0)
-    if not (moves_on and likelihood_ratio.is_passage):
+    is_passage = likelihood_ratio.is_passage and _is_resolved(fit, blocks, data)
+    if not (moves_on and is_passage):
         # a change of all frequencies larger than their Doppler shift hides a passage
         if not may_hide_passage(fit, blocks, likelihood_ratio.threshold):
             return None
@@ -186,11 +187,22 @@ def examine_from(
         likelihood_ratio = passage_likelihood_ratio(
             fit, blocks, false_alarm_probability
         )
-        if not likelihood_ratio.is_passage:
+        if not (likelihood_ratio.is_passage and _is_resolved(fit, blocks, data)):
             return None
     return CandidatePassage(
         *owner, short, blocks, fit, likelihood_ratio, other_turn, reading=reading
     )
+
+
+def _is_resolved(fit: PassageFit, blocks: Blocks, data: PassageData) -> bool:
+    """Tell whether the frequencies fall slower than from one measurement to the next.
+
+    Between two measurements a passage and a step of the engine look alike.
+    """
+    if blocks.shift.is_empty:
+        return True
+    spacing_s = float(np.median(np.diff(data.time_s)))
+    return bool(fit.range_over_speed_s[0] > spacing_s)
 
 
 def read(candidate: CandidatePassage) -> CandidatePassage:
