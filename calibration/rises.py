@@ -3,7 +3,7 @@
 Prints how many rises an hour of sound without a vessel has above each height, in noise
 alone and with the disturbances of real recordings, and how high brief passages stand, with their broadband and without it. The
 threshold lies where noise has fewer than one an hour. The second number is the first
-seed: `LEAST_SPREADS` was chosen on 100, and looked at once on 900. A recording takes a
+seed: `LEAST_SPREADS` was chosen on 100; other seeds are still to be looked at. A recording takes a
 second:
 python -m calibration.rises 20 100
 """
