@@ -117,6 +117,20 @@ def direction_error(sensor, due):
     return float(np.sqrt(np.mean(wrap_deg(np.degrees(bearing - angle)) ** 2)))
 
 
+def channels_of(source, wind, noise, share, apart_deg):
+    """Return what a vector sensor hears of a source at 70 degrees beside its ambient."""
+    angles = np.radians([70.0, 70.0 + apart_deg])
+    isotropic = np.sqrt(1 - share)
+    return np.stack(
+        [
+            source + wind + isotropic * noise[0],
+            *(source * f(angles[0]) + wind * f(angles[1]) + isotropic * part / np.sqrt(3)
+              for f, part in zip((np.sin, np.cos), noise[1:], strict=True)),
+        ],
+        axis=1,
+    )  # fmt: skip
+
+
 def ambient_pull(snr_db, *, share, apart_deg=90.0, seed=1, quiet_s=200.0, loud_s=200.0):
     """Return the mean error of broadband bearings beside directed ambient sound.
 
@@ -130,16 +144,7 @@ def ambient_pull(snr_db, *, share, apart_deg=90.0, seed=1, quiet_s=200.0, loud_s
     wind = white_noise(n, seed * 10 + 3, rate_hz=rate) * np.sqrt(share)
     ship = white_noise(n, seed * 10 + 4, rate_hz=rate) * 10 ** (snr_db / 20)
     ship[:begin], ship[end:] = 0.0, 0.0
-    angles = np.radians([70.0, 70.0 + apart_deg])
-    isotropic = np.sqrt(1 - share)
-    samples = np.stack(
-        [
-            ship + wind + isotropic * noise[0],
-            *(ship * f(angles[0]) + wind * f(angles[1]) + isotropic * part / np.sqrt(3)
-              for f, part in zip((np.sin, np.cos), noise[1:], strict=True)),
-        ],
-        axis=1,
-    )  # fmt: skip
+    samples = channels_of(ship, wind, noise, share, apart_deg)
     blocks = compute_spectrogram(recording_of(samples, rate, DIFAR))
     made = Levels.join(list(measure_levels(blocks, band_hz=(100.0, 900.0))))
     loud = np.abs(made.frames.time_s - n / rate / 2.0) < loud_s / 2.0 - 1.0
@@ -155,16 +160,7 @@ def line_pull(snr_db, *, share, apart_deg=90.0, seed=1, length_s=800.0):
     wind = white_noise(n, seed * 10 + 3, rate_hz=rate) * np.sqrt(share)
     power = 1.5 * 10 ** (snr_db / 10)
     tone = np.sqrt(2 * power) * np.sin(2 * np.pi * 200.25 * np.arange(n) / rate)
-    angles = np.radians([70.0, 70.0 + apart_deg])
-    isotropic = np.sqrt(1 - share)
-    samples = np.stack(
-        [
-            tone + wind + isotropic * noise[0],
-            *(tone * f(angles[0]) + wind * f(angles[1]) + isotropic * part / np.sqrt(3)
-              for f, part in zip((np.sin, np.cos), noise[1:], strict=True)),
-        ],
-        axis=1,
-    )  # fmt: skip
+    samples = channels_of(tone, wind, noise, share, apart_deg)
     blocks = compute_spectrogram(recording_of(samples, rate, DIFAR), zero_padding=2)
     peaks = Peaks.join([find_peaks(block) for block in blocks])
     line = np.abs(peaks.frequency_hz - 200.25) < 0.6

@@ -181,9 +181,13 @@ class _Track:
     """A vessel's track on a grid about the sensor."""
 
     name: str
+    """Name of the vessel."""
     track: VesselTrack
+    """Its track as the file has it."""
     east_m: FloatArray
+    """Its places, east of the sensor, m, shape (row,)."""
     north_m: FloatArray
+    """The same, north of the sensor."""
 
     def heard(self, time_s: FloatArray, sound_speed_mps: float) -> FloatArray:
         """Return where the sound heard at some times was made, shape (2, time), m."""
