@@ -9,7 +9,7 @@ import soundfile
 from typer.testing import CliRunner
 
 from tests.command_server import command_server
-from uwtrack_cli.files.shipped_folder import shipped_folder
+from uwtrack_cli.flow.shipped_recipes import shipped_folder
 
 USUAL_TIMEOUT_S = 300
 

@@ -8,9 +8,13 @@ from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.plotting.decision import draw_odds, draw_terms
-from uwtrack_cli.plotting.table_pages import target_figure
-from uwtrack_cli.plotting.target import draw_target, draw_threshold
+from uwtrack_cli.plotting.table_pages import (
+    draw_odds,
+    draw_target,
+    draw_terms,
+    draw_threshold,
+    target_figure,
+)
 
 
 @pytest.fixture

@@ -239,7 +239,7 @@ def run(
 
     Examples
     --------
-    >>> from uwtrack_cli.files.shipped_folder import shipped_folder
+    >>> from uwtrack_cli.flow.shipped_recipes import shipped_folder
     >>> sound = shipped_folder("sample_data") / "mono.wav"
     >>> results = run(sound, start_utc="2024-05-01T12:00:00Z", stop_s=40.0)
     >>> "lines" in results

@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import uwtrack_cli
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.input_ledger import as_input
-from uwtrack_cli.files.shipped_folder import shipped_folder
 from uwtrack_cli.files.tables.toml_tables import MAX_BYTES
 from uwtrack_cli.flow.recipe import Recipe
+
+FOLDERS = ("pipelines", "sample_data")
+"""Folders that come with the program."""
 
 SAMPLE_SUFFIXES = (".wav", ".csv")
 
@@ -21,6 +24,32 @@ ARRAY_RECIPE = "towed-array"
 
 SPATIAL_ARRAY_RECIPE = "small-array"
 """Recipe of recordings by arrays that are no line."""
+
+
+def shipped_folder(name: str) -> Path:
+    """Return a folder that comes with the program.
+
+    An installed package carries it inside; in a checkout it lies beside the package.
+
+    Parameters
+    ----------
+    name
+        ``pipelines`` or ``sample_data``.
+
+    Raises
+    ------
+    DataError
+        The installation lacks the folder.
+    """
+    if name not in FOLDERS:
+        msg = f"there is no shipped folder {name!r}; there are {', '.join(FOLDERS)}."
+        raise DataError(msg)
+    package = Path(uwtrack_cli.__file__).resolve().parent
+    for folder in (package / "_shipped" / name, package.parent / name):
+        if folder.is_dir():
+            return folder
+    msg = f"this installation of uwtrack lacks its folder {name}; install it again."
+    raise DataError(msg)
 
 
 def usual_recipe(sensors: Sequence[Sensor | None]) -> str:

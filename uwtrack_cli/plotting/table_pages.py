@@ -1,23 +1,38 @@
-"""Pages of targets in clutter and of decisions between contacts."""
+"""Pages of targets in clutter and of decisions between contacts.
+
+A target's page: its track among the measurements, and how the threshold followed it. A
+decision's page: the log odds of each pair, and the four terms they rest on, over scans.
+"""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.decisions import Decision
+from uwtrack_cli.data.decisions import FILTERS, Decision
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.plotting.decision import draw_odds, draw_terms
-from uwtrack_cli.plotting.style import WIDE_IN, new_figure
-from uwtrack_cli.plotting.target import draw_target, draw_threshold
+from uwtrack_cli.files.text_escaping import figure_text
+from uwtrack_cli.plotting.style import (
+    NO_CONTACT,
+    WIDE_IN,
+    calm,
+    contact_color,
+    draw_ellipse,
+    new_figure,
+)
 from uwtrack_cli.plotting.view import Scene
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 HEIGHT_IN = 8.0
 """Height of these pages, inches."""
+
+_COLOR = contact_color(1)
 
 
 def target_figure(containers: Sequence[Container]) -> "Figure":
@@ -57,3 +72,108 @@ def decision_figure(containers: Sequence[Container]) -> "Figure":
     draw_odds(decision, upper)
     draw_terms(decision, lower)
     return figure
+
+
+def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
+    """Draw the track with its 95 % regions, and the measurements where given.
+
+    Two or more components are drawn as a map of the first two, one over time.
+    """
+    if target.component.size == 1:
+        return _draw_over_time(target, scans, ax)
+    if scans is not None:
+        x, y = scans.measured[:, 0], scans.measured[:, 1]
+        ax.plot(x, y, ".", markersize=1.5, color=NO_CONTACT, zorder=1)
+    ax.plot(target.state[:, 0], target.state[:, 2], "-o", markersize=2, color=_COLOR)
+    _draw_ellipses(target, ax)
+    lost = target.lost
+    ax.plot(target.state[lost, 0], target.state[lost, 2], "kx", label="lost")
+    _fit_view(target, ax)
+    ax.set(xlabel=_label(target, 0), ylabel=_label(target, 1))
+    return calm(ax)
+
+
+def draw_threshold(target: Target, ax: "Axes") -> "Axes":
+    """Draw the threshold used at each scan, and the score for a lost target."""
+    ax.step(target.time_s, target.threshold, where="mid", color=_COLOR)
+    ax.set(
+        xlabel="time (s)", ylabel=f"threshold ({figure_text(target.threshold_rule)})"
+    )
+    other = ax.twinx()
+    other.fill_between(
+        target.time_s, target.loss_cusum, step="mid", alpha=0.2, color="k"
+    )
+    other.set(ylabel="score of loss", ylim=(0.0, None))
+    return calm(ax)
+
+
+def _draw_over_time(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
+    if scans is not None:
+        ax.plot(
+            scans.time_s, scans.measured[:, 0], ".", markersize=1.5, color=NO_CONTACT
+        )
+    middle, half = target.state[:, 0], 1.96 * target.state_std[:, 0]
+    ax.plot(target.time_s, middle, color=_COLOR)
+    ax.fill_between(
+        target.time_s, middle - half, middle + half, alpha=0.25, color=_COLOR
+    )
+    ax.plot(target.time_s[target.lost], middle[target.lost], "kx", label="lost")
+    ax.set(xlabel="time (s)", ylabel=_label(target, 0))
+    return calm(ax)
+
+
+def _draw_ellipses(target: Target, ax: "Axes") -> None:
+    for mean, covariance in zip(target.state, target.state_covariance, strict=True):
+        place = covariance[np.ix_([0, 2], [0, 2])]
+        draw_ellipse(ax, mean[[0, 2]], place, _COLOR, alpha=0.1)
+
+
+def _fit_view(target: Target, ax: "Axes") -> None:
+    """Show the track: clutter may fill a window many times its size."""
+    reach = 4.0 * np.sqrt(np.nanmedian(target.state_std[:, [0, 2]] ** 2, axis=0))
+    low = target.state[:, [0, 2]].min(axis=0) - reach
+    high = target.state[:, [0, 2]].max(axis=0) + reach
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+
+
+def _label(target: Target, index: int) -> str:
+    unit = str(target.component_unit[index])
+    name = str(target.component[index])
+    return figure_text(f"{name} ({unit})" if unit else name)
+
+
+def draw_odds(decision: Decision, ax: "Axes") -> "Axes":
+    """Draw the log odds of every pair over time, with thresholds and decisions."""
+    for pair in range(decision.verdict.size):
+        rows = decision.scan_pair == pair
+        names = (int(decision.first_contact[pair]), int(decision.second_contact[pair]))
+        color = contact_color(pair + 1)
+        ax.plot(
+            decision.scan_time_s[rows], decision.log_odds[rows], "o-", markersize=3,
+            color=color, label=figure_text(f"{names[0]} or {names[1]}: {decision.verdict[pair]}"),
+        )  # fmt: skip
+        if np.isfinite(decision.decision_time_s[pair]):
+            ax.plot(
+                decision.decision_time_s[pair], decision.final_log_odds[pair], "s",
+                markersize=9, fillstyle="none", color=color,
+            )  # fmt: skip
+    for level in (decision.lower_threshold, decision.upper_threshold):
+        ax.axhline(level, linestyle="--", linewidth=0.8, color="k")
+    ax.set(xlabel="time (s)", ylabel="log odds (second moves)")
+    ax.legend(loc="best", fontsize="small")
+    return calm(ax)
+
+
+def draw_terms(decision: Decision, ax: "Axes", pair: int = 0) -> "Axes":
+    """Draw the four log likelihoods of a pair over time."""
+    rows = decision.scan_pair == pair
+    for index, name in enumerate(FILTERS):
+        style = "-" if index < 2 else "--"
+        fit = decision.consistency[pair, index]
+        ax.plot(
+            decision.scan_time_s[rows], decision.log_likelihood[rows, index], style,
+            color=contact_color(index + 1), label=f"{name} (p = {fit:.2g})",
+        )  # fmt: skip
+    ax.set(xlabel="time (s)", ylabel="log likelihood")
+    ax.legend(loc="best", fontsize="small")
+    return calm(ax)

@@ -4,7 +4,7 @@ import pytest
 
 import uwtrack_cli
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.shipped_folder import FOLDERS, shipped_folder
+from uwtrack_cli.flow.shipped_recipes import FOLDERS, shipped_folder
 
 
 @pytest.mark.parametrize("name", FOLDERS)
