@@ -9,7 +9,7 @@ from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.concatenate import join_recordings
 from uwtrack_cli.flow.engine import run_recipe
-from uwtrack_cli.flow.exports.raven import Clock
+from uwtrack_cli.flow.exports.raven import FileClock
 from uwtrack_cli.flow.recorder_folder import Span, group_spans
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.sources import open_with_options
@@ -115,7 +115,7 @@ def test_a_passage_cut_by_a_gap_is_one_passage(tmp_path, samples):
 def test_raven_times_run_through_the_files_without_the_gap(tmp_path):
     one = part(tmp_path, "a.wav", ramp(0, 10_000), "2024-05-01T12:00:00Z")
     two = part(tmp_path, "b.wav", ramp(0, 10_000), "2024-05-01T12:00:30Z")
-    clock = Clock(*join_recordings([one, two]))
+    clock = FileClock(*join_recordings([one, two]))
     assert clock.place(4.0) == ("a.wav", 4.0, 4.0)
     assert clock.place(33.0) == ("b.wav", 3.0, 13.0)
     assert clock.place(20.0) == ("a.wav", 10.0, 10.0)

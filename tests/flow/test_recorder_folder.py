@@ -12,7 +12,7 @@ from uwtrack_cli.data.recording import GUARD_S
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.concatenate import clip_recording, join_recordings
-from uwtrack_cli.flow.exports.raven import Clock
+from uwtrack_cli.flow.exports.raven import FileClock
 from uwtrack_cli.flow.recorder_folder import (
     DAY_NS,
     Joining,
@@ -149,7 +149,7 @@ def test_raven_counts_what_a_part_left_out_of_its_first_file(tmp_path):
     two = written(tmp_path, "h1_20240501_120010.wav", np.zeros(10_000))
     clipped = clip_recording(one, one.start_utc_ns + 4 * S, two.start_utc_ns)
     span = (one.start_utc_ns, two.start_utc_ns)
-    clock = Clock(*join_recordings([clipped, two], own_ns=span))
+    clock = FileClock(*join_recordings([clipped, two], own_ns=span))
     assert clock.place(1.0) == ("h1_20240501_120000.wav", 5.0, 5.0)
     assert clock.place(8.0) == ("h1_20240501_120010.wav", 2.0, 12.0)
 

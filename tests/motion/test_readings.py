@@ -18,7 +18,7 @@ from uwtrack_cli.acoustics.passage import passage_law, with_other_leg
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.locate import locate_vessels
 from uwtrack_cli.motion.passage.estimator import RAMP, Change, law_of
-from uwtrack_cli.plotting.passage_fit import PassageFit
+from uwtrack_cli.plotting.passage_fit import ReportedPassage
 
 CLOSEST_S, FLAT_M, HEIGHT_M, SPEED_MPS = 300.0, 180.0, 19.0, 6.0
 STRAIGHT = np.array([[CLOSEST_S, np.log(FLAT_M / SPEED_MPS), SPEED_MPS]])
@@ -89,7 +89,7 @@ def test_a_passage_is_read_as_it_was_drawn(kind, seed):
 def test_the_curve_of_a_page_follows_what_changed(kind, seed):
     drawn = draw(kind, seed)
     found = analyse(drawn)
-    shift, _ = PassageFit(found, 0).shift(drawn.series.time_s)
+    shift, _ = ReportedPassage(found, 0).shift(drawn.series.time_s)
     curve = found.rest_frequency_hz[0] * (1 + shift)
     off = (drawn.series.frequency_hz - curve[:, None])[:, 0]
     scaled = off / drawn.series.frequency_std_hz[:, 0]

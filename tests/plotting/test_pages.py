@@ -28,7 +28,7 @@ from uwtrack_cli.plotting.lofargram import (
     shades,
 )
 from uwtrack_cli.plotting.page import pages_of
-from uwtrack_cli.plotting.passage_fit import PassageFit
+from uwtrack_cli.plotting.passage_fit import ReportedPassage
 from uwtrack_cli.plotting.style import CONTACT_COLORS, Clock, contact_color
 from uwtrack_cli.plotting.view import Scene, View, to_seconds
 from uwtrack_cli.spectra.overview import pool_overview
@@ -276,12 +276,12 @@ def test_the_band_of_a_fit_is_its_first_order_deviation(containers):
     only = np.zeros((1, 4, 4))
     only[0, 2, 2] = found.speed_std_mps[0] ** 2
     grid = np.linspace(0.0, 120.0, 50)
-    fit = PassageFit(replace(found, covariance=only), 0)
+    fit = ReportedPassage(replace(found, covariance=only), 0)
     value, std = fit.shift(grid)
     step = float(found.speed_std_mps[0])
     faster = replace(found, slant_range_m=found.slant_range_m
                      + step * found.range_over_speed_s)  # fmt: skip
-    moved, _ = PassageFit(faster, 0).shift(grid)
+    moved, _ = ReportedPassage(faster, 0).shift(grid)
     np.testing.assert_allclose(std, np.abs(moved - value), rtol=0.02, atol=1e-9)
 
 
@@ -485,7 +485,7 @@ def test_numbers_that_no_run_makes_end_in_no_traceback(containers, value):
 
 
 def test_a_page_draws_what_a_fit_says_of_a_part_alone(containers, monkeypatch):
-    whole = PassageFit._law
+    whole = ReportedPassage._law
 
     def part(self, time_s, width_s):
         law = whole(self, time_s, width_s)
@@ -493,7 +493,7 @@ def test_a_page_draws_what_a_fit_says_of_a_part_alone(containers, monkeypatch):
         rows[..., time_s > 60.0] = np.nan
         return replace(law, rows=rows)
 
-    monkeypatch.setattr(PassageFit, "_law", part)
+    monkeypatch.setattr(ReportedPassage, "_law", part)
     silent = [replace(c, reader=None) if isinstance(c, Recording) else c
               for c in containers]  # fmt: skip
     figure = pages_of(silent)[1].draw(View())

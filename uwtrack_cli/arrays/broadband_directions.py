@@ -69,7 +69,7 @@ Whitened = tuple[NDArray[np.complex64], NDArray[np.complex64]]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundDirections:
     """Directions of a block; one row per frame that has one."""
 
     frame: IntArray
@@ -132,7 +132,7 @@ class DirectionSearch:
         turns: NDArray[np.complex64],
         alive: BoolArray,
         is_whole: BoolArray,
-    ) -> Found:
+    ) -> FoundDirections:
         """Find the directions of a block.
 
         Parameters
@@ -234,7 +234,7 @@ class DirectionSearch:
         height: FloatArray,
         frame: IntArray,
         alive: BoolArray,
-    ) -> Found:
+    ) -> FoundDirections:
         """Refine the maxima, list the lobes, state the deviations."""
         is_peak = self.grid.is_maximum(height)
         peak_beam, peak_row = np.nonzero(is_peak)
@@ -257,7 +257,7 @@ class DirectionSearch:
         best_toward, covariance, snr = self._polished(
             parts, toward[order], frame[rows], self.array.centred_m[alive]
         )
-        return Found(
+        return FoundDirections(
             frame=frame[rows],
             beam=peak_beam[order],
             toward=best_toward,

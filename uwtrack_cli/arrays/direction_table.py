@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
-from uwtrack_cli.arrays.broadband_directions import Found
+from uwtrack_cli.arrays.broadband_directions import FoundDirections
 from uwtrack_cli.arrays.direction_grid import SpatialArray
 from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
 from uwtrack_cli.data.base import FloatArray, IntArray
@@ -52,7 +52,7 @@ def ambiguity_of(array: SpatialArray) -> str:
 
 
 def direction_table(
-    found: Found,
+    found: FoundDirections,
     array: SpatialArray,
     sensor: Sensor,
     facts: TableFacts,
@@ -190,7 +190,7 @@ def surface_place(
 
 
 def _lobes(
-    found: Found, array: SpatialArray, heading_deg: FloatArray
+    found: FoundDirections, array: SpatialArray, heading_deg: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """Return frame, bearing, elevation and weight of the other directions.
 

@@ -19,7 +19,7 @@ from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.arrays.broadband_directions import Found
+from uwtrack_cli.arrays.broadband_directions import FoundDirections
 from uwtrack_cli.arrays.direction_grid import SpatialArray
 from uwtrack_cli.arrays.direction_table import TableFacts, direction_table
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
@@ -111,7 +111,7 @@ def find_directions(delays: Delays, sensor: Sensor) -> Directions:
     kept = [fit for fit in fits if fit is not None and fit.is_sound]
     toward = np.array([fit.toward for fit in kept]).reshape(-1, 3)
     none = np.zeros(0, np.int64)
-    found = Found(
+    found = FoundDirections(
         frame=np.flatnonzero(sound),
         beam=np.zeros(len(kept), np.int64),
         toward=toward,

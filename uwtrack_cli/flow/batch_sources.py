@@ -31,7 +31,7 @@ TIME_DIGITS = re.compile(r"[ ._-]*\d{4}[\dTZ._-]*$")
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundRecording:
     """A recording, and its place below what the user named."""
 
     path: Path
@@ -40,7 +40,7 @@ class Found:
     """Path relative to what the user named."""
 
 
-def find_recordings(sources: Sequence[Path]) -> list[Found]:
+def find_recordings(sources: Sequence[Path]) -> list[FoundRecording]:
     """Return the recordings of files, folders and patterns, each one once.
 
     Raises
@@ -48,7 +48,7 @@ def find_recordings(sources: Sequence[Path]) -> list[Found]:
     DataError
         A folder or pattern holds no recording.
     """
-    found: dict[Path, Found] = {}
+    found: dict[Path, FoundRecording] = {}
     for source in sources:
         here = list(_recordings(source))
         if not here:
@@ -60,7 +60,7 @@ def find_recordings(sources: Sequence[Path]) -> list[Found]:
 
 
 def make_jobs(
-    found: Sequence[Found],
+    found: Sequence[FoundRecording],
     folder: Path,
     recipe: Recipe,
     options: Mapping[str, Any],
@@ -107,7 +107,7 @@ def make_jobs(
 
 
 def describe_recorders(
-    found: Sequence[Found],
+    found: Sequence[FoundRecording],
     options: Mapping[str, Any],
     joining: Joining | None = None,
 ) -> list[str]:
@@ -136,7 +136,7 @@ def describe_recorders(
 
 
 def _protect(
-    found: Sequence[Found], sensor_file: Path | None, targets: Sequence[Path]
+    found: Sequence[FoundRecording], sensor_file: Path | None, targets: Sequence[Path]
 ) -> None:
     """Note what the jobs will read, wherever they run, and refuse it as a target."""
     for item in found:
@@ -147,21 +147,21 @@ def _protect(
         refuse_input(target)
 
 
-def _recordings(source: Path) -> list[Found]:
+def _recordings(source: Path) -> list[FoundRecording]:
     if source.is_dir():
         inside = sorted(p for p in source.rglob("*") if _is_sound(p, source))
-        return [Found(path, path.relative_to(source)) for path in inside]
+        return [FoundRecording(path, path.relative_to(source)) for path in inside]
     if has_magic(str(source)) and not source.exists():
         return _matching(source)
-    return [Found(source, Path(source.name))]
+    return [FoundRecording(source, Path(source.name))]
 
 
-def _matching(pattern: Path) -> list[Found]:
+def _matching(pattern: Path) -> list[FoundRecording]:
     parts = pattern.parts
     first = next(k for k, part in enumerate(parts) if has_magic(part))
     base = Path(*parts[:first]) if first else Path()
     paths = sorted(base.glob(str(Path(*parts[first:]))))
-    return [Found(p, p.relative_to(base)) for p in paths if _is_sound(p, base)]
+    return [FoundRecording(p, p.relative_to(base)) for p in paths if _is_sound(p, base)]
 
 
 def _is_sound(path: Path, base: Path) -> bool:
@@ -189,7 +189,7 @@ def _targets(places: Sequence[tuple[Path, Path]], folder: Path) -> list[Path]:
     return [folder / place for place in full]
 
 
-def _product_place(found: Sequence[Found], part: Part) -> tuple[Path, Path]:
+def _product_place(found: Sequence[FoundRecording], part: Part) -> tuple[Path, Path]:
     """Return the recording that a product is named after, and the product's place."""
     first = found[part.files[0] if part.first is None else part.first]
     if not part.label:
@@ -199,7 +199,7 @@ def _product_place(found: Sequence[Found], part: Part) -> tuple[Path, Path]:
 
 
 def _parts(
-    found: Sequence[Found], options: Mapping[str, Any], joining: Joining
+    found: Sequence[FoundRecording], options: Mapping[str, Any], joining: Joining
 ) -> list[Part]:
     """Join and cut the files whose time is known; the others stay alone."""
     spans = {k: find_span(item.path, options) for k, item in enumerate(found)}

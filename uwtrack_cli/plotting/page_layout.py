@@ -23,7 +23,7 @@ TITLE_CHARACTERS, LINE_CHARACTERS = 9.5, 14.0
 Panel = Callable[["Axes"], Any]
 
 
-class Part(NamedTuple):
+class PagePart(NamedTuple):
     """A panel of a page."""
 
     height: float
@@ -98,7 +98,7 @@ def side_by_side(figure: "Figure | SubFigure", *widths: float) -> "list[SubFigur
 
 
 def draw_parts(
-    parts: Sequence[Part], figure: "SubFigure", clock: Clock,
+    parts: Sequence[PagePart], figure: "SubFigure", clock: Clock,
     span_s: tuple[float, float], ticks: int,
 ) -> "list[Axes]":  # fmt: skip
     """Draw panels below each other with one time axis, named at the last one.

@@ -29,7 +29,7 @@ TURN = {"starboard": 1.0, "port": -1.0}
 
 
 @dataclass(frozen=True, eq=False)
-class PassageFit:
+class ReportedPassage:
     """One closest approach, and the law that was fitted to it."""
 
     encounters: Encounters
@@ -174,7 +174,7 @@ class PassagePage:
 
     scene: Scene
     """The recording."""
-    fit: PassageFit
+    fit: ReportedPassage
     """The passage."""
     view: View
     """What of it is drawn."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import Encounters
-from uwtrack_cli.plotting.passage_fit import PassageFit
+from uwtrack_cli.plotting.passage_fit import ReportedPassage
 from uwtrack_cli.plotting.style import (
     MEASURED,
     calm,
@@ -56,7 +56,7 @@ def place_of(encounters: Encounters, row: int) -> tuple[FloatArray, FloatArray]:
     return distance * along, covariance
 
 
-def draw_map(scene: Scene, fit: PassageFit, ax: "Axes") -> "Axes":
+def draw_map(scene: Scene, fit: ReportedPassage, ax: "Axes") -> "Axes":
     """Draw the way of a vessel past a sensor, north up, with scale and region.
 
     Another solution of its side is drawn dotted; the way by AIS is grey.
@@ -130,7 +130,9 @@ def scale_length(most_m: float) -> float:
     return float(max(n * power for n in NICE if n * power <= most_m * (1 + 1e-9)))
 
 
-def _draw_tracks(scene: Scene, fit: PassageFit, ax: "Axes", reach_m: float) -> None:
+def _draw_tracks(
+    scene: Scene, fit: ReportedPassage, ax: "Axes", reach_m: float
+) -> None:
     """Draw where AIS says that vessels were about the time of the passage."""
     for track in scene.tracks:
         east, north = track.first, track.second

@@ -21,13 +21,13 @@ from uwtrack_cli.files.tables.summaries import Head, utc_text
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
-    Part,
+    PagePart,
     draw_parts,
     side_by_side,
     stacked,
     titled_figure,
 )
-from uwtrack_cli.plotting.passage_fit import PassageFit, PassagePage
+from uwtrack_cli.plotting.passage_fit import PassagePage, ReportedPassage
 from uwtrack_cli.plotting.passage_map import draw_map, has_map
 from uwtrack_cli.plotting.passage_strips import line_strips, measured_line
 from uwtrack_cli.plotting.style import (
@@ -80,7 +80,7 @@ def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
     if encounters is None:
         msg = "a passage page needs encounters."
         raise ValueError(msg)
-    page = PassagePage(scene, PassageFit(encounters, row), view)
+    page = PassagePage(scene, ReportedPassage(encounters, row), view)
     span_s = page.span_s()
     parts = [*line_strips(page, span_s), *_residuals(page, span_s)]
     parts += [*_level(page, span_s), *_bearing(page, span_s)]
@@ -169,7 +169,7 @@ def _vessel(row: Row) -> str:
     return f"   {row['vessel']['name']}" if row["vessel"] else ""
 
 
-def _mark(fit: PassageFit, ax: "Axes") -> None:
+def _mark(fit: ReportedPassage, ax: "Axes") -> None:
     """Mark when the sound of the closest approach arrived."""
     low, high = ax.get_xlim()
     if low < fit.arrival_s < high:
@@ -178,7 +178,7 @@ def _mark(fit: PassageFit, ax: "Axes") -> None:
         )
 
 
-def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
     """Return what the lines leave of their curve."""
     fit = page.fit
     own = fit.rest_rows
@@ -213,11 +213,11 @@ def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
                 ha="right", va="top", fontsize=8, fontweight="bold", color=WARNING,
             )  # fmt: skip
 
-    return [Part(1.15, draw)]
+    return [PagePart(1.15, draw)]
 
 
 def _left(
-    scene: Scene, fit: PassageFit, own: IntArray, span_s: tuple[float, float]
+    scene: Scene, fit: ReportedPassage, own: IntArray, span_s: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times, residuals in % of v/c, and weights of all lines of a passage."""
     empty: FloatArray = np.zeros(0)
@@ -254,7 +254,7 @@ def _block_means(
     return middle, mean, np.sqrt(scatter) / total
 
 
-def _level(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+def _level(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
     """Return the level with the vessels' shares as the fits say."""
     measured_s, level, name = _measured_level(page)
     inside = (measured_s >= span_s[0]) & (measured_s <= span_s[1]) & np.isfinite(level)
@@ -272,7 +272,7 @@ def _level(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
         ax.set_ylim(low - 1.5, high + 1.5)
         _draw_level_fit(page.fit, time_s, level_db, span_s, ax)
 
-    return [Part(1.15, draw)]
+    return [PagePart(1.15, draw)]
 
 
 def _measured_level(page: PassagePage) -> tuple[FloatArray, FloatArray, str]:
@@ -291,7 +291,7 @@ def _measured_level(page: PassagePage) -> tuple[FloatArray, FloatArray, str]:
 
 
 def _draw_level_fit(
-    fit: PassageFit,
+    fit: ReportedPassage,
     time_s: FloatArray,
     level_db: FloatArray,
     span_s: tuple[float, float],
@@ -302,7 +302,7 @@ def _draw_level_fit(
     peak = float(found.received_level_db[fit.row])
     if not np.isfinite(peak) or not fit.is_drawn:
         return
-    every = [PassageFit(found, row) for row in range(found.n_encounters)]
+    every = [ReportedPassage(found, row) for row in range(found.n_encounters)]
     heard = [
         f for f in every
         if f.is_drawn and np.isfinite(found.received_level_db[f.row])
@@ -332,7 +332,7 @@ def _draw_level_fit(
     ax.set_ylim(low, float(np.nanmax(curves[0] + 1.0, initial=high)))
 
 
-def _bearing(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+def _bearing(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
     """Return bearings of the passage as measured and as fitted."""
     levels, lines, fit = page.scene.first(Levels), page.scene.first(Lines), page.fit
     measured: list[tuple[FloatArray, FloatArray, str]] = []
@@ -376,11 +376,14 @@ def _bearing(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
         ax.set(ylim=(0.0, 360.0), yticks=range(0, 361, 90))
         ax.set_ylabel("bearing (deg)", fontsize=8)
 
-    return [Part(1.15, draw)]
+    return [PagePart(1.15, draw)]
 
 
 def _draw_bearing_fit(
-    fit: PassageFit, grid: FloatArray, fitted: tuple[FloatArray, FloatArray], ax: "Axes"
+    fit: ReportedPassage,
+    grid: FloatArray,
+    fitted: tuple[FloatArray, FloatArray],
+    ax: "Axes",
 ) -> None:
     bearing, std = fitted
     color = contact_color(fit.contact)

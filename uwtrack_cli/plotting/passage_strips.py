@@ -25,8 +25,8 @@ from uwtrack_cli.plotting.lofargram import (
     over_floor,
     shades,
 )
-from uwtrack_cli.plotting.page_layout import Panel, Part
-from uwtrack_cli.plotting.passage_fit import PassageFit, PassagePage
+from uwtrack_cli.plotting.page_layout import PagePart, Panel
+from uwtrack_cli.plotting.passage_fit import PassagePage, ReportedPassage
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     LEVELS_MAP,
@@ -74,7 +74,7 @@ class MeasuredLine(NamedTuple):
     """Signal-to-noise ratios, dB; nan if unknown."""
 
 
-def line_strips(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+def line_strips(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
     """Return the strips of the best lines, the highest one on top."""
     fit = page.fit
     rows = _best_lines(page)
@@ -85,7 +85,7 @@ def line_strips(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
     parts = []
     for number, k in enumerate(rows):
         zoomed = zooms[number] if zooms else None
-        parts.append(Part(0.82, _strip(page, k, zoomed, len(rows))))
+        parts.append(PagePart(0.82, _strip(page, k, zoomed, len(rows))))
     return parts
 
 
@@ -103,7 +103,7 @@ def _best_lines(page: PassagePage) -> list[int]:
     return [int(k) for k in best[order]]
 
 
-def _half_hz(fit: PassageFit, rest_hz: float) -> float:
+def _half_hz(fit: ReportedPassage, rest_hz: float) -> float:
     return SHIFTS * fit.mach * rest_hz
 
 
@@ -229,7 +229,7 @@ def _draw_points(measured: MeasuredLine, rest_hz: float, ax: "Axes") -> None:
 
 
 def _draw_curve(
-    fit: PassageFit, rest_hz: float, rest_row: int, ax: "Axes", *, is_picture: bool
+    fit: ReportedPassage, rest_hz: float, rest_row: int, ax: "Axes", *, is_picture: bool
 ) -> None:
     """Draw the fit thin, with its band, so that the sound stays visible beneath."""
     time_s = np.linspace(*ax.get_xlim(), 400)
@@ -247,7 +247,7 @@ def _draw_curve(
     )  # fmt: skip
 
 
-def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[Part]:
+def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
     """Return the lofargram about a passage that no line shows."""
     overview = page.scene.first(Overview)
     if overview is None or overview.frequency_hz.size < 2:
@@ -259,4 +259,4 @@ def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[Part]
     def draw(ax: "Axes") -> None:
         draw_lofargram(overview, axis, span_s, ax)
 
-    return [Part(2.4, draw)]
+    return [PagePart(2.4, draw)]

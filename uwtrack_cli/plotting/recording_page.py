@@ -46,13 +46,13 @@ from uwtrack_cli.plotting.lofargram import (
 )
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
+    PagePart,
     Panel,
-    Part,
     draw_parts,
     stacked,
     titled_figure,
 )
-from uwtrack_cli.plotting.passage_fit import PassageFit
+from uwtrack_cli.plotting.passage_fit import ReportedPassage
 from uwtrack_cli.plotting.passage_page import MARKED_MISFIT, USABLE_BEARING_DEG
 from uwtrack_cli.plotting.sensor_map import draw_sensor_map, has_sensor_map
 from uwtrack_cli.plotting.style import (
@@ -115,7 +115,7 @@ def recording_figure(scenes: Sequence[Scene], view: View) -> "Figure":
     """
     spans = [scene.times_s for scene in scenes]
     known = [span for span in spans if span is not None]
-    parts: list[list[Part]] = []
+    parts: list[list[PagePart]] = []
     shared: tuple[float, float] = (0.0, 1.0)
     if known:
         shared = min(s[0] for s in known), max(s[1] for s in known)
@@ -220,7 +220,7 @@ def _warnings(scenes: Sequence[Scene]) -> list[HeadLine]:
         encounters = scene.encounters
         count = 0 if encounters is None else encounters.n_encounters
         for row in range(count):
-            fit = PassageFit(encounters, row)  # type: ignore[arg-type]
+            fit = ReportedPassage(encounters, row)  # type: ignore[arg-type]
             if fit.misfit >= MARKED_MISFIT:
                 text = (
                     f"\u26a0 passage {fit.contact}: misfit, the lines leave the fit by "
@@ -232,7 +232,7 @@ def _warnings(scenes: Sequence[Scene]) -> list[HeadLine]:
 
 def _parts(
     scene: Scene, view: View, span_s: tuple[float, float], count: int
-) -> list[Part]:
+) -> list[PagePart]:
     """Return the panels of one sensor; of several sensors, only the first ones."""
     encounters = scene.encounters
     parts = _record(scene, span_s) or _lofargram(scene, view, span_s)
@@ -247,8 +247,8 @@ def _parts(
         return parts
     first, *rest = parts
     return [
-        Part(first.height, _numbered(first.draw, encounters, scene.sensor, count)),
-        *(Part(p.height, _marked(p.draw, encounters)) for p in rest),
+        PagePart(first.height, _numbered(first.draw, encounters, scene.sensor, count)),
+        *(PagePart(p.height, _marked(p.draw, encounters)) for p in rest),
     ]
 
 
@@ -262,7 +262,7 @@ def _numbered(
         _mark(encounters, ax, height=0.06)
         low, high = ax.get_xlim()
         for row in range(encounters.n_encounters):
-            fit = PassageFit(encounters, row)
+            fit = ReportedPassage(encounters, row)
             at = fit.arrival_s if np.isfinite(fit.arrival_s) else fit.time_s
             if not low <= at <= high:
                 continue
@@ -296,7 +296,7 @@ def _mark(encounters: Encounters, ax: "Axes", *, height: float) -> None:
     """Mark when the sound of every closest approach arrived, down from the top."""
     low, high = ax.get_xlim()
     for row in range(encounters.n_encounters):
-        fit = PassageFit(encounters, row)
+        fit = ReportedPassage(encounters, row)
         at = fit.arrival_s if np.isfinite(fit.arrival_s) else fit.time_s
         if low <= at <= high:
             ax.axvline(
@@ -305,7 +305,7 @@ def _mark(encounters: Encounters, ax: "Axes", *, height: float) -> None:
             )  # fmt: skip
 
 
-def _lofargram(scene: Scene, view: View, span_s: tuple[float, float]) -> list[Part]:
+def _lofargram(scene: Scene, view: View, span_s: tuple[float, float]) -> list[PagePart]:
     overview, lines = scene.first(Overview), scene.first(Lines)
     if overview is None or not overview.shade.size:
         return _lines_alone(lines, view)
@@ -321,10 +321,10 @@ def _lofargram(scene: Scene, view: View, span_s: tuple[float, float]) -> list[Pa
         if lines is not None and view.has_lines:
             _outline(lines, axis, ax)
 
-    return [Part(LOFARGRAM_IN, draw)]
+    return [PagePart(LOFARGRAM_IN, draw)]
 
 
-def _lines_alone(lines: Lines | None, view: View) -> list[Part]:
+def _lines_alone(lines: Lines | None, view: View) -> list[PagePart]:
     """Return the lines where no lofargram was kept."""
     if lines is None or not lines.line_id.size:
         return []
@@ -342,7 +342,7 @@ def _lines_alone(lines: Lines | None, view: View) -> list[Part]:
             ax.set_yscale("log")
         ax.set_ylabel("frequency (Hz)", fontsize=9)
 
-    return [Part(LOFARGRAM_IN, draw)]
+    return [PagePart(LOFARGRAM_IN, draw)]
 
 
 def _outline(lines: Lines, axis: FrequencyAxis, ax: "Axes") -> None:
@@ -406,7 +406,7 @@ def _crowded(share: FloatArray, ends_s: FloatArray) -> BoolArray:
     return np.asarray(near.any(axis=1))
 
 
-def _presence(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
+def _presence(scene: Scene, span_s: tuple[float, float]) -> list[PagePart]:
     """Return bars of what was heard, one row for each kind."""
     presence = scene.presence
     if presence is None:
@@ -423,7 +423,7 @@ def _presence(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
     def draw(ax: "Axes") -> None:
         _draw_bars(presence, lanes, float(np.ptp(span_s)), ax)
 
-    return [Part(0.28 + 0.17 * len(lanes), draw)]
+    return [PagePart(0.28 + 0.17 * len(lanes), draw)]
 
 
 def _lanes(presence: Presence, stretches: IntArray) -> list[list[int]]:
@@ -478,7 +478,7 @@ def _draw_bar(
         )  # fmt: skip
 
 
-def _rates(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
+def _rates(scene: Scene, span_s: tuple[float, float]) -> list[PagePart]:
     """Return the modulation rates that were heard: shafts and blades."""
     presence = scene.presence
     if presence is None or not presence.rate_hz.size:
@@ -500,10 +500,10 @@ def _rates(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
         ax.set_ylabel("modulation\nrate (Hz)", fontsize=8)
         ax.set_ylim(0.0, 1.25 * float(presence.rate_hz[near].max()))
 
-    return [Part(1.1, draw)]
+    return [PagePart(1.1, draw)]
 
 
-def _level(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
+def _level(scene: Scene, span_s: tuple[float, float]) -> list[PagePart]:
     """Return the broadband level: its middle, and what most frames lie within."""
     levels = scene.first(Levels)
     if levels is None:
@@ -525,7 +525,7 @@ def _level(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
             f"(dB re {figure_text(levels.reference)})", fontsize=8,
         )  # fmt: skip
 
-    return [Part(1.1, draw)]
+    return [PagePart(1.1, draw)]
 
 
 def _quantiles(
@@ -540,7 +540,7 @@ def _quantiles(
     return middle, found[:, 0], found[:, 1], found[:, 2]
 
 
-def _bearing(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
+def _bearing(scene: Scene, span_s: tuple[float, float]) -> list[PagePart]:
     """Return the broadband bearings of a vector sensor, and those of its lines."""
     levels, lines = scene.first(Levels), scene.first(Lines)
     if levels is None or scene.first(BearingTime) is not None:
@@ -562,7 +562,7 @@ def _bearing(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
         ax.set(ylim=(0, 360), yticks=range(0, 361, 90))
         ax.set_ylabel("bearing (deg)", fontsize=8)
 
-    return [Part(1.1, draw)]
+    return [PagePart(1.1, draw)]
 
 
 def _draw_line_bearings(lines: Lines, ax: "Axes") -> None:
@@ -575,7 +575,7 @@ def _draw_line_bearings(lines: Lines, ax: "Axes") -> None:
                 mec="none", color=contact_color(int(contact)), rasterized=True)  # fmt: skip
 
 
-def _record(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
+def _record(scene: Scene, span_s: tuple[float, float]) -> list[PagePart]:
     """Return the bearing-time record of a line array, and where it pointed."""
     record = scene.first(BearingTime)
     if record is None or not record.frames.n_frames:
@@ -589,7 +589,7 @@ def _record(scene: Scene, span_s: tuple[float, float]) -> list[Part]:
         if lines is not None:
             draw_line_angles(record, lines, ax)
 
-    parts = [Part(3.6, draw)]
+    parts = [PagePart(3.6, draw)]
     if np.isfinite(record.heading_deg).any():
-        parts.append(Part(1.0, lambda ax: draw_heading(record, ax)))
+        parts.append(PagePart(1.0, lambda ax: draw_heading(record, ax)))
     return parts

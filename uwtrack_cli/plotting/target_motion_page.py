@@ -36,8 +36,8 @@ from uwtrack_cli.motion.target.model import predict_values
 from uwtrack_cli.motion.target.own_ship import Doppler, OwnPath, make_observer_track
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
+    PagePart,
     Panel,
-    Part,
     draw_parts,
     side_by_side,
     stacked,
@@ -73,7 +73,7 @@ KNOT_MPS = 1852.0 / 3600.0
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class PlottedResiduals:
     """What the best mode of a contact leaves of its measurements."""
 
     time_s: FloatArray
@@ -333,7 +333,7 @@ def _paths(scene: Scene, data: Measurements) -> tuple[list[OwnPath], IntArray]:
 
 def motion_residuals(
     scene: Scene, motions: Motions, data: Measurements
-) -> Residuals | None:
+) -> PlottedResiduals | None:
     """Return what the best mode of a contact leaves of its measurements.
 
     Parameters
@@ -347,7 +347,7 @@ def motion_residuals(
 
     Returns
     -------
-    Residuals | None
+    PlottedResiduals | None
         None where the range is not observable, or own ship's way is not known.
     """
     rows = np.flatnonzero((motions.contact == data.contact) & (motions.mode == 1))
@@ -388,7 +388,7 @@ def motion_residuals(
     rest = dict(zip(motions.rest_line_id[own].tolist(),
                     motions.rest_frequency_hz[own].tolist(), strict=True))  # fmt: skip
     at_rest = np.array([rest.get(int(k), np.nan) for k in data.line_id])
-    return Residuals(
+    return PlottedResiduals(
         data.time_s, left, data.frequency_hz - at_rest[:, np.newaxis] * shift
     )
 
@@ -436,7 +436,7 @@ def _medium(scene: Scene, motions: Motions) -> Medium:
 
 def _parts(
     scene: Scene, motions: Motions, measured: Sequence[Measurements]
-) -> list[Part]:
+) -> list[PagePart]:
     """Return residuals of bearing and frequency, and the range over time."""
     left = [
         (m.contact, found)
@@ -449,14 +449,14 @@ def _parts(
         ("frequency_hz", "frequency residual\n(Hz)"),
     ):
         if any(np.isfinite(getattr(found, name)).any() for _, found in left):
-            parts.append(Part(1.5, _residual_panel(left, name, label)))
+            parts.append(PagePart(1.5, _residual_panel(left, name, label)))
     if _bounded(motions).any():
-        parts.append(Part(1.7, lambda ax: draw_ranges(motions, ax)))
+        parts.append(PagePart(1.7, lambda ax: draw_ranges(motions, ax)))
     return parts
 
 
 def _residual_panel(
-    left: Sequence[tuple[int, Residuals]], name: str, label: str
+    left: Sequence[tuple[int, PlottedResiduals]], name: str, label: str
 ) -> Panel:
     def draw(ax: "Axes") -> None:
         calm(ax)

@@ -29,7 +29,7 @@ HEADS = (
 
 
 @dataclass(frozen=True)
-class Clock:
+class FileClock:
     """From seconds of a recording to files, offsets and cumulative time."""
 
     recording: Recording
@@ -109,11 +109,11 @@ def _rows(
         )  # fmt: skip
 
 
-def _clock(containers: Sequence[Container], sensor: str, name: str) -> Clock:
+def _clock(containers: Sequence[Container], sensor: str, name: str) -> FileClock:
     files = [c for c in containers if isinstance(c, RecordedFiles)]
     own = next((item for item in files if item.sensor == sensor), None)
     for container in containers:
         if isinstance(container, Recording) and container.sensor.id == sensor:
-            return Clock(container, own)
+            return FileClock(container, own)
     msg = f"{name} does not say which recording the lines of {sensor} are from."
     raise DataError(msg)

@@ -58,7 +58,7 @@ DENSITY = 1.0 / (2.0 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class BearingSource:
     """A source and the rows that are its own."""
 
     q: FloatArray
@@ -91,7 +91,7 @@ class _Mixture:
 
 def associate(
     problem: Problem, limits: SearchBounds, *, is_told: bool
-) -> list[Source] | None:
+) -> list[BearingSource] | None:
     """Take a record apart into its sources; None where every row may be one source's.
 
     Parameters
@@ -121,13 +121,15 @@ def associate(
     return [_source(problem, best, int(index), heard) for index in order]
 
 
-def _source(problem: Problem, found: _Mixture, index: int, heard: BoolArray) -> Source:
+def _source(
+    problem: Problem, found: _Mixture, index: int, heard: BoolArray
+) -> BearingSource:
     own, z = found.probability[index], found.z[index]
     lost = float((z**2 * own * (1.0 - own))[heard].sum() / own[heard].sum())
     known = float(np.clip(1.0 - lost, 0.2, 1.0))
     weight = problem.bearing_weight * np.sqrt(known * own) / found.scale
     weight = np.where(own > 0.01, weight, 0.0)
-    return Source(
+    return BearingSource(
         found.q[index],
         np.where(heard, own, np.nan),
         replace(problem, bearing_weight=weight),

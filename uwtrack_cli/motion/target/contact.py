@@ -23,7 +23,7 @@ from uwtrack_cli.motion.solvers.marquardt import (
     search_bounds,
 )
 from uwtrack_cli.motion.solvers.solvers import SOLVERS
-from uwtrack_cli.motion.target.association import Source, associate
+from uwtrack_cli.motion.target.association import BearingSource, associate
 from uwtrack_cli.motion.target.inputs import (
     Measurements,
     Platforms,
@@ -194,7 +194,7 @@ others are sought among measurements of stated deviations."""
 
 def _sources(
     problem: Problem, limits: SearchBounds, data: Measurements, options: TmaOptions
-) -> list[Source] | None:
+) -> list[BearingSource] | None:
     """Take the rows apart into sources where the misfit asks for it."""
     is_told = _is_told(data, options)
     if is_told:
