@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
 from uwtrack_cli.acoustics.geometry import compass_unit
@@ -143,15 +144,30 @@ def test_three_sensors_give_smaller_deviations_than_two():
     assert np.trace(three.covariance_m2[0]) < np.trace(two.covariance_m2[0])
 
 
-def test_fused_positions_hold_their_error_bars():
+@pytest.mark.parametrize(
+    ("position_std_m", "clock_std_s"), [(0.0, 0.0), (15.0, 0.0), (0.0, 2.0)]
+)
+def test_fused_positions_hold_their_error_bars(position_std_m, clock_std_s):
+    """On both sides, when places or clocks of the sensors are known roughly, too."""
     rng = np.random.default_rng(1)
-    sensors = [sensor_at("h1", 600.0, 150.0), sensor_at("h2", 1500.0, -300.0)]
     scores = []
     for _ in range(150):
-        encounters = [
-            encounter_of(s, a, o, error=DEVIATIONS * rng.normal(size=4))
-            for s, a, o in zip(sensors, (600.0, 1500.0), (150.0, -300.0), strict=True)
-        ]
+        encounters, sensors = [], []
+        for name, along, off in (("h1", 600.0, 150.0), ("h2", 1500.0, -300.0)):
+            sensor = sensor_at(name, along, off)
+            error = DEVIATIONS * rng.normal(size=4)
+            error[0] += clock_std_s * rng.normal()
+            encounters.append(encounter_of(sensor, along, off, error=error))
+            east_m, north_m = position_std_m * rng.normal(size=2)
+            sensors.append(
+                replace(
+                    sensor,
+                    east_m=sensor.east_m + east_m,
+                    north_m=sensor.north_m + north_m,
+                    position_std_m=position_std_m,
+                    clock_std_s=clock_std_s,
+                )
+            )
         fixes = locate_vessels(encounters, sensors, at=["1500"])
         if fixes.sensors.tolist() != ["h1,h2"]:
             continue
@@ -181,22 +197,46 @@ def test_encounters_with_other_rest_frequencies_are_not_joined():
     assert fixes.sensors.tolist() == ["h1", "h2"]
 
 
+def lack_of_fit(sensors, encounters):
+    """Least weighted square error of a straight track, by scipy."""
+
+    def residuals(state):
+        place, velocity = state[:2], state[2:]
+        speed = np.hypot(*velocity)
+        values = []
+        for sensor, found in zip(sensors, encounters, strict=True):
+            away = place - [sensor.east_m, sensor.north_m]
+            time = -(away @ velocity) / speed**2
+            closest = away + time * velocity
+            bearing = np.rad2deg(np.arctan2(*closest))
+            values += [
+                time - found.time_s[0],
+                np.hypot(*closest) / speed - found.range_over_speed_s[0],
+                speed - found.speed_mps[0],
+                (bearing - found.bearing_deg[0] + 180.0) % 360.0 - 180.0,
+            ]
+        return np.array(values) / np.tile(DEVIATIONS, len(sensors))
+
+    start = np.concatenate([truth_at(0.0), SPEED * compass_unit(COURSE)])
+    return 2.0 * least_squares(residuals, start, x_scale=[100.0, 100.0, 1.0, 1.0]).cost
+
+
 def test_rival_pairings_are_listed_with_weights():
     sensors = [sensor_at("h1", 600.0, 150.0), sensor_at("h2", 1500.0, -300.0)]
+    first = encounter_of(sensors[0], 600.0, 150.0)
     second = [
         encounter_of(
             sensors[1], 1500.0, -300.0, error=(error, 0, 0, 0), contact=contact
         )
-        for contact, error in ((1, 0.1), (2, -0.15))
+        for contact, error in ((1, 0.1), (2, -0.5))
     ]
-    fixes = locate_vessels(
-        [encounter_of(sensors[0], 600.0, 150.0), *second], sensors, at=["1500"]
-    )
-    first = fixes.contact == 1
-    assert first.sum() >= 2
-    assert fixes.weight[first].sum() == pytest.approx(1.0)
-    assert np.all(np.diff(fixes.weight[first]) <= 0)
-    assert fixes.weight[first][1] > 0.1
+    fixes = locate_vessels([first, *second], sensors, at=["1500"])
+    lack = [lack_of_fit(sensors, [first, other]) for other in second]
+    weight = fixes.weight[fixes.contact == 1]
+    assert weight.tolist() == sorted(weight, reverse=True)
+    likelihood = np.exp(-0.5 * (np.array(lack) - min(lack)))
+    assert weight == pytest.approx(likelihood / likelihood.sum(), abs=1e-3)
+    assert weight[0] - weight[1] > 0.05
 
 
 def test_sensors_with_latitude_and_longitude_give_such_positions():
