@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from uwtrack_cli.estimation.correlation import long_run_excess, overlap_correlation
-from uwtrack_cli.estimation.least_squares import damped_least_squares, inverse_or_nan
 from uwtrack_cli.estimation.robust import (
     bisquare_weight,
     median_scale,
@@ -16,6 +14,8 @@ from uwtrack_cli.motion.coloured_noise import (
     fit_coloured_noise,
     information_loss,
 )
+from uwtrack_cli.motion.correlation import long_run_excess, overlap_correlation
+from uwtrack_cli.motion.least_squares import damped_least_squares, inverse_or_nan
 
 TIME = np.arange(600.0)
 

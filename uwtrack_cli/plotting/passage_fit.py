@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.acoustics.passage import Passage, passage_law, with_other_leg
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
+from uwtrack_cli.motion.passage.law import Passage, passage_law, with_other_leg
 from uwtrack_cli.plotting.view import Scene, View
 
 REACH = 4.0

@@ -21,7 +21,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.least_squares import (
+from uwtrack_cli.motion.least_squares import (
     Evaluation,
     damped_least_squares,
     inverse_or_nan,

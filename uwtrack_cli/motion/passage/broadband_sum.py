@@ -23,16 +23,16 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.least_squares import (
-    Evaluation,
-    damped_least_squares,
-    inverse_or_nan,
-)
 from uwtrack_cli.estimation.robust import (
     CONSTANT,
     bisquare_weight,
     median_scale,
     neighbour_scale,
+)
+from uwtrack_cli.motion.least_squares import (
+    Evaluation,
+    damped_least_squares,
+    inverse_or_nan,
 )
 
 N_COMMON = 2

@@ -21,12 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.acoustics.passage import slant_over_speed_s
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.passage.estimator import (
-    CHANGED,
     PassageFit,
     fit_passage,
     fit_with_coloured_noise,
@@ -34,6 +32,7 @@ from uwtrack_cli.motion.passage.estimator import (
     take_rows,
 )
 from uwtrack_cli.motion.passage.initial_estimates import find_initial_estimates
+from uwtrack_cli.motion.passage.law import slant_over_speed_s
 from uwtrack_cli.motion.passage.likelihood_ratio import (
     LikelihoodRatio,
     motion_likelihood,
@@ -56,6 +55,7 @@ from uwtrack_cli.motion.passage.readings import (
     may_hide_passage,
     read_passage,
 )
+from uwtrack_cli.motion.passage.unknowns import CHANGED
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.acoustics.passage import SLOWEST_MPS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.robust import median_scale, neighbour_scale
+from uwtrack_cli.motion.passage.law import SLOWEST_MPS
 from uwtrack_cli.motion.passage.measurements import Blocks
 
 FLOORS = (-9.0, -6.0, -3.5, -1.5)
@@ -37,7 +37,7 @@ class InitialEstimates:
     """Unknowns to start fits from (rows as in `normal`) and their turns."""
 
     theta: FloatArray
-    """Unknowns as in `estimator`, shape (starts, 4)."""
+    """Unknowns as in `unknowns`, shape (starts, 4)."""
     turn: FloatArray
     """Sign of the bearing trend, shape (starts,)."""
     gain: FloatArray
@@ -127,7 +127,7 @@ class ChangedEstimates(NamedTuple):
     """Unknowns to start from where the frequencies changed beside the passage."""
 
     theta: FloatArray
-    """Unknowns as in `estimator`, shape (starts, 4)."""
+    """Unknowns as in `unknowns`, shape (starts, 4)."""
     number: IntArray
     """Which of the changes it is, shape (starts,)."""
     size: FloatArray

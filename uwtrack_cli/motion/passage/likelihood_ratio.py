@@ -22,9 +22,10 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.robust import median_scale
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
-from uwtrack_cli.motion.passage.estimator import FLOOR, RAMP, PassageFit
+from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.measurements import Blocks
 from uwtrack_cli.motion.passage.noise import clip_wild
+from uwtrack_cli.motion.passage.unknowns import FLOOR, RAMP
 
 WIDEST_SCATTER_RAD = 1.2
 """Bearings that scatter more than this (69 degrees) carry no information: they wrap."""

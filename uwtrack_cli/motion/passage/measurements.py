@@ -16,7 +16,7 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.estimation.correlation import Kind, overlap_correlation
+from uwtrack_cli.motion.correlation import Kind, overlap_correlation
 
 MOST_SEARCHED = 6000
 """Instants among which a closest approach is sought; longer series are averaged."""

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.estimation.correlation import long_run_excess
 from uwtrack_cli.estimation.robust import (
     CONSTANT,
     SHARE_CORRECTION,
@@ -22,6 +21,7 @@ from uwtrack_cli.estimation.robust import (
     median_scale,
     neighbour_scale,
 )
+from uwtrack_cli.motion.correlation import long_run_excess
 from uwtrack_cli.motion.passage.measurements import Blocks
 
 

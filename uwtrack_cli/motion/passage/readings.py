@@ -25,30 +25,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.acoustics.passage import Passage, slant_over_speed_s
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.estimator import (
-    CHANGED,
-    FLOOR,
-    FLOOR_PRIOR_DEVIATION,
-    HEIGHT,
-    MANOEUVRE,
-    N_SIZES,
-    RAMP,
-    STEP,
-    Change,
     PassageFit,
     fit_passage,
     fit_with_coloured_noise,
     take_rows,
 )
 from uwtrack_cli.motion.passage.initial_estimates import find_changed_estimates
+from uwtrack_cli.motion.passage.law import Passage, slant_over_speed_s
 from uwtrack_cli.motion.passage.likelihood_ratio import (
     measured_series,
     passage_residuals,
 )
 from uwtrack_cli.motion.passage.measurements import Blocks
+from uwtrack_cli.motion.passage.normal_equations import FLOOR_PRIOR_DEVIATION
+from uwtrack_cli.motion.passage.unknowns import (
+    CHANGED,
+    FLOOR,
+    HEIGHT,
+    MANOEUVRE,
+    N_SIZES,
+    RAMP,
+    STEP,
+    Change,
+)
 
 STRAIGHT = "straight"
 

@@ -43,10 +43,10 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import MICROPASCAL, Levels
 from uwtrack_cli.errors import UwtrackWarning
-from uwtrack_cli.estimation.correlation import long_run_excess
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
+from uwtrack_cli.motion.correlation import long_run_excess
 from uwtrack_cli.motion.passage.contacts import CandidatePassage
-from uwtrack_cli.motion.passage.estimator import CHANGED, RAMP, STEP, PassageFit
+from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.moving_sensor import (
     AT_REST_MPS,
     LARGEST_M,
@@ -61,6 +61,7 @@ from uwtrack_cli.motion.passage.nuisances import (
     marginalise,
 )
 from uwtrack_cli.motion.passage.readings import STRAIGHT
+from uwtrack_cli.motion.passage.unknowns import CHANGED, RAMP, STEP
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
 
