@@ -261,6 +261,21 @@ def test_the_ghost_of_a_line_array_is_exact_on_a_straight_course():
     assert course == pytest.approx([270.0, 270.0], abs=0.01)
 
 
+def test_modes_weigh_what_laplace_says_of_their_height_and_volume():
+    """exp(-misfit / 2) / sqrt(det): Laplace's approximation (MacKay 2003, ch. 27)."""
+    problem = folded("S3", 1000)
+    found = multistart(problem, PAPER)
+    north = np.cos(found.q[:, 1]) > 0.0
+    ghosts = found.take(np.array([north.argmax(), north.argmin()]))
+    own = ghosts.matrix[0] + np.eye(4) * np.trace(ghosts.matrix[0])
+    ghosts = replace(
+        ghosts, value=np.array([0.0, 2.0]), matrix=np.stack([own, 1.5 * own])
+    )
+    modes = find_modes(problem, ghosts, 5)
+    ratio = np.exp(-1.0) / np.sqrt(1.5**4)
+    assert modes.weight == pytest.approx([1 / (1 + ratio), ratio / (1 + ratio)], 1e-4)
+
+
 @pytest.mark.parametrize("rows", [40, 60, 80, 100])
 def test_a_turning_array_rules_the_ghost_out_as_published(rows):
     problem = folded("S2", rows)
