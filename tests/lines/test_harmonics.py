@@ -33,7 +33,7 @@ def test_families_are_detected_as_often_as_published(
     rng = np.random.default_rng(6)
     threshold = np.quantile(noise_chances(density, 600, rng), 0.01)
     share = np.mean(family_chances(teeth, density, 200, rng) < threshold)
-    # the band of the specification, and three deviations of 200 sets
+    # eight points below the reference, and three deviations of 200 sets
     assert share >= published - 0.08 - 3.0 * np.sqrt(published * (1 - published) / 200)
 
 

@@ -10,7 +10,7 @@ noise to the lines. Jitter is noise common to the lines with a known correlation
 jittering lines the rest frequencies count as one unknown, which can only lower the
 bound. No image, no turn: the path ends where it is straight.
 
-**References.** Section 3 of the specification after Choi et al. (2014).
+**References.** Choi et al. (2014): the law of a passage; Kay (1993), section 3.9.
 """
 
 import numpy as np

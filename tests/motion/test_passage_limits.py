@@ -1,4 +1,4 @@
-"""The bounds that drawn passages are held against are those of the specification."""
+"""The bounds that drawn passages are held against agree with an independent reference."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ PUBLISHED = {
     (28.0, 3.0): (0.0024, 0.347, 0.0267, 0.0434),
     (20.0, -6.0): (0.00569, 0.782, 0.0519, 0.11),
 }
-"""Section 6: C/N0 and ratio in the band; bounds of speed, range, time and course."""
+"""C/N0 and ratio in the band; bounds of speed, range, time and course."""
 
 
 @pytest.mark.parametrize(("ratios", "published"), PUBLISHED.items())
