@@ -1,6 +1,7 @@
 """Figures of vector sensors: how calibrations hold, and how ambient sound pulls bearings.
 
-`python -m tests.benchmarks.difar_figures [RUNS [SEED]]`; tests/baselines/difar.md has them.
+`python -m tests.benchmarks.difar_figures [RUNS [SEED]]`, with RUNS = 0 the lines alone;
+tests/baselines/difar.md has them.
 """
 
 import sys
@@ -17,6 +18,9 @@ from uwtrack_cli.simulate import make_scenario, simulate_recordings
 from uwtrack_cli.spectra.levels import measure_levels
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
+
+SNR_DB = (-5.0, 0.0, 3.0, 6.0, 10.0, 20.0)
+"""SNR at which bearings are measured."""
 
 
 def drawn_passage(seed):
@@ -178,12 +182,20 @@ def weighed(error, std):
 
 
 def main(runs=40, seed=1):
-    calibrations(runs, seed)
-    for kind, measure in (("broadband", ambient_pull), ("line", line_pull)):
+    if runs:
+        calibrations(runs, seed)
         for share in (0.0, 0.5, 0.9):
-            for snr_db in (-5.0, 0.0, 3.0, 6.0, 10.0, 20.0):
-                got = weighed(*measure(snr_db, share=share, seed=seed))
-                print(kind, share, snr_db, *(f"{v:.2f}" for v in got), flush=True)
+            for snr_db in SNR_DB:
+                got = weighed(*ambient_pull(snr_db, share=share, seed=seed))
+                print("broadband", share, snr_db, *(f"{v:.2f}" for v in got))
+    for share, apart_deg in ((0.0, 90.0), (0.5, 90.0), (0.9, 90.0), (0.5, 45.0)):
+        for snr_db in SNR_DB:
+            error, std = line_pull(
+                snr_db, share=share, apart_deg=apart_deg, seed=seed, length_s=3000.0
+            )
+            got = (*weighed(error, std), np.median(std))
+            words = f"{share} at {apart_deg:.0f} degrees, {snr_db:.0f} dB:"
+            print("line", words, error.size, *(f"{v:.2f}" for v in got), flush=True)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from tests.benchmarks.difar_figures import (
     ambient_pull,
     direction_error,
     drawn_passage,
+    line_pull,
     weighed,
 )
 from tests.support import recording_of, white_noise
@@ -22,6 +23,7 @@ from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.tables.sensors import load_sensor
 from uwtrack_cli.flow.calibration import calibrate_sensor
 from uwtrack_cli.spectra.levels import measure_levels
+from uwtrack_cli.spectra.peak_bearings import angle_by_whitened
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 FAULTS = {
@@ -227,6 +229,32 @@ def test_directed_ambient_sound_does_not_draw_broadband_bearings(snr_db):
     mean, spread, ratio = weighed(error, std)
     assert abs(mean) < 0.5 + 3.0 * spread
     assert 0.8 < ratio < 1.25
+
+
+@pytest.mark.parametrize(("share", "snr_db"), [(0.5, 0.0), (0.5, 6.0), (0.9, 3.0)])
+def test_directed_ambient_sound_draws_no_bearing_of_a_weak_line(share, snr_db):
+    """Without what foretells the noise, 0, 6 and 3 dB gave 38, 10 and 36 degrees."""
+    error, std = line_pull(snr_db, share=share, length_s=1600.0, seed=5)
+    mean, spread, ratio = weighed(error, std)
+    assert error.size > 200
+    assert abs(mean) < 0.15 * np.median(std) + 3.0 * spread
+    assert 0.65 < ratio < 1.45
+
+
+def test_angles_follow_those_in_white_noise_as_differences_say():
+    angle = np.radians(np.arange(-170.0, 171.0, 10.0))
+    size, ratio, step = 0.6, 1.0 / 3.0, 1e-5
+    stretch = np.sqrt((ratio + size) / ratio)
+    white = [
+        np.arctan2(stretch * np.sin(d), np.cos(d) - size)
+        for d in (angle - step, angle, angle + step)
+    ]
+    near = np.unwrap(np.array(white), axis=0)
+    up, down = step / (near[2] - near[1]), step / (near[1] - near[0])
+    slope, bend = angle_by_whitened(angle, np.full(angle.size, size), ratio)
+    assert slope == pytest.approx(0.5 * (up + down), rel=1e-4)
+    between = 0.5 * (near[2] - near[0])
+    assert bend == pytest.approx((up - down) / between, abs=2e-3)
 
 
 def test_a_vessel_that_is_heard_in_the_quiet_time_is_no_ambient_sound():

@@ -1,18 +1,23 @@
 """Bearings of spectral peaks, freed of the directional background beneath them.
 
-**Method.** The intensity in a peak's cells is that of the line and that of all else in
-these cells: another vessel's broadband there pulls the bearing towards that vessel by
-the noise-to-signal ratio, all lines alike. The background's intensity is the mean over
-the cells of the noise floor's tile that are not lines; it is subtracted. The noise
-left is that of the isotropic part and, from all directions alike, of the directional
-part: the angle between it and one noisy bearing would tie the deviation to the error.
+**Method.** The noise in the cells of a peak comes from somewhere: surf, a harbour,
+another vessel's broadband. Two things draw the bearing of a line there. The mean
+intensity of that noise adds to the line's; and a weak line is seen in the frames in
+which the noise happens to add to it, so that the noise that is seen with it is more
+than its mean, and tells its own direction. Both are gone where the dipoles are freed
+of what the omni channel foretells of their noise: with b its covariance with the omni
+channel over the omni channel's noise power, D - b O holds noise that O knows nothing
+of, whatever O was selected for. O* (D - b O) is then p (u - b) in the mean, u the unit
+vector to the source and p the line's own share of the power, that follows from |u| = 1.
+b is the mean intensity over the cells of the noise floor's tile that are not lines.
 
-**Conventions.** Compass degrees. With b the background's intensity over the noise power
-(0 isotropic, 1 all from one direction), d the angle between it and the line, and k the
-dipole noise ratio of isotropic noise, the dipole noise is k (1 - b) + b / 2. Means that
-weigh the bearings by their variances, as every fit does, are unbiased.
+**Conventions.** Compass degrees. The noise of a dipole channel that the omni channel
+does not foretell is N (1 - |b|) (k 1 + b b' / |b|) with k the dipole noise ratio of
+isotropic noise: the directed part comes from one direction, the rest from all.
 
-**References.** D'Spain et al. (1991), J. Acoust. Soc. Am. 89, 1134 (active intensity).
+**References.** D'Spain et al. (1991), J. Acoust. Soc. Am. 89, 1134 (active intensity);
+T. W. Anderson, An Introduction to Multivariate Statistical Analysis (2003), section 2.5
+(what of one Gaussian variable another one foretells).
 """
 
 import numpy as np
@@ -20,6 +25,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import compass_deg
 from uwtrack_cli.estimation.noise_floor import TILE_BINS, TILE_FRAMES
+from uwtrack_cli.estimation.window import cell_correlation, response
 
 LINE_FACTOR = 5.0
 """Cells above this multiple of the noise are lines and no background."""
@@ -30,12 +36,14 @@ KEPT_MEAN = 1.0 - LINE_FACTOR / (np.exp(LINE_FACTOR) - 1.0)
 LOBE_BINS = 2
 """Natural bins to which a line spreads on either side."""
 
-WEIGHT_BIAS, RATIO_BIAS = 0.82, 0.55
-"""What is left of the pull on bearings weighed by their variances, over b sin d / SNR:
-where the directional noise helps the line, the line looks stronger and its bearing,
-pulled by the same noise, weighs more (0.82, less the part along the line, 0.55 cos d,
-which biases the direction the other way; measured on 240,000 frames at 10 to 18 dB and
-b of 0.5 and 0.9)."""
+MOST_DIRECTED = 0.95
+"""Largest length of b: it is known from a tile to some hundredths only."""
+
+LEAST_SQUARE = 1e-3
+"""Least z^2, for deviations that are finite."""
+
+TINY = 1e-300
+"""Divisor in place of zero."""
 
 LARGEST_STD_RAD = 1.8
 """Deviation of a bearing that tells nothing."""
@@ -105,11 +113,11 @@ def _between_lines(power: FloatArray, floor: FloatArray) -> BoolArray:
 
 def peak_bearings(
     parts: tuple[FloatArray, FloatArray],
+    power: FloatArray,
     background: FloatArray,
     noise: FloatArray,
     row: IntArray,
     cell: IntArray,
-    snr: FloatArray,
     *,
     zero_padding: int,
     dipole_noise_ratio: float,
@@ -120,14 +128,14 @@ def peak_bearings(
     ----------
     parts
         Intensity to the east and to the north, shape (frame, frequency).
+    power
+        Power density of the omni channel, same shape.
     background
         Intensity of the background at the peaks, shape (2, n).
     noise
         Noise density at the peaks.
     row, cell
         Where the peaks are.
-    snr
-        Power of the line over the noise in its cell.
     zero_padding
         Cells per natural bin.
     dipole_noise_ratio
@@ -135,22 +143,71 @@ def peak_bearings(
 
     Notes
     -----
-    Variance of the bearing K (1 + 1/SNR) / (2 SNR), K the dipole noise ratio. The pull
-    that weighing leaves, (0.82 - 0.55 cos d) b sin d / SNR, is taken off.
+    With J the sum over the cells of the intensity less b times the power, p is the
+    positive root of |J + p b| = p, and the bearing that of J + p b. In coordinates in
+    which the noise of J is white, z is its length in deviations and a its angle, the
+    bearing d(a) deviates by d'/z; z^2 is freed of the 1 that noise adds in the mean.
+    The weight 1/(d'/z)^2 follows the error where d' does: the mean of such bearings is
+    off by -1.5 d''/z^2, which is put back, and counts among the deviations.
     """
-    reach = range(-zero_padding // 2, zero_padding // 2 + 1)
-    east, north = (
-        sum(part[row, cell + k] for k in reach) - len(reach) * below
-        for part, below in zip(parts, background, strict=True)
+    half = zero_padding // 2
+    reach = range(-half, half + 1)
+    pull = background / np.maximum(noise, TINY)
+    size = np.hypot(*pull)
+    axis = np.where(size > TINY, pull / np.maximum(size, TINY), [[0.0], [1.0]])
+    size = np.minimum(size, MOST_DIRECTED)
+    omni = np.sum([power[row, cell + k] for k in reach], axis=0, dtype=np.float64)
+    heard = np.array(
+        [np.sum([part[row, cell + k] for k in reach], axis=0) for part in parts]
     )
-    bearing = compass_deg(east, north)
-    across = np.deg2rad(compass_deg(*background) - bearing)
-    directed = np.minimum(np.hypot(*background) / noise, 1.0)
-    left = WEIGHT_BIAS - RATIO_BIAS * np.cos(across)
-    pull = left * np.sin(across) * directed / snr
-    ratio = dipole_noise_ratio * (1 - directed) + 0.5 * directed
-    variance = ratio * (1.0 + 1.0 / snr) / (2.0 * snr)
+    # J along the background's direction, and clockwise of it
+    along = (axis * heard).sum(axis=0) - size * omni
+    across = axis[1] * heard[0] - axis[0] * heard[1]
+    own = np.hypot(along, np.sqrt(1.0 - size**2) * across)
+    own = (size * along + own) / (1.0 - size**2)
+    angle = np.arctan2(across, along + size * own)
+    scale = 0.5 * _cells_together(half, zero_padding) * noise * omni * (1.0 - size)
+    square = along**2 / (dipole_noise_ratio + size) + across**2 / dipole_noise_ratio
+    square = np.maximum(square / np.maximum(scale, TINY), LEAST_SQUARE)
+    slope, bend = angle_by_whitened(angle, size, dipole_noise_ratio)
+    shift = 1.5 * bend / np.maximum(square, 4.0)
+    known = np.sqrt(square * np.maximum(square - 1.0, LEAST_SQUARE))
+    std = np.minimum(np.hypot(slope / np.sqrt(known), shift), LARGEST_STD_RAD)
     return (
-        (bearing - np.degrees(pull)) % 360.0,
-        np.degrees(np.minimum(np.sqrt(variance), LARGEST_STD_RAD)),
+        (compass_deg(*axis) + np.degrees(angle + np.clip(shift, -std, std))) % 360.0,
+        np.degrees(std),
     )
+
+
+def angle_by_whitened(
+    angle: FloatArray, size: FloatArray, ratio: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return first and second derivative of a line's angle by that in white noise.
+
+    Parameters
+    ----------
+    angle
+        Direction of the line from that of the background, rad.
+    size
+        Length of b.
+    ratio
+        Dipole noise ratio of isotropic noise.
+
+    Notes
+    -----
+    tan a = r sin d / (cos d - |b|) with r^2 = (ratio + |b|) / ratio.
+    """
+    stretch = np.sqrt((ratio + size) / ratio)
+    cos, sin = np.cos(angle), np.sin(angle)
+    lower = stretch * (1.0 - size * cos)
+    slope = ((cos - size) ** 2 + (stretch * sin) ** 2) / lower
+    change = 2.0 * ((stretch**2 - 1.0) * cos + size) - slope * stretch * size
+    return slope, slope * sin * change / lower
+
+
+def _cells_together(half: int, zero_padding: int) -> float:
+    """Return how much noise of neighbouring cells adds, for a line in their middle."""
+    offset = np.arange(-half, half + 1) / zero_padding
+    shape = response(offset)
+    alike = [[np.sqrt(cell_correlation(a - b, 0.0)) for a in offset] for b in offset]
+    return float(shape @ np.array(alike) @ shape / (shape @ shape))

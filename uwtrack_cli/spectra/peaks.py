@@ -82,7 +82,7 @@ def find_peaks(
     -----
     The rate of *peaks* is below the rate of *cells*, since a peak is the largest of
     its neighbourhood: half of it at 1e-2 and two thirds at 1e-4, with zero padding 2.
-    Bearings are those of the intensity above the background's; see `peak_bearings`.
+    Bearings are freed of directional noise beneath the line; see `peak_bearings`.
     """
     if kept_probability < false_alarm_probability:
         msg = (
@@ -103,7 +103,7 @@ def find_peaks(
     measured = _measure(spectrogram, chosen, power, floor, row, cell)
     snr = np.maximum(measured["ratio"] - 1.0, 0.1 * measured["ratio"])
     bearing_deg, bearing_std_deg = _bearings(
-        spectrogram, chosen, (power, floor), (row, cell), snr, dipole_noise_ratio
+        spectrogram, chosen, (power, floor), (row, cell), dipole_noise_ratio
     )
     frequency_hz = spectrogram.frequency_hz[chosen]
     return Peaks(
@@ -211,19 +211,18 @@ def _bearings(
     chosen: slice,
     density: tuple[FloatArray, FloatArray],
     place: tuple[IntArray, IntArray],
-    snr: FloatArray,
     dipole_noise_ratio: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Bearings of the peaks without their background; nan without direction."""
     east, north = spectrogram.intensity_east, spectrogram.intensity_north
     if east is None or north is None:
-        return np.full(snr.size, np.nan), np.full(snr.size, np.nan)
+        return np.full(place[0].size, np.nan), np.full(place[0].size, np.nan)
     frames, floor = spectrogram.frames, density[1]
     padding = max(1, round(frames.fft_length / frames.window_samples))
     parts = (east[:, chosen], north[:, chosen])
     background = background_intensity(parts, *density, *place, zero_padding=padding)
     return peak_bearings(
-        parts, background, floor[place], *place, snr,
+        parts, density[0], background, floor[place], *place,
         zero_padding=padding, dipole_noise_ratio=dipole_noise_ratio,
     )  # fmt: skip
 
