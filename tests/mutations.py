@@ -20,7 +20,8 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -74,21 +75,28 @@ def _is_of_a_message(node: ast.AST) -> bool:
     )
 
 
-def _change(node: ast.AST) -> Callable[[ast.AST], None] | None:
-    if isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC:
-        return lambda n: setattr(n, "op", ARITHMETIC[type(n.op)]())
-    if isinstance(node, ast.Compare) and type(node.ops[0]) in COMPARISONS:
-        return lambda n: n.ops.__setitem__(0, COMPARISONS[type(n.ops[0])]())
-    if isinstance(node, ast.BoolOp):
-        other = ast.Or if isinstance(node.op, ast.And) else ast.And
-        return lambda n: setattr(n, "op", other())
-    if isinstance(node, ast.Constant) and type(node.value) is float:
-        return lambda n: setattr(n, "value", 2.0 * n.value + 1.0)
-    if isinstance(node, ast.Constant) and type(node.value) is bool:
-        return lambda n: setattr(n, "value", not n.value)
-    if isinstance(node, ast.Call) and node.keywords and node.keywords[0].arg:
-        return lambda n: n.keywords.pop(0)
-    return None
+def _change(node: ast.AST) -> Callable[[ast.AST], object] | None:
+    change: Callable[[ast.AST], object] | None = None
+    match node:
+        case ast.BinOp() if type(node.op) in ARITHMETIC:
+            change = partial(_set, name="op", value=ARITHMETIC[type(node.op)]())
+        case ast.Compare() if type(node.ops[0]) in COMPARISONS:
+            other = COMPARISONS[type(node.ops[0])]()
+            change = partial(_set, name="ops", value=[other, *node.ops[1:]])
+        case ast.BoolOp():
+            other = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+            change = partial(_set, name="op", value=other)
+        case ast.Constant(value=bool()):
+            change = partial(_set, name="value", value=not node.value)
+        case ast.Constant(value=float()):
+            change = partial(_set, name="value", value=2.0 * node.value + 1.0)
+        case ast.Call() if node.keywords and node.keywords[0].arg:
+            change = partial(_set, name="keywords", value=node.keywords[1:])
+    return change
+
+
+def _set(node: ast.AST, *, name: str, value: object) -> None:
+    setattr(node, name, value)
 
 
 def nearest_tests(module: str) -> list[Path]:
@@ -99,20 +107,24 @@ def nearest_tests(module: str) -> list[Path]:
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         places[name.removesuffix(".__init__")] = path
     for name, path in places.items():
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.module:
-                users[node.module].add(name)
-                for alias in node.names:
-                    users[f"{node.module}.{alias.name}"].add(name)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                if node.value.startswith(f"{PACKAGE}."):  # loaded when it is wanted
-                    users[node.value.partition(":")[0]].add(name)
+        for used in _modules_used(path):
+            users[used].add(name)
     near, seen = [module], {module}
     for name in near:
         for user in sorted(users[name] - seen):
             seen.add(user)
             near.append(user)
     return [places[n] for n in near if n.rpartition(".")[2].startswith("test_")]
+
+
+def _modules_used(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text())):
+        match node:
+            case ast.ImportFrom(module=str(module), names=names):
+                yield module
+                yield from (f"{module}.{alias.name}" for alias in names)
+            case ast.Constant(value=str(text)) if text.startswith(f"{PACKAGE}."):
+                yield text.partition(":")[0]  # a stage, loaded when it is wanted
 
 
 def survives(copy_of: Path, module: str, seconds: float) -> tuple[bool, str]:

@@ -39,7 +39,6 @@ from uwtrack_cli.lines.tracker_options import (
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 from uwtrack_cli.studies.study import (
-    Z95,
     StudyRow,
     mean_row,
     root_row,
@@ -249,7 +248,7 @@ def detect_line(method: str, snr_db: float, seed: int) -> LineTrial:
     score = off[own] ** 2 / lines.frequency_covariance[own, 0, 0]
     return LineTrial(
         True, float(np.mean(off[own] ** 2)), float(np.mean(score)),
-        float(np.mean(score < Z95**2)),
+        float(np.mean(score < 1.96**2)),
     )  # fmt: skip
 
 

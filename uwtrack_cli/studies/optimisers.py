@@ -34,6 +34,7 @@ from uwtrack_cli.studies.study import (
     exact_row,
     load_reference,
     mean_row,
+    median_row,
     share_row,
 )
 
@@ -204,15 +205,7 @@ def _method_rows(
     case: str, published: dict[str, Any], found: Minima
 ) -> Iterator[StudyRow]:
     yield share_row(case, "success", published["success"], found.value < REACHED)
-    ends = np.sort(found.value)
-    # the 95 % interval of a median, by the binomial law of the ranks
-    half = 0.98 * np.sqrt(ends.size)
-    low = ends[max(int(ends.size / 2 - half), 0)]
-    high = ends[min(int(ends.size / 2 + half), ends.size - 1)]
-    middle = float(np.median(ends))
-    yield StudyRow(
-        case, "median value", published["median"], middle, float(low), float(high)
-    )
+    yield median_row(case, "median value", published["median"], found.value)
     yield from mean_row(
         case, "evaluations", published["evaluations"], 1.0 * found.evaluations
     )

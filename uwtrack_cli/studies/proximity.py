@@ -23,7 +23,7 @@ from uwtrack_cli.motion.fusion.motion_fit import (
     fit_motion,
     speed_from_two,
 )
-from uwtrack_cli.studies.study import Study, StudyRow, load_reference
+from uwtrack_cli.studies.study import Study, StudyRow, load_reference, root_row
 
 COURSE_DEG, RANGE_M, ALONG_M = 80.0, 200.0, (771.7, 1543.3)
 RANGE_SHARE, DISC_M, BEARING_DEG, TIME_S = 0.20, 25.0, 3.0, 5.0
@@ -74,11 +74,10 @@ def study_proximity(*, runs: int = 10_000, seed: int = 1) -> Study:
         for minutes in MINUTES:
             truth = draw.speed_mps * 60 * minutes * compass_unit(COURSE_DEG)
             case = f"{knots:g} kn, {minutes:g} min"
-            rows += [
-                _row(case, name, known[minutes].get(name), predict(60 * minutes), truth)
-                for name, predict in tracks.items()
-            ]
-        rows.append(_speed_row(knots, draw, reference["speed_rmse_mps"]))
+            for name, predict in tracks.items():
+                place = predict(60 * minutes)
+                rows += _row(case, name, known[minutes].get(name), place, truth)
+        rows += _speed_row(knots, draw, reference["speed_rmse_mps"])
     return Study(
         "proximity", reference["source"], runs, seed, tuple(rows),
         (reference["assumptions"], *REMARKS),
@@ -234,32 +233,14 @@ def _row(
     known: float | None,
     position: FloatArray,
     truth: FloatArray,
-) -> StudyRow:
+) -> list[StudyRow]:
     square = ((position - truth) ** 2).sum(axis=-1)
-    return _rmse_row(case, f"{name}, position (m)", known, square)
+    return root_row(case, f"{name}, position (m)", known, square)
 
 
-def _speed_row(knots: float, draw: _Draw, known: dict[str, float]) -> StudyRow:
+def _speed_row(knots: float, draw: _Draw, known: dict[str, float]) -> list[StudyRow]:
     miss = draw.width_s[..., None] * compass_unit(draw.bearing_deg)
     speed = speed_from_two(draw.sensor, draw.time_s, miss)
     square = (speed - draw.speed_mps) ** 2
     reference = known.get(f"{knots:g}")
-    return _rmse_row(
-        f"{knots:g} kn", "corrected eq. 15, speed (m/s)", reference, square
-    )
-
-
-def _rmse_row(
-    case: str, quantity: str, known: float | None, square: FloatArray
-) -> StudyRow:
-    """Root of the mean square, and its 95 % interval from the scatter of squares."""
-    mean = float(square.mean())
-    half = 1.96 * float(square.std()) / np.sqrt(square.size)
-    return StudyRow(
-        case,
-        quantity,
-        known,
-        float(np.sqrt(mean)),
-        float(np.sqrt(max(mean - half, 0.0))),
-        float(np.sqrt(mean + half)),
-    )
+    return root_row(f"{knots:g} kn", "corrected eq. 15, speed (m/s)", reference, square)

@@ -21,7 +21,13 @@ from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.simulate import Scenario, make_scenario, simulate_recordings
-from uwtrack_cli.studies.study import Study, StudyRow, load_reference
+from uwtrack_cli.studies.study import (
+    Study,
+    StudyRow,
+    load_reference,
+    mean_row,
+    normal_root_row,
+)
 
 SPEED_MPS, RANGE_M, COURSE_DEG, TIME_S = 6.0, 250.0, 81.0, 300.0
 DEPTH_M, SOURCE_DEPTH_M, DURATION_S, RATE_HZ = 22.0, 3.0, 600.0, 3200.0
@@ -48,7 +54,13 @@ def study_seatrial(*, runs: int = 6, seed: int = 1) -> Study:
             ]
         )
         rows += [
-            _rmse_row(case["name"], quantity, known, errors[:, column])
+            normal_root_row(
+                case["name"],
+                f"{quantity}, error",
+                known,
+                float(np.sqrt((errors[:, column] ** 2).mean())),
+                runs,
+            )
             for column, (quantity, known) in enumerate(
                 zip(reference["order"], case["rmse"], strict=True)
             )
@@ -148,37 +160,15 @@ def trial_errors(case: dict[str, Any], seed: int) -> FloatArray:
     )
 
 
-def _rmse_row(case: str, quantity: str, known: float, error: FloatArray) -> StudyRow:
-    from scipy.stats import chi2
-
-    square = float((error**2).mean())
-    low, high = (error.size / chi2.ppf(p, error.size) for p in (0.975, 0.025))
-    return StudyRow(
-        case,
-        f"{quantity}, error",
-        known,
-        float(np.sqrt(square)),
-        float(np.sqrt(square * low)),
-        float(np.sqrt(square * high)),
-    )
-
-
 def _percent_rows(errors: FloatArray, trial: dict[str, float]) -> list[StudyRow]:
     """Mean absolute errors in percent beside those of the trial."""
     truth = {"speed_percent": SPEED_MPS, "range_percent": RANGE_M}
     rows = []
     for column, (key, value) in enumerate(truth.items()):
-        percent = 100 * np.abs(errors[:, column]) / value
-        half = 1.96 * float(percent.std()) / np.sqrt(max(percent.size - 1, 1))
-        mean = float(percent.mean())
-        rows.append(
-            StudyRow(
-                "clean, beside the trial at sea",
-                f"{key.split('_')[0]}, error (%)",
-                trial[key],
-                mean,
-                max(mean - half, 0.0),
-                mean + half,
-            )
+        rows += mean_row(
+            "clean, beside the trial at sea",
+            f"{key.split('_')[0]}, error (%)",
+            trial[key],
+            100 * np.abs(errors[:, column]) / value,
         )
     return rows

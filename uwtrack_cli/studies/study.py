@@ -2,11 +2,13 @@
 
 **Conventions.** A row is one figure: where it was measured (``case``), what it is
 (``quantity`` with its unit), the reference (None where the source gives none), ours
-and the 95 % interval of ours: normal for a mean, Wilson's for a share. Reference
+and the 95 % interval of ours: Student's for a mean, the exact binomial one for a share
+and for a median, chi-square for the root mean square of normal errors. Reference
 figures live in JSON files under ``studies/reference``, so that no code can return
 them as results.
 
-**References.** Wilson, J. Am. Stat. Assoc. 22, 209-212 (1927).
+**References.** Student, Biometrika 6, 1 (1908). Clopper and Pearson, Biometrika 26, 404
+(1934). Thompson, Ann. Math. Stat. 7, 122 (1936), for medians.
 """
 
 import json
@@ -69,20 +71,25 @@ def load_reference(name: str) -> Any:
     return json.loads(text)
 
 
-Z95 = 1.96
+TAIL = 0.025
+"""Probability on either side of an interval."""
 
 
 def mean_row(
     case: str, quantity: str, known: float | None, values: FloatArray
 ) -> list[StudyRow]:
     """Return the row of a mean over runs; none when no run has a value."""
+    from scipy.special import stdtrit
+
     values = values[np.isfinite(values)]
     if not values.size:
         return []
     mean = float(values.mean())
     # one value tells nothing of its own spread
-    spread = float(values.std(ddof=1)) if values.size > 1 else np.inf
-    half = Z95 * spread / np.sqrt(values.size)
+    half = np.inf
+    if values.size > 1:
+        error = float(values.std(ddof=1)) / np.sqrt(values.size)
+        half = float(stdtrit(values.size - 1, 1.0 - TAIL)) * error
     return [StudyRow(case, quantity, known, mean, mean - half, mean + half)]
 
 
@@ -94,13 +101,28 @@ def share_row(
     *,
     percent: bool = False,
 ) -> StudyRow:
-    """Return the row of a share, in percent if wanted."""
-    n, p = is_hit.size, float(is_hit.mean())
-    middle = (p + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
-    half = Z95 * np.sqrt(p * (1 - p) / n + Z95**2 / (4 * n**2)) / (1 + Z95**2 / n)
+    """Return the row of a share of independent runs, in percent if wanted."""
+    from scipy.special import betaincinv
+
+    n, hits = is_hit.size, int(np.count_nonzero(is_hit))
+    low = float(betaincinv(hits, n - hits + 1, TAIL)) if hits else 0.0
+    high = float(betaincinv(hits + 1, n - hits, 1.0 - TAIL)) if hits < n else 1.0
     unit = 100.0 if percent else 1.0
-    low, high = max(middle - half, 0.0), min(middle + half, 1.0)
-    return StudyRow(case, quantity, known, unit * p, unit * low, unit * high)
+    return StudyRow(case, quantity, known, unit * hits / n, unit * low, unit * high)
+
+
+def median_row(
+    case: str, quantity: str, known: float | None, values: FloatArray
+) -> StudyRow:
+    """Return the row of a median over runs, with the ranks' interval."""
+    from scipy.stats import binom
+
+    ordered = np.sort(values)
+    rank = int(binom.ppf(TAIL, ordered.size, 0.5))
+    low, high = -np.inf, np.inf  # too few runs for an interval
+    if rank:
+        low, high = float(ordered[rank - 1]), float(ordered[-rank])
+    return StudyRow(case, quantity, known, float(np.median(ordered)), low, high)
 
 
 def exact_row(case: str, quantity: str, known: float | None, value: float) -> StudyRow:
@@ -111,8 +133,8 @@ def exact_row(case: str, quantity: str, known: float | None, value: float) -> St
 def error_row(
     case: str, quantity: str, known: float | None, value: float, error: float
 ) -> StudyRow:
-    """Return the row of a figure with a standard error."""
-    half = Z95 * error
+    """Return the row of a figure with a standard error that is known well."""
+    half = 1.96 * error
     return StudyRow(case, quantity, known, value, value - half, value + half)
 
 
@@ -127,3 +149,13 @@ def root_row(
         )
         for row in mean_row(case, quantity, known, squares)
     ]  # fmt: skip
+
+
+def normal_root_row(
+    case: str, quantity: str, known: float | None, root: float, runs: int
+) -> StudyRow:
+    """Return the row of a root mean square of so many normal errors, or of a multiple."""
+    from scipy.special import chdtri
+
+    low, high = (float(np.sqrt(runs / chdtri(runs, p))) for p in (TAIL, 1.0 - TAIL))
+    return StudyRow(case, quantity, known, root, root * low, root * high)

@@ -6,7 +6,7 @@ length from which the criterion holds, solver beside solver on the same misfit, 
 robust losses under outliers.
 
 **Conventions.** The criterion is a range within 10 %, a speed within 3 kn and a course
-within 7 degrees, jointly. Intervals are 95 %; of shares after Wilson (1927).
+within 7 degrees, jointly. Intervals are 95 %; exact for shares and medians.
 
 **References.** Chang, Park, Kim, Ryu and Kim (2003), with the misprints of its
 equations corrected.
@@ -32,6 +32,8 @@ from uwtrack_cli.studies.study import (
     exact_row,
     load_reference,
     mean_row,
+    median_row,
+    normal_root_row,
     share_row,
 )
 from uwtrack_cli.studies.tma_runs import (
@@ -115,13 +117,6 @@ def _find(table: list[dict[str, Any]], **wanted: Any) -> dict[str, Any]:
     return next(fitting, {})
 
 
-def _ratio_row(
-    case: str, quantity: str, reference: float | None, ratio: float, runs: int
-) -> StudyRow:
-    spread = 1.96 * ratio / np.sqrt(2.0 * runs)
-    return StudyRow(case, quantity, reference, ratio, ratio - spread, ratio + spread)
-
-
 def _accuracy_rows(
     reference: dict[str, Any], name: str, noise: int, runs: int, seed: int
 ) -> Iterator[StudyRow]:
@@ -134,7 +129,7 @@ def _accuracy_rows(
     for place, parameter in enumerate(PARAMETERS):
         theirs = published["ratio"][PUBLISHED_ORDER.index(place)]
         quantity = f"error over bound, {parameter}"
-        yield _ratio_row(case, quantity, theirs, float(found.ratio[place]), runs)
+        yield normal_root_row(case, quantity, theirs, float(found.ratio[place]), runs)
     yield share_row(case, "success", published["success"], found.success)
     yield from mean_row(case, "squared error in sigmas", published["nees"], found.nees)
     yield from mean_row(case, "reduced chi-square", 1.0, found.chi_square / 1995.0)
@@ -157,14 +152,8 @@ def _length_rows(
     quantity = "rows until 90 % of runs meet the criterion for good"
     yield StudyRow(case, quantity, published["n90"], reached, low, high)
     index = convergence_index(ends, met)
-    # the 95 % interval of a median, by the binomial law of the ranks
-    half = 0.98 / np.sqrt(index.size)
-    low, middle, high = (
-        float(np.quantile(index, np.clip(0.5 + q, 0.0, 1.0), method="nearest"))
-        for q in (-half, 0.0, half)
-    )
     theirs = published["index"][0]
-    yield StudyRow(case, "convergence index, median", theirs, middle, low, high)
+    yield median_row(case, "convergence index, median", theirs, index)
 
 
 def _hybrid_rows(
@@ -231,7 +220,7 @@ def _outlier_rows(
             ratio, met = robust_fits(name, loss, runs, seed)
             theirs = published[loss]
             quantity = f"{loss}: range error over clean bound"
-            yield _ratio_row(f"{name}, outliers", quantity, theirs[0], ratio, runs)
+            yield normal_root_row(f"{name}, outliers", quantity, theirs[0], ratio, runs)
             yield share_row(f"{name}, outliers", f"{loss}: success", theirs[1], met)
 
 
