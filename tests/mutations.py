@@ -125,6 +125,8 @@ def _modules_used(path: Path) -> Iterator[str]:
                 yield from (f"{module}.{alias.name}" for alias in names)
             case ast.Constant(value=str(text)) if text.startswith(f"{PACKAGE}."):
                 yield text.partition(":")[0]  # a stage, loaded when it is wanted
+            case ast.Constant(value=str(text)) if "_commands:" in text:
+                yield f"{PACKAGE}.cli.{text.partition(':')[0]}"
 
 
 def survives(copy_of: Path, module: str, seconds: float) -> tuple[bool, str]:
@@ -132,6 +134,8 @@ def survives(copy_of: Path, module: str, seconds: float) -> tuple[bool, str]:
     room = f"tests/{module.split('.')[1]}/"
     tests = [str(path.relative_to(ROOT)) for path in nearest_tests(module)]
     tests = [t for t in tests if "benchmarks" not in t and "stress" not in t]
+    word = module.rpartition(".")[2]
+    tests.sort(key=lambda t: word not in (ROOT / t).read_text())
     tests.sort(key=lambda t: not t.startswith(room))  # stable: nearest first
     stop = time.monotonic() + seconds
     environment = dict(os.environ, PYTHONPATH=str(copy_of), OPENBLAS_NUM_THREADS="1")
