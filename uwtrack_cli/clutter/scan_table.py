@@ -5,6 +5,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -171,14 +172,25 @@ def scan_arrays(
         )  # fmt: skip
 
 
+class FirstState(NamedTuple):
+    """The state that a track starts from."""
+
+    belief: Belief
+    """State and covariance under every model."""
+    first_scan: int
+    """Scan to begin with."""
+    time_s: float
+    """Time of the state, s."""
+
+
 def start_belief(
     scans: Scans,
     table: ScanTable,
     rows: list[IntArray],
     start: TargetStart,
     n_models: int,
-) -> tuple[Belief, int, float]:
-    """Return the first state, the scan to begin with and the state's time."""
+) -> FirstState:
+    """Return the state that a track starts from."""
     dimension = scans.measured.shape[1]
     mean, spread = np.zeros(2 * dimension), np.zeros((2 * dimension, 2 * dimension))
     place, rate = np.arange(0, 2 * dimension, 2), np.arange(1, 2 * dimension, 2)
@@ -205,7 +217,7 @@ def start_belief(
         np.tile(spread, (n_models, 1, 1, 1)),
         np.array([[1.0]] if n_models == 1 else [[0.9], [0.1]]),
     )
-    return belief, int(first), time_s
+    return FirstState(belief, int(first), time_s)
 
 
 def _strongest(scans: Scans, rows: list[IntArray]) -> tuple[int, int]:

@@ -8,6 +8,7 @@ transform per frame and channel, a few frames at a time so that they stay in the
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,17 @@ from uwtrack_cli.estimation.window import hann
 
 CACHED_SAMPLES = 1 << 16
 """Samples transformed at once: they and their spectra stay in the cache."""
+
+
+class DirectionalDensity(NamedTuple):
+    """What omni and dipole channels tell, each of shape (frame, frequency)."""
+
+    power: FloatArray
+    """Power density of the omni channel."""
+    first: FloatArray
+    """Real cross density of the omni channel and the first dipole."""
+    second: FloatArray
+    """Real cross density of the omni channel and the second dipole."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +61,7 @@ class FrameTransform:
             np.add(kept.real**2, kept.imag**2, out=out[rows])
         return self._one_sided(out)
 
-    def intensity(
-        self, channels: FloatArray, n_frames: int
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def intensity(self, channels: FloatArray, n_frames: int) -> DirectionalDensity:
         """Return power density and the real cross densities of omni and dipoles.
 
         Parameters
@@ -70,8 +80,7 @@ class FrameTransform:
                 other = spectrum[:, self.kept]
                 cross = (first.real * other.real, first.imag * other.imag)
                 np.add(*cross, out=out[k][rows])
-        power, across, along = (self._one_sided(part) for part in out)
-        return power, across, along
+        return DirectionalDensity(*(self._one_sided(part) for part in out))
 
     def spectra(
         self, channel: FloatArray, n_frames: int

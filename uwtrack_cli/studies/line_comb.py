@@ -151,7 +151,7 @@ def least_chance(frequency_hz: FloatArray, jitter_hz: float = JITTER_HZ) -> floa
         return np.inf
     peaks = np.sort(frequency_hz)
     rule = CombRule((15.0, 60.0), 14, jitter_hz, 180.0, BAND_HZ)
-    chance = comb_tests(peaks, np.full(peaks.size, np.nan), rule)[3]
+    chance = comb_tests(peaks, np.full(peaks.size, np.nan), rule).log10_chance
     return float(chance.min(initial=np.inf))
 
 

@@ -17,6 +17,7 @@ Probabilistic Approach" (2008).
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,12 +67,25 @@ class CombRule:
         return float(TOLERANCE_SIGMAS * np.sqrt(2.0) * self.sigma_hz)
 
 
+class CombTests(NamedTuple):
+    """Pairs of peaks tested as the ends of a comb; arrays of shape (test,)."""
+
+    lower: IntArray
+    """Peak at the lower end."""
+    upper: IntArray
+    """Peak at the upper end."""
+    spacings: IntArray
+    """Number of spacings between them."""
+    log10_chance: FloatArray
+    """Logarithm of the chance of as many hits by noise, in any of the tests."""
+
+
 def comb_tests(
     frequency_hz: FloatArray,
     bearing_deg: FloatArray,
     rule: CombRule,
     greatest_chance: float | None = None,
-) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+) -> CombTests:
     """Test every pair of peaks and number of spacings as the ends of a comb.
 
     Parameters
@@ -84,10 +98,6 @@ def comb_tests(
         Tests that a rough count shows to be above this are left out, which saves most
         of the work; they count as tests all the same.
 
-    Returns
-    -------
-    tuple of arrays
-        Lower peak, upper peak, spacings and log10 of the chance of every test.
     """
     lower, upper, spacings = _hypotheses(frequency_hz, bearing_deg, rule)
     n_tests = max(lower.size, 1)
@@ -105,11 +115,11 @@ def comb_tests(
         keep = most >= needed[spacings - 1]
         lower, upper, spacings = lower[keep], upper[keep], spacings[keep]
     if not lower.size:
-        return lower, upper, spacings, np.zeros(0)
+        return CombTests(lower, upper, spacings, np.zeros(0))
     hits = _interior_hits(frequency_hz, bearing_deg, rule, lower, upper, spacings)
     density = _density(frequency_hz, rule, lower, upper, hits)
     chance = tail[_tail_step(scale * density), spacings - 1, hits]
-    return lower, upper, spacings, chance + np.log10(n_tests)
+    return CombTests(lower, upper, spacings, chance + np.log10(n_tests))
 
 
 def _tail_step(expected: FloatArray) -> IntArray:
