@@ -1,9 +1,12 @@
 """Which lines are one vessel's: those that bend together, for as long as they are heard."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from uwtrack_cli.lines.contacts import LineSamples, group_lines
+from uwtrack_cli.lines.contacts import ContactSamples, LineSamples, group_lines
+from uwtrack_cli.lines.line_points import LinePoints
 
 TIME_S = np.arange(400.0)
 
@@ -20,9 +23,12 @@ def contacts(*lines, std_hz=0.01):
     frequency = np.stack(lines) + std_hz * np.random.default_rng(1).normal(
         size=(len(lines), TIME_S.size)
     )
-    unknown = np.full(frequency.shape, np.nan)
-    variance = np.where(np.isfinite(frequency), std_hz**2, np.nan)
-    samples = LineSamples(frequency, variance, unknown, unknown, 4.0)
+    line, frame = np.nonzero(np.isfinite(frequency))
+    unknown = np.full(line.size, np.nan)
+    samples = LineSamples(
+        np.searchsorted(line, np.arange(len(lines) + 1)), frame,
+        frequency[line, frame], np.full(line.size, std_hz**2), unknown, unknown, 4.0,
+    )  # fmt: skip
     return group_lines(samples, np.full(len(lines), -1))[0].tolist()
 
 
@@ -37,3 +43,36 @@ def test_the_end_of_a_passage_and_the_beginning_of_the_next_are_two_contacts(ove
         passage(150.0, 100.0, 0, 150 + overlap_s), passage(310.0, 290.0, 150, 390)
     )
     assert found == [1, 2]
+
+
+def points(line, frame, frequency_hz, std_hz=0.02):
+    state = np.zeros((frame.size, 5, 2))
+    noise = np.random.default_rng(line).normal(size=frame.size)
+    state[:, 0, 0], state[:, 2, 0] = frequency_hz + std_hz * noise, std_hz**2
+    state[:, 2, 1] = 1e9  # no bearing was measured
+    return LinePoints(
+        np.full(frame.size, line), frame, 1.0 * frame, state,
+        np.full((frame.size, 6), np.nan), np.full(frame.size, 2),
+    )  # fmt: skip
+
+
+def most_held(n_hours):
+    """Megabytes at most while lines of some hours, each of a minute, are compared."""
+    held = ContactSamples(2)
+    held.add(points(0, np.arange(0, 7200 * n_hours, 4), 50.0))
+    starts = np.arange(0, 7200 * n_hours, 60)
+    for number, start in enumerate(starts, 1):
+        held.add(points(number, start + np.arange(120), 60.0 + 1.37 * number % 140))
+    lines = held.line_seen()
+    assert lines.size == starts.size + 1
+    tracemalloc.start()
+    try:
+        group_lines(held.samples(lines, 8.0), np.full(lines.size, -1))
+        return tracemalloc.get_traced_memory()[1] / 2**20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_day_of_lines_is_compared_in_as_little_memory_as_its_points_take():
+    # 2881 lines at 43 200 times: four tables of line and time would take 4 GB
+    assert most_held(24) < 24.0

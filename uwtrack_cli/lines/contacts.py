@@ -2,7 +2,8 @@
 
 **Method.** While lines are tracked, their smoothed points are kept on a coarse grid
 of frames; the grid is thinned whenever too many are held, so memory is bounded. At
-the end of the recording the lines are compared in pairs. The lines of one vessel shift
+the end of the recording the lines that were heard together are compared in pairs. The
+lines of one vessel shift
 by the same factor, so the difference of the logarithms of their frequencies is
 constant within its uncertainty, while that of unrelated lines varies as much as the
 lines do. The log-likelihood ratio of the two statements is the evidence; lines that do
@@ -12,15 +13,15 @@ pairs of two groups is for the union. Lines of one harmonic family count as one 
 unless the comparison contradicts.
 
 **Conventions.** Contacts count from 1 in the order of their first line. Contact 0 is
-"none": mains hum, and steady lines that share nothing with another line. Samples lie on
-common times: arrays of shape (line, time), nan where a line has no point. Evidence is
-in nepers.
+"none": mains hum, and steady lines that share nothing with another line. Samples are
+rows of points, by line, then by frame; there is no table of line and time, which a
+day would fill with nothing. Evidence is in nepers; a pair that is not named has none.
 
 **References.** Kass & Raftery, "Bayes factors", JASA 90, 773-795 (1995), for the
 scale: 3 nepers is strong.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,8 +32,11 @@ from uwtrack_cli.lines.line_points import LinePoints
 _MOST_SAMPLES = 200_000
 """Points held before the grid is thinned by two."""
 
-_MOST_CELLS = 2_000_000
-"""Lines times common times that are compared at once."""
+_MOST_COMPARED = 20_000
+"""Points of other lines, about, that are compared with one line at once."""
+
+_MOST_WAITING = 4_096
+"""Points that wait until they are put behind the others."""
 
 _FAMILY_EVIDENCE = 8.0
 """Evidence of a common family, in nepers: its chance is below 1e-3."""
@@ -62,8 +66,12 @@ _VETO = -6.0
 
 @dataclass(frozen=True)
 class LineSamples:
-    """Smoothed lines on common times, shape (line, time)."""
+    """Smoothed lines on a grid of frames: arrays of shape (point,), but for two."""
 
+    first: IntArray
+    """First point of each line, and the number of points at last, shape (line + 1,)."""
+    frame: IntArray
+    """Frame of the point, ascending within its line."""
     frequency_hz: FloatArray
     """Smoothed frequency in Hz."""
     frequency_variance: FloatArray
@@ -75,15 +83,39 @@ class LineSamples:
     correlation_samples: float
     """Samples over which the errors of a line are correlated, at least 1."""
 
+    @property
+    def n_points(self) -> IntArray:
+        """Number of points of each line, shape (line,)."""
+        return np.diff(self.first)
+
+    @property
+    def row(self) -> IntArray:
+        """Row of the line that each point belongs to."""
+        return np.repeat(np.arange(self.first.size - 1), self.n_points)
+
+
+@dataclass(frozen=True)
+class PairEvidence:
+    """Evidence that two lines have one source; arrays of shape (pair,)."""
+
+    low: IntArray
+    """Row of the first line of the pair."""
+    high: IntArray
+    """Row of the second one, which is greater."""
+    nepers: FloatArray
+    """The evidence in nepers; pairs that are not here have none."""
+
 
 class ContactSamples:
     """Coarse histories of all lines, in bounded memory."""
 
     def __init__(self, stride: int) -> None:
         self.stride = stride
-        self.line = np.zeros(0, dtype=np.int64)
-        self.frame = np.zeros(0, dtype=np.int64)
-        self.values = np.zeros((0, 4))
+        self._line = np.zeros(0, dtype=np.int32)
+        self._frame = np.zeros(0, dtype=np.int32)
+        self._values = np.zeros((0, 4))
+        self._waiting: list[tuple[IntArray, IntArray, FloatArray]] = []
+        self._n_waiting = 0
         self._seen: set[int] = set()
 
     def line_seen(self) -> IntArray:
@@ -98,30 +130,37 @@ class ContactSamples:
             points.frequency_hz, points.frequency_variance_hz2,
             points.bearing_deg, points.bearing_variance_deg2,
         ], axis=1)[on_grid]  # fmt: skip
-        self.line = np.append(self.line, points.line[on_grid].astype(np.int64))
-        self.frame = np.append(self.frame, points.frame[on_grid].astype(np.int64))
-        self.values = np.concatenate([self.values, fresh])
-        while self.line.size > _MOST_SAMPLES:
+        line, frame = points.line[on_grid], points.frame[on_grid]
+        self._waiting.append((line.astype(np.int32), frame.astype(np.int32), fresh))
+        self._n_waiting += fresh.shape[0]
+        if self._n_waiting > _MOST_WAITING:
+            self._gather()
+
+    def _gather(self) -> None:
+        """Put what waits behind the rest, and thin the grid if it is too much."""
+        line, frame, values = zip(*self._waiting, strict=True)
+        self._waiting, self._n_waiting = [], 0
+        self._line = np.concatenate([self._line, *line])
+        self._frame = np.concatenate([self._frame, *frame])
+        self._values = np.concatenate([self._values, *values])
+        while self._line.size > _MOST_SAMPLES:
             self.stride *= 2
-            keep = self.frame % self.stride == 0
-            self.line, self.frame = self.line[keep], self.frame[keep]
-            self.values = self.values[keep]
+            keep = self._frame % self.stride == 0
+            self._line, self._frame = self._line[keep], self._frame[keep]
+            self._values = self._values[keep]
 
     def samples(self, lines: IntArray, correlation_frames: float) -> LineSamples:
-        """Return the histories as tables of line and time."""
-        stride, keep = self.stride, np.ones(self.frame.size, dtype=bool)
-        times = np.unique(self.frame)
-        while times.size * lines.size > _MOST_CELLS:
-            stride *= 2
-            keep = self.frame % stride == 0
-            times = np.unique(self.frame[keep])
-        column = np.searchsorted(times, self.frame[keep])
-        row = np.searchsorted(lines, self.line[keep])
-        table = np.full((4, lines.size, max(times.size, 1)), np.nan)
-        table[:, row, column] = self.values[keep].T
+        """Return the histories of some lines, given by ascending numbers."""
+        if self._waiting:
+            self._gather()
+        on_grid = np.flatnonzero(self._frame % self.stride == 0)
+        order = on_grid[np.lexsort((self._frame[on_grid], self._line[on_grid]))]
+        line, values = self._line[order], self._values[order]
+        first = np.append(np.searchsorted(line, lines), line.size)
         return LineSamples(
-            table[0], table[1], table[2], table[3],
-            correlation_samples=max(1.0, correlation_frames / stride),
+            first, self._frame[order],
+            values[:, 0], values[:, 1], values[:, 2], values[:, 3],
+            correlation_samples=max(1.0, correlation_frames / self.stride),
         )  # fmt: skip
 
 
@@ -133,7 +172,7 @@ def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextA
     samples
         Histories of the lines.
     family
-        Lasting family of each line, -1 for none.
+        Lasting family of each line, -1 for none, shape (line,).
 
     Returns
     -------
@@ -142,17 +181,18 @@ def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextA
     """
     if family.size == 0:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype="U6")
-    is_sampled = np.asarray(np.isfinite(samples.frequency_hz).any(axis=1))
-    safe = _with_samples(samples, is_sampled)
-    is_moving = (has_doppler(safe) | has_turn(safe)) & is_sampled
-    is_hum = _hum(safe, family, ~is_moving & is_sampled)
-    evidence = pair_evidence(safe)
-    same = (family[:, None] == family[None, :]) & (family >= 0)[:, None]
-    evidence += np.where(same, _FAMILY_EVIDENCE, 0.0)
-    evidence[is_hum, :] = evidence[:, is_hum] = -np.inf
-    label = group(evidence, LEAST_EVIDENCE)
+    is_sampled = samples.n_points > 0  # others are too short for the grid
+    is_moving = (has_doppler(samples) | has_turn(samples)) & is_sampled
+    is_hum = _hum(samples, family, ~is_moving & is_sampled)
+    evidence = _with_families(pair_evidence(samples), family)
+    heard = ~(is_hum[evidence.low] | is_hum[evidence.high])
+    label = group(
+        PairEvidence(evidence.low[heard], evidence.high[heard], evidence.nepers[heard]),
+        family.size,
+        LEAST_EVIDENCE,
+    )
     size = np.bincount(label)[label]
-    has_bearing = np.isfinite(safe.bearing_deg).any(axis=1)
+    has_bearing = _sums(samples, np.isfinite(samples.bearing_deg)) > 0
     is_contact = ~is_hum & (is_moving | has_bearing | (size > 1))
     contact = np.zeros(label.size, dtype=np.int64)
     _, first, number = np.unique(
@@ -166,17 +206,9 @@ def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextA
     return contact, status
 
 
-def _with_samples(samples: LineSamples, is_sampled: BoolArray) -> LineSamples:
-    """Give lines too short for the grid a dummy that compares with nothing."""
-    tables = [samples.frequency_hz.copy(), samples.frequency_variance.copy()]
-    tables[0][~is_sampled, 0] = 1.0
-    tables[1][~is_sampled, 0] = 1.0
-    return replace(samples, frequency_hz=tables[0], frequency_variance=tables[1])
-
-
 def _hum(samples: LineSamples, family: IntArray, is_steady: BoolArray) -> BoolArray:
     """Mains multiples; a family whose other lines are none is a machine."""
-    is_hum = mains_lines(np.nanmean(samples.frequency_hz, axis=1), is_steady)
+    is_hum = mains_lines(_means(samples, samples.frequency_hz), is_steady)
     for number in np.unique(family[family >= 0]):
         member = family == number
         if is_hum[member].mean() <= 0.5:
@@ -184,81 +216,186 @@ def _hum(samples: LineSamples, family: IntArray, is_steady: BoolArray) -> BoolAr
     return is_hum
 
 
-def pair_evidence(samples: LineSamples) -> FloatArray:
-    """Return the evidence that two lines have one source, for every pair."""
-    n_lines = samples.frequency_hz.shape[0]
-    log_f = np.log(samples.frequency_hz)
-    variance = samples.frequency_variance / samples.frequency_hz**2 + _LINE_WANDER**2
-    evidence = np.zeros((n_lines, n_lines))
-    is_known = np.isfinite(log_f)
-    n_known = is_known.sum(axis=1)
-    for k in range(n_lines - 1):
-        at = np.flatnonzero(np.isfinite(log_f[k]))
-        rest = slice(k + 1, None)
-        row = _doppler_evidence(
-            log_f[k, at], variance[k, at], log_f[rest, at], variance[rest, at]
-        )
-        # the end of one passage and the beginning of the next bend alike: hardly
-        together = is_known[rest, at].sum(axis=1)
-        shorter = np.minimum(n_known[k], n_known[rest])
-        row = np.where(together >= _LEAST_SHARE * shorter, row, np.minimum(row, 0.0))
-        row += _bearing_evidence(
-            samples.bearing_deg[k, at] - samples.bearing_deg[rest, at],
-            samples.bearing_variance[k, at] + samples.bearing_variance[rest, at],
-        )
-        evidence[k, rest] = evidence[rest, k] = row / samples.correlation_samples
-    return evidence
+def _with_families(evidence: PairEvidence, family: IntArray) -> PairEvidence:
+    """Add the evidence of a common family to every pair of its lines."""
+    low, high = [evidence.low], [evidence.high]
+    nepers = [evidence.nepers]
+    for number in np.unique(family[family >= 0]):
+        member = np.flatnonzero(family == number)
+        one, two = np.triu_indices(member.size, 1)
+        low.append(member[one])
+        high.append(member[two])
+        nepers.append(np.full(one.size, _FAMILY_EVIDENCE))
+    pair = np.concatenate(low) * family.size + np.concatenate(high)
+    found, place = np.unique(pair, return_inverse=True)
+    total = _totals(np.concatenate(nepers), place, found.size)
+    return PairEvidence(found // family.size, found % family.size, total)
+
+
+def pair_evidence(samples: LineSamples) -> PairEvidence:
+    """Return the evidence that two lines have one source, for pairs heard together.
+
+    Parameters
+    ----------
+    samples
+        Histories of the lines.
+    """
+    by_frame = np.argsort(samples.frame, kind="stable")
+    sorted_frames = samples.frame[by_frame]
+    rows = samples.row
+    low: list[IntArray] = []
+    high: list[IntArray] = []
+    nepers: list[FloatArray] = []
+    for k in np.flatnonzero(samples.n_points >= _LEAST_COMMON).tolist():
+        own = samples.frame[samples.first[k] : samples.first[k + 1]]
+        begin = np.searchsorted(sorted_frames, own[0])
+        end = np.searchsorted(sorted_frames, own[-1], "right")
+        near = by_frame[begin:end]
+        near = near[rows[near] > k]
+        place = np.minimum(np.searchsorted(own, samples.frame[near]), own.size - 1)
+        is_common = own[place] == samples.frame[near]
+        near, place = near[is_common], place[is_common]
+        order = np.lexsort((place, rows[near]))
+        near, place = near[order], place[order]
+        for part in _portions(rows[near]):
+            other, evidence = _compared(
+                samples, k, samples.first[k] + place[part], near[part], rows[near[part]]
+            )
+            low.append(np.full(other.size, k))
+            high.append(other)
+            nepers.append(evidence)
+    none = np.zeros(0, dtype=np.int64)
+    return PairEvidence(
+        np.concatenate([none, *low]),
+        np.concatenate([none, *high]),
+        np.concatenate([np.zeros(0), *nepers]),
+    )
+
+
+def _portions(rows: IntArray) -> list[slice]:
+    """Cut sorted rows where one ends, into parts of about so many as are allowed."""
+    ends = np.append(np.flatnonzero(np.diff(rows)) + 1, rows.size)
+    portions, begin = [], 0
+    while begin < rows.size:
+        wanted = int(np.searchsorted(ends, begin + _MOST_COMPARED))
+        end = int(ends[min(wanted, ends.size - 1)])
+        portions.append(slice(begin, end))
+        begin = end
+    return portions
+
+
+def _compared(
+    samples: LineSamples, k: int, mine: IntArray, theirs: IntArray, rows: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the lines that have enough in common with one, and the evidence, nepers.
+
+    Parameters
+    ----------
+    samples
+        Histories of the lines.
+    k
+        Row of the line.
+    mine, theirs
+        Points of the line, and of others in the same frames, shape (common,).
+    rows
+        Rows of these others, ascending.
+    """
+    other, pair = np.unique(rows, return_inverse=True)
+    together = np.bincount(pair)
+    evidence = _doppler_evidence(samples, mine, theirs, pair)
+    # the end of one passage and the beginning of the next bend alike: hardly
+    n_points = samples.n_points
+    shorter = np.minimum(n_points[k], n_points[other])
+    is_long = together >= _LEAST_SHARE * shorter
+    evidence = np.where(is_long, evidence, np.minimum(evidence, 0.0))
+    evidence[together < _LEAST_COMMON] = 0.0
+    evidence += _bearing_evidence(
+        samples.bearing_deg[mine] - samples.bearing_deg[theirs],
+        samples.bearing_variance[mine] + samples.bearing_variance[theirs],
+        pair,
+    )
+    some = evidence != 0.0
+    return other[some], evidence[some] / samples.correlation_samples
 
 
 def _doppler_evidence(
-    one: FloatArray, one_variance: FloatArray, rest: FloatArray, variance: FloatArray
+    samples: LineSamples, mine: IntArray, theirs: IntArray, pair: IntArray
 ) -> FloatArray:
-    is_common = np.isfinite(rest)
-    count = is_common.sum(axis=1)
-    own = _spread(np.where(is_common, one, np.nan)) + _spread(
-        np.where(np.isfinite(one), rest, np.nan)
+    """Return the evidence of the frequencies of each pair, nepers, shape (pair,)."""
+    count = np.bincount(pair)
+    one, rest = (np.log(samples.frequency_hz[points]) for points in (mine, theirs))
+    own_noise, their_noise = (
+        samples.frequency_variance[points] / samples.frequency_hz[points] ** 2
+        for points in (mine, theirs)
     )
+    total = own_noise + their_noise + 2.0 * _LINE_WANDER**2
+    own = (_spread(one, pair, count) + _spread(rest, pair, count))[pair]
     # smoothed lines lag, and horns waver: shapes agree within a share of their size
-    total = one_variance + variance + (_SHAPE_SHARE**2 * own)[:, None]
+    total = total + _SHAPE_SHARE**2 * own
     off = one - rest
-    weight = np.where(is_common, 1.0 / total, 0.0)
-    mean = _ratio((weight * np.where(is_common, off, 0.0)).sum(1), weight.sum(1))
-    square = (off - mean[:, None]) ** 2
-    apart = total + own[:, None]
+    weight = 1.0 / total
+    mean = _ratio(
+        _totals(weight * off, pair, count.size), _totals(weight, pair, count.size)
+    )
+    square = (off - mean[pair]) ** 2
+    apart = total + own
     terms = 0.5 * (np.log(apart / total) - square / total + square / apart)
-    terms = np.where(is_common, terms, 0.0)
-    return np.where(count >= _LEAST_COMMON, terms.sum(axis=1), 0.0)
+    return _totals(terms, pair, count.size)
 
 
-def _bearing_evidence(turn_deg: FloatArray, variance: FloatArray) -> FloatArray:
-    total = variance + _BEARING_WANDER_DEG**2
+def _bearing_evidence(
+    turn_deg: FloatArray, variance: FloatArray, pair: IntArray
+) -> FloatArray:
+    """Return the evidence of the bearings of each pair, nepers, shape (pair,)."""
+    n_pairs = int(pair[-1]) + 1
+    known = np.isfinite(turn_deg) & np.isfinite(variance)
+    if not known.any():
+        return np.zeros(n_pairs)
+    total = variance[known] + _BEARING_WANDER_DEG**2
     terms = np.log(360.0 / np.sqrt(2.0 * np.pi * total))
-    terms = terms - 0.5 * wrap_deg(turn_deg) ** 2 / total
-    is_common = np.isfinite(terms)
-    enough = is_common.sum(axis=1) >= _LEAST_COMMON
-    return np.where(enough, np.where(is_common, terms, 0.0).sum(axis=1), 0.0)
+    terms = terms - 0.5 * wrap_deg(turn_deg[known]) ** 2 / total
+    count = np.bincount(pair[known], minlength=n_pairs)
+    summed = _totals(terms, pair[known], n_pairs)
+    return np.where(count >= _LEAST_COMMON, summed, 0.0)
 
 
-def _spread(values: FloatArray) -> FloatArray:
-    """Variance along time without the missing values."""
-    is_known = np.isfinite(values)
-    count = is_known.sum(axis=1)
-    mean = _ratio(np.where(is_known, values, 0.0).sum(axis=1), count)
-    square = np.where(is_known, (values - mean[:, None]) ** 2, 0.0)
-    return _ratio(square.sum(axis=1), count)
+def _sums(samples: LineSamples, values: FloatArray | BoolArray) -> FloatArray:
+    """Sum over the points of each line."""
+    return _totals(values, samples.row, samples.first.size - 1)
+
+
+def _means(samples: LineSamples, values: FloatArray) -> FloatArray:
+    """Mean over the points of each line; 0 for a line without any."""
+    return _ratio(_sums(samples, values), samples.n_points)
+
+
+def _spread(values: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
+    """Variance within each group; 0 for an empty one."""
+    mean = _ratio(_totals(values, group, count.size), count)
+    square = (values - mean[group]) ** 2
+    return _ratio(_totals(square, group, count.size), count)
+
+
+def _totals(
+    values: FloatArray | BoolArray, group: IntArray, n_groups: int
+) -> FloatArray:
+    """Sum within each of so many groups."""
+    return np.bincount(group, values, minlength=n_groups).astype(float)
 
 
 def _ratio(total: FloatArray, count: FloatArray | IntArray) -> FloatArray:
     return np.divide(total, count, out=np.zeros(total.shape), where=count > 0)
 
 
-def group(evidence: FloatArray, least: float) -> IntArray:
+def group(evidence: PairEvidence, n_lines: int, least: float) -> IntArray:
     """Join lines into groups by the sum of the evidence between groups.
 
     Parameters
     ----------
     evidence
-        Symmetric table of evidence.
+        Evidence of pairs of lines.
+    n_lines
+        Number of lines.
     least
         Evidence that a pair needs to start a union.
 
@@ -267,42 +404,63 @@ def group(evidence: FloatArray, least: float) -> IntArray:
     IntArray
         Number of the group of each line, from 0, in the order of their first line.
     """
-    label = np.arange(evidence.shape[0])
-    low, high = np.nonzero(np.triu(evidence >= least, 1))
-    order = np.argsort(-evidence[low, high], kind="stable")
-    for a, b in zip(low[order], high[order], strict=True):
-        if label[a] == label[b]:
+    label = np.arange(n_lines)
+    between: dict[int, dict[int, tuple[float, float]]] = {}
+    pairs = (evidence.low.tolist(), evidence.high.tolist(), evidence.nepers.tolist())
+    for a, b, nepers in zip(*pairs, strict=True):
+        between.setdefault(a, {})[b] = between.setdefault(b, {})[a] = (nepers, nepers)
+    members = {k: [k] for k in between}
+    strong = np.flatnonzero(evidence.nepers >= least)
+    order = strong[np.argsort(-evidence.nepers[strong], kind="stable")]
+    for pair in order.tolist():
+        one, two = int(label[pairs[0][pair]]), int(label[pairs[1][pair]])
+        if one == two:
             continue
-        one, two = label == label[a], label == label[b]
-        between = evidence[np.ix_(one, two)]
-        if between.sum() >= least and between.min() > _VETO:
-            label[two] = label[a]
+        total, smallest = between[one][two]
+        if total >= least and smallest > _VETO:
+            label[members[two]] = one
+            members[one] += members.pop(two)
+            _unite(between, one, two)
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[inverse]
 
 
+def _unite(
+    between: dict[int, dict[int, tuple[float, float]]], one: int, two: int
+) -> None:
+    """Add to a group's sums and smallest pairs of evidence those of another group."""
+    own = between[one]
+    del own[two]
+    for other, (total, smallest) in between.pop(two).items():
+        if other == one:
+            continue
+        before, least = own.get(other, (0.0, np.inf))
+        own[other] = (before + total, min(least, smallest))
+        between[other][one] = own[other]
+        del between[other][two]
+
+
 def has_doppler(samples: LineSamples) -> BoolArray:
     """Tell which lines change their frequency beyond their uncertainty."""
-    noise = np.nanmean(samples.frequency_variance, axis=1)
-    floor = (_LINE_WANDER * np.nanmean(samples.frequency_hz, axis=1)) ** 2
-    return np.asarray(_spread(samples.frequency_hz) > 9.0 * (noise + floor))
+    noise = _means(samples, samples.frequency_variance)
+    floor = (_LINE_WANDER * _means(samples, samples.frequency_hz)) ** 2
+    spread = _spread(samples.frequency_hz, samples.row, samples.n_points)
+    return np.asarray(spread > 9.0 * (noise + floor))
 
 
 def has_turn(samples: LineSamples) -> BoolArray:
     """Tell which lines change their bearing beyond their uncertainty."""
-    radians = np.radians(samples.bearing_deg)
-    is_known = np.isfinite(radians)
-    turned = np.where(is_known, radians, 0.0)
-    middle = np.degrees(
-        np.arctan2(
-            (np.sin(turned) * is_known).sum(axis=1),
-            (np.cos(turned) * is_known).sum(axis=1),
-        )
-    )
-    off = wrap_deg(samples.bearing_deg - middle[:, None])
-    variance = np.where(is_known, samples.bearing_variance, 0.0).sum(axis=1)
-    noise = _ratio(variance, is_known.sum(axis=1)) + _BEARING_WANDER_DEG**2
-    return _spread(off) > 9.0 * noise
+    known = np.flatnonzero(np.isfinite(samples.bearing_deg))
+    row, n_lines = samples.row[known], samples.first.size - 1
+    count = np.bincount(row, minlength=n_lines)
+    radians = np.radians(samples.bearing_deg[known])
+    east = _totals(np.sin(radians), row, n_lines)
+    north = _totals(np.cos(radians), row, n_lines)
+    middle = np.degrees(np.arctan2(east, north))
+    off = wrap_deg(samples.bearing_deg[known] - middle[row])
+    variance = _totals(samples.bearing_variance[known], row, n_lines)
+    noise = _ratio(variance, count) + _BEARING_WANDER_DEG**2
+    return np.asarray(_spread(off, row, count) > 9.0 * noise)
 
 
 def mains_lines(frequency_hz: FloatArray, is_steady: BoolArray) -> BoolArray:

@@ -101,7 +101,7 @@ def measure_levels(
     waiting: list[_Bands] = []
     quiet: list[_TileSound] = []
     rest: _Bands | None = None
-    done = 0
+    at = 0  # place of the first waiting tile among the quiet times that are held
     for block in blocks:
         cut = _condensed(block, band_hz, n_bands)
         rest = cut if rest is None else _Bands.join([rest, cut])
@@ -110,15 +110,17 @@ def measure_levels(
             waiting.append(rest.take("frame", _rows(k)))
             quiet.append(_tile_sound(waiting[-1]))
         rest = rest.take("frame", slice(n_whole * TILE_FRAMES, None))
-        n_ready = max(0, len(quiet) - REACH_TILES - done)
-        yield _levels(waiting[:n_ready], quiet, done, rest)
-        done, waiting = done + n_ready, waiting[n_ready:]
+        n_ready = max(0, len(quiet) - REACH_TILES - at)
+        yield _levels(waiting[:n_ready], quiet, at, rest)
+        waiting = waiting[n_ready:]
+        n_past = max(0, at + n_ready - REACH_TILES)
+        at, quiet = at + n_ready - n_past, quiet[n_past:]
     if rest is not None:
         if rest.frames.n_frames >= TILE_FRAMES // 4 or not quiet:
             quiet.append(_tile_sound(rest))
         else:
             quiet.append(_TileSound.unknown(rest.density.shape[1]))
-        yield _levels([*waiting, rest], quiet, done, rest.take("frame", slice(0)))
+        yield _levels([*waiting, rest], quiet, at, rest.take("frame", slice(0)))
 
 
 def condense(
@@ -303,11 +305,15 @@ def _tile_sound(tile: _Bands) -> _TileSound:
 
 
 def _levels(
-    tiles: list[_Bands], quiet: list[_TileSound], first_tile: int, pattern: _Bands
+    tiles: list[_Bands], quiet: list[_TileSound], at: int, pattern: _Bands
 ) -> Levels:
-    """Turn whole tiles into levels; without any, a block of no rows."""
+    """Turn whole tiles into levels; without any, a block of no rows.
+
+    The first tile's own sound is at a place in the list; before it are those within
+    reach, as far as there were any.
+    """
     parts = []
-    for k, tile in enumerate(tiles, start=first_tile):
+    for k, tile in enumerate(tiles, start=at):
         near = quiet[max(0, k - REACH_TILES) : k + REACH_TILES + 1]
         around = np.array([one.density for one in near])
         known = np.isfinite(around).all(axis=1)

@@ -26,7 +26,7 @@ from uwtrack_cli.files.hdf5.layout import (
     sensor_of,
 )
 
-PENDING_BYTES = 1 << 19
+PENDING_BYTES = 1 << 17
 """Blocks are written when they have come to so many bytes together: a product has a
 dozen groups that wait, and a quiet sensor takes hours to fill what is larger."""
 
@@ -82,8 +82,7 @@ class AppendableGroup:
             is_known = name in self._pending or name in self.datasets
             if is_known and not values.shape[0]:
                 continue  # tables of a stream come at its end, and nothing before
-            own = values if values.shape[0] else values.copy()  # not what it views
-            self._pending.setdefault(name, []).append(own)
+            self._pending.setdefault(name, []).append(_its_own(values))
             self._pending_bytes += values.nbytes if spec.dtype.kind != "U" else 0
         if not _has_rows(self._first) and _has_rows(block):
             self._first = block
@@ -235,6 +234,13 @@ def make_scale(group: h5py.Group, name: str, size: int) -> h5py.Dataset:
     set_text(scale, "units", "1")
     set_text(scale, "long_name", f"Axis {name} (an axis without values of its own).")
     return scale
+
+
+def _its_own(values: NDArray[Any]) -> NDArray[Any]:
+    """Return an array that does not keep the larger one alive of which it is a part."""
+    whole = values.base
+    is_part = isinstance(whole, np.ndarray) and whole.nbytes > values.nbytes
+    return values.copy() if is_part else values
 
 
 def _absent(block: Container) -> set[str]:

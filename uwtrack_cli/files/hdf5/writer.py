@@ -43,13 +43,14 @@ from uwtrack_cli.files.hdf5.layout import (
 )
 from uwtrack_cli.files.hdf5.reader import C, read_whole
 from uwtrack_cli.files.held_signals import signals_held
+from uwtrack_cli.files.mapped_columns import on_disk
 
 LIBVER = ("v110", "v110")
 """HDF5 1.10 and later read the files: object headers carry checksums of their own."""
 
-CACHE_BYTES = 2 * CHUNK_BYTES
-"""Bytes of chunks that HDF5 holds of each column, whole ones let go first: rows are
-appended, and none is met again. By itself it holds 8 MB, a day of a column."""
+CACHE_BYTES = CHUNK_BYTES
+"""Bytes of chunks that HDF5 holds of each column: the one that is being filled, for
+rows are appended, and none is met again. By itself it holds 8 MB, a day of a column."""
 
 
 class ProductStore:
@@ -92,6 +93,8 @@ class ProductStore:
     def read_back(self, kind: type[C], step: str = "") -> C:
         """Finish a container that was appended, and read it as a product's reader does.
 
+        What is long of it stays on disk (see `mapped_columns`).
+
         Raises
         ------
         DataError
@@ -111,7 +114,7 @@ class ProductStore:
         for group in _all_groups([top]):
             group.name_parts()
         self._whole.add(found[0])
-        return read_whole(self.file, found[0], kind)
+        return on_disk(read_whole(self.file, found[0], kind))
 
     def finish(self, history: Sequence[HistoryStep]) -> None:
         """Write what is left, and close the file."""
