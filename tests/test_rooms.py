@@ -1,6 +1,8 @@
-"""Imports point down only, and each slow library lives in its own rooms."""
+"""Imports point down only, libraries live in their rooms, and names mean one thing."""
 
 import ast
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -91,3 +93,46 @@ def test_libraries_stay_in_their_rooms(path):
 def test_nothing_is_unpickled():
     for path in MODULES:
         assert not imported(path) & {"pickle", "dill", "cloudpickle", "joblib"}, path
+
+
+def classes(path: Path) -> list[ast.ClassDef]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+
+
+def test_no_two_public_classes_have_one_name():
+    names = Counter(
+        one.name
+        for path in MODULES
+        for one in classes(path)
+        if not one.name.startswith("_")
+    )
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+def unexplained(record: ast.ClassDef) -> Iterator[str]:
+    """Yield the fields of a record that nothing describes."""
+    described = ast.get_docstring(record) or ""
+    for field, after in zip(record.body, [*record.body[1:], None], strict=True):
+        if not (
+            isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        ):
+            continue
+        name = field.target.id
+        value = "" if field.value is None else ast.unparse(field.value)
+        is_column = value.startswith(("column(", "scalar("))  # they carry a text
+        is_constant = "ClassVar" in ast.unparse(field.annotation)
+        has_text = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+        if not (is_column or is_constant or has_text or name in described):
+            yield f"{record.name}.{name}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_every_field_of_a_record_says_what_it_is(path):
+    records = [
+        one
+        for one in classes(path)
+        if any("dataclass" in ast.unparse(mark) for mark in one.decorator_list)
+        or any(ast.unparse(base) == "NamedTuple" for base in one.bases)
+    ]
+    assert [name for one in records for name in unexplained(one)] == []

@@ -294,17 +294,23 @@ class _BeamFormer(ABC):
     """Turns the blocks of one recording into beams."""
 
     recording: Recording
+    """The recording."""
     layout: FrameTransform
+    """How its sound is cut into frames."""
     weights: FloatArray
+    """Weights of the hydrophones, shape (element,)."""
     shading: str
     """What the weights are."""
     loading: float | None
     """Loading of MVDR; None for conventional beams."""
     rules: PeakRules
+    """What counts as a peak."""
     _frequency_hz: FloatArray = field(init=False)
+    """Frequency of every cell, Hz."""
     _turns: NDArray[np.complex64] = field(init=False)
     """Turns of every hydrophone for every beam, shape (cell, beam, element)."""
     _check: ElementCheck = field(init=False)
+    """Watches for hydrophones that fail."""
 
     def __post_init__(self) -> None:
         """Take the band from the layout."""
@@ -415,7 +421,9 @@ class _LineFormer(_BeamFormer):
     """Beams of a line array, evenly spaced in the cosine with its head."""
 
     array: LineArray
+    """The hydrophones."""
     n_beams: int
+    """Number of beams."""
 
     def __post_init__(self) -> None:
         """Prepare the turns of every hydrophone for every beam."""

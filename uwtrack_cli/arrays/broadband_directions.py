@@ -116,6 +116,7 @@ class DirectionSearch:
     _directions: dict[bytes, tuple[float, float]] = field(
         default_factory=dict, init=False
     )
+    """Directions that independent and isotropic noise fill, by who is alive."""
 
     def __post_init__(self) -> None:
         """Refuse a band that is too narrow."""

@@ -134,9 +134,13 @@ class _Correlator:
     """Measures the delays of one recording."""
 
     recording: Recording
+    """The recording."""
     layout: FrameTransform
+    """How its sound is cut into frames."""
     weighting: Weighting
+    """How the cross spectra are weighted."""
     probability: float
+    """Share of frames of noise in which a delay may be found."""
 
     def __post_init__(self) -> None:
         """Prepare the pairs and their delays."""

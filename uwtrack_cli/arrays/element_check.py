@@ -35,7 +35,9 @@ class ElementCheck:
     quarter_hz: float
     """Frequency at which neighbours lie a quarter of a wavelength apart, Hz."""
     _told: set[tuple[str, str]] = field(default_factory=set)
+    """Channels and what was said of them."""
     _signs_known: bool = False
+    """Whether the signs of the channels were compared."""
 
     def alive(
         self,

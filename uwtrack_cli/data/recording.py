@@ -175,7 +175,9 @@ class SampleRing:
     kept_samples: int
     """Samples per channel that can be read again."""
     _held: list[Samples] = field(default_factory=list, repr=False)
+    """Blocks that can be read again, the oldest first."""
     _end: int = field(default=0, repr=False)
+    """Samples per channel read so far."""
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield the blocks of the source, and keep the last ones."""

@@ -232,10 +232,15 @@ class _Passage:
     """A closest approach that was told."""
 
     row: Event
+    """Its facts as they were told last."""
     contact: int
+    """Number of its contact."""
     revision: int
+    """How often they were told anew."""
     stretch_s: float
+    """Length of the look that found it, s."""
     is_final: bool = False
+    """Whether later sound cannot change it."""
 
     @property
     def due_s(self) -> float:

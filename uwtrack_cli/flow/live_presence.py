@@ -58,7 +58,9 @@ class _Told:
     stretch_s: float
     """Length of the look that knows it, s."""
     revision: int = 0
+    """How often it was told anew."""
     is_final: bool = False
+    """Whether later sound cannot change it."""
 
 
 class LivePresence:

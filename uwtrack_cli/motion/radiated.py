@@ -115,9 +115,13 @@ class _Passage:
     """What the levels need to know of an encounter."""
 
     contact: int
+    """Number of the contact."""
     sensor: str
+    """Name of the sensor."""
     status: str
+    """How far the encounter is known."""
     time_utc_ns: int
+    """Closest approach, ns since 1970-01-01 UTC; -1 if unknown."""
     start_utc_ns: int | None
     """First sample of its recording."""
     arrival_s: float
@@ -125,7 +129,9 @@ class _Passage:
     width_s: float
     """Range over speed, s."""
     range_m: float
+    """Slant range there, m."""
     range_std_m: float
+    """Its standard deviation, m."""
 
     @classmethod
     def of(cls, table: Encounters, row: int) -> "_Passage":
@@ -157,11 +163,17 @@ class _Bands:
     """Levels of a passage in all bands; arrays of shape (band,)."""
 
     passage: _Passage
+    """The passage."""
     centre_hz: FloatArray
+    """Centre frequencies, Hz."""
     level_db: FloatArray
+    """Radiated noise levels, dB."""
     std_db: FloatArray
+    """Their standard deviations, dB."""
     received_db: FloatArray
+    """Received levels, dB."""
     background_db: FloatArray
+    """Levels of the background, dB."""
     reasons: list[str]
     """Why a band has no level; empty where it has."""
 

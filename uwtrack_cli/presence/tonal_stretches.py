@@ -77,8 +77,11 @@ class _Pool:
     """Lines of all trackers, each once."""
 
     lines: LineSummary
+    """The lines."""
     families: list[set[tuple[int, int]]]
+    """Families of each line, as tracker and number."""
     chance: FloatArray
+    """Probability of each line by chance, shape (line,)."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +89,13 @@ class _Family:
     """A family while it is being put together."""
 
     spacing_hz: float
+    """Distance of neighbouring lines, Hz."""
     offset_hz: float
+    """Frequency of the comb below its first spacing, Hz."""
     log10_chance: float
+    """Logarithm of the probability by chance."""
     rows: IntArray
+    """Its lines among those of the pool."""
 
 
 def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:

@@ -176,8 +176,11 @@ class _Counts:
     """Options without a unit."""
 
     n_bands: int
+    """Number of bands."""
     overlap: float
+    """Share of a frame that the next one has, too."""
     zero_padding: int
+    """Cells per natural bin."""
 
 
 @dataclass(frozen=True)
@@ -185,10 +188,15 @@ class _Layout:
     """How envelopes are cut into frames; lengths in samples of the envelope."""
 
     envelope: EnvelopePlan
+    """How the envelopes are made."""
     window: int
+    """Length of the analysis window."""
     hop: int
+    """Distance of two frames."""
     fft_length: int
+    """Length of the transform."""
     kept: slice
+    """Cells that are returned."""
 
     @property
     def frequency_hz(self) -> FloatArray:

@@ -215,6 +215,7 @@ class _Bands(Container):
     FIXED_AXES = ("band",)
 
     frames: Frames
+    """Time base."""
     low_hz: FloatArray = column("Hz", "Lower edge.", "band")
     high_hz: FloatArray = column("Hz", "Upper edge.", "band")
     density: FloatArray = column("", "Mean power density.", "frame", "band")

@@ -67,6 +67,7 @@ class AudioReader:
     last: int
     stamp: tuple[int, int] | None = None
     has_warned: bool = field(default=False, repr=False)
+    """Whether what is wrong with its samples was told."""
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield blocks of so many samples, float32, shape (sample, channel)."""

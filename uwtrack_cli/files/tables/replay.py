@@ -68,8 +68,11 @@ class _Track:
     """Positions of a ship, as they stand in a file."""
 
     time_ns: list[int] = field(default_factory=list)
+    """Times, ns since 1970-01-01 UTC."""
     latitude: list[float] = field(default_factory=list)
+    """Latitudes, degrees."""
     longitude: list[float] = field(default_factory=list)
+    """Longitudes, degrees."""
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,17 @@ class _Cut:
     where: str
     """File and line."""
     time_ns: int
+    """Time, ns since 1970-01-01 UTC."""
     track: str
+    """Name of the ship that carries the sensor."""
     sensor: str
+    """Name of the sensor."""
     place: tuple[float, float] | None
+    """Latitude and longitude of the sensor, degrees; None where the line has none."""
     values: dict[str, float]
+    """What was measured, by quantity with its unit."""
     text: str
+    """Label of the line."""
 
 
 class _Line:
