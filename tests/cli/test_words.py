@@ -7,7 +7,7 @@ import pytest
 
 from uwtrack_cli.cli import console
 from uwtrack_cli.cli.console import show_table
-from uwtrack_cli.cli.results import print_result
+from uwtrack_cli.cli.result_output import print_result
 from uwtrack_cli.errors import UwtrackNote
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe

@@ -25,8 +25,8 @@ from uwtrack_cli.cli.console import (
     say,
     show_table,
 )
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, with_parameters
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
-from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, with_parameters
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.flow.shipped_recipes import DEFAULT_RECIPE
 

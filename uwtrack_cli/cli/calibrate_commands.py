@@ -10,7 +10,11 @@ import typer
 
 from uwtrack_cli.cli.command_factory import AsJson, command
 from uwtrack_cli.cli.console import put, say, say_wrote, show_table
-from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
+from uwtrack_cli.cli.recording_arguments import (
+    SOURCE_PARAMETERS,
+    open_source,
+    with_parameters,
+)
 from uwtrack_cli.errors import OptionError, OutputError
 
 if TYPE_CHECKING:

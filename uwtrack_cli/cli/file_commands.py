@@ -181,7 +181,7 @@ def show(
 
 def _show_result(file: Path, form: str, sensor: str | None, step: str | None) -> None:
     """Print the last result of a product that has a summary."""
-    from uwtrack_cli.cli.results import is_shown, print_result
+    from uwtrack_cli.cli.result_output import is_shown, print_result
     from uwtrack_cli.files.hdf5.layout import CONTAINERS
     from uwtrack_cli.files.tables.container_tables import write_table
     from uwtrack_cli.flow.branches import read_of_branch, refuse_unknown_step

@@ -21,9 +21,13 @@ from uwtrack_cli.cli.live_run import (
     live_target,
     run_live,
 )
-from uwtrack_cli.cli.results import print_result
+from uwtrack_cli.cli.recording_arguments import (
+    SOURCE_PARAMETERS,
+    open_source,
+    with_parameters,
+)
+from uwtrack_cli.cli.result_output import print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
-from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, open_source, with_parameters
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.motions import Motions

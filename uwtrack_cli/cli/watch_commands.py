@@ -11,8 +11,8 @@ import typer
 from uwtrack_cli.cli.batch_commands import PER_FILE
 from uwtrack_cli.cli.command_factory import AsJson, command
 from uwtrack_cli.cli.console import SOME_FAILED, put, say, signals_end
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, with_parameters
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
-from uwtrack_cli.cli.sources import SOURCE_PARAMETERS, with_parameters
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.flow.shipped_recipes import DEFAULT_RECIPE
 
