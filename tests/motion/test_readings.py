@@ -68,7 +68,8 @@ def test_the_partials_of_two_legs_are_those_of_differences():
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [("straight", 1), ("jitter", 4), ("frequency-step", 4), ("frequency-ramp", 1),
-     ("turn", 1), ("speed-change", 4)],
+     ("turn", 1), ("speed-change", 4), ("speed-change", 951003),
+     ("turn", 952002), ("turn", 952003)],
 )  # fmt: skip
 def test_a_passage_is_read_as_it_was_drawn(kind, seed):
     drawn = draw(kind, seed)
@@ -110,7 +111,7 @@ def test_positions_follow_both_legs_of_a_manoeuvre(seed):
         assert off @ np.linalg.solve(fixes.covariance_m2[row], off) < 18.4
 
 
-@pytest.mark.parametrize("seed", [810018])
+@pytest.mark.parametrize("seed", [810018, 950003])
 def test_a_passage_beside_a_step_beyond_its_doppler_shift_is_found(seed):
     drawn = draw("frequency-step", seed)
     assert abs(drawn.facts.change[0]) > 2 * drawn.truth[1] / 1500.0

@@ -10,7 +10,6 @@ widths from the distance of measurements to the time covered, times at a share o
 width; nothing is fixed in seconds.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.robust import median_scale, neighbour_scale
 from uwtrack_cli.motion.passage.law import SLOWEST_MPS
 from uwtrack_cli.motion.passage.measurements import Blocks
+from uwtrack_cli.motion.passage.unknowns import STEP, Change
 
 FLOORS = (-9.0, -6.0, -3.5, -1.5)
 """Natural logarithms of the floor relative to the level at closest approach."""
@@ -128,19 +128,100 @@ class ChangedEstimates(NamedTuple):
 
     theta: FloatArray
     """Unknowns as in `unknowns`, shape (starts, 4)."""
-    number: IntArray
-    """Which of the changes it is, shape (starts,)."""
+    time_s: FloatArray
+    """Instant of the change, s, shape (starts,)."""
+    sign: FloatArray
+    """+1 where what changed follows that instant, -1 where it goes before, same shape."""
     size: FloatArray
     """Size of that change, shape (starts,)."""
     others: FloatArray
     """Gain in log-likelihood of bearings and levels alone, shape (starts,)."""
+    known_to_s: float
+    """How well the instants are known, s."""
+
+
+class _ChangedColumns(NamedTuple):
+    """Changes of the frequencies as columns of a linear model, the lines' constants out.
+
+    A step leaves out the cell in which it lies: that is a mean of both sides.
+    """
+
+    columns: FloatArray
+    """Columns of the changes, shape (changes, n)."""
+    left_out: IntArray
+    """Cell that is left out, shape (changes,); empty if none is."""
+    share: FloatArray
+    """What the constants leave of the square of these cells, same shape."""
+
+    def product(self, one: FloatArray, other: FloatArray) -> FloatArray:
+        """Multiply rows with rows, each pair without its left-out cell.
+
+        Parameters
+        ----------
+        one
+            Rows that are the same for all changes, shape (rows, n).
+        other
+            One row for all changes, shape (n,), or one for each, shape (changes, n).
+
+        Returns
+        -------
+        FloatArray
+            Shape (rows, changes).
+        """
+        whole = np.atleast_2d(one @ other.T).reshape(one.shape[0], -1)
+        if not self.left_out.size:
+            return whole
+        each = np.broadcast_to(other, self.columns.shape)
+        own = each[np.arange(self.left_out.size), self.left_out]
+        less: FloatArray = whole - one[:, self.left_out] * (own / self.share)
+        return less
+
+    def square(self, rows: FloatArray) -> FloatArray:
+        """Square rows, each for every change without its left-out cell.
+
+        Parameters
+        ----------
+        rows
+            Rows that are the same for all changes, shape (rows, n).
+
+        Returns
+        -------
+        FloatArray
+            Shape (rows, changes), or (rows, 1) if nothing is left out.
+        """
+        whole: FloatArray = (rows**2).sum(axis=1)[:, None]
+        if not self.left_out.size:
+            return whole
+        return np.asarray(whole - rows[:, self.left_out] ** 2 / self.share)
+
+    def own(self, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Multiply every column with a value, and with itself.
+
+        Parameters
+        ----------
+        value
+            Shape (n,).
+
+        Returns
+        -------
+        tuple[FloatArray, FloatArray]
+            Each of shape (changes,).
+        """
+        product, square = self.columns @ value, (self.columns**2).sum(axis=1)
+        if self.left_out.size:
+            here = self.columns[np.arange(self.left_out.size), self.left_out]
+            product = product - here * value[self.left_out] / self.share
+            square = square - here**2 / self.share
+        least = 1e-9 * max(float(square.max(initial=0.0)), 1e-300)
+        known: FloatArray = np.maximum(square, least)
+        return np.where(square > least, product, 0.0), known
 
 
 def find_changed_estimates(
     blocks: Blocks,
     medium: Medium,
     turn: float,
-    changes: Callable[[FloatArray], FloatArray],
+    every: Change,
     *,
     n_starts: int = 3,
     n_cells: int = 400,
@@ -148,6 +229,8 @@ def find_changed_estimates(
     """Search all passages beside all changes of the frequencies at once.
 
     Both are linear in the frequencies, so that each pair of them costs a few products.
+    A step far above the noise must lie within a cell of where it was, or it spoils every
+    passage beside it: it is sought in all cells.
 
     Parameters
     ----------
@@ -157,8 +240,9 @@ def find_changed_estimates(
         Sound speed.
     turn
         Sign of the bearing trend.
-    changes
-        Function of time that returns the shape of every change, (changes, n).
+    every
+        A step or a ramp of the frequencies at many instants; a step is sought in all
+        cells among them.
     n_starts
         Pairs that are wanted, with changes that are not neighbours.
     n_cells
@@ -177,20 +261,31 @@ def find_changed_estimates(
         left: FloatArray = rows * root - ((rows * root) @ basis) @ basis.T
         return left
 
+    known_to_s = float(np.median(np.diff(np.unique(every.time_s))))
+    apart_s = 2.5 * known_to_s
+    left_out = np.empty(0, np.int64)
+    if every.kind == STEP:
+        inside = (data.time >= every.time_s.min()) & (data.time <= every.time_s.max())
+        left_out = np.flatnonzero(inside & (root > 0))
+        every = Change(STEP, data.time[left_out], np.ones(left_out.size))
+        apart_s, known_to_s = known_to_s, float(np.median(np.diff(data.time)))
     value = free((weight * centred).sum(axis=0) / total)
-    passing, changed = free(grid.x / grid.slant), free(changes(data.time))
-    length = np.sqrt(np.maximum((changed**2).sum(axis=1), 1e-300))
-    changed = changed / length[:, None]
-    along, own = passing @ value, changed @ value
-    both = passing @ changed.T
-    square = (passing**2).sum(axis=1)[:, None] - both**2
-    least = 1e-3 * np.maximum((passing**2).sum(axis=1)[:, None], 1e-300)
-    slope = (along[:, None] - both * own) / np.maximum(square, least)
+    passing, columns = free(grid.x / grid.slant), free(every.shape(data.time))
+    share = np.maximum(1 - (basis[left_out] ** 2).sum(axis=1), 1e-9)
+    changed = _ChangedColumns(columns, left_out, share)
+    along, both = changed.product(passing, value), changed.product(passing, columns)
+    own, length = changed.own(value)
+    whole = changed.square(passing)
+    square = whole - both**2 / length
+    least = 1e-3 * np.maximum(whole, 1e-300)
+    slope = (along - both * own / length) / np.maximum(square, least)
     speed = -medium.sound_speed_mps * slope
     usable = (speed > 0) & (speed < 0.8 * medium.sound_speed_mps) & (square > least)
     level, floor = _level_gain(grid, data)
     bearing = _bearing_gain(grid, data)[0 if turn > 0 else 1]
-    gain = 0.5 * (own**2 + slope**2 * square) + (level + bearing)[:, None]
+    gain = 0.5 * (own**2 / length + slope**2 * square) + (level + bearing)[:, None]
+    if left_out.size:  # what is left out is explained whole
+        gain += 0.5 * value[left_out] ** 2 / share
     gain = np.where(usable, gain, -np.inf)
     cells, numbers = [], []
     for _ in range(n_starts):
@@ -199,7 +294,7 @@ def find_changed_estimates(
             break
         cells.append(at)
         numbers.append(of)
-        gain[:, max(of - 2, 0) : of + 3] = -np.inf
+        gain[:, np.abs(every.time_s - every.time_s[of]) < apart_s] = -np.inf
     cell, number = np.array(cells, np.int64), np.array(numbers, np.int64)
     fast = speed[cell, number]
     theta = np.stack(
@@ -207,7 +302,10 @@ def find_changed_estimates(
     )
     theta[:, 1] = _horizontal(grid.width[cell], fast, medium)
     amount = (own[number] - slope[cell, number] * both[cell, number]) / length[number]
-    return ChangedEstimates(theta, number, amount, (level + bearing)[cell])
+    return ChangedEstimates(
+        theta, every.time_s[number], every.sign[number], amount,
+        (level + bearing)[cell], known_to_s,
+    )  # fmt: skip
 
 
 def _horizontal(width: FloatArray, speed: FloatArray, medium: Medium) -> FloatArray:

@@ -34,7 +34,7 @@ from uwtrack_cli.motion.passage.estimator import (
     take_rows,
 )
 from uwtrack_cli.motion.passage.initial_estimates import find_changed_estimates
-from uwtrack_cli.motion.passage.law import Passage, slant_over_speed_s
+from uwtrack_cli.motion.passage.law import SLOWEST_MPS, Passage, slant_over_speed_s
 from uwtrack_cli.motion.passage.likelihood_ratio import (
     measured_series,
     passage_residuals,
@@ -70,8 +70,18 @@ N_STARTS = 3
 ROUGH_SHARE = 0.5
 """Share of the gain of a passage that a coarse search beside a change must find."""
 
-N_ROUNDS, N_NEAR = 3, 5
-"""Rounds of instants about the best one, and instants of a round."""
+N_NEAR, FINEST = 5, 1.0 / 8.0
+"""Instants of a round about the best one, and their spread in the last round, over that
+in the first: it is halved unless the best one is at its edge."""
+
+MOST_ROUNDS, MOST_ROWS = 6, 4
+"""Rounds at most, and starts that are followed after the first one."""
+
+NEAR_WIDTHS, N_NEAR_INSTANTS = 2.0, 17
+"""d/v about the closest approach in which more instants of a manoeuvre are tried."""
+
+FEWEST_APART = 2.5
+"""Distances of neighbouring instants that two starts must be apart."""
 
 N_MOTION = 5
 """Columns of the passage's own unknowns: motion, depth difference and floor."""
@@ -140,6 +150,8 @@ class Scores(NamedTuple):
     """Those directions."""
     theta: FloatArray
     """Unknowns by the linearised model, shape (n, unknowns)."""
+    spacing_s: FloatArray
+    """Distance of neighbouring instants there, s, shape (n,)."""
 
     def search(self, gain: float) -> float:
         """Return what the search over instants is worth, nepers.
@@ -151,7 +163,8 @@ class Scores(NamedTuple):
         """
         best = float(self.gain.max())
         share = np.clip(gain / best, 0.0, 1.0)
-        return float(-np.log(np.exp(share * (self.gain - best)).mean()))
+        chance = np.exp(share * (self.gain - best))
+        return float(-np.log(np.average(chance, weights=self.spacing_s)))
 
 
 def read_passage(
@@ -227,21 +240,20 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
     time_s = time_s[used]
     for kind in FREQUENCY_CHANGES:
         every = _instants(kind, fit, blocks)
-        step = float(np.median(np.diff(np.unique(every.time_s))))
         found = find_changed_estimates(
-            blocks, fit.medium, float(fit.turn[0]), every.shape, n_starts=N_STARTS
+            blocks, fit.medium, float(fit.turn[0]), every, n_starts=N_STARTS
         )
         width = slant_over_speed_s(
             np.exp(found.theta[:, 1]), found.theta[:, 2], fit.medium.height_m
         )
         lag = (time_s - found.theta[:, :1]) / width[:, None]
         passing = lag / np.hypot(1, lag)
-        changed = every.shape(time_s)[found.number] / np.ptp(time_s)
+        changed = Change(kind, found.time_s, found.sign).shape(time_s) / np.ptp(time_s)
         for at, change, passage, others in zip(
-            every.time_s[found.number], changed, passing, found.others, strict=True
+            found.time_s, changed, passing, found.others, strict=True
         ):
             # the instant is known to a step of the search: what lies there is left out
-            kept = abs(time_s - at) > step
+            kept = abs(time_s - at) > found.known_to_s
             alone = np.column_stack([constants, change])[kept]
             both = np.column_stack([alone, passage[kept]])
             spread = [
@@ -292,29 +304,35 @@ def _fit_change(
 ) -> list[tuple[PassageFit, float]]:
     """Fit one kind of change: its likely modes, with the deviation of each instant."""
     kind = scores.kind
-    theta, change = _starts(scores, fit, blocks)
+    theta, change, step = _starts(scores, fit, blocks)
     fits = _fitted(theta, change, fit, blocks)
-    step = float(np.median(np.diff(np.unique(scores.time_s))))
-    square = np.zeros(theta.shape[0])
-    for _ in range(0 if kind == RAMP else N_ROUNDS):
-        near = step * np.linspace(-0.5, 0.5, N_NEAR)
+    square, first = np.zeros(step.size), step
+    for number in range(0 if kind == RAMP else MOST_ROUNDS):
+        near = step[:, None] * np.linspace(-0.5, 0.5, N_NEAR)
         change = Change(
             kind,
             (_change(fits).time_s[:, None] + near).ravel(),
             np.repeat(_change(fits).sign, N_NEAR),
         )
         wide = _fitted(np.repeat(fits.theta, N_NEAR, axis=0), change, fit, blocks)
-        step *= 2 / (N_NEAR - 1)
         cost = np.minimum(_cost(wide), 1e300).reshape(-1, N_NEAR)
         chance = np.exp(cost.min(axis=1, keepdims=True) - cost)
         chance /= chance.sum(axis=1, keepdims=True)
-        mean = (chance * near).sum(axis=1)
-        scatter = (chance * (near - mean[:, None]) ** 2).sum(axis=1)
-        square = np.maximum(square, scatter)
-        fits = take_rows(wide, np.argmin(cost, axis=1) + N_NEAR * np.arange(len(cost)))
+        mean = (chance * near).sum(axis=1, keepdims=True)
+        square = np.maximum(square, (chance * (near - mean) ** 2).sum(axis=1))
+        best = np.argmin(cost, axis=1)
+        at_edge = ((best == 0) | (best == N_NEAR - 1)) & (np.ptp(cost, axis=1) > 0)
+        step = np.where(at_edge, step, step * 2 / (N_NEAR - 1))
+        fits = take_rows(wide, best + N_NEAR * np.arange(best.size))
+        if number == 0:
+            rows = np.argsort(cost.min(axis=1))[:MOST_ROWS]
+            fits, step, square = take_rows(fits, rows), step[rows], square[rows]
+            first = first[rows]
+        if np.all(step <= FINEST * first):
+            break
     cost = _cost(fits)
     time_std = np.sqrt(square + step**2 / 12)
-    apart = np.full(cost.size, MODE_STEPS * step)
+    apart = MODE_STEPS * step
     if kind == RAMP:
         time_std = np.sqrt(fits.full_covariance[:, -1, -1])
         apart = np.fmax(MODE_STEPS * time_std, 1e-3 * step)
@@ -337,34 +355,65 @@ def _fit_change(
 
 def _starts(
     scores: Scores, fit: PassageFit, blocks: Blocks
-) -> tuple[FloatArray, Change]:
-    """Return starts by the linearised passage, and by a search through all of them."""
-    step = float(np.median(np.diff(np.unique(scores.time_s))))
+) -> tuple[FloatArray, Change, FloatArray]:
+    """Return starts by the linearised passage, and by a search through all of them.
+
+    The last is how far the instant of each may be off, s, shape (starts,).
+    """
     starts: list[int] = []
     for place in np.argsort(-scores.gain):
-        apart = np.abs(scores.time_s[place] - scores.time_s[starts]) > 2.5 * step
+        lag = np.abs(scores.time_s[place] - scores.time_s[starts])
+        apart = lag > FEWEST_APART * scores.spacing_s[place]
         if np.all(apart | (scores.sign[starts] != scores.sign[place])):
             starts.append(int(place))
         if len(starts) == N_STARTS:
             break
     theta, time_s = scores.theta[starts], scores.time_s[starts]
-    sign = scores.sign[starts]
+    sign, step = scores.sign[starts], scores.spacing_s[starts]
     if scores.kind != MANOEUVRE:
         every = Change(scores.kind, scores.time_s, scores.sign)
         more = find_changed_estimates(
-            blocks, fit.medium, float(fit.turn[0]), every.shape, n_starts=N_STARTS
+            blocks, fit.medium, float(fit.turn[0]), every, n_starts=N_STARTS
         )
-        added = np.zeros((more.number.size, theta.shape[1]))
+        added = np.zeros((more.size.size, theta.shape[1]))
         added[:, :4] = more.theta
         added[:, HEIGHT] = fit.height_m
         added[:, CHANGED] = more.size
         theta = np.concatenate([theta, added])
-        time_s = np.append(time_s, scores.time_s[more.number])
-        sign = np.append(sign, scores.sign[more.number])
-    elif not blocks.bearing.is_empty:
-        theta = np.concatenate([theta, _mirrored(theta, time_s)])
-        time_s, sign = np.tile(time_s, 2), np.tile(sign, 2)
-    return theta, Change(scores.kind, time_s, sign)
+        time_s = np.append(time_s, more.time_s)
+        sign = np.append(sign, more.sign)
+        step = np.append(step, np.full(more.size.size, scores.spacing_s[0]))
+    else:
+        reach = np.maximum(step, float(fit.range_over_speed_s[0]))
+        near = np.abs(time_s - fit.theta[0, 0]) < reach
+        theta = np.concatenate([theta, _exchanged(theta[near], time_s[near])])
+        time_s, sign = np.append(time_s, time_s[near]), np.append(sign, -sign[near])
+        step = np.append(step, step[near])
+        if not blocks.bearing.is_empty:
+            theta = np.concatenate([theta, _mirrored(theta, time_s)])
+            time_s, sign, step = np.tile(time_s, 2), np.tile(sign, 2), np.tile(step, 2)
+    return theta, Change(scores.kind, time_s, sign), step
+
+
+def _exchanged(theta: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return the same manoeuvres with the closest approach taken on the other leg.
+
+    Near the closest approach it is not known which of the legs has it.
+    """
+    speed, changed = theta[:, 2], theta[:, CHANGED:]
+    velocity = np.stack([speed + changed[:, 0], changed[:, 1]])
+    fast = np.maximum(np.hypot(*velocity), SLOWEST_MPS)
+    east, north = velocity / fast
+    place = speed * (time_s - theta[:, 0]), speed * np.exp(theta[:, 1])
+    along = place[0] * east + place[1] * north
+    away = np.abs(place[1] * east - place[0] * north)
+    other = theta.copy()
+    other[:, 0] = time_s - along / fast
+    other[:, 1] = np.log(np.maximum(away / fast, 1e-3))
+    other[:, 2] = fast
+    other[:, CHANGED] = speed * east - fast
+    other[:, CHANGED + 1] = -speed * north
+    return other
 
 
 def _mirrored(theta: FloatArray, time_s: FloatArray) -> FloatArray:
@@ -463,7 +512,10 @@ def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
     reach = np.array([FARTHEST_S * width, FARTHEST_LOG, 0.5 * abs(speed)])
     theta[:, :3] += np.clip(moved[:, :3], -reach, reach * [1.0, 1.0, 2.0])
     theta[:, CHANGED:] = np.clip(size, -4 * change.std, 4 * change.std)
-    return Scores(kind, 0.5 * (right * size).sum(axis=-1), instants, sign, theta)
+    distinct = np.unique(instants)
+    spacing = np.gradient(distinct)[np.searchsorted(distinct, instants)]
+    gain = 0.5 * (right * size).sum(axis=-1)
+    return Scores(kind, gain, instants, sign, theta, spacing)
 
 
 def _instants(kind: str, fit: PassageFit, blocks: Blocks) -> Change:
@@ -473,6 +525,12 @@ def _instants(kind: str, fit: PassageFit, blocks: Blocks) -> Change:
     instants = np.linspace(first, last, N_INSTANTS)
     sign = np.ones(N_INSTANTS)
     if kind == MANOEUVRE:
+        # near the closest approach the place changes fast
+        reach = NEAR_WIDTHS * float(fit.range_over_speed_s[0])
+        near = fit.theta[0, 0] + reach * np.linspace(-1, 1, N_NEAR_INSTANTS)
+        near = near[(near > first) & (near < last)]
+        if reach < 0.5 * (last - first):
+            instants = np.unique(np.append(instants, near))
         sign = np.where(instants > fit.theta[0, 0], 1.0, -1.0)
     elif kind == RAMP:
         instants, sign = np.tile(instants, 2), np.append(sign, -sign)
