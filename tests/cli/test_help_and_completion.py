@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from uwtrack_cli import __version__
 from uwtrack_cli.cli.app import COMMANDS, load_command
 
 
@@ -88,3 +89,9 @@ def test_a_file_that_is_not_there_is_told_with_what_is_nearest(
     done = uwtrack("run", typed)
     assert done.exit_code == 1
     assert f"{typed} does not exist. Did you mean {noise_wav.name}?" in done.stderr
+
+
+def test_the_program_runs_as_a_module_where_its_script_is_not_found():
+    command = [sys.executable, "-m", "uwtrack_cli", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == f"uwtrack {__version__}"
