@@ -207,12 +207,16 @@ def test_smoothed_frequencies_hold_their_stated_deviations() -> None:
         {"window_frames": 30},
         {"window_frames": 122},
         {"shortest_frames": 2},
-        {"band_hz": (100.0, 110.0)},
+        {"band_hz": (100.0, 163.0)},  # 127 cells of 128
     ],
 )
 def test_options_out_of_range_are_refused(options: dict) -> None:
     with pytest.raises(OptionError, match=r"got|holds"):
         joined(sound([], length_s=20.0), **options)
+
+
+def test_the_narrowest_band_is_traced() -> None:
+    assert joined(sound([], length_s=20.0), band_hz=(100.0, 163.5)).line.size == 0
 
 
 def test_frames_whose_noise_is_not_known_are_refused_with_the_known_ones() -> None:
