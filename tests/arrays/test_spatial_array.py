@@ -14,7 +14,7 @@ from uwtrack_cli.arrays.direction_grid import SpatialArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.tables.sensors import SensorTable, find_sensor
 from uwtrack_cli.flow.engine import run_recipe
@@ -262,8 +262,27 @@ def test_options_of_a_line_are_refused():
     for option in ({"beams": 65}, {"shading": "hann"}):
         with pytest.raises(OptionError, match="those of a line array"):
             record_of(samples, sensor_of(SQUARE), **option)
-    with pytest.raises(OptionError, match="upper edge below"):
-        record_of(samples, sensor_of(60.0 * SQUARE))
+
+
+@pytest.mark.parametrize("shape", [SQUARE, TETRAHEDRON], ids=["plane", "volume"])
+@pytest.mark.parametrize("limit", ["MOST_BEAMS", "MOST_VALUES"])
+def test_the_band_ends_where_beams_grow_too_many(shape, limit, monkeypatch):
+    """Beams a quarter of c / (f D) apart over a disc, or a sphere, of directions."""
+    wide = 60.0 * shape
+    array = SpatialArray(wide, C)
+    needed = array.beams_needed(np.array([100.0, 160.0]))
+    made = [array.grid(highest_hz).n_beams for highest_hz in (100.0, 160.0)]
+    assert made == pytest.approx(needed, rel=0.03)
+    most = {"MOST_BEAMS": 400, "MOST_VALUES": 4000}[limit]
+    monkeypatch.setattr(f"uwtrack_cli.arrays.beamform.{limit}", most)
+    samples = plane_wave(wide, 0.0, 0.0, snr_db=0.0, duration_s=4.0)
+    with pytest.warns(UwtrackWarning, match="the band ends at"):
+        record = record_of(samples, sensor_of(wide), band_hz=(10.0, 1000.0))
+    ends = np.array([record.band_high_hz, record.band_high_hz + 1.0])
+    values = array.beams_needed(ends)
+    if limit == "MOST_VALUES":
+        values *= ends - 9.0  # cells of 1 Hz from the tenth
+    assert values[0] <= most < values[1]
 
 
 REAL = os.environ.get("UWTRACK_REAL_DATA")

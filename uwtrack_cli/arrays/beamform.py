@@ -35,7 +35,7 @@ from uwtrack_cli.arrays.beam_peaks import (
     median_of_beams,
 )
 from uwtrack_cli.arrays.broadband_directions import DirectionSearch
-from uwtrack_cli.arrays.direction_grid import LOBE_DB, SpatialArray
+from uwtrack_cli.arrays.direction_grid import LOBE_DB, MOST_BEAMS, SpatialArray
 from uwtrack_cli.arrays.direction_table import TableFacts, ambiguity_of, direction_table
 from uwtrack_cli.arrays.element_check import ElementCheck
 from uwtrack_cli.arrays.line_array import (
@@ -280,6 +280,17 @@ def _band(
         warn(msg, UwtrackWarning, stacklevel=3)
         high = clear_hz
     inside = np.flatnonzero((cells[1:-1] >= low) & (cells[1:-1] <= high)) + 1
+    if isinstance(array, SpatialArray):
+        beams = array.beams_needed(cells[inside])
+        values = beams * (1 + np.arange(inside.size))
+        inside = inside[(beams <= MOST_BEAMS) & (values <= MOST_VALUES)]
+        if 0 < inside.size < beams.size:
+            msg = (
+                f"with {array.aperture_m:.4g} m between hydrophones, all directions "
+                f"take {beams[-1]:.0f} beams at {high:.4g} Hz, more than time and memory "
+                f"allow: the band ends at {cells[inside[-1]]:.4g} Hz."
+            )
+            warn(msg, UwtrackWarning, stacklevel=3)
     if inside.size < 8:
         msg = (
             f"the band from {low:.6g} to {high:.6g} Hz holds {inside.size} cells; at "
@@ -486,14 +497,6 @@ class _SpatialFormer(_BeamFormer):
         super().__post_init__()
         array, names = self.array, self.recording.sensor.channel_names
         self._grid = array.grid(float(self._frequency_hz[-1]))
-        n_values = self._grid.n_beams * self._frequency_hz.size
-        if n_values > MOST_VALUES:
-            msg = (
-                f"{self._grid.n_beams} beams of {self._frequency_hz.size} cells are "
-                f"more than memory takes: narrow --band-hz, or shorten --window-s, by "
-                f"a factor of {n_values / MOST_VALUES:.1f}."
-            )
-            raise OptionError(msg)
         self._turns = array.steering(self._frequency_hz, self._grid.toward)
         self._lobes = Lobes.of(array, self._grid, self._frequency_hz)
         padding = round(self.layout.fft_length / self.layout.window)

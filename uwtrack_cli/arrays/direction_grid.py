@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.arrays.line_array import angle_std_deg
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.errors import OptionError
 from uwtrack_cli.estimation.angles import compass_deg
 
 FLAT_SHARE = 1e-3
@@ -148,28 +147,35 @@ class SpatialArray:
             np.exp(-2j * np.pi * np.multiply.outer(frequency_hz, lead_s)), np.complex64
         )
 
+    def beams_needed(self, highest_hz: FloatArray) -> FloatArray:
+        """Return how many beams fill all directions up to each of some frequencies.
+
+        Parameters
+        ----------
+        highest_hz
+            Highest frequencies, Hz, shape (n,).
+        """
+        step = self._step(highest_hz)
+        area = np.pi * (DISC + step) ** 2 if self.is_planar else 4.0 * np.pi
+        return np.asarray(area / step**2)
+
+    def _step(self, highest_hz: FloatArray) -> FloatArray:
+        """Return the distance of beams, of u."""
+        width = self.sound_speed_mps / (highest_hz * self.aperture_m)
+        return np.asarray(np.minimum(WIDTH_SHARE * width, 0.25))
+
     def grid(self, highest_hz: float) -> "DirectionGrid":
         """Return the beams for frequencies up to a highest one.
 
-        Raises
-        ------
-        OptionError
-            There are too many.
+        Parameters
+        ----------
+        highest_hz
+            The highest frequency, Hz; the number of beams grows with its square.
         """
-        width = self.sound_speed_mps / (highest_hz * self.aperture_m)
-        step = min(WIDTH_SHARE * width, 0.25)
-        count = np.pi * (DISC + step) ** 2 if self.is_planar else 4.0 * np.pi
-        if count / step**2 > MOST_BEAMS:
-            msg = (
-                f"{count / step**2:.0f} beams would be needed to fill all directions at "
-                f"{highest_hz:.0f} Hz with {self.aperture_m:g} m of aperture; "
-                f"{MOST_BEAMS} are formed at most: give --band-hz with an upper edge "
-                f"below {highest_hz * np.sqrt(MOST_BEAMS * step**2 / count):.0f} Hz."
-            )
-            raise OptionError(msg)
+        step = float(self._step(np.array(highest_hz)))
         if self.is_planar:
             return _disc(self.normal, step)
-        return _sphere(int(np.ceil(count / step**2)), step)
+        return _sphere(int(np.ceil(4.0 * np.pi / step**2)), step)
 
     def scatter_m2(self, weights: FloatArray) -> FloatArray:
         """Return sum dp dp^T of the hydrophones used, shape (3, 3), m^2."""
