@@ -47,6 +47,21 @@ def test_lines_whose_levels_stand_still_are_no_passage():
     assert "do not rise and fall" in reason
 
 
+@pytest.mark.parametrize(("share", "is_told"), [(0.7, True), (0.4, False)])
+def test_a_line_alone_must_follow_the_range_more_than_not(share, is_told):
+    """Half-way between one, a passage's slope, and zero, a machine's."""
+    lines = lines_of(replace(SCENE, rest_hz=(120.0,)))
+    mean = lines.measured_level_db.mean()
+    flat = mean + share * (lines.measured_level_db - mean)
+    unknown = np.full(lines.line.size, np.nan)
+    alone = replace(lines, measured_level_db=flat, measured_bearing_deg=unknown)
+    doubt = check_fit(candidate_of(alone), alone).doubt
+    assert ("its only line" in doubt) is not is_told
+    assert bool(doubt) is not is_told
+    heard = replace(lines, measured_level_db=flat)  # bearings show the passage, too
+    assert not check_fit(candidate_of(heard), heard).doubt
+
+
 def test_the_misfit_is_the_share_of_the_shift_by_which_lines_leave_their_curve():
     one = candidate_of(lines_of(SCENE))
     assert doppler_misfit(one.fit, one.blocks) < 0.02

@@ -85,6 +85,17 @@ def test_a_machine_that_changes_its_speed_is_no_passage(sound, reading):
     assert reading in reason
 
 
+def test_lines_that_are_not_in_the_sound_are_no_passage():
+    """A tracker may join noise to a line that moves: its sound holds no tone."""
+    shift, loudness = shift_at(TIME)
+    found = found_with(shift, 0.0 * loudness)
+    assert found.n_encounters == 0
+    ((_, _, _, reason),) = found.refusals()
+    assert "no tones" in reason or "no steadier" in reason
+    heard = found_with(shift, 0.5 * loudness)
+    assert heard.status.tolist() == ["ok"]
+
+
 def test_without_the_sound_the_passage_stands_and_says_so():
     lines = lines_of_scenes([SCENE], np.random.default_rng(1))
     found = find_encounters(lines, None, DIFAR)

@@ -8,7 +8,9 @@
   scaled until it fits could never be refused; this one can.
 * *Levels of the lines.* A line that passes gets louder and fainter as the range says:
   by 12 dB over four d/v. The slope of its levels over those of the passage is one; that
-  of a machine which only changes its speed is zero.
+  of a machine which only changes its speed is zero. A line alone may be such a machine,
+  or noise that was followed: it must be nearer to one, if neither bearings nor the
+  broadband show the passage, too.
 * *Influence.* The passage is fitted to its two halves, and without each line. Where the
   answers disagree by more than they should, the deviations grow by that ratio (Birge
   1932); what a subset moves an answer by has the difference of both variances (Hausman
@@ -47,6 +49,10 @@ LARGEST_MISFIT = 0.4
 
 SMALLEST_SLOPE, SLOPE_DEVIATIONS = 0.3, 2.0
 """A slope of the levels that lies below this by so many deviations is doubted."""
+
+LONE_SLOPE = 0.5
+"""Slope of the levels below which a line alone, without bearings or broadband, is doubted:
+half-way between a machine and a passage."""
 
 SMALLEST_SCATTER_DB = 1.0
 """Scatter of a block's level that is assumed at least."""
@@ -93,9 +99,13 @@ def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePass
         )
     if lines is not None and not doubt:
         slope, std = level_slope(candidate, lines)
-        if slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE:
+        alone = candidate.line_ids.size == 1 and blocks.bearing.is_empty
+        alone &= blocks.level.is_empty and bool(np.isfinite(std))
+        contradicts = slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE
+        if contradicts or (alone and slope < LONE_SLOPE):
+            whose = "only line" if alone else "lines"
             doubt = (
-                f"the levels of its lines do not rise and fall as the range would: "
+                f"the levels of its {whose} do not rise and fall as the range would: "
                 f"{slope:.2f} +- {std:.2f} dB for each dB"
             )
     scale, halves = _influence(fit, blocks)

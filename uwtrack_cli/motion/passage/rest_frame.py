@@ -13,7 +13,9 @@ both; that of the passage is the evidence against its best rival.
 
 The shortest frames resolve half of the Doppler shift of a line, each next length is
 twice the one before: a law that is only roughly right is as sharp as the true one in
-short frames, and blurred in long ones.
+short frames, and blurred in long ones. Lines that are followed and are no tones in any
+reading, such as noise that a tracker has joined, leave no evidence at all: a passage
+must gain something itself.
 
 **Conventions.** Times count from the first sample. Frequencies shift by fractions: the
 Doppler law in time of reception is that of the fit.
@@ -78,6 +80,10 @@ RIVALS = ("constant", "frequency-ramp", "frequency-step")
 SMALLEST_EVIDENCE = 0.0
 """Evidence below which a passage of lines is doubted: see calibration/fit_checks.py."""
 
+LEAST_GAIN = 10.0
+"""Nepers that the lines of a passage must gain over noise at the best frame length: half
+of what it takes to be significant by their frequencies, which tell less than they."""
+
 FASTEST_KNOWN = 3.0
 """Deviations of the speed from zero below which nothing is claimed of the lines."""
 
@@ -92,6 +98,8 @@ class RestFrame(NamedTuple):
     """Mean logarithm of its sharpness over that of its best rival, nepers."""
     rival: str
     """That rival, one of `RIVALS`."""
+    gain: float
+    """What its lines gain over noise at the best frame length, nepers."""
 
 
 class _Band(NamedTuple):
@@ -136,6 +144,11 @@ def ask_the_sound(
         doubt = doubt or (
             f"in the vessel's own time its lines are no steadier than as {heard.rival} "
             f"(rest-frame evidence {heard.evidence:.2f})"
+        )
+    elif heard.gain < LEAST_GAIN:
+        doubt = doubt or (
+            f"in the vessel's own time its lines are no tones: they gain "
+            f"{heard.gain:.1f} nepers over noise, and {LEAST_GAIN:g} are needed"
         )
     return replace(candidate, rest_frame_evidence=heard.evidence, doubt=doubt)
 
@@ -264,7 +277,7 @@ def _compared(
     sharp = np.log(gains[is_used] + SMALLEST_GAIN)
     evidence = (sharp[:, :1] - sharp[:, 1:]).mean(axis=0)
     best = int(np.argmin(evidence))
-    return RestFrame(float(evidence[best]), RIVALS[best])
+    return RestFrame(float(evidence[best]), RIVALS[best], float(gains[:, 0].max()))
 
 
 def _gain(sound: NDArray[np.complex128], length: int, inner: float) -> float:
