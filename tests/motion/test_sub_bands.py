@@ -65,6 +65,29 @@ def test_a_passage_is_one_in_every_part_of_the_band():
     assert row == "level-only"
 
 
+def test_a_rise_that_the_recording_ends_in_may_be_a_drift():
+    levels = levels_of(1 + heights() / (1 + ((TIME - 235.0) / WIDTH_S) ** 2))
+    told = agreement(levels, 235.0, WIDTH_S)
+    assert told.flank == pytest.approx((TIME[-1] - 235.0) / WIDTH_S)
+    assert "recorded before and after it" in told.reason
+    assert encounters(levels).n_encounters == 0
+
+
+@pytest.mark.parametrize("kind", ["turning", "steady"])
+def test_bearings_stand_for_the_parts_only_where_they_turn(kind):
+    """One gain for all parts is none of a passage; a bearing that turns shows one."""
+    gain = 1 + 10 * np.clip(1 - np.abs(LAG) / 2, 0, None)
+    bearing = np.degrees(np.arctan(LAG)) if kind == "turning" else 0.0 * LAG
+    rng = np.random.default_rng(3)
+    levels = replace(
+        levels_of(np.repeat(gain[None], len(RATIO_DB), axis=0)),
+        bearing_deg=(bearing + 4.0 * rng.standard_normal(TIME.size)) % 360.0,
+        bearing_std_deg=np.full(TIME.size, 4.0),
+    )
+    found = find_encounters(None, levels, Sensor(id="h1", kind="difar"))
+    assert found.n_encounters == (1 if kind == "turning" else 0)
+
+
 def test_the_chance_of_disagreement_is_that_of_chi_square():
     """Under the law the probability of a larger chi-square is even, or larger: the law's
     own deviation makes it so."""

@@ -13,6 +13,8 @@ fall of unequal length (rain), and one gain for all parts, noise and all.
 Whole shapes are searched on grids that are refined; background and height follow by
 linear least squares.
 
+Both flanks must be recorded: a rise that the recording ends in may be a slow drift.
+
 **Conventions.** Power over the quiet time; times count from the first sample. Costs are
 halves of chi-square: differences are log-likelihood ratios.
 
@@ -37,6 +39,10 @@ vessels are as loud."""
 
 FEWEST_FRAMES = 12
 """Frames there below which no part rises."""
+
+LEAST_FLANK = 1.0
+"""d/v to either side that must be recorded: where the excess has not fallen to its half,
+a slow drift of the ambient level looks alike."""
 
 FEWEST_PARTS = 4
 """Parts of the band that must rise."""
@@ -78,10 +84,17 @@ class Agreement(NamedTuple):
     """What explains the parts best, `PASSAGE` if the law does."""
     gain: float
     """Log-likelihood of the law over that of its best rival."""
+    flank: float = np.inf
+    """What is recorded on the shorter side of the rise, in d/v."""
 
     @property
     def reason(self) -> str:
         """Why this is no passage by its levels alone; empty if it is one."""
+        if self.flank < LEAST_FLANK:
+            return (
+                f"the level alone makes a passage with {LEAST_FLANK:g} d/v recorded "
+                f"before and after it, got {max(self.flank, 0.0):.2g}"
+            )
         if self.n_parts < FEWEST_PARTS:
             return (
                 f"{self.n_parts} parts of the band rise by themselves, and the level "
@@ -159,9 +172,11 @@ def ask_the_parts(candidate: CandidatePassage, levels: Levels) -> CandidatePassa
     Returns
     -------
     CandidatePassage
-        The same, with a doubt where neither bearings nor the parts tell a passage.
+        The same, with a doubt where neither bearings that turn nor the parts tell a
+        passage.
     """
-    if candidate.doubt or not candidate.blocks.bearing.is_empty:
+    gain = candidate.likelihood_ratio
+    if candidate.doubt or gain.bearing > gain.threshold:
         return candidate
     fit = candidate.fit
     told = agreement(levels, float(fit.theta[0, 0]), float(fit.range_over_speed_s[0]))
@@ -190,8 +205,9 @@ def agreement(levels: Levels, time_s: float, width_s: float) -> Agreement | None
     lag = levels.frames.time_s - time_s
     near = np.abs(lag) < REACH * width_s
     near &= np.isfinite(levels.part_excess_db).all(axis=1)
-    if np.count_nonzero(near) < FEWEST_FRAMES:
-        return Agreement(0, np.nan, PASSAGE, 0.0)
+    flank = float(min(-lag[0], lag[-1])) / width_s
+    if flank < LEAST_FLANK or np.count_nonzero(near) < FEWEST_FRAMES:
+        return Agreement(0, np.nan, PASSAGE, 0.0, flank)
     power = 10 ** (levels.part_excess_db[near].T.astype(np.float64) / 10)
     weight = 1 / _smooth(power, max(1, round(width_s / levels.frames.hop_s / 4))) ** 2
     parts = _Parts(levels.frames.time_s[near], power, weight)
