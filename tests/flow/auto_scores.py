@@ -129,7 +129,16 @@ KINDS = {
     "vehicle": (vehicle, ("vessel", "vehicle", "auto")),
     "small craft, lines": (lines_alone(small_craft), ("small-craft", "auto")),
     "vehicle, lines": (lines_alone(vehicle), ("vehicle", "auto")),
-    "weak": (weak_vessel, ("vessel", "weak-lines", "auto")),
+    "weak": (
+        weak_vessel,
+        (
+            "vessel",
+            "vessel spectrogram.window_s=4",
+            "weak-lines",
+            "weak-lines spectrogram.window_s=4",
+            "auto",
+        ),
+    ),
     "disturbances": (
         lambda seed: draw_scenario(
             seed, n_vessels=0, sample_rate_hz=4000.0, duration_s=300.0
@@ -143,7 +152,13 @@ KINDS = {
         ("vessel", "auto"),
     ),
 }
-"""Kinds of recordings with the recipes that are run over them."""
+"""Kinds of recordings with the recipes, and settings, that are run over them."""
+
+
+def recipe_of(words):
+    """Return a recipe with the settings that follow its name."""
+    name, *settings = words.split()
+    return load_recipe(name).with_settings(settings)
 
 
 def in_memory(scenario):
@@ -227,7 +242,7 @@ def main(runs, seed, *wanted):
                 run_recipe(recording, load_recipe("vessel"))
             for name in recipes:
                 begin = time.process_time()
-                made = run_recipe(recording, load_recipe(name))
+                made = run_recipe(recording, recipe_of(name))
                 cost[name] += time.process_time() - begin
                 table = next(c for c in made if isinstance(c, Encounters))
                 one = scores(scenario, table, evidence)

@@ -10,6 +10,7 @@ from tests.flow.made_encounters import encounters_of
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import HeldSamples
+from uwtrack_cli.data.rises import Rises
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
@@ -45,6 +46,29 @@ def test_sound_that_does_not_rise_is_read_once(monkeypatch):
     (found,) = encounters_in(run_recipe(held, load_recipe("auto")))
     assert found.n_encounters == 0
     assert looked == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "half_length_s", "n_recipes"),
+    [("fall", 2.0, 2), ("level", 0.3, 2), ("level", 1.0, 1), ("lines", 0.3, 1),
+     ("climb", 1.0, 0)],
+)  # fmt: skip
+def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
+    kind, half_length_s, n_recipes, monkeypatch
+):
+    sound = np.zeros((60 * 1000, 1), np.float32)
+    recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
+    rises = Rises(
+        time_s=np.array([30.0]), half_length_s=np.array([half_length_s]),
+        kind=np.array([kind]), spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
+    )  # fmt: skip
+    looked = []
+    monkeypatch.setattr(
+        "uwtrack_cli.flow.zoom._passages",
+        lambda part, _: looked.append(part.duration_s),
+    )
+    zoom_in(encounters_of(), rises, recording=recording)
+    assert looked == [20.0] * n_recipes
 
 
 def test_a_table_that_is_made_again_is_not_kept():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.support import recording_of, white_noise
-from uwtrack_cli.data.rises import LEVEL, LINES, Rises
+from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, LINES, Rises
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.spectra.rises import CELL_PROBABILITY, _cells, find_rises, heights
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
@@ -81,7 +81,7 @@ def test_a_tone_that_sweeps_within_seconds_rises_where_the_level_does_not():
     tones = [sweep(60.0, 31.0, 0.5, 0.8, rest_hz) for rest_hz in (450.0, 700.0, 1150.0)]
     passing = noise + sum(tones)
     found = rises_in(passing)
-    assert found.kind.tolist() == [LINES] * found.time_s.size
+    assert found.kind.tolist() == [FALL] * found.time_s.size
     assert found.time_s.size
     assert np.all(np.abs(found.time_s - 31.0) < 2.0)
     assert np.all(found.spreads > found.least_spreads)
@@ -90,6 +90,17 @@ def test_a_tone_that_sweeps_within_seconds_rises_where_the_level_does_not():
         np.var(passing[int(30.5 * RATE_HZ) : int(31.5 * RATE_HZ)]) / np.var(noise)
     )
     assert rise_db < 2.0
+
+
+@pytest.mark.parametrize(("mach", "kind"), [(0.09, FALL), (-0.09, CLIMB), (0.0, LINES)])
+def test_lines_that_fall_keep_their_frequency_or_climb_are_told_apart(mach, kind):
+    noise = white_noise(int(40 * RATE_HZ), 5, density=1e-3)
+    tones = [
+        sweep(40.0, 21.0, 0.5, 0.8, rest_hz, mach) for rest_hz in (450.0, 700.0, 1150.0)
+    ]
+    found = rises_in(noise + sum(tones))
+    assert found.time_s.size
+    assert set(found.kind.tolist()) == {kind}
 
 
 def test_a_steady_tone_and_noise_alone_do_not_rise():

@@ -11,7 +11,13 @@ LEVEL = "level"
 """A rise of the broadband level."""
 
 LINES = "lines"
-"""A rise of what stands above the noise in narrow cells."""
+"""A rise of what stands above the noise in narrow cells, and keeps its frequency."""
+
+FALL = "fall"
+"""The same, where all frequencies fall together as those of a passage do."""
+
+CLIMB = "climb"
+"""The same, where they climb: calls do, and nothing that passes."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -24,7 +30,10 @@ class Rises(Container):
     time_s: FloatArray = column("s", "Middle, from the first sample.", "rise")
     half_length_s: FloatArray = column("s", "Half of its length.", "rise")
     kind: TextArray = column(
-        "", "What rises: 'level' or 'lines'.", "rise", dtype=np.str_
+        "",
+        "What rises: 'level'; or 'lines' that keep their frequencies, 'fall' or 'climb'.",
+        "rise",
+        dtype=np.str_,
     )
     spreads: FloatArray = column(
         "1", "Height in spreads of what the recording does all the time.", "rise"

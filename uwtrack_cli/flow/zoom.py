@@ -3,8 +3,9 @@
 **Method.** Frames as long as a passage of minutes needs blur one of seconds, and short
 ones are blind to weak lines and cost ten times as much. So the sound is looked at again
 where lines or the level rise for seconds (`spectra/rises.py`), and where the long frames
-show a closest approach that lasts only a few of their lengths. These stretches of the
-sound are read again, and recipes of shorter frames run over them, up to their closest
+show a closest approach that lasts only a few of their lengths. Lines that keep their
+frequencies, and a level that rises for longer, do not need the shortest frames, and
+lines that climb none. These stretches of the sound are read again, and recipes of shorter frames run over them, up to their closest
 approaches, which are held against the sound as all are. In the end all answers compete
 for one row per passage (`motion/competition.py`).
 
@@ -22,7 +23,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.recording import HeldSamples, Recording
-from uwtrack_cli.data.rises import Rises
+from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, Rises
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
@@ -31,6 +32,9 @@ from uwtrack_cli.motion.competition import compete
 
 RECIPES = ("small-craft", "vehicle")
 """Recipes that look again: frames of a quarter and a tenth of a second."""
+
+BRIEF_S = 0.3
+"""Half length of rises of the level up to which the shortest frames are needed, s."""
 
 QUICK_WINDOWS = 8.0
 """d/v, in lengths of the long frames, up to which a passage is looked at again."""
@@ -65,7 +69,8 @@ def zoom_in(
         The recording, whose sound is read again.
     recipes
         Recipes with shorter frames that are run over what is looked at; small-craft
-        and vehicle unless given.
+        and vehicle unless given. Only the first is run where lines keep their
+        frequencies or the level rises for longer.
 
     Returns
     -------
@@ -89,15 +94,22 @@ def zoom_in(
     own = encounters.of_sensor(recording.sensor.id)
     taken = 0 if lines is None else int(lines.line_contact.max(initial=0))
     found: list[Encounters] = []
-    for start_s, stop_s in _stretches(own, rises, lines):
-        part = _part(recording, start_s, stop_s)
-        if part is None:
-            continue
-        for graph in graphs:
-            table = _passages(part, graph)
+    for number, graph in enumerate(graphs):
+        looked = rises if rises is None else _seen(rises, is_first=number == 0)
+        for start_s, stop_s in _stretches(own, looked, lines):
+            part = _part(recording, start_s, stop_s)
+            table = None if part is None else _passages(part, graph)
             if table is not None:
                 found.append(_placed(table, start_s, stop_s, recording))
     return compete(own, found, taken)
+
+
+def _seen(rises: Rises, *, is_first: bool) -> Rises:
+    """Return the rises that the first of the recipes, or the others, look at."""
+    if is_first:
+        return rises.take("rise", np.flatnonzero(rises.kind != CLIMB))
+    brief = (rises.kind == LEVEL) & (rises.half_length_s < 1.01 * BRIEF_S)
+    return rises.take("rise", np.flatnonzero(brief | (rises.kind == FALL)))
 
 
 def _stretches(

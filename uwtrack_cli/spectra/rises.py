@@ -16,6 +16,12 @@ that flutters are none, either. A stretch is too short to know its own spread wh
 it holds few such lengths; there the usual spread of drawn sound stands in, weighted like
 some lengths more.
 
+Where lines rise, their frequencies are turned back by the movement of passages of some
+widths and speeds, and by the same upside down. A movement fits where the strengths of
+all cells come together in fewer of them, by the sum of their squares. Lines of a quick
+passage fall so; lines that keep their frequency best may be those of a slow one, and
+calls climb as well as they fall.
+
 **Conventions.** Stretches count absolute frames, so blocks have no influence. Memory is
 bounded by one stretch.
 
@@ -31,7 +37,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import AtLeast, AtMost, checked
-from uwtrack_cli.data.rises import LEVEL, LINES, Rises
+from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, LINES, Rises
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation.noise_floor import LN2, threshold_factor
 
@@ -75,6 +81,23 @@ recordings without a vessel."""
 USUAL_WEIGHT = 2.0
 """Lengths of a rise with its sides that the usual spread is worth."""
 
+WIDTHS_S = (0.15, 0.3, 0.6, 1.2, 2.4)
+"""d/v of the movements by which lines are turned back, s."""
+
+MACHS = (0.03, 0.05, 0.07, 0.1, 0.15, 0.25)
+"""Their speeds over that of sound: below them frames of a tenth of a second resolve no
+movement."""
+
+N_PLACES = 7
+"""Instants of closest approach that are tried within a rise."""
+
+MOVED_WIDTHS = 3.0
+"""d/v to either side that are turned back."""
+
+LEAST_FALL, LEAST_CLIMB = 1.4, 1.2
+"""Sums of squares, over those of lines that keep their frequency, from which lines fall
+or climb: see calibration/rises.py."""
+
 STRETCH_FRAMES, CONTEXT_FRAMES = 6_000, 1_200
 """Frames that are searched at once, and those beside them that are known, too."""
 
@@ -90,6 +113,19 @@ class _Cells(NamedTuple):
     """Power over noise and over the factor that noise exceeds, shape (frame, cell)."""
     edges: IntArray
     """First cell of each sub-band, and the number of cells, shape (band + 1,)."""
+    lowest: float
+    """Frequency of the first cell, in cells."""
+
+
+class _Hits(NamedTuple):
+    """Cells of lines, above what their band and they themselves usually have."""
+
+    row: IntArray
+    """Their frames, shape (hit,)."""
+    frequency: FloatArray
+    """Their frequencies, in cells."""
+    strength: FloatArray
+    """1 + ln(power over what must be exceeded)."""
 
 
 @checked
@@ -142,15 +178,16 @@ def find_rises(
 
 
 def _joined(parts: list[_Cells]) -> _Cells:
-    time_s, density, ratio, edges = zip(*parts, strict=True)
+    time_s, density, ratio, edges, lowest = zip(*parts, strict=True)
     return _Cells(
-        np.concatenate(time_s), np.concatenate(density), np.concatenate(ratio), edges[0]
-    )
+        np.concatenate(time_s), np.concatenate(density), np.concatenate(ratio),
+        edges[0], lowest[0],
+    )  # fmt: skip
 
 
 def _part(cells: _Cells, rows: slice) -> _Cells:
-    return _Cells(
-        cells.time_s[rows], cells.density[rows], cells.ratio[rows], cells.edges
+    return cells._replace(
+        time_s=cells.time_s[rows], density=cells.density[rows], ratio=cells.ratio[rows]
     )
 
 
@@ -189,7 +226,8 @@ def _cells(block: Spectrogram) -> _Cells:
     silent = (frames.valid_fraction < 0.5) | ~(density > 0).all(axis=1)
     density[silent] = np.nan
     ratio[silent] = 0.0
-    return _Cells(frames.time_s, density, ratio, edges)
+    lowest = float(block.frequency_hz[0]) / frames.bin_hz
+    return _Cells(frames.time_s, density, ratio, edges, lowest)
 
 
 def _search(
@@ -199,7 +237,9 @@ def _search(
     n_cells = held.ratio.shape[1]
     usual = CELL_PROBABILITY * n_cells
     noise_db = 10 / np.log(10) * np.sqrt(BIN_CORRELATION / n_cells)
-    level_db, lines = _level_db(held.density), _lines(held)
+    level_db, hits = _level_db(held.density), _hits(held)
+    lines = np.bincount(hits.row, hits.strength, held.time_s.size).astype(np.float64)
+    lines[~np.isfinite(held.density[:, 0])] = np.nan
     found = []
     for half in sorted({max(1, round(half_s / hop_s)) for half_s in HALF_LENGTHS_S}):
         half_s = half * hop_s
@@ -215,9 +255,11 @@ def _search(
             height[: searched[0]] = height[searched[1] :] = -np.inf
             reach = round(FLANK[1] * half)
             while height.size and height[top := int(np.argmax(height))] > least_spreads:
-                found.append(
-                    (float(held.time_s[top]), half_s, kind, float(height[top]))
-                )
+                middle_s = float(held.time_s[top])
+                told = kind
+                if kind == LINES:
+                    told = _movement(hits, held.time_s, middle_s, half_s)
+                found.append((middle_s, half_s, told, float(height[top])))
                 height[max(0, top - reach) : top + reach + 1] = -np.inf
     return sorted(found)
 
@@ -232,11 +274,10 @@ def _level_db(density: FloatArray) -> FloatArray:
     return level_db
 
 
-def _lines(held: _Cells) -> FloatArray:
-    """Return the strength of the lines of each frame; nan where there is no sound."""
-    n_frames = held.ratio.shape[0]
-    place = int(LOUD_SHARE * (n_frames - 1))
-    lines = np.zeros(n_frames)
+def _hits(held: _Cells) -> _Hits:
+    """Return the cells of lines, in the order of the bands."""
+    place = int(LOUD_SHARE * (held.ratio.shape[0] - 1))
+    found = []
     for k, cells in enumerate(map(slice, held.edges[:-1], held.edges[1:])):
         ratio = held.ratio[:, cells]
         if not (ratio > 1.0).any():
@@ -250,8 +291,45 @@ def _lines(held: _Cells) -> FloatArray:
             np.maximum(least, LOUD_FACTOR * usual / scale, out=least)
         row, cell = np.nonzero(ratio > least)
         over = ratio[row, cell] / least[row, cell]
-        lines += np.bincount(row, 1.0 + np.log(over), minlength=n_frames)
-    return np.where(np.isfinite(held.density[:, 0]), lines, np.nan)
+        frequency = held.lowest + held.edges[k] + cell
+        found.append((row, frequency, 1.0 + np.log(over.astype(np.float64))))
+    if not found:
+        return _Hits(np.empty(0, np.int64), np.empty(0), np.empty(0))
+    return _Hits(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _movement(hits: _Hits, time_s: FloatArray, middle_s: float, half_s: float) -> str:
+    """Tell whether the lines of a rise keep their frequencies, fall or climb."""
+    fall = climb = 0.0
+    for width_s in WIDTHS_S:
+        reach_s = max(MOVED_WIDTHS * width_s, half_s)
+        near = np.abs(time_s[hits.row] - middle_s) <= reach_s
+        frequency, strength = hits.frequency[near], hits.strength[near]
+        if not frequency.size:
+            continue
+        usual = _sharpness(frequency, strength)
+        for place_s in middle_s + half_s * np.linspace(-1.0, 1.0, N_PLACES):
+            lag = (time_s[hits.row[near]] - place_s) / width_s
+            shift = -lag / np.hypot(1.0, lag)
+            for mach in MACHS:
+                down, up = (
+                    _sharpness(frequency / (1.0 + sign * mach * shift), strength)
+                    for sign in (1.0, -1.0)
+                )
+                fall, climb = max(fall, down / usual), max(climb, up / usual)
+    if climb > max(fall, LEAST_CLIMB):
+        return CLIMB
+    return FALL if fall > LEAST_FALL else LINES
+
+
+def _sharpness(frequency: FloatArray, strength: FloatArray) -> float:
+    """Return the sum of squares of the strength in bands of two cells."""
+    whole = np.floor(frequency).astype(np.int64)
+    share = frequency - whole
+    whole -= whole.min()
+    total = np.bincount(whole, strength * (1.0 - share), int(whole.max()) + 2)
+    total += np.bincount(whole + 1, strength * share, total.size)
+    return float(((total[1:] + total[:-1]) ** 2).sum())
 
 
 def heights(values: FloatArray, half: int, usual_spread: float) -> FloatArray:
