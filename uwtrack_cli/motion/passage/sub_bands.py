@@ -40,8 +40,8 @@ vessels are as loud."""
 FEWEST_FRAMES = 12
 """Frames there below which no part rises."""
 
-LEAST_FLANK = 1.0
-"""d/v to either side that must be recorded: where the excess has not fallen to its half,
+LEAST_FLANK = 0.7
+"""d/v to either side that must be recorded: where the excess has not fallen by a third,
 a slow drift of the ambient level looks alike."""
 
 FEWEST_PARTS = 4
