@@ -3,13 +3,15 @@
 Measurements of one vessel are drawn with an independent law: the path of two straight
 legs, whose time of emission is found by Newton's method, and rest frequencies that step
 or ramp. Depths, sound speed and compass are drawn from the priors that the program is
-told. The tables in tests/baselines/readings.md are made by:
+told. Two vessels in one contact have the rest of their facts drawn alike. The tables in
+tests/baselines/readings.md are made by:
 python -m tests.motion.drawn_readings 400 70000
 """
 
 import sys
 import warnings
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +24,8 @@ KINDS = (
     "straight", "jitter", "frequency-step", "frequency-ramp", "turn", "speed-change",
     "machinery",
 )  # fmt: skip
+TWO_TARGETS = "two-targets"
+"""Kind of the draws that have two vessels in one contact."""
 READ_AS = {
     "straight": "straight", "jitter": "straight", "turn": "manoeuvre",
     "speed-change": "manoeuvre",
@@ -93,6 +97,68 @@ def draw(kind, seed):
     change = np.array(other if kind in MANOEUVRES else size)
     facts = Facts(height, sound, change, noise[0], wander, *noise[1:])
     return Drawn(kind, truth, side, series, at, nearest, float(flat), other, facts)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two drawn passages in one contact: truths, the lines of each, and their table."""
+
+    truths: np.ndarray
+    lines: np.ndarray
+    series: Series
+
+
+def draw_pair(seed):
+    """Draw two straight passages whose lines were taken for one contact.
+
+    The second passes within a minute of the first, and with a course within 60 degrees
+    of it, as contacts that are formed by mistake do; the broadband is the sum of both,
+    and its bearing that of their summed intensities.
+    """
+    rng = np.random.default_rng([seed, len(KINDS)])
+    sound = 1500.0 + SOUND_STD_MPS * rng.normal()
+    course = rng.uniform(0.0, 360.0)
+    turn = rng.choice([-1.0, 1.0])
+    time = np.arange(STEP_S / 2, LENGTH_S, STEP_S)
+    truths, columns, powers, vectors = [], [], [], []
+    for number in range(2):
+        depth = -1.0
+        while depth <= 0:
+            depth = rng.normal(3.0, 2.0)
+        height = SENSOR_DEPTH_M + SENSOR_STD_M * rng.normal() - depth
+        speed, flat = rng.uniform(2.5, 8.0), np.exp(rng.uniform(*np.log([30.0, 400.0])))
+        own = course + number * rng.uniform(-60.0, 60.0)
+        late = number * rng.uniform(-60.0, 60.0)
+        slant = float(np.hypot(flat, height))
+        legs = np.array([speed, 0.0]), np.array([speed, 0.0])
+        x, y, rate = received(time - late, flat, height, sound, 0.0, legs)
+        far = np.sqrt(x**2 + y**2 + height**2) / slant
+        density = 10 ** (rng.uniform(26.0, 36.0) / 10) / far**2
+        sigma = np.sqrt(3 / (2 * np.pi**2 * density * STEP_S**3))
+        sigma = np.where(density * STEP_S >= 10, sigma, np.nan)
+        for order in range(2, 4 + int(rng.integers(0, 2))):
+            rest = rng.uniform(40.0, 90.0) * order
+            error = sigma * rng.normal(size=time.size)
+            columns.append((rest / (1.0 + rate / sound) + error, sigma, number))
+        bearing = np.radians(own - turn * 90.0) + turn * np.arctan2(x, y)
+        powers.append(10 ** (rng.uniform(0.0, 1.5)) / far**2)
+        vectors.append(powers[-1] * np.exp(1j * bearing))
+        truths.append([CLOSEST_S + late, speed, slant, slant / speed, own % 360.0])
+    frequency, deviation, owner = (list(part) for part in zip(*columns, strict=True))
+    order = rng.permutation(len(owner))
+    std = rng.uniform(1.5, 6.0) * 1.5 * np.ones(time.size)
+    bearing = np.degrees(np.angle(sum(vectors))) + std * rng.normal(size=time.size)
+    if rng.random() < 0.4:
+        bearing, std = np.full((2, time.size), np.nan)
+    level = 10 * np.log10(sum(powers) + 1) + rng.normal(size=time.size)
+    series = Series(
+        contact=np.ones(time.size, np.int64), time_s=time,
+        frequency_hz=np.array(frequency).T[:, order],
+        frequency_std_hz=np.array(deviation).T[:, order],
+        bearing_deg=(bearing - COMPASS_STD_DEG * rng.normal()) % 360.0,
+        bearing_std_deg=std, level_db=level, level_std_db=np.ones(time.size),
+    )  # fmt: skip
+    return Pair(np.array(truths), np.array(owner)[order], series)
 
 
 def place(drawn, time_s):
@@ -203,14 +269,14 @@ def analyse(drawn):
     return find_encounters(series=drawn.series, sensor=SENSOR)
 
 
-def errors(drawn, found):
-    """Return errors and deviations of the row, nan where it gives nothing."""
+def errors(drawn, found, row=0):
+    """Return errors and deviations of a row, nan where it gives nothing."""
     names = (
         "time{}_s", "speed{}_mps", "slant_range{}_m", "range_over_speed{}_s",
         "course{}_deg",
     )  # fmt: skip
     value, std = (
-        np.array([getattr(found, name.format(part))[0] for name in names])
+        np.array([getattr(found, name.format(part))[row] for name in names])
         for part in ("", "_std")
     )
     error = value - drawn.truth
@@ -218,10 +284,31 @@ def errors(drawn, found):
     return error, std
 
 
+class Scored(NamedTuple):
+    """What came of one drawn vessel or machine."""
+
+    reading: str
+    """What it was read as; 'refused', or 'nothing'."""
+    error: np.ndarray
+    """Errors of the quantities; nan where they are not given."""
+    std: np.ndarray
+    """Their stated deviations."""
+    is_wrong: bool
+    """Whether the side is wrong."""
+    bound: np.ndarray
+    """Bounds of the quantities; nan where none was computed."""
+    slant_m: float
+    """Slant range at closest approach, m."""
+    weight: float
+    """Stated probability of the reading; nan without one."""
+
+
 def score(kind, seed):
-    """Return reading, errors, deviations, if the side is wrong, bounds and range."""
+    """Return what came of the vessels of one draw."""
     from tests.motion.drawn_bounds import bounds
 
+    if kind == TWO_TARGETS:
+        return score_pair(draw_pair(seed))
     number = seed
     drawn = draw(kind, number)
     while not is_clear(drawn):
@@ -231,17 +318,42 @@ def score(kind, seed):
     bound = np.full(5, np.nan) if kind == "machinery" else bounds(drawn)
     slant = float(drawn.truth[2])
     if not found.n_encounters:
-        is_refused = bool(found.refusals())
-        name = "refused" if is_refused else "nothing"
-        return name, np.full(5, np.nan), np.full(5, np.nan), False, bound, slant
+        return [_without(found, bound, slant)]
     error, std = errors(drawn, found)
     reading = "straight" if found.reading is None else str(found.reading[0])
+    weight = float(found.reading_weight[0])
     is_wrong = found.side[0] not in ("", drawn.side)
-    return reading, error, std, is_wrong, bound, slant
+    return [Scored(reading, error, std, is_wrong, bound, slant, weight)]
+
+
+def score_pair(pair):
+    """Return what came of both vessels of a pair, each by the row that is nearest."""
+    found = find_encounters(series=pair.series, sensor=SENSOR)
+    left, scored = list(range(found.n_encounters)), []
+    for truth in pair.truths:
+        drawn = Drawn("straight", truth, "", pair.series, 0.0, 0.0)
+        apart = [abs(found.time_s[row] - truth[0]) / truth[3] for row in left]
+        if not left:
+            scored.append(_without(found, np.full(5, np.nan), float(truth[2])))
+            continue
+        row = left.pop(int(np.argmin(apart)))
+        error, std = errors(drawn, found, row)
+        scored.append(Scored(
+            str(found.reading[row]), error, std, False, np.full(5, np.nan),
+            float(truth[2]), float(found.reading_weight[row]),
+        ))  # fmt: skip
+    return scored
+
+
+def _without(found, bound, slant):
+    """Return the score of what is not found."""
+    name, nothing = "refused" if found.refusals() else "nothing", np.full(5, np.nan)
+    return Scored(name, nothing, nothing, False, bound, slant, np.nan)
 
 
 COLUMNS = (
-    "straight", "frequency-step", "frequency-ramp", "manoeuvre", "refused", "nothing",
+    "straight", "frequency-step", "frequency-ramp", "manoeuvre", TWO_TARGETS, "refused",
+    "nothing",
 )  # fmt: skip
 
 
@@ -249,15 +361,19 @@ DUE = 0.05
 """Bound of the range, as a share, below which a passage is due to be found."""
 
 
-def confusion(scores):
-    """Return what passages of each kind are read as, in Markdown."""
+def confusion(scores, least=0.0):
+    """Return what passages of each kind are read as, in Markdown.
+
+    Readings of a lower probability abstain: they are left out.
+    """
     lines = ["| drawn | " + " | ".join(COLUMNS) + " | wrong side | found where due |"]
     lines.append("|---" * (len(COLUMNS) + 3) + "|")
-    for kind, rows in scores.items():
-        names = [row[0] for row in rows]
+    for kind, every in scores.items():
+        rows = [row for row in every if not row.weight < least]
+        names = [row.reading for row in rows]
         cells = [str(names.count(name)) for name in COLUMNS]
-        wrong = sum(row[3] for row in rows)
-        due = [row[0] for row in rows if _share_of_range(row) < DUE]
+        wrong = sum(row.is_wrong for row in rows)
+        due = [row.reading for row in rows if row.bound[2] / row.slant_m < DUE]
         found = sum(name not in ("refused", "nothing") for name in due)
         lines.append(
             f"| {kind} | " + " | ".join(cells) + f" | {wrong} | {found} of {len(due)} |"
@@ -265,9 +381,36 @@ def confusion(scores):
     return lines
 
 
-def _share_of_range(row):
-    """Return the bound of the range as a share of it; nan for a machine."""
-    return row[4][2] / row[5]
+ABSTENTIONS = (0.0, 0.05, 0.1, 0.2, 0.3)
+"""Shares of the readings that abstain, those of the lowest probability first."""
+
+
+def abstention(scores):
+    """Return how many of the readings that are left are right, in Markdown."""
+    given = [(kind, row) for kind, rows in scores.items() for row in rows]
+    given = [(kind, row) for kind, row in given if np.isfinite(row.weight)]
+    weights = np.sort([row.weight for _, row in given])
+    lines = [
+        (
+            "| abstaining | probability from | right readings | changes seen where none was "
+            "| changes not seen |"
+        ),
+        "|---|---|---|---|---|",
+    ]
+    for share in ABSTENTIONS:
+        least = weights[int(share * weights.size)] if share else 0.0
+        kept = [
+            (READ_AS.get(k, k), row.reading) for k, row in given if row.weight >= least
+        ]
+        right = sum(drawn == read for drawn, read in kept)
+        still = [read for drawn, read in kept if drawn == "straight"]
+        moved = [read for drawn, read in kept if drawn != "straight"]
+        lines.append(
+            f"| {share:.0%} | {least:.2f} | {right} of {len(kept)} ({right / len(kept):.0%}) "
+            f"| {sum(name != 'straight' for name in still)} of {len(still)} "
+            f"| {moved.count('straight')} of {len(moved)} |"
+        )
+    return lines
 
 
 def coverage(scores):
@@ -280,8 +423,8 @@ def coverage(scores):
     passed = [kind for kind in scores if kind != "machinery"]
     for kind in [*passed, "all"]:
         rows = [r for k in passed for r in scores[k] if kind in (k, "all")]
-        ratio = np.abs([row[1] / row[2] for row in rows])
-        size = np.array([row[2] / row[4] for row in rows])
+        ratio = np.abs([row.error / row.std for row in rows])
+        size = np.array([row.std / row.bound for row in rows])
         for place, name in enumerate([*QUANTITIES, "every"]):
             part = ratio[:, place] if name != "every" else ratio.ravel()
             values = part[np.isfinite(part)]
@@ -291,18 +434,32 @@ def coverage(scores):
                 f"| {kind} | {name} | {values.size} of {part.size} "
                 f"| {(values < 1.96).mean():.1%} | {low:.1%} to {high:.1%} "
                 f"| {np.median(values):.2f} | {(values > 5).sum()} "
-                f"| {np.nanmedian(share):.2f} |"
+                f"| {_median(share)} |"
             )
     return lines
 
 
-def main(count, first, kinds=KINDS):
+def _median(values):
+    """Return the median of what is known, or nothing."""
+    known = values[np.isfinite(values)]
+    return f"{np.median(known):.2f}" if known.size else ""
+
+
+def main(count, first, kinds=(*KINDS, TWO_TARGETS)):
     """Print what so many passages of each kind are read as, and the coverage."""
     warnings.simplefilter("ignore")
-    scores = {kind: [score(kind, first + k) for k in range(count)] for kind in kinds}
-    lines = [*confusion(scores), "", *coverage(scores)]
+    scores = {
+        kind: [row for k in range(count) for row in score(kind, first + k)]
+        for kind in kinds
+    }
+    lines = [
+        *confusion(scores), "", "Where readings below 0.9 abstain:", "",
+        *confusion(scores, 0.9), "", *abstention(scores), "", *coverage(scores),
+    ]  # fmt: skip
     sys.stdout.write("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]), tuple(sys.argv[3:]) or KINDS)
+    main(
+        int(sys.argv[1]), int(sys.argv[2]), tuple(sys.argv[3:]) or (*KINDS, TWO_TARGETS)
+    )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.motion.crowded_sound import drift
+from tests.motion.drawn_readings import SENSOR, draw, draw_pair, score_pair
 from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
@@ -52,3 +53,28 @@ def test_one_vessel_stays_one_though_its_shaft_wanders(jitter):
     found = find_encounters(moved, sensor=DIFAR)
     assert found.n_encounters == 1
     assert found.rest_frequency_hz.size == 4
+
+
+@pytest.mark.parametrize("seed", [960003, 960108])
+def test_two_vessels_in_one_contact_of_a_table_are_told_apart(seed):
+    """Their bearings and levels are sums, which neither is told from."""
+    pair = draw_pair(seed)
+    for vessel in score_pair(pair):
+        assert vessel.reading == "two-targets"
+        assert vessel.weight > 0.99
+        assert np.nanmax(np.abs(vessel.error / vessel.std)) < 4.0
+    found = find_encounters(series=pair.series, sensor=SENSOR)
+    assert sorted(found.contact.tolist()) == [1, 2]
+    assert found.side.tolist() == ["", ""]
+    owners = np.bincount(pair.lines).tolist()
+    rest = np.bincount(found.rest_encounter).tolist()
+    assert sorted(rest) == sorted(owners)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("turn", 952004), ("frequency-step", 952002)]
+)
+def test_one_vessel_of_four_lines_that_changes_something_stays_one(kind, seed):
+    series = draw(kind, seed).series
+    assert series.frequency_hz.shape[1] == 4
+    assert find_encounters(series=series, sensor=SENSOR).n_encounters == 1

@@ -93,7 +93,14 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "description": "Vessel by AIS, and the probability that it was that one.",
         },
         "reading": {
-            "enum": ["straight", "frequency-step", "frequency-ramp", "manoeuvre", None],
+            "enum": [
+                "straight",
+                "frequency-step",
+                "frequency-ramp",
+                "manoeuvre",
+                "two-targets",
+                None,
+            ],
             "description": "How the measurements are read; null in older files.",
         },
         "rival": {

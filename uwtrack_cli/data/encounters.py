@@ -159,7 +159,8 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     )  # fmt: skip
     reading: TextArray | None = column(
         "", "How the measurements are read: 'straight', 'frequency-step', "
-        "'frequency-ramp' or 'manoeuvre'.", "encounter", dtype=np.str_, optional=True,
+        "'frequency-ramp', 'manoeuvre' or 'two-targets' (its contact was divided).",
+        "encounter", dtype=np.str_, optional=True,
     )  # fmt: skip
     reading_weight: FloatArray | None = column(
         "1", "Probability of that reading.", "encounter", optional=True

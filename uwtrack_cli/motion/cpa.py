@@ -38,11 +38,14 @@ from uwtrack_cli.motion.passage.contacts import (
     examine,
     not_a_passage,
     read,
+    split,
+    take_apart,
 )
 from uwtrack_cli.motion.passage.directions import bearing_series, with_directions
 from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.measurements import series_data
 from uwtrack_cli.motion.passage.nuisances import NuisancePriors, nuisance_priors
+from uwtrack_cli.motion.passage.readings import TWO_TARGETS
 from uwtrack_cli.motion.passage.recording import examine_recording
 from uwtrack_cli.motion.passage.report import (
     EXTRAPOLATED,
@@ -60,6 +63,7 @@ from uwtrack_cli.motion.passage.report import (
 )
 from uwtrack_cli.motion.passage.sub_bands import ask_the_parts
 
+MIXED = "the bearings are those of two targets"
 UNSEEN = "the closest approach lies outside, and no Doppler shift shows it"
 """Why bearings and levels alone give no approach beyond the recording."""
 
@@ -253,14 +257,21 @@ def _check_one_sensor(series: Series | None) -> None:
 def _from_series(
     series: Series, medium: Medium, probability: float
 ) -> list[CandidatePassage]:
-    found = []
+    found: list[CandidatePassage] = []
+    number = int(series.contact.max(initial=0))
     for contact in np.unique(series.contact):
         columns = np.arange(1, series.frequency_hz.shape[1] + 1)
-        one = examine(
-            series_data(series, int(contact)), (int(contact),), columns, medium,
-            probability,
-        )  # fmt: skip
-        found += [check_fit(read(one), None)] if one else []
+        data, owner = series_data(series, int(contact)), ((int(contact),), columns)
+        one = examine(data, *owner, medium, probability)
+        apart = (
+            split(one, medium, probability)
+            if one
+            else take_apart(data, owner, medium, probability)
+        )
+        if len(apart) > 1:
+            number += 1
+            apart[1] = replace(apart[1], contacts=(number,))
+        found += [check_fit(read(item), None) for item in apart]
     return found
 
 
@@ -291,6 +302,8 @@ def _row(
     time = candidate.blocks.time_s
     reason = not_a_passage(fit, candidate.blocks, limits) or candidate.doubt or None
     row = passage_row(contact, fit, context, candidate.line_ids)
+    if candidate.reading.name == TWO_TARGETS and not candidate.data.bearing_deg.size:
+        row.reasons.update(dict.fromkeys(("bearing_deg", "course_deg", "side"), MIXED))
     if not time[0] <= fit.theta[0, 0] <= time[-1]:
         if row.status == LEVEL_ONLY:
             reason = reason or UNSEEN

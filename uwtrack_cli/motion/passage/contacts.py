@@ -51,11 +51,11 @@ from uwtrack_cli.motion.passage.measurements import (
 from uwtrack_cli.motion.passage.readings import (
     FREQUENCY_CHANGES,
     STRAIGHT_READING,
+    TWO_TARGETS,
     Reading,
     may_hide_passage,
     read_passage,
 )
-from uwtrack_cli.motion.passage.unknowns import CHANGED
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""
@@ -211,11 +211,14 @@ def read(candidate: CandidatePassage) -> CandidatePassage:
     Parameters
     ----------
     candidate
-        A significant fit; one that is not straight was read already.
+        A significant fit; one that is not straight was read already. One of two
+        targets may have changed something, too.
     """
     if candidate.fit.change is not None:
         return candidate
     fit, reading = read_passage(candidate.fit, candidate.blocks)
+    if candidate.reading.name == TWO_TARGETS and fit.change is None:
+        reading = candidate.reading
     return replace(candidate, fit=fit, reading=reading)
 
 
@@ -448,16 +451,22 @@ SUSPICION = 30.0
 DISAGREEMENT = 3.0 * AGREEMENT
 """Loss that the other vessel's motion must cost either."""
 
+SURE = 100.0
+"""Loss beyond which nothing is gained; so many ways to divide the lines are tried as
+there are subsets of them."""
+
 
 def split(
     candidate: CandidatePassage, medium: Medium, false_alarm_probability: float
 ) -> list[CandidatePassage]:
     """Divide a contact whose lines have two motions; else return it alone.
 
+    Levels, and bearings that are not those of a line, hold both and are left out.
+
     Parameters
     ----------
     candidate
-        Fit of the lines of a contact, without broadband.
+        Fit of the lines of a contact.
     medium
         Sound speed and depth difference.
     false_alarm_probability
@@ -466,16 +475,50 @@ def split(
     count = candidate.line_ids.size
     if count < 2 * FEWEST_LINES or own_motion_gain(candidate).max() < SUSPICION:
         return [candidate]
-    groups = _groups(candidate, medium, false_alarm_probability)
+    owner = candidate.contacts, candidate.line_ids
+    return take_apart(candidate.data, owner, medium, false_alarm_probability) or [
+        candidate
+    ]
+
+
+def take_apart(
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    medium: Medium,
+    false_alarm_probability: float,
+) -> list[CandidatePassage]:
+    """Divide the lines of a contact among two vessels, each with two lines or more.
+
+    Parameters
+    ----------
+    data
+        Measurements of the contact.
+    owner
+        Contact numbers and lines that they came from.
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+
+    Returns
+    -------
+    list[CandidatePassage]
+        Two vessels, neither of which accepts the other's motion; empty if there are none.
+    """
+    count = owner[1].size
+    if count < 2 * FEWEST_LINES:
+        return []
+    groups = _groups(data, owner, medium, false_alarm_probability)
     whole = [item for item in groups if item.line_ids.size >= FEWEST_LINES]
     if len(whole) < 2:
-        return [candidate]
+        return []
     first, second = whole[:2]
-    if _loss(first, second) < DISAGREEMENT:
-        return [candidate]
-    if _loss(second, first) < DISAGREEMENT:
-        return [candidate]
-    return [first, second]
+    loss = min(_loss(first, second), _loss(second, first))
+    if loss < DISAGREEMENT:
+        return []
+    weight = 1 / (1 + np.exp(count * np.log(2.0) - min(loss, SURE)))
+    reading = Reading(TWO_TARGETS, float(weight))
+    return [replace(item, reading=reading) for item in (first, second)]
 
 
 def own_motion_gain(candidate: CandidatePassage) -> FloatArray:
@@ -492,15 +535,11 @@ def own_motion_gain(candidate: CandidatePassage) -> FloatArray:
     angle = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
     bearing = wrap_rad(blocks.bearing.value[0] - angle)
     gain = np.zeros(candidate.line_ids.size)
-    for residual, block, noise, slope in (
-        (
-            _centred(shift, blocks.shift.weight[0]),
-            blocks.shift,
-            0,
-            law.shift_d[0, :, :3],
-        ),
-        (bearing, blocks.bearing, 1, law.angle_d[0, :, :3]),
-    ):
+    centred = _centred(shift, blocks.shift.weight[0])
+    kinds = [(centred, blocks.shift, 0, law.shift_d[0, :, :3])]
+    if blocks.count[0] == blocks.count[1]:  # every line has its own
+        kinds.append((bearing, blocks.bearing, 1, law.angle_d[0, :, :3]))
+    for residual, block, noise, slope in kinds:
         weight = block.weight[0] / fit.noises[noise].scale[0][:, None] ** 2
         total = np.maximum(weight.sum(axis=0), 1e-300)
         own = residual - (weight * residual).sum(axis=0) / total
@@ -530,11 +569,14 @@ def _projected(
 
 
 def _groups(
-    candidate: CandidatePassage, medium: Medium, probability: float
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    medium: Medium,
+    probability: float,
 ) -> list[CandidatePassage]:
     """Fit each line alone, and together again those that agree; strongest first."""
-    rows = np.arange(candidate.line_ids.size)
-    alone = [_refit(candidate, rows[[n]], medium, probability) for n in rows]
+    rows = np.arange(owner[1].size)
+    alone = [_of_rows(data, owner, rows[[n]], medium, probability) for n in rows]
     left = sorted(
         [(item, n) for n, item in enumerate(alone) if item is not None],
         key=lambda pair: -pair[0].likelihood_ratio.total,
@@ -544,28 +586,32 @@ def _groups(
         (leader, first), *left = left
         members = [n for item, n in left if agrees(item, leader)]
         left = [(item, n) for item, n in left if n not in members]
-        joint = _refit(candidate, np.array([first, *members]), medium, probability)
+        some = np.array([first, *members])
+        joint = _of_rows(data, owner, some, medium, probability)
         if joint is not None:
             groups.append(joint)
     return sorted(groups, key=lambda item: -item.likelihood_ratio.total)
 
 
-def _refit(
-    candidate: CandidatePassage, rows: IntArray, medium: Medium, probability: float
+def _of_rows(
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    rows: IntArray,
+    medium: Medium,
+    probability: float,
 ) -> CandidatePassage | None:
-    """Fit some of the lines of a contact, from the motion of all."""
-    data = candidate.data
+    """Fit some of the lines of a contact by themselves."""
+    is_each_heard = data.bearing_deg.shape[-2] == data.frequency_hz.shape[-2]
+    heard = rows if is_each_heard else rows[:0]
     some = replace(
         data,
         frequency_hz=data.frequency_hz[rows],
         frequency_std_hz=data.frequency_std_hz[rows],
-        bearing_deg=data.bearing_deg[rows],
-        bearing_std_deg=data.bearing_std_deg[rows],
+        bearing_deg=data.bearing_deg[heard],
+        bearing_std_deg=data.bearing_std_deg[heard],
+        level_db=np.full_like(data.level_db, np.nan),
     )
-    return examine_from(
-        some, (candidate.contacts, candidate.line_ids[rows]),
-        (candidate.fit.theta[:, :CHANGED], candidate.fit.turn), medium, probability,
-    )  # fmt: skip
+    return examine(some, owner[0], owner[1][rows], medium, probability)
 
 
 def _loss(item: CandidatePassage, other: CandidatePassage) -> float:

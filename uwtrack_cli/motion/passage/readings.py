@@ -52,7 +52,7 @@ from uwtrack_cli.motion.passage.unknowns import (
     Change,
 )
 
-STRAIGHT = "straight"
+STRAIGHT, TWO_TARGETS = "straight", "two-targets"
 
 FREQUENCY_CHANGES = (STEP, RAMP)
 CHANGES = (*FREQUENCY_CHANGES, MANOEUVRE)
