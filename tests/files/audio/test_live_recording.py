@@ -1,5 +1,6 @@
 """Sound through pipes is to the bit what libsndfile reads from the same file."""
 
+import hashlib
 import io
 import os
 import struct
@@ -296,16 +297,45 @@ def test_a_file_that_no_longer_grows_is_complete(tmp_path):
     assert read_all(recording).shape == (2 * RATE, 1)
 
 
-def test_a_file_that_becomes_shorter_is_one_sentence(tmp_path):
+def test_a_file_that_becomes_shorter_ends_where_it_was_read_to(tmp_path):
     path = tmp_path / "shrinking.wav"
-    path.write_bytes(wav_bytes())
-    recording = open_live_recording(path, sensor=OMNI, idle_s=5.0)
-    blocks = recording.reader(RATE)
-    next(blocks)
-    next(blocks)
+    content = wav_bytes(2 * RATE)
+    path.write_bytes(content)
+    recording = open_live_recording(path, sensor=OMNI, idle_s=60.0)
+    blocks = recording.reader(RATE // 2)
+    found = [next(blocks)]
     os.truncate(path, 100)
-    with pytest.raises(DataError, match="has become shorter"):
-        list(blocks)
+    with pytest.warns(UwtrackWarning, match="has become shorter while it was followed"):
+        found += list(blocks)
+    sound = np.concatenate(found)
+    whole = read_all(through_pipe(tmp_path, content, sensor=OMNI))
+    np.testing.assert_array_equal(sound, whole[: sound.shape[0]])
+    read = 44 + 2 * sound.shape[0]
+    assert recording.ended().digest == hashlib.sha256(content[:read]).hexdigest()
+
+
+@pytest.mark.parametrize("what", ["removed", "replaced", "moved"])
+def test_a_file_that_loses_its_name_is_followed_to_its_own_end(tmp_path, what):
+    path, content = tmp_path / "lost.wav", wav_bytes(4 * RATE)
+    path.write_bytes(content[: len(content) // 2])
+    recording = open_live_recording(path, sensor=OMNI, idle_s=60.0)
+    blocks = recording.reader(RATE)
+    found = [next(blocks)]
+    with path.open("ab") as writer:  # it still writes into what it has opened
+        if what == "removed":
+            path.unlink()
+        elif what == "moved":
+            path.rename(tmp_path / "done.wav")
+        else:
+            (tmp_path / "next.wav").write_bytes(bytes(2 * len(content)))
+            (tmp_path / "next.wav").replace(path)
+        writer.write(content[len(content) // 2 :])
+    # the whole sound has come, as its header says, and nothing of another file
+    with pytest.warns(UwtrackWarning, match="moved, replaced or removed"):
+        found += list(blocks)
+    whole = read_all(through_pipe(tmp_path, content, sensor=OMNI))
+    np.testing.assert_array_equal(np.concatenate(found), whole)
+    assert recording.ended().digest == hashlib.sha256(content).hexdigest()
 
 
 def test_an_idle_time_that_cannot_be_is_refused(tmp_path):

@@ -14,14 +14,15 @@ import io
 import os
 import threading
 import time
+import weakref
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
+from warnings import warn
 
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.audio.byte_spool import ByteSpool
-from uwtrack_cli.files.hdf5.verify import file_digest
 from uwtrack_cli.files.input_ledger import as_input, standard_input
 
 HELD_BYTES = 1 << 24
@@ -35,6 +36,9 @@ TURN_S = 0.2
 
 STALL_S = 5.0
 """A pipe that gives nothing for so long has stalled, s."""
+
+NAMELESS_S = 1.0
+"""A file that has lost its name and does not grow for so long is complete, s."""
 
 JUMP_S = 1.0
 """A change of the computer's clock by so much is a jump, s."""
@@ -214,6 +218,10 @@ class PipeStream(ByteStream):
 class GrowingFile(ByteStream):
     """A file that another program is still writing.
 
+    It is held open: when its name is taken from it, or given to another file, what was
+    written into it is there to the end. One that becomes shorter ends where it was read
+    to. Both are told.
+
     Parameters
     ----------
     path
@@ -221,46 +229,73 @@ class GrowingFile(ByteStream):
     idle_s
         It is complete when it has not grown for so long, s; None waits for ever.
     stated_end
-        Tells where the sound ends as the file says by now; None if it does not.
+        Tells of the open file where the sound ends as it says by now; None if it does
+        not.
     """
 
     def __init__(
         self,
         path: Path,
         idle_s: float | None,
-        stated_end: Callable[[Path], int | None] | None = None,
+        stated_end: Callable[[BinaryIO], int | None] | None = None,
     ) -> None:
         super().__init__(str(path), idle_s)
         self._stated_end = stated_end
         self._path = as_input(path)
+        self._file = self._path.open("rb", buffering=0)
+        weakref.finalize(self, self._file.close)
         self._position = 0
+        self._is_shorter = False
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the file as it is now: its header is written last."""
-        return file_digest(self._path)
+        """SHA-256 of the file as it is now, whose header is written last.
+
+        Of a file that has become shorter, it is that of what came.
+        """
+        if self._is_shorter:
+            return super().digest
+        self._file.seek(0)
+        return hashlib.file_digest(self._file, "sha256").hexdigest()
 
     def again(self, position: int, count: int) -> bytes | None:
         """Return bytes of the file again; None if they are no longer there."""
-        with self._path.open("rb") as file:
-            file.seek(position)
-            found = file.read(count)
+        self._file.seek(position)
+        found = self._file.read(count)
         return found if len(found) == count else None
 
     def _next(self) -> bytes | None:
-        if self._path.stat().st_size < self._position:
-            msg = f"{self.name} has become shorter while it was followed."
-            raise DataError(msg)
-        end = None if self._stated_end is None else self._stated_end(self._path)
+        if os.fstat(self._file.fileno()).st_size < self._position:
+            self._is_shorter = True
+            msg = (
+                f"{self.name} has become shorter while it was followed: what was read "
+                f"before is used."
+            )
+            warn(msg, UwtrackWarning, stacklevel=2)
+            return b""
+        end = None if self._stated_end is None else self._stated_end(self._file)
         room = PIECE_BYTES if end is None else max(0, end - self._position)
-        with self._path.open("rb", buffering=0) as file:
-            file.seek(self._position)
-            piece = file.read(min(PIECE_BYTES, room))
+        self._file.seek(self._position)
+        piece = self._file.read(min(PIECE_BYTES, room))
         self._position += len(piece)
         if piece:
             return piece
+        if time.monotonic() - self._last_s >= NAMELESS_S and not self._has_its_name():
+            msg = (
+                f"{self.name} was moved, replaced or removed while it was followed: "
+                f"what was written into it is used."
+            )
+            warn(msg, UwtrackWarning, stacklevel=2)
+            return b""
         time.sleep(TURN_S)
         return None
+
+    def _has_its_name(self) -> bool:
+        """Tell whether the file is still the one that its name leads to."""
+        try:
+            return os.path.samestat(os.fstat(self._file.fileno()), self._path.stat())
+        except OSError:
+            return False
 
 
 def open_pipe(path: Path, idle_s: float | None) -> PipeStream:

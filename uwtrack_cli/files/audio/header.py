@@ -49,18 +49,22 @@ class SampleBytes:
 
 def sample_bytes(path: Path) -> SampleBytes | None:
     """Return promised and present bytes of samples; None if the file does not say."""
-    size = path.stat().st_size
     with as_input(path).open("rb") as file:
-        magic = file.read(16)
-        file.seek(0)
-        if magic[:4] in {b"RIFF", b"RF64", b"BW64", b"RIFX"}:
-            found = _riff_data(file, magic[:4])
-        elif magic == W64_RIFF:
-            found = _w64_data(file)
-        elif magic[:4] == b"FORM":
-            found = _aiff_data(file)
-        else:
-            return None
+        return sample_bytes_of(file)
+
+
+def sample_bytes_of(file: BinaryIO) -> SampleBytes | None:
+    """Return promised and present bytes of samples of an open file, or None."""
+    size = os.fstat(file.fileno()).st_size
+    magic = _exact(file, 0, 16)
+    if magic[:4] in {b"RIFF", b"RF64", b"BW64", b"RIFX"}:
+        found = _riff_data(file, magic[:4])
+    elif magic == W64_RIFF:
+        found = _w64_data(file)
+    elif magic[:4] == b"FORM":
+        found = _aiff_data(file)
+    else:
+        return None
     if found is None:
         return None
     start, promised = found

@@ -8,6 +8,7 @@ when they are read from a file.
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import BinaryIO
 
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.options import refuse_unknown
@@ -20,7 +21,7 @@ from uwtrack_cli.files.audio.byte_stream import (
     open_pipe,
     open_standard_input,
 )
-from uwtrack_cli.files.audio.header import sample_bytes
+from uwtrack_cli.files.audio.header import sample_bytes_of
 from uwtrack_cli.files.audio.live_reader import LiveReader
 from uwtrack_cli.files.audio.recording_file import select_channels
 from uwtrack_cli.files.audio.sample_format import RAW_FORMATS
@@ -144,9 +145,9 @@ def _open(path: Path, idle_s: float | None, *, is_raw: bool) -> ByteStream:
     return GrowingFile(path, idle_s, None if is_raw else _stated_end)
 
 
-def _stated_end(path: Path) -> int | None:
+def _stated_end(file: BinaryIO) -> int | None:
     """Return where the sound of a file ends as its header says by now, if it does."""
-    counted = sample_bytes(path)
+    counted = sample_bytes_of(file)
     if counted is None or counted.promised == 0:
         return None
     return counted.start + counted.promised

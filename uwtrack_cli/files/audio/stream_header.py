@@ -77,8 +77,9 @@ def read_stream_header(take: Take, name: str) -> StreamHeader:
     order = MAGIC.get(begin[:4])
     if order is None or begin[8:12] != b"WAVE":
         msg = (
-            f"{name} is no WAV sound (it begins with {begin!r}); a pipe takes WAV and "
-            f"RF64, or samples without a header with --raw FORMAT --rate-hz HZ."
+            f"{name} is no WAV sound (it begins with {begin!r}); a pipe takes WAV and RF64 "
+            f"(ffmpeg -i FILE -f wav - makes it of other sound), or samples without a "
+            f"header with --raw FORMAT --rate-hz HZ."
         )
         raise DataError(msg)
     found = _read_chunks(take, order, name)
