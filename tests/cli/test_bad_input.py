@@ -209,7 +209,7 @@ def a_setting_without_a_value(folder):
     return ["run", "s.wav", "--set", "spectrogram"]
 
 
-@case(2, "No such option")
+@case(2, "run has no option --loudness")
 def an_unknown_option(folder):
     _wav(folder)
     return ["run", "s.wav", "--loudness", "3"]
@@ -230,6 +230,104 @@ def an_unknown_sample(_folder):
 def a_picture_of_an_unknown_kind(folder):
     _spectrogram(folder)
     return ["plot", "s.spectrogram.h5", "-o", "s.bmp"]
+
+
+@case(2, "--set spectrogram.band_hz=[10,1000]")
+def an_option_of_a_step(_folder):
+    return ["run", "s.wav", "--band-hz", "10", "1000"]
+
+
+@case(2, "--set track.gates.sigmas=4")
+def an_option_of_a_group_of_a_step(_folder):
+    return ["batch", "s.wav", "--gates-sigmas", "4", "-o", "out"]
+
+
+@case(2, "--channel must be a whole number, got 'omni'")
+def a_word_for_a_number(_folder):
+    return ["run", "s.wav", "--channel", "omni"]
+
+
+@case(2, "--format must be one of table, csv, json, jsonl, got 'xml'")
+def a_choice_that_is_not_there(_folder):
+    return ["show", "s.run.h5", "lines", "--format=xml"]
+
+
+@case(2, "--to is missing: Format to write (csv, geojson")
+def a_needed_option_left_out(_folder):
+    return ["export", "s.run.h5"]
+
+
+@case(
+    2, "SOURCES is missing: Products, or folders with them. See uwtrack help passages."
+)
+def nothing_to_work_on(_folder):
+    return ["passages"]
+
+
+@case(2, "the file comes first: uwtrack show s.spectrogram.h5 lines")
+def container_before_file(_folder):
+    return ["show", "lines", "s.spectrogram.h5"]
+
+
+@case(2, "--json and the product both want standard output")
+def json_and_a_product_on_standard_output(folder):
+    _wav(folder)
+    return ["run", "s.wav", "--json", "-o", "-"]
+
+
+@case(2, "name the study to repeat")
+def runs_of_no_study(_folder):
+    return ["study", "--runs", "5"]
+
+
+@case(2, "no sample 'pas'. Did you mean 'pass'?")
+def a_sample_mistyped(_folder):
+    return ["sample", "pas"]
+
+
+@case(1, "s.spectrogram.h5 is a product (HDF5), no recording that can be read")
+def a_product_given_as_a_recording(folder):
+    _spectrogram(folder)
+    return ["run", "s.spectrogram.h5"]
+
+
+@case(1, "uwtrack run s.wav makes one of a recording")
+def a_recording_shown(folder):
+    _wav(folder)
+    return ["show", "s.wav"]
+
+
+@case(1, "s.wav is not an HDF5 file")
+def a_table_of_passages_over_a_recording(folder):
+    _wav(folder)
+    return ["passages", "s.wav"]
+
+
+@case(1, "it is no text in UTF-8")
+def a_recording_given_as_a_sensor_file(folder):
+    _wav(folder)
+    return ["run", "s.wav", "--sensor", "s.wav"]
+
+
+@case(1, "lacks the columns time_utc, mmsi, latitude, longitude")
+def a_table_that_is_not_ais(folder):
+    _wav(folder)
+    (folder / "way.csv").write_text("time_s,speed_kn,course_deg\n0,5,300\n")
+    return ["run", "s.wav", "--ais", "way.csv"]
+
+
+@case(1, "results is a folder of products; uwtrack passages")
+def results_asked_as_a_folder_of_recordings(folder):
+    _spectrogram(folder)
+    (folder / "results").mkdir()
+    (folder / "s.spectrogram.h5").rename(folder / "results" / "s.run.h5")
+    return ["info", "results"]
+
+
+@case(1, "s.wav is a file; --output names the folder")
+def a_batch_into_a_file(folder):
+    _wav(folder)
+    return ["batch", "s.wav", "-o", "s.wav"]
 
 
 def _wav(folder):
@@ -254,10 +352,9 @@ def test_bad_input_is_answered_in_one_sentence(uwtrack, tmp_path, name):
     done = uwtrack(*words)
     assert done.exit_code == code, done.output
     assert "Traceback" not in done.output
-    said = " ".join(done.stderr.replace("│", " ").split())
-    assert text in said
+    assert text in " ".join(done.stderr.split())
     errors = [line for line in done.stderr.splitlines() if line.startswith("error:")]
-    assert len(errors) == 1 or "Usage:" in done.stderr
+    assert len(errors) == 1
     assert done.stdout == ""
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
 

@@ -95,3 +95,17 @@ def test_the_program_runs_as_a_module_where_its_script_is_not_found():
     command = [sys.executable, "-m", "uwtrack_cli", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == f"uwtrack {__version__}"
+
+
+def test_samples_are_listed_with_what_they_hold(uwtrack):
+    from uwtrack_cli.flow.shipped_recipes import sample_names
+
+    lines = uwtrack("sample").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == sample_names()
+    assert all(len(line.split()) > 2 for line in lines)
+
+
+def test_a_program_without_words_is_explained(uwtrack):
+    done = uwtrack()
+    assert done.exit_code == 0
+    assert done.stdout == uwtrack("--help").stdout

@@ -6,6 +6,7 @@ the first line of its docstring is read. So `uwtrack --help` answers at once.
 
 import difflib
 import itertools
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Annotated, Any
@@ -55,6 +56,31 @@ class CommandList(TyperGroup):
         if cmd_name not in COMMANDS:
             return None
         return TyperCommand(cmd_name, help=_summary(cmd_name))
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run the program; what is wrong with a command line is one sentence.
+
+        Parameters
+        ----------
+        args
+            Words of the command line; those of the process if not given.
+        options
+            Options of Typer's own function of this name.
+        """
+        given = args[0] if args else options.pop("args", None)
+        words = sys.argv[1:] if given is None else list(given)
+        if not words:
+            given = words = ["--help"]
+        try:
+            code = super().main(given, **{**options, "standalone_mode": False})
+        except Exception as error:
+            if not hasattr(error, "format_message"):
+                raise
+            from uwtrack_cli.cli.usage_errors import usage_sentence
+
+            say(f"error: {usage_sentence(error, words)}", -1)
+            code = USAGE
+        sys.exit(code if isinstance(code, int) else 0)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that is called, and import it."""
@@ -129,7 +155,6 @@ def load_command(name: str) -> Any:
 app = typer.Typer(
     name="uwtrack",
     cls=CommandList,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

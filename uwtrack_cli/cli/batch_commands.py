@@ -27,7 +27,7 @@ from uwtrack_cli.cli.console import (
 )
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, with_parameters
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import OptionError, OutputError
 from uwtrack_cli.flow.shipped_recipes import DEFAULT_RECIPE
 
 if TYPE_CHECKING:
@@ -174,6 +174,9 @@ def _run(
     from uwtrack_cli.flow.batch_report import check_report, write_report
     from uwtrack_cli.flow.executors import available_processors, run_jobs
 
+    if folder.is_file():
+        msg = f"{folder} is a file; --output names the folder of the products."
+        raise OutputError(msg)
     check_report(folder)
     found: dict[int, Outcome] = {}
     wanted = available_processors() if jobs is None else jobs
@@ -212,29 +215,36 @@ def _tell(
                 for r in rows
             ],
         )
-    for row in rows:
-        if row["status"] in {"failed", "truncated"}:
-            say(f"{row['status']}: {Path(row['source']).name}: {row['message']}")
     for text in _repeated(rows):
-        say(f"warning: {text}")
+        say(text)
     counts = Counter(row["status"] for row in rows)
     told = ", ".join(f"{n} {status}" for status, n in counts.items())
-    n_passages = sum(r["n_encounters"] for r in rows)
-    say(f"{told}; {n_passages} passages: uwtrack passages {folder}")
+    if counts.keys() - {"failed", "truncated"}:
+        n = sum(r["n_encounters"] for r in rows)
+        word = "passage" if n == 1 else "passages"
+        told += f"; {n} {word}: uwtrack passages {folder}"
+    say(told)
     return rows
 
 
 def _repeated(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the warnings of a batch, one that many recordings share but once."""
+    """Yield what went wrong in a batch, what many recordings share but once."""
     found: dict[str, list[str]] = {}
     for row in rows:
-        if row["status"] not in {"failed", "truncated"} and row["message"]:
-            name = Path(row["source"]).name
-            text = str(row["message"]).replace(row["source"], "").replace(name, "")
-            found.setdefault(text, []).append(str(row["message"]))
-    for messages in found.values():
-        others = len(messages) - 1
-        yield messages[0] + (f" (and {others} more like it)" if others else "")
+        if not row["message"]:
+            continue
+        source = Path(row["source"])
+        told = str(row["message"]).replace(row["source"], source.name)
+        if row["status"] in {"failed", "truncated"}:
+            about = "" if told.startswith(source.name) else f"{source.name}: "
+            line = f"{row['status']}: {about}{told}"
+        else:
+            line = f"warning: {told}"
+        shared = line.replace(source.name, "").replace(Path(row["target"]).name, "")
+        found.setdefault(shared, []).append(line)
+    for lines in found.values():
+        others = len(lines) - 1
+        yield lines[0] + (f" (and {others} more like it)" if others else "")
 
 
 def rerun(

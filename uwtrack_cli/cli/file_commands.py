@@ -171,6 +171,9 @@ def show(
         _show_result(file, form, sensor, step)
         return
     if container not in CONTAINERS:
+        if str(file) in CONTAINERS:
+            msg = f"the file comes first: uwtrack show {container} {file}"
+            raise OptionError(msg)
         msg = f"there is no container {container!r}; there are {', '.join(CONTAINERS)}."
         raise OptionError(msg)
     with open_product(file) as product:
@@ -234,6 +237,7 @@ def verify(
     for file in files:
         problems = verify_product(file)
         damaged |= bool(problems)
-        put([f"{file}: {problem}" for problem in problems] or [f"{file}: ok"])
+        told = [problem.removeprefix(f"{file} ") for problem in problems]
+        put([f"{file}: {problem}" for problem in told] or [f"{file}: ok"])
     if damaged:
         raise typer.Exit(FAILED)

@@ -17,7 +17,7 @@ import typer
 
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
 from uwtrack_cli.cli.sensitivity import say_sensitivity
-from uwtrack_cli.cli.targets import PIPE, product_name, writer_for
+from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE, product_name, writer_for
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource
 from uwtrack_cli.errors import OptionError
@@ -133,8 +133,7 @@ def live_target(source: Path, output: Path | None, *, as_json: bool) -> Path:
     """
     target = output or (PIPE if is_pipe(source) else product_name(source, ".run.h5"))
     if target == PIPE and as_json:
-        msg = "--json and the product both want standard output; give -o FILE."
-        raise OptionError(msg)
+        raise OptionError(WANTED_TWICE)
     if target == PIPE and sys.stdout.isatty():
         msg = "a product is binary and does not belong on a terminal; give -o FILE."
         raise OptionError(msg)

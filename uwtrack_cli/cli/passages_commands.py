@@ -11,7 +11,7 @@ import typer
 from uwtrack_cli.cli.command_factory import Ais, Overwrite, WithinM, command
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.cli.targets import PIPE
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.tables.summaries import Head, utc_text
 
 if TYPE_CHECKING:
@@ -101,6 +101,8 @@ def passages(  # noqa: PLR0913 - three views of one table
     table = collect_passages(
         sources, ais=ais, within_m=within_m, cache=None if fresh else usual_cache()
     )
+    if not table.n_results and table.problems:
+        raise DataError(table.problems[0].removeprefix("left out: "))
     if sql is not None:
         from uwtrack_cli.flow.exports.passage_tables import query_passages
 
@@ -203,7 +205,8 @@ def _write_passages(
 
     rows = table.passages
     if form == "table" and output is None:
-        _show_passages(rows)
+        if rows:
+            _show_passages(rows)
     elif form == "geojson":
         placed = sum(row.latitude is not None for row in rows)
         if placed < len(rows):
@@ -253,10 +256,10 @@ def _place(lines: Any, output: Path | None, overwrite: bool) -> None:
 def _show_passages(rows: "Sequence[PassageRow]") -> None:
     """Print the table for people; columns in which nothing is known are left out."""
     cells = [_cells(row) for row in rows]
-    columns = zip(HEADS, zip(*cells, strict=True), strict=True) if cells else ()
+    columns = zip(HEADS, zip(*cells, strict=True), strict=True)
     known = {head: column for head, column in columns if set(column) != {"-"}}
-    shown = list(zip(*known.values(), strict=True)) if known else []
-    show_table(list(known or HEADS), shown, is_data=True, spare=SPARE)
+    shown = list(zip(*known.values(), strict=True))
+    show_table(list(known), shown, is_data=True, spare=SPARE)
 
 
 def _cells(row: "PassageRow") -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from uwtrack_cli.cli.recording_arguments import (
 )
 from uwtrack_cli.cli.result_output import print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
+from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.motions import Motions
@@ -120,7 +121,7 @@ def run(
     a named pipe, or with --follow from a file that is being written. Ctrl-C finishes
     what is open and writes the file.
     """
-    from uwtrack_cli.cli.targets import PIPE, product_name, write_containers
+    from uwtrack_cli.cli.targets import product_name, write_containers
     from uwtrack_cli.files.atomic import check_target
     from uwtrack_cli.flow.fusion import plan_fusion
     from uwtrack_cli.flow.shipped_recipes import load_recipe
@@ -149,7 +150,7 @@ def run(
     if fusion is not None:  # not after an hour's work
         check_target(fusion.target, overwrite=overwrite, inputs=sources)
     targets = [output or product_name(source, ".run.h5") for source in sources]
-    _refuse_twice(sources, targets)
+    _refuse_twice(sources, targets, as_json=json_output)
     for target in targets:
         if target != PIPE:
             check_target(target, overwrite=overwrite, inputs=sources)
@@ -276,8 +277,12 @@ def _sensor_of_each(
     raise OptionError(msg)
 
 
-def _refuse_twice(sources: Sequence[Path], targets: Sequence[Path]) -> None:
-    """Refuse two recordings that would be written to one file."""
+def _refuse_twice(
+    sources: Sequence[Path], targets: Sequence[Path], *, as_json: bool
+) -> None:
+    """Refuse two results that would be written to one place."""
+    if as_json and PIPE in targets:
+        raise OptionError(WANTED_TWICE)
     for target in targets:
         clash = [str(s) for s, t in zip(sources, targets, strict=True) if t == target]
         if len(clash) > 1:

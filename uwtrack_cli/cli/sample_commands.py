@@ -55,10 +55,12 @@ def sample(
     overwrite: Overwrite = False,
 ) -> None:
     """Copy a sample recording with its sensor file and truth, or list the samples."""
-    from uwtrack_cli.flow.shipped_recipes import copy_sample, sample_names
+    from uwtrack_cli.flow.shipped_recipes import copy_sample, sample_texts
 
     if name is None:
-        put(sample_names())
+        texts = sample_texts()
+        width = max(map(len, texts))
+        put(f"{name:{width}}  {text}".rstrip() for name, text in texts.items())
         return
     for path in copy_sample(name, folder, overwrite=overwrite):
         say(f"wrote {path}")

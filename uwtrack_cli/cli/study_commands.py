@@ -10,7 +10,7 @@ import typer
 
 from uwtrack_cli.cli.command_factory import AsJson, command
 from uwtrack_cli.cli.console import put, say
-from uwtrack_cli.data.options import shown
+from uwtrack_cli.data.options import nearest, shown
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.flow.catalogue import summary_of
 from uwtrack_cli.studies.catalogue import STUDIES
@@ -47,11 +47,15 @@ def study(
     the seed.
     """
     if name is None:
+        if runs is not None or json_output:
+            msg = f"name the study to repeat: {', '.join(STUDIES)}."
+            raise OptionError(msg)
         width = max(map(len, STUDIES))
         put(f"{key:{width}}  {summary_of(place)}" for key, place in STUDIES.items())
         return
     if name not in STUDIES:
-        msg = f"there is no study {name!r}; there are {', '.join(STUDIES)}."
+        near = nearest(name, STUDIES)
+        msg = f"there is no study {name!r}.{near} There are {', '.join(STUDIES)}."
         raise OptionError(msg)
     if runs is not None and not 1 <= runs <= MAX_RUNS:
         msg = f"--runs must be at least 1 and at most {MAX_RUNS}, got {shown(runs)}."

@@ -26,6 +26,9 @@ if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
 PIPE = Path("-")
 """Standard input or output."""
 
+WANTED_TWICE = "--json and the product both want standard output; give -o FILE."
+"""Why a command does not print JSON beside a product on standard output."""
+
 
 def product_name(source: Path, suffix: str) -> Path:
     """Return the default output beside a source: pass.wav -> pass.lines.h5.

@@ -18,7 +18,7 @@ import itertools
 import math
 import numbers
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import (
     Annotated,
@@ -273,6 +273,25 @@ def from_table(kind: type[T], table: object, where: str) -> T:
         raise OptionError(msg) from error
 
 
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return a question for the nearest of the known names; nothing if none is near.
+
+    Parameters
+    ----------
+    name
+        What was typed.
+    known
+        What there is.
+
+    Examples
+    --------
+    >>> nearest("vesel", ["auto", "vessel"])
+    " Did you mean 'vessel'?"
+    """
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f" Did you mean {near[0]!r}?" if near else ""
+
+
 def refuse_unknown(
     given: Mapping[str, Any], known: Mapping[str, Any], where: str, noun: str = "key"
 ) -> None:
@@ -285,8 +304,7 @@ def refuse_unknown(
     """
     for name in given:
         if name not in known:
-            near = difflib.get_close_matches(str(name), known, n=1)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
+            hint = nearest(str(name), known)
             msg = f"{where} has no {noun} {shown(name)}.{hint} It has: {', '.join(known)}."
             raise OptionError(msg)
 

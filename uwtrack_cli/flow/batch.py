@@ -167,7 +167,7 @@ def _make(job: Job, blank: Outcome) -> Outcome:
             status = RESUMED if job.resume else DONE
             return replace(begun, status=status, encounters=found)
     elif job.target.exists() and not job.overwrite:
-        msg = f"{job.target} exists already; give --resume or --overwrite."
+        msg = f"{job.target.name} exists already; give --resume or --overwrite."
         raise OutputError(msg)
     job.target.parent.mkdir(parents=True, exist_ok=True)
     overwrite = job.resume or job.overwrite or job.may_repeat

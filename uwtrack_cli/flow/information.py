@@ -92,6 +92,9 @@ def folder_lines(folder: Path) -> Iterator[str]:
         It holds no recording.
     """
     inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
+    if not inside and any(folder.glob("*.h5")):
+        msg = f"{folder} is a folder of products; uwtrack passages {folder} lists them."
+        raise DataError(msg)
     if not inside:
         msg = f"{folder} is a folder that holds no recording ({', '.join(SUFFIXES)})."
         raise DataError(msg)

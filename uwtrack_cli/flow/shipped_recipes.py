@@ -1,9 +1,11 @@
 """What comes with the program: recipes and sample recordings."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import uwtrack_cli
+from uwtrack_cli.data.options import nearest
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.atomic import atomic_target, check_target
@@ -103,8 +105,11 @@ def load_recipe(name: Path | str) -> Recipe:
             raise OptionError(msg)
         text = as_input(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        names = ", ".join(shipped_recipes())
-        msg = f"there is no recipe {str(name)!r}; shipped are {names}, or give a TOML file."
+        names = shipped_recipes()
+        msg = (
+            f"there is no recipe {str(name)!r}.{nearest(str(name), names)} Shipped are "
+            f"{', '.join(names)}; or give a TOML file."
+        )
         raise OptionError(msg) from error
     return Recipe.from_toml(path.stem, text)
 
@@ -113,6 +118,23 @@ def sample_names() -> list[str]:
     """Return the names of the sample recordings and tables."""
     found = shipped_folder("sample_data").iterdir()
     return sorted(path.stem for path in found if path.suffix in SAMPLE_SUFFIXES)
+
+
+def sample_texts() -> dict[str, str]:
+    """Return what each sample holds in a few words, by its name.
+
+    The words are those of the tables in the samples' own README, up to the first colon
+    or semicolon.
+    """
+    told: dict[str, str] = {}
+    readme = shipped_folder("sample_data") / "README.md"
+    for line in as_input(readme).read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip("| ").split("|")]
+        if line.startswith("| `"):
+            for name in cells[0].split(","):
+                text = re.split("[:;]", cells[1], maxsplit=1)[0].replace("`", "")
+                told[Path(name.strip(" `")).stem] = text
+    return {name: told.get(name, "") for name in sample_names()}
 
 
 def copy_sample(
@@ -144,7 +166,8 @@ def copy_sample(
         if path.name.startswith((f"{name}.", f"{name}-"))
     )
     if not any(path.suffix in SAMPLE_SUFFIXES for path in found):
-        msg = f"there is no sample {name!r}; there are {', '.join(sample_names())}."
+        names = sample_names()
+        msg = f"there is no sample {name!r}.{nearest(name, names)} There are {', '.join(names)}."
         raise OptionError(msg)
     folder.mkdir(parents=True, exist_ok=True)
     for path in found:  # all or none

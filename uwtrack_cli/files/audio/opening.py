@@ -25,6 +25,9 @@ DECODE_SAMPLES = 512
 MOST_BYTES = 0xFFFFFFF0
 """More than this a WAV header cannot name."""
 
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file, by which a product is known that is given as sound."""
+
 SUFFIXES = (".wav", ".rf64", ".w64", ".flac", ".aif", ".aiff")
 """Endings of recordings, in lower case."""
 
@@ -101,8 +104,31 @@ def sound_facts(path: Path) -> SoundFacts:
         with open_sound(path) as sound:
             return SoundFacts(sound.samplerate, sound.frames, sound.channels)
     except (soundfile.SoundFileError, RuntimeError, OSError) as error:
-        msg = f"{path} is no recording that can be read ({error})."
-        raise DataError(msg) from error
+        raise DataError(why_no_recording(path, error)) from error
+
+
+def why_no_recording(path: Path, error: Exception) -> str:
+    """Return a sentence about a file that is no recording.
+
+    Parameters
+    ----------
+    path
+        The file.
+    error
+        Why it could not be opened as one.
+    """
+    with as_input(path).open("rb") as file:
+        is_hdf5 = file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
+    if is_hdf5:
+        return (
+            f"{path} is a product (HDF5), no recording that can be read; "
+            f"uwtrack info {path} tells what it holds."
+        )
+    told = str(getattr(error, "error_string", error)).rstrip(".")
+    return (
+        f"{path} is no recording that can be read ({told}); "
+        f"accepted are WAV, RF64, W64, FLAC and AIFF."
+    )
 
 
 class _Completed(io.FileIO):

@@ -18,7 +18,11 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.header import SampleBytes, sample_bytes
-from uwtrack_cli.files.audio.opening import decodable_samples, open_sound
+from uwtrack_cli.files.audio.opening import (
+    decodable_samples,
+    open_sound,
+    why_no_recording,
+)
 from uwtrack_cli.files.audio.reader import AudioReader, file_stamp
 from uwtrack_cli.files.audio.writer import write_wav
 from uwtrack_cli.files.checks import check_readable
@@ -104,11 +108,7 @@ def _sound_info(path: Path) -> Any:
         with open_sound(path) as info:
             pass  # what the header says is known, also when it is closed
     except (soundfile.SoundFileError, RuntimeError, OSError) as error:
-        msg = (
-            f"{path} is no recording that can be read ({error}); "
-            f"accepted are WAV, RF64, W64, FLAC and AIFF."
-        )
-        raise DataError(msg) from error
+        raise DataError(why_no_recording(path, error)) from error
     if info.format not in FORMATS:
         msg = f"{path} is {info.format}; accepted are WAV, RF64, W64, FLAC and AIFF."
         raise DataError(msg)

@@ -22,6 +22,7 @@ import h5py
 import numpy as np
 
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.audio.opening import SUFFIXES
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.hdf5.checksum import Checksum, checked
 from uwtrack_cli.files.hdf5.layout import FORMAT, SCHEMA_VERSION
@@ -106,6 +107,8 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
         return found
     if head != SIGNATURE:
         msg = f"{name} is not an HDF5 file, so it is no uwtrack product."
+        if Path(name).suffix.lower() in SUFFIXES:
+            msg += f" uwtrack run {name} makes one of a recording."
         raise DataError(msg)
     try:
         facts = run_limited(

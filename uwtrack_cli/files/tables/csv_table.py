@@ -76,8 +76,9 @@ class Table:
         """Refuse the table unless it has all of these columns."""
         missing = [name for name in names if name not in self.cells]
         if missing:
+            columns = "column" if len(missing) == 1 else "columns"
             msg = (
-                f"{self.path} lacks the column {', '.join(missing)}; "
+                f"{self.path} lacks the {columns} {', '.join(missing)}; "
                 f"it has: {_some(self.cells)}."
             )
             raise DataError(msg)
@@ -164,7 +165,9 @@ def read_table(path: Path, rename: Mapping[str, str] | None = None) -> Table:
         with as_input(path).open(encoding="utf-8-sig", newline="") as file:
             return _table(path, _rows(path, file), rename or {})
     except (UnicodeDecodeError, csv.Error) as error:
-        msg = f"{path} is no CSV table ({error})."
+        is_text = not isinstance(error, UnicodeDecodeError)
+        why = f"{error}" if is_text else "it is no text in UTF-8"
+        msg = f"{path} is no CSV table ({why})."
         raise DataError(msg) from error
 
 

@@ -35,7 +35,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(as_input(path).read_text(encoding="utf-8-sig"))
     except (DataError, UnicodeDecodeError) as error:
-        msg = f"{path} is no valid TOML: {error}."
+        is_text = isinstance(error, DataError)
+        why = f"{error}" if is_text else "it is no text in UTF-8"
+        msg = f"{path} is no valid TOML: {why}."
         raise DataError(msg) from error
 
 
