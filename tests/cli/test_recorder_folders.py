@@ -2,13 +2,17 @@
 
 import csv
 import json
+import os
 import shutil
 from datetime import datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
 
+from uwtrack_cli.flow.batch_sources import find_recordings, make_jobs
+from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.simulate import make_scenario, simulate_recordings
 
 RATE, FILE_S, N_FILES = 1000, 20, 48
@@ -131,6 +135,27 @@ def test_a_new_file_costs_its_own_part(recorder, tmp_path):
     alone = recorder("batch", "in", "-o", "apart", *BATCH[1:], "--json")
     assert "--join makes one recording of them" in alone.stderr
     assert len(json.loads(alone.stdout)) == 6
+
+
+def test_a_sensor_file_that_is_missing_is_told_once_before_the_work(
+    recorder, day, tmp_path
+):
+    done = recorder("batch", day, "-o", "out", "--sensor", "none.toml")
+    assert done.exit_code == 1
+    assert done.stderr.strip() == "error: none.toml does not exist."
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("recorder")
+def test_what_a_job_reads_is_named_from_everywhere(day, tmp_path):
+    """A worker of a cluster has another working directory."""
+    options = {"sensor": Path("m1.toml"), "time_zone": "UTC"}
+    found = find_recordings([Path(os.path.relpath(day))])
+    jobs = make_jobs(found, Path("out"), load_recipe("vessel"), options)
+    assert len(jobs) == N_FILES
+    for job in jobs:
+        assert job.options == {"sensor": tmp_path / "m1.toml", "time_zone": "UTC"}
+        assert all(path.is_absolute() for path in (*job.sources, job.target))
 
 
 @pytest.mark.parametrize(

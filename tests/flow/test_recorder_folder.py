@@ -57,6 +57,20 @@ def test_another_rate_is_another_recording_and_said():
     assert "--join --per day" in said
 
 
+def test_hours_without_sound_are_a_gap_of_the_day_that_is_said_with_its_length():
+    spans = files([-40_000, -39_980, -5_000, -4_980])
+    paths = [Path(f"{k}.wav") for k in range(4)]
+    (part,) = plan_parts(spans, Joining(per="day"))
+    assert part.files == (0, 1, 2, 3)
+    by_day = list(remarks(paths, spans, Joining(per="day"), is_joined=True))
+    assert by_day == [
+        "4 files from 0.wav on follow each other with 1 gap of 34960.0 s together."
+    ]
+    apart = list(remarks(paths, spans, Joining(), is_joined=True))
+    assert len(apart) == 2
+    assert all("2 files" in text for text in apart)
+
+
 def test_parts_tile_the_recording_and_read_beside_themselves():
     spans = files(range(-100, 100, 20))
     one, two = plan_parts(spans, Joining(per="day", overlap_s=30.0))

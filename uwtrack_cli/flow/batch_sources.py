@@ -1,6 +1,7 @@
 """From files, folders and patterns to jobs whose products mirror the source tree."""
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,11 +9,12 @@ from glob import has_magic
 from pathlib import Path
 from typing import Any
 
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.opening import SUFFIXES
 from uwtrack_cli.files.audio.start_time import check_clock_options
+from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input, refuse_input
-from uwtrack_cli.files.tables.sensors import sensor_files
+from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
 from uwtrack_cli.flow.batch import Job
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.recorder_folder import (
@@ -78,10 +80,15 @@ def make_jobs(
     OptionError
         Two recordings would be written to one file, or the time zone or the pattern of
         names is not understood.
+    DataError
+        The sensor file, the way of own ship or the AIS table cannot be read.
     OutputError
         A product would replace a file that is read, for this or another product.
     """
     check_clock_options(options.get("time_pattern"), options.get("time_zone"))
+    _check_files(options)
+    # a worker of a cluster has another working directory
+    whole = {k: v.absolute() if isinstance(v, Path) else v for k, v in options.items()}
     parts = [Part((k,)) for k in range(len(found))]
     if joining is not None:
         parts = _parts(found, options, joining)
@@ -94,7 +101,7 @@ def make_jobs(
             tuple(found[k].path.absolute() for k in part.files),
             target.absolute(),
             recipe,
-            dict(options),
+            whole,
             resume,
             overwrite,
             joining,
@@ -133,6 +140,17 @@ def describe_recorders(
             is_joined=joining is not None,
         )
     )
+
+
+def _check_files(options: Mapping[str, Any]) -> None:
+    """Refuse files for all recordings that cannot be read: once, before the work."""
+    sensor, own_ship = options.get("sensor"), options.get("own_ship")
+    with warnings.catch_warnings():  # the jobs warn of what is odd in them
+        warnings.simplefilter("ignore", UwtrackWarning)
+        if sensor is not None:
+            load_deployment(sensor)
+    if own_ship is not None:
+        check_readable(own_ship)
 
 
 def _protect(

@@ -168,7 +168,7 @@ def plan_parts(spans: Sequence[Span], joining: Joining) -> list[Part]:
     if joining.per is None:
         return [Part(group) for group in groups]
     if joining.per == "day":  # a gap does not part a day
-        groups = group_spans(spans, float("inf"), joining.slack_s)
+        groups = group_spans(spans, math.inf, joining.slack_s)
     return [
         part
         for group in groups
@@ -192,7 +192,10 @@ def remarks(
     is_joined
         Whether they are; else the option that does so is named.
     """
-    groups = group_spans(spans, joining.max_gap_s, joining.slack_s)
+    max_gap_s = joining.max_gap_s
+    if is_joined and joining.per == "day":  # a gap does not part a day
+        max_gap_s = math.inf
+    groups = group_spans(spans, max_gap_s, joining.slack_s)
     for group in groups:
         if len(group) > 1:
             yield _follows(paths, spans, group, joining.slack_s, is_joined=is_joined)
