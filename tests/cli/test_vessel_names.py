@@ -141,6 +141,18 @@ def test_what_ais_cannot_name_is_refused_before_the_work(
     assert "passages --ais" in live.stderr
 
 
+def test_a_table_of_another_time_is_told_with_its_times(
+    uwtrack, short_pass, ais, tmp_path
+):
+    other = tmp_path / "other.csv"
+    other.write_text(ais.read_text().replace("2024-05-01", "2023-05-01"))
+    words = ["run", short_pass, "--start-utc", START, "-o", "p.run.h5"]
+    told = "other.csv has messages from 2023-05-01 12:00 to 2023-05-01 12:04 UTC"
+    assert told in uwtrack(*words, "--ais", other).stderr
+    done = uwtrack("passages", "p.run.h5", "--ais", other, "--fresh")
+    assert f"no passage has a name: {told}" in done.stderr
+
+
 def test_a_passage_without_a_place_keeps_its_row(uwtrack, samples, ais):
     uwtrack("run", samples / "mono.wav", "-o", "mono.run.h5", "-q")
     words = ["passages", "mono.run.h5", "--ais", ais, "--to", "json", "--fresh"]

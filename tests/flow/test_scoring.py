@@ -15,6 +15,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.ais import read_ais
 from uwtrack_cli.files.tables.truth import read_truth
+from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.scoring.ais_passages import ais_passages
 from uwtrack_cli.flow.scoring.encounter_scores import score_encounters
 from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
@@ -302,8 +303,53 @@ def test_ais_needs_the_time_of_the_recording(tmp_path):
 def test_ais_names_the_column_that_it_lacks(tmp_path):
     path = tmp_path / "ais.csv"
     path.write_text("Time,MMSI,Latitude\n2024-05-01 12:00:00,1,50\n")
-    with pytest.raises(DataError, match="lacks the column longitude"):
+    with pytest.raises(DataError, match="lacks the columns longitude"):
         read_ais(path)
+
+
+AGENCIES = {
+    "Danish": (
+        (
+            "# Timestamp,Type of mobile,MMSI,Latitude,Longitude,Navigational status,ROT,"
+            "SOG,COG,Heading,IMO,Name,Draught"
+        ),
+        (
+            "02/05/2024 12:00:{:02d},Class A,219000001,55.1,12.{},Under way,0.0,{},90.0,"
+            "91,Unknown,FÆRGE,"
+        ),
+    ),
+    "Norwegian": (
+        "mmsi;imo;name;date_time_utc;lon;lat;sog;cog;true_heading",
+        "219000001;;FÆRGE;2024-05-02 12:00:{:02d};12.{};55.1;{};90.0;91",
+    ),
+    "United States": (
+        "mmsi,base_date_time,longitude,latitude,sog,cog,heading,vessel_name,imo",
+        "219000001,2024-05-02 12:00:{:02d},12.{},55.1,{},90.0,91,FÆRGE,",
+    ),
+    "seconds since 1970": (
+        "timestamp,mmsi,lon,lat,speed,course,shipname,rssi",
+        "17146512{:02d},219000001,12.{},55.1,{},90.0,FÆRGE,-70",
+    ),
+}
+"""Lines of names and of messages as agencies and receivers give them: second, place,
+speed."""
+
+
+@pytest.mark.parametrize("agency", AGENCIES)
+def test_tables_of_the_agencies_say_the_same(tmp_path, agency):
+    path = tmp_path / "ais.csv"
+    head, row = AGENCIES[agency]
+    messages = [(20, 2, 10.0), (0, 1, 10.0), (20, 9, 10.0), (40, 3, 102.3)]
+    path.write_text("\n".join([head, *(row.format(*one) for one in messages)]) + "\n")
+    truth = read_ais(path)
+    assert truth.start_utc_ns == parse_utc("2024-05-02T12:00:00Z")
+    (track,) = truth.tracks
+    assert track.vessel == "FÆRGE (219000001)"
+    np.testing.assert_allclose(track.time_s, [0.0, 20.0, 40.0])
+    np.testing.assert_allclose(track.second, [12.1, 12.2, 12.3])  # the first counts
+    np.testing.assert_allclose(
+        track.speed_mps, np.array([10, 10, np.nan]) / 1.94384, 1e-5
+    )
 
 
 REAL = Path(os.environ.get("UWTRACK_REAL_DATA", "/nonexistent"))

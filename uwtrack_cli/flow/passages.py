@@ -250,6 +250,11 @@ def collect_passages(
     table.problems += dict.fromkeys(text for r in results for text in r.unnamed)
     rows = [row for part in _once(list(_last_views(results))) for row in part]
     table.passages = sorted(rows, key=lambda row: (row.time_utc or "9999", row.file))
+    if vessels is not None and rows and not any(row.mmsi for row in rows):
+        table.problems.append(
+            f"no passage has a name: {vessels.said_span()}, and no vessel fits within "
+            f"{within_m:g} m."
+        )
     levels: dict[tuple[str, str, int], list[PassageLevel]] = {}
     for result in results:
         for level in result.levels:

@@ -9,17 +9,20 @@ probability that it was that vessel rather than another one, listed or not.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth, VesselTrack
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.hdf5.product import Source, source_of
 from uwtrack_cli.files.tables.ais import read_ais
+from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.engine import Revision
 from uwtrack_cli.flow.scoring.encounter_scores import score_encounters
 from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
@@ -58,7 +61,31 @@ class AisVessels:
                 f"latitude and longitude in its sensor file."
             )
             raise DataError(msg)
-        RecordedSensors([sensor], [recording]).shift_s(sensor.id, self.truth)
+        shift_s = RecordedSensors([sensor], [recording]).shift_s(sensor.id, self.truth)
+        first_s, last_s = (second + shift_s for second in self.span_s)
+        if first_s > recording.duration_s or last_s < 0.0:
+            msg = f"no vessel gets a name: {self.said_span()}."
+            warn(msg, UwtrackWarning, stacklevel=2)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first and the last message, s from the start of the truth."""
+        tracks = self.truth.tracks
+        return (
+            min((float(track.time_s[0]) for track in tracks), default=np.inf),
+            max((float(track.time_s[-1]) for track in tracks), default=-np.inf),
+        )
+
+    def said_span(self) -> str:
+        """Return from when to when there are messages, in words."""
+        start_ns = self.truth.start_utc_ns
+        if not self.truth.tracks or start_ns is None:
+            return f"{self.truth.name} has no message with a position"
+        first, last = (
+            format_utc(start_ns + round(second * NANOSECONDS))[:16].replace("T", " ")
+            for second in self.span_s
+        )
+        return f"{self.truth.name} has messages from {first} to {last} UTC"
 
     def name(
         self,

@@ -4,26 +4,30 @@
 of columns (MMSI, time, latitude, longitude, SOG in knots, COG in degrees); a log of
 sentences is known by its first ones. The values that AIS
 reserves for "not available" (SOG 102.3, COG 360, latitude 91, longitude 181) are
-not used. Times without a zone are UTC.
+not used. Times without a zone are UTC; a number is seconds since 1970. In tables of the
+Danish agency, whose line of names begins with ``# Timestamp``, the day stands first.
 
 **References.** ITU-R M.1371-5 (2014), annex 8, table 48: position report.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
 
-from uwtrack_cli.constants import KNOT_MPS
+from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.checks import check_readable
+from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.tables.ais_sentences import (
     AisMessages,
     is_sentence_log,
     read_sentences,
 )
 from uwtrack_cli.files.tables.csv_table import Table, read_table, table_times
+from uwtrack_cli.files.utc import format_utc
 
 ALIASES = {
     "time": "time_utc", "basedatetime": "time_utc", "base_date_time": "time_utc",
@@ -35,6 +39,13 @@ ALIASES = {
     "course_over_ground": "course_deg", "course": "course_deg",
     "vesselname": "name", "vessel_name": "name", "shipname": "name", "ship_name": "name",
 }  # fmt: skip
+DAY_FIRST = "# Timestamp"
+"""Begin of the line of names in tables of the Danish Maritime Authority."""
+
+DAY_MONTH = re.compile(r"(\d\d)/(\d\d)/(\d{4}) (.+)")
+SECONDS = re.compile(r"\d{9,10}(\.\d+)?")
+"""A time as seconds since 1970, from 1973 on."""
+
 NO_SPEED_KN, NO_COURSE_DEG = 102.25, 360.0
 POSITION_STD_M = 10.0
 """Deviation of a position: AIS calls those better than 10 m accurate."""
@@ -75,7 +86,7 @@ def read_ais(path: Path) -> Truth:
 
 
 def _read_csv(path: Path) -> AisMessages:
-    table = read_table(path)
+    table = read_table(path, heading=DAY_FIRST)
     cells = {ALIASES.get(name, name): column for name, column in table.cells.items()}
     if len(cells) < len(table.cells):
         msg = f"{path} names a quantity in two columns: {', '.join(table.cells)}."
@@ -83,6 +94,10 @@ def _read_csv(path: Path) -> AisMessages:
     table = Table(path, cells, table.lines)
     table.need("time_utc", "mmsi", "latitude", "longitude", "speed_kn", "course_deg")
     cells.pop("time_s", None)
+    is_day_first = _begins_with(path, DAY_FIRST)
+    cells["time_utc"] = [
+        _iso(cell, is_day_first=is_day_first) for cell in cells["time_utc"]
+    ]
     time_s, start_ns = table_times(table)
     numbers = cells["mmsi"]
     names = dict[str, str]()
@@ -99,6 +114,22 @@ def _read_csv(path: Path) -> AisMessages:
         course_deg=table.numbers("course_deg", 0.0, 1e4, may_miss=True),
         names=names,
     )
+
+
+def _begins_with(path: Path, text: str) -> bool:
+    with as_input(path).open(encoding="utf-8-sig") as file:
+        return file.read(len(text)) == text
+
+
+def _iso(cell: str, *, is_day_first: bool) -> str:
+    """Return a time of an agency in the form that all tables have, others unchanged."""
+    if SECONDS.fullmatch(cell):
+        return format_utc(int(float(cell) * NANOSECONDS))
+    found = DAY_MONTH.fullmatch(cell) if is_day_first else None
+    if found is None:
+        return cell
+    day, month, year, clock = found.groups()
+    return f"{year}-{month}-{day}T{clock}"
 
 
 def _track(messages: AisMessages, rows: IntArray) -> VesselTrack:

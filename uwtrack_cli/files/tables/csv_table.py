@@ -142,7 +142,9 @@ class Table:
             warn(msg, UwtrackWarning, stacklevel=3)
 
 
-def read_table(path: Path, rename: Mapping[str, str] | None = None) -> Table:
+def read_table(
+    path: Path, rename: Mapping[str, str] | None = None, heading: str = ""
+) -> Table:
     """Read the cells of a CSV file.
 
     Parameters
@@ -151,6 +153,8 @@ def read_table(path: Path, rename: Mapping[str, str] | None = None) -> Table:
         The file, UTF-8, with or without a byte-order mark.
     rename
         Names for the columns of the file, by their own names.
+    heading
+        Begin of a first line that names the columns, though it looks like a comment.
 
     Raises
     ------
@@ -163,7 +167,7 @@ def read_table(path: Path, rename: Mapping[str, str] | None = None) -> Table:
         raise DataError(msg)
     try:
         with as_input(path).open(encoding="utf-8-sig", newline="") as file:
-            return _table(path, _rows(path, file), rename or {})
+            return _table(path, _rows(path, file, heading), rename or {})
     except (UnicodeDecodeError, csv.Error) as error:
         is_text = not isinstance(error, UnicodeDecodeError)
         why = f"{error}" if is_text else "it is no text in UTF-8"
@@ -199,12 +203,18 @@ def _table(
     return Table(path, columns, lines)
 
 
-def _rows(path: Path, file: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
+def _rows(
+    path: Path, file: Iterable[str], heading: str
+) -> Iterator[tuple[int, list[str]]]:
     """Yield the cells of every line that is neither empty nor a comment."""
     numbered = (
-        (line, text)
+        (line, text.removeprefix("#") if line == 1 else text)
         for line, text in enumerate(file, 1)
-        if text.strip() and not text.lstrip().startswith("#")
+        if text.strip()
+        and (
+            not text.lstrip().startswith("#")
+            or (line == 1 and heading and text.startswith(heading))
+        )
     )
     first = next(numbered, None)
     if first is None:
