@@ -292,12 +292,22 @@ def examine_contacts(
 def _merge(
     found: list[CandidatePassage], lines: Lines, medium: Medium, probability: float
 ) -> list[CandidatePassage]:
-    """Join contacts that agree with the motion of a stronger one."""
+    """Join contacts that agree with the motion of a stronger one.
+
+    A part of a line agrees with many motions: it goes with the one that explains it best.
+    """
     left = sorted(found, key=lambda item: -item.likelihood_ratio.total)
     kept: list[CandidatePassage] = []
     while left:
         leader, *left = left
-        same = [item for item in left if agrees(item, leader)]
+        alike = [agrees(item, leader) for item in left]
+        rivals = [
+            item for item, is_like in zip(left, alike, strict=True) if not is_like
+        ]
+        same = [
+            item for item, is_like in zip(left, alike, strict=True)
+            if is_like and not _suits_better(item, leader, rivals)
+        ]  # fmt: skip
         if same:
             contacts = tuple(
                 number for item in (leader, *same) for number in item.contacts
@@ -310,6 +320,17 @@ def _merge(
             left = [item for item in left if item not in same]
         kept.append(leader)
     return kept
+
+
+def _suits_better(
+    item: CandidatePassage, leader: CandidatePassage, rivals: list[CandidatePassage]
+) -> bool:
+    """Tell whether a stronger candidate explains one better than the leader does."""
+    strength = item.likelihood_ratio.total
+    stronger = [one for one in rivals if one.likelihood_ratio.total > strength]
+    if not stronger:
+        return False
+    return min(_loss(item, one) for one in stronger) < _loss(item, leader)
 
 
 def tell_once(found: list[CandidatePassage]) -> list[CandidatePassage]:
@@ -451,6 +472,9 @@ SUSPICION = 30.0
 DISAGREEMENT = 3.0 * AGREEMENT
 """Loss that the other vessel's motion must cost either."""
 
+N_ASSIGNMENTS = 3
+"""How often lines are given to the motion that explains them best."""
+
 SURE = 100.0
 """Loss beyond which nothing is gained; so many ways to divide the lines are tried as
 there are subsets of them."""
@@ -574,23 +598,36 @@ def _groups(
     medium: Medium,
     probability: float,
 ) -> list[CandidatePassage]:
-    """Fit each line alone, and together again those that agree; strongest first."""
+    """Fit each line alone, and together again those that agree; strongest first.
+
+    A line goes with the motion that explains it best, once with those of single lines
+    and once with those of the groups; one that none explains is left out.
+    """
     rows = np.arange(owner[1].size)
     alone = [_of_rows(data, owner, rows[[n]], medium, probability) for n in rows]
-    left = sorted(
-        [(item, n) for n, item in enumerate(alone) if item is not None],
-        key=lambda pair: -pair[0].likelihood_ratio.total,
-    )
-    groups: list[CandidatePassage] = []
-    while left:
-        (leader, first), *left = left
-        members = [n for item, n in left if agrees(item, leader)]
-        left = [(item, n) for item, n in left if n not in members]
-        some = np.array([first, *members])
-        joint = _of_rows(data, owner, some, medium, probability)
-        if joint is not None:
-            groups.append(joint)
-    return sorted(groups, key=lambda item: -item.likelihood_ratio.total)
+    lines = {n: item for n, item in enumerate(alone) if item is not None}
+    leaders: list[CandidatePassage] = []
+    for item in sorted(lines.values(), key=lambda item: -item.likelihood_ratio.total):
+        if not any(agrees(item, leader) for leader in leaders):
+            leaders.append(item)
+    former: list[IntArray] = []
+    for _ in range(N_ASSIGNMENTS):
+        chosen = np.full(rows.size, -1)
+        for n, item in lines.items():
+            losses = [_loss(item, leader) for leader in leaders]
+            if losses and min(losses) < AGREEMENT:
+                chosen[n] = int(np.argmin(losses))
+        groups = [np.flatnonzero(chosen == number) for number in range(len(leaders))]
+        if len(groups) == len(former) and all(map(np.array_equal, groups, former)):
+            break
+        joint = [
+            _of_rows(data, owner, group, medium, probability)
+            for group in groups if group.size
+        ]  # fmt: skip
+        former = [group for group in groups if group.size]
+        former = [group for group, item in zip(former, joint, strict=True) if item]
+        leaders = [item for item in joint if item is not None]
+    return sorted(leaders, key=lambda item: -item.likelihood_ratio.total)
 
 
 def _of_rows(

@@ -237,31 +237,36 @@ def _influence(fit: PassageFit, blocks: Blocks) -> tuple[FloatArray, str]:
     doubt = ""
     if early is not None and late is not None:
         (first, a), (second, b) = early, late
-        apart = np.abs(first - second) / np.sqrt(a + b)
-        factor[:3] = np.maximum(1.0, apart / CHANCE)
+        apart = _apart(first, second) / np.sqrt(a + b)
+        factor = np.fmax(1.0, apart / CHANCE)
         speeds = abs(float(first[2] - second[2]))
         if apart[2] > LARGEST_DISAGREEMENT and speeds > fit.theta[0, 2]:
             doubt = (
                 f"its two halves tell {first[2]:.3g} and {second[2]:.3g} m/s, "
                 f"{apart[2]:.1f} deviations apart"
             )
-    factor[:3] = np.maximum(factor[:3], _without_each_line(fit, blocks))
-    return factor, doubt
+    return np.fmax(factor, _without_each_line(fit, blocks)), doubt
+
+
+def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return how far two answers are apart; bearings may lie on both sides of north."""
+    apart = one - other
+    apart[3] = (apart[3] + 180.0) % 360.0 - 180.0
+    return np.abs(apart)
 
 
 def _without_each_line(fit: PassageFit, blocks: Blocks) -> FloatArray:
-    """Return factors on the deviations of time, width and speed by leaving out lines.
+    """Return factors on the four deviations by leaving out lines.
 
     What a line moves the answer by has the variance that its absence adds.
     """
     weight = blocks.shift.weight[0].sum(axis=1)
     best = np.argsort(-weight)[:MOST_LINES]
     best = best[weight[best] > 0]
-    factor = np.ones(3)
+    factor = np.ones(4)
     if best.size < 2:
         return factor
-    whole = np.array([fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2]])
-    own = np.diag(fit.covariance[0])[:3]
+    whole, own = _answer(fit)
     for line in best:
         kept = np.ones(weight.size, np.bool_)
         kept[line] = False
@@ -270,8 +275,8 @@ def _without_each_line(fit: PassageFit, blocks: Blocks) -> FloatArray:
             added = np.maximum(
                 found[1] - own, SMALLEST_ADDED * np.maximum(found[1], own)
             )
-            moved = np.abs(found[0] - whole) / np.sqrt(added)
-            factor = np.maximum(factor, moved / CHANCE_OF_LINES)
+            moved = _apart(found[0], whole) / np.sqrt(added)
+            factor = np.fmax(factor, moved / CHANCE_OF_LINES)
     return factor
 
 
@@ -281,18 +286,26 @@ def _refit(
     instants: BoolArray,
     kept_lines: BoolArray | None = None,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Fit a part of the measurements; time, slant d/v and speed with variances."""
+    """Fit a part of the measurements; the four answers with their variances.
+
+    A line is left out with its bearings, if it has its own.
+    """
     weight = blocks.weight * instants
     if kept_lines is not None:
         weight[:, blocks.parts[0]] *= kept_lines[:, None]
+        if blocks.count[1] == blocks.count[0]:
+            weight[:, blocks.parts[1]] *= kept_lines[:, None]
     part = replace(blocks, weight=weight)
     if np.count_nonzero(part.shift.weight.any(axis=(0, 1))) < 2 * FEWEST_BLOCKS:
         return None
     found = fit_passage(part, fit.theta, fit.turn, fit.medium, change=fit.change)
-    variance = np.diag(found.covariance[0])[:3]
-    answer = np.array(
-        [found.theta[0, 0], found.range_over_speed_s[0], found.theta[0, 2]]
-    )
-    if not (np.isfinite(answer).all() and np.isfinite(variance).all()):
+    answer, variance = _answer(found)
+    if not (np.isfinite(answer[:3]).all() and np.isfinite(variance[:3]).all()):
         return None
     return answer, variance
+
+
+def _answer(fit: PassageFit) -> tuple[FloatArray, FloatArray]:
+    """Time, slant d/v, speed and bearing with their variances."""
+    motion = (fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2])
+    return np.array([*motion, fit.bearing_deg[0]]), np.diag(fit.covariance[0])
