@@ -14,6 +14,7 @@ from tests.motion.drawn_readings import (
     received,
 )
 from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.locate import locate_vessels
 from uwtrack_cli.motion.passage.law import passage_law, with_other_leg
@@ -96,6 +97,20 @@ def test_the_curve_of_a_page_follows_what_changed(kind, seed):
     off = (drawn.series.frequency_hz - curve[:, None])[:, 0]
     scaled = off / drawn.series.frequency_std_hz[:, 0]
     assert np.sqrt(np.nanmean(scaled**2)) < 1.2
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("turn", 1), ("speed-change", 4)])
+def test_the_other_leg_has_its_own_speed_and_course(kind, seed):
+    drawn = draw(kind, seed)
+    found = analyse(drawn)
+    other = 1.0 if drawn.change_s > CLOSEST_S else -1.0
+    near, far = (place(drawn, drawn.change_s + other * s) for s in (50.0, 51.0))
+    velocity = other * (np.array(far) - near)
+    speed = found.other_leg_speed_mps[0], found.other_leg_speed_std_mps[0]
+    assert abs(speed[0] - np.hypot(*velocity)) < 4 * speed[1] < 4.0
+    course = found.other_leg_course_deg[0], found.other_leg_course_std_deg[0]
+    truth_deg = np.rad2deg(np.arctan2(*velocity))
+    assert abs(wrap_deg(course[0] - truth_deg)) < 4 * course[1] < 40.0
 
 
 @pytest.mark.parametrize("seed", [1, 2, 4])
