@@ -122,11 +122,22 @@ class Lines(Container):
         Column by column, so that there is never a second copy of all points.
         """
         rest = super().join([block.take("point", slice(0)) for block in blocks])
-        frame = np.concatenate([block.frame for block in blocks])
-        order = np.lexsort((frame, np.concatenate([block.line for block in blocks])))
+        order = point_order(blocks)
         points: dict[str, Any] = {
             name: np.concatenate([getattr(block, name) for block in blocks])[order]
             for name, spec in cls.columns().items()
             if spec.axes[0] == "point"
         }
         return replace(rest, **points)
+
+
+def point_order(blocks: Sequence[Lines]) -> IntArray:
+    """Return the order of the points of some blocks by line, then by frame.
+
+    Parameters
+    ----------
+    blocks
+        Consecutive blocks of a stream.
+    """
+    frame = np.concatenate([block.frame for block in blocks])
+    return np.lexsort((frame, np.concatenate([block.line for block in blocks])))

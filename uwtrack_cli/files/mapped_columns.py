@@ -7,43 +7,27 @@ mapped: the system reads the pages that are asked for, and may drop them again.
 """
 
 import tempfile
-from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from uwtrack_cli.data.base import Container
-
-C = TypeVar("C", bound=Container)
 
 LEAST_BYTES = 1 << 18
 """Columns below this stay in memory: hours of most columns do."""
 
 
-def on_disk(container: C) -> C:
-    """Return a container with the same values whose long columns are mapped files.
+def on_disk(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a long array as a mapped file with the same values, a short one as it is.
 
-    On a disk that is full the columns stay in memory.
+    On a disk that is full it stays in memory, too.
 
     Parameters
     ----------
-    container
-        A container, with its parts.
+    values
+        An array of any shape.
     """
-    changes: dict[str, Any] = {}
-    for name in container.columns():
-        values = getattr(container, name)
-        if values is not None and values.nbytes >= LEAST_BYTES:
-            changes[name] = _mapped(values)
-    for name in container.parts():
-        part = getattr(container, name)
-        if part is not None:
-            changes[name] = on_disk(part)
-    return replace(container, **changes)
-
-
-def _mapped(values: NDArray[Any]) -> NDArray[Any]:
+    if values.nbytes < LEAST_BYTES:
+        return values
     try:
         with tempfile.TemporaryFile(prefix="uwtrack-") as file:
             file.write(np.ascontiguousarray(values).data)

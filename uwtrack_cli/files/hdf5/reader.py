@@ -6,7 +6,7 @@ what `Product.read` gives, bit for bit.
 """
 
 from bisect import bisect_left
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -14,9 +14,11 @@ from typing import Any, NamedTuple, Self, TypeVar, cast, overload
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.lines import Lines, point_order
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.checksum import Checksum
 from uwtrack_cli.files.hdf5.examination import (
@@ -44,6 +46,9 @@ from uwtrack_cli.files.hdf5.migration import (
 C = TypeVar("C", bound=Container)
 Rows = Mapping[tuple[str, str], slice]
 """Rows to read, by container and axis; axes not named are read whole."""
+
+Hold = Callable[[NDArray[Any]], NDArray[Any]]
+"""Takes a column, and returns the array that is kept of it."""
 
 MAX_READ_BYTES = 1 << 32
 """Most that is read of a column at once: what is longer is read in blocks."""
@@ -359,14 +364,35 @@ def _history(file: h5py.File) -> list[HistoryStep]:
     return [HistoryStep.from_json(step.decode()) for step in steps[:]]
 
 
-def read_whole(file: h5py.File, path: str, kind: type[C]) -> C:
-    """Read a container in the order that `Container.join` gives its rows."""
-    container = _read(file, path, kind, {})
-    own_order = kind.join.__func__ is not Container.join.__func__  # type: ignore[attr-defined]
-    return kind.join([container]) if own_order else container
+def read_whole(file: h5py.File, path: str, kind: type[C], hold: Hold = np.asarray) -> C:
+    """Read a container in the order that `Container.join` gives its rows.
+
+    Parameters
+    ----------
+    file
+        The file.
+    path
+        Path of the container's group.
+    kind
+        Its class.
+    hold
+        Takes each column that was read and returns the array that is kept of it.
+    """
+    container = _read(file, path, kind, {}, hold)
+    if not isinstance(container, Lines):
+        return container
+    order = point_order([container])
+    points: dict[str, Any] = {
+        name: hold(getattr(container, name)[order])
+        for name, spec in kind.columns().items()
+        if spec.axes[0] == "point"
+    }
+    return replace(container, **points)
 
 
-def _read(file: h5py.File, path: str, kind: type[C], rows: Rows) -> C:
+def _read(
+    file: h5py.File, path: str, kind: type[C], rows: Rows, hold: Hold = np.asarray
+) -> C:
     """Read a container, or some rows of it, with its parts."""
     own = _group(file, path, kind)
     absent, version = _absent(own.group), own.version
@@ -379,12 +405,13 @@ def _read(file: h5py.File, path: str, kind: type[C], rows: Rows) -> C:
             values[name] = None
         else:
             chosen = rows.get((kind.NAME, spec.axes[0]), slice(None))
-            values[name] = _column(own, name, spec, chosen)
+            values[name] = hold(_column(own, name, spec, chosen))
     values |= _scalars(own, kind, absent)
     for name, part in part_classes(kind).items():
         values[name] = None
         if name not in absent:
-            values[name] = _read(file, str(attribute(own.group, name)), part, rows)
+            where = str(attribute(own.group, name))
+            values[name] = _read(file, where, part, rows, hold)
     return kind(**values)
 
 

@@ -114,7 +114,7 @@ class ProductStore:
         for group in _all_groups([top]):
             group.name_parts()
         self._whole.add(found[0])
-        return on_disk(read_whole(self.file, found[0], kind))
+        return read_whole(self.file, found[0], kind, on_disk)
 
     def finish(self, history: Sequence[HistoryStep]) -> None:
         """Write what is left, and close the file."""
