@@ -107,6 +107,19 @@ def test_one_passage_of_two_contacts_is_told_once():
     assert doubts[9].startswith("the passage of contact 1")
 
 
+def test_contacts_that_fit_together_tell_the_passage_together():
+    lines = lines_of(SCENE)
+    unknown = np.full(lines.time_s.size, np.nan)
+    one = candidate_of(replace(lines, measured_bearing_deg=unknown))
+    again = replace(one, contacts=(9,))
+    both = replace(one, contacts=(1, 9))
+    assert tell_once([one, again], lambda *_: both) == [both]
+    for refused in (None, replace(both, doubt="its halves disagree")):
+        first, second = tell_once([one, again], lambda *_, made=refused: made)
+        assert first is one
+        assert second.doubt.startswith("the passage of contact 1")
+
+
 def test_bearings_keep_two_contacts_apart():
     one = candidate_of(lines_of(SCENE))
     found = tell_once([one, replace(one, contacts=(9,))])

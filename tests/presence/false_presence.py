@@ -1,7 +1,8 @@
 """What is told of sound without a vessel: one kind of disturbance at a time.
 
-Prints a table in Markdown; its numbers are recordings of each disturbance and seconds of
-each: python -m tests.presence.false_presence 2 480
+Prints a table in Markdown; its numbers are recordings of each disturbance, seconds of
+each and the first seed; disturbances may follow, all and none unless named:
+python -m tests.presence.false_presence 2 480 1000 drift rain
 """
 
 import sys
@@ -29,15 +30,15 @@ def told(kind, seed, duration_s):
     return Counter(presence.kind.tolist()), int((presence.encounter > 0).sum())
 
 
-def main(runs, duration_s):
-    """Print one row for each disturbance, and one for none."""
+def main(runs, duration_s, first_seed, *wanted):
+    """Print one row for each disturbance, and one for none unless some are named."""
     warnings.simplefilter("ignore")
     sys.stdout.write(f"| disturbance | {' | '.join(KINDS)} | passages |\n")
     sys.stdout.write("|---" * (len(KINDS) + 2) + "|\n")
-    for kind in ("", *DISTURBANCES):
+    for kind in wanted or ("", *DISTURBANCES):
         total, passed = Counter(), 0
         for seed in range(runs):
-            found, encounters = told(kind, 1000 + seed, duration_s)
+            found, encounters = told(kind, first_seed + seed, duration_s)
             total += found
             passed += encounters
         cells = " | ".join(str(total[name]) for name in KINDS)
@@ -46,4 +47,5 @@ def main(runs, duration_s):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), float(sys.argv[2]))
+    runs, duration_s, first_seed = sys.argv[1:4]
+    main(int(runs), float(duration_s), int(first_seed), *sys.argv[4:])

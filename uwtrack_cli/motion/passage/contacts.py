@@ -16,6 +16,7 @@ and be measured on both sides of it: else time and width are those of the data's
 noise; see `likelihood_ratio`. The strongest vessel keeps the contact number.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -333,29 +334,42 @@ def _suits_better(
     return min(_loss(item, one) for one in stronger) < _loss(item, leader)
 
 
-def tell_once(found: list[CandidatePassage]) -> list[CandidatePassage]:
-    """Return the candidates, those in doubt that claim a stronger one's passage again.
+Join = Callable[[CandidatePassage, CandidatePassage], CandidatePassage | None]
+"""Fits the lines of two candidates together, and checks them; None without a passage."""
 
-    Lines of one vessel that were followed in their own ways may not be explained by one
-    fit, and their likelihoods then keep them apart. Two vessels with one time, speed and
+
+def tell_once(
+    found: list[CandidatePassage], join: Join | None = None
+) -> list[CandidatePassage]:
+    """Return the candidates, one for those that claim the same passage.
+
+    Lines of one vessel that were followed in their own ways may not agree by their
+    likelihoods, which keep them apart. Two vessels with one time, speed and
     range within deviations are hardly ever met; where both have bearings, these decide.
+    All their lines tell the passage together where one fit passes all checks; else the
+    weaker candidate is doubted.
 
     Parameters
     ----------
     found
         Candidates that were examined and checked.
+    join
+        What fits two of them together; without it the weaker one is doubted.
     """
     kept: list[CandidatePassage] = []
     for item in sorted(found, key=lambda item: -item.likelihood_ratio.total):
-        known = [one for one in kept if not one.doubt]
-        first = next((one for one in known if _is_one(item, one)), None)
-        if first is not None and not item.doubt:
-            again = (
-                f"the passage of contact {first.contacts[0]}, with its time and speed"
-            )
-            kept.append(replace(item, doubt=again))
-        else:
+        places = [k for k, one in enumerate(kept) if not one.doubt]
+        first = next((k for k in places if _is_one(item, kept[k])), None)
+        if first is None or item.doubt:
             kept.append(item)
+            continue
+        leader = kept[first]
+        joint = join(leader, item) if join else None
+        if joint is not None and not joint.doubt and _is_one(joint, leader):
+            kept[first] = joint
+            continue
+        again = f"the passage of contact {leader.contacts[0]}, with its time and speed"
+        kept.append(replace(item, doubt=again))
     return kept
 
 

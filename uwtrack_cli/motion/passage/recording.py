@@ -126,7 +126,18 @@ def _of_lines(lines: Lines, terms: SearchTerms) -> list[CandidatePassage]:
         for other in others:
             number += 1
             found.append(replace(other, contacts=(number,)))
-    return tell_once([_checked(item, lines, terms) for item in found])
+
+    def join(one: CandidatePassage, other: CandidatePassage) -> CandidatePassage | None:
+        both = one.contacts + other.contacts
+        if not set(both) <= set(contact_ids(lines)):
+            return None  # a part of a contact that was divided
+        joint = examine(
+            contact_data(lines, None, both), both, lines_of(lines, both),
+            medium, probability,
+        )  # fmt: skip
+        return _checked(joint, lines, terms) if joint else None
+
+    return tell_once([_checked(item, lines, terms) for item in found], join)
 
 
 def _apart(
