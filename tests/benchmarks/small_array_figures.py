@@ -1,9 +1,10 @@
 """Figures of small arrays for `tests/baselines/arrays.md`.
 
-python -m tests.benchmarks.small_array_figures
+python -m tests.benchmarks.small_array_figures [directions | several | noise ...]
 """
 
 import os
+import sys
 import warnings
 from pathlib import Path
 
@@ -108,8 +109,44 @@ def real_noise():
         print(f"real noise, {probability}: {hits} of {frames} frames")
 
 
+def several():
+    """Two and three sources in each of 60 frames: how often each is told, and how well."""
+    pairs = [((40.0, 0.0, 10.0), (40.0 + apart, 0.0, 10.0)) for apart in (30, 45, 90)]
+    pairs += [((40.0, 0.0, 20.0), (130.0, 0.0, low)) for low in (10.0, 0.0, -5.0)]
+    pairs += [((40.0, 0.0, 20.0),), ((40.0, 0.0, 0.0),)]
+    pairs += [((40.0, 10.0, 10.0), (160.0, 0.0, 10.0), (280.0, 0.0, 8.0))]
+    for sources in pairs:
+        rng, n = np.random.default_rng(21), 60 * RATE_HZ // 2
+        heard = rng.standard_normal((n, 4))
+        frequency_hz = np.fft.rfftfreq(n, 2.0 / RATE_HZ)
+        for azimuth, elevation, level_db in sources:
+            a, e = np.radians([azimuth, elevation])
+            toward = [np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)]
+            own = np.fft.rfft(rng.standard_normal(n)) * 10.0 ** (level_db / 20.0)
+            turn = np.exp(2j * np.pi * np.outer(TETRAHEDRON @ toward / C, frequency_hz))
+            heard += np.fft.irfft(own * turn, n).T
+        recording = recording_of(heard, RATE_HZ // 2, sensor_of(TETRAHEDRON))
+        blocks = form_beams(
+            recording, overlap=0.0, zero_padding=1, band_hz=(60.0, 900.0),
+            false_alarm_probability=1e-3,
+        )  # fmt: skip
+        found = BearingTime.join(list(blocks)).directions
+        row, right = [], np.zeros(found.frame.size, np.bool_)
+        for azimuth, *_ in sources:
+            off = (found.bearing_deg - azimuth + 180.0) % 360.0 - 180.0
+            near = np.abs(off) < 15.0
+            right |= near
+            ratio = np.sqrt(np.mean((off / found.bearing_std_deg)[near] ** 2))
+            row.append(f"{near.sum() / 60:.2f} of frames, {off[near].mean():+.2f}, "
+                       f"{np.median(found.bearing_std_deg[near]):.2f}, {ratio:.2f}")  # fmt: skip
+        print(sources, *row, "others", np.count_nonzero(~right), sep=" | ", flush=True)
+
+
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    directions()
-    if "UWTRACK_REAL_DATA" in os.environ:
+    asked = sys.argv[1:] or ["directions", "several", "noise"]
+    for name, made in (("directions", directions), ("several", several)):
+        if name in asked:
+            made()
+    if "noise" in asked and "UWTRACK_REAL_DATA" in os.environ:
         real_noise()

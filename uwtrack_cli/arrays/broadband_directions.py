@@ -10,17 +10,27 @@ Before, each hydrophone is scaled to its own power in sixteen bins, and isotropi
 which is coherent between near hydrophones, is whitened: its share is estimated block by
 block from the coherence of all pairs.
 
-**Conventions.** A frame has one direction, the strongest; other maxima that explain its
-sound nearly as well are its lobes, weighted by likelihood. The deviation is that of the
-Fisher information of a random signal, with the ratio that the frame itself shows.
+Further sources are sought in what the known ones leave: the whitened spectra across
+their steering vectors, in which the same share is Beta(1, N - m - 1) after m sources.
+Errors of places, gains and delays leave some sound of a strong source there, too, and a
+vessel that moves within the frame: what is coherent with a known source over sixteen
+bins is taken off before. Then each direction is measured again across all others. N
+hydrophones tell N / 2 sources; of a frame in which more are heard only those are told
+that stand far above all that is left.
+
+**Conventions.** The first direction of a frame is the strongest; other maxima that
+explain its sound nearly as well are its lobes, weighted by likelihood. The deviation is
+that of the Fisher information of a random signal, with the ratio that the frame itself
+shows.
 
 **References.** L. L. Scharf & B. Friedlander, IEEE Trans. Signal Process. 42 (1994):
 the matched subspace statistic; H. Cox, J. Acoust. Soc. Am. 54 (1973): isotropic noise;
 R. R. Blandford, Geophysics 39 (1974): its use on arrays in the ground.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,25 +54,45 @@ SCORING_STEPS = 5
 LARGEST_ISOTROPIC = 0.995
 """Largest share of isotropic noise that is whitened: beyond, errors of place count."""
 
-DRAWN_FRAMES = 128
+DRAWN_FRAMES = 512
 """Frames of drawn noise of each kind by which the threshold is set, whatever the
-array's shape: the rate differs from the stated one by 17 % (one deviation)."""
+array's shape: the rate differs from the stated one by 14 % (one deviation)."""
 
-DRAWN_ISOTROPIC = 0.95
-"""Share of isotropic noise in those of the second kind; the rest is independent."""
+DRAWN_ISOTROPIC = (0.0, 0.5, 0.95)
+"""Share of isotropic noise in those of each kind; the rest is independent."""
 
 DRAWN_AT_ONCE = 32
 """Of these, so many at once, as beams are formed of."""
 
-DRAWN_SHARE = 0.25
+DRAWN_SHARE = 0.1
 """Share of them, the highest, that tells how many directions noise fills."""
 
-HIGHER_FACTOR = 1.2
-"""Directions that noise fills at the heights of rates of 0.1 and less, over those at
+HIGHER_FACTOR = 1.06
+"""Directions that noise fills at the heights of rates of 0.02 and 0.01, over those at
 the share above: neighbours are less alike there (calibration/directions.py)."""
+
+ELEMENTS_PER_SOURCE = 2
+"""Hydrophones for each source that is sought in a frame."""
+
+ROUNDS, STILL = 8, 0.1
+"""Times that sources of a frame are measured in turns at most, and the way, in
+deviations, from which they are measured once more."""
+
+CLEAR_RATIO = 10.0
+"""Power over all else in its beam from which a source is told although more sources are
+heard than the hydrophones tell apart."""
+
+LEAST_ACROSS = 0.1
+"""Share of a steering vector that must lie across those of the known sources."""
 
 LEAST_WEIGHT = 0.01
 """Lobes of less weight are not listed."""
+
+MOST_FILLED = 256
+"""Arrays, bands and kinds of noise that are kept."""
+
+_FILLED: dict[int, float] = {}
+"""Directions that noise fills, which take a second to find, by array and kind."""
 
 Whitened = tuple[NDArray[np.complex64], NDArray[np.complex64]]
 """Spectra, shape (bin, element, frame), and what made their noise white."""
@@ -70,10 +100,12 @@ Whitened = tuple[NDArray[np.complex64], NDArray[np.complex64]]
 
 @dataclass(frozen=True, eq=False)
 class FoundDirections:
-    """Directions of a block; one row per frame that has one."""
+    """Directions of a block, one row each, those of a frame one after the other."""
 
     frame: IntArray
     """Row of the frame in the block."""
+    source: IntArray
+    """Number of the source in its frame, 0 the strongest."""
     beam: IntArray
     """Beam next to the direction."""
     toward: FloatArray
@@ -84,15 +116,68 @@ class FoundDirections:
     """Power over noise in the beam, mean over the band."""
     lobe_frame: IntArray
     """Row of the frame of every lobe."""
+    lobe_source: IntArray
+    """Number of the source that it may be."""
     lobe_toward: FloatArray
     """Other directions that explain the sound, shape (lobe, 3)."""
     lobe_weight: FloatArray
     """Their weights."""
 
+    def copy(self) -> "FoundDirections":
+        """Return one whose measured columns can be written."""
+        return replace(
+            self,
+            toward=self.toward.copy(),
+            covariance=self.covariance.copy(),
+            snr=self.snr.copy(),
+        )
+
+    def put(self, rows: IntArray, other: "FoundDirections") -> None:
+        """Take the measured columns of some rows from another one."""
+        self.toward[rows] = other.toward[rows]
+        self.covariance[rows] = other.covariance[rows]
+        self.snr[rows] = other.snr[rows]
+
+    def of_frames(self, frames: IntArray) -> "FoundDirections":
+        """Return the rows and lobes of some frames."""
+        rows = np.isin(self.frame, frames)
+        lobes = np.isin(self.lobe_frame, frames)
+        return FoundDirections(
+            **{
+                one.name: getattr(self, one.name)[
+                    lobes if one.name.startswith("lobe_") else rows
+                ]
+                for one in fields(self)
+            }
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """Directions that are known of some frames, as many of each."""
+
+    frame: IntArray
+    """Rows of the frames in the block, shape (row,)."""
+    toward: FloatArray
+    """Directions, shape (row, source, 3)."""
+
+    @property
+    def n_sources(self) -> int:
+        """Number of sources of each frame."""
+        return int(self.toward.shape[1])
+
+    def without(self, source: int) -> "_Known":
+        """Return all but one of each frame."""
+        return _Known(self.frame, np.delete(self.toward, source, axis=1))
+
+    def take(self, rows: Any) -> "_Known":
+        """Return some of the frames."""
+        return _Known(self.frame[rows], self.toward[rows])
+
 
 @dataclass(frozen=True, eq=False)
 class DirectionSearch:
-    """Seeks the direction of broadband sound in every frame.
+    """Seeks the directions of broadband sound in every frame.
 
     Parameters
     ----------
@@ -113,10 +198,6 @@ class DirectionSearch:
     grid: DirectionGrid
     frequency_hz: FloatArray
     probability: float
-    _directions: dict[bytes, tuple[float, float]] = field(
-        default_factory=dict, init=False
-    )
-    """Directions that independent and isotropic noise fill, by who is alive."""
 
     def __post_init__(self) -> None:
         """Refuse a band that is too narrow."""
@@ -148,9 +229,87 @@ class DirectionSearch:
             Frames that are searched.
         """
         height, parts, share = self._heights(spectra, turns, alive)
-        is_found = self._best(height) > self._threshold(turns, alive, share)
-        frame = np.flatnonzero(is_found & is_whole)
-        return self._measured(parts, height[:, frame], frame, alive)
+        limit = self._threshold(turns, alive, share)
+        places = self.array.centred_m[alive]
+        frame = np.flatnonzero((self._best(height) > limit) & is_whole)
+        known = _Known(frame, np.zeros((frame.size, 0, 3)))
+        found = [self._measured(parts, height[:, frame], known, places)]
+        known = _Known(found[0].frame, found[0].toward[:, None])
+        crowded: IntArray = np.zeros(0, np.int64)
+        while known.frame.size and known.n_sources < len(places) - 1:
+            parts, share = self._whitened_across(parts, known, is_whole, places)
+            limit = self._threshold(turns, alive, share)
+            known = self._measured_together(parts, known, found, places)
+            height = self._heights_across(parts, turns[:, :, alive], known, places)
+            is_sure = self._best(height) > limit
+            known = known.take(is_sure)
+            if known.n_sources >= max(1, len(places) // ELEMENTS_PER_SOURCE):
+                crowded = known.frame
+                break
+            more = self._measured(parts, height[:, is_sure], known, places)
+            known, found = self._joined_by(more, parts, known, found, places)
+        return _joined(found, crowded)
+
+    def _joined_by(
+        self,
+        more: FoundDirections,
+        parts: list[Whitened],
+        known: _Known,
+        found: list[FoundDirections],
+        places: FloatArray,
+    ) -> tuple[_Known, list[FoundDirections]]:
+        """Measure known sources of some frames together with one more of each.
+
+        A frame keeps what it had where the new source runs into another one.
+        """
+        known = known.take(np.searchsorted(known.frame, more.frame))
+        joined = np.concatenate([known.toward, more.toward[:, None]], axis=1)
+        before = [one.copy() for one in found]
+        known = self._measured_together(
+            parts, _Known(known.frame, joined), [*found, more], places
+        )
+        apart = np.linalg.norm(known.toward[:, :-1] - known.toward[:, -1:], axis=2)
+        is_apart = apart.min(axis=1) > self.grid.step
+        for one, old in zip(found, before, strict=True):
+            rows = np.searchsorted(one.frame, known.frame[~is_apart])
+            one.put(rows, old)
+        more = more.of_frames(known.frame[is_apart])
+        return known.take(is_apart), [*found, more]
+
+    def _whitened_across(
+        self,
+        parts: list[Whitened],
+        known: _Known,
+        is_whole: BoolArray,
+        places: FloatArray,
+    ) -> tuple[list[Whitened], float]:
+        """Whiten again by what is left across known sources; also the share over all.
+
+        A source is coherent as isotropic noise is, and would be taken for some.
+        """
+        found: list[Whitened] = []
+        free = np.setdiff1d(np.flatnonzero(is_whole), known.frame)
+        groups = (known, _Known(free, np.zeros((free.size, 0, 3))))
+        apart_s = np.linalg.norm(places[:, None] - places[None], axis=2)
+        apart_s /= self.array.sound_speed_mps
+        plain = np.eye(len(places), dtype=np.complex64)[None]
+        whole = np.zeros((2, 3))
+        for bins, (heard, root) in zip(
+            _bands(self.frequency_hz.size), parts, strict=True
+        ):
+            waves = 2.0 * np.multiply.outer(self.frequency_hz[bins], apart_s)
+            equal = np.linalg.inv(root) @ heard
+            fitted = np.zeros((2, 3))
+            for group in groups:
+                sound = equal[:, :, group.frame].transpose(0, 2, 1)
+                leads = self._leads(bins, group.toward, places)
+                for source in range(group.n_sources):
+                    sound = _without_coherent(sound, leads[:, :, source], plain)
+                fitted += _noise_products(sound, _basis(leads, plain), np.sinc(waves))
+            whole += fitted
+            own = _whitener(np.sinc(waves), _isotropic_share(fitted))
+            found.append(((own @ equal).astype(np.complex64), own))
+        return found, _isotropic_share(whole)
 
     def _heights(
         self,
@@ -190,19 +349,16 @@ class DirectionSearch:
         One direction reaches a height with the probability Q of a gamma law, the best
         of n independent ones with 1 - exp(-n Q). A height that a known share of frames
         of drawn noise exceeds tells n, for independent and for isotropic noise (whose
-        whitening is estimated); between them ln n follows the share of the latter.
+        whitening is estimated) and a half of each; between them ln n follows the share.
         """
         from scipy.special import gammainccinv
 
+        kinds = np.array(DRAWN_ISOTROPIC)
+        upper = int(np.clip(np.searchsorted(kinds, share), 1, kinds.size - 1))
+        ends = kinds[upper - 1 : upper + 1]
+        logs = [np.log(self._own_directions(turns, alive, float(end))) for end in ends]
+        n_own = float(np.exp(np.interp(share, ends, logs)))
         shape = self.frequency_hz.size / BIN_CORRELATION
-        key = alive.tobytes()
-        if key not in self._directions:
-            self._directions[key] = (
-                self._own_directions(turns, alive, 0.0),
-                self._own_directions(turns, alive, DRAWN_ISOTROPIC),
-            )
-        ends = np.log(self._directions[key])
-        n_own = float(np.exp(np.interp(share, [0.0, DRAWN_ISOTROPIC], ends)))
         return float(BIN_CORRELATION * gammainccinv(shape, self.probability / n_own))
 
     def _own_directions(
@@ -211,6 +367,15 @@ class DirectionSearch:
         """Return how many directions noise with a share of isotropic noise fills."""
         from scipy.special import gammaincc
 
+        key = hash(
+            (
+                self.array.places_m.tobytes(), self.array.sound_speed_mps,
+                self.frequency_hz.tobytes(), self.grid.toward.tobytes(),
+                alive.tobytes(), share,
+            )
+        )  # fmt: skip
+        if key in _FILLED:
+            return _FILLED[key]
         rng = np.random.default_rng(1)
         coherence = self.array.isotropic_coherence(self.frequency_hz)
         mixed = (1.0 - share) * np.eye(alive.size) + share * coherence
@@ -220,35 +385,103 @@ class DirectionSearch:
             size = (2, self.frequency_hz.size + 2, alive.size, DRAWN_AT_ONCE)
             real, imaginary = rng.standard_normal(size, np.float32)
             bins = real + 1j * imaginary
-            windowed = bins[1:-1] - 0.5 * (
-                bins[:-2] + bins[2:]
-            )  # as Hann's window does
+            # as Hann's window does
+            windowed = bins[1:-1] - 0.5 * (bins[:-2] + bins[2:])
             best.append(self._best(self._heights(root @ windowed, turns, alive)[0]))
         height = float(np.quantile(np.concatenate(best), 1.0 - DRAWN_SHARE))
         shape = self.frequency_hz.size / BIN_CORRELATION
         chance = float(gammaincc(shape, height / BIN_CORRELATION))
-        return float(max(1.0, -np.log(1.0 - DRAWN_SHARE) / chance * HIGHER_FACTOR))
+        filled = max(1.0, -np.log(1.0 - DRAWN_SHARE) / chance * HIGHER_FACTOR)
+        if len(_FILLED) >= MOST_FILLED:
+            _FILLED.clear()
+        _FILLED[key] = float(filled)
+        return _FILLED[key]
+
+    def _heights_across(
+        self,
+        parts: list[Whitened],
+        turns: NDArray[np.complex64],
+        known: _Known,
+        places: FloatArray,
+    ) -> FloatArray:
+        """Return the sum over the band across known sources, shape (beam, row)."""
+        height = np.zeros((self.grid.n_beams, known.frame.size))
+        share = np.zeros(height.shape)
+        n_left = len(places) - known.n_sources
+        for bins, (heard, root) in zip(
+            _bands(self.frequency_hz.size), parts, strict=True
+        ):
+            leads = self._leads(bins, known.toward, places)
+            sound = heard[:, :, known.frame].transpose(0, 2, 1)
+            for source in range(known.n_sources):
+                sound = _without_coherent(sound, leads[:, :, source], root)
+            basis = _basis(leads, root)
+            sound = _across(sound, basis)
+            steered = turns[bins].conj() @ root.transpose(0, 2, 1)
+            full = (np.abs(steered) ** 2).sum(axis=2)[:, :, None]
+            left = full - sum(
+                np.abs(steered.conj() @ one.transpose(0, 2, 1)) ** 2 for one in basis
+            )
+            pressure = steered.conj() @ sound.transpose(0, 2, 1)
+            power = (np.abs(sound) ** 2).sum(axis=2)
+            along = np.abs(pressure) ** 2 / np.maximum(left, 1e-6 * full)
+            gain = along / np.maximum(power, np.finfo(np.float32).tiny)[:, None, :]
+            height -= (n_left - 1.0) * _log_sum(1.0 - gain)
+            share += (left / full).sum(axis=0)
+        share /= self.frequency_hz.size
+        return np.where(share > LEAST_ACROSS, height, 0.0)
+
+    def _measured_together(
+        self,
+        parts: list[Whitened],
+        known: _Known,
+        found: list[FoundDirections],
+        places: FloatArray,
+    ) -> _Known:
+        """Measure every direction of some frames again, across the others of its frame.
+
+        The rows of ``found``, one of each source, take what is measured.
+        """
+        toward = known.toward.copy()
+        left = np.arange(known.frame.size)
+        for _ in range(ROUNDS if len(found) > 1 else 1):
+            far = np.zeros(left.size, np.bool_)
+            for source, one in enumerate(found):
+                others = _Known(known.frame[left], toward[left]).without(source)
+                moved, covariance, snr = self._polished(
+                    parts, toward[left, source], others, places
+                )
+                way = np.square(moved - toward[left, source]).sum(axis=1)
+                far |= way > STILL**2 * np.trace(covariance, axis1=1, axis2=2)
+                toward[left, source] = moved
+                rows = np.searchsorted(one.frame, known.frame[left])
+                one.toward[rows], one.covariance[rows] = moved, covariance
+                one.snr[rows] = snr
+            left = left[far]
+            if not left.size:
+                break
+        return _Known(known.frame, toward)
 
     def _measured(
         self,
         parts: list[Whitened],
         height: FloatArray,
-        frame: IntArray,
-        alive: BoolArray,
+        known: _Known,
+        places: FloatArray,
     ) -> FoundDirections:
-        """Refine the maxima, list the lobes, state the deviations."""
+        """Refine the maxima of some frames, list the lobes, state the deviations."""
         is_peak = self.grid.is_maximum(height)
         peak_beam, peak_row = np.nonzero(is_peak)
         around = np.concatenate(
             [peak_beam[:, None], self.grid.neighbours[peak_beam]], axis=1
         )
         toward, top = self.grid.refine(peak_beam, height[around, peak_row[:, None]])
-        n_alive = int(np.count_nonzero(alive))
-        best = np.full(frame.size, -np.inf)
+        n_left = len(places) - known.n_sources
+        best = np.full(known.frame.size, -np.inf)
         np.maximum.at(best, peak_row, top)
-        gain = n_alive / (n_alive - 1.0) / BIN_CORRELATION
+        gain = n_left / (n_left - 1.0) / BIN_CORRELATION
         weight = np.exp(np.minimum(gain * (top - best[peak_row]), 0.0))
-        total = np.bincount(peak_row, weight, minlength=frame.size)
+        total = np.bincount(peak_row, weight, minlength=known.frame.size)
         weight /= total[peak_row]
         is_first = top == best[peak_row]
         order = np.flatnonzero(is_first)
@@ -256,15 +489,18 @@ class DirectionSearch:
         rows = peak_row[order]
         is_lobe = (weight >= LEAST_WEIGHT) & ~is_first
         best_toward, covariance, snr = self._polished(
-            parts, toward[order], frame[rows], self.array.centred_m[alive]
+            parts, toward[order], known.take(rows), places
         )
+        lobe_frame = known.frame[peak_row[is_lobe]]
         return FoundDirections(
-            frame=frame[rows],
+            frame=known.frame[rows],
+            source=np.full(rows.size, known.n_sources),
             beam=peak_beam[order],
             toward=best_toward,
             covariance=covariance,
             snr=snr,
-            lobe_frame=frame[peak_row[is_lobe]],
+            lobe_frame=lobe_frame,
+            lobe_source=np.full(lobe_frame.size, known.n_sources),
             lobe_toward=toward[is_lobe],
             lobe_weight=weight[is_lobe],
         )
@@ -273,12 +509,12 @@ class DirectionSearch:
         self,
         parts: list[Whitened],
         toward: FloatArray,
-        frame: IntArray,
+        others: _Known,
         places: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Climb from beams' maxima to that of the likelihood, with its curvature."""
         for _ in range(SCORING_STEPS):
-            moved, *_ = self._score(parts, toward, frame, places)
+            moved, *_ = self._score(parts, toward, others, places)
             length = np.linalg.norm(moved, axis=1)
             moved *= np.minimum(1.0, self.grid.step / np.maximum(length, 1e-12))[
                 :, None
@@ -286,52 +522,65 @@ class DirectionSearch:
             toward = toward + moved
             if not self.array.is_planar:
                 toward = toward / np.linalg.norm(toward, axis=1)[:, None]
-        _, covariance, snr = self._score(parts, toward, frame, places)
+        _, covariance, snr = self._score(parts, toward, others, places)
         return toward, covariance, snr
+
+    def _leads(
+        self, bins: slice, toward: FloatArray, places: FloatArray
+    ) -> NDArray[np.complex128]:
+        """Return the phases of waves, shape (bin, ..., element)."""
+        wave = 2.0 * np.pi * self.frequency_hz[bins]
+        lead_s = toward @ places.T / self.array.sound_speed_mps
+        return np.asarray(np.exp(1j * np.multiply.outer(wave, lead_s)))
 
     def _score(
         self,
         parts: list[Whitened],
         toward: FloatArray,
-        frame: IntArray,
+        others: _Known,
         places: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the step to the maximum, inverse information and ratio in the beam.
 
-        The likelihood is -N sum n ln(1 - g), g the share of n bins together that the
-        direction explains. Information of a bin is 2 S^2 / (1 + |w|^2 S) (|w|^2 d'd -
+        All is taken across the steering vectors of the other sources, which leave N
+        dimensions. The likelihood is -N sum n ln(1 - g), g the share of n bins together
+        that the direction explains. Information of a bin is 2 S^2 / (1 + |w|^2 S) (|w|^2 d'd -
         |w'd|^2) / |w|^2 with w and d the whitened steering vector and its derivatives
         and S the signal over the noise at a hydrophone; bins count as independent ones.
         The likelihood itself, which knows neither, bends by 2 N / (N - 1) |w|^2 S.
         """
+        frame, n_left = others.frame, len(places) - others.n_sources
         score = np.zeros((frame.size, 3))
         information, curvature = np.zeros((2, frame.size, 3, 3))
         total = np.zeros(frame.size)
-        lead_s = toward @ places.T / self.array.sound_speed_mps
         for bins, (heard, root) in zip(
             _bands(self.frequency_hz.size), parts, strict=True
         ):
             wave = 2.0 * np.pi * self.frequency_hz[bins]
-            turned = np.exp(1j * np.multiply.outer(wave, lead_s))  # bin, row, element
-            first = turned @ root.transpose(0, 2, 1)
+            turned = self._leads(bins, toward, places)  # bin, row, element
+            basis = _basis(self._leads(bins, others.toward, places), root)
+            first = _across(turned @ root.transpose(0, 2, 1), basis)
             slope = 1j * wave[:, None, None] / self.array.sound_speed_mps * turned
             slopes = np.stack(
-                [(slope * places[:, k]) @ root.transpose(0, 2, 1) for k in range(3)], -1
+                [
+                    _across((slope * places[:, k]) @ root.transpose(0, 2, 1), basis)
+                    for k in range(3)
+                ],
+                -1,
             )
             size = (np.abs(first) ** 2).sum(axis=2)
-            sound = heard[:, :, frame].transpose(0, 2, 1)
+            sound = _across(heard[:, :, frame].transpose(0, 2, 1), basis)
             beam = (first.conj() * sound).sum(axis=2)
             power = np.maximum((np.abs(sound) ** 2).sum(axis=(0, 2)), 1e-30)
             along = np.abs(beam) ** 2 / size
             share = np.minimum(along.sum(axis=0) / power, 1.0 - 1e-6)
-            n_alive = len(places)
-            ratio = np.maximum(n_alive * share - 1.0, 0.0) / (1.0 - share)
+            ratio = np.maximum(n_left * share - 1.0, 0.0) / (1.0 - share)
             crossed = np.einsum("frm,frmk->frk", first.conj(), slopes)
             change = np.einsum("frmk,frm->frk", slopes.conj(), sound)
             change = 2.0 * (change * beam.conj()[..., None]).real
             change -= 2.0 * along[..., None] * crossed.real
             change = (change / size[..., None]).sum(axis=0)
-            score += (n_alive * wave.size / (power * (1.0 - share)))[:, None] * change
+            score += (n_left * wave.size / (power * (1.0 - share)))[:, None] * change
             inner = np.einsum("frmk,frml->frkl", slopes.conj(), slopes)
             outer = crossed[..., :, None].conj() * crossed[..., None, :]
             tensor = (inner.real - outer.real / size[..., None, None]) / size[
@@ -339,13 +588,77 @@ class DirectionSearch:
             ]
             weight = 2.0 * ratio**2 / (1.0 + ratio)
             information += weight[:, None, None] * tensor.sum(axis=0)
-            bend = 2.0 * ratio * n_alive / (n_alive - 1.0)
+            bend = 2.0 * ratio * n_left / (n_left - 1.0)
             curvature += bend[:, None, None] * tensor.sum(axis=0)
             total += ratio * wave.size
         mean = total / self.frequency_hz.size
         covariance = _inverse(information / BIN_CORRELATION, toward, self.array)
         step = np.einsum("nij,nj->ni", _inverse(curvature, toward, self.array), score)
         return step, covariance, mean
+
+
+def _basis(
+    leads: NDArray[np.complex128], root: NDArray[np.complex64]
+) -> list[NDArray[np.complex128]]:
+    """Return unit vectors that span the whitened steering vectors of some sources.
+
+    Of leads of shape (bin, row, source, element) one of shape (bin, row, element) each.
+    """
+    found: list[NDArray[np.complex128]] = []
+    for source in range(leads.shape[2]):
+        one = _across(leads[:, :, source] @ root.transpose(0, 2, 1), found)
+        size = np.sqrt((np.abs(one) ** 2).sum(axis=2, keepdims=True))
+        found.append(one / np.maximum(size, 1e-12))
+    return found
+
+
+def _across(vectors: NDArray[Any], basis: list[NDArray[np.complex128]]) -> NDArray[Any]:
+    """Return what of vectors, shape (bin, row, element), lies across unit vectors."""
+    for one in basis:
+        vectors = vectors - one * (one.conj() * vectors).sum(axis=2, keepdims=True)
+    return vectors
+
+
+def _without_coherent(
+    sound: NDArray[Any], leads: NDArray[np.complex128], root: NDArray[np.complex64]
+) -> NDArray[Any]:
+    """Return whitened spectra, shape (bin, row, element), without a source's sound.
+
+    Its sound at each hydrophone is the sound of its beam times a factor that is the
+    same in the few bins, once their phases are turned as for its direction.
+    """
+    (steered,) = _basis(leads[:, :, None], root)
+    beam = (steered.conj() * sound).sum(axis=2)
+    colour = np.linalg.inv(root)
+    aligned = (sound @ colour.transpose(0, 2, 1)) * leads.conj()
+    power = np.maximum((np.abs(beam) ** 2).sum(axis=0), 1e-30)
+    factor = np.einsum("fr,frn->rn", beam.conj(), aligned) / power[:, None]
+    aligned = aligned - beam[:, :, None] * factor
+    return np.asarray((aligned * leads) @ root.transpose(0, 2, 1))
+
+
+def _joined(found: list[FoundDirections], crowded: IntArray) -> FoundDirections:
+    """Return the directions of all sources, those of a frame one after the other.
+
+    Of crowded frames, which hold more sources than the hydrophones tell apart, those
+    are left out that do not stand out.
+    """
+    columns = {
+        one.name: np.concatenate([getattr(each, one.name) for each in found])
+        for one in fields(FoundDirections)
+    }
+    order = np.lexsort([columns["source"], columns["frame"]])
+    clear = ~np.isin(columns["frame"], crowded) | (columns["snr"] >= CLEAR_RATIO)
+    order = order[clear[order]]
+    kept = set(zip(columns["frame"][order], columns["source"][order], strict=True))
+    owners = zip(columns["lobe_frame"], columns["lobe_source"], strict=True)
+    lobes = np.array([one in kept for one in owners], np.bool_)
+    return FoundDirections(
+        **{
+            name: values[lobes if name.startswith("lobe_") else order]
+            for name, values in columns.items()
+        }
+    )
 
 
 def _inverse(
@@ -400,10 +713,54 @@ def _whitened(
     n_used = max(int(np.count_nonzero(equal.any(axis=(0, 1)))), 1)
     pairs, seen = coherence[:, *upper], cross[:, *upper] / n_used
     match = float((pairs * seen).sum()), float((pairs**2).sum())
-    share = min(max(match[0] / max(match[1], 1e-9), 0.0), LARGEST_ISOTROPIC)
-    noise = (1.0 - share) * np.eye(coherence.shape[1]) + share * coherence
-    root = np.linalg.inv(np.linalg.cholesky(noise)).astype(np.complex64)
+    root = _whitener(coherence, match[0] / max(match[1], 1e-9))
     return root @ equal, root, match
+
+
+def _whitener(coherence: FloatArray, share: float) -> NDArray[np.complex64]:
+    """Return what whitens noise with a share of isotropic noise."""
+    share = min(max(share, 0.0), LARGEST_ISOTROPIC)
+    noise = (1.0 - share) * np.eye(coherence.shape[1]) + share * coherence
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(noise)), np.complex64)
+
+
+def _noise_products(
+    sound: NDArray[Any], basis: list[NDArray[np.complex128]], coherence: FloatArray
+) -> FloatArray:
+    """Return products of the covariances of noise, shape (2, 3).
+
+    Rows are independent and isotropic noise across the unit vectors; columns the same,
+    and what is heard of each.
+    """
+    n_bins, n_rows, n_alive = sound.shape
+    across: NDArray[Any] = np.broadcast_to(
+        np.eye(n_alive), (n_bins, n_rows, n_alive, n_alive)
+    )
+    for one in basis:
+        across = across - one[..., :, None] * one[..., None, :].conj()
+    heard = _across(sound, basis)
+    kinds = (across, across @ coherence[:, None] @ across)
+    return np.array(
+        [
+            [np.einsum("brij,brji->", one, other).real for other in kinds]
+            + [np.einsum("bri,brij,brj->", heard.conj(), one, heard).real]
+            for one in kinds
+        ]
+    )
+
+
+def _isotropic_share(products: FloatArray) -> float:
+    """Return the share of isotropic noise by least squares.
+
+    Parameters
+    ----------
+    products
+        As `_noise_products` returns them, their sum over many frames.
+    """
+    square, seen = products[:, :2], products[:, 2]
+    ridge = 1e-9 * np.trace(square) * np.eye(2)
+    alone, around = np.maximum(np.linalg.solve(square + ridge, seen), 0.0)
+    return float(around / max(alone + around, 1e-12))
 
 
 def _log_gain(
@@ -414,7 +771,22 @@ def _log_gain(
     size = (steering.real**2 + steering.imag**2).sum(axis=2)
     pressure = steering.conj() @ heard
     power = (heard.real**2 + heard.imag**2).sum(axis=1)
-    along = (pressure.real**2 + pressure.imag**2) / size[:, :, None]
-    share = along / np.maximum(power, np.finfo(np.float32).tiny)[:, None, :]
-    rest = np.maximum(1.0 - share, np.float32(1e-7))
-    return np.asarray(-(n_alive - 1.0) * np.log(rest).sum(axis=0))
+    rest = np.square(pressure.real)
+    rest += np.square(pressure.imag)
+    rest /= size[:, :, None]
+    rest /= np.maximum(power, np.finfo(np.float32).tiny)[:, None, :]
+    np.subtract(np.float32(1.0), rest, out=rest)
+    return np.asarray(-(n_alive - 1.0) * _log_sum(rest))
+
+
+def _log_sum(rest: FloatArray) -> FloatArray:
+    """Return the sum of logarithms over the first axis, of values of 1e-7 and more.
+
+    Products of four, which single precision holds, take a quarter of the logarithms.
+    """
+    np.maximum(rest, np.float32(1e-7), out=rest)
+    for _ in range(2):
+        half = len(rest) // 2
+        rest[:half] *= rest[half : 2 * half]
+        rest = np.delete(rest, slice(half, 2 * half), axis=0)
+    return np.asarray(np.log(rest).sum(axis=0))

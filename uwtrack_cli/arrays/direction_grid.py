@@ -34,6 +34,10 @@ LEVEL_SINE = 1e-3
 DISC = 1.1
 """Largest |u| that a plane of hydrophones listens to: errors reach beyond 1."""
 
+RIM_STEPS = 2.2
+"""Steps by which beams of a plane reach beyond the disc: the beam next to any direction
+on it, half a diagonal away at most, has neighbours all around (a diagonal more)."""
+
 WIDTH_SHARE = 0.25
 """Distance of beams as a share of their width c / (f D)."""
 
@@ -156,7 +160,7 @@ class SpatialArray:
             Highest frequencies, Hz, shape (n,).
         """
         step = self._step(highest_hz)
-        area = np.pi * (DISC + step) ** 2 if self.is_planar else 4.0 * np.pi
+        area = np.pi * (DISC + RIM_STEPS * step) ** 2 if self.is_planar else 4.0 * np.pi
         return np.asarray(area / step**2)
 
     def _step(self, highest_hz: FloatArray) -> FloatArray:
@@ -383,10 +387,11 @@ def _disc(normal: FloatArray, step: float) -> DirectionGrid:
         first = np.cross(normal, [0.0, 0.0, 1.0])
     first /= np.linalg.norm(first)
     axes = np.stack([first, np.cross(normal, first)])
-    reach = int(np.ceil((DISC + step) / step))
+    outer = DISC + RIM_STEPS * step
+    reach = int(np.ceil(outer / step))
     number = np.arange(-reach, reach + 1)
     across, along = (part.ravel() for part in np.meshgrid(number, number))
-    inside = np.hypot(across, along) * step <= DISC + step
+    inside = np.hypot(across, along) * step <= outer
     across, along = across[inside], along[inside]
     index = {pair: k for k, pair in enumerate(zip(across, along, strict=True))}
     shifts = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]

@@ -86,6 +86,7 @@ def direction_table(
     lobes = _lobes(found, array, facts.heading_deg)
     return Directions(
         frame=found.frame + facts.first_frame,
+        source=found.source + 1,
         time_s=facts.time_s[found.frame],
         bearing_deg=stated.bearing_deg,
         bearing_std_deg=stated.bearing_std_deg,
@@ -103,9 +104,10 @@ def direction_table(
             sensor,
         ),
         lobe_frame=lobes[0] + facts.first_frame,
-        lobe_bearing_deg=lobes[1],
-        lobe_elevation_deg=lobes[2],
-        lobe_weight=lobes[3],
+        lobe_source=lobes[1] + 1,
+        lobe_bearing_deg=lobes[2],
+        lobe_elevation_deg=lobes[3],
+        lobe_weight=lobes[4],
         false_alarm_probability=facts.probability,
         band_low_hz=facts.band_hz[0],
         band_high_hz=facts.band_hz[1],
@@ -191,30 +193,33 @@ def surface_place(
 
 def _lobes(
     found: FoundDirections, array: SpatialArray, heading_deg: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Return frame, bearing, elevation and weight of the other directions.
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
+    """Return frame, source, bearing, elevation and weight of the other directions.
 
     Of a plane every direction has an image on the other side, as likely as itself.
     """
-    frame, toward, weight = found.lobe_frame, found.lobe_toward, found.lobe_weight
-    is_below = np.zeros(frame.size, np.bool_)
+    frame, source, weight = found.lobe_frame, found.lobe_source, found.lobe_weight
+    toward, is_below = found.lobe_toward, np.zeros(frame.size, np.bool_)
     if array.is_planar:
-        own = np.ones(heading_deg.size)
-        np.subtract.at(own, frame, weight)
+        n_sources = int(found.source.max(initial=0)) + 1
+        own = np.ones((heading_deg.size, n_sources))
+        np.subtract.at(own, (frame, source), weight)
         is_below = np.repeat(
             [False, True, True], [frame.size, frame.size, len(found.frame)]
         )
-        weight = 0.5 * np.concatenate([weight, weight, own[found.frame]])
+        weight = 0.5 * np.concatenate([weight, weight, own[found.frame, found.source]])
         toward = np.concatenate([toward, toward, found.toward])
         frame = np.concatenate([frame, frame, found.frame])
+        source = np.concatenate([source, source, found.source])
     none = np.broadcast_to(1e-12 * np.eye(3), (frame.size, 3, 3))
     above, below = (
         array.bearings(toward, none, heading_deg[frame], below=side)
         for side in (False, True)
     )
-    order = np.argsort(frame, kind="stable")
+    order = np.lexsort([source, frame])
     return (
         frame[order],
+        source[order],
         np.where(is_below, below.bearing_deg, above.bearing_deg)[order],
         np.where(is_below, below.elevation_deg, above.elevation_deg)[order],
         weight[order],

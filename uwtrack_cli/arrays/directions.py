@@ -113,11 +113,13 @@ def find_directions(delays: Delays, sensor: Sensor) -> Directions:
     none = np.zeros(0, np.int64)
     found = FoundDirections(
         frame=np.flatnonzero(sound),
+        source=np.zeros(len(kept), np.int64),
         beam=np.zeros(len(kept), np.int64),
         toward=toward,
         covariance=np.array([fit.covariance for fit in kept]).reshape(-1, 3, 3),
         snr=np.full(len(kept), np.nan),
         lobe_frame=none,
+        lobe_source=none,
         lobe_toward=np.zeros((0, 3)),
         lobe_weight=np.zeros(0),
     )

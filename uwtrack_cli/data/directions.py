@@ -19,6 +19,7 @@ from uwtrack_cli.data.base import (
 class Directions(Container):
     """One row per direction from which broadband sound came, in the order of time.
 
+    Several sources of one frame are rows of the same time, the strongest first.
     What an array of a given shape cannot tell apart is on the axis ``lobe``: for every
     direction the others that would explain the sound, with their weights.
     """
@@ -82,13 +83,21 @@ class Directions(Container):
     longitude: FloatArray | None = column(
         "degree", "Its longitude.", "direction", optional=True
     )
+    source: IntArray | None = column(
+        "1", "Number of the source in its frame, 1 the strongest; None: all are.",
+        "direction", dtype=np.int64, optional=True,
+    )  # fmt: skip
+    lobe_source: IntArray | None = column(
+        "1", "Number of the source that may be in that direction; None: 1.", "lobe",
+        dtype=np.int64, optional=True,
+    )  # fmt: skip
     lobe_frame: IntArray = column(
         "1", "Frame whose direction may be another.", "lobe", dtype=np.int64
     )
     lobe_bearing_deg: FloatArray = column("degree", "Compass bearing.", "lobe")
     lobe_elevation_deg: FloatArray = column("degree", "Elevation.", "lobe")
     lobe_weight: FloatArray = column(
-        "1", "Probability of that direction among those of the frame.", "lobe"
+        "1", "Probability of that direction among those of the source.", "lobe"
     )
     false_alarm_probability: float = scalar(
         "1", "Nominal share of frames of noise with a direction; nan for delays."
@@ -102,6 +111,12 @@ class Directions(Container):
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
     sensor: str = scalar("", "Identifier of the sensor.")
     start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+
+    def strongest(self) -> "Directions":
+        """Return the strongest direction of every frame alone."""
+        if self.source is None:
+            return self
+        return self.take("direction", np.flatnonzero(self.source == 1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -2,7 +2,8 @@
 
 **Method.** A direction belongs to its frame. The levels of one hydrophone have frames
 of their own: each takes the direction that is nearest in time, if it lies within the
-hop. Without levels the bearings are a series by themselves. The error of the array's
+hop. Without levels the bearings are a series by themselves. Of several sources in a
+frame the strongest one's direction is taken. The error of the array's
 heading, the same for all, is not among their deviations.
 """
 
@@ -29,7 +30,7 @@ def with_directions(
     """
     if levels is None or directions is None:
         return levels
-    frames = levels.frames
+    frames, directions = levels.frames, directions.strongest()
     bearing, std = np.full((2, frames.n_frames), np.nan)
     if directions.time_s.size and frames.n_frames:
         reach_s = 0.5 * max(frames.hop_s, _step_s(directions)) + 1e-6
@@ -58,6 +59,7 @@ def _step_s(directions: Directions) -> float:
 
 def bearing_series(directions: Directions) -> Series:
     """Return directions as a series of bearings of one contact."""
+    directions = directions.strongest()
     n = directions.time_s.size
     nothing = np.full(n, np.nan)
     return Series(
