@@ -18,6 +18,8 @@ from uwtrack_cli.files.hdf5.product import verify_product
 
 PROGRAM = [sys.executable, "-c", "from uwtrack_cli.cli import main; main()"]
 RATE = 1000
+NOISE = 0.1 * np.random.default_rng(6).standard_normal(20 * RATE)
+WITH_A_GAP = np.concatenate([NOISE, np.full(RATE, np.nan), NOISE]).astype("<f4")
 
 
 @pytest.fixture
@@ -107,6 +109,8 @@ def test_the_first_signal_ends_the_sound_and_the_second_the_command(number):
         (("-", "--rate-hz", "8000"), b"", 2, "go with --raw"),
         (("-", "--follow"), b"", 2, "is a pipe: leave it out"),
         (("-", "a.wav"), b"", 2, "live sound is run alone"),
+        ((".", "--follow"), b"", 2, "watch . -o DIR runs what arrives"),
+        (("-",), b"<!DOCTYPE html>", 1, "ffmpeg -i FILE -f wav - makes it"),
         (("a.wav", "--raw", "s16le"), b"", 2, "--raw is for sound that comes through"),
         (("a.wav", "--idle-s", "3"), b"", 2, "--idle-s is for sound that comes"),
         (("-", "--raw", "s16le", "--rate-hz", "1000"), bytes(99), 1, "too short for"),
@@ -129,6 +133,33 @@ def test_events_and_product_do_not_share_standard_output(uwtrack, sound):
     done = uwtrack("run", "-", "--json", input=sound.read_bytes())
     assert done.exit_code == 2
     assert "give -o FILE" in done.stderr
+
+
+RAW_FLOATS = ("--raw", "f32le", "--rate-hz", str(RATE))
+
+
+@pytest.mark.parametrize("output", ["closed", "full"])
+def test_events_that_cannot_be_printed_do_not_cost_the_file(tmp_path, output):
+    with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
+        done = subprocess.run(
+            [*PROGRAM, "run", "-", "-o", "a.h5", "--json", *RAW_FLOATS], cwd=tmp_path,
+            input=WITH_A_GAP.tobytes(), stdout=full, stderr=subprocess.PIPE, check=False,
+            timeout=120, preexec_fn=(lambda: os.close(1)) if output == "closed" else None,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert verify_product(tmp_path / "a.h5") == []
+    assert done.stderr.count(b"events are no longer printed") == (output == "full")
+
+
+def test_a_closed_standard_output_takes_no_product(tmp_path):
+    done = subprocess.run(
+        [*PROGRAM, "run", "-", *RAW_FLOATS], cwd=tmp_path, input=WITH_A_GAP.tobytes(),
+        stderr=subprocess.PIPE, check=False, timeout=120,
+        preexec_fn=lambda: os.close(1),
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert b"standard output is closed" in done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_sound_that_is_only_silence_is_said(uwtrack):

@@ -12,15 +12,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from warnings import warn
 
 import typer
 
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
 from uwtrack_cli.cli.sensitivity import say_sensitivity
-from uwtrack_cli.cli.targets import PIPE, WANTED_TWICE, product_name, writer_for
+from uwtrack_cli.cli.targets import (
+    PIPE,
+    WANTED_TWICE,
+    product_name,
+    refuse_no_pipe,
+    writer_for,
+)
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.checks import is_pipe
 
 if TYPE_CHECKING:
@@ -95,6 +102,12 @@ class LiveOptions:
         if len(sources) > 1:
             msg = f"live sound is run alone, got {len(sources)} sources."
             raise OptionError(msg)
+        if self.follow and sources[0].is_dir():
+            msg = (
+                f"--follow takes a file that is being written, and {sources[0]} is a "
+                f"folder: uwtrack watch {sources[0]} -o DIR runs what arrives in it."
+            )
+            raise OptionError(msg)
         if pipes and self.follow:
             msg = f"--follow is for a file, and {pipes[0]} is a pipe: leave it out."
             raise OptionError(msg)
@@ -129,14 +142,13 @@ def live_target(source: Path, output: Path | None, *, as_json: bool) -> Path:
     Raises
     ------
     OptionError
-        Standard output is a terminal, or is wanted twice.
+        Standard output is a terminal or closed, or is wanted twice.
     """
     target = output or (PIPE if is_pipe(source) else product_name(source, ".run.h5"))
     if target == PIPE and as_json:
         raise OptionError(WANTED_TWICE)
-    if target == PIPE and sys.stdout.isatty():
-        msg = "a product is binary and does not belong on a terminal; give -o FILE."
-        raise OptionError(msg)
+    if target == PIPE:
+        refuse_no_pipe()
     return target
 
 
@@ -205,9 +217,17 @@ def run_live(
 
 
 def put_event(event: Mapping[str, Any]) -> None:
-    """Print an event as one line of JSON; a reader that is gone does not end the run."""
+    """Print an event as one line of JSON; what cannot take it does not end the run.
+
+    A reader that is gone has no more to ask; a full disk or another failure is told,
+    once, and the file is written all the same.
+    """
     try:
         put([json.dumps(event, ensure_ascii=False)])
         sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):
+            reason = error.strerror or error
+            msg = f"events are no longer printed ({reason}); the file is written."
+            warn(msg, UwtrackWarning, stacklevel=2)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

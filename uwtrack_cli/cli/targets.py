@@ -88,9 +88,7 @@ def writer_for(
         ) as writer:
             yield writer
         return
-    if sys.stdout.isatty():
-        msg = "a product is binary and does not belong on a terminal; give -o FILE."
-        raise OptionError(msg)
+    refuse_no_pipe()
     with tempfile.TemporaryDirectory(prefix="uwtrack-") as folder:
         path = Path(folder) / "product.h5"
         with ProductWriter(path, history=history) as writer:
@@ -98,6 +96,22 @@ def writer_for(
         with path.open("rb") as file:
             shutil.copyfileobj(file, sys.stdout.buffer)
         sys.stdout.buffer.flush()
+
+
+def refuse_no_pipe() -> None:
+    """Refuse a product on a standard output that is closed or a terminal.
+
+    Raises
+    ------
+    OptionError
+        It is.
+    """
+    if sys.__stdout__ is None:
+        msg = "standard output is closed and takes no product; give -o FILE."
+        raise OptionError(msg)
+    if sys.stdout.isatty():
+        msg = "a product is binary and does not belong on a terminal; give -o FILE."
+        raise OptionError(msg)
 
 
 def write_containers(
