@@ -311,12 +311,10 @@ def _of_folder(
 ) -> str:
     """Return the report of a folder."""
     from uwtrack_cli.flow.deployment import read_deployment
-    from uwtrack_cli.flow.passages import usual_cache
+    from uwtrack_cli.flow.passages import collect_passages, usual_cache
 
-    deployment = read_deployment(
-        [folder], ais=ais, within_m=within_m, cache=usual_cache()
-    )
-    return write(deployment, folder.resolve().name)
+    table = collect_passages([folder], ais=ais, within_m=within_m, cache=usual_cache())
+    return write(read_deployment([folder], table), folder.resolve().name)
 
 
 def _reported(

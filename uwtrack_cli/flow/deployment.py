@@ -13,13 +13,7 @@ from uwtrack_cli.data.presence import OF_VESSELS, Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import UwtrackError
 from uwtrack_cli.files.hdf5.product import Product, read_product
-from uwtrack_cli.flow.passages import (
-    PassageRow,
-    PassageTable,
-    collect_passages,
-    find_results,
-)
-from uwtrack_cli.flow.vessel_names import WITHIN_M
+from uwtrack_cli.flow.passages import PassageRow, PassageTable, find_results
 
 Span = tuple[int, int]
 
@@ -52,34 +46,21 @@ class Deployment:
     """Products that could not be read, and what is unclear, in words."""
 
 
-def read_deployment(
-    sources: Sequence[Path],
-    *,
-    ais: Path | None = None,
-    within_m: float = WITHIN_M,
-    cache: Path | None = None,
-) -> Deployment:
+def read_deployment(sources: Sequence[Path], table: PassageTable) -> Deployment:
     """Read what results say of a deployment.
 
     Parameters
     ----------
     sources
         Products, or folders with them.
-    ais
-        Table of AIS messages that gives passages the names of vessels.
-    within_m
-        Largest range at which an AIS vessel is expected to be detected, m.
-    cache
-        File that remembers the passages of products; None reads every one.
+    table
+        Their passages, as `collect_passages` gives them.
 
     Raises
     ------
     DataError
         A source does not exist, or a folder holds no product.
     """
-    table: PassageTable = collect_passages(
-        sources, ais=ais, within_m=within_m, cache=cache
-    )
     known: dict[tuple[str, str, int], Listened] = {}
     for path in find_results(sources):
         try:

@@ -5,19 +5,20 @@ file where no output is named, and reads it back: library and command cannot dif
 """
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, TypedDict, TypeVar, Unpack, overload
+from typing import TYPE_CHECKING, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import OptionError, UwtrackNote
+from uwtrack_cli.files.hdf5.container_keys import ContainerHolder
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, container_class
 from uwtrack_cli.files.hdf5.product import (
     ContainerKey,
@@ -25,7 +26,6 @@ from uwtrack_cli.files.hdf5.product import (
     ProductWriter,
     read_product,
 )
-from uwtrack_cli.files.hdf5.reader import sole_key
 from uwtrack_cli.files.tables.dataframes import to_pandas, to_xarray
 from uwtrack_cli.flow.engine import Progress
 from uwtrack_cli.flow.products import run_into_product
@@ -69,7 +69,7 @@ class SourceOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Results(Mapping[str, Container]):
+class Results(ContainerHolder, Mapping[str, Container]):
     """What a run found, or a product file holds: containers by name.
 
     ``results["encounters"]`` is a container of arrays; `to_pandas` and `to_xarray`
@@ -101,41 +101,11 @@ class Results(Mapping[str, Container]):
         """Name the file and what it holds."""
         return f"<uwtrack results of {self.name}: {', '.join(self)}>"
 
-    @overload
-    def read(
-        self, kind: type[C], sensor: str | None = None, step: str | None = None
-    ) -> C: ...
+    def _held(self) -> Collection[ContainerKey]:
+        return self.tables.keys()
 
-    @overload
-    def read(
-        self, kind: str, sensor: str | None = None, step: str | None = None
-    ) -> Container: ...
-
-    def read(
-        self,
-        kind: type[Container] | str,
-        sensor: str | None = None,
-        step: str | None = None,
-    ) -> Container:
-        """Return a container.
-
-        Parameters
-        ----------
-        kind
-            Its class, such as `Lines`, or its name, such as ``"lines"``.
-        sensor
-            Its sensor; not needed where only one has such a container.
-        step
-            The step that made it, empty for the usual one; not needed where only one
-            step made such a container.
-
-        Raises
-        ------
-        DataError
-            There is none, or several and no sensor or step is named.
-        """
-        wanted = container_class(kind) if isinstance(kind, str) else kind
-        return self.tables[sole_key(self.tables, wanted, sensor, step, self.name)]
+    def _container(self, key: ContainerKey) -> Container:
+        return self.tables[key]
 
     def to_pandas(
         self,

@@ -4,13 +4,9 @@ Everything that reads or writes a product goes through the names of this module;
 `Product` draws what a file looks like inside.
 """
 
+from uwtrack_cli.files.hdf5.container_keys import ContainerKey
 from uwtrack_cli.files.hdf5.history import HistoryStep, Source
-from uwtrack_cli.files.hdf5.reader import (
-    ContainerKey,
-    Product,
-    read_product,
-    read_product_bytes,
-)
+from uwtrack_cli.files.hdf5.reader import Product, read_product, read_product_bytes
 from uwtrack_cli.files.hdf5.verify import source_of, verify_product
 from uwtrack_cli.files.hdf5.writer import ProductWriter, product_to_bytes, write_product
 

@@ -21,6 +21,11 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines, point_order
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.checksum import Checksum
+from uwtrack_cli.files.hdf5.container_keys import (
+    ContainerHolder,
+    ContainerKey,
+    sole_key,
+)
 from uwtrack_cli.files.hdf5.examination import (
     attribute,
     check_stored,
@@ -62,18 +67,7 @@ INDEXED_AXES: dict[str, tuple[tuple[str, str], ...]] = {
 """Containers that can be streamed, with the axes whose rows name their frame."""
 
 
-class ContainerKey(NamedTuple):
-    """Which container of a product is meant."""
-
-    sensor: str | None
-    """Identifier of its sensor; None for a container of the whole file."""
-    name: str
-    """Name of the container."""
-    step: str = ""
-    """Name of the step that made it, where that is not the name of its stage."""
-
-
-class Product:
+class Product(ContainerHolder):
     """A product file, open for reading; containers are read when asked for.
 
     ::
@@ -157,45 +151,6 @@ class Product:
             return part not in _absent(own.group)
 
     @overload
-    def read(
-        self, kind: type[C], sensor: str | None = None, step: str | None = None
-    ) -> C: ...
-
-    @overload
-    def read(
-        self, kind: str, sensor: str | None = None, step: str | None = None
-    ) -> Container: ...
-
-    def read(
-        self,
-        kind: type[Container] | str,
-        sensor: str | None = None,
-        step: str | None = None,
-    ) -> Container:
-        """Read a container.
-
-        Parameters
-        ----------
-        kind
-            Its class, such as `Lines`, or its name, such as ``"lines"``.
-        sensor
-            Its sensor; not needed where only one has such a container.
-        step
-            The step that made it, empty for the usual one; not needed where only one
-            step made such a container.
-
-        Raises
-        ------
-        DataError
-            There is none, or several and no sensor is named, or it is damaged, or no
-            container has such a name.
-        """
-        wanted = container_class(kind) if isinstance(kind, str) else kind
-        path = self._path(wanted, sensor, step)
-        with reading(self.name):
-            return read_whole(self.file, path, wanted)
-
-    @overload
     def read_all(self, kind: type[C]) -> list[C]: ...
 
     @overload
@@ -249,44 +204,12 @@ class Product:
     def _path(self, kind: type[Container], sensor: str | None, step: str | None) -> str:
         return self.paths[sole_key(self.paths, kind, sensor, step, self.name)]
 
+    def _held(self) -> Collection[ContainerKey]:
+        return self.paths.keys()
 
-def sole_key(
-    keys: Collection[ContainerKey],
-    kind: type[Container],
-    sensor: str | None,
-    step: str | None,
-    owner: str,
-) -> ContainerKey:
-    """Return which container is meant by a kind, and a sensor and a step if given.
-
-    Raises
-    ------
-    DataError
-        There is none, or several.
-    """
-    found = [
-        key
-        for key in keys
-        if key.name == kind.NAME
-        and sensor in (None, key.sensor)
-        and step in (None, key.step)
-    ]
-    usual = [key for key in found if not key.step]
-    for chosen in (found, usual):  # a step of its stage's name needs no naming
-        if len(chosen) == 1:
-            return chosen[0]
-    if found:
-        sensors = ", ".join(sorted({repr(key.sensor) for key in found}))
-        steps = ", ".join(sorted({repr(key.step or kind.NAME) for key in found}))
-        several = "sensors" if len({key.sensor for key in found}) > 1 else "steps"
-        named = sensors if several == "sensors" else steps
-        msg = f"{owner} holds {kind.NAME} of several {several}: {named}."
-        raise DataError(msg)
-    of = "" if sensor is None else f" of sensor {sensor!r}"
-    of += f" of step {step!r}" if step else ""
-    held = ", ".join(sorted({key.name for key in keys})) or "nothing"
-    msg = f"{owner} holds no {kind.NAME}{of}; it holds: {held}."
-    raise DataError(msg)
+    def _container(self, key: ContainerKey) -> Container:
+        with reading(self.name):
+            return read_whole(self.file, self.paths[key], CONTAINERS[key.name])
 
 
 def read_product(path: Path | str) -> Product:

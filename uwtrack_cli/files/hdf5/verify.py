@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.hdf5.container_keys import ContainerKey
 from uwtrack_cli.files.hdf5.examination import (
     HDF5_ERRORS,
     check_bytes,
@@ -21,7 +22,7 @@ from uwtrack_cli.files.hdf5.examination import (
 )
 from uwtrack_cli.files.hdf5.history import HistoryStep, Source
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
-from uwtrack_cli.files.hdf5.reader import ContainerKey, Product, read_product
+from uwtrack_cli.files.hdf5.reader import Product, read_product
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.text_escaping import file_name
 
