@@ -71,6 +71,24 @@ def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
     assert looked == [20.0] * n_recipes
 
 
+@pytest.mark.parametrize(("kind", "n_found"), [("level", 1), ("fall", 0)])
+def test_the_level_alone_must_rise_in_the_whole_recording_too(
+    kind, n_found, monkeypatch
+):
+    """Within twenty seconds a crest of swell has the shape of a passage."""
+    sound = np.zeros((60 * 1000, 1), np.float32)
+    recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
+    rises = Rises(
+        time_s=np.array([30.0]), half_length_s=np.array([0.5]), kind=np.array([kind]),
+        spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
+    )  # fmt: skip
+    row = {"time_s": 10.5, "range_over_speed_s": 1.0, "status": "level-only"}
+    crest = encounters_of(row)
+    monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: crest)
+    found = zoom_in(encounters_of(), rises, recording=recording, recipes=["vessel"])
+    assert found.n_encounters == n_found
+
+
 def test_a_table_that_is_made_again_is_not_kept():
     graph = load_recipe("auto").graph()
     assert "cpa" not in graph.outputs

@@ -5,9 +5,11 @@ ones are blind to weak lines and cost ten times as much. So the sound is looked 
 where lines or the level rise for seconds (`spectra/rises.py`), and where the long frames
 show a closest approach that lasts only a few of their lengths. Lines that keep their
 frequencies, and a level that rises for longer, do not need the shortest frames, and
-lines that climb none. These stretches of the sound are read again, and recipes of shorter frames run over them, up to their closest
-approaches, which are held against the sound as all are. In the end all answers compete
-for one row per passage (`motion/competition.py`).
+lines that climb none. These stretches of the sound are read again, and recipes of
+shorter frames run over them, up to their closest approaches, which are held against the
+sound as all are. A stretch is too short to tell swell from a passage by the level alone:
+there the level must rise by more than the recording does all the time. In the end all
+answers compete for one row per passage (`motion/competition.py`).
 
 **Conventions.** Times count from the first sample of the recording. The recipes are the
 shipped ones, with their own options; sensor and sound speed are those of the recording.
@@ -28,7 +30,7 @@ from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
-from uwtrack_cli.motion.competition import compete
+from uwtrack_cli.motion.competition import LEVEL_ONLY, compete
 
 RECIPES = ("small-craft", "vehicle")
 """Recipes that look again: frames of a quarter and a tenth of a second."""
@@ -100,7 +102,8 @@ def zoom_in(
             part = _part(recording, start_s, stop_s)
             table = None if part is None else _passages(part, graph)
             if table is not None:
-                found.append(_placed(table, start_s, stop_s, recording))
+                placed = _placed(table, start_s, stop_s, recording)
+                found.append(_risen(placed, own, rises))
     return compete(own, found, taken)
 
 
@@ -179,6 +182,19 @@ def _passages(part: Recording, graph: Graph) -> Encounters | None:
     (last,) = [step for step in graph.steps() if step.stage.output is Encounters]
     made = sink.read(last)
     return made if isinstance(made, Encounters) else None
+
+
+def _risen(found: Encounters, known: Encounters, rises: Rises | None) -> Encounters:
+    """Return the passages of a stretch; by the level alone, where the recording rises."""
+    time_s, reach_s = known.time_s, known.range_over_speed_s
+    if rises is not None:
+        is_level = rises.kind == LEVEL
+        time_s = np.append(time_s, rises.time_s[is_level])
+        reach_s = np.append(reach_s, rises.half_length_s[is_level])
+    apart = np.abs(found.time_s[:, None] - time_s)
+    near = apart < reach_s + found.range_over_speed_s[:, None]
+    kept = (found.status != LEVEL_ONLY) | near.any(axis=1)
+    return found.take("encounter", np.flatnonzero(kept))
 
 
 def _placed(
