@@ -191,6 +191,28 @@ def test_the_statement_names_the_sound_speed_and_the_effect_is_one_to_one_in_s3(
     assert motions.range_per_sound_speed[0] == pytest.approx(1.0, abs=1e-3)
 
 
+def test_own_navigation_is_as_good_as_told_and_what_is_not_told_is_said():
+    series, ship = heard("S3"), own_ship("S3")
+    facts = {"updates": 1, "model": PAPER["model"], "sound_speed_mps": 1480.0}
+
+    def motion(given, **told):
+        sensor = Sensor(id="h1", navigation=ship, compass_std_deg=0.0, **told)
+        return estimate_motion(series, None, None, sensor, nuisances=given, **facts)
+
+    usual = motion(Nuisances(0.0))
+    assert "within 10 m and 0.1 m/s" in usual.statement
+    exact = {"navigation_position_std_m": 0.0, "navigation_velocity_std_mps": 0.0}
+    told = motion(Nuisances(0.0), **exact)
+    assert "navigation" not in told.statement
+    by_option = motion(Nuisances(0.0, None, 0.0, 0.0))
+    assert told.covariance == pytest.approx(by_option.covariance)
+    assert told.range_std_m[0] < 0.9 * usual.range_std_m[0]
+    # the option goes before the sensor file
+    both = motion(Nuisances(0.0, None, 10.0, 0.1), **exact)
+    assert both.covariance == pytest.approx(usual.covariance)
+    assert "navigation" not in both.statement
+
+
 def test_a_platform_without_navigation_stands_still():
     series = heard("S3")
     motions = estimate_motion(series, **PAPER)

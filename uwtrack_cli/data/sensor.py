@@ -105,6 +105,12 @@ class Sensor(Container):
         "What tells an array's heading: 'way', 'compass' or 'fixed'; None: nothing.",
         None,
     )
+    navigation_position_std_m: float | None = scalar(
+        "m", "Deviation of each coordinate of the navigation.", None
+    )
+    navigation_velocity_std_mps: float | None = scalar(
+        "m/s", "Deviation of each component of its velocity.", None
+    )
     navigation: Navigation | None = None
     """Positions and headings of a moving platform; None if it does not move."""
 

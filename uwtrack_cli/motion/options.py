@@ -60,11 +60,11 @@ class Nuisances(OptionGroup):
         Deviation of the compass, one error for all bearings; by default that of the
         sensor, else 1 degree for own ship.
     position_std_m
-        Deviation of each coordinate of own position; by default 10 m for a platform
-        with navigation.
+        Deviation of each coordinate of own position; by default that of the sensor
+        file, else 10 m for a platform with navigation.
     velocity_std_mps
-        Deviation of each component of own velocity; by default 0.1 m/s for a platform
-        with navigation.
+        Deviation of each component of own velocity; by default that of the sensor
+        file, else 0.1 m/s for a platform with navigation.
     correlation_time_s
         Correlation time of own position and velocity.
     """

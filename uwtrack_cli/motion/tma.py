@@ -203,12 +203,18 @@ def _deviations(
     if compass is None:
         compass = OWN_COMPASS_STD_DEG if sensor is None else COMPASS_STD_DEG
     position, velocity = given.position_std_m, given.velocity_std_mps
-    if position is None:
-        position = OWN_POSITION_STD_M if is_moving else 0.0
-    if velocity is None:
-        velocity = OWN_VELOCITY_STD_MPS if is_moving else 0.0
+    if position is None and sensor is not None:
+        position = sensor.navigation_position_std_m
+    if velocity is None and sensor is not None:
+        velocity = sensor.navigation_velocity_std_mps
+    usual = (OWN_POSITION_STD_M, OWN_VELOCITY_STD_MPS) if is_moving else (0.0, 0.0)
     return NuisanceDeviations(
-        sound, compass, position, velocity, given.correlation_time_s
+        sound_speed_mps=sound,
+        compass_deg=compass,
+        own_position_m=usual[0] if position is None else position,
+        own_velocity_mps=usual[1] if velocity is None else velocity,
+        correlation_time_s=given.correlation_time_s,
+        is_usual_navigation=is_moving and (position is None or velocity is None),
     )
 
 

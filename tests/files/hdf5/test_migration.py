@@ -61,6 +61,9 @@ def test_what_version_2_printed_is_printed_of_its_files(second, uwtrack):
     sensor |= {"element_along_m": None, "tow_offset_m": None, "heading_source": None}
     sensor |= {"element_positions_m": None}
     sensor |= {"dipole_gains": None, "dipole_crosstalk": 0.0, "omni_crosstalk": None}
+    sensor |= dict.fromkeys(
+        ("navigation_position_std_m", "navigation_velocity_std_mps")
+    )
     added = ("_std_m", "_over_speed_s", "_over_speed_std_s")
     for row in printed["encounters"]:
         row.update({f"horizontal_range{name}": None for name in added}, nuisances={})

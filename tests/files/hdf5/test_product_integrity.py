@@ -502,7 +502,7 @@ def check_mutants(path, n, seed):
 
 
 def test_damaged_copies_are_refused_without_a_crash(path):
-    assert check_mutants(path, 15, 1) > 12
+    assert check_mutants(path, 20, 1) > 12
 
 
 @pytest.mark.long

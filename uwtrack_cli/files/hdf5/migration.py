@@ -46,6 +46,8 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
                     "element_positions_m",
                     "tow_offset_m",
                     "heading_source",
+                    "navigation_position_std_m",
+                    "navigation_velocity_std_mps",
                     "dipole_gains",
                     "dipole_crosstalk",
                     "omni_crosstalk",

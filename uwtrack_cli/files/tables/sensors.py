@@ -149,6 +149,14 @@ class SensorTable:
     """Heading of an array: along the ship's way, or the navigation's heading_deg."""
     navigation: str | None = None
     """File with positions and headings over time, relative to this one."""
+    navigation_position_std_m: (
+        Annotated[float, Unit("m"), AtLeast(0), AtMost(1e6)] | None
+    ) = None
+    """Standard deviation of each coordinate of the navigation; 10 m unless given."""
+    navigation_velocity_std_mps: (
+        Annotated[float, Unit("m/s"), AtLeast(0), AtMost(100)] | None
+    ) = None
+    """Standard deviation of each component of its velocity; 0.1 m/s unless given."""
     sensitivity_db_re_v_per_upa: (
         Annotated[float, Unit("dB re 1 V/uPa"), AtLeast(-400), AtMost(400)] | None
     ) = None

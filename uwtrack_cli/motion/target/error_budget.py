@@ -50,6 +50,8 @@ class NuisanceDeviations:
     """Of each component of own velocity, m/s."""
     correlation_time_s: float = 100.0
     """Correlation time of own position and velocity, s."""
+    is_usual_navigation: bool = False
+    """Whether one of the last two is the usual one, because nobody told it."""
     sensor_position_m: FloatArray | None = None
     """Of each coordinate of every sensor of a table, m, shape (sensors,); None for one
     platform."""

@@ -220,6 +220,13 @@ STATEMENT = (
     "sound speed is then 1 % of range, and frequencies that carry the two-way shift of "
     "an echo double the range."
 )
+NAVIGATION_STATEMENT = (
+    "Own navigation is taken to be right within {position:g} m and {velocity:g} m/s, as "
+    "it usually is, for nobody told it: deviations are too wide where it is better, and "
+    "too small where it is worse (--nuisances-position-std-m, "
+    "--nuisances-velocity-std-mps, or navigation_position_std_m and "
+    "navigation_velocity_std_mps of the sensor file; 0 is exact)."
+)
 SENSORS_STATEMENT = (
     "Places rest on those of the sensors and on their compasses: an error of all "
     "compasses alike turns the motion about the sensors, and leaves little trace."
@@ -264,7 +271,14 @@ def _statement(answers: list[ContactAnswer], options: TmaOptions) -> str:
     ]
     if answers and all(crossing):
         return SENSORS_STATEMENT
-    return STATEMENT.format(speed=options.sound_speed_mps)
+    words, own = [STATEMENT.format(speed=options.sound_speed_mps)], options.nuisances
+    if own.is_usual_navigation and not any(crossing):
+        words.append(
+            NAVIGATION_STATEMENT.format(
+                position=own.own_position_m, velocity=own.own_velocity_mps
+            )
+        )
+    return " ".join(words)
 
 
 def _column(name: str, values: list[Any]) -> NDArray[Any]:
