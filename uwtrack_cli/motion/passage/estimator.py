@@ -16,6 +16,7 @@ three kinds are under one another as in `Blocks`.
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,12 @@ from uwtrack_cli.motion.passage.law import (
     slant_over_speed_s,
 )
 from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
-from uwtrack_cli.motion.passage.noise import Noises, block_noises, rough_weight
+from uwtrack_cli.motion.passage.noise import (
+    BlockNoise,
+    Noises,
+    block_noises,
+    rough_weight,
+)
 from uwtrack_cli.motion.passage.normal_equations import (
     NO_LOSS,
     FitConstants,
@@ -267,6 +273,40 @@ def take_rows(fit: PassageFit, one: IntArray | list[int]) -> PassageFit:
             fit.change, time_s=fit.change.time_s[one], sign=fit.change.sign[one]
         ),
     )
+
+
+def join_rows(fits: list[PassageFit]) -> PassageFit:
+    """Return the rows of several fits to the same data, with white noise, under another.
+
+    Parameters
+    ----------
+    fits
+        Fits of one medium and one kind of change.
+    """
+    joined: dict[str, Any] = {
+        f.name: np.concatenate([getattr(fit, f.name) for fit in fits])
+        for f in fields(PassageFit)
+        if isinstance(getattr(fits[0], f.name), np.ndarray)
+    }
+    noises = tuple(
+        BlockNoise(*(
+            np.concatenate([getattr(fit.noises[kind], f.name) for fit in fits])
+            for f in fields(BlockNoise)
+        ))
+        for kind in range(3)
+    )  # fmt: skip
+    changes = [fit.change for fit in fits if fit.change is not None]
+    change = (
+        replace(
+            changes[0],
+            time_s=np.concatenate([one.time_s for one in changes]),
+            sign=np.concatenate([one.sign for one in changes]),
+        )
+        if changes
+        else None
+    )
+    together = (noises[0], noises[1], noises[2])
+    return replace(fits[0], **joined, noises=together, change=change)
 
 
 def fit_with_coloured_noise(

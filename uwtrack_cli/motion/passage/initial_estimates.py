@@ -153,28 +153,48 @@ class _ChangedColumns(NamedTuple):
     share: FloatArray
     """What the constants leave of the square of these cells, same shape."""
 
-    def product(self, one: FloatArray, other: FloatArray) -> FloatArray:
-        """Multiply rows with rows, each pair without its left-out cell.
+    def along(self, rows: FloatArray, value: FloatArray) -> FloatArray:
+        """Multiply rows with a value, for every change without its left-out cell.
 
         Parameters
         ----------
-        one
+        rows
             Rows that are the same for all changes, shape (rows, n).
-        other
-            One row for all changes, shape (n,), or one for each, shape (changes, n).
+        value
+            Shape (n,).
+
+        Returns
+        -------
+        FloatArray
+            Shape (rows, changes), or (rows, 1) if nothing is left out.
+        """
+        whole: FloatArray = (rows @ value)[:, None]
+        if not self.left_out.size:
+            return whole
+        return whole - rows[:, self.left_out] * (value[self.left_out] / self.share)
+
+    def both(self, rows: FloatArray, root: FloatArray) -> FloatArray:
+        """Multiply rows with the columns, each pair without its left-out cell.
+
+        Parameters
+        ----------
+        rows
+            Rows without the lines' constants, the same for all changes, shape (rows, n).
+        root
+            Square roots of the weights, shape (n,).
 
         Returns
         -------
         FloatArray
             Shape (rows, changes).
         """
-        whole = np.atleast_2d(one @ other.T).reshape(one.shape[0], -1)
         if not self.left_out.size:
-            return whole
-        each = np.broadcast_to(other, self.columns.shape)
-        own = each[np.arange(self.left_out.size), self.left_out]
-        less: FloatArray = whole - one[:, self.left_out] * (own / self.share)
-        return less
+            return np.asarray(rows @ self.columns.T)
+        # a step sums what follows it; its constants are no part of such rows
+        sums = np.cumsum(rows * root, axis=1)
+        whole = sums[:, -1:] - sums[:, self.left_out]
+        own = self.columns[np.arange(self.left_out.size), self.left_out]
+        return np.asarray(whole - rows[:, self.left_out] * (own / self.share))
 
     def square(self, rows: FloatArray) -> FloatArray:
         """Square rows, each for every change without its left-out cell.
@@ -217,14 +237,47 @@ class _ChangedColumns(NamedTuple):
         return np.where(square > least, product, 0.0), known
 
 
+@dataclass(frozen=True)
+class PassageSearch:
+    """What the search beside every kind of change has in common."""
+
+    data: _Coarse
+    """The measurements at the grid's resolution."""
+    grid: _Grid
+    """Times and widths that are tried."""
+    others: FloatArray
+    """Gain in log-likelihood of bearings and levels, shape (cells,)."""
+    floor: FloatArray
+    """ln of the best floor, same shape."""
+    sound_speed_mps: float
+    """Sound speed, m/s."""
+
+    @classmethod
+    def of(
+        cls, blocks: Blocks, medium: Medium, turn: float, n_cells: int = 400
+    ) -> "PassageSearch":
+        """Prepare the search in one data set.
+
+        Parameters
+        ----------
+        blocks
+            Measurements in fit units; the first row of the batch is used.
+        medium
+            Sound speed.
+        turn
+            Sign of the bearing trend.
+        n_cells
+            Cells of time to which longer data are condensed.
+        """
+        data = _condense(blocks, n_cells)
+        grid = _grid(data.time)
+        level, floor = _level_gain(grid, data)
+        bearing = _bearing_gain(grid, data)[0 if turn > 0 else 1]
+        return cls(data, grid, level + bearing, floor, medium.sound_speed_mps)
+
+
 def find_changed_estimates(
-    blocks: Blocks,
-    medium: Medium,
-    turn: float,
-    every: Change,
-    *,
-    n_starts: int = 3,
-    n_cells: int = 400,
+    search: PassageSearch, medium: Medium, every: Change, *, n_starts: int = 3
 ) -> ChangedEstimates:
     """Search all passages beside all changes of the frequencies at once.
 
@@ -234,23 +287,17 @@ def find_changed_estimates(
 
     Parameters
     ----------
-    blocks
-        Measurements in fit units; the first row of the batch is used.
+    search
+        What the search of this data set begins with.
     medium
-        Sound speed.
-    turn
-        Sign of the bearing trend.
+        Depth difference.
     every
         A step or a ramp of the frequencies at many instants; a step is sought in all
         cells among them.
     n_starts
         Pairs that are wanted, with changes that are not neighbours.
-    n_cells
-        Cells of time to which longer data are condensed.
     """
-    data = _condense(blocks, n_cells)
-    grid = _grid(data.time)
-    weight = data.shift_weight
+    data, grid, weight = search.data, search.grid, search.data.shift_weight
     size = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
     centred = data.shift - (weight * data.shift).sum(axis=1, keepdims=True) / size
     total = np.maximum(weight.sum(axis=0), 1e-300)
@@ -273,17 +320,15 @@ def find_changed_estimates(
     passing, columns = free(grid.x / grid.slant), free(every.shape(data.time))
     share = np.maximum(1 - (basis[left_out] ** 2).sum(axis=1), 1e-9)
     changed = _ChangedColumns(columns, left_out, share)
-    along, both = changed.product(passing, value), changed.product(passing, columns)
+    along, both = changed.along(passing, value), changed.both(passing, root)
     own, length = changed.own(value)
     whole = changed.square(passing)
     square = whole - both**2 / length
     least = 1e-3 * np.maximum(whole, 1e-300)
     slope = (along - both * own / length) / np.maximum(square, least)
-    speed = -medium.sound_speed_mps * slope
-    usable = (speed > 0) & (speed < 0.8 * medium.sound_speed_mps) & (square > least)
-    level, floor = _level_gain(grid, data)
-    bearing = _bearing_gain(grid, data)[0 if turn > 0 else 1]
-    gain = 0.5 * (own**2 / length + slope**2 * square) + (level + bearing)[:, None]
+    speed = -search.sound_speed_mps * slope
+    usable = (speed > 0) & (speed < 0.8 * search.sound_speed_mps) & (square > least)
+    gain = 0.5 * (own**2 / length + slope**2 * square) + search.others[:, None]
     if left_out.size:  # what is left out is explained whole
         gain += 0.5 * value[left_out] ** 2 / share
     gain = np.where(usable, gain, -np.inf)
@@ -298,13 +343,13 @@ def find_changed_estimates(
     cell, number = np.array(cells, np.int64), np.array(numbers, np.int64)
     fast = speed[cell, number]
     theta = np.stack(
-        [grid.time[cell], np.log(grid.width[cell]), fast, floor[cell]], axis=-1
+        [grid.time[cell], np.log(grid.width[cell]), fast, search.floor[cell]], axis=-1
     )
     theta[:, 1] = _horizontal(grid.width[cell], fast, medium)
     amount = (own[number] - slope[cell, number] * both[cell, number]) / length[number]
     return ChangedEstimates(
         theta, every.time_s[number], every.sign[number], amount,
-        (level + bearing)[cell], known_to_s,
+        search.others[cell], known_to_s,
     )  # fmt: skip
 
 

@@ -31,9 +31,13 @@ from uwtrack_cli.motion.passage.estimator import (
     PassageFit,
     fit_passage,
     fit_with_coloured_noise,
+    join_rows,
     take_rows,
 )
-from uwtrack_cli.motion.passage.initial_estimates import find_changed_estimates
+from uwtrack_cli.motion.passage.initial_estimates import (
+    PassageSearch,
+    find_changed_estimates,
+)
 from uwtrack_cli.motion.passage.law import SLOWEST_MPS, Passage, slant_over_speed_s
 from uwtrack_cli.motion.passage.likelihood_ratio import (
     measured_series,
@@ -70,12 +74,11 @@ N_STARTS = 3
 ROUGH_SHARE = 0.5
 """Share of the gain of a passage that a coarse search beside a change must find."""
 
-N_NEAR, FINEST = 5, 1.0 / 8.0
-"""Instants of a round about the best one, and their spread in the last round, over that
-in the first: it is halved unless the best one is at its edge."""
+FINEST = 1.0 / 16.0
+"""Distance of the instants that are tried in the end, over that of the search."""
 
-MOST_ROUNDS, MOST_ROWS = 6, 4
-"""Rounds at most, and starts that are followed after the first one."""
+MOST_ROUNDS, MOST_ROWS = 9, (6, 3)
+"""Rounds of instants at most; starts that are followed in the first one, and then."""
 
 NEAR_WIDTHS, N_NEAR_INSTANTS = 2.0, 17
 """d/v about the closest approach in which more instants of a manoeuvre are tried."""
@@ -185,10 +188,12 @@ def read_passage(
         return fit, STRAIGHT_READING
     tried = [(fit, np.nan)]
     searches: list[Scores | None] = [None]
+    search: PassageSearch | None = None
     for kind in kinds:
         scores = score_changes(kind, fit, blocks)
         if scores.gain.max() > SMALLEST_SCORE:
-            found = _fit_change(scores, fit, blocks)
+            search = search or PassageSearch.of(blocks, fit.medium, float(fit.turn[0]))
+            found = _fit_change(scores, fit, blocks, search)
             tried += found
             searches += [scores] * len(found)
     if len(tried) == 1:
@@ -200,8 +205,8 @@ def read_passage(
         value[0] = -np.inf
     for place, searched in enumerate(searches):
         if searched is not None:
-            search = searched.search(float(gain[place]))
-            value[place] -= ODDS[searched.kind] + search + occam(fits[place])
+            paid = searched.search(float(gain[place])) + occam(fits[place])
+            value[place] -= ODDS[searched.kind] + paid
     chance = np.exp(value - value.max())
     chance /= chance.sum()
     names = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
@@ -238,11 +243,10 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
         block.value[0], block.weight[0], fit.noises[0].scale[0]
     )
     time_s = time_s[used]
+    search = PassageSearch.of(blocks, fit.medium, float(fit.turn[0]))
     for kind in FREQUENCY_CHANGES:
         every = _instants(kind, fit, blocks)
-        found = find_changed_estimates(
-            blocks, fit.medium, float(fit.turn[0]), every, n_starts=N_STARTS
-        )
+        found = find_changed_estimates(search, fit.medium, every, n_starts=N_STARTS)
         width = slant_over_speed_s(
             np.exp(found.theta[:, 1]), found.theta[:, 2], fit.medium.height_m
         )
@@ -300,42 +304,21 @@ def _time_std_s(
 
 
 def _fit_change(
-    scores: Scores, fit: PassageFit, blocks: Blocks
+    scores: Scores, fit: PassageFit, blocks: Blocks, search: PassageSearch
 ) -> list[tuple[PassageFit, float]]:
     """Fit one kind of change: its likely modes, with the deviation of each instant."""
     kind = scores.kind
-    theta, change, step = _starts(scores, fit, blocks)
+    theta, change, step = _starts(scores, fit, blocks, search)
     fits = _fitted(theta, change, fit, blocks)
-    square, first = np.zeros(step.size), step
-    for number in range(0 if kind == RAMP else MOST_ROUNDS):
-        near = step[:, None] * np.linspace(-0.5, 0.5, N_NEAR)
-        change = Change(
-            kind,
-            (_change(fits).time_s[:, None] + near).ravel(),
-            np.repeat(_change(fits).sign, N_NEAR),
-        )
-        wide = _fitted(np.repeat(fits.theta, N_NEAR, axis=0), change, fit, blocks)
-        cost = np.minimum(_cost(wide), 1e300).reshape(-1, N_NEAR)
-        chance = np.exp(cost.min(axis=1, keepdims=True) - cost)
-        chance /= chance.sum(axis=1, keepdims=True)
-        mean = (chance * near).sum(axis=1, keepdims=True)
-        square = np.maximum(square, (chance * (near - mean) ** 2).sum(axis=1))
-        best = np.argmin(cost, axis=1)
-        at_edge = ((best == 0) | (best == N_NEAR - 1)) & (np.ptp(cost, axis=1) > 0)
-        step = np.where(at_edge, step, step * 2 / (N_NEAR - 1))
-        fits = take_rows(wide, best + N_NEAR * np.arange(best.size))
-        if number == 0:
-            rows = np.argsort(cost.min(axis=1))[:MOST_ROWS]
-            fits, step, square = take_rows(fits, rows), step[rows], square[rows]
-            first = first[rows]
-        if np.all(step <= FINEST * first):
-            break
-    cost = _cost(fits)
-    time_std = np.sqrt(square + step**2 / 12)
-    apart = MODE_STEPS * step
     if kind == RAMP:
         time_std = np.sqrt(fits.full_covariance[:, -1, -1])
         apart = np.fmax(MODE_STEPS * time_std, 1e-3 * step)
+    else:
+        fits, time_std, step = _with_best_instants(fits, step, fit, blocks)
+        apart = MODE_STEPS * step
+    if kind == MANOEUVRE:
+        fits = _with_nearer_leg(fits, fit, blocks)
+    cost = _cost(fits)
     at, kept = _change(fits).time_s, list[int]()
     for row in np.argsort(cost):
         far = abs(at[row] - at[kept]) > apart[row]
@@ -353,8 +336,47 @@ def _fit_change(
     return list(zip(made, own, strict=True))
 
 
+def _with_best_instants(
+    fits: PassageFit, step: FloatArray, fit: PassageFit, blocks: Blocks
+) -> tuple[PassageFit, FloatArray, FloatArray]:
+    """Return the likeliest fits at their best instants, their deviations and steps, s.
+
+    The instants on either side of the best one are tried, and the step is halved unless
+    one of them is better.
+    """
+    kind, cost = _change(fits).kind, _cost(fits)
+    square, first = np.zeros(step.size), step
+    for number in range(MOST_ROUNDS):
+        rows = np.argsort(cost)[: MOST_ROWS[min(number, 1)]]
+        fits, cost, step = take_rows(fits, rows), cost[rows], step[rows]
+        square, first = square[rows], first[rows]
+        if np.all(step <= FINEST * first):
+            break
+        sides = [
+            _fitted(
+                fits.theta,
+                Change(kind, _change(fits).time_s + lag, _change(fits).sign),
+                fit,
+                blocks,
+            )
+            for lag in (-0.5 * step, 0.5 * step)
+        ]
+        both = join_rows([fits, *sides])
+        near = 0.5 * step * np.array([[0.0], [-1.0], [1.0]])
+        costs = np.minimum(_cost(both), 1e300).reshape(3, -1)
+        chance = np.exp(costs.min(axis=0) - costs)
+        chance /= chance.sum(axis=0)
+        mean = (chance * near).sum(axis=0)
+        square = np.maximum(square, (chance * (near - mean) ** 2).sum(axis=0))
+        best = np.argmin(costs, axis=0)
+        fits = take_rows(both, best * step.size + np.arange(step.size))
+        step = np.where(best > 0, step, 0.5 * step)
+        cost = _cost(fits)
+    return fits, np.sqrt(square + step**2 / 12), step
+
+
 def _starts(
-    scores: Scores, fit: PassageFit, blocks: Blocks
+    scores: Scores, fit: PassageFit, blocks: Blocks, search: PassageSearch
 ) -> tuple[FloatArray, Change, FloatArray]:
     """Return starts by the linearised passage, and by a search through all of them.
 
@@ -372,9 +394,7 @@ def _starts(
     sign, step = scores.sign[starts], scores.spacing_s[starts]
     if scores.kind != MANOEUVRE:
         every = Change(scores.kind, scores.time_s, scores.sign)
-        more = find_changed_estimates(
-            blocks, fit.medium, float(fit.turn[0]), every, n_starts=N_STARTS
-        )
+        more = find_changed_estimates(search, fit.medium, every, n_starts=N_STARTS)
         added = np.zeros((more.size.size, theta.shape[1]))
         added[:, :4] = more.theta
         added[:, HEIGHT] = fit.height_m
@@ -386,7 +406,7 @@ def _starts(
     else:
         reach = np.maximum(step, float(fit.range_over_speed_s[0]))
         near = np.abs(time_s - fit.theta[0, 0]) < reach
-        theta = np.concatenate([theta, _exchanged(theta[near], time_s[near])])
+        theta = np.concatenate([theta, _exchanged(theta[near], time_s[near])[0]])
         time_s, sign = np.append(time_s, time_s[near]), np.append(sign, -sign[near])
         step = np.append(step, step[near])
         if not blocks.bearing.is_empty:
@@ -395,10 +415,27 @@ def _starts(
     return theta, Change(scores.kind, time_s, sign), step
 
 
-def _exchanged(theta: FloatArray, time_s: FloatArray) -> FloatArray:
+def _with_nearer_leg(fits: PassageFit, fit: PassageFit, blocks: Blocks) -> PassageFit:
+    """Fit again from the other leg where that one has a nearer approach of its own."""
+    change = _change(fits)
+    other, same_side = _exchanged(fits.theta, change.time_s)
+    is_passed = (change.time_s - other[:, 0]) * change.sign < 0
+    ranges = [np.exp(theta[:, 1]) * theta[:, 2] for theta in (fits.theta, other)]
+    nearer = np.flatnonzero(is_passed & same_side & (ranges[1] < ranges[0]))
+    if not nearer.size:
+        return fits
+    turned = replace(change, time_s=change.time_s[nearer], sign=-change.sign[nearer])
+    found = _fitted(other[nearer], turned, fit, blocks)
+    order = np.arange(change.time_s.size)
+    order[nearer] = order.size + np.arange(nearer.size)
+    return take_rows(join_rows([fits, found]), order)
+
+
+def _exchanged(theta: FloatArray, time_s: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return the same manoeuvres with the closest approach taken on the other leg.
 
-    Near the closest approach it is not known which of the legs has it.
+    Near the closest approach it is not known which of the legs has it. The second tells
+    whether the sensor is on the same side of that leg.
     """
     speed, changed = theta[:, 2], theta[:, CHANGED:]
     velocity = np.stack([speed + changed[:, 0], changed[:, 1]])
@@ -406,14 +443,15 @@ def _exchanged(theta: FloatArray, time_s: FloatArray) -> FloatArray:
     east, north = velocity / fast
     place = speed * (time_s - theta[:, 0]), speed * np.exp(theta[:, 1])
     along = place[0] * east + place[1] * north
-    away = np.abs(place[1] * east - place[0] * north)
+    across = place[1] * east - place[0] * north
+    away = np.abs(across)
     other = theta.copy()
     other[:, 0] = time_s - along / fast
     other[:, 1] = np.log(np.maximum(away / fast, 1e-3))
     other[:, 2] = fast
     other[:, CHANGED] = speed * east - fast
     other[:, CHANGED + 1] = -speed * north
-    return other
+    return other, across > 0
 
 
 def _mirrored(theta: FloatArray, time_s: FloatArray) -> FloatArray:
