@@ -11,7 +11,7 @@ Houles and Bar-Shalom (1989) for interacting models with data association.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -180,7 +180,7 @@ def step(
     weight = reweigh(predicted, association.log_likelihood_ratio)
     after = Belief(state, spread, weight)
     return ScanUpdate(
-        after, *moments(after), point, np.broadcast_to(gate, size.shape), volume,
+        after, *moments(after), point, np.full(size.shape, gate), volume,
         density * volume, _average(association, weight, predicted.probability),
     )  # fmt: skip
 
@@ -239,9 +239,9 @@ def shrunk_gate(
 
 def _cell_volume(predicted: Belief, setting: ClutterSetting) -> FloatArray:
     """Return the volume of a resolution cell where the target is expected."""
-    mean = moments(predicted)[0]
-    volume = np.full(mean.shape[:-1], setting.cell_volume)
+    volume = np.full(predicted.mean.shape[1:-1], setting.cell_volume)
     if setting.is_polar:
+        mean = moments(predicted)[0]
         volume *= np.radians(np.hypot(mean[..., 0], mean[..., 2]))
     return volume
 
@@ -251,7 +251,10 @@ def _merged(
 ) -> Innovation:
     """Compare the scan with the prediction over all models."""
     if predicted.probability.shape[0] == 1:
-        return Innovation(*(getattr(each, part.name)[0] for part in fields(each)))
+        return Innovation(
+            each.residual[0], each.covariance[0], each.gain[0], each.distance2[0],
+            each.determinant[0], each.move[0], each.reduction[0],
+        )  # fmt: skip
     return innovate(
         *moments(predicted), scan.measured, scan.present, scan.noise, setting.period
     )

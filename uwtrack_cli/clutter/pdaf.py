@@ -127,18 +127,21 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
     belief, first, time_s = start_belief(scans, table, rows, start, len(models))
     switch = switching(motion)
     outcomes = []
+    known: dict[float, tuple[FloatArray, FloatArray]] = {}
     later = rows[first:]
     for index, scan in zip(later, scan_arrays(scans, table, later), strict=True):
         interval = float(scans.time_s[index[0]]) - time_s
         time_s += interval
-        steps = [
-            constant_velocity(interval, variance, setting.dimension)
-            for variance in models
-        ]
+        if interval not in known:
+            steps = [
+                constant_velocity(interval, variance, setting.dimension)
+                for variance in models
+            ]
+            known[interval] = steps[0][0], np.array([noise for _, noise in steps])
+        transition, noise = known[interval]
         outcome = step(
-            belief, scan, setting, transition=steps[0][0],
-            noise=np.array([noise for _, noise in steps]), switching=switch,
-        )  # fmt: skip
+            belief, scan, setting, transition=transition, noise=noise, switching=switch
+        )
         outcomes.append(outcome)
         belief = outcome.belief
     return _target(scans, table, later, outcomes, setting, loss_score)
