@@ -48,10 +48,13 @@ html_static_path = ["_static"]
 html_css_files = ["wide.css"]
 html_theme_options = {
     "show_toc_level": 2,
+    "header_links_before_dropdown": 7,
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
 }
-html_sidebars = {name: [] for name in ("index", "install", "tutorial", "notebook")}
+html_sidebars = {
+    name: [] for name in ("index", "install", "first-half-hour", "tutorial", "notebook")
+}
 
 
 def write_inline_math(translator: Any, node: nodes.math) -> None:

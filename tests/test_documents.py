@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import soundfile
 
+from tests.first_half_hour import PAGE as HALF_HOUR
+from tests.first_half_hour import Shell, repeated
 from uwtrack_cli.cli.app import COMMANDS, load_command
 
 ROOT = Path(__file__).parent.parent
@@ -108,6 +110,32 @@ def test_the_blocks_of_a_page_run_in_their_order(
         shown = re.sub(r"\s+", " ", page.read_text(encoding="utf-8"))
         for line in done.stdout.splitlines()[:5]:  # what it prints is what it says
             assert re.sub(r"\s+", " ", line).strip() in shown
+
+
+def test_the_first_half_hour_prints_what_the_page_says(program, tmp_path):
+    folders = (program, Path(sys.executable).parent)
+    shell = Shell(
+        tmp_path,
+        {
+            **os.environ,
+            "HOME": str(tmp_path), "COLUMNS": "80", "MPLBACKEND": "agg",
+            "PATH": ":".join([*map(str, folders), os.environ["PATH"]]),
+        },
+    )  # fmt: skip
+    try:
+        page = HALF_HOUR.read_text(encoding="utf-8")
+        now = repeated(page, shell.type, installs=False)
+    finally:
+        shell.close()
+    numbers = re.compile(r"(?<![\w.])-?\d+\.\d+(?![\w.])|(?<= )\d+(?= |$)")
+    for told, printed in zip(page.splitlines(), now.splitlines(), strict=True):
+        words = [" ".join(numbers.sub("N", line).split()) for line in (told, printed)]
+        assert words[0] == words[1]
+        found = [numbers.findall(line) for line in (told, printed)]
+        # the last digit may differ from machine to machine
+        for one, other in zip(*found, strict=True):
+            unit = 0.1 if "." in one else 1.0
+            assert float(one) == pytest.approx(float(other), rel=0.01, abs=unit)
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.stem)

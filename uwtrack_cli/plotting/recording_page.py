@@ -465,16 +465,18 @@ def _draw_bar(
 ) -> None:
     begin, end = float(presence.from_s[stretch]), float(presence.to_s[stretch])
     owner = int(presence.encounter[stretch]) or int(presence.contact[stretch])
+    color, is_passage = contact_color(owner), bool(presence.encounter[stretch])
     ax.barh(
         place, max(end - begin, LEAST_SHARE * length_s), left=begin, height=0.66,
-        color=contact_color(owner), edgecolor="white", linewidth=0.5,
-        alpha=1.0 if presence.encounter[stretch] else 0.6,
+        color=color, edgecolor="white", linewidth=0.5,
+        alpha=1.0 if is_passage else 0.6,
     )  # fmt: skip
     spacing = float(presence.spacing_hz[stretch])
     if np.isfinite(spacing) and end - begin > 0.1 * length_s:
         ax.annotate(
             f"{spacing:.2f} Hz", (0.5 * (begin + end), place), ha="center",
-            va="center", fontsize=7, color="white", clip_on=True,
+            va="center", fontsize=7, clip_on=True,
+            color=text_on(color) if is_passage else "black",  # it is paler then
         )  # fmt: skip
 
 
