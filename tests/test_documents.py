@@ -146,7 +146,8 @@ def test_commands_stand_in_blocks_that_are_run(page):
 
 
 def test_every_other_command_line_names_commands_and_options_that_exist():
-    documents = [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    right = [page for page in PAGES if page != HALF_HOUR]  # it types wrong ones, too
+    documents = [*right, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     lines = [
         (page.name, line)
         for page in documents
