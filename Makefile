@@ -63,6 +63,9 @@ figures: $(VENV)/.development  ## draw the pictures of README and docs again
 	$(BIN)/uwtrack run $(DEMO)/pass.wav --start-utc 2024-05-01T12:00:00Z --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --contact 1 -o docs/pass.png --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 -o docs/recording.png --overwrite
+	if command -v chromium >/dev/null; then $(MAKE) docs && chromium --headless --no-sandbox \
+	--hide-scrollbars --window-size=1280,1000 --screenshot=docs/site.png \
+	"file://$(CURDIR)/docs/_build/html/tutorial.html"; fi
 
 docs: $(VENV)/.development  ## the documentation site in docs/_build/html; a warning is an error
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html

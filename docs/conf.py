@@ -48,7 +48,6 @@ html_static_path = ["_static"]
 html_css_files = ["wide.css"]
 html_theme_options = {
     "show_toc_level": 2,
-    "header_links_before_dropdown": 7,
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
 }
