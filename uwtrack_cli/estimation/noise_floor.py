@@ -52,6 +52,11 @@ EDGE_STEP = 0.9
 """Step of the level from tile to tile, in nepers of power (4 dB), that is an edge and no
 slope: neighbouring medians of even noise differ by less than a tenth."""
 
+SPLIT_SHARE = 0.5
+"""Deviations of the cells of a tile between two steps from the levels on either side, over
+those from its own, below which an edge is within it: 0.2 to 0.5 for edges of 10 to 30 dB,
+from 0.5 on where a horn and its overtones are, or the ground is steep (measured)."""
+
 EDGE_BINS = 2
 """Natural bins by which a Hann window widens the loud side of an edge."""
 
@@ -130,17 +135,24 @@ def _tile_floors(power: FloatArray, zero_padding: int) -> FloatArray:
     for beam, k in np.argwhere(np.abs(step) > EDGE_STEP):
         # a tile with an edge in it is part quiet: its loud neighbour knows better
         first, last, up = k, k + 1, step[beam]
+        cell_gain = np.repeat(gain[beam], widths, axis=1)
         if up[k] < 0.0 and k > 0 and abs(up[k - 1]) < EDGE_STEP:
             first = k - 1
         if up[k] > 0.0 and k + 1 < up.size and abs(up[k + 1]) < EDGE_STEP:
             last = k + 2
-        left = level[beam, first : k + 1].max()
-        right = level[beam, k + 1 : last + 1].max()
+        if k > 0 and abs(up[k - 1]) > EDGE_STEP and up[k - 1] * up[k] > 0.0:
+            inside = slice(k * width, (k + 1) * width)
+            cells = power[beam, :, inside] / cell_gain[:, inside]
+            if _is_split(cells, *level[beam, k - 1 : k + 2]):
+                first = k - 1
+        left, right = level[beam, first : k + 1], level[beam, k + 1 : last + 1]
+        # within a tile that is split, the outer one is right
+        left = left.max() if up[k] < 0.0 else left[0]
         at = slice(int(centres[first]) + 1, int(centres[last]) + 1)
-        cell_gain = np.repeat(gain[beam], widths, axis=1)[:, at]
         shape[beam, at] = _edge(
-            power[beam, :, at] / cell_gain, left, right, EDGE_BINS * zero_padding
-        )
+            power[beam, :, at] / cell_gain[:, at],
+            left, right.max(), EDGE_BINS * zero_padding,
+        )  # fmt: skip
     shape += np.repeat(margin, widths, axis=1)
     floor: FloatArray = np.repeat(gain, widths, axis=2)
     floor *= (np.exp(shape) / LN2).astype(np.float32)[:, None]
@@ -213,6 +225,17 @@ def _edge(power: FloatArray, left: float, right: float, margin: int) -> FloatArr
     score = np.cumsum(np.append(0.0, votes))
     split = int(np.argmax(score)) + (margin if left > right else -margin)
     return np.where(np.arange(votes.size) < split, left, right)
+
+
+def _is_split(power: FloatArray, before: float, own: float, after: float) -> bool:
+    """Tell whether the tile between two steps is part one side and part the other.
+
+    Else it is a stair or a slope: then its cells are nearer to its own level.
+    """
+    usual = np.log(np.maximum(_median(power.T), SMALLEST))
+    off = np.abs(usual - before) - np.abs(usual - after)
+    as_split = np.abs(usual - after).sum() + np.append(0.0, np.cumsum(off)).min()
+    return bool(as_split < SPLIT_SHARE * np.abs(usual - own).sum())
 
 
 def _noise_median(values: FloatArray) -> FloatArray:
