@@ -16,6 +16,9 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 
+CELLS_PER_MEASUREMENT = 4
+"""Cells of the table in which gates are looked up, for each measurement."""
+
 
 def candidate_pairs(
     centres: FloatArray, half_widths: FloatArray, measured: FloatArray
@@ -36,12 +39,24 @@ def candidate_pairs(
     tuple of arrays
         Line and measurement index of every pair, ordered by line.
     """
-    first = measured.searchsorted(centres - half_widths, side="right")
-    last = measured.searchsorted(centres + half_widths, side="left")
-    counts = np.maximum(last - first, 0)
-    ends = counts.cumsum()
+    if not measured.size:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    # a table of fine cells finds where a gate begins and ends faster than a search
+    low, span = float(measured[0]), float(measured[-1] - measured[0])
+    last = CELLS_PER_MEASUREMENT * measured.size
+    scale = last / span if span > 0.0 else 0.0
+    cell = ((measured - low) * scale).astype(np.int64)
+    below = np.bincount(cell + 1, minlength=last + 2).cumsum()
+    lowest, highest = centres - half_widths, centres + half_widths
+    begin = np.minimum(np.maximum((lowest - low) * scale, 0.0), last)
+    end = np.minimum(np.maximum((highest - low) * scale, 0.0), last)
+    first = below[begin.astype(np.int64)]
+    counts = np.maximum(below[end.astype(np.int64) + 1] - first, 0)
     lines = np.arange(centres.size).repeat(counts)
-    return lines, np.arange(lines.size) + (first + counts - ends)[lines]
+    found = np.arange(lines.size) + (first + counts - counts.cumsum())[lines]
+    value = measured[found]
+    is_inside = ((value > lowest[lines]) & (value < highest[lines])).nonzero()[0]
+    return lines[is_inside], found[is_inside]
 
 
 def assign(lines: IntArray, measurements: IntArray, costs: FloatArray) -> IntArray:

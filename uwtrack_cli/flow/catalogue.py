@@ -5,6 +5,7 @@ list: to add a stage, write its function and add a line here. The functions are 
 not imported, so that listing them costs nothing.
 """
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 from uwtrack_cli.errors import OptionError
@@ -40,6 +41,7 @@ STAGES: dict[str, str] = {
 """Where the function of each stage is, in the order of the chain."""
 
 
+@cache
 def find_stage(name: str) -> "Stage":
     """Return the stage of a name.
 

@@ -294,11 +294,13 @@ def _likelihood(
     freedom: int | None,
 ) -> tuple[FloatArray, FloatArray]:
     spread = 1 + variances[:, None] * eigen[None, :]
-    weighted = design[None] / spread[..., None]
-    normal = np.swapaxes(weighted, 1, 2) @ design
-    right = np.einsum("vnp,n->vp", weighted, value)
+    weight = 1 / spread
+    # the products of the columns are the same for every variance
+    products = (design[:, :, None] * design[:, None, :]).reshape(value.size, -1)
+    normal = (weight @ products).reshape(-1, *design.shape[1:] * 2)
+    right = weight @ (design * value[:, None])
     solved = np.linalg.solve(normal, right[..., None])[..., 0]
-    square = (value**2 / spread).sum(axis=-1) - (right * solved).sum(axis=-1)
+    square = weight @ value**2 - (right * solved).sum(axis=-1)
     likelihood, inflation = _with_inflation(square, value.size, freedom)
     likelihood = likelihood - 0.5 * np.log(spread).sum(axis=-1)
     if freedom is not None:

@@ -444,11 +444,16 @@ def _doppler_gain(
 
 
 def _bearing_gain(grid: _Grid, data: _Coarse) -> tuple[FloatArray, FloatArray]:
-    rotation = (1 + 1j * grid.x) / grid.slant
+    if not data.vector.any():
+        return np.zeros(grid.time.size), np.zeros(grid.time.size)
+    # products of real matrices: each of the two turns is half of a complex one
+    parts = np.stack([data.vector.real, data.vector.imag], axis=1)
+    cosine = 1.0 / grid.slant
+    along, across = cosine @ parts, (grid.x * cosine) @ parts
     constant = abs(data.vector.sum())
-    clockwise = np.abs(rotation.conj() @ data.vector) - constant
-    counter = np.abs(rotation @ data.vector) - constant
-    return clockwise, counter
+    clockwise = np.hypot(along[:, 0] + across[:, 1], along[:, 1] - across[:, 0])
+    counter = np.hypot(along[:, 0] - across[:, 1], along[:, 1] + across[:, 0])
+    return clockwise - constant, counter - constant
 
 
 def _level_gain(grid: _Grid, data: _Coarse) -> tuple[FloatArray, FloatArray]:
@@ -461,8 +466,9 @@ def _level_gain(grid: _Grid, data: _Coarse) -> tuple[FloatArray, FloatArray]:
     centred = data.level - (weight * data.level).sum() / size
     null = 0.5 * (weight * centred**2).sum()
     best -= np.inf
+    inverse_square = 1 / grid.slant**2
     for candidate in FLOORS:
-        shape = np.log(1 / grid.slant**2 + np.exp(candidate))
+        shape = np.log(inverse_square + np.exp(candidate))
         residual = centred - shape
         mean = residual @ weight / size
         cost = 0.5 * ((residual**2) @ weight - size * mean**2)
