@@ -8,6 +8,7 @@ from uwtrack_cli.studies.study import (
     mean_row,
     median_row,
     normal_root_row,
+    rate_row,
     root_row,
     share_row,
 )
@@ -68,3 +69,13 @@ def test_roots_of_mean_squares_hold_their_truth():
     wide = [root_row("", "", None, values**2)[0] for values in drawn]
     # squares are skewed: the interval of their mean is a little short at 20 runs
     assert 0.88 < coverage(wide, 1.0) < 0.96
+
+
+@pytest.mark.parametrize("count", [0, 1, 9])
+def test_a_rate_has_the_exact_interval_and_none_at_all_is_no_rate_of_zero(count):
+    row = rate_row("", "", None, count, 4.0)
+    low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    high = stats.chi2.ppf(0.975, 2 * count + 2) / 2
+    expected = (count / 4.0, low / 4.0, high / 4.0)
+    assert (row.ours, row.low, row.high) == pytest.approx(expected)
+    assert row.high > 0.9

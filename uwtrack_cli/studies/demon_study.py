@@ -11,7 +11,7 @@ beat. The sound is drawn here, by formulas of its own.
 with blade phase b and shaft phase s. Rates count from 0.5 Hz.
 
 **References.** None gives figures for this chain; the ratios and depths are those at
-which it is to work. Garwood, Biometrika 28, 437 (1936), for intervals of rates.
+which it is to work.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.presence.line_summary import LineSummary, summarise
 from uwtrack_cli.presence.rate_families import LOWEST_RATE_HZ, rate_families
-from uwtrack_cli.studies.study import Study, StudyRow, share_row
+from uwtrack_cli.studies.study import Study, StudyRow, rate_row, share_row
 
 RATE_HZ = 4000.0
 """Sample rate, Hz."""
@@ -68,7 +68,8 @@ def study_demon(runs: int = 20, seed: int = 1) -> Study:
         count = sum(
             _rates(noise(np.random.default_rng((seed, 50, k)))) for k in range(runs)
         )
-        rows.append(_rate_row(kind, count, runs * NOISE_S / 3600.0))
+        hours = runs * NOISE_S / 3600.0
+        rows.append(rate_row(kind, "false rates, 1/h", None, count, hours))
     remark = (
         f"scenes of {SCENE_S:g} s and noises of {NOISE_S:g} s each, at {RATE_HZ:g} Hz; "
         "no publication has figures for this chain"
@@ -147,17 +148,6 @@ def _heard(sound: FloatArray) -> LineSummary:
 
 def _rates(sound: FloatArray) -> int:
     return int(np.count_nonzero(_heard(sound).frequency_hz >= LOWEST_RATE_HZ))
-
-
-def _rate_row(kind: str, count: int, hours: float) -> StudyRow:
-    """Return the rate of events per hour with its exact 95 % interval."""
-    from scipy.special import gammaincinv
-
-    low = float(gammaincinv(count, 0.025)) if count else 0.0
-    high = float(gammaincinv(count + 1, 0.975))
-    return StudyRow(
-        kind, "false rates, 1/h", None, count / hours, low / hours, high / hours
-    )
 
 
 def _time() -> FloatArray:

@@ -34,22 +34,20 @@ from uwtrack_cli.lines.tracker_options import (
     CountLogic,
     Feedback,
     ProcessNoise,
-    ScoreLogic,
 )
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 from uwtrack_cli.studies.study import (
     StudyRow,
     mean_row,
+    rate_row,
     root_row,
 )
 
 RATE_HZ, LENGTH_S = 1024.0, 60.5
-FALSE_LINES_PER_KHZ_HOUR = 2.4
-"""One false line in a hundred minutes of 250 Hz, as in the reference."""
-
 TRACE_FALSE_LINES = 4.8
-"""The same for `trace`, whose windows overlap by half: a minute is one of two."""
+"""Rate for one false line in a hundred minutes of 250 Hz, as in the reference: windows of
+`trace` overlap by half, and a minute is one of two."""
 
 NEAR_HZ = 1.5
 GATE_HZ = 250.0
@@ -119,9 +117,9 @@ def sound_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[Stud
             count_false(method, _SEED_STEP * seed + k) for k in range(trials)
         ]  # fmt: skip
         gates = 0.5 * RATE_HZ / GATE_HZ
-        yield from mean_row(
+        yield rate_row(
             f"minute {method}, noise alone", "false lines per gate",
-            reference["false_per_gate"], np.array(false) / gates,
+            reference["false_per_gate"], sum(false), gates * trials,
         )  # fmt: skip
     for snr, known in reference["trace_rmse_hz"].items():
         found = _trials("trace", float(snr), traced, seed)
@@ -164,12 +162,8 @@ def trace(blocks: list[Spectrogram]) -> Lines:
 
 
 def score(blocks: list[Spectrogram]) -> Lines:
-    """Track peaks by their score."""
-    peaks = [find_peaks(block, kept_probability=0.1) for block in blocks]
-    rule = ScoreLogic(FALSE_LINES_PER_KHZ_HOUR, design_snr_db=1.8)
-    return Lines.join(list(track_lines(
-        iter(peaks), score=rule, feedback=_ALONE, motion=_STEADY
-    )))  # fmt: skip
+    """Track peaks as the commands do by default."""
+    return Lines.join(list(track_lines(find_peaks(block) for block in blocks)))
 
 
 def count(blocks: list[Spectrogram]) -> Lines:

@@ -9,8 +9,8 @@ peaks, and the error of the smoothed frequency with what is stated of it.
 
 **Conventions.** Cases begin with the experiment: anchored or moving threshold, parts
 of the feedback, dense clutter, variants of the scene; families in noise and real ones;
-one frame; minutes. Intervals are 95 %: of the mean over runs, of a share (exact), or by
-resampling trials (bootstrap).
+one frame; minutes. Intervals are 95 %: of the mean over runs, of a share or rate (exact), or
+by resampling trials (bootstrap).
 
 **References.** Choi (2014), section 4; reference figures of an independent
 implementation in ``reference/lines.json``.

@@ -3,12 +3,13 @@
 **Conventions.** A row is one figure: where it was measured (``case``), what it is
 (``quantity`` with its unit), the reference (None where the source gives none), ours
 and the 95 % interval of ours: Student's for a mean, the exact binomial one for a share
-and for a median, chi-square for the root mean square of normal errors. Reference
-figures live in JSON files under ``studies/reference``, so that no code can return
-them as results.
+and for a median, Poisson's for a rate of events, chi-square for the root mean square of
+normal errors. Reference figures live in JSON files under ``studies/reference``, so that
+no code can return them as results.
 
 **References.** Student, Biometrika 6, 1 (1908). Clopper and Pearson, Biometrika 26, 404
-(1934). Thompson, Ann. Math. Stat. 7, 122 (1936), for medians.
+(1934). Garwood, Biometrika 28, 437 (1936), for rates. Thompson, Ann. Math. Stat. 7, 122
+(1936), for medians.
 """
 
 import json
@@ -123,6 +124,19 @@ def median_row(
     if rank:
         low, high = float(ordered[rank - 1]), float(ordered[-rank])
     return StudyRow(case, quantity, known, float(np.median(ordered)), low, high)
+
+
+def rate_row(
+    case: str, quantity: str, known: float | None, count: int, exposure: float
+) -> StudyRow:
+    """Return the row of a rate of events: their number over what they were counted in."""
+    from scipy.special import gammaincinv
+
+    low = float(gammaincinv(count, TAIL)) if count else 0.0
+    high = float(gammaincinv(count + 1, 1.0 - TAIL))
+    return StudyRow(
+        case, quantity, known, count / exposure, low / exposure, high / exposure
+    )
 
 
 def exact_row(case: str, quantity: str, known: float | None, value: float) -> StudyRow:
