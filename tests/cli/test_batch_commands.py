@@ -16,6 +16,7 @@ import psutil
 import pytest
 import soundfile
 
+from uwtrack_cli.files.hdf5.checksum import LINE_BYTES
 from uwtrack_cli.files.hdf5.product import read_product
 from uwtrack_cli.flow.batch import Job, run_job
 from uwtrack_cli.flow.executors import run_jobs
@@ -335,6 +336,10 @@ def test_a_lost_worker_costs_its_own_file_and_is_replaced(many):
     assert len(list((many / "out").glob("*.h5"))) == N_MANY - len(failed)
 
 
+def but_the_last_line(path):
+    return path.read_bytes()[:-LINE_BYTES]
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -368,9 +373,10 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_results(uwtrack, many):
             process.kill()
             process.wait()
     assert uwtrack("batch", "many", "-o", "local", "--jobs", 2).exit_code == 0
-    for path in sorted((many / "local").glob("*.h5")):
-        done = uwtrack("diff", path, many / "out" / path.name)
-        assert done.exit_code == 0, done.output
+    made = {path.name: but_the_last_line(path) for path in many.glob("out/*.h5")}
+    assert len(made) == N_MANY
+    local = {path.name: but_the_last_line(path) for path in many.glob("local/*.h5")}
+    assert made == local  # the time of creation is in the last line
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
