@@ -39,9 +39,10 @@ def test_bursts_of_a_minute_are_followed_at_the_defaults():
     rng = np.random.default_rng(SEED)
     covers = []
     for k in range(3):
-        scene = bursts(rng, 5.0)
+        scene = bursts(rng, 3.0)
         covers.append(score(scene, tracked(scene, SEED + k)).cover)
-    assert np.mean(np.concatenate(covers) > 0.5) > 0.75
+    # 0.88 in the table; 16 of 24 or fewer come once in 300 times
+    assert np.mean(np.concatenate(covers) > 0.5) > 0.67
 
 
 def test_the_scores_see_a_tracker_that_breaks_and_mixes_lines():

@@ -86,11 +86,11 @@ def track_lines(
     Notes
     -----
     State and covariances are Choi (2014), equations 1-8. A score starts a line at
-    ln(rate of noise peaks / (4 x wanted rate of false lines)); noise exceeds it at 0.46
-    to 0.70 of the wanted rate (Wald 1947 allows four times the rate; measured). Lines of
-    1.25 dB over the noise in 1 Hz are found every other time in a minute, with peaks
-    kept at 0.1 and 2.4 false lines per kHz and hour. Smoothing has a fixed lag of at
-    least 256 frames, many times the correlation time of the filters.
+    ln(0.4 x rate of noise peaks / wanted rate of false lines); noise exceeds it at 0.8
+    of the wanted rate with peaks kept at 0.1 (Wald 1947 bounds it by 2.5 times that
+    rate; measured). Lines of 1.5 dB over the noise in 1 Hz are followed every other time
+    within a minute. Smoothing has a fixed lag of at least 256 frames, many times the
+    correlation time of the filters.
     """
     options = TrackerOptions(
         initiation, score, count, feedback, gates, motion, harmonics

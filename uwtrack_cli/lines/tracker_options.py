@@ -84,7 +84,7 @@ class ScoreLogic(OptionGroup):
     false_lines_per_khz_hour: Annotated[
         float, Unit("1/(kHz h)"), AtLeast(1e-9), AtMost(1e9)
     ] = 1.0
-    design_snr_db: Annotated[float, Unit("dB"), AtLeast(-30), AtMost(60)] = 3.0
+    design_snr_db: Annotated[float, Unit("dB"), AtLeast(-30), AtMost(60)] = 2.0
     patience: Annotated[float, Unit("neper"), AtLeast(0.01), AtMost(1e6)] = 10.0
 
 
@@ -182,8 +182,8 @@ class ProcessNoise(OptionGroup):
     bearing_deg2ps3
         Spectral density of the bearing's acceleration, degree^2/s^3.
     frequency_rate_hzps
-        Standard deviation of a new line's rate in Hz/s; None for a quarter of a
-        resolution per step.
+        Standard deviation of a new line's rate in Hz/s; None: a resolution per step if
+        it begins above the detection threshold, else an eighth.
     bearing_rate_degps
         Standard deviation of a new line's bearing rate in degree/s.
     adaptation
@@ -220,7 +220,7 @@ class ProcessNoise(OptionGroup):
         return self.own_density(window_s) + self.doppler_ps3 * frequency_hz**2
 
     def rate_std_hzps(self, window_s: float, hop_s: float) -> float:
-        """Return the deviation of a new line's rate, Hz/s."""
+        """Return the usual deviation of a new line's rate, Hz/s."""
         return self.frequency_rate_hzps or 0.25 / (window_s * hop_s)
 
 

@@ -95,7 +95,9 @@ class Associator:
         if confirmed.peak.size and tentative.peak.size:
             is_left = np.ones(height.size, dtype=bool)
             is_left[confirmed.peak] = False
-            tentative = tentative.take(is_left[tentative.peak])
+            is_left = is_left[tentative.peak]
+            if not is_left.all():
+                tentative = tentative.take(is_left)
         evidence: FloatArray = np.bincount(
             tentative.line - n_confirmed, np.exp(tentative.gain),
             minlength=slots.size - n_confirmed,

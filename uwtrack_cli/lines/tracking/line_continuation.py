@@ -1,19 +1,21 @@
 """Lines that fall silent and are heard again keep their number.
 
 **Method.** A line that has ended is extrapolated: its last settled state moves
-with its rate, and its variance grows. A line that is confirmed later, and began after
-the other had ended, is its continuation when frequency, rate and bearing agree so well
+with its rate, and its variance grows. A line that is confirmed later, and whose score
+began to rise after the other had ended, is its continuation when frequency, rate and bearing agree so well
 that a stranger, who could be anywhere in the band, would be there far less likely. Each
 ended line is continued once, by the likeliest of those that are confirmed together.
 A line that turns at once, faster than its filter follows, falls silent and another one
 begins where it was last heard: with a small prior probability the rate is free, and the
-new line's first frequency is compared with the old one's last.
+new line's first frequency after that is compared with the old one's last: a noise
+peak may have begun it a little earlier.
 
 **Conventions.** A new line is compared at its present state; likelihood ratios are in
 nepers.
 
 **References.** Blackman & Popoli (1999), section 6.8 (track continuation); Bar-Shalom,
-Li & Kirubarajan (2001), section 6.2 for the growth of the variance.
+Li & Kirubarajan (2001), section 6.2 for the growth of the variance; Page, Biometrika 41,
+100-115 (1954) for where a score begins to rise.
 """
 
 from dataclasses import dataclass
@@ -142,12 +144,12 @@ class LineContinuation:
         silent = self.ended + (self._waited_for() if self.may_turn else [])
         if not silent:
             return numbers
-        begin = _Beginnings(self.store, slots)
-        ratio = np.array([self._log_ratio(e, slots, begin, time_s) for e in silent])
+        ratio = np.array([self._log_ratio(e, slots, time_s) for e in silent])
         replaced = []
         while ratio.max() > LEAST_LOG_RATIO:
             old, new = np.unravel_index(int(ratio.argmax()), ratio.shape)
             numbers[new] = silent[old].number
+            self.store.begin_after(slots[new], silent[old].row)
             replaced.append(silent[old].slot)
             ratio[old], ratio[:, new] = -np.inf, -np.inf
         self.store.release(np.array([slot for slot in replaced if slot >= 0], np.int64))
@@ -156,9 +158,7 @@ class LineContinuation:
         self.ended = [e for e in self.ended if e.number not in taken]
         return numbers
 
-    def _log_ratio(
-        self, old: EndedLine, slots: IntArray, begin: "_Beginnings", time_s: float
-    ) -> FloatArray:
+    def _log_ratio(self, old: EndedLine, slots: IntArray, time_s: float) -> FloatArray:
         """Logarithm of "the old line again" over "a stranger" for some new lines."""
         store = self.store
         gap_s = time_s - old.time_s
@@ -186,22 +186,24 @@ class LineContinuation:
         log_ratio += np.log(RETURNING / density) - 0.5 * np.log(2.0 * np.pi * spread)
         if old.slot >= 0:
             log_ratio[:] = -np.inf  # on its course it would have found the peaks itself
+        log_ratio[store.risen[slots] <= old.row] = -np.inf
         if self.may_turn:
-            log_ratio = np.logaddexp(log_ratio, self._turned(old, begin, density))
-        log_ratio[store.born[slots] <= old.row] = -np.inf
+            log_ratio = np.logaddexp(log_ratio, self._turned(old, slots, density))
         return np.asarray(log_ratio)
 
-    def _turned(
-        self, old: EndedLine, begin: "_Beginnings", density: float
-    ) -> FloatArray:
+    def _turned(self, old: EndedLine, slots: IntArray, density: float) -> FloatArray:
         """Logarithm of "the old line with another rate" over "a stranger"."""
+        begin = _Beginnings(self.store, slots, old.row + 1)
         gap_s = np.maximum(begin.time_s - old.time_s, 0.0)
         before = KalmanState(*old.state)
-        # it went on for an unknown part of the gap
-        drift = np.abs(before.rate[0]) * gap_s
-        spread = before.variance[0] + begin.variance_hz2 + drift**2 / 3.0
+        now = self.store.state_of(slots)
+        # it went on for an unknown part of the gap, and with the new rate for the rest
+        between = (now.rate[0] - before.rate[0]) * gap_s
+        doubt = 0.25 * (before.rate_variance[0] + now.rate_variance[0]) * gap_s**2
+        spread = before.variance[0] + begin.variance_hz2 + between**2 / 12.0 + doubt
         spread = spread + (LEAST_STD * self.resolution_hz) ** 2
-        off = begin.frequency_hz - before.position[0] - 0.5 * before.rate[0] * gap_s
+        middle = before.position[0] + 0.5 * (before.rate[0] + now.rate[0]) * gap_s
+        off = begin.frequency_hz - middle
         log_ratio = -0.5 * (off**2 / spread + np.log(2.0 * np.pi * spread))
         log_ratio += np.log(RETURNING * TURNING / density)
         # it begins at once, where strangers begin at any time
@@ -212,19 +214,24 @@ class LineContinuation:
         if is_known:
             around = before.variance[1] + begin.bearing_variance_deg2
             log_ratio -= 0.5 * turn**2 / around
+        # who was beside the old line for longer is another one
+        early_s = old.time_s - begin.risen_s
+        log_ratio[early_s > wait_s] = -np.inf
         return np.asarray(log_ratio)
 
 
 class _Beginnings:
-    """When and where some lines began; arrays of shape (line,)."""
+    """When and where some lines began, from some frame on; arrays of shape (line,)."""
 
-    def __init__(self, store: TrackStore, slots: IntArray) -> None:
+    def __init__(self, store: TrackStore, slots: IntArray, least_row: int) -> None:
+        risen = np.minimum(store.risen[slots], store.rows - 1).tolist()
+        rows = np.maximum(store.born[slots], least_row)
+        rows = np.minimum(rows, store.rows - 1).tolist()
         first = [
             store.recall(slot, row)
-            for slot, row in zip(
-                slots.tolist(), store.born[slots].tolist(), strict=True
-            )
+            for slot, row in zip(slots.tolist(), rows, strict=True)
         ]
+        self.risen_s = np.array([store.time_of(row) for row in risen])
         self.time_s = np.array([time_s for time_s, _, _ in first])
         states = np.array([state for _, state, _ in first])
         self.frequency_hz, self.bearing_deg = states[:, 0, 0], states[:, 0, 1]

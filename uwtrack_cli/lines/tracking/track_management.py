@@ -34,12 +34,13 @@ from uwtrack_cli.lines.tracker_options import LONGEST_WINDOW, CountLogic, Gates
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.lines.tracking.track_store import (
     CONFIRMED,
-    ENDED,
-    FREE,
     TENTATIVE,
     UNKNOWN_BEARING_VARIANCE,
     TrackStore,
 )
+
+MERGE_EVERY = 2
+"""Frames from one search for doubles to the next."""
 
 NOISE_PEAKS_PER_CELL = 0.9
 """Noise peaks per resolution at threshold zero, extrapolated from high ones."""
@@ -87,6 +88,10 @@ class Logic(Protocol):
 
     def first_score(self, height: FloatArray) -> FloatArray:
         """Score of a line that consists of one peak."""
+        ...
+
+    def may_start(self, peaks: FramePeaks) -> BoolArray:
+        """Tell which peaks are high enough to start a line."""
         ...
 
     def is_likely(self, store: TrackStore, slots: IntArray) -> BoolArray:
@@ -160,6 +165,10 @@ class HitCounter:
         """Start from nothing."""
         return height
 
+    def may_start(self, peaks: FramePeaks) -> BoolArray:
+        """Tell peaks above the detection threshold."""
+        return peaks.is_detection
+
     def is_likely(self, store: TrackStore, slots: IntArray) -> BoolArray:
         """Tell confirmed lines."""
         return np.asarray(store.stage[slots] == CONFIRMED)
@@ -199,7 +208,7 @@ def _count_bits(words: IntArray) -> IntArray:
 
 
 def merge_lines(store: TrackStore, gates: Gates, resolution_hz: float) -> None:
-    """End the lesser of two lines that have become one.
+    """End the lesser of two lines that have become one; due every `MERGE_EVERY` frames.
 
     Parameters
     ----------
@@ -213,40 +222,40 @@ def merge_lines(store: TrackStore, gates: Gates, resolution_hz: float) -> None:
     near_hz = gates.merge_hz or 0.5 * resolution_hz
     slots, state = store.active(), store.state
     # two up in a frame together, one down in every frame
-    np.maximum(store.doubled - 1, 0, out=store.doubled)
+    np.maximum(store.doubled - MERGE_EVERY, 0, out=store.doubled)
     position = state.position[0, slots]
-    order = position.argsort(kind="stable")
+    order = position.argsort()
     position, slots = position[order], slots[order]
-    for gap in (1, 2):
-        near = (position[gap:] - position[:-gap] < near_hz).nonzero()[0]
-        if not near.size:
-            break
-        low, high = slots[near], slots[near + gap]
-        slip = np.abs(state.rate[0, high] - state.rate[0, low])
-        doubt = np.sqrt(state.rate_variance[0, high] + state.rate_variance[0, low])
-        is_one = slip < gates.merge_rate_sigmas * doubt
-        if store.n_quantities == 2:
-            turn = wrap_deg(state.position[1, high] - state.position[1, low])
-            is_one &= (np.abs(turn) < gates.merge_deg) | (
-                np.maximum(state.variance[1, high], state.variance[1, low])
-                > 0.5 * UNKNOWN_BEARING_VARIANCE
-            )
+    near = (position[1:] - position[:-1] < near_hz).nonzero()[0]
+    if not near.size:
+        return
+    # the one after the next, too: two that are one may have a third between them
+    after = near[:-1][near[1:] == near[:-1] + 1]
+    after = after[position[after + 2] - position[after] < near_hz]
+    low = slots[np.concatenate([near, after])]
+    high = slots[np.concatenate([near + 1, after + 2])]
+    slip = np.abs(state.rate[0, high] - state.rate[0, low])
+    doubt = np.sqrt(state.rate_variance[0, high] + state.rate_variance[0, low])
+    is_one = slip < gates.merge_rate_sigmas * doubt
+    if store.n_quantities == 2:
+        turn = wrap_deg(state.position[1, high] - state.position[1, low])
+        is_one &= (np.abs(turn) < gates.merge_deg) | (
+            np.maximum(state.variance[1, high], state.variance[1, low])
+            > 0.5 * UNKNOWN_BEARING_VARIANCE
+        )
+    if is_one.any():
         _end_doubles(store, gates, low[is_one], high[is_one])
 
 
 def _end_doubles(
     store: TrackStore, gates: Gates, low: IntArray, high: IntArray
 ) -> None:
-    # one of the two may just have ended beside a third
-    both = (store.stage[low] != ENDED) & (store.stage[high] != ENDED)
-    both &= (store.stage[low] != FREE) & (store.stage[high] != FREE)
-    low, high = low[both], high[both]
-    if not low.size:
-        return
     weaker = _weaker(store, low, high)
-    if weaker.size > 1:
-        weaker = np.unique(weaker)
-    store.doubled[weaker] += 2
+    # once, though it may be the lesser of two pairs
+    is_weaker = np.zeros(store.stage.size, dtype=bool)
+    is_weaker[weaker] = True
+    weaker = is_weaker.nonzero()[0]
+    store.doubled[weaker] += 2 * MERGE_EVERY
     is_confirmed = store.stage[weaker] == CONFIRMED
     lasting = store.doubled[weaker] >= gates.merge_frames
     store.release(weaker[~is_confirmed | lasting])
@@ -254,10 +263,10 @@ def _end_doubles(
 
 def _weaker(store: TrackStore, low: IntArray, high: IntArray) -> IntArray:
     """Of two lines the tentative, the less likely or the later one, in this order."""
-    rank = (store.stage[low] == CONFIRMED) * 1 - (store.stage[high] == CONFIRMED)
-    score = np.where(rank == 0, store.score[low] - store.score[high], 0.0)
+    rank = store.stage[low] - store.stage[high]  # CONFIRMED is above TENTATIVE
+    lead = store.score[low] - store.score[high]
     # between confirmed lines, whose scores have no bound, age decides
-    score[store.stage[low] + store.stage[high] == 2 * CONFIRMED] = 0.0
+    lead[store.stage[low] + store.stage[high] == 2 * CONFIRMED] = 0.0
     age = store.serial[high] - store.serial[low]
-    lead = np.where(rank != 0, rank, np.where(score != 0.0, score, age))
+    lead = np.where(rank != 0, rank, np.where(lead != 0.0, lead, age))
     return np.where(lead < 0, low, high)

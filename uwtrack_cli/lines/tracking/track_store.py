@@ -39,7 +39,7 @@ _STATE_ROWS, _DENSITY_ROWS, _MEASURED_ROWS = 10, 2, 6
 _MEASURED = _STATE_ROWS + _DENSITY_ROWS
 _ASSOCIATION = _MEASURED + _MEASURED_ROWS
 _N_ROWS = _ASSOCIATION + 1
-_N_COUNTS, _N_GAUGES = 10, 8
+_N_COUNTS, _N_GAUGES = 11, 10
 
 
 class TrackStore:
@@ -79,6 +79,8 @@ class TrackStore:
     born, emitted, settled
         Row of the first frame, of the first frame whose point is not out, and of the
         last frame that belongs to the line.
+    risen
+        Row from which the score has risen: before it the line was as likely noise.
     doubled
         Twice the frames for which the line has been beside another, less the others.
     hold
@@ -91,14 +93,17 @@ class TrackStore:
         Reciprocal variance of the line's measured frequency, averaged, 1/Hz^2.
     hits
         Peaks that the line has taken.
+    faintness
+        Usual precision of the line's peaks over that of its last one.
     width
         Variance of the line's peaks about its course over what their heights promise.
+    least_score
+        Least score of the line, in nepers.
     innovation, last_innovation
         Innovation of frequency of this frame and of the one before, in deviations; 0
         without a peak.
     """
 
-    # rows a power of two apart would evict each other from the processor's cache
     def __init__(self, capacity: int = 1000) -> None:
         self.rows = 0
         # slots that have ever been taken: of the others no memory is touched
@@ -121,11 +126,12 @@ class TrackStore:
         """Give the rows of the tables names: views of them."""
         (
             self.stage, self.line, self.serial, self.history, self.age, self.born,
-            self.emitted, self.settled, self.doubled, self.hold,
+            self.emitted, self.settled, self.risen, self.doubled, self.hold,
         ) = self._counts  # fmt: skip
         (
             self.score, self.best_score, self.hit_rate, self.precision, self.hits,
-            self.width, self.innovation, self.last_innovation,
+            self.width, self.innovation, self.last_innovation, self.faintness,
+            self.least_score,
         ) = self._gauges  # fmt: skip
         t, n = self._table, self.n_quantities
         self.state = KalmanState(t[0:2], t[2:4], t[4:6], t[6:8], t[8:10])
@@ -253,16 +259,17 @@ class TrackStore:
         """
         count = score.size
         slots = self._free_slots(count)
-        self._table[:_STATE_ROWS, slots] = np.concatenate(state)
-        self.note_peaks(slots, measured, is_detection)
-        self.noise_density[:, slots] = noise_density
-        serial = self.next_serial + np.arange(count)
-        self.next_serial += count
+        rows = np.empty((_N_ROWS, count))
+        np.concatenate([*state, noise_density, measured], out=rows[:_ASSOCIATION])
+        rows[_ASSOCIATION] = np.where(is_detection, DETECTED, SUB_THRESHOLD)
+        self._table[:, slots] = rows
         counts = np.zeros((_N_COUNTS, count), dtype=np.int64)
-        counts[0], counts[2], counts[3:5], counts[5:8] = TENTATIVE, serial, 1, self.rows
+        counts[0], counts[3:5], counts[5:9] = TENTATIVE, 1, self.rows
+        counts[2] = np.arange(self.next_serial, self.next_serial + count)
+        self.next_serial += count
         self._counts[:, slots] = counts
         gauges = np.ones((_N_GAUGES, count))
-        gauges[:2], gauges[3], gauges[6:] = score, precision, 0.0
+        gauges[:2], gauges[3], gauges[6:9], gauges[9] = score, precision, 0.0, score
         self._gauges[:, slots] = gauges
         self._active = None
 
@@ -284,6 +291,10 @@ class TrackStore:
             self.next_line += int(is_new.sum())
             self._confirmed = self._active = None
 
+    def begin_after(self, slot: int, row: int) -> None:
+        """Let a line begin after a row at the earliest: another was itself before."""
+        self.born[slot] = max(int(self.born[slot]), row + 1)
+
     def release(self, slots: IntArray) -> None:
         """Take lines out: tentative ones are forgotten, confirmed ones have ended."""
         if slots.size:
@@ -301,6 +312,10 @@ class TrackStore:
         """Return slot and last settled row of lines that ended since the last call."""
         ended, self._ended = self._ended, []
         return ended
+
+    def time_of(self, row: int) -> float:
+        """Return the time in s of a kept row, counted from the start."""
+        return float(self._row_time[max(row, self.rows - self._size) % self._size])
 
     def recall(self, slot: int, row: int) -> tuple[float, FloatArray, FloatArray]:
         """Return time, state and noise densities that a line had at a kept row.

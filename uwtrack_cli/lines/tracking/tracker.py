@@ -28,7 +28,7 @@ from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.lines.contacts import ContactSamples, group_lines
 from uwtrack_cli.lines.families.comb_test import CombRule
-from uwtrack_cli.lines.families.harmonics import find_combs
+from uwtrack_cli.lines.families.last_look import LastLook
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_lines
 from uwtrack_cli.lines.tracker_options import TrackerOptions
@@ -37,7 +37,12 @@ from uwtrack_cli.lines.tracking.association import Associator
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks, split_frames
 from uwtrack_cli.lines.tracking.line_continuation import LineContinuation
 from uwtrack_cli.lines.tracking.llr_score import LlrScore
-from uwtrack_cli.lines.tracking.track_management import HitCounter, Logic, merge_lines
+from uwtrack_cli.lines.tracking.track_management import (
+    MERGE_EVERY,
+    HitCounter,
+    Logic,
+    merge_lines,
+)
 from uwtrack_cli.lines.tracking.track_store import (
     LAG_FRAMES,
     UNKNOWN_BEARING_VARIANCE,
@@ -52,6 +57,11 @@ _USUAL_HITS = 6.0
 
 _MOST_HITS = 32.0
 """Hits over which the precision of a line's peaks is averaged."""
+
+LOUD_RATE, WEAK_RATE = 4.0, 0.5
+"""Deviation of the rate of a line that begins with a peak above the threshold, and with
+a weaker one, over the usual: a resolution per step, and an eighth. With the usual one
+for both, no line of 2 bins a frame is followed, and half of the bursts 0.2 dB later."""
 
 _CORRELATION_WINDOWS = 4.0
 """Windows over which the errors of a smoothed line are taken as correlated."""
@@ -89,6 +99,7 @@ class LineTracker:
         self.hop_s = frames.hop_s
         self.reference = peaks.reference
         self.families = FamilyRegister()
+        self.looks = LastLook()
         self.samples = ContactSamples(max(1, round(frames.window_s / frames.hop_s)))
         self.frames_seen = 0
         self.window_frames = frames.window_s / frames.hop_s
@@ -175,7 +186,8 @@ class LineTracker:
             is_likely = np.zeros_like(is_used)
             is_likely[chosen.peak[likely]] = True
             self._decide(slots, chosen, time_s)
-            merge_lines(store, self.options.gates, self.resolution_hz)
+            if self.frames_seen % MERGE_EVERY == 0:
+                merge_lines(store, self.options.gates, self.resolution_hz)
         is_claimed = self.associator.is_claimed(peaks) | is_likely
         self.logic.watch(peaks, is_claimed)
         self.frames_seen += 1
@@ -224,9 +236,11 @@ class LineTracker:
         if confirmed.size > 1:
             frequency = store.frequency_hz[confirmed]
             order = frequency.argsort()
-            near = np.diff(frequency[order]) < _UNRESOLVED * self.resolution_hz
-            is_near[confirmed[order[1:]]] = near
-            is_near[confirmed[order[:-1]]] |= near
+            ordered = frequency[order]
+            near = ordered[1:] - ordered[:-1] < _UNRESOLVED * self.resolution_hz
+            if near.any():
+                is_near[confirmed[order[1:]]] = near
+                is_near[confirmed[order[:-1]]] |= near
         return np.asarray(is_near[slots])
 
     def _adapt(
@@ -250,6 +264,7 @@ class LineTracker:
         hits, known = store.hits[slots] + 1.0, store.precision[slots]
         weight = 1.0 / np.minimum(_USUAL_HITS + hits, _MOST_HITS)
         store.hits[slots] = hits
+        store.faintness[slots] = known / precision
         store.precision[slots] = known + weight * (precision - known)
 
     def _decide(self, slots: IntArray, chosen: Choice, time_s: float) -> None:
@@ -284,7 +299,9 @@ class LineTracker:
             return
         slots = slots[np.argsort(store.frequency_hz[slots], kind="stable")]
         frequency = store.frequency_hz[slots]
-        sigma = float(np.sqrt(np.median(store.frequency_variance_hz2[slots])))
+        variance = np.sort(store.frequency_variance_hz2[slots])
+        middle = variance[(slots.size - 1) // 2] + variance[slots.size // 2]
+        sigma = float(np.sqrt(0.5 * middle))
         sigma = max(sigma, _LEAST_JITTER * self.resolution_hz)
         is_known = store.bearing_variance_deg2[slots] < 0.5 * UNKNOWN_BEARING_VARIANCE
         bearing = np.where(is_known, store.bearing_deg[slots], np.nan)
@@ -293,7 +310,9 @@ class LineTracker:
             harmonics.spacing_hz, harmonics.teeth, sigma,
             harmonics.bearing_window_deg, self.band_hz,
         )  # fmt: skip
-        combs, score = find_combs(frequency, bearing, rule, feedback.chance)
+        combs, score = self.looks.find_combs(
+            store.line[slots], frequency, bearing, rule, feedback.chance
+        )
         is_member = score < np.log10(feedback.chance)
         if feedback.classifier == "families":
             store.hold[slots[is_member]] = feedback.hold_frames
@@ -301,7 +320,7 @@ class LineTracker:
 
     def _start(self, peaks: FramePeaks, is_free: BoolArray, height: FloatArray) -> None:
         """Start lines from free peaks."""
-        is_start = is_free & (peaks.is_detection | self.logic.uses_all_peaks)
+        is_start = is_free & self.logic.may_start(peaks)
         if self.options.feedback.births == "families":
             is_start &= peaks.is_in_family
         at = np.flatnonzero(is_start)
@@ -309,34 +328,43 @@ class LineTracker:
             return
         motion = self.options.motion
         window_s = 1.0 / self.resolution_hz
+        is_detection = peaks.is_detection[at]
         precision = 1.0 / peaks.frequency_variance_hz2[at]
-        usual = self.usual_precision or float(precision.mean())
-        self.usual_precision = usual + (float(precision.mean()) - usual) / _MOST_HITS
+        mean = float(precision.sum()) / at.size
+        usual = self.usual_precision or mean
+        self.usual_precision = usual + (mean - usual) / _MOST_HITS
         precision = (_USUAL_HITS * usual + precision) / (_USUAL_HITS + 1.0)
-        position = np.zeros((2, at.size))
-        variance = np.full((2, at.size), UNKNOWN_BEARING_VARIANCE)
-        rate_variance = np.empty((2, at.size))
-        position[0], variance[0] = peaks.frequency_hz[at], 1.0 / precision
+        state = kalman.KalmanState(*np.zeros((5, 2, at.size)))
+        state.position[0] = peaks.frequency_hz[at]
+        state.variance[0], state.variance[1] = 1.0 / precision, UNKNOWN_BEARING_VARIANCE
         if peaks.has_bearings:
             known = np.isfinite(peaks.bearing_deg[at])
-            position[1, known] = peaks.bearing_deg[at[known]]
-            variance[1, known] = peaks.bearing_variance_deg2[at[known]]
-        rate_variance[0] = motion.rate_std_hzps(window_s, self.hop_s) ** 2
-        rate_variance[1] = motion.bearing_rate_degps**2
-        none = np.zeros((2, at.size))
+            state.position[1, known] = peaks.bearing_deg[at[known]]
+            state.variance[1, known] = peaks.bearing_variance_deg2[at[known]]
+        state.rate_variance[0] = self._first_rate_std_hzps(is_detection) ** 2
+        state.rate_variance[1] = motion.bearing_rate_degps**2
+        density = np.empty((2, at.size))
+        density[0] = (
+            motion.own_density(window_s)
+            if motion.adaptation > 0.0
+            else motion.frequency_density(state.position[0], window_s)
+        )
+        density[1] = motion.bearing_deg2ps3
         self.store.start(
-            kalman.KalmanState(position, none, variance, none, rate_variance),
-            np.stack([
-                motion.own_density(window_s) + np.zeros(at.size)
-                if motion.adaptation > 0.0
-                else motion.frequency_density(position[0], window_s),
-                np.full(at.size, motion.bearing_deg2ps3),
-            ]),
-            peaks.measured[:, at],
-            peaks.is_detection[at],
-            self.logic.first_score(height[at]),
-            precision,
+            state, density, peaks.measured[:, at], is_detection,
+            self.logic.first_score(height[at]), precision,
         )  # fmt: skip
+
+    def _first_rate_std_hzps(self, is_detection: BoolArray) -> FloatArray:
+        """Return the deviations of the rates of new lines, Hz/s.
+
+        A weak line that moves fast is not found among the peaks in a wide gate; a peak
+        that noise hardly ever has can afford one.
+        """
+        std = self.options.motion.rate_std_hzps(1.0 / self.resolution_hz, self.hop_s)
+        if self.options.motion.frequency_rate_hzps is not None:
+            return np.full(is_detection.size, std)
+        return np.where(is_detection, LOUD_RATE, WEAK_RATE) * std
 
 
 def follow_peaks(
