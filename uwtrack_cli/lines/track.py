@@ -86,7 +86,7 @@ def track_lines(
     Notes
     -----
     State and covariances are Choi (2014), equations 1-8. A score starts a line at
-    ln(0.4 x rate of noise peaks / wanted rate of false lines); noise exceeds it at 0.8
+    ln(0.4 x rate of noise peaks / wanted rate of false lines); noise exceeds it at 0.9
     of the wanted rate with peaks kept at 0.1 (Wald 1947 bounds it by 2.5 times that
     rate; measured). Lines of 1.5 dB over the noise in 1 Hz are followed every other time
     within a minute. Smoothing has a fixed lag of at least 256 frames, many times the
