@@ -24,7 +24,7 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.estimation.angles import wrap_deg, wrap_rad
 from uwtrack_cli.motion.passage.estimator import (
     PassageFit,
     fit_passage,
@@ -345,7 +345,7 @@ def tell_once(
 
     Lines of one vessel that were followed in their own ways may not agree by their
     likelihoods, which keep them apart. Two vessels with one time, speed and
-    range within deviations are hardly ever met; where both have bearings, these decide.
+    range (and bearing, where both have bearings) within deviations are hardly ever met.
     All their lines tell the passage together where one fit passes all checks; else the
     weaker candidate is doubted.
 
@@ -375,16 +375,25 @@ def tell_once(
 
 def _is_one(item: CandidatePassage, leader: CandidatePassage) -> bool:
     fits = item.fit, leader.fit
-    if not (item.blocks.bearing.is_empty or leader.blocks.bearing.is_empty):
-        return False
     if min(float(fit.theta[0, 2]) for fit in fits) <= 0.0:
         return False
     values = np.array(
-        [[fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2]] for fit in fits]
+        [
+            [
+                fit.theta[0, 0],
+                fit.range_over_speed_s[0],
+                fit.theta[0, 2],
+                *fit.bearing_deg,
+            ]
+            for fit in fits
+        ]
     )
-    variances = np.array([np.diag(fit.covariance[0])[:3] for fit in fits])
+    variances = np.array([np.diag(fit.covariance[0]) for fit in fits])
     apart = np.abs(values[0] - values[1])
-    near = apart < SAME_DEVIATIONS * np.sqrt(variances.sum(axis=0))
+    near = apart[:3] < SAME_DEVIATIONS * np.sqrt(variances[:, :3].sum(axis=0))
+    if not (item.blocks.bearing.is_empty or leader.blocks.bearing.is_empty):
+        off = abs(float(wrap_deg(apart[3])))
+        near = np.append(near, off < SAME_DEVIATIONS * np.sqrt(variances[:, 3].sum()))
     return bool(near.all() and apart[0] < SAME_SHARE * values[:, 1].min())
 
 
@@ -404,7 +413,7 @@ def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
 
 
 SAME_DEVIATIONS = 4.0
-"""Deviations within which time, d/v and speed of two passages are the same."""
+"""Deviations within which time, d/v, speed and bearing of two passages are the same."""
 
 SAME_SHARE = 0.2
 """Share of d/v within which their times are."""
