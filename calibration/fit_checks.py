@@ -22,7 +22,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import SampleRing
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
-from uwtrack_cli.motion.passage.contacts import CandidatePassage, examine_contacts
+from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine_contacts
 from uwtrack_cli.motion.passage.fit_checks import (
     LARGEST_MISFIT,
     SLOPE_DEVIATIONS,

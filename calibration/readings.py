@@ -19,7 +19,7 @@ import numpy as np
 from tests.motion.drawn_readings import KINDS, SENSOR, draw, is_clear
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage import readings
-from uwtrack_cli.motion.passage.contacts import CandidatePassage, examine
+from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine
 from uwtrack_cli.motion.passage.measurements import series_data
 from uwtrack_cli.motion.passage.nuisances import marginalise, nuisance_priors
 

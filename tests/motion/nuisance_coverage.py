@@ -18,9 +18,9 @@ from scipy.stats import beta
 from tests.motion.passage_truth import Scene, measure
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE
-from uwtrack_cli.motion.passage.contacts import examine
+from uwtrack_cli.motion.passage.candidates import examine
+from uwtrack_cli.motion.passage.encounter_rows import CpaContext, passage_row
 from uwtrack_cli.motion.passage.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.report import CpaContext, passage_row
 
 QUANTITIES = (
     "time", "speed", "slant range", "horizontal range", "slant over speed",

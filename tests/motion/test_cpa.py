@@ -15,7 +15,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage import report as passage_levels
+from uwtrack_cli.motion.passage import encounter_rows as passage_levels
 
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0, compass_std_deg=0.0)
 SCENE = Scene(rest_hz=(63.0, 126.0, 189.0))

@@ -9,7 +9,7 @@ from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage.contacts import examine_contacts, tell_once
+from uwtrack_cli.motion.passage.candidates import examine_contacts, tell_once
 from uwtrack_cli.motion.passage.fit_checks import (
     check_fit,
     doppler_misfit,

@@ -5,7 +5,7 @@ import pytest
 
 from tests.motion.passage_truth import ROWS, Scene, bound, measure, true_motion
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.motion.passage.contacts import best_start
+from uwtrack_cli.motion.passage.candidates import best_start
 from uwtrack_cli.motion.passage.estimator import fit_passage, fit_with_coloured_noise
 from uwtrack_cli.motion.passage.measurements import make_blocks
 

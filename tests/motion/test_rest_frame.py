@@ -11,7 +11,7 @@ from tests.support import recording_of
 from uwtrack_cli.data.recording import SampleRing
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage.contacts import examine_contacts
+from uwtrack_cli.motion.passage.candidates import examine_contacts
 from uwtrack_cli.motion.passage.nuisances import nuisance_priors
 from uwtrack_cli.motion.passage.rest_frame import rest_frame
 

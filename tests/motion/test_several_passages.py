@@ -10,7 +10,7 @@ from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage.report import MOST_FRAMES, Row, add_levels
+from uwtrack_cli.motion.passage.encounter_rows import MOST_FRAMES, Row, add_levels
 from uwtrack_cli.simulate import make_scenario
 from uwtrack_cli.studies.seatrial import analyse
 

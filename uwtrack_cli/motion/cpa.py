@@ -32,7 +32,7 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.motion.options import Probability, Spreading
-from uwtrack_cli.motion.passage.contacts import (
+from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
     examine,
@@ -41,13 +41,11 @@ from uwtrack_cli.motion.passage.contacts import (
     split,
     take_apart,
 )
-from uwtrack_cli.motion.passage.directions import bearing_series, with_directions
-from uwtrack_cli.motion.passage.fit_checks import check_fit
-from uwtrack_cli.motion.passage.measurements import series_data
-from uwtrack_cli.motion.passage.nuisances import NuisancePriors, nuisance_priors
-from uwtrack_cli.motion.passage.readings import TWO_TARGETS
-from uwtrack_cli.motion.passage.recording import examine_recording
-from uwtrack_cli.motion.passage.report import (
+from uwtrack_cli.motion.passage.direction_bearings import (
+    bearing_series,
+    with_directions,
+)
+from uwtrack_cli.motion.passage.encounter_rows import (
     EXTRAPOLATED,
     LEVEL_ONLY,
     CpaContext,
@@ -61,6 +59,11 @@ from uwtrack_cli.motion.passage.report import (
     passage_row,
     widen_for_others,
 )
+from uwtrack_cli.motion.passage.fit_checks import check_fit
+from uwtrack_cli.motion.passage.measurements import series_data
+from uwtrack_cli.motion.passage.nuisances import NuisancePriors, nuisance_priors
+from uwtrack_cli.motion.passage.readings import TWO_TARGETS
+from uwtrack_cli.motion.passage.recording_passages import examine_recording
 from uwtrack_cli.motion.passage.sub_bands import ask_the_parts
 
 MIXED = "the bearings are those of two targets"

@@ -37,12 +37,6 @@ from uwtrack_cli.motion.passage.law import (
     slant_over_speed_s,
 )
 from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
-from uwtrack_cli.motion.passage.noise import (
-    BlockNoise,
-    Noises,
-    block_noises,
-    rough_weight,
-)
 from uwtrack_cli.motion.passage.normal_equations import (
     NO_LOSS,
     FitConstants,
@@ -56,6 +50,12 @@ from uwtrack_cli.motion.passage.normal_equations import (
     pair_rows,
     passage_state,
     weigh,
+)
+from uwtrack_cli.motion.passage.residual_noise import (
+    BlockNoise,
+    Noises,
+    block_noises,
+    rough_weight,
 )
 from uwtrack_cli.motion.passage.unknowns import (
     CHANGED,

@@ -28,7 +28,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.motion.passage.contacts import CandidatePassage
+from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.estimator import PassageFit, fit_passage
 from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
 

@@ -24,7 +24,7 @@ from uwtrack_cli.estimation.robust import median_scale
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.noise import clip_wild
+from uwtrack_cli.motion.passage.residual_noise import clip_wild
 from uwtrack_cli.motion.passage.unknowns import FLOOR, RAMP
 
 WIDEST_SCATTER_RAD = 1.2

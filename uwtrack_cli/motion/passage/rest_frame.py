@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.motion.passage.contacts import CandidatePassage
+from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.measurements import Blocks
 

@@ -29,7 +29,7 @@ from uwtrack_cli.motion.passage.broadband_sum import (
     no_sources,
     widening,
 )
-from uwtrack_cli.motion.passage.contacts import (
+from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
     examine_from,

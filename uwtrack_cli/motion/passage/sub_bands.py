@@ -30,8 +30,8 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.motion.passage.contacts import CandidatePassage
-from uwtrack_cli.motion.passage.report import LAW_SHARE
+from uwtrack_cli.motion.passage.candidates import CandidatePassage
+from uwtrack_cli.motion.passage.encounter_rows import LAW_SHARE
 
 REACH = 3.0
 """d/v on either side of the closest approach that are compared: farther away other

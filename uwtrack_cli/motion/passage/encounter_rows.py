@@ -45,7 +45,7 @@ from uwtrack_cli.data.spectra import MICROPASCAL, Levels
 from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.motion.correlation import long_run_excess
-from uwtrack_cli.motion.passage.contacts import CandidatePassage
+from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.moving_sensor import (
     AT_REST_MPS,

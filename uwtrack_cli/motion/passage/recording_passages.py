@@ -19,7 +19,7 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.motion.passage.contacts import (
+from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
     agrees,
