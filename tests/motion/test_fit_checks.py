@@ -120,10 +120,14 @@ def test_contacts_that_fit_together_tell_the_passage_together():
         assert second.doubt.startswith("the passage of contact 1")
 
 
-def test_bearings_keep_two_contacts_apart():
+def test_bearings_decide_whether_two_contacts_are_one_vessel():
     one = candidate_of(lines_of(SCENE))
-    found = tell_once([one, replace(one, contacts=(9,))])
-    assert [item.doubt for item in found] == ["", ""]
+    turned = replace(one.fit, bearing_deg=one.fit.bearing_deg + 20.0)
+    again = replace(one, contacts=(9,))
+    other = replace(one, contacts=(10,), fit=turned)
+    doubts = {item.contacts[0]: item.doubt for item in tell_once([one, again, other])}
+    assert doubts[1] == doubts[10] == ""
+    assert doubts[9].startswith("the passage of contact 1")
 
 
 def test_a_line_whose_bearings_are_anothers_widens_the_course():

@@ -15,7 +15,7 @@ Rife & Boorstyn 1974 for the deviation of the frequency.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -255,9 +255,20 @@ def _measure(
     }
 
 
+class BinOffsets(NamedTuple):
+    """How far tones lie from their cells."""
+
+    offset_bins: FloatArray
+    """Offsets in natural bins, one for each tone."""
+    step_bins: float
+    """Distance of cells in natural bins."""
+    natural_bin_hz: float
+    """Width of a natural bin, Hz."""
+
+
 def bin_offsets(
     power: FloatArray, frames: Frames, beam: IntArray, frame: IntArray, cell: IntArray
-) -> tuple[FloatArray, float, float]:
+) -> BinOffsets:
     """Return how far tones lie from their cells, in natural bins.
 
     Parameters
@@ -268,13 +279,8 @@ def bin_offsets(
         Time base.
     beam, frame, cell
         Where the maxima are.
-
-    Returns
-    -------
-    tuple
-        The offsets, the distance of cells in natural bins, and a natural bin in Hz.
     """
     step_bins = frames.window_samples / frames.fft_length
     beside = [power[beam, frame, cell + k].astype(np.float64) for k in (-1, 0, 1)]
     offset = peak_offset_bins(beside[0], beside[1], beside[2], step_bins)
-    return offset, step_bins, frames.bin_hz / step_bins
+    return BinOffsets(offset, step_bins, frames.bin_hz / step_bins)

@@ -18,7 +18,7 @@ require (its literal amplitude model contradicts its detection probabilities).
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -88,13 +88,24 @@ def noise_std(snr_db: float) -> float:
     return float(2.6232 * 10.0 ** (-(snr_db + 20.0) / 20.0))
 
 
-def amplitude_model(rule: SceneRule) -> tuple[float, float, float]:
-    """Return the deviations of noise and of a line, and the detection threshold."""
+class AmplitudeModel(NamedTuple):
+    """How magnitudes scatter, and from where they are detected."""
+
+    noise_std: float
+    """Deviation of noise."""
+    line_std: float
+    """Deviation of a line."""
+    threshold: float
+    """Detection threshold."""
+
+
+def amplitude_model(rule: SceneRule) -> AmplitudeModel:
+    """Return the model of a scene."""
     if rule.threshold == "literal":
-        return 10.0 ** (-rule.snr_db / 20.0), 1.0, LITERAL_THRESHOLD
+        return AmplitudeModel(10.0 ** (-rule.snr_db / 20.0), 1.0, LITERAL_THRESHOLD)
     sigma = noise_std(rule.snr_db)
     level = THRESHOLD if rule.threshold == "anchored" else FALSE_ALARM_SIGMAS * sigma
-    return sigma, float(np.hypot(1.0, sigma)), level
+    return AmplitudeModel(sigma, float(np.hypot(1.0, sigma)), level)
 
 
 def simulate_scene(rule: SceneRule, rng: np.random.Generator) -> LineScene:

@@ -8,6 +8,7 @@ within 10 %, the speed within 3 kn and the course within 7 degrees, at once.
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import process_time
+from typing import NamedTuple
 
 import numpy as np
 
@@ -218,21 +219,28 @@ def convergence_index(ends: IntArray, met: BoolArray) -> FloatArray:
     return np.asarray(np.where(lasting.any(0), first, np.inf))
 
 
+class SingleShots(NamedTuple):
+    """What a hybrid reaches from whole records at once."""
+
+    is_met: BoolArray
+    """Whether a run met the criterion, shape (run,)."""
+    is_reached: BoolArray
+    """Whether it found the global minimum, shape (run,)."""
+    evaluations: float
+    """Mean number of evaluations."""
+
+
 def single_shots(
     name: str, noise: float, runs: int, seed: int, search: Global
-) -> tuple[BoolArray, BoolArray, float]:
-    """Invert whole records once by a hybrid.
-
-    Returns whether each run met the criterion and found the global minimum, and the
-    mean number of evaluations.
-    """
+) -> SingleShots:
+    """Invert whole records once by a hybrid."""
     scenario = make_scenario(name)
     problem = make_problem(scenario, noise=noise, runs=runs, seed=seed)
     best = fit_from_truth(problem, scenario.solution()).value
     rng = np.random.default_rng(seed)
     found = hybrid_search(problem, PAPER_BOX, runs, rng, search=search)
     errors = motion_errors(to_solver(found.point), scenario)
-    return (
+    return SingleShots(
         succeeded(errors),
         np.asarray(found.value - best < 1e-3),
         float(found.evaluations.mean()),

@@ -6,6 +6,7 @@ speed is 1480 m/s. Nothing here shares a formula with the estimator.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,17 @@ TARGETS = {
 JITTER_SEED = 2003
 
 
+class TrueSeries(NamedTuple):
+    """Series without noise; arrays of shape (index,)."""
+
+    bearing_rad: FloatArray
+    """Compass bearing, rad."""
+    range_m: FloatArray
+    """Range, m."""
+    frequency_hz: FloatArray
+    """Frequency, Hz."""
+
+
 @dataclass(frozen=True, eq=False)
 class TmaScenario:
     """Own track (with one row before the first measurement) and the truth."""
@@ -47,8 +59,8 @@ class TmaScenario:
     course_deg: float
     """Course of the target, compass degrees."""
 
-    def truth(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return bearings (rad), ranges (m) and frequencies (Hz) at each index."""
+    def truth(self) -> TrueSeries:
+        """Return what own ship would measure without noise, at each index."""
         time = STEP_S * np.arange(-1, COUNT)
         bearing, course = np.radians(self.bearing_deg), np.radians(self.course_deg)
         away = self.range_m * np.sin(bearing) + self.speed_mps * time * np.sin(course)
@@ -56,7 +68,9 @@ class TmaScenario:
         away, up = away - self.own_east_m, up - self.own_north_m
         distance = np.hypot(away, up)
         shift = np.diff(distance) / (STEP_S * SOUND_SPEED_MPS)
-        return np.arctan2(away, up)[1:], distance[1:], REST_HZ * (1.0 - shift)
+        return TrueSeries(
+            np.arctan2(away, up)[1:], distance[1:], REST_HZ * (1.0 - shift)
+        )
 
     def solution(self) -> FloatArray:
         """Return the truth in solver coordinates (ln R, bearing, vx, vy)."""

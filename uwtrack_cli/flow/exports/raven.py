@@ -12,6 +12,7 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,17 @@ HEADS = (
 )  # fmt: skip
 
 
+class FilePlace(NamedTuple):
+    """Where a moment lies in the files of a recording."""
+
+    file: str
+    """Name of the file."""
+    offset_s: float
+    """Time in that file, s."""
+    cumulative_s: float
+    """Time as Raven counts it over all files, s."""
+
+
 @dataclass(frozen=True)
 class FileClock:
     """From seconds of a recording to files, offsets and cumulative time."""
@@ -37,11 +49,11 @@ class FileClock:
     files: RecordedFiles | None
     """Files of a joined recording; None if it is one file."""
 
-    def place(self, time_s: float) -> tuple[str, float, float]:
-        """Return file, offset in it and cumulative time, s."""
+    def place(self, time_s: float) -> FilePlace:
+        """Return where a time of the recording lies in its files."""
         at_s = time_s + self.recording.first_s
         if self.files is None:
-            return self.recording.name, at_s, at_s
+            return FilePlace(self.recording.name, at_s, at_s)
         rate = self.recording.sample_rate_hz
         sample = at_s * rate
         starts, counts = self.files.start_sample, self.files.n_samples
@@ -52,7 +64,9 @@ class FileClock:
         if left_out is not None:
             skipped_s = float(left_out[0]) / rate, float(left_out[k]) / rate
         before_s = float(counts[:k].sum()) / rate + skipped_s[0]
-        return str(self.files.name[k]), inside_s + skipped_s[1], before_s + inside_s
+        return FilePlace(
+            str(self.files.name[k]), inside_s + skipped_s[1], before_s + inside_s
+        )
 
 
 def raven_text(containers: Sequence[Container], name: str) -> str:
@@ -101,10 +115,10 @@ def _rows(
         begin = clock.place(max(0.0, float(time_s.min()) - half_s))
         end = clock.place(float(time_s.max()) + half_s)
         yield (
-            "", "Spectrogram 1", "1", f"{begin[2]:.6f}", f"{end[2]:.6f}",
+            "", "Spectrogram 1", "1", f"{begin.cumulative_s:.6f}", f"{end.cumulative_s:.6f}",
             f"{max(0.0, float(frequency.min()) - half_hz):.4f}",
             f"{float(frequency.max()) + half_hz:.4f}",
-            plain_text(begin[0]), f"{begin[1]:.6f}", csv_cell(sensor), str(lines.line_contact[k]), str(line),
+            plain_text(begin.file), f"{begin.offset_s:.6f}", csv_cell(sensor), str(lines.line_contact[k]), str(line),
             str(lines.line_status[k]),
         )  # fmt: skip
 

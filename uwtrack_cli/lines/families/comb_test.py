@@ -146,9 +146,12 @@ def _most_hits(
         is_near[cells + shift] = 1
     first = (frequency_hz[lower] - low) / step
     spacing = (frequency_hz[upper] - frequency_hz[lower]) / (spacings * step)
-    test, tooth = _teeth(spacings)
-    cell = (first[test] + spacing[test] * tooth).astype(np.int32)
-    return np.bincount(test, is_near[cell], minlength=lower.size).astype(np.int64)
+    counts = spacings - 1
+    _, tooth = _teeth(spacings)
+    cell = (first.repeat(counts) + spacing.repeat(counts) * tooth).astype(np.int32)
+    # every test has an interior tooth, so that no sum is empty
+    hits = np.add.reduceat(is_near[cell], counts.cumsum() - counts, dtype=np.int64)
+    return np.asarray(hits)
 
 
 def _hypotheses(

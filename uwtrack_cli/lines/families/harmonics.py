@@ -140,15 +140,17 @@ def _prolonged(
 ) -> Comb:
     """Add the ends of other significant combs that continue this one's teeth."""
     for _ in range(_MOST_PROLONGATIONS):
-        fit = comb_fit(frequency_hz[comb.members], comb.teeth, rule.sigma_hz)
-        spacing = fit.spacing_hz
-        middle = frequency_hz[comb.members].mean() - comb.teeth.mean() * spacing
+        own_hz = frequency_hz[comb.members]
+        spacing = comb_fit(own_hz, comb.teeth, rule.sigma_hz).spacing_hz
+        mean_tooth = float(comb.teeth.sum()) / comb.teeth.size
+        middle = float(own_hz.sum()) / own_hz.size - mean_tooth * spacing
         reach = (comb.teeth.max() - comb.teeth.min()) * 0.5 * spacing
-        tooth = np.rint((frequency_hz[ends] - middle) / spacing)
-        miss = np.abs(frequency_hz[ends] - middle - tooth * spacing)
+        ends_hz = frequency_hz[ends]
+        tooth = np.rint((ends_hz - middle) / spacing)
+        miss = np.abs(ends_hz - middle - tooth * spacing)
         is_same = np.abs(spacing_hz / spacing - 1.0) * rule.most_spacings < 0.5
-        centre = middle + comb.teeth.mean() * spacing
-        is_near = np.abs(frequency_hz[ends] - centre) < 2.0 * reach + spacing
+        centre = middle + mean_tooth * spacing
+        is_near = np.abs(ends_hz - centre) < 2.0 * reach + spacing
         fresh = np.flatnonzero(is_same & is_near & (miss <= rule.tolerance_hz))
         teeth = np.append(comb.teeth, tooth[fresh].astype(np.int64))
         members = np.append(comb.members, ends[fresh])
@@ -205,14 +207,15 @@ def comb_fit(frequency_hz: FloatArray, teeth: IntArray, sigma_hz: float) -> Comb
     >>> comb_fit(np.array([67.0, 87.0, 127.0]), np.array([0, 1, 3]), 0.01).is_harmonic
     False
     """
-    centred = teeth - teeth.mean()
+    middle = float(teeth.sum()) / teeth.size
+    centred = teeth - middle
     spread = float(np.sum(centred**2))
     spacing = float(np.sum(centred * frequency_hz) / spread)
     spacing_std = sigma_hz / np.sqrt(spread)
-    number = float(frequency_hz.mean()) / spacing - float(teeth.mean())
+    number = float(frequency_hz.sum()) / teeth.size / spacing - middle
     order = round(number)
     # variance of mean(f) - (order + mean tooth) * spacing
-    lever = order + float(teeth.mean())
+    lever = order + middle
     std = np.hypot(sigma_hz / np.sqrt(teeth.size), lever * spacing_std)
     miss = abs(number - order) * spacing
     # a miss that chance would allow at every offset says nothing

@@ -18,8 +18,10 @@ approach) of each other.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
@@ -68,10 +70,21 @@ class KnownSources:
     """Bearing in radians, shape (m, n); nan where unknown."""
 
 
+class SourceParts(NamedTuple):
+    """Power and intensity of every source, and of what is always there."""
+
+    power: FloatArray
+    """Powers, shape (batch, m + k, n)."""
+    intensity: NDArray[np.complex128]
+    """Intensities, north + i east, same shape."""
+    background: FloatArray
+    """Power of the background, shape (batch, 1)."""
+
+
 def source_parts(
     theta: FloatArray, turn: FloatArray, time_s: FloatArray, known: KnownSources
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Powers and intensities of all sources (batch, m + k, n), and the background.
+) -> SourceParts:
+    """Return the parts of the broadband sound.
 
     Parameters
     ----------
@@ -96,7 +109,7 @@ def source_parts(
     # a known source without bearings has no share in the intensity
     seen = np.nan_to_num(np.exp(1j * np.broadcast_to(known.bearing, steady.shape)))
     direction = np.concatenate([seen, np.exp(1j * angle)], axis=1)
-    return power, power * direction, np.exp(theta[:, :1])
+    return SourceParts(power, power * direction, np.exp(theta[:, :1]))
 
 
 def sum_residuals(
