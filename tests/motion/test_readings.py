@@ -99,7 +99,9 @@ def test_the_curve_of_a_page_follows_what_changed(kind, seed):
     assert np.sqrt(np.nanmean(scaled**2)) < 1.2
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("turn", 1), ("speed-change", 4)])
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("turn", 2), ("turn", 7), ("speed-change", 4)]
+)
 def test_the_other_leg_has_its_own_speed_and_course(kind, seed):
     drawn = draw(kind, seed)
     found = analyse(drawn)

@@ -119,6 +119,10 @@ def test_a_source_among_bearings_of_others_is_found(strange, n_other):
     assert np.hypot(*(found - place)) < 80.0
     own = motions.row_contact == 1
     assert motions.row_probability[own][~wrong].mean() > 0.8
+    # every source has a contact of its own, and the rows of the others go with theirs
+    assert np.unique(motions.contact).tolist() == list(range(1, n_other + 2))
+    others = motions.row_probability[~own].reshape(n_other, -1).sum(axis=0)
+    assert others[wrong].mean() > 0.8
 
 
 def test_what_a_table_of_sensors_cannot_be_is_refused():
