@@ -4,8 +4,8 @@ A band is the larger of the floor of its class and five times the Cramer-Rao bou
 the passage. A quantity should be given where this bound is below 5 % (of the value; of
 d/v for the time, of a radian for the course).
 
-The table in tests/baselines/passages.md is made by (20 recordings of each class):
-python -m tests.motion.passage_scores 20 6000 > tests/baselines/passages.md
+The table in tests/baselines/passages.md is made by (6 recordings of each class):
+python -m tests.motion.passage_scores 6 8700 > tests/baselines/passages.md
 """
 
 import sys
