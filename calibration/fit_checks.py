@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.recording import SampleRing
+from uwtrack_cli.data.recording import HeldSamples
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine_contacts
@@ -48,8 +48,8 @@ def candidates(
     (simulated,) = simulate_recordings(scenario)
     if simulated.reader is None:
         return
-    ring = SampleRing(simulated.reader, simulated.n_samples)
-    recording = replace(simulated, reader=ring)
+    blocks = list(simulated.reader(1 << 20))
+    recording = replace(simulated, reader=HeldSamples(np.concatenate(blocks)))
     made = run_recipe(recording, load_recipe(recipe))
     lines = next(item for item in made if isinstance(item, Lines))
     medium = nuisance_priors(recording.sensor, None, None, 3.0, 2.0).medium

@@ -1,4 +1,4 @@
-"""Sound can be read again: from a file, from joined files, from the ring of a source."""
+"""Sound can be read again: from a file, from joined files, from what is held."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 import soundfile
 
 from tests.support import OMNI, recording_of
-from uwtrack_cli.data.recording import Recording, SampleRing
+from uwtrack_cli.data.recording import HeldSamples, Recording
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.audio.recording_file import open_recording
@@ -48,21 +48,6 @@ def test_a_stretch_of_joined_files_has_their_gap(tmp_path):
     np.testing.assert_array_equal(found[3000:], SOUND[5000:6000])
 
 
-def test_a_ring_gives_what_it_keeps_and_no_more():
-    plain = recording_of(SOUND, RATE, block=300)
-    ring = SampleRing(plain.reader, kept_samples=1000)
-    blocks = iter(ring(300))
-    for _ in range(10):
-        next(blocks)
-    np.testing.assert_array_equal(ring.stretch(2100, 900), SOUND[2100:3000])
-    with pytest.raises(DataError, match="it keeps 1800 to 3000"):
-        ring.stretch(1000, 100)
-    with pytest.raises(DataError, match="not at hand"):
-        ring.stretch(2900, 101)
-    for _ in blocks:
-        assert ring._n_held() < 1000 + 300
-
-
 def test_a_product_has_no_sound():
     recording = replace(recording_of(SOUND, RATE), reader=None)
     with pytest.raises(DataError, match="not at hand to be read again"):
@@ -87,9 +72,9 @@ def test_a_stage_reads_a_stretch_again_whatever_the_source(tmp_path, monkeypatch
     sound = SOUND.copy()
     sound[12000:13000] *= 1.9
     opened = open_recording(wav(tmp_path / "a.wav", sound), sensor=OMNI)
-    live = replace(opened, reader=SampleRing(opened.reader, 10 * RATE))
+    held = replace(opened, reader=HeldSamples(sound))
     STRETCHES.clear()
-    for recording in (opened, live):
+    for recording in (opened, held):
         run_recipe(recording, recipe)
     np.testing.assert_array_equal(STRETCHES[0], sound[12000:13000])
     np.testing.assert_array_equal(STRETCHES[1], sound[12000:13000])

@@ -249,6 +249,21 @@ def test_the_test_begins_where_both_contacts_are_first_complete():
     assert _decide(bare, navigation).scan_time_s[0] == 62.0
 
 
+def test_what_came_before_helps_if_it_is_of_one_contact_whatever_its_number():
+    contacts, navigation = _case(seed=9)
+    early = contacts.time_s < 60.0
+    other = replace(contacts, contact=np.where(early, 2, contacts.contact))
+    late = early & (contacts.time_s > 30.0)
+    both = replace(contacts, contact=np.where(late, 2, contacts.contact))
+    expected, found, apart = (
+        _decide(one, navigation) for one in (contacts, other, both)
+    )
+    assert found.log_odds[1] == expected.log_odds[1] != apart.log_odds[1]
+    words = "there was no single contact before the two"
+    assert [words in " ".join(one.reasons(0).values())
+            for one in (expected, found, apart)] == [False, False, True]  # fmt: skip
+
+
 def test_the_fixed_test_needs_more_scans_than_the_sequential_one():
     decision = _decide(*_case(seed=7))
     assert decision.fixed_scans[0] > decision.expected_scans[0] > 1.0

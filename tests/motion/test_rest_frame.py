@@ -8,7 +8,7 @@ import pytest
 from tests.motion.passage_truth import Scene, received, true_motion
 from tests.motion.passing_vessel import lines_of_scenes
 from tests.support import recording_of
-from uwtrack_cli.data.recording import SampleRing
+from uwtrack_cli.data.recording import HeldSamples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.candidates import examine_contacts
@@ -26,12 +26,8 @@ def sound_of(ratio, loudness):
     rng = np.random.default_rng(4)
     phase = 2 * np.pi * SCENE.rest_hz[0] * np.cumsum(ratio) / RATE_HZ
     noise = 2.0 * rng.standard_normal(ratio.size)
-    recording = recording_of((loudness * np.sin(phase) + noise).astype(np.float32),
-                             RATE_HZ)  # fmt: skip
-    ring = SampleRing(recording.reader, recording.n_samples)
-    for _ in ring(1 << 16):
-        pass
-    return replace(recording, reader=ring)
+    sound = (loudness * np.sin(phase) + noise).astype(np.float32)
+    return replace(recording_of(sound, RATE_HZ), reader=HeldSamples(sound[:, None]))
 
 
 def shift_at(time):

@@ -107,7 +107,7 @@ def test_swell_is_no_rate():
     level_db = 6.0 * np.sin(2 * np.pi * 0.3 * time)
     presence, _ = heard(white_noise(time.size, 6) * 10 ** (level_db / 20))
     assert "rates" not in presence.kind
-    slow = [i for i in range(presence.n_stretches) if presence.reasons(i).get(
+    slow = [i for i in range(presence.from_s.size) if presence.reasons(i).get(
         "encounter", "").startswith("slower than 0.5 Hz")]  # fmt: skip
     assert slow
     assert set(presence.kind[slow]) == {"unknown"}
@@ -166,7 +166,7 @@ def test_a_passage_is_a_vessel_with_its_contact(samples):
 
 def test_what_cpa_refuses_is_in_presence_with_its_reason():
     empty = make_presence({}, {}, "full scale")
-    assert empty.n_stretches == 0
+    assert empty.from_s.size == 0
     time = clock(200.0)
     bent = 300.0 * time + 0.02 * np.cumsum(np.tanh((time - 100) / 2)) / RATE_HZ
     sound = white_noise(time.size, 4)
@@ -174,7 +174,7 @@ def test_what_cpa_refuses_is_in_presence_with_its_reason():
     presence, encounters = heard(sound)
     told = {
         reason
-        for row in range(presence.n_stretches)
+        for row in range(presence.from_s.size)
         for key, reason in presence.reasons(row).items()
         if key == "encounter"
     }
@@ -273,7 +273,7 @@ def test_a_vector_sensor_gives_the_bearing_of_the_blades():
     presence, _ = heard(noise + vessel[:, None] * gains, DIFAR)
     rows = np.flatnonzero([
         presence.owned_rows("rate_stretch", i).size > 1
-        for i in range(presence.n_stretches)
+        for i in range(presence.from_s.size)
     ])  # fmt: skip
     assert rows.size
     assert presence.bearing_deg[rows[0]] == pytest.approx(70.0, abs=6.0)

@@ -64,11 +64,6 @@ class LineArray:
         """Hydrophones that an array of this length and spacing has."""
         return round(self.aperture_m / self.spacing_m) + 1
 
-    @property
-    def lowest_frequency_hz(self) -> float:
-        """Frequency at which the array is half a wavelength long, Hz."""
-        return self.sound_speed_mps / (2.0 * self.aperture_m)
-
     def beam_cosines(self, n_beams: int) -> FloatArray:
         """Return the cosines of the beams, from astern to ahead and a little beyond.
 

@@ -102,8 +102,3 @@ class Presence(HasReasons):
     def of_sensor(self, sensor: str) -> Self:
         """Return the stretches of one sensor."""
         return self.take("stretch", np.flatnonzero(self.sensor == sensor))
-
-    @property
-    def n_stretches(self) -> int:
-        """Number of rows."""
-        return int(self.from_s.size)

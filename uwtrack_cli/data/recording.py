@@ -1,7 +1,7 @@
 """A recording: samples that are read block by block, and never held as a whole."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -161,53 +161,6 @@ class HeldSamples:
     def stretch(self, first_sample: int, n_samples: int) -> Samples:
         """Return so many samples from one on."""
         return self.samples[first_sample : first_sample + n_samples]
-
-
-@dataclass
-class SampleRing:
-    """A reader that keeps the last samples of a source which cannot go back.
-
-    Memory is bounded by what is kept and one block, however long the source is.
-    """
-
-    reader: Reader
-    """Reads the source, once."""
-    kept_samples: int
-    """Samples per channel that can be read again."""
-    _held: list[Samples] = field(default_factory=list, repr=False)
-    """Blocks that can be read again, the oldest first."""
-    _end: int = field(default=0, repr=False)
-    """Samples per channel read so far."""
-
-    def __call__(self, block_samples: int) -> Iterator[Samples]:
-        """Yield the blocks of the source, and keep the last ones."""
-        for block in self.reader(block_samples):
-            self._held.append(block)
-            self._end += block.shape[0]
-            while self._n_held() - self._held[0].shape[0] >= self.kept_samples:
-                self._held.pop(0)
-            yield block
-
-    def stretch(self, first_sample: int, n_samples: int) -> Samples:
-        """Read samples again that are still kept.
-
-        Raises
-        ------
-        DataError
-            They have passed, or have not come yet.
-        """
-        begin = self._end - self._n_held()
-        if not begin <= first_sample <= first_sample + n_samples <= self._end:
-            msg = (
-                f"samples {first_sample} to {first_sample + n_samples} of a live source "
-                f"are not at hand; it keeps {begin} to {self._end}."
-            )
-            raise DataError(msg)
-        held = np.concatenate(self._held)[first_sample - begin :]
-        return held[:n_samples]
-
-    def _n_held(self) -> int:
-        return sum(block.shape[0] for block in self._held)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

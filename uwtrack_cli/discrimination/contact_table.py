@@ -90,9 +90,8 @@ def _pair(
     alone = has.any(axis=1)
     earlier = has[:, :begin]
     # One contact before the other appeared; it may carry either number.
-    single = earlier.any(axis=0) & ~earlier.all(axis=0)
     split = bool(alone.all() and not earlier.any(axis=1).all())
-    before = np.flatnonzero(single) if split else np.array([], dtype=np.int64)
+    before = np.flatnonzero(earlier.any(axis=0)) if split else np.array([], np.int64)
     own = first if earlier[0].any() else second
     return ContactPair(
         a, b, times[begin:end], (first[begin:end], second[begin:end]), times[before],

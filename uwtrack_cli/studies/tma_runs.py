@@ -28,7 +28,7 @@ from uwtrack_cli.motion.solvers.marquardt import (
     search_bounds,
 )
 from uwtrack_cli.motion.target.model import to_motion, to_state
-from uwtrack_cli.motion.target.objective import misfit, misfit_value
+from uwtrack_cli.motion.target.objective import misfit_value
 from uwtrack_cli.motion.target.observability import information
 from uwtrack_cli.motion.target.problem import Problem
 from uwtrack_cli.motion.target.starts import StartCounts, multistart
@@ -151,26 +151,6 @@ def _squared_sigmas(problem: Problem, q: FloatArray, errors: FloatArray) -> Floa
     return np.array([
         e @ one.bread @ e for one, e in zip(found, back, strict=True)
     ])  # fmt: skip
-
-
-def departure_from_linear(name: str, noise: float, runs: int, seed: int) -> FloatArray:
-    """Return the departure of estimates from their first-order prediction.
-
-    The prediction uses the same noise, so that no Monte-Carlo error enters: rms of
-    the difference over the bound, for range, bearing, speed and course.
-    """
-    scenario = make_scenario(name)
-    truth = scenario.solution()
-    problem = make_problem(scenario, noise=noise, runs=runs, seed=seed)
-    fit = fit_from_truth(problem, truth)
-    start = np.repeat(truth[np.newaxis], runs, axis=0)
-    at_truth = misfit(problem, start, np.arange(runs))
-    found = information(problem.record(0), truth)
-    inner = found.covariance(people=False)[:4, :4]
-    predicted = -at_truth.gradient @ inner.T @ found.turn[:4, :4].T
-    off = motion_errors(fit.q, scenario) - predicted
-    bound = np.sqrt(np.diagonal(found.covariance())[:4])
-    return np.asarray(np.sqrt(np.mean(off**2, axis=0)) / bound)
 
 
 def follow(

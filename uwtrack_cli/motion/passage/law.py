@@ -67,11 +67,6 @@ class Passage:
         """Partials of the angle, shape (..., n, 3 or 4)."""
         return np.swapaxes(self.rows[..., 1, 1:, :], -1, -2)
 
-    @property
-    def spread_d(self) -> FloatArray:
-        """Partials of the spreading, shape (..., n, 3 or 4)."""
-        return np.swapaxes(self.rows[..., 2, 1:, :], -1, -2)
-
 
 SLOWEST_MPS = 0.25
 """Speeds below twice this are bent up to it in z/v, which stays finite at rest."""
@@ -329,35 +324,3 @@ def with_other_leg(
     rows = np.zeros_like(other)
     rows[:, :, :5] = law.rows
     return Passage(np.where(is_other[:, None, None], other, rows))
-
-
-def straight_shift(
-    time_s: FloatArray, time_closest_s: float, range_m: float, speed_mps: float,
-    sound_speed_mps: float,
-) -> FloatArray:  # fmt: skip
-    """Return f/f0' - 1 by the paper's formula with its sign corrected.
-
-    It equals `passage_law` exactly when f0' = f0 / (1 - M^2) and the range is
-    d sqrt(1 - M^2): a straight-line fit without delays is right in v and d.
-
-    Parameters
-    ----------
-    time_s
-        Reception times in seconds.
-    time_closest_s
-        Geometric closest approach in seconds.
-    range_m
-        Relabelled range d sqrt(1 - M^2) in metres.
-    speed_mps
-        Speed in m/s.
-    sound_speed_mps
-        Sound speed in m/s.
-
-    Notes
-    -----
-    Choi et al. (2014), eq. 5 with a plus sign under the root.
-    """
-    lag = np.asarray(time_s, float) - time_closest_s
-    root = np.sqrt((range_m / speed_mps) ** 2 + lag**2)
-    shift: FloatArray = -(speed_mps / sound_speed_mps) * lag / root
-    return shift
