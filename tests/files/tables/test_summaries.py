@@ -78,6 +78,14 @@ def test_the_day_of_a_rounded_time_is_that_of_what_is_shown():
     assert utc_text("2024-05-01T12:00:00.123456Z", 3) == "2024-05-01 12:00:00.123"
 
 
+def test_a_place_keeps_both_its_coordinates_on_the_grid_or_on_the_globe():
+    grid = {"contact": 1, "time_s": 5.0, "east_m": -94.2, "north_m": 60.0,
+            "latitude": None, "longitude": None, "speed_mps": 9.9}  # fmt: skip
+    assert set(summary_of("fixes", [grid]).spare) == {"speed m/s"}
+    globe = summary_of("fixes", [grid | {"latitude": 35.0, "longitude": 128.0}])
+    assert set(globe.spare) == {"east m", "north m", "speed m/s"}
+
+
 def test_the_sensor_is_spared_only_where_there_is_one():
     assert "sensor" in summary_of("encounters", [ROW]).spare
     assert "sensor" not in summary_of("encounters", [ROW, ROW | {"sensor": "h2"}]).spare

@@ -160,6 +160,8 @@ def summary_of(name: str, rows: Sequence[Row]) -> Summary:
         or not set(cells) <= usual[title]
     }
     spare = [s for s in SPARE[name] if s in known]
+    if name == "fixes" and "latitude" not in known:  # nothing else says where it is
+        spare = [s for s in spare if s not in ("east m", "north m")]
     if len(set(known.get("sensor", ()))) > 1:
         spare.remove("sensor")
     return Summary(
