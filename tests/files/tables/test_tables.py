@@ -237,6 +237,17 @@ def test_every_container_prints_in_every_format(kind, n_rows):
     assert "nan" not in "".join(lines["csv"])
 
 
+def test_a_table_for_people_tells_the_range_of_what_is_too_much_to_look_at():
+    overview = synthetic(CONTAINERS["overview"], 2)
+    shade = np.array([[7] + 60 * [3], [0] + 60 * [9]], np.uint8)
+    wide = replace(overview, frequency_hz=np.arange(61.0), shade=shade)
+    _, first, second = write_table(wide)
+    assert first.endswith("  3 to 7 (61 values)")
+    assert second.endswith("  0 to 9 (61 values)")
+    head, *_ = write_table(wide, "csv")
+    assert head.endswith(",shade_60")
+
+
 ENCOUNTER = """
     {"contact": 1, "sensor": "h1", "status": "ok", "time_utc": "...Z", "time_s": 612.4,
      "time_std_s": 0.1, "arrival_time_s": 612.6, "speed_mps": 5.9,

@@ -32,6 +32,8 @@ FORMATS = ("table", "csv", "json", "jsonl")
 SERIES_LINE = re.compile(r"(frequency(?:_std)?_hz)_(\d+)")
 WIDTH_ROWS = 500
 """Rows that decide how wide the columns of a table are."""
+WIDEST_VALUES = 40
+"""Values of a row beyond which a table for people tells their range."""
 
 
 def write_table(
@@ -181,7 +183,7 @@ def _names(container: Container, axis: str | None) -> list[str]:
 
 
 def _table(container: Container, rows: Iterable[Row]) -> Iterator[str]:
-    first, rows = _peek(rows)
+    first, rows = _peek(map(_with_ranges, rows))
     if first is None:
         yield f"no {container.NAME}"
         return
@@ -196,6 +198,21 @@ def _table(container: Container, rows: Iterable[Row]) -> Iterator[str]:
     widths = [max(map(len, column)) for column in zip(names, *head, strict=True)]
     for line in itertools.chain([names], head, cells):
         yield "  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)).rstrip()
+
+
+def _with_ranges(row: Row) -> Row:
+    """Return a row for people: the range of what is too much to look at."""
+    return {name: _range(value) for name, value in row.items()}
+
+
+def _range(value: Any) -> Any:
+    if not isinstance(value, list) or len(value) <= WIDEST_VALUES:
+        return value
+    known = [v for v in value if isinstance(v, int | float)]
+    if len(known) < len(value) - value.count(None):  # no list of numbers
+        return value
+    span = f"{_cell(min(known))} to {_cell(max(known))}" if known else "unknown"
+    return f"{span} ({len(value)} values)"
 
 
 def _cell(value: Any) -> str:
