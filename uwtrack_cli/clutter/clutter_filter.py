@@ -253,7 +253,7 @@ def _merged(
     if predicted.probability.shape[0] == 1:
         return Innovation(
             each.residual[0], each.covariance[0], each.gain[0], each.distance2[0],
-            each.determinant[0], each.move[0], each.reduction[0],
+            each.determinant[0], each.move[0], each.reduction[0], each.density[0],
         )  # fmt: skip
     return innovate(
         *moments(predicted), scan.measured, scan.present, scan.noise, setting.period

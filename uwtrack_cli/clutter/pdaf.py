@@ -14,7 +14,7 @@ Kim and Hong (2001), corrected; Sittler (1964) for the score.
 """
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -158,9 +158,12 @@ def _target(
     """Gather the scans into the container."""
 
     def column(read: Callable[[ScanUpdate], FloatArray]) -> FloatArray:
-        return np.stack([read(outcome)[0] for outcome in outcomes])
+        return np.concatenate([read(outcome) for outcome in outcomes])
 
     first = np.array([index[0] for index in rows])
+    taken = np.concatenate([outcome.point.allowed[0] for outcome in outcomes])
+    number = np.repeat(np.arange(len(rows)), [index.size for index in rows])
+    row = np.concatenate(rows)[taken]
     false_alarm = column(lambda o: o.point.false_alarm)
     detection = column(lambda o: o.point.detection)
     gate, expected = column(lambda o: o.gate), column(lambda o: o.expected_clutter)
@@ -177,7 +180,7 @@ def _target(
         gate=gate,
         gate_volume=column(lambda o: o.gate_volume),
         expected_clutter=expected,
-        validated=np.array([o.point.allowed[0].sum() for o in outcomes]),
+        validated=np.bincount(number[taken], minlength=len(rows)),
         miss_probability=column(lambda o: o.association.miss),
         information_reduction=_expected_reduction(
             detection, expected, gate, setting.dimension
@@ -185,7 +188,11 @@ def _target(
         score=score,
         loss_cusum=cusum,
         lost=cusum > loss_score,
-        **_associations(scans, rows, outcomes),
+        association_scan=scans.scan[row],
+        association_row=row,
+        association_probability=np.concatenate(
+            [outcome.association.weight[0] for outcome in outcomes]
+        )[taken],
         component=table.component,
         component_unit=table.component_unit,
         threshold_rule=setting.rule,
@@ -200,24 +207,6 @@ def _in_circle(state: FloatArray, period: FloatArray | None) -> FloatArray:
     for i in np.flatnonzero(np.isfinite(period)):
         state[:, 2 * i] %= period[i]
     return state
-
-
-def _associations(
-    scans: Scans, rows: list[IntArray], outcomes: list[ScanUpdate]
-) -> dict[str, Any]:
-    """Return the columns that list every measurement that took part."""
-    members = [np.flatnonzero(outcome.point.allowed[0]) for outcome in outcomes]
-    taken = [index[member] for index, member in zip(rows, members, strict=True)]
-    weights = [
-        outcome.association.weight[0][member]
-        for outcome, member in zip(outcomes, members, strict=True)
-    ]
-    row = np.concatenate(taken)
-    return {
-        "association_scan": scans.scan[row],
-        "association_row": row,
-        "association_probability": np.concatenate(weights),
-    }
 
 
 def _expected_reduction(

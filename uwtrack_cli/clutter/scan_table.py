@@ -155,21 +155,28 @@ def scan_arrays(
 ) -> Iterator[Scan]:
     """Yield scans as the filter takes them, with an axis for the one target."""
     everywhere = has_measurement(scans)
+    told = table.covariance[everywhere]
     # In an empty scan only the size of the region needs a noise.
-    usual = table.covariance[everywhere].mean(axis=0)[None]
+    usual = told.mean(axis=0)[None]
+    is_common = bool((told == told[0]).all())
     for row in rows:
-        present, noise = everywhere[row], table.covariance[row]
-        known: FloatArray = noise[present]
-        if known.size == 0:
-            noise = usual
-        elif (known == known[0]).all():
-            noise = known[:1]
-        else:
-            noise = np.where(present[:, None, None], noise, usual)
+        present, noise = everywhere[row], told[:1]
+        if not is_common:
+            noise = _scan_noise(table.covariance[row], present, usual)
         yield Scan(
             table.measured[row][None], present[None], scans.amplitude[row][None],
             noise[None],
         )  # fmt: skip
+
+
+def _scan_noise(noise: FloatArray, present: BoolArray, usual: FloatArray) -> FloatArray:
+    """Return the covariances of a scan's measurements, one where they are equal."""
+    known: FloatArray = noise[present]
+    if known.size == 0:
+        return usual
+    if (known == known[0]).all():
+        return known[:1]
+    return np.where(present[:, None, None], noise, usual)
 
 
 class FirstState(NamedTuple):

@@ -144,10 +144,15 @@ class OptionGroup:
         OptionError
             A value is of another type or out of range.
         """
-        hints = get_type_hints(type(self), include_extras=True)
+        hints = _field_hints(type(self))  # type: ignore[arg-type]  # classes are hashable
         for spec in fields(self):  # type: ignore[arg-type]  # derived classes only
             value = convert(spec.name, hints[spec.name], getattr(self, spec.name))
             object.__setattr__(self, spec.name, value)
+
+
+@functools.cache
+def _field_hints(group: type) -> dict[str, Any]:
+    return get_type_hints(group, include_extras=True)
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:

@@ -121,6 +121,7 @@ def prior_rule(
     return rule
 
 
+@lru_cache(maxsize=16)
 def background_extrema(
     curve: OperatingCurve, limits: tuple[float, float], inside: float
 ) -> FloatArray:
@@ -136,7 +137,8 @@ def background_extrema(
         Probability P_G that the target's measurement lies in the gate.
     """
     probability = np.geomspace(*limits, 1500)
-    rising = np.diff(_background(curve, probability, inside)) > 0.0
+    detection = curve.detection(probability)
+    rising = np.diff(_background(probability, detection, inside)) > 0.0
     turns = 1 + np.flatnonzero(rising[1:] != rising[:-1])
     return curve.threshold(probability[turns])
 
@@ -185,41 +187,64 @@ def best_posterior(
     e is a squared norm (Choi et al. 2001, eqs. 29-30, corrected).
     """
     inside = gate_probability(gate, innovation.residual.shape[-1])
-    terms = _ranked_sums(innovation, amplitude, gated)
-    strongest, weakest = curve.threshold(np.array(limits))
-    # Intervals (next amplitude, this amplitude], from "none" to "all of the gate".
-    level = np.clip(terms.amplitude, weakest, strongest)
-    upper = _join(strongest, level)
-    lower = _join(level, weakest)
-    inner = np.clip(extrema, lower[..., None], upper[..., None])
-    tau = np.concatenate([lower[..., None], upper[..., None], inner], axis=-1)
+    weakest, strongest = curve.threshold(np.array(limits[::-1])).tolist()
+    sets = _strongest_sets(innovation, amplitude, gated)
+    # A set is taken by the thresholds from the next amplitude to its weakest member's.
+    level = np.empty((*amplitude.shape[:-1], amplitude.shape[-1] + 2))
+    level[..., :-1], level[..., -1] = sets.weakest, weakest
+    np.maximum(level, weakest, out=level)
+    np.minimum(level, strongest, out=level)
+    n_sets, n_turns = level.shape[-1] - 1, extrema.size
+    tau = level
+    if n_turns:
+        turns = np.broadcast_to(extrema, (*level.shape[:-1], n_turns))
+        tau = np.concatenate([level, turns], axis=-1)
     probability = curve.false_alarm(tau)
-    volume = np.asarray(cell_volume)[..., None, None]
-    background = _background(curve, probability, inside) / volume
-    total = background + terms.density[..., None]
-    x = 1.0 / np.maximum(total, np.finfo(np.float64).tiny)
-    gain = terms.linear[..., None] * x + terms.square[..., None] * x**2
+    detection = curve.detection(probability)
+    background = _background(probability, detection, inside)
+    background /= np.asarray(cell_volume)[..., None]
+    place = _candidates(n_sets, n_turns)
+    x = 1.0 / np.maximum(background[..., place] + sets.density[..., None], _TINY)
+    gain = x * (sets.linear[..., None] + sets.square[..., None] * x)
     # No threshold within the limits may separate a set from the rest.
-    member, other = _join(np.inf, terms.amplitude), _join(terms.amplitude, -np.inf)
-    possible = (member >= weakest) & (other < strongest)
+    possible = level[..., 1:] < level[..., :-1]
     gain = np.where(possible[..., None], gain, -np.inf)
-    flat = gain.reshape(*gain.shape[:-2], -1)
-    best = flat.argmax(axis=-1)[..., None]
-    chosen = np.take_along_axis(probability.reshape(flat.shape), best, -1)[..., 0]
-    count = best // tau.shape[-1]
-    allowed = gated & (terms.rank < count)
-    point = OperatingPoint(chosen, curve.detection(chosen), allowed)
-    return point, np.take_along_axis(flat, best, -1)[..., 0]
+    if n_turns:
+        is_far = (extrema < level[..., 1:, None]) | (extrema > level[..., :-1, None])
+        gain[..., 2:][is_far] = -np.inf
+    flat = gain.reshape(-1, gain.shape[-2] * gain.shape[-1])
+    best = flat.argmax(axis=-1)
+    runs = np.arange(best.size)
+    shape = level.shape[:-1]
+    own = runs * tau.shape[-1] + place.ravel()[best]
+    last = sets.weakest.reshape(best.size, -1)[runs, best // place.shape[-1]]
+    allowed = gated & (amplitude >= last.reshape(shape)[..., None])
+    point = OperatingPoint(
+        probability.take(own).reshape(shape),
+        detection.take(own).reshape(shape),
+        allowed,
+    )
+    return point, flat[runs, best].reshape(shape)
+
+
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+@lru_cache(maxsize=256)
+def _candidates(n_sets: int, n_turns: int) -> IntArray:
+    """Return which of the ends and extrema each set has: lower end, upper end, extrema."""
+    first = np.arange(n_sets)[:, None]
+    turns = np.broadcast_to(n_sets + 1 + np.arange(n_turns), (n_sets, n_turns))
+    return np.concatenate([first + 1, first, turns], axis=1)
 
 
 @dataclass(frozen=True)
-class _RankedSums:
-    """Sums over the m strongest measurements, m = 0 ... k."""
+class _StrongestSets:
+    """The m strongest measurements in the gate, m = 0 ... k, and sums over them."""
 
-    amplitude: FloatArray
-    """Amplitudes in falling order, ``(..., k)``."""
-    rank: IntArray
-    """Rank of each measurement, 0 the strongest, ``(..., k)``."""
+    weakest: FloatArray
+    """Amplitude of the weakest member, ``(..., k + 1)``: inf for none, -inf where the
+    gate holds fewer."""
     density: FloatArray
     """Sum of the densities, ``(..., k + 1)``."""
     linear: FloatArray
@@ -228,48 +253,32 @@ class _RankedSums:
     """|sum of e W nu|^2, ``(..., k + 1)``."""
 
 
-def _ranked_sums(
+def _strongest_sets(
     innovation: Innovation, amplitude: FloatArray, gated: BoolArray
-) -> _RankedSums:
+) -> _StrongestSets:
+    """Sum what decides the trace over every set by one product with its members."""
+    shape = amplitude.shape
     strength = np.where(gated, amplitude, -np.inf)
-    order = np.argsort(-strength, axis=-1, kind="stable")
-    rank = np.argsort(order, axis=-1, kind="stable")
-    exponent = innovation.log_density_peak - 0.5 * innovation.distance2
-    density = np.where(gated, np.exp(np.where(gated, exponent, 0.0)), 0.0)
+    weakest = np.empty((*shape[:-1], shape[-1] + 1))
+    weakest[..., 0], weakest[..., 1:] = np.inf, strength
+    weakest[..., 1:][..., ::-1].sort(axis=-1)
     move = innovation.move
-    trace = np.trace(innovation.reduction, axis1=-2, axis2=-1)
-    linear = density * (trace - (move**2).sum(axis=-1))
-    vector = _cumulate(density[..., None] * move, order[..., None], -2)
-    ordered = np.take_along_axis(strength, order, -1)
-    return _RankedSums(
-        ordered, rank, _cumulate(density, order, -1), _cumulate(linear, order, -1),
-        (vector**2).sum(axis=-1),
-    )  # fmt: skip
-
-
-def _join(first: FloatArray | float, last: FloatArray | float) -> FloatArray:
-    """Join a column of numbers and a table along the last axis."""
-    rows = np.shape(first if np.ndim(first) else last)[:-1]
-    return np.concatenate(
-        [
-            part if np.ndim(part) else np.full((*rows, 1), part)
-            for part in (first, last)
-        ],
-        axis=-1,
+    trace = innovation.reduction.trace(axis1=-2, axis2=-1)
+    terms = np.empty((*shape, 2 + move.shape[-1]))
+    terms[..., 0] = 1.0
+    terms[..., 1] = trace - (move * move).sum(axis=-1)
+    terms[..., 2:] = move
+    terms *= (innovation.density * gated)[..., None]
+    members = strength[..., None, :] >= weakest[..., None]
+    sums: FloatArray = np.matmul(members, terms)
+    vector = sums[..., 2:]
+    return _StrongestSets(
+        weakest, sums[..., 0], sums[..., 1], (vector * vector).sum(axis=-1)
     )
 
 
-def _cumulate(values: FloatArray, order: IntArray, axis: int) -> FloatArray:
-    """Sum in the given order, from no member to all."""
-    total = np.cumsum(np.take_along_axis(values, order, axis=axis), axis=axis)
-    shape = list(total.shape)
-    shape[axis] = 1
-    return np.concatenate([np.zeros(shape), total], axis=axis)
-
-
 def _background(
-    curve: OperatingCurve, probability: FloatArray, inside: float
+    probability: FloatArray, detection: FloatArray, inside: float
 ) -> FloatArray:
     """Return b per unit of 1/V_c: P_F (1 - P_D P_G) / P_D."""
-    detection = curve.detection(probability)
     return probability * (1.0 - detection * inside) / detection

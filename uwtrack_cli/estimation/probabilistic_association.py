@@ -43,15 +43,8 @@ class Innovation:
     """Change of the state W nu by each measurement, ``(..., k, n)``."""
     reduction: FloatArray
     """Decrease of the covariance W S W', ``(..., k or 1, n, n)``."""
-
-    @property
-    def log_density_peak(self) -> FloatArray:
-        """Logarithm of the Gaussian density at residual zero, ``(..., k or 1)``."""
-        dimension = self.covariance.shape[-1]
-        peak: FloatArray = -0.5 * (
-            np.log(self.determinant) + dimension * math.log(2.0 * math.pi)
-        )
-        return peak
+    density: FloatArray
+    """Gaussian density of each measurement, ``(..., k)``; 0 where there is none."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +102,9 @@ def innovate(
         residual = residual - np.round(residual / period) * whole
     spread = covariance[..., None, ::2, ::2] + noise
     determinant = _determinant(spread)
-    variances = np.diagonal(spread, axis1=-2, axis2=-1)
+    # up to two components a positive determinant and one variance are enough
+    is_small = spread.shape[-1] <= 2
+    variances = spread[..., 0, 0] if is_small else spread.diagonal(0, -2, -1)
     if not (determinant.min() > 0.0 and variances.min() > 0.0):
         msg = (
             "the covariance of an innovation is not positive definite: check the "
@@ -119,7 +114,7 @@ def innovate(
     inverse = _inverse(spread, determinant)
     cross = covariance[..., None, :, ::2]
     gain = cross @ inverse
-    turned = np.swapaxes(cross, -1, -2)
+    turned = cross.swapaxes(-1, -2)
     if spread.shape[-3] == 1:  # one product for all measurements
         whitened = residual @ inverse[..., 0, :, :]
         move = whitened @ turned[..., 0, :, :]
@@ -127,8 +122,10 @@ def innovate(
         whitened = (inverse @ residual[..., None])[..., 0]
         move = (cross @ whitened[..., None])[..., 0]
     distance2 = np.where(present, (residual * whitened).sum(axis=-1), np.inf)
+    constant = (2.0 * math.pi) ** (0.5 * spread.shape[-1])
+    density = np.exp(-0.5 * distance2) / (constant * np.sqrt(determinant))
     return Innovation(
-        residual, spread, gain, distance2, determinant, move, gain @ turned
+        residual, spread, gain, distance2, determinant, move, gain @ turned, density
     )
 
 
@@ -189,20 +186,23 @@ def associate(
     beta_i = e_i / (b + sum e), beta_0 = b / (b + sum e), with e_i the Gaussian density of
     the innovation and b = lambda (1 - P_D P_G) / P_D (Choi et al. 2001, eqs. 9-12).
     """
-    exponent = innovation.log_density_peak - 0.5 * innovation.distance2
-    density = np.where(allowed, np.exp(np.where(allowed, exponent, 0.0)), 0.0)
+    density = innovation.density * allowed
     missed = 1.0 - np.asarray(detection_probability) * gate_probability
     none = np.asarray(clutter_density) * missed / detection_probability
     total = none + density.sum(axis=-1)
+    # total / lambda * P_D; without clutter a gated measurement is surely the target.
+    reference = np.log(np.maximum(clutter_density, _TINY))
+    if total.min() > 0.0:
+        ratio = np.log(total) + np.log(detection_probability) - reference
+        return Association(none / total, density / total[..., None], ratio)
     certain_miss = total <= 0.0  # neither clutter nor a measurement
     divisor = np.where(certain_miss, 1.0, total)
-    miss = np.where(certain_miss, 1.0, none / divisor)
-    weight = density / divisor[..., None]
-    # total / lambda * P_D; without clutter a gated measurement is surely the target.
-    reference = np.maximum(clutter_density, _TINY)
-    ratio = np.log(divisor) + np.log(detection_probability) - np.log(reference)
+    ratio = np.log(divisor) + np.log(detection_probability) - reference
     empty = np.log(np.maximum(missed, _TINY))
-    return Association(miss, weight, np.where(certain_miss, empty, ratio))
+    return Association(
+        np.where(certain_miss, 1.0, none / divisor), density / divisor[..., None],
+        np.where(certain_miss, empty, ratio),
+    )  # fmt: skip
 
 
 def correct(
@@ -237,7 +237,7 @@ def correct(
     weight, moves = association.weight, innovation.move
     weighted = weight[..., None] * moves
     shift = weighted.sum(axis=-2)
-    spread = np.swapaxes(weighted, -1, -2) @ moves
+    spread = weighted.swapaxes(-1, -2) @ moves
     spread -= shift[..., :, None] * shift[..., None, :]
     reduction = innovation.reduction
     if reduction.shape[-3] == 1:
