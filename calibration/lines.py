@@ -4,8 +4,9 @@ Each constant is set to some values in turn, all others as they are. Printed are
 of bursts of a minute that are followed at 1, 1.5 and 2 dB over the noise in 1 Hz, the false
 lines per kHz and hour of noise alone, how many lines are carried on average, which is what
 a frame costs, and for the constants of continuation and of process noise the ids per line
-and the cover in fades, stops and sweeps. The constants were chosen on seed 4100; with
-twelve runs and two hours a row takes half a minute:
+and the cover in fades, stops, sweeps and jumps, and the error of the frequency of a steady line
+of 10 dB after a minute over the bound of one frame. The constants were chosen on seeds
+4100 and 7100; with twelve runs and two hours a row takes half a minute:
 python -m calibration.lines 12 2 4100
 """
 
@@ -21,6 +22,7 @@ from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.tracking import (
     adaptive_noise,
+    family_jumps,
     line_continuation,
     llr_score,
     tracker,
@@ -39,13 +41,19 @@ STARTS: dict[tuple[ModuleType, str], tuple[float, ...]] = {
 
 COURSES: dict[tuple[ModuleType, str], tuple[float, ...]] = {
     (tracker, "LOUD_RATE"): (1.0, 4.0, 8.0),
-    (llr_score, "FAINT"): (3.0, 10.0, 100.0),
+    (llr_score, "FAINT"): (2.0, 3.0, 5.0, 10.0),
     (line_continuation, "LEAST_LOG_RATIO"): (0.0, 1.6, 4.0),
     (line_continuation, "RETURNING"): (0.1, 0.5, 0.9),
     (line_continuation, "TURNING"): (0.1, 0.5, 0.9),
     (line_continuation, "TURN_WINDOWS"): (1.0, 3.0, 9.0),
     (line_continuation, "LEAST_STD"): (0.1, 0.3, 0.6),
     (line_continuation, "LEAST_RATE_STD"): (0.07, 0.2, 0.6),
+    (family_jumps, "GREATEST_CHANCE"): (1e-5, 1e-3, 1e-1),
+    (family_jumps, "REACH"): (0.25, 0.5, 1.0),
+    (family_jumps, "BEFORE_WINDOWS"): (3.0, 12.0, 40.0),
+    (family_jumps, "LONG_BEFORE_WINDOWS"): (12.0, 40.0, 120.0),
+    (family_jumps, "AFTER_WINDOWS"): (3.0, 6.0, 12.0),
+    (adaptive_noise, "STEADY_SHARE"): (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
     (adaptive_noise, "RISE"): (1.0, 3.0, 6.0),
     (adaptive_noise, "WIDTH_SHARE"): (0.0, 0.25, 1.0),
 }
@@ -53,7 +61,7 @@ COURSES: dict[tuple[ModuleType, str], tuple[float, ...]] = {
 
 WANTED = (
     "fades of 10 s at 20 dB", "stops of 20 s", "sweeps of 0.5 bins a frame",
-    "sweeps of 1 bins a frame",
+    "sweeps of 1 bins a frame", "sweeps of 2 bins a frame", "jumps of 5 %",
 )  # fmt: skip
 """Scenes for the second table."""
 

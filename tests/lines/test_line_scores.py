@@ -21,7 +21,8 @@ SEED = 4242
         # the mean of twelve draws is .954 (band .95); these two are below it
         ("crossings at 0.05 Hz/s", 0.95, 0.92, 1.25),
         ("pairs 2 bins apart", 0.95, 0.95, 1.3),
-        ("sweeps of 0.5 bins a frame", 0.95, 0.99, 2.5),
+        ("sweeps of 0.5 bins a frame", 0.95, 0.99, 2.0),
+        ("sweeps of 2 bins a frame", 0.94, 0.97, 2.1),
     ],
 )
 def test_a_line_keeps_its_id(name, cover, purity, ids):
@@ -33,6 +34,18 @@ def test_a_line_keeps_its_id(name, cover, purity, ids):
     assert np.mean([one.cover.mean() for one in found]) >= cover
     assert np.mean([one.purity for one in found]) >= purity
     assert np.mean([one.ids for one in found]) <= ids
+
+
+@pytest.mark.parametrize(
+    ("name", "purity", "ids"),
+    [("fades of 20 s at 20 dB", 0.99, 1.25), ("crossings at 0.2 Hz/s", 0.95, 1.25)],
+)
+def test_a_traced_line_keeps_its_id(name, purity, ids):
+    scene = SCENES[name](np.random.default_rng(SEED))
+    found = score(scene, tracked(scene, SEED, "trace"))
+    assert found.cover.mean() >= 0.95
+    assert found.purity >= purity
+    assert found.ids <= ids
 
 
 def test_bursts_of_a_minute_are_followed_at_the_defaults():

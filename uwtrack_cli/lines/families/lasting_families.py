@@ -77,6 +77,14 @@ class FamilyRegister:
             family.lines.update(names)
             self._family_of.update(dict.fromkeys(names, number))
 
+    def rename(self, line: int, number: int) -> None:
+        """Enter what is known of a line under the number of one that it continues."""
+        for family in self.families.values():
+            if line in family.lines:
+                family.lines[number] += family.lines.pop(line)
+        if line in self._family_of:
+            self._family_of[number] = self._family_of.pop(line)
+
     def _continued(self, names: list[int], spacing_hz: float) -> int | None:
         known = Counter(
             self._family_of[name] for name in names if name in self._family_of

@@ -1,7 +1,8 @@
 """Lines over windows: found in each, continued from one to the next, let out in order.
 
 **Method.** Windows overlap by one half. A path that runs beside the path of a line of
-the window before is that line. Of each window the middle half is final, where a path is
+the window before is that line; one that begins where a line that fell silent would be by
+now is that line, too, as in `lines.tracking.line_continuation`. Of each window the middle half is final, where a path is
 best determined; the first window's beginning, the last one's end and the whole of a
 line that appears or ends are added.
 
@@ -10,7 +11,7 @@ line that appears or ends are added.
 **References.** See `lines.paths.path_search`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,14 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.estimation.noise_floor import noise_floor
 from uwtrack_cli.lines.contacts import ContactSamples, group_lines
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.line_points import LinePoints, LineTable
+from uwtrack_cli.lines.paths.courses import fit_course, uncross
 from uwtrack_cli.lines.paths.path_search import (
     FoundPath,
     cell_scores,
@@ -41,7 +44,11 @@ from uwtrack_cli.lines.paths.trace_window import (
     smooth_window,
     to_window,
 )
-from uwtrack_cli.lines.tracker_options import Harmonics, ProcessNoise
+from uwtrack_cli.lines.tracker_options import Gates, Harmonics, ProcessNoise
+from uwtrack_cli.lines.tracking.line_continuation import (
+    LEAST_LOG_RATIO,
+    log_ratio_of_return,
+)
 
 _FAMILY_CHANCE = 1e-2
 """Expected number of families by chance in one window."""
@@ -79,6 +86,20 @@ class _Living:
     """First frame whose point is not out yet."""
     pending: LinePoints
     """Points that leave with the next window, if the line is not continued."""
+    end: "_End | None"
+    """How it ends; None if it is too short to tell."""
+
+
+@dataclass(frozen=True)
+class _End:
+    """How a line ends, for the one that may continue it after a silence."""
+
+    line: int
+    """Number of the line."""
+    time_s: float
+    """Time of its last frame, s."""
+    state: KalmanState
+    """Its straight course and its bearing then, entries of shape (2,)."""
 
 
 class PathTracer:
@@ -95,9 +116,11 @@ class PathTracer:
         self.resolution_hz = resolution
         self.has_bearing = first.intensity_east is not None
         self.hop_s = first.frames.hop_s
+        self.silence_s = Gates().silence_s
         self.held: list[WindowData] = []
         self.n_held = 0
         self.living: list[_Living] = []
+        self.ended: list[_End] = []
         self.next_line = 1
         self.is_first = True
         self.samples = ContactSamples(max(1, round(1.0 / (resolution * self.hop_s))))
@@ -171,18 +194,18 @@ class PathTracer:
         """Name the paths, let their final points out, and keep the rest pending."""
         if not paths:
             ended, self.living = self.living, []
+            self._remember(ended, data)
             return [living.pending for living in ended]
-        cells = np.stack([p.cells for p in paths], axis=1)
-        first = np.array([p.first for p in paths])
-        stop = np.array([p.stop for p in paths])
-        rows = np.arange(data.frame.size)[:, None]
-        is_line = (rows >= first) & (rows < stop) & data.is_valid[:, None]
-        measured = measure(data, cells, is_line)
-        states = self._smoothed(data, cells, measured)
+        paths, measured, states = self._measured(data, paths)
+        is_line = np.isfinite(measured.variance[0])
         parts: list[LinePoints] = []
         living: list[_Living] = []
-        lines = self._named(data, paths)
-        old = {line.line: line for line in self.living}
+        heirs = self._heirs(data, paths)
+        gone = [line for line in self.living if line.line not in heirs]
+        parts += [line.pending for line in gone]
+        self._remember(gone, data)
+        old = {line.line: line for line in self.living if line.line in heirs}
+        lines = self._named(data, paths, heirs, measured, states)
         for k, path in enumerate(paths):
             start, end = path.first, min(path.stop, final[1])
             if lines[k] in old:
@@ -197,25 +220,98 @@ class PathTracer:
                     own, data.frame[whole], path.cells[whole],
                     int(data.frame[max(start, end) - 1]) + 1,
                     _points(data, states, measured, own, k, rest),
+                    _end(data, measured, states, own, k, path.stop),
                 ))  # fmt: skip
-        parts += [line.pending for line in old.values()]
-        self.living = living
+        self.living = _joined(living)
+        cells = np.stack([p.cells for p in paths], axis=1)
         self._classify(data, cells, lines, is_line)
         return parts
 
-    def _named(self, data: WindowData, paths: list[FoundPath]) -> IntArray:
+    def _measured(
+        self, data: WindowData, paths: list[FoundPath]
+    ) -> tuple[list[FoundPath], Measured, FloatArray]:
+        """Measure along the paths, part those that cross, and smooth."""
+        measured = _along_paths(data, paths)
+        parted = uncross(
+            paths, data.time_s, measured.position[0], measured.variance[0],
+            1.0 / data.window_s,
+        )  # fmt: skip
+        if any(one is not two for one, two in zip(paths, parted, strict=True)):
+            paths, measured = parted, _along_paths(data, parted)
+        cells = np.stack([p.cells for p in paths], axis=1)
+        return paths, measured, self._smoothed(data, cells, measured)
+
+    def _remember(self, lines: list[_Living], data: WindowData) -> None:
+        """Keep how lines ended, as long as they may be heard again."""
+        first_s = float(data.time_s[0])
+        self.ended = [e for e in self.ended if first_s - e.time_s < self.silence_s]
+        self.ended += [line.end for line in lines if line.end is not None]
+
+    def _heirs(self, data: WindowData, paths: list[FoundPath]) -> dict[int, int]:
+        """Return by the numbers of living lines the paths that run beside them."""
+        heirs: dict[int, int] = {}
+        for k, path in enumerate(paths):
+            heir = self._heir(data, path, set(heirs))
+            if heir is not None:
+                heirs[heir.line] = k
+        return heirs
+
+    def _named(
+        self,
+        data: WindowData,
+        paths: list[FoundPath],
+        heirs: dict[int, int],
+        measured: Measured,
+        states: FloatArray,
+    ) -> IntArray:
         """Give each path the number of the line it continues, or a new one."""
         lines = np.zeros(len(paths), dtype=np.int64)
-        used: set[int] = set()
-        for k, path in enumerate(paths):
-            heir = self._heir(data, path, used)
-            if heir is None:
+        lines[list(heirs.values())] = list(heirs)
+        silent = list(self.ended)
+        for k in sorted(range(len(paths)), key=lambda k: paths[k].first):
+            if lines[k] == 0:
+                lines[k] = self._returned(
+                    data, paths[k].first, silent, measured, states, k
+                )
+            if lines[k] == 0:
                 lines[k] = self.next_line
                 self.next_line += 1
-            else:
-                lines[k] = heir.line
-                used.add(heir.line)
+            silent = [end for end in silent if end.line != lines[k]]
+            end = _end(data, measured, states, int(lines[k]), k, paths[k].stop)
+            if end is not None:
+                silent.append(end)
+        taken = set(lines.tolist())
+        self.ended = [end for end in self.ended if end.line not in taken]
         return lines
+
+    def _returned(
+        self,
+        data: WindowData,
+        first: int,
+        silent: list[_End],
+        measured: Measured,
+        states: FloatArray,
+        column: int,
+    ) -> int:
+        """Return the number of the silent line that a path continues, 0 for none."""
+        begin_s = float(data.time_s[first])
+        silent = [end for end in silent if 0.0 < begin_s - end.time_s < self.silence_s]
+        now = _state(data, measured, states, column, slice(first, None), begin_s)
+        if not silent or now is None:
+            return 0
+        band = float(data.frequency_hz[-1] - data.frequency_hz[0])
+        density = (len(silent) + len(self.living)) / band
+        motion = self.rule.motion
+        noise = np.array([motion.own_density(data.window_s), motion.bearing_deg2ps3])
+        one = KalmanState(*(np.reshape(entry, (2, 1)) for entry in now))
+        ratio = [
+            float(log_ratio_of_return(
+                end.state, noise, begin_s - end.time_s, one, self.resolution_hz, density
+            )[0])
+            for end in silent
+        ]  # fmt: skip
+        best = int(np.argmax(ratio))
+        return silent[best].line if ratio[best] > LEAST_LOG_RATIO else 0
 
     def _heir(
         self, data: WindowData, path: FoundPath, used: set[int]
@@ -288,6 +384,68 @@ class PathTracer:
                 has_bearing=self.has_bearing
             ),
         }
+
+
+def _along_paths(data: WindowData, paths: list[FoundPath]) -> Measured:
+    """Measure along paths, in the frames in which they hold a line."""
+    first, stop = np.array([p.first for p in paths]), np.array([p.stop for p in paths])
+    rows = np.arange(data.frame.size)[:, None]
+    is_line = (rows >= first) & (rows < stop) & data.is_valid[:, None]
+    return measure(data, np.stack([p.cells for p in paths], axis=1), is_line)
+
+
+def _state(
+    data: WindowData,
+    measured: Measured,
+    states: FloatArray,
+    column: int,
+    rows: slice,
+    at_s: float,
+) -> KalmanState | None:
+    """Return straight course and bearing of a path at the first of some rows."""
+    course = fit_course(
+        data.time_s[rows], measured.position[0, rows, column],
+        measured.variance[0, rows, column], at_s,
+    )  # fmt: skip
+    if course is None:
+        return None
+    state = states[rows][0, :, :, column].copy()
+    state[:2, 0] = course.value
+    state[2:, 0] = course.covariance[[0, 0, 1], [0, 1, 1]]
+    return KalmanState(*state)
+
+
+def _end(
+    data: WindowData,
+    measured: Measured,
+    states: FloatArray,
+    line: int,
+    column: int,
+    stop: int,
+) -> _End | None:
+    """Return how a path ends."""
+    at_s = float(data.time_s[stop - 1])
+    rows = slice(stop - 1, None, -1)
+    state = _state(data, measured, states, column, rows, at_s)
+    return None if state is None else _End(line, at_s, state)
+
+
+def _joined(living: list[_Living]) -> list[_Living]:
+    """Make one of the parts of each line that fell silent within the window."""
+    whole: dict[int, _Living] = {}
+    for part in sorted(living, key=lambda part: int(part.frame[0])):
+        early = whole.get(part.line)
+        if early is None:
+            whole[part.line] = part
+        else:
+            whole[part.line] = replace(
+                part,
+                frame=np.concatenate([early.frame, part.frame]),
+                cells=np.concatenate([early.cells, part.cells]),
+                out_to=early.out_to if early.pending.line.size else part.out_to,
+                pending=LinePoints.join([early.pending, part.pending]),
+            )  # fmt: skip
+    return list(whole.values())
 
 
 def _points(

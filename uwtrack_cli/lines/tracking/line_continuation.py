@@ -107,6 +107,11 @@ class LineContinuation:
         self.band_hz = band_hz
         self.ended: list[EndedLine] = []
 
+    @property
+    def may_jump(self) -> bool:
+        """Whether lines may be found again on another frequency."""
+        return self.may_turn and self.silence_s > 0.0
+
     def remember(self, time_s: float) -> None:
         """Take note of the lines that have ended since the last call."""
         kept = [e for e in self.ended if time_s - e.time_s < self.silence_s]
@@ -143,49 +148,45 @@ class LineContinuation:
         numbers = np.zeros(slots.size, dtype=np.int64)
         if not slots.size or not self.silence_s:
             return numbers
-        silent = self.ended + (self._waited_for() if self.may_turn else [])
+        silent = self.silent()
         if not silent:
             return numbers
         ratio = np.array([self._log_ratio(e, slots, time_s) for e in silent])
-        replaced = []
+        continued = []
         while ratio.max() > LEAST_LOG_RATIO:
             old, new = np.unravel_index(int(ratio.argmax()), ratio.shape)
             numbers[new] = silent[old].number
-            self.store.begin_after(slots[new], silent[old].row)
-            replaced.append(silent[old].slot)
+            continued.append((int(slots[new]), silent[old]))
             ratio[old], ratio[:, new] = -np.inf, -np.inf
-        self.store.release(np.array([slot for slot in replaced if slot >= 0], np.int64))
-        self.store.take_ended()  # they go on
-        taken = set(numbers.tolist())
-        self.ended = [e for e in self.ended if e.number not in taken]
+        self.go_on(continued)
         return numbers
+
+    def silent(self) -> list[EndedLine]:
+        """Return the lines that may go on: ended ones, and those that are waited for."""
+        return self.ended + (self._waited_for() if self.may_turn else [])
+
+    def go_on(self, continued: list[tuple[int, EndedLine]]) -> None:
+        """Let lines, given by slot, go on with others that are not looked for any more."""
+        if not continued:
+            return
+        for slot, old in continued:
+            self.store.begin_after(slot, old.row)
+        waiting = [old.slot for _, old in continued if old.slot >= 0]
+        self.store.release(np.array(waiting, np.int64))
+        self.store.take_ended()  # they go on
+        taken = {old.number for _, old in continued}
+        self.ended = [e for e in self.ended if e.number not in taken]
 
     def _log_ratio(self, old: EndedLine, slots: IntArray, time_s: float) -> FloatArray:
         """Logarithm of "the old line again" over "a stranger" for some new lines."""
         store = self.store
         gap_s = time_s - old.time_s
-        noise = white_acceleration(gap_s)
-        before = KalmanState(*old.state)
-        variance = (
-            before.variance
-            + gap_s * (2.0 * before.covariance + gap_s * before.rate_variance)
-            + old.noise_density * noise.position
-        )
-        rate_variance = before.rate_variance + old.noise_density * noise.rate
-        now = store.state_of(slots)
-        spread = variance[0] + now.variance[0] + (LEAST_STD * self.resolution_hz) ** 2
-        off = now.position[0] - before.position[0] - gap_s * before.rate[0]
-        slip = now.rate[0] - before.rate[0]
-        slip_spread = rate_variance[0] + now.rate_variance[0]
-        slip_spread = slip_spread + (LEAST_RATE_STD * self.resolution_hz**2) ** 2
-        log_ratio = -0.5 * (off**2 / spread + slip**2 / slip_spread)
-        turn = wrap_deg(now.position[1] - before.position[1] - gap_s * before.rate[1])
-        turn_spread = variance[1] + now.variance[1]
-        if before.variance[1] < UNKNOWN_BEARING_VARIANCE:
-            log_ratio -= 0.5 * turn**2 / turn_spread
         n_strangers = len(self.ended) + store.confirmed.size
         density = n_strangers / self.band_hz
-        log_ratio += np.log(RETURNING / density) - 0.5 * np.log(2.0 * np.pi * spread)
+        log_ratio = log_ratio_of_return(
+            KalmanState(*old.state), old.noise_density, gap_s, store.state_of(slots),
+            self.resolution_hz, density,
+        )  # fmt: skip
         if old.slot >= 0:
             log_ratio[:] = -np.inf  # on its course it would have found the peaks itself
         log_ratio[store.risen[slots] <= old.row] = -np.inf
@@ -239,3 +240,49 @@ class _Beginnings:
         self.frequency_hz, self.bearing_deg = states[:, 0, 0], states[:, 0, 1]
         self.variance_hz2 = states[:, 2, 0]
         self.bearing_variance_deg2 = states[:, 2, 1]
+
+
+def log_ratio_of_return(
+    before: KalmanState,
+    noise_density: FloatArray,
+    gap_s: float,
+    now: KalmanState,
+    resolution_hz: float,
+    strangers_per_hz: float,
+) -> FloatArray:
+    """Logarithm of "the same line after a silence" over "a stranger", nepers.
+
+    Parameters
+    ----------
+    before
+        State of frequency and bearing at the end of the line; entries of shape (2,).
+    noise_density
+        Spectral density of the accelerations, Hz^2/s^3 and degree^2/s^3, shape (2,).
+    gap_s
+        Time from there to the new states, s.
+    now
+        States of new lines; entries of shape (2, line).
+    resolution_hz
+        Resolution of a frame in Hz.
+    strangers_per_hz
+        Density along frequency in which strangers begin, 1/Hz.
+    """
+    noise = white_acceleration(gap_s)
+    variance = (
+        before.variance
+        + gap_s * (2.0 * before.covariance + gap_s * before.rate_variance)
+        + noise_density * noise.position
+    )
+    rate_variance = before.rate_variance + noise_density * noise.rate
+    spread = variance[0] + now.variance[0] + (LEAST_STD * resolution_hz) ** 2
+    off = now.position[0] - before.position[0] - gap_s * before.rate[0]
+    slip = now.rate[0] - before.rate[0]
+    slip_spread = rate_variance[0] + now.rate_variance[0]
+    slip_spread = slip_spread + (LEAST_RATE_STD * resolution_hz**2) ** 2
+    log_ratio = -0.5 * (off**2 / spread + slip**2 / slip_spread)
+    turn = wrap_deg(now.position[1] - before.position[1] - gap_s * before.rate[1])
+    turn_spread = variance[1] + now.variance[1]
+    if before.variance[1] < UNKNOWN_BEARING_VARIANCE:
+        log_ratio -= 0.5 * turn**2 / turn_spread
+    log_ratio += np.log(RETURNING / strangers_per_hz)
+    return np.asarray(log_ratio - 0.5 * np.log(2.0 * np.pi * spread))

@@ -57,9 +57,10 @@ and half of the bursts are followed at a level 0.1 dB higher."""
 SETTLED_WITHIN = 2.0
 """Fall of the score, in nepers, within which a hit still belongs to the line."""
 
-FAINT = 10.0
+FAINT = 3.0
 """Power of a line's usual peak over that of one beyond which it is not the line's own:
-a steady line's own falls so far in 0.5 % of the frames at 8 dB in its cell (Rice)."""
+a steady line's own falls so far in 6 % of the frames at 8 dB in its cell (Rice), and
+of the peaks that a line seems to have after a sharp turn most are fainter."""
 
 HEIGHT_EXCESS = 1.225
 """Mean excess of a noise peak's interpolated power over any threshold, in noise powers:

@@ -34,6 +34,7 @@ from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_li
 from uwtrack_cli.lines.tracker_options import TrackerOptions
 from uwtrack_cli.lines.tracking.adaptive_noise import adapt_noise
 from uwtrack_cli.lines.tracking.association import Associator
+from uwtrack_cli.lines.tracking.family_jumps import FamilyJumps
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks, split_frames
 from uwtrack_cli.lines.tracking.line_continuation import LineContinuation
 from uwtrack_cli.lines.tracking.llr_score import LlrScore
@@ -66,6 +67,9 @@ for both, no line of 2 bins a frame is followed, and half of the bursts 0.2 dB l
 _CORRELATION_WINDOWS = 4.0
 """Windows over which the errors of a smoothed line are taken as correlated."""
 
+_JUMPS_EVERY = 8
+"""Frames from one search for lines that have jumped to the next."""
+
 _UNRESOLVED = 1.5
 """Distance of two lines, in resolutions, within which their peaks may be one."""
 
@@ -96,6 +100,7 @@ class LineTracker:
             self.store, self.resolution_hz, self.band_hz, options.gates.silence_s,
             may_turn=options.motion.adaptation > 0.0,
         )  # fmt: skip
+        self.jumps = FamilyJumps(self.store, self.resolution_hz)
         self.hop_s = frames.hop_s
         self.reference = peaks.reference
         self.families = FamilyRegister()
@@ -281,7 +286,21 @@ class LineTracker:
         store.release(slots[is_lost])
         self.continuation.remember(time_s)
         fresh = slots[n_confirmed:][is_fresh]
-        store.confirm(fresh, self.continuation.numbers(fresh, time_s))
+        numbers = self.continuation.numbers(fresh, time_s)
+        store.confirm(fresh, numbers)
+        self.jumps.watch(fresh[numbers == 0])
+        if fresh.size or self.frames_seen % _JUMPS_EVERY == 0:
+            self._follow_jumps(time_s)
+
+    def _follow_jumps(self, time_s: float) -> None:
+        """Give new lines the numbers of those that have jumped with their family."""
+        if self.jumps.is_idle or not self.continuation.may_jump:
+            return
+        jumped = self.jumps.find(self.continuation.silent(), time_s)
+        for line in jumped:
+            self.store.line[line.slot] = line.old.number
+            self.families.rename(line.number, line.old.number)
+        self.continuation.go_on([(line.slot, line.old) for line in jumped])
 
     def _is_vague(self, slots: IntArray) -> BoolArray:
         """Tell which lines are known too poorly to be separated from others."""

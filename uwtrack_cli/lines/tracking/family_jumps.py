@@ -1,0 +1,219 @@
+"""Lines that jump together, when a machine changes its speed at once, keep their numbers.
+
+**Method.** When a shaft changes its rate within a frame or two, all its lines fall silent
+and as many begin elsewhere, by one common ratio. Among the lines that fell silent and
+those that began at that time the ratio is sought with which most of them pair; it is
+taken when strangers, who could begin anywhere between the lowest and the highest of the
+new ones, would hardly pair as often (a number of false alarms). Lines of the machine that
+are found later follow the ratio of those that are known.
+
+**Conventions.** A new line is compared at its present frequency, so that a machine whose
+speed still drifts has one ratio at any time. Points leave with a lag of
+`track_store.LAG_FRAMES`, and until then a line may be given an older number.
+
+**References.** Desolneux, Moisan & Morel (2008) for the number of false alarms.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.estimation.angles import wrap_deg
+from uwtrack_cli.lines.tracking.line_continuation import EndedLine
+from uwtrack_cli.lines.tracking.track_store import (
+    CONFIRMED,
+    UNKNOWN_BEARING_VARIANCE,
+    TrackStore,
+)
+
+GREATEST_JUMP = 0.08
+"""Greatest relative change of the rate: beyond it the orders of the lines are unknown."""
+
+BEFORE_WINDOWS, AFTER_WINDOWS = 12.0, 6.0
+"""Windows by which a line may begin before the last peak of the one that it continues
+(noise peaks began it), and after it (it was found late)."""
+
+LONG_BEFORE_WINDOWS = 40.0
+"""The former where the jump is known from other lines."""
+
+REACH = 0.5
+"""Distance from its place within which a line belongs to a jump, in resolutions."""
+
+GREATEST_CHANCE = 1e-3
+"""Expected number of jumps as good by chance, in one look, beyond which there is none."""
+
+BEARING_SIGMAS = 4.0
+"""Difference of bearings beyond which a line is another vessel's, in deviations."""
+
+PATIENCE_S = 60.0
+"""Time after a jump in which lines may still be found that belong to it, s."""
+
+_FEWEST = 3
+"""Lines below which a common ratio says nothing."""
+
+
+@dataclass(frozen=True)
+class Renamed:
+    """A line that is the continuation of an older one."""
+
+    slot: int
+    """Slot of the line."""
+    number: int
+    """Number that it had been given."""
+    old: EndedLine
+    """The line that it continues."""
+
+
+@dataclass
+class _Jump:
+    """A jump that has been found: the lines that took part in it."""
+
+    time_s: float
+    """Time at which it was found, s."""
+    slots: IntArray
+    """Slots of the lines after it, shape (line,)."""
+    serials: IntArray
+    """Serials of these lines: a slot may be given to another one, shape (line,)."""
+    before_hz: FloatArray
+    """Their frequencies before it, Hz, shape (line,)."""
+
+
+class FamilyJumps:
+    """Watches the lines that begin for jumps of those that fell silent."""
+
+    def __init__(self, store: TrackStore, resolution_hz: float) -> None:
+        self.store = store
+        self.resolution_hz = resolution_hz
+        self._serials = np.zeros(0, dtype=np.int64)
+        self._jumps: list[_Jump] = []
+
+    def watch(self, fresh: IntArray) -> None:
+        """Take note of lines, given by their slots, that continue none so far."""
+        if fresh.size:
+            self._serials = np.append(self._serials, self.store.serial[fresh])
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is no line that could be given another number."""
+        return self._serials.size == 0
+
+    def find(self, silent: list[EndedLine], time_s: float) -> list[Renamed]:
+        """Return the new lines that are old ones after a jump.
+
+        Parameters
+        ----------
+        silent
+            The lines that fell silent, each with its last settled state.
+        time_s
+            Time of the frame, s.
+        """
+        store = self.store
+        confirmed = store.confirmed
+        # its first points are not out yet
+        confirmed = confirmed[store.emitted[confirmed] <= store.born[confirmed]]
+        slots = confirmed[np.isin(store.serial[confirmed], self._serials)]
+        self._serials = store.serial[slots]
+        self._jumps = [j for j in self._jumps if time_s - j.time_s < PATIENCE_S]
+        if not slots.size or not silent:
+            return []
+        before = _Silent(silent)
+        begin = np.maximum(store.born[slots], store.risen[slots])
+        begin_s = np.array([store.time_of(row) for row in begin.tolist()])
+        wait = (begin_s - before.time_s[:, None]) * self.resolution_hz
+        may_be = (wait > -LONG_BEFORE_WINDOWS) & (wait < AFTER_WINDOWS)
+        may_be &= self._is_there(before, slots)
+        ratio = np.log(store.frequency_hz[slots] / before.frequency_hz[:, None])
+        may_be &= np.abs(ratio) < GREATEST_JUMP
+        pairs = self._followed(before, slots, may_be)
+        if not pairs and slots.size >= _FEWEST and len(silent) >= _FEWEST:
+            may_be &= wait > -BEFORE_WINDOWS
+            pairs = self._common(before, slots, may_be, ratio)
+        if not pairs:
+            return []
+        found = [
+            Renamed(int(slots[new]), int(store.line[slots[new]]), silent[old])
+            for old, new in pairs
+        ]
+        chosen = np.array([one.slot for one in found], dtype=np.int64)
+        held = np.array([one.old.state[0, 0] for one in found])
+        self._jumps.append(_Jump(time_s, chosen, store.serial[chosen].copy(), held))
+        self._serials = np.setdiff1d(self._serials, store.serial[chosen])
+        return found
+
+    def _is_there(self, before: "_Silent", slots: IntArray) -> BoolArray:
+        """Tell for each pair whether the bearings allow one vessel, (silent, line)."""
+        now = self.store.state_of(slots)
+        turn = wrap_deg(now.position[1] - before.bearing_deg[:, None])
+        variance = now.variance[1] + before.bearing_variance_deg2[:, None]
+        allows = np.abs(turn) < BEARING_SIGMAS * np.sqrt(variance)
+        return np.asarray(allows | (variance >= UNKNOWN_BEARING_VARIANCE))
+
+    def _followed(
+        self, before: "_Silent", slots: IntArray, may_be: BoolArray
+    ) -> list[tuple[int, int]]:
+        """Pair lines by the ratio that the lines of a known jump have now."""
+        store = self.store
+        for jump in self._jumps:
+            lives = (store.stage[jump.slots] == CONFIRMED) & (
+                store.serial[jump.slots] == jump.serials
+            )
+            if not lives.any():
+                continue
+            mates = store.frequency_hz[jump.slots[lives]] / jump.before_hz[lives]
+            pairs = self._paired(
+                before.frequency_hz * float(np.median(mates)), slots, may_be
+            )
+            if pairs:
+                return pairs
+        return []
+
+    def _common(
+        self,
+        before: "_Silent",
+        slots: IntArray,
+        may_be: BoolArray,
+        ratio: FloatArray,
+    ) -> list[tuple[int, int]]:
+        """Seek the ratio with which most lines pair; none if chance explains it."""
+        from scipy.stats import binom
+
+        frequency = self.store.frequency_hz[slots]
+        span = float(np.ptp(frequency)) + self.resolution_hz
+        share = min(1.0, 2.0 * REACH * self.resolution_hz * slots.size / span)
+        best: list[tuple[int, int]] = []
+        least = GREATEST_CHANCE
+        seeds = np.argwhere(may_be)
+        for old, new in seeds.tolist():
+            near = np.abs(before.time_s - before.time_s[old]) * self.resolution_hz
+            is_mate = (near < AFTER_WINDOWS) & may_be.any(axis=1)
+            place = before.frequency_hz * np.exp(ratio[old, new])
+            pairs = self._paired(place, slots, may_be & is_mate[:, None])
+            others = np.count_nonzero(is_mate) - 1
+            tail = float(binom.sf(len(pairs) - 2, others, share)) if others else 1.0
+            if len(pairs) >= _FEWEST and len(seeds) * tail < least:
+                best, least = pairs, len(seeds) * tail
+        return best
+
+    def _paired(
+        self, place_hz: FloatArray, slots: IntArray, may_be: BoolArray
+    ) -> list[tuple[int, int]]:
+        """Pair old lines, moved to their places, with the nearest new ones in reach."""
+        away = np.abs(self.store.frequency_hz[slots] - place_hz[:, None])
+        away = np.where(may_be, away, np.inf)
+        pairs = []
+        while away.min() < REACH * self.resolution_hz:
+            old, new = np.unravel_index(int(away.argmin()), away.shape)
+            pairs.append((int(old), int(new)))
+            away[old], away[:, new] = np.inf, np.inf
+        return pairs
+
+
+class _Silent:
+    """The states of lines that fell silent, as arrays of shape (line,)."""
+
+    def __init__(self, lines: list[EndedLine]) -> None:
+        states = np.array([line.state for line in lines])
+        self.time_s = np.array([line.time_s for line in lines])
+        self.frequency_hz, self.bearing_deg = states[:, 0, 0], states[:, 0, 1]
+        self.bearing_variance_deg2 = states[:, 2, 1]
