@@ -5,10 +5,12 @@ runs the chain with its checks switched off, and prints what each check says of 
 and of the false passages. A threshold lies where it refuses no true one:
 `SMALLEST_EVIDENCE`, `LARGEST_MISFIT` and `SMALLEST_SLOPE` were set from 88 recordings of
 `tests/motion/random_passages.py`, 30 drawn ones with a vessel and 20 without (three
-recipes each). A recording takes some ten seconds; the third number is the first seed, and
-the last line says what the thresholds refuse among these draws:
+recipes each). A recording takes some ten seconds; the third number is the first seed, the
+fourth the least C/N0 (dB Hz) of a vessel's strongest line, below which a seed is passed
+over (most faint vessels give no candidate at all), and the last line says what the
+thresholds refuse among these draws:
 python -m calibration.fit_checks 30 20
-python -m calibration.fit_checks 8 4 40000
+python -m calibration.fit_checks 12 3 45000 28
 """
 
 import sys
@@ -81,16 +83,29 @@ def is_refused(item: CandidatePassage, lines: Lines) -> bool:
     )
 
 
-def main(n_vessels: int, n_quiet: int, seed: int = 900) -> None:
+def scenarios(count: int, n_vessels: int, seed: int, least: float) -> list[Scenario]:
+    """Draw so many recordings; those of vessels that are too faint are passed over."""
+    found: list[Scenario] = []
+    while len(found) < count:
+        one = draw_scenario(seed, n_vessels=n_vessels, sample_rate_hz=4e3)
+        seed += 1
+        heard = [line.cn0_db_hz or 0.0 for each in one.vessels for line in each.lines]
+        if not n_vessels or max(heard, default=-np.inf) >= least:
+            found.append(one)
+    return found
+
+
+def main(
+    n_vessels: int, n_quiet: int, seed: int = 900, least_cn0_db_hz: float = -np.inf
+) -> None:
     """Print a table of so many recordings with and without a vessel."""
     warnings.simplefilter("ignore")
     print(HEAD)
     refused: dict[bool, list[bool]] = {True: [], False: []}
-    for number in range(n_vessels + n_quiet):
+    passing = scenarios(n_vessels, 1, seed, least_cn0_db_hz)
+    quiet = scenarios(n_quiet, 0, seed + 10_000, -np.inf)
+    for number, scenario in enumerate((*passing, *quiet)):
         is_quiet = number >= n_vessels
-        scenario = draw_scenario(
-            seed + number, n_vessels=0 if is_quiet else 1, sample_rate_hz=4e3
-        )
         for recipe in RECIPES if is_quiet else RECIPES[:1]:
             for item, lines in candidates(scenario, recipe):
                 if np.isfinite(item.fit.covariance[0, 2, 2]):

@@ -20,6 +20,7 @@ from tests.motion.drawn_readings import KINDS, SENSOR, draw, is_clear
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage import readings
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine
+from uwtrack_cli.motion.passage.change_priors import ODDS
 from uwtrack_cli.motion.passage.measurements import series_data
 from uwtrack_cli.motion.passage.nuisances import marginalise, nuisance_priors
 
@@ -56,7 +57,7 @@ def found(kind: str, count: int) -> Iterator[tuple[CandidatePassage, FloatArray]
 
 def outcome(item: CandidatePassage, truth: FloatArray, odds: float) -> Outcome:
     """Read a candidate with some odds."""
-    readings.ODDS.update(dict.fromkeys(readings.ODDS, odds))
+    ODDS.update(dict.fromkeys(ODDS, odds))
     fit, reading = readings.read_passage(item.fit, item.blocks)
     fit = marginalise(fit, PRIORS)[0]
     answer = np.array([fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2]])

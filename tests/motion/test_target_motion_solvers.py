@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.solvers.marquardt import minimise
 from uwtrack_cli.motion.solvers.recursive import estimate_recursively
 from uwtrack_cli.motion.solvers.solvers import solve_mle
-from uwtrack_cli.motion.target.model import to_motion
+from uwtrack_cli.motion.target.joint_region import QUANTILE, ellipse_holds
+from uwtrack_cli.motion.target.model import to_motion, to_polar
 from uwtrack_cli.motion.target.modes import find_modes, profile_interval
 from uwtrack_cli.motion.target.objective import misfit
 from uwtrack_cli.motion.target.observability import information
@@ -250,6 +252,45 @@ def test_the_profile_interval_covers_the_true_range_in_the_weak_regime():
         span = profile_interval(one, fit.q[0], 0, 0.5, WIDE, rise=3.841)
         inside += span.low <= scenario.solution()[0] <= span.high
     assert inside / 60 >= 0.95 - 3 * np.sqrt(0.95 * 0.05 / 60)
+
+
+def test_the_profile_interval_of_the_course_follows_a_valley_that_bends():
+    """Of 20 true courses 19 are due within 95 %; a search that stalls has 15 or fewer."""
+    scenario = make_scenario("S2")
+    problem = make_problem(scenario, noise=1, runs=20, seed=77).rows(slice(0, 200))
+    truth = to_motion(scenario.solution())[3]
+    inside = 0
+    for index in range(20):
+        one = problem.record(index)
+        best = multistart(one, WIDE).q[0]
+        std = np.sqrt(information(one, best).covariance()[3, 3])
+        span = profile_interval(one, best, 3, min(std, 0.8), WIDE, rise=3.841)
+        middle = to_polar(best)[3]
+        course = middle + wrap_rad(truth - middle)
+        inside += span.low <= course <= span.high
+    assert inside >= 17
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "expected"),
+    [("S3", 1000, True), ("S2", 200, False), ("S1-T4", 200, False)],
+)
+def test_a_joint_ellipse_is_trusted_where_it_holds_the_truth(name, rows, expected):
+    """By the true motions of 12 runs: 95 % of them within, or far fewer."""
+    scenario = make_scenario(name)
+    problem = make_problem(scenario, noise=1, runs=12, seed=78).rows(slice(0, rows))
+    truth = to_motion(scenario.solution())
+    trusted, within = [], []
+    for index in range(12):
+        one = problem.record(index)
+        best = multistart(one, WIDE).q[0]
+        covariance = information(one, best).covariance()[:4, :4]
+        off = to_motion(best) - truth
+        off[[1, 3]] = wrap_rad(off[[1, 3]])
+        within.append(off @ np.linalg.solve(covariance, off) < QUANTILE)
+        trusted.append(ellipse_holds(one, best, covariance, 1.0))
+    assert np.mean(trusted) == float(expected)
+    assert (np.mean(within) > 0.8) == expected
 
 
 def folded(name, rows):

@@ -46,6 +46,7 @@ from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.motion.correlation import long_run_excess
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
+from uwtrack_cli.motion.passage.change_priors import VESSEL_MPS, VESSEL_STD_MPS
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.moving_sensor import (
     AT_REST_MPS,
@@ -77,9 +78,6 @@ LAW_SHARE = 0.3
 
 WATER_MPS = (1300.0, 1700.0)
 """Sound speeds of water."""
-
-VESSEL_MPS, VESSEL_STD_MPS = 5.5, 3.5
-"""Speed of vessels whose speed is not measured, m/s, and its deviation."""
 
 NO_SOUND = "the sound is not at hand"
 NOTHING_TO_CHECK = "the lines show too little of a passage to be checked"

@@ -9,8 +9,7 @@ passage, whose own unknowns and constants are projected out (score test); where 
 gains too little, even with noise taken as white, the passage is straight. Else the
 readings are fitted in full from their best instants, and weighed by their likelihoods
 with coloured noise of their own best strength, less what their search is worth: how few
-of the instants fit, and the width of the prior of the change (uniform in the logarithm
-of its size) over that of its posterior (Laplace). What the weights leave to the rivals
+of the instants fit, and what the prior of the change costs (`change_priors`). What the weights leave to the rivals
 widens the deviations of the winner by how far the rivals' answers are from its own.
 
 **Conventions.** Log-likelihoods in nepers. One data set, the fit's one row.
@@ -27,6 +26,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
+from uwtrack_cli.motion.passage.change_priors import cost_of_change, speed_prior
 from uwtrack_cli.motion.passage.estimator import (
     PassageFit,
     fit_passage,
@@ -50,7 +50,6 @@ from uwtrack_cli.motion.passage.unknowns import (
     FLOOR,
     HEIGHT,
     MANOEUVRE,
-    N_SIZES,
     RAMP,
     STEP,
     Change,
@@ -94,14 +93,6 @@ SMALLEST_HEIGHT_STD_M, SMALLEST_SINGULAR = 1e-3, 1e-7
 
 SMALLEST_SCORE = 4.0
 """Gain in log-likelihood, noise taken as white, below which nothing changed."""
-
-ODDS = {STEP: 2.0, RAMP: 2.0, MANOEUVRE: 2.0}
-"""Logarithm of the odds against each change before the measurements: see
-calibration/readings.py."""
-
-SIZES = {STEP: (1e-4, 5e-2), RAMP: (1e-6, 5e-4), MANOEUVRE: (0.05, 10.0)}
-"""Sizes of the changes that are expected, uniform in the logarithm: share of the rest
-frequencies, the same per second, m/s."""
 
 SMALLEST_RIVAL = 0.05
 """Weight from which a rival is named."""
@@ -204,9 +195,10 @@ def read_passage(
     if fit.theta[0, 2] <= 0:
         value[0] = -np.inf
     for place, searched in enumerate(searches):
+        value[place] += speed_prior(fits[place])
         if searched is not None:
-            paid = searched.search(float(gain[place])) + occam(fits[place])
-            value[place] -= ODDS[searched.kind] + paid
+            value[place] -= searched.search(float(gain[place]))
+            value[place] -= cost_of_change(fits[place], blocks.time_s)
     chance = np.exp(value - value.max())
     chance /= chance.sum()
     names = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
@@ -633,26 +625,6 @@ def _log_likelihoods(fits: list[PassageFit], blocks: Blocks) -> FloatArray:
                 series[0][2], blocks.time_s[kept], width_s,
             )  # fmt: skip
     return total
-
-
-def occam(fit: PassageFit) -> float:
-    """Return the logarithm of prior over posterior density of a change's size.
-
-    Parameters
-    ----------
-    fit
-        Fit of one row with a change.
-    """
-    kind = _change(fit).kind
-    low, high = SIZES[kind]
-    count = N_SIZES[kind]
-    size = float(np.linalg.norm(fit.theta[0, CHANGED : CHANGED + count]))
-    own = fit.full_covariance[0, 5 : 5 + count, 5 : 5 + count]
-    if not np.isfinite(own).all():
-        return 0.0
-    shell = (2.0, 2.0 * np.pi)[count - 1] * max(size, low) ** count
-    inside = 0.5 * (count * np.log(2 * np.pi) + np.linalg.slogdet(own)[1])
-    return float(max(np.log(shell * np.log(high / low)) - inside, 0.0))
 
 
 def _averaged(fits: list[PassageFit], best: int, chance: FloatArray) -> PassageFit:

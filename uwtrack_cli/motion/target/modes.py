@@ -6,8 +6,10 @@ posterior mass, exp(-F/2) |C|^(1/2) (MacKay 2003, eq. 27.8), flat in the solver'
 coordinates. The 95 % interval of a quantity holds the values for which the best fit
 of everything else is worse by no more than the chi-square quantile of one degree of
 freedom (Cox & Hinkley 1974, ch. 9). The profile is followed outwards in steps of the
-Laplace deviation with one batched descent, and interpolated at the crossing. An
-interval that meets the limits of the search is open on that side.
+Laplace deviation with one batched descent, and interpolated at the crossing. A descent
+from the minimum may stall in a valley that bends: the point behind the crossing is
+fitted again from where its neighbour arrived, and the profile followed on while that
+helps. An interval that meets the limits of the search is open on that side.
 
 **Conventions.** Under a robust loss, or with estimated deviations, the rise of the
 misfit is divided by ``scale`` (Wilks' statistic of an M-estimate).
@@ -24,6 +26,7 @@ from uwtrack_cli.motion.options import Misfit, MotionModel, Search
 from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
 from uwtrack_cli.motion.solvers.solvers import SolverName
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations, error_budget
+from uwtrack_cli.motion.target.joint_region import ellipse_holds
 from uwtrack_cli.motion.target.model import (
     state_jacobian,
     to_motion,
@@ -144,13 +147,47 @@ def _side(
         )  # fmt: skip
         if done == 0.0:
             base = float(fit.value[0])
-        over = np.flatnonzero(fit.value - base > rise)
-        if over.size:
-            return _crossing(centre[coordinate] + value, fit.value - base, rise), False
+        excess, arrived = fit.value - base, fit.q.copy()
+        _follow_on(
+            problem, (arrived, excess), trials[:, coordinate], coordinate, bounds,
+            rise=rise, base=base, polar=polar,
+        )  # fmt: skip
+        if (excess > rise).any():
+            return _crossing(centre[coordinate] + value, excess, rise), False
         if reach == room:
             return float(centre[coordinate] + room), True
-        start, done, reach = fit.q[-1], reach, 3.0 * reach
+        start, done, reach = arrived[-1], reach, 3.0 * reach
     return float(centre[coordinate] + done), True
+
+
+def _follow_on(
+    problem: Problem,
+    points: tuple[FloatArray, FloatArray],
+    place: FloatArray,
+    coordinate: int,
+    bounds: SearchBounds,
+    *,
+    rise: float,
+    base: float,
+    polar: bool,
+) -> None:
+    """Fit the first point beyond the rise from its neighbour, and go on if it is not.
+
+    Where the points arrived and their excess are changed in place.
+    """
+    arrived, excess = points
+    while (over := np.flatnonzero(excess > rise)).size and over[0]:
+        here = int(over[0])
+        trial = arrived[here - 1 : here].copy()
+        trial[:, coordinate] = place[here]
+        fit = minimise(
+            problem, trial, bounds, held=(coordinate,), polar=polar, iterations=100,
+            tolerance=1e-9,
+        )  # fmt: skip
+        if fit.value[0] - base < excess[here]:
+            excess[here], arrived[here] = float(fit.value[0]) - base, fit.q[0]
+        if excess[here] > rise:
+            return
 
 
 def _crossing(place: FloatArray, excess: FloatArray, rise: float) -> float:
@@ -301,6 +338,8 @@ class ModeAnswer:
     """Their deviations."""
     observability: Observability
     """Rank, condition and weakest direction."""
+    ellipse_holds: bool
+    """Whether the joint ellipse of 95 % holds what it should, by the likelihood."""
     intervals: dict[str, Interval]
     """Likelihood-ratio intervals of 'range' (ln m), 'speed' (m/s) and 'course'
     (rad)."""
@@ -367,6 +406,7 @@ def describe_mode(
         now=now,
         now_std=now_std,
         observability=assess(found, to_motion(q)),
+        ellipse_holds=ellipse_holds(problem, q, white[:4, :4], scale),
         intervals=_intervals(problem, q, (white, covariance), limits, rise),
         range_per_sound_speed=_sound_speed_effect(problem, q, limits),
         at_limit_m=_limit_met(q, limits),

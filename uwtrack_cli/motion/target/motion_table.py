@@ -121,7 +121,9 @@ def _cause(mode: ModeAnswer, answer: ContactAnswer) -> str:
 
 
 def ellipse_agrees(mode: ModeAnswer) -> bool:
-    """Return whether deviations and likelihood-ratio intervals say the same."""
+    """Return whether deviations say what the likelihood says: each, and all together."""
+    if not mode.ellipse_holds:
+        return False
     motion = to_motion(mode.q)
     std = np.sqrt(np.maximum(np.diagonal(mode.covariance), 0.0))
     centres = {"range": np.log(motion[0]), "speed": motion[2], "course": motion[3]}

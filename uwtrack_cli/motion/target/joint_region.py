@@ -1,0 +1,84 @@
+"""What the joint ellipse of a motion holds, judged by the likelihood itself.
+
+**Method.** Range, bearing, speed and course have a joint ellipse of 95 % by their
+covariance. Where the likelihood bends, that ellipse holds less, though each quantity by
+itself may agree with its own interval. Motions are drawn from a normal density that is
+wider than the ellipse and weighed by their likelihood over it, flat in the solver's
+coordinates (importance sampling); the share of the weight within the ellipse is what it
+holds. Where few draws carry all the weight, the likelihood lies elsewhere, and the
+ellipse says nothing.
+
+**Conventions.** White noise on both sides: what nuisances add is normal and widens both.
+
+**References.** Gelman et al. (2013), Bayesian Data Analysis, section 10.4 (importance
+sampling, effective number of draws).
+"""
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.target.model import from_motion, to_motion
+from uwtrack_cli.motion.target.objective import misfit
+from uwtrack_cli.motion.target.problem import Problem
+
+N_DRAWS = 200
+"""Motions that are drawn."""
+
+WIDER = 1.5
+"""Deviations of the drawn motions over those of the ellipse: the best one for four
+unknowns still keeps half of the draws effective."""
+
+QUANTILE = 9.488
+"""Chi-square of four degrees of freedom that 95 % stay below."""
+
+FEWEST_EFFECTIVE = 40.0
+"""Effective draws below which the likelihood lies elsewhere."""
+
+LEAST_CONTENT = 0.88
+"""Content from which an ellipse of 95 % is one: 0.95 less three deviations of sampling."""
+
+
+def ellipse_holds(
+    problem: Problem, q: FloatArray, covariance: FloatArray, scale: float
+) -> bool:
+    """Return whether the joint ellipse of 95 % holds what it should.
+
+    Parameters
+    ----------
+    problem
+        One record.
+    q
+        The minimum in solver coordinates, shape (4,).
+    covariance
+        Of range (m), bearing (rad), speed (m/s) and course (rad) by white noise, shape
+        (4, 4).
+    scale
+        Scale of likelihood ratios under the loss, 1 for least squares.
+    """
+    centre = to_motion(q)
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    if not (np.isfinite(covariance).all() and std.all()):
+        return False
+    values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
+    if values[0] <= 0.0:
+        return False
+    unit = np.random.default_rng(0).standard_normal((N_DRAWS, 4))
+    motion = centre + std * (WIDER * (unit * np.sqrt(values)) @ vectors.T)
+    usable = (motion[:, 0] > 0.0) & (motion[:, 2] > 0.0)
+    usable &= np.abs(motion[:, 3] - centre[3]) < np.pi
+    if np.count_nonzero(usable) < FEWEST_EFFECTIVE:
+        return False
+    unit, motion = unit[usable], motion[usable]
+    trial = from_motion(*motion.T)
+    trial[:, 1] = q[1] + wrap_rad(trial[:, 1] - q[1])
+    rise = (misfit(problem, trial).value - misfit(problem, q[np.newaxis]).value) / scale
+    square = (unit**2).sum(axis=1)
+    # flat in ln R and the components of the velocity
+    density = np.log(motion[:, 2] / motion[:, 0])
+    logarithm = 0.5 * square - 0.5 * rise + density
+    weight = np.exp(logarithm - logarithm.max())
+    if weight.sum() ** 2 < FEWEST_EFFECTIVE * (weight**2).sum():
+        return False
+    within = WIDER**2 * square < QUANTILE
+    return bool(weight[within].sum() > LEAST_CONTENT * weight.sum())
