@@ -239,6 +239,15 @@ def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):
         "presence p.run.h5 -o q.h5",
     ):
         assert uwtrack(*words.split()).exit_code == 0
+    table = uwtrack("show", "p.run.h5", "presence")
+    head, *rows = table.stdout.splitlines()
+    assert "blade Hz" in head
+    assert len(rows) == len(json.loads(shown.stdout))
+    assert max(map(len, (head, *rows))) <= 80
+    assert (
+        f"rates from {row['from_s']:.0f} s: {row['reasons']['encounter']}"
+        in table.stderr
+    )
     chosen = uwtrack("show", "p.run.h5", "lines", "--step", "rates", "--format", "json")
     assert json.loads(chosen.stdout)["reference"] == "modulation"
 

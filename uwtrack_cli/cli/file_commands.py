@@ -147,10 +147,11 @@ def show(
 ) -> None:
     """Print a container of a product on standard output.
 
-    Without a container, the table that the command printed which made the product.
+    Without a container, the table that the command printed which made the product. A
+    table of results has the columns that fit a screen; --format csv or json has all.
     """
+    from uwtrack_cli.cli.result_output import print_container
     from uwtrack_cli.files.hdf5.layout import CONTAINERS
-    from uwtrack_cli.files.tables.container_tables import write_table
     from uwtrack_cli.flow.branches import read_of_branch, refuse_unknown_step
 
     if schema is not None:
@@ -179,7 +180,7 @@ def show(
     with open_product(file) as product:
         refuse_unknown_step([product], step)
         found = read_of_branch(product, CONTAINERS[container], sensor, step)
-        put(write_table(found, form, axis=axis))
+        print_container(found, form, axis)
 
 
 def _show_result(file: Path, form: str, sensor: str | None, step: str | None) -> None:

@@ -1,6 +1,6 @@
 """Results for people and for programs: a short table or sentences, or JSON."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from uwtrack_cli.cli.console import put, say, show_table
@@ -26,6 +26,28 @@ SPOKEN = {"motions": ("report", "statement"), "fixes": ("statement",)}
 def is_shown(container: Container) -> bool:
     """Tell whether a container has a summary."""
     return container.NAME in SUMMARIES or container.NAME in STATED
+
+
+def print_container(container: Container, form: str, axis: str | None) -> None:
+    """Print a container that was asked for on standard output.
+
+    Parameters
+    ----------
+    container
+        The container.
+    form
+        How it is written; a table of results has the columns that fit a screen.
+    axis
+        The axis whose rows are written; None for those of the container itself.
+    """
+    from uwtrack_cli.files.tables.container_tables import write_table
+    from uwtrack_cli.files.tables.json_rows import main_axis
+
+    has_summary = form == "table" and axis is None and container.NAME in SUMMARIES
+    if has_summary and container.sizes()[main_axis(container)]:
+        print_result(container, as_json=False, is_data=True)
+    else:
+        put(write_table(container, form, axis=axis))
 
 
 def print_result(
@@ -93,10 +115,20 @@ def _print_summary(
         for text in [texts] if isinstance(texts, str) else texts.tolist():
             if text:
                 say(text)
-    for text in _reasons(container.NAME, rows):
-        say(text, 1 if container is told else 0)
+    own_words = 0 if is_data or not isinstance(container, Presence) else 1
+    for text in _why(container, rows):
+        say(text, own_words)
     for text in heard:
         say(text)
+
+
+def _why(container: Container, rows: Sequence[dict[str, Any]]) -> Iterable[str]:
+    """Return why stretches are no passages, or why values are missing."""
+    from uwtrack_cli.files.tables.presence_words import why_no_passage
+
+    if isinstance(container, Presence):
+        return why_no_passage(rows)
+    return _reasons(container.NAME, rows)
 
 
 def _heard(presence: Presence) -> list[str]:

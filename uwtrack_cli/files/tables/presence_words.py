@@ -68,6 +68,27 @@ def presence_sentences(rows: Sequence[Row], *, is_passed: bool) -> list[str]:
     return sentences if vessels or is_passed else [*sentences, *known]
 
 
+def why_no_passage(rows: Sequence[Row]) -> list[str]:
+    """Say of each stretch that is no closest approach why it is none.
+
+    Parameters
+    ----------
+    rows
+        Rows of a presence.
+
+    Examples
+    --------
+    >>> why_no_passage([{"kind": "hum", "from_s": 4.0, "from_utc": None,
+    ...                  "reasons": {"encounter": "mains of the electronics, no vessel"}}])
+    ['hum from 4 s: mains of the electronics, no vessel']
+    """
+    return [
+        f"{row['kind']} from {_time(row, 'from')}: {row['reasons']['encounter']}"
+        for row in rows
+        if "encounter" in (row["reasons"] or {})
+    ]
+
+
 def stretch_words(row: Row) -> str:
     """Say what was heard in a stretch, and when.
 
