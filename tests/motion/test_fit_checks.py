@@ -62,6 +62,40 @@ def test_a_line_alone_must_follow_the_range_more_than_not(share, is_told):
     assert not check_fit(candidate_of(heard), heard).doubt
 
 
+@pytest.mark.parametrize("is_known", [True, False])
+def test_bearings_speak_for_a_line_alone_if_they_tell_a_direction(is_known):
+    """Two tones that beat have bearings, too, but between theirs."""
+    lines = lines_of(replace(SCENE, rest_hz=(120.0,)))
+    mean = lines.measured_level_db.mean()
+    flat = mean + 0.4 * (lines.measured_level_db - mean)
+    alone = replace(lines, measured_level_db=flat)
+    candidate = candidate_of(alone)
+    if not is_known:
+        covariance = candidate.fit.covariance.copy()
+        covariance[0, 3, 3] = 70.0**2
+        candidate = replace(
+            candidate, fit=replace(candidate.fit, covariance=covariance)
+        )
+    assert ("its only line" in check_fit(candidate, alone).doubt) is not is_known
+
+
+@pytest.mark.parametrize(("share", "is_told"), [(0.7, True), (0.2, False)])
+def test_bearings_alone_are_no_passage_of_one_line_whose_level_stays(share, is_told):
+    """A line that keeps its frequency: two that beat swing between two bearings."""
+    lines = lines_of(replace(SCENE, rest_hz=(120.0,)))
+    mean = lines.measured_level_db.mean()
+    steady = replace(
+        lines,
+        measured_frequency_hz=120.0 + 0.003 * np.random.default_rng(4).normal(size=lines.line.size),
+        measured_level_db=mean + share * (lines.measured_level_db - mean),
+    )  # fmt: skip
+    found = find_encounters(steady, None, DIFAR)
+    assert (found.n_encounters == 1) is is_told
+    if not is_told:
+        ((_, _, _, reason),) = found.refusals()
+        assert "its only line" in reason
+
+
 def test_the_misfit_is_the_share_of_the_shift_by_which_lines_leave_their_curve():
     one = candidate_of(lines_of(SCENE))
     assert doppler_misfit(one.fit, one.blocks) < 0.02

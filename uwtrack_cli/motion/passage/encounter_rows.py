@@ -344,7 +344,7 @@ def _add_direction(row: Row, fit: PassageFit) -> None:
     if not np.isfinite(variance):
         row.explain("no bearing channel", *keys)
         return
-    if np.sqrt(variance) > 60.0:
+    if np.sqrt(variance) > LARGEST_BEARING_STD_DEG:
         for covariance in (row.covariance, row.horizontal_covariance):
             covariance[3, :] = covariance[:, 3] = np.nan
         row.explain("the bearings do not stand out from their noise", *keys)
@@ -529,6 +529,9 @@ def make_encounters(
 
 
 KEYS = ("received_level_db", "source_level_db")
+LARGEST_BEARING_STD_DEG = 60.0
+"""Deviation of the bearing at the closest approach above which none is told."""
+
 LARGEST_LEVEL_STD_DB = 3.0
 """A level less certain than this is not given."""
 

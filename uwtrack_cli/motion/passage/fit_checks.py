@@ -29,6 +29,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
+from uwtrack_cli.motion.passage.encounter_rows import LARGEST_BEARING_STD_DEG
 from uwtrack_cli.motion.passage.estimator import PassageFit, fit_passage
 from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
 
@@ -51,8 +52,11 @@ SMALLEST_SLOPE, SLOPE_DEVIATIONS = 0.3, 2.0
 """A slope of the levels that lies below this by so many deviations is doubted."""
 
 LONE_SLOPE = 0.5
-"""Slope of the levels below which a line alone, without bearings or broadband, is doubted:
-half-way between a machine and a passage."""
+"""Slope of the levels below which a line alone is doubted: half-way between a machine and
+a passage."""
+
+ENOUGH_KINDS = 2
+"""Kinds of measurements that show a passage of a line alone whatever its levels do."""
 
 SMALLEST_SCATTER_DB = 1.0
 """Scatter of a block's level that is assumed at least."""
@@ -88,35 +92,61 @@ def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePass
         The tracked lines of its recording, for their levels; None for a table.
     """
     fit, blocks = candidate.fit, candidate.blocks
-    if blocks.shift.is_empty or not _moves(fit):
+    if blocks.shift.is_empty:
         return candidate
+    if not _moves(fit):
+        doubt = candidate.doubt or _doubt_of_levels(candidate, fit, lines)
+        return replace(candidate, doubt=doubt)
     misfit = doppler_misfit(fit, blocks)
-    doubt = candidate.doubt
-    if misfit > LARGEST_MISFIT:
-        doubt = doubt or (
-            f"its lines leave the passage by {100 * misfit:.0f} % of the Doppler shift "
-            f"beyond their noise"
-        )
-    if lines is not None and not doubt:
-        slope, std = level_slope(candidate, lines)
-        alone = candidate.line_ids.size == 1 and blocks.bearing.is_empty
-        alone &= blocks.level.is_empty and bool(np.isfinite(std))
-        contradicts = slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE
-        if contradicts or (alone and slope < LONE_SLOPE):
-            whose = "only line" if alone else "lines"
-            doubt = (
-                f"the levels of its {whose} do not rise and fall as the range would: "
-                f"{slope:.2f} +- {std:.2f} dB for each dB"
-            )
     scale, halves = _influence(fit, blocks)
-    doubt = doubt or halves
     every = np.append(scale, np.ones(fit.full_covariance.shape[1] - 4))
     wider = replace(
         fit,
         covariance=fit.covariance * np.outer(scale, scale),
         full_covariance=fit.full_covariance * np.outer(every, every),
     )
+    doubt = candidate.doubt
+    if misfit > LARGEST_MISFIT:
+        doubt = doubt or (
+            f"its lines leave the passage by {100 * misfit:.0f} % of the Doppler shift "
+            f"beyond their noise"
+        )
+    doubt = doubt or _doubt_of_levels(candidate, wider, lines) or halves
     return replace(candidate, fit=wider, misfit=misfit, doubt=doubt)
+
+
+def _doubt_of_levels(
+    candidate: CandidatePassage, fit: PassageFit, lines: Lines | None
+) -> str:
+    """Return what the levels of the lines speak against a passage; empty if nothing.
+
+    The fit is the candidate's own with the deviations that its parts call for.
+    """
+    if lines is None:
+        return ""
+    slope, std = level_slope(candidate, lines)
+    alone = candidate.line_ids.size == 1 and np.isfinite(std)
+    alone &= _kinds_that_show(candidate, fit) < ENOUGH_KINDS
+    contradicts = _moves(candidate.fit)
+    contradicts &= slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE
+    if not (contradicts or (alone and slope < LONE_SLOPE)):
+        return ""
+    whose = "only line" if alone else "lines"
+    return (
+        f"the levels of its {whose} do not rise and fall as the range would: "
+        f"{slope:.2f} +- {std:.2f} dB for each dB"
+    )
+
+
+def _kinds_that_show(candidate: CandidatePassage, fit: PassageFit) -> int:
+    """Return how many of frequency, bearing and broadband show the passage."""
+    gain = candidate.likelihood_ratio
+    bearing_std_deg = np.sqrt(fit.covariance[0, 3, 3])
+    return (
+        int(_moves(fit))
+        + int(bearing_std_deg < LARGEST_BEARING_STD_DEG)
+        + int(gain.level > gain.threshold)
+    )
 
 
 def doppler_misfit(fit: PassageFit, blocks: Blocks) -> float:
