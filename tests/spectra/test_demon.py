@@ -155,6 +155,12 @@ def test_a_recording_without_room_for_rates_has_no_frame_and_says_so(duration_s,
     assert find_peaks(block).frame.size == 0
 
 
+def test_the_overlap_is_as_stated_in_a_short_recording():
+    """`trace` knows the noise of that overlap alone."""
+    made = demon(white_noise(3 * 4000, 1))
+    assert made.frames.window_samples == 4 * made.frames.hop_samples
+
+
 def test_the_band_and_the_window_follow_the_recording():
     recording = recording_of(white_noise(48_000, 1), 2000.0)
     open_options = {"band_hz": None, "window_s": None, "rate_hz": (0.2, 50.0)}

@@ -42,6 +42,12 @@ def test_a_pixel_is_the_strongest_cell_that_it_covers(max_pixels):
     np.testing.assert_allclose(shown, expected, atol=0.51 * step)
 
 
+def test_a_spectrogram_without_frames_is_an_empty_picture():
+    nothing = spectrogram(2.0).take("frame", slice(0, 0))
+    picture = Overview.join(list(pool_overview(iter([nothing]))))
+    assert picture.shade.shape[0] == 0
+
+
 @pytest.mark.parametrize("n_frames", [1, 7, 64])
 def test_blocks_change_no_bit(n_frames):
     whole = spectrogram(100.0)

@@ -229,6 +229,7 @@ def _plan(
     envelope = EnvelopePlan(fs, window, _cells(band_hz, window, fs), counts.n_bands)
     length = max(16, round(window_s * envelope.rate_hz))
     hop = max(1, round(length * (1.0 - counts.overlap)))
+    length = round(hop / (1.0 - counts.overlap))  # so that the overlap is as stated
     if recording.duration_s < window_s + window / fs:
         msg = (
             f"{recording.name} lasts {recording.duration_s:g} s, less than one window of "

@@ -74,6 +74,8 @@ def _pool_columns(power: FloatArray, max_pixels: int) -> FloatArray:
 def _add(
     rows: FloatArray, new: FloatArray, n_before: int, frames_per_row: int
 ) -> FloatArray:
+    if not new.shape[0]:  # a block without frames: the sound is too short for one
+        return rows
     row_of = (n_before + np.arange(new.shape[0])) // frames_per_row
     starts = np.flatnonzero(np.diff(row_of, prepend=-1))
     pooled = np.maximum.reduceat(new, starts, axis=0)
