@@ -4,8 +4,9 @@
 between 400 and 1800 Hz, once 9 dB under white ambient noise in that band with 30 %
 modulation, once 6 dB under it with 15 %. The sound goes through `demodulate`, `trace` and
 `rate_families` as the shipped recipes have them. The same is asked of noises without a
-vessel: white, swell of 6 dB, log-normal gusts, drift of 8 dB, snaps, and two tones that
-beat. The sound is drawn here, by formulas of its own.
+vessel: white, swell of 6 dB, log-normal gusts, drift of 8 dB, snaps, knocks, 6 dB an
+octave, a bump of 15 dB, a notch of 20 dB, mains with harmonics, and two tones that beat.
+The sound is drawn here, by formulas of its own.
 
 **Conventions.** Modulation is that of the amplitude: 1 + d (cos b + cos(2 b) / 2 + cos(s) / 2)
 with blade phase b and shaft phase s. Rates count from 0.5 Hz.
@@ -187,6 +188,55 @@ def _snaps(generator: np.random.Generator) -> FloatArray:
     return sound
 
 
+def _knocks(generator: np.random.Generator) -> FloatArray:
+    sound = _white(generator)
+    ring = np.arange(round(0.2 * RATE_HZ)) / RATE_HZ
+    count = generator.poisson(NOISE_S / 6.0)
+    for begin in generator.integers(0, sound.size - ring.size, count):
+        peak = 30.0 * 10 ** (3.0 * generator.standard_normal() / 20)
+        tone = np.sin(2 * np.pi * generator.uniform(100.0, 800.0) * ring)
+        sound[begin : begin + ring.size] += peak * np.exp(-ring / 0.05) * tone
+    return sound
+
+
+def _shaped(generator: np.random.Generator, gain_db: FloatArray) -> FloatArray:
+    spectrum = np.fft.rfft(_white(generator)) * 10 ** (gain_db / 20)
+    shaped: FloatArray = np.fft.irfft(spectrum, _time().size)
+    return shaped
+
+
+def _frequencies() -> FloatArray:
+    frequency: FloatArray = np.fft.rfftfreq(_time().size, 1.0 / RATE_HZ)
+    return frequency
+
+
+def _falling(generator: np.random.Generator) -> FloatArray:
+    return _shaped(generator, -20.0 * np.log10(np.maximum(_frequencies(), 20.0)))
+
+
+def _hill(height_db: float, width_hz: float) -> FloatArray:
+    centre_hz = 0.5 * sum(BAND_HZ)
+    off = (_frequencies() - centre_hz) / width_hz
+    hill: FloatArray = height_db * np.exp(-0.5 * off**2)
+    return hill
+
+
+def _bump(generator: np.random.Generator) -> FloatArray:
+    return _shaped(generator, _hill(15.0, 30.0))
+
+
+def _notch(generator: np.random.Generator) -> FloatArray:
+    return _shaped(generator, _hill(-20.0, 40.0))
+
+
+def _mains(generator: np.random.Generator) -> FloatArray:
+    turns = 2 * np.pi * 50.0 * _time()
+    sound = _white(generator)
+    for k in range(1, 31):
+        sound += 0.3 / k * np.sin(k * turns + 2 * np.pi * generator.random())
+    return sound
+
+
 def _beat(generator: np.random.Generator) -> FloatArray:
     phase = 2 * np.pi * _time()
     tones: FloatArray = np.cos(450.0 * phase) + np.cos(457.3 * phase)
@@ -199,6 +249,11 @@ NOISES: dict[str, Callable[[np.random.Generator], FloatArray]] = {
     "gusts below 200 Hz": _gusts,
     "drift 8 dB": _drift,
     "snaps": _snaps,
+    "knocks": _knocks,
+    "6 dB an octave": _falling,
+    "bump 15 dB": _bump,
+    "notch 20 dB": _notch,
+    "mains 50 Hz": _mains,
     "two tones that beat": _beat,
 }
 """Sound without a vessel."""
