@@ -35,7 +35,7 @@ from uwtrack_cli.estimation.window import (
     peak_offset_bins,
     response,
 )
-from uwtrack_cli.spectra.peak_bearings import background_intensity, peak_bearings
+from uwtrack_cli.spectra.peak_bearings import background_pull, peak_bearings
 
 N_NOISE_BANDS = 16
 """Bands in which the noise density is reported."""
@@ -218,12 +218,12 @@ def _bearings(
     east, north = spectrogram.intensity_east, spectrogram.intensity_north
     if east is None or north is None:
         return np.full(place[0].size, np.nan), np.full(place[0].size, np.nan)
-    frames, floor = spectrogram.frames, density[1]
+    frames = spectrogram.frames
     padding = max(1, round(frames.fft_length / frames.window_samples))
     parts = (east[:, chosen], north[:, chosen])
-    background = background_intensity(parts, *density, *place, zero_padding=padding)
+    background = background_pull(parts, *density, *place, zero_padding=padding)
     return peak_bearings(
-        parts, density[0], background, floor[place], *place,
+        parts, *density, background, *place,
         zero_padding=padding, dipole_noise_ratio=dipole_noise_ratio,
     )  # fmt: skip
 
