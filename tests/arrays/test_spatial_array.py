@@ -1,6 +1,7 @@
 """Planar and volume arrays against a delay-and-sum in time, simulated truth, real sound."""
 
 import os
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from scipy.signal import resample
 
 from tests.support import recording_of
+from uwtrack_cli.arrays import broadband_directions
 from uwtrack_cli.arrays.beamform import form_beams
 from uwtrack_cli.arrays.direction_grid import SpatialArray
 from uwtrack_cli.data.bearing_time import BearingTime
@@ -373,3 +375,20 @@ def test_a_real_array_hears_the_published_arrivals():
     apart = np.stack([np.roll(samples[:, k], 5730 * k) for k in range(4)], axis=1)
     noise = record_of(apart, sensor, 100.0, **options, kept_probability=0.01)
     assert noise.directions.frame.size <= 6  # of 119 frames at 1 %
+
+
+def test_memory_is_that_of_sixteen_frames_of_beams(monkeypatch):
+    """A whole block of 32, with floors and pressures of its own, takes more than 4."""
+    monkeypatch.setattr(broadband_directions, "DRAWN_FRAMES", 32)
+    places = 2.0 * SQUARE
+    samples = plane_wave(places, 40.0, 0.0, snr_db=10.0, duration_s=17.0)
+    array = SpatialArray(places, C)
+    tile_bytes = 4 * 16 * 841 * float(array.beams_needed(np.array(900.0)))
+    record_of(samples[:4000], sensor_of(places))  # imports, and directions of noise
+    tracemalloc.start()
+    record = record_of(samples, sensor_of(places))
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert record.frames.n_frames == 33
+    assert tile_bytes > 1.5e7  # large beside all else
+    assert peak_bytes < 4.0 * tile_bytes

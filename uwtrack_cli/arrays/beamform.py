@@ -34,7 +34,7 @@ from uwtrack_cli.arrays.beam_peaks import (
     find_beam_peaks,
     median_of_beams,
 )
-from uwtrack_cli.arrays.broadband_directions import DirectionSearch
+from uwtrack_cli.arrays.broadband_directions import DirectionSearch, FoundDirections
 from uwtrack_cli.arrays.direction_grid import LOBE_DB, MOST_BEAMS, SpatialArray
 from uwtrack_cli.arrays.direction_table import TableFacts, ambiguity_of, direction_table
 from uwtrack_cli.arrays.element_check import ElementCheck
@@ -45,8 +45,13 @@ from uwtrack_cli.arrays.line_array import (
     Shading,
 )
 from uwtrack_cli.arrays.mvdr import mvdr_power
-from uwtrack_cli.arrays.spatial_peaks import Lobes, SpatialBeams, find_spatial_peaks
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.arrays.spatial_peaks import (
+    Lobes,
+    SharedFloor,
+    SpatialBeams,
+    find_spatial_peaks,
+)
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
@@ -72,8 +77,14 @@ LINE_SHARE = 4.0
 """Power over the mean of a beam's cells from which a cell counts no more: of noise, it
 leaves out 2 % (exp -4)."""
 
+STRIP_CELLS = 16
+"""Cells whose beams are formed at once."""
+
+SAME_DB = 0.05
+"""Height below the main lobe from which a lobe is as high, as far as it is printed."""
+
 MOST_VALUES = 3_000_000
-"""Beams times cells of an array that is no line: 32 frames of them are 400 MB."""
+"""Beams times cells of an array that is no line: 16 frames of them are 200 MB."""
 
 Probability = Annotated[float, AtLeast(1e-9), AtMost(0.5)]
 
@@ -229,7 +240,7 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         given["weights"] = array.weights(shading, sidelobe_db)
         former = _LineFormer(array=array, n_beams=_beam_count(array, beams), **given)
     else:
-        former = _SpatialFormer(array=array, **given)
+        former = _SpatialFormer(array=array, part_frames=TILE_FRAMES, **given)
     return former.blocks(block_frames)
 
 
@@ -316,6 +327,8 @@ class _BeamFormer(ABC):
     """Loading of MVDR; None for conventional beams."""
     rules: PeakRules
     """What counts as a peak."""
+    part_frames: int | None = None
+    """Frames whose beams are held at once; None: all of a block."""
     _frequency_hz: FloatArray = field(init=False)
     """Frequency of every cell, Hz."""
     _turns: NDArray[np.complex64] = field(init=False)
@@ -334,38 +347,60 @@ class _BeamFormer(ABC):
         ):
             frames = describe_frames(self.recording, self.layout, samples, first, count)
             whole = bool((frames.valid_fraction == 1.0).all())
-            yield self._block(samples if whole else np.nan_to_num(samples), frames)
+            yield from self._block(samples if whole else np.nan_to_num(samples), frames)
 
-    def _block(self, samples: FloatArray, frames: Frames) -> BearingTime:
+    def _block(self, samples: FloatArray, frames: Frames) -> Iterator[BearingTime]:
+        """Yield the record of a block, as many frames at once as memory holds."""
         spectra = self._spectra(samples, frames.n_frames)
         alive = self._check.alive(spectra, self._frequency_hz, float(frames.time_s[0]))
         weights = np.where(alive, self.weights, 0.0)
         weights = weights / weights.sum()
-        power = self._power(spectra, weights)
-        place = place_of_array(self.recording.sensor, frames)
-        shown = power
-        if self.loading is not None:
-            used = self._turns[:, :, alive]
-            mvdr = mvdr_power(spectra[:, alive], used, self.loading)
-            shown = np.repeat(mvdr.T[:, None, :], frames.n_frames, axis=1)
-        return self._found(spectra, weights, power, shown, frames, place)
+        directions = self._directions(spectra, alive, frames)
+        mvdr = None if self.loading is None else self._mvdr(spectra, alive)
+        step = self.part_frames or frames.n_frames
+        for first in range(0, frames.n_frames, step):
+            rows = slice(first, first + step)
+            part = frames.take("frame", rows)
+            power = self._power(spectra[:, :, rows], weights)
+            shown = power if mvdr is None else np.broadcast_to(mvdr, power.shape)
+            place = place_of_array(self.recording.sensor, part)
+            heard = directions and directions.of_part(rows)
+            yield self._found(heard, weights, power, shown, part, place)
+
+    def _directions(
+        self,
+        spectra: NDArray[np.complex64],  # noqa: ARG002 - of those that tell directions
+        alive: BoolArray,  # noqa: ARG002
+        frames: Frames,  # noqa: ARG002
+    ) -> FoundDirections | None:
+        """Return the directions of broadband sound of a block, if the array tells them."""
+        return None
+
+    def _mvdr(self, spectra: NDArray[np.complex64], alive: BoolArray) -> FloatArray:
+        """Return the power of beams of minimum variance, shape (beam, 1, cell)."""
+        found = np.empty((self._turns.shape[1], 1, len(spectra)))
+        for cells in _strips(len(spectra)):
+            used = self._turns[cells][:, :, alive]
+            made = mvdr_power(spectra[cells][:, alive], used, float(self.loading or 0))
+            found[:, 0, cells] = made.T
+        return found
 
     @abstractmethod
     def _found(
         self,
-        spectra: NDArray[np.complex64],
+        directions: FoundDirections | None,
         weights: FloatArray,
         power: FloatArray,
         shown: FloatArray,
         frames: Frames,
         place: ArrayPlace,
     ) -> BearingTime:
-        """Return the record of a block with what was found in it.
+        """Return the record of a part of a block with what was found in it.
 
         Parameters
         ----------
-        spectra
-            Spectra of all hydrophones, shape (cell, element, frame).
+        directions
+            Directions of broadband sound in these frames.
         weights
             Weights of the hydrophones, 0 for one that is not used.
         power, shown
@@ -386,12 +421,14 @@ class _BeamFormer(ABC):
 
     def _power(self, spectra: NDArray[np.complex64], weights: FloatArray) -> FloatArray:
         """Power density of every beam, shape (beam, frame, cell)."""
-        weighted = spectra * weights.astype(np.float32)[:, None]
-        pressure = self._turns @ weighted
-        power = pressure.real**2 + pressure.imag**2
-        return _transposed(power.reshape(len(power), -1), 16).reshape(
-            *power.shape[1:], -1
-        )
+        n_cells, _, n_frames = spectra.shape
+        found = np.empty((self._turns.shape[1], n_frames, n_cells), np.float32)
+        for cells in _strips(n_cells):
+            weighted = spectra[cells] * weights.astype(np.float32)[:, None]
+            pressure = self._turns[cells] @ weighted
+            power = pressure.real**2 + pressure.imag**2
+            found[:, :, cells] = power.transpose(1, 2, 0)
+        return found
 
     def _record(
         self,
@@ -455,7 +492,7 @@ class _LineFormer(_BeamFormer):
 
     def _found(
         self,
-        spectra: NDArray[np.complex64],  # noqa: ARG002 - of all arrays
+        directions: FoundDirections | None,  # noqa: ARG002 - a line has none
         weights: FloatArray,
         power: FloatArray,
         shown: FloatArray,
@@ -516,20 +553,41 @@ class _SpatialFormer(_BeamFormer):
         self._tell_lobes()
 
     def _tell_lobes(self) -> None:
-        share = float(self._lobes.share.max())
-        if share > 10.0 ** (-LOBE_DB / 10.0):
-            at_hz = float(self._lobes.frequency_hz[int(np.argmax(self._lobes.share))])
-            msg = (
-                f"hydrophones {self.array.closest_m:.4g} m apart and more are sparse for "
-                f"this band: at {at_hz:.4g} Hz a lobe {-10 * np.log10(share):.1f} dB below "
-                f"the main one may be taken for it. Such peaks are marked (is_aliased); "
-                f"other directions that explain a frame are listed as its lobes."
-            )
-            warn(msg, UwtrackWarning, stacklevel=4)
+        """Say from where on in the band the array has lobes that may be mistaken."""
+        lobes = self._lobes
+        high = np.flatnonzero(lobes.share > 10.0 ** (-LOBE_DB / 10.0))
+        if not high.size:
+            return
+        first_hz = float(lobes.frequency_hz[high[0]])
+        at_hz = float(lobes.frequency_hz[int(np.argmax(lobes.share))])
+        below_db = -10.0 * np.log10(float(lobes.share.max()))
+        height = (
+            "another direction looks the same as the right one"
+            if below_db < SAME_DB
+            else f"a lobe reaches within {below_db:.1f} dB of the main one"
+        )
+        msg = (
+            f"hydrophones {self.array.closest_m:.4g} m apart and more are sparse for "
+            f"this band: lines from {first_hz:.4g} Hz on may be given a wrong direction "
+            f"(at {at_hz:.4g} Hz {height}). Such peaks are marked (is_aliased); other "
+            f"directions that explain the broadband sound of a frame are listed as its "
+            f"lobes."
+        )
+        warn(msg, UwtrackWarning, stacklevel=4)
+
+    def _directions(
+        self, spectra: NDArray[np.complex64], alive: BoolArray, frames: Frames
+    ) -> FoundDirections:
+        return self._search.find(
+            spectra[self._natural],
+            self._turns[self._natural],
+            alive,
+            frames.valid_fraction == 1.0,
+        )
 
     def _found(
         self,
-        spectra: NDArray[np.complex64],
+        directions: FoundDirections | None,
         weights: FloatArray,
         power: FloatArray,
         shown: FloatArray,
@@ -547,16 +605,12 @@ class _SpatialFormer(_BeamFormer):
             place=place,
         )
         centres, owner = self._grid.floor_beams
-        floor = beam_floors(power[centres], frames)[owner]
-        noise = median_of_beams(floor)
-        peaks = find_spatial_peaks(beams, floor, noise, self.rules)
-        alive = weights > 0.0
-        found = self._search.find(
-            spectra[self._natural],
-            self._turns[self._natural],
-            alive,
-            frames.valid_fraction == 1.0,
-        )
+        floor = beam_floors(power[centres], frames)
+        noise = np.empty(floor.shape[1:], np.float32)
+        for cells in _strips(floor.shape[2]):
+            noise[:, cells] = median_of_beams(floor[:, :, cells][owner])
+        peaks = find_spatial_peaks(beams, SharedFloor(floor, owner), noise, self.rules)
+        found = directions or FoundDirections.none()
         facts = TableFacts(
             time_s=frames.time_s,
             heading_deg=place.heading_deg,
@@ -610,6 +664,12 @@ def _broadband_mean(ratio: FloatArray) -> FloatArray:
     for _ in range(2):  # lines that raised the first mean do not raise the second
         mean = np.minimum(ratio, LINE_SHARE * mean[:, :, None]).mean(axis=2)
     return mean / np.float32(1.0 - np.exp(-LINE_SHARE))
+
+
+def _strips(n_cells: int) -> Iterator[slice]:
+    """Cut the cells into strips, whose beams stay in the cache."""
+    for first in range(0, n_cells, STRIP_CELLS):
+        yield slice(first, first + STRIP_CELLS)
 
 
 def _transposed(values: NDArray[Any], strip: int) -> NDArray[Any]:

@@ -138,6 +138,25 @@ class FoundDirections:
         self.covariance[rows] = other.covariance[rows]
         self.snr[rows] = other.snr[rows]
 
+    @classmethod
+    def none(cls) -> "FoundDirections":
+        """Return no directions."""
+        no, nowhere = np.zeros(0, np.int64), np.zeros((0, 3))
+        return cls(
+            frame=no, source=no, beam=no, toward=nowhere, covariance=np.zeros((0, 3, 3)),
+            snr=np.zeros(0), lobe_frame=no, lobe_source=no, lobe_toward=nowhere,
+            lobe_weight=np.zeros(0),
+        )  # fmt: skip
+
+    def of_part(self, rows: slice) -> "FoundDirections":
+        """Return those of a part of the block, counted from its first frame."""
+        found = self.of_frames(np.arange(rows.start, rows.stop))
+        return replace(
+            found,
+            frame=found.frame - rows.start,
+            lobe_frame=found.lobe_frame - rows.start,
+        )
+
     def of_frames(self, frames: IntArray) -> "FoundDirections":
         """Return the rows and lobes of some frames."""
         rows = np.isin(self.frame, frames)

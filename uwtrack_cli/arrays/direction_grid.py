@@ -54,6 +54,10 @@ LOBE_DB = 3.0
 """A lobe that reaches this near the main lobe may be taken for it."""
 
 
+ROWS_AT_ONCE = 256
+"""Beams whose distances from all others are held at once."""
+
+
 @dataclass(frozen=True, eq=False)
 class Bearing:
     """Directions as a person states them, all shape (n,), degrees."""
@@ -297,12 +301,12 @@ class DirectionGrid:
         Beams a quarter of a width apart hear nearly the same noise: each takes the
         floor of one that is at most a step away.
         """
-        apart = np.linalg.norm(self.toward[:, None] - self.toward[None], axis=2)
         owner = np.full(self.n_beams, -1)
         centres: list[int] = []
         for beam in range(self.n_beams):
             if owner[beam] < 0:
-                near = (apart[beam] <= 1.1 * self.step) & (owner < 0)
+                apart = np.linalg.norm(self.toward - self.toward[beam], axis=1)
+                near = (apart <= 1.1 * self.step) & (owner < 0)
                 owner[near] = len(centres)
                 centres.append(beam)
         return np.array(centres), owner
@@ -418,7 +422,10 @@ def _sphere(n_beams: int, step: float) -> DirectionGrid:
     turn = np.pi * (1.0 + np.sqrt(5.0)) * number
     level = np.sqrt(1.0 - rise**2)
     toward = np.stack([level * np.cos(turn), level * np.sin(turn), rise], axis=1)
-    near = np.argsort(-(toward @ toward.T), axis=1)[:, 1 : N_NEIGHBOURS + 1]
+    near = np.concatenate(
+        [np.argsort(-(some @ toward.T), axis=1)[:, 1 : N_NEIGHBOURS + 1]
+         for some in np.array_split(toward, -(-n_beams // ROWS_AT_ONCE))]
+    )  # fmt: skip
     helper = np.where(np.abs(rise)[:, None] < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0])
     first = np.cross(helper, toward)
     first /= np.linalg.norm(first, axis=1)[:, None]

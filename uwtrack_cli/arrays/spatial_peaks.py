@@ -37,6 +37,10 @@ LOBE_POINTS = 12
 """Frequencies of the band at which the lobes are looked at."""
 
 
+BEAMS_AT_ONCE = 64
+"""Beams that are held against their floors at once."""
+
+
 @dataclass(frozen=True, eq=False)
 class Lobes:
     """The highest lobe beside the main one over frequency."""
@@ -81,8 +85,23 @@ class SpatialBeams:
     """Where the array was."""
 
 
+@dataclass(frozen=True, eq=False)
+class SharedFloor:
+    """Noise density of the beams, of which neighbours share one."""
+
+    density: FloatArray
+    """Noise density of those that are estimated, shape (centre, frame, cell)."""
+    owner: IntArray
+    """Row of every beam's own, shape (beam,)."""
+
+    def at(self, place: tuple[IntArray, IntArray, IntArray]) -> FloatArray:
+        """Return the density at some beams, frames and cells."""
+        beam, frame, cell = place
+        return np.asarray(self.density[self.owner[beam], frame, cell])
+
+
 def find_spatial_peaks(
-    beams: SpatialBeams, floor: FloatArray, noise: FloatArray, rules: PeakRules
+    beams: SpatialBeams, floor: SharedFloor, noise: FloatArray, rules: PeakRules
 ) -> Peaks:
     """Find the peaks of a block of beams.
 
@@ -91,7 +110,7 @@ def find_spatial_peaks(
     beams
         The beams.
     floor
-        Noise density of each of them, same shape as their power.
+        Noise density of each of them.
     noise
         Its median over the beams, shape (frame, cell).
     rules
@@ -116,7 +135,7 @@ def find_spatial_peaks(
     values = beams.power[around, frame[:, None], cell[:, None]].astype(np.float64)
     toward, height = beams.grid.refine(beam, np.log(np.maximum(values, 1e-37)))
     peak = peak_power(np.exp(height), offset, step_bins)
-    ratio = peak / floor[at]
+    ratio = peak / floor.at(at)
     snr = np.maximum(ratio - 1.0, 0.1 * ratio)
     speed = beams.place.speed_mps[frame] / beams.array.sound_speed_mps
     scale = beams.frequency_hz[cell] / frequency_hz / (1.0 - speed * toward[:, 1])
@@ -137,7 +156,7 @@ def find_spatial_peaks(
         snr_db=10 * np.log10(snr),
         bearing_deg=np.where(is_known, known.bearing_deg, np.nan),
         bearing_std_deg=np.where(is_known, known.bearing_std_deg, np.nan),
-        is_detection=beams.power[at] > detect[frame] * floor[at],
+        is_detection=beams.power[at] > detect[frame] * floor.at(at),
         elevation_deg=known.elevation_deg,
         elevation_std_deg=known.elevation_std_deg,
         is_aliased=beams.lobes.at(frequency_hz) > 10.0 ** (-LOBE_DB / 10.0),
@@ -150,11 +169,17 @@ def find_spatial_peaks(
 
 
 def _maxima(
-    beams: SpatialBeams, floor: FloatArray, keep: FloatArray, padding: int
+    beams: SpatialBeams, floor: SharedFloor, keep: FloatArray, padding: int
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Beams, frames and cells of the maxima, in the order of frame and cell."""
     power = beams.power
-    beam, frame, cell = cells_above(power, floor, keep, padding)
+    parts = []
+    for first in range(0, len(power), BEAMS_AT_ONCE):
+        some = slice(first, first + BEAMS_AT_ONCE)
+        own = floor.density[floor.owner[some]]
+        beam, frame, cell = cells_above(power[some], own, keep, padding)
+        parts.append((beam + first, frame, cell))
+    beam, frame, cell = (np.concatenate(one) for one in zip(*parts, strict=True))
     heights = power[beam, frame, cell]
     lobe = beams.lobes.at(beams.frequency_hz[cell])
     spare = np.minimum(lobe * 10.0 ** (SPARE_DB / 10.0), 1.0)

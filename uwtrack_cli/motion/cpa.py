@@ -172,7 +172,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         found = _from_series(series, medium, false_alarm_probability)
     else:
         found = examine_recording(
-            lines, levels, medium, false_alarm_probability, limits, sound
+            lines, levels, medium, false_alarm_probability, limits, sound, directions
         )
     has_sound = sound is not None and sound.reader is not None
     pairs = [

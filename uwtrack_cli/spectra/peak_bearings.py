@@ -54,10 +54,6 @@ ALONE, TOGETHER = 6.0, 3.0
 """Deviations of a peak's own J from which its own direction is where the error is taken as
 small, and below which that of its tile is."""
 
-FRAME_CORRELATION = 4.0 / 3.0
-"""Correlation sum of the noise of frames that overlap by half, 1 + 2 (1/6) for Hann's
-window."""
-
 
 def background_pull(
     parts: tuple[FloatArray, FloatArray],
@@ -133,6 +129,7 @@ def peak_bearings(
     cell: IntArray,
     *,
     zero_padding: int,
+    hop_windows: float,
     dipole_noise_ratio: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return bearings of peaks and their deviations, degrees.
@@ -150,6 +147,8 @@ def peak_bearings(
         Where the peaks are.
     zero_padding
         Cells per natural bin.
+    hop_windows
+        Hop of the frames as a share of their window.
     dipole_noise_ratio
         Noise power of a dipole channel over the omni channel's, if isotropic.
 
@@ -184,7 +183,7 @@ def peak_bearings(
     tile, count = _tile_sums(parts, power, floor)
     whole = _White.of(
         [_over_cells(part, row // TILE_FRAMES, cell, reach) for part in tile],
-        axis, size, dipole_noise_ratio, together * FRAME_CORRELATION,
+        axis, size, dipole_noise_ratio, together * _frames_together(hop_windows),
     )  # fmt: skip
     aid = np.clip((ALONE - own.deviations) / (ALONE - TOGETHER), 0.0, 1.0)
     n_frames = 1.0 + aid * (count[row // TILE_FRAMES] - 1.0)
@@ -322,7 +321,8 @@ def _likely_share(
 
     product = np.sqrt(np.maximum(line_power, TINY) * np.maximum(omni, TINY))
     kappa = 2.0 * product / together
-    return np.asarray(product * ive(1, kappa) / ive(0, kappa) / line_power)
+    likely = product * ive(1, kappa) / ive(0, kappa)
+    return np.asarray(likely / np.maximum(line_power, TINY))
 
 
 def angle_by_whitened(
@@ -357,3 +357,10 @@ def _cells_together(half: int, zero_padding: int) -> float:
     shape = response(offset)
     alike = [[np.sqrt(cell_correlation(a - b, 0.0)) for a in offset] for b in offset]
     return float(shape @ np.array(alike) @ shape / (shape @ shape))
+
+
+def _frames_together(hop_windows: float) -> float:
+    """Return how much noise of the frames of a tile adds, those that overlap."""
+    lags = hop_windows * np.arange(1, TILE_FRAMES)
+    alike = [np.sqrt(cell_correlation(0.0, lag)) for lag in lags[lags < 1.0]]
+    return float(1.0 + 2.0 * np.sum(alike))

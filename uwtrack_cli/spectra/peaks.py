@@ -225,6 +225,7 @@ def _bearings(
     return peak_bearings(
         parts, *density, background, *place,
         zero_padding=padding, dipole_noise_ratio=dipole_noise_ratio,
+        hop_windows=frames.hop_samples / frames.window_samples,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
@@ -30,6 +31,7 @@ from uwtrack_cli.motion.passage.candidates import (
     split,
     tell_once,
 )
+from uwtrack_cli.motion.passage.direction_bearings import with_directions_of
 from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.likelihood_ratio import motion_likelihood
 from uwtrack_cli.motion.passage.measurements import contact_data, contact_ids, lines_of
@@ -53,6 +55,8 @@ class SearchTerms(NamedTuple):
     """Frames and ends of the recording."""
     sound: Recording | None
     """The recording, whose sound may be read again; None without it."""
+    directions: Directions | None = None
+    """What an array heard, of which the bearings of the levels are; None without it."""
 
 
 def examine_recording(
@@ -62,6 +66,7 @@ def examine_recording(
     false_alarm_probability: float,
     limits: RecordingSpan,
     sound: Recording | None = None,
+    directions: Directions | None = None,
 ) -> list[CandidatePassage]:
     """Examine every contact of a recording, and its broadband.
 
@@ -79,8 +84,10 @@ def examine_recording(
         Length of the frames and ends of the recording.
     sound
         The recording, whose sound may contradict a passage of lines.
+    directions
+        What an array heard: a contact with lines has the source beside its lines.
     """
-    terms = SearchTerms(medium, false_alarm_probability, limits, sound)
+    terms = SearchTerms(medium, false_alarm_probability, limits, sound, directions)
     every = _of_lines(lines, terms) if lines is not None else []
     if levels is None:
         return every
@@ -200,8 +207,9 @@ def _with_lines(
         return alone
     for contact in contacts:
         part = (contact,)
+        own = with_directions_of(levels, terms.directions, lines, part)
         joint = examine(
-            contact_data(lines, levels, part), part, lines_of(lines, part),
+            contact_data(lines, own, part), part, lines_of(lines, part),
             terms.medium, terms.probability,
         )  # fmt: skip
         if joint is not None and joint.likelihood_ratio.doppler > gain:
@@ -217,6 +225,7 @@ def _with_broadband(
 ) -> CandidatePassage:
     """Fit the lines with the broadband, unless the two have different motions."""
     medium, probability = terms.medium, terms.probability
+    levels = with_directions_of(levels, terms.directions, lines, only.contacts)
     wide = contact_data(None, levels, ())
     alone = examine(wide, only.contacts, np.empty(0, np.int64), medium, probability)
     if alone is not None and not agrees(alone, only):
