@@ -14,6 +14,7 @@ from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.candidates import examine_contacts
 from uwtrack_cli.motion.passage.nuisances import nuisance_priors
 from uwtrack_cli.motion.passage.rest_frame import rest_frame
+from uwtrack_cli.motion.passage.unknowns import RAMP, Change
 
 RATE_HZ = 512.0
 SCENE = Scene(speed_mps=6.0, range_m=150.0, rest_hz=(120.0,), closest_s=150.0,
@@ -79,6 +80,37 @@ def test_a_machine_that_changes_its_speed_is_no_passage(sound, reading):
     assert found.n_encounters == 0
     ((_, _, _, reason),) = found.refusals()
     assert reading in reason
+
+
+@pytest.mark.parametrize("passes", [True, False])
+def test_a_passage_beside_a_ramp_must_be_steadier_than_the_ramp_alone(passes):
+    """The frequencies of a machine that runs up are neither constant, nor a drift of
+    the whole stretch, nor a step: all of them are blurred, and the passage less."""
+    slope, at_s = 2e-4, SCENE.closest_s
+    lines = lines_of_scenes([SCENE], np.random.default_rng(1))
+    (item,) = examine_contacts(
+        lines, nuisance_priors(DIFAR, None, None, 22.0, 2.0).medium, 1e-3
+    )
+
+    def shift(time):
+        return (1 + passes * shift_at(time)[0]) * (
+            1 + slope * np.maximum(time - at_s, 0.0)
+        ) - 1
+
+    fit = replace(
+        item.fit,
+        theta=np.concatenate([item.fit.theta, [[slope, 0.0]]], axis=1),
+        change=Change(RAMP, np.array([at_s]), np.ones(1)),
+    )
+    value = np.broadcast_to(shift(item.blocks.time_s), item.blocks.shift.value.shape)
+    blocks = replace(
+        item.blocks,
+        value=np.concatenate([value, item.blocks.value[:, value.shape[1] :]], axis=1),
+    )
+    found = rest_frame(sound_of(1 + shift(TIME), shift_at(TIME)[1]), fit, blocks)
+    assert found.rival == "frequency-ramp"
+    assert (found.evidence > 0.2) == passes
+    assert (found.evidence < -0.2) != passes
 
 
 def test_lines_that_are_not_in_the_sound_are_no_passage():

@@ -4,7 +4,9 @@
 line is cut out of the sound as a narrow band and turned back by that movement: if the
 passage is true, what is left is a constant tone, and the longer the frames the sharper
 it stands out. The same is done for the rivals: nothing moved, a steady drift and one
-step, with slope, height and instant from the line's own measured frequencies. At every
+step, with slope, height and instant from the line's own measured frequencies. A passage
+that is read beside a ramp or a step must beat that change alone, too: the drift may
+then begin or end, and the step lie, near the instant of that change. At every
 frame length the sharpness of a reading is what its three strongest cells gain over
 noise in log-likelihood, M (p - 1 - ln p) with the mean power ratio p of M independent
 frames, less what the strongest of as many cells of noise would gain. The evidence
@@ -36,6 +38,7 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.measurements import Blocks
+from uwtrack_cli.motion.passage.unknowns import RAMP, STEP, Change
 
 REACH = 3.0
 """d/v on either side of the closest approach that are read."""
@@ -192,8 +195,8 @@ def rest_frame(
                    fit.rest_hz[0, is_known], mach)  # fmt: skip
     if not bands:
         return None
-    drift, step, step_s = _rivals(blocks, is_known, heard_s, width)
-    return _compared(bands, start_s, fit, (drift, step, step_s, heard_s), mach)
+    shapes = _rivals(blocks, is_known, (heard_s, width), fit.change)
+    return _compared(bands, start_s, fit, shapes, mach)
 
 
 def _bands(
@@ -222,36 +225,76 @@ def _bands(
     return found
 
 
+class _Rivals(NamedTuple):
+    """A drift and a step of all lines, without a passage."""
+
+    slope: float
+    """Slope of the drift, 1/s."""
+    from_s: float
+    """Where it is zero, s: its middle, or where it begins or ends."""
+    sign: float
+    """+1 where it begins there, -1 where it ends, 0 where it goes on."""
+    step: float
+    """Height of the step."""
+    step_s: float
+    """Its instant, s."""
+
+    def shifts(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the shift by the drift and by the step."""
+        lag = time_s - self.from_s
+        if self.sign:
+            lag = np.where(self.sign * lag > 0, lag, 0.0)
+        return self.slope * lag, self.step * (time_s > self.step_s)
+
+
 def _rivals(
-    blocks: Blocks, is_known: BoolArray, heard_s: float, width_s: float
-) -> tuple[float, float, float]:
-    """Fit a common drift (1/s), and a common step with its instant (s), to the lines."""
+    blocks: Blocks,
+    is_known: BoolArray,
+    place: tuple[float, float],
+    change: Change | None,
+) -> _Rivals:
+    """Fit a common drift, and a common step, to the lines.
+
+    ``place`` is when the closest approach was heard and d/v, s. Where a change is read
+    beside the passage, it may be all there is.
+    """
+    heard_s, width_s = place
     value = blocks.shift.value[0, is_known]
     weight = blocks.shift.weight[0, is_known]
     lag = blocks.time_s - heard_s
     weight = np.where(abs(lag) < REACH * width_s, weight, 0.0)
-    at = width_s * np.linspace(-1.0, 1.0, N_STEPS)
-    columns = np.concatenate([lag[None], lag > at[:, None]])
     total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
     left = value - (weight * value).sum(axis=1, keepdims=True) / total
-    free = columns[:, None] - (
-        (weight * columns[:, None]).sum(axis=-1, keepdims=True) / total
-    )
-    size = np.maximum((weight * free**2).sum(axis=(1, 2)), 1e-300)
-    along = (weight * free * left).sum(axis=(1, 2))
-    best = 1 + int(np.argmax(along[1:] ** 2 / size[1:]))
-    slope = along / size
-    return float(slope[0]), float(slope[best]), heard_s + float(at[best - 1])
+    about = width_s * np.linspace(-1.0, 1.0, N_STEPS)
+
+    def best(columns: FloatArray) -> tuple[int, float]:
+        free = columns[:, None] - (
+            (weight * columns[:, None]).sum(axis=-1, keepdims=True) / total
+        )
+        size = np.maximum((weight * free**2).sum(axis=(1, 2)), 1e-300)
+        along = (weight * free * left).sum(axis=(1, 2))
+        first = int(np.argmax(along**2 / size))
+        return first, float(along[first] / size[first])
+
+    steps, bends = heard_s + about, [(heard_s, 0.0)]
+    if change is not None and change.kind == STEP:
+        steps = np.append(steps, float(change.time_s[0]))
+    if change is not None and change.kind == RAMP:
+        near = float(change.time_s[0]) + about
+        bends += [(float(at), float(change.sign[0])) for at in near]
+    ramps = [_Rivals(1.0, *bend, 0.0, 0.0).shifts(blocks.time_s)[0] for bend in bends]
+    number, slope = best(np.array(ramps))
+    place_of, step = best(np.where(blocks.time_s > steps[:, None], 1.0, 0.0))
+    return _Rivals(slope, *bends[number], step, float(steps[place_of]))
 
 
 def _compared(
     bands: list[_Band],
     start_s: float,
     fit: PassageFit,
-    rivals: tuple[float, float, float, float],
+    rivals: _Rivals,
     mach: float,
 ) -> RestFrame | None:
-    drift, step, step_s, heard_s = rivals
     gains = np.zeros((N_LENGTHS, 1 + len(RIVALS)))
     is_used = np.zeros(N_LENGTHS, np.bool_)
     for band in bands:
@@ -261,8 +304,7 @@ def _compared(
         shifts = (
             fit.law(time).shift[0],
             np.zeros(time.size),
-            drift * (time - heard_s),
-            step * (time > step_s),
+            *rivals.shifts(time),
         )
         turn = 2j * np.pi * band.rest_hz / band.rate_hz
         readings = [band.sound * np.exp(-turn * np.cumsum(s)) for s in shifts]
