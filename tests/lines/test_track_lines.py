@@ -26,6 +26,7 @@ from uwtrack_cli.lines.tracker_options import (
     ProcessNoise,
     ScoreLogic,
 )
+from uwtrack_cli.lines.tracking.tracker import FollowedLines
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 from uwtrack_cli.studies.line_sound import detect_line, minute, score
@@ -74,6 +75,28 @@ def test_the_cut_into_blocks_changes_no_bit(block: int, initiation: str) -> None
         b.frames.n_frames for b in blocks
     ]
     assert Lines.join(out).equals(track(peaks, initiation=initiation))
+
+
+def test_what_is_known_so_far_is_what_the_end_would_give() -> None:
+    """Asked within a chunk, behind one and behind two; asking changes nothing."""
+    frequency, bearing = vessel()
+    peaks = line_peaks(frequency, bearing)
+    scan = track_lines(cut(peaks, k, k + 40) for k in range(0, 600, 40))
+    assert isinstance(scan, FollowedLines)
+    scan.remember(1e9)
+    out = []
+    for n_frames, block in zip(range(40, 640, 40), scan, strict=False):
+        out.append(block)
+        if n_frames in {40, 200, 320, 560}:
+            known = scan.so_far(-np.inf)
+            assert known is not None
+            assert known.equals(track(cut(peaks, 0, n_frames)))
+    part = scan.so_far(150.0)
+    assert part is not None
+    assert part.frames.time_s[0] <= 150.0 <= part.frames.time_s[40]
+    assert part.time_s.min() >= part.frames.time_s[0]
+    assert part.line_id.tolist() == known.line_id.tolist()
+    assert Lines.join([*out, *scan]).equals(track(peaks))
 
 
 def test_a_passage_gives_one_line_per_tone_and_one_contact() -> None:

@@ -6,7 +6,7 @@ import pytest
 from tests.support import DIFAR, OMNI, recording_of, white_noise
 from uwtrack_cli.data.spectra import Levels, Spectrogram
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.spectra.levels import measure_levels
+from uwtrack_cli.spectra.levels import MeasuredLevels, measure_levels
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 RATE_HZ = 2000.0
@@ -75,6 +75,27 @@ def test_blocks_change_no_bit(n_frames):
     first = Levels.join(list(measure_levels(iter(cut), **options)))
     assert first.equals(Levels.join(list(measure_levels(iter([whole]), **options))))
     assert first.frames.equals(whole.frames)
+
+
+def test_what_is_known_so_far_is_what_the_end_would_give():
+    """With tiles that wait, and with some that have left with both sides known."""
+    options = {"band_hz": (50.0, 400.0), "n_bands": 4}
+    recording = recording_of(white_noise(80 * 64 * 400, 3, rate_hz=1000.0), 1000.0)
+    blocks = list(compute_spectrogram(recording, window_s=0.8))
+    parts = [b.take("frame", slice(k, k + 100)) for b in blocks
+             for k in range(0, b.frames.n_frames, 100)]  # fmt: skip
+    scan = measure_levels(iter(parts), **options)
+    assert isinstance(scan, MeasuredLevels)
+    assert scan.so_far(0.0) is None
+    scan.remember(1e9)
+    for n_parts, _ in zip(range(1, len(parts) + 1), scan, strict=False):
+        if n_parts in {1, 7, len(parts)}:
+            end = Levels.join(list(measure_levels(iter(parts[:n_parts]), **options)))
+            assert scan.so_far(-np.inf).equals(end)
+    part = scan.so_far(1900.0)
+    first = int(np.searchsorted(end.frames.time_s, part.frames.time_s[0]))
+    assert part.equals(end.take("frame", slice(first, None)))
+    assert part.frames.time_s[0] <= 1900.0 < part.frames.time_s[64]
 
 
 def test_one_block_comes_out_for_each_that_goes_in_before_the_rest():

@@ -134,6 +134,28 @@ def test_blocks_have_no_influence(monkeypatch):
     np.testing.assert_array_equal(again.spreads, whole.spreads)
 
 
+def test_what_is_known_so_far_is_what_the_end_would_give():
+    """A tone of half a second in a minute of noise, told while the sound goes on."""
+    sound = white_noise(round(60 * RATE_HZ), 12, rate_hz=RATE_HZ)
+    time_s = np.arange(sound.size) / RATE_HZ
+    near = np.abs(time_s - 30.0) < 0.5
+    sound[near] += 40.0 * np.sin(2 * np.pi * 700.0 * time_s[near])
+    blocks = list(compute_spectrogram(recording_of(sound, RATE_HZ), **FRAMES))
+    parts = [b.take("frame", slice(k, k + 64)) for b in blocks
+             for k in range(0, b.frames.n_frames, 64)]  # fmt: skip
+    scan = find_rises(iter(parts))
+    scan.remember(1e9)
+    assert scan.so_far(0.0) is None
+    told = []
+    for n_parts, _ in zip(range(1, len(parts) + 1), scan, strict=False):
+        if n_parts % 4 == 0:
+            known = scan.so_far(-np.inf)
+            assert known.equals(Rises.join(list(find_rises(iter(parts[:n_parts])))))
+            told.append(known.time_s.size)
+    assert told[0] == 0 < told[-1]
+    assert scan.so_far(40.0).time_s.size == 0
+
+
 def test_silence_does_not_rise():
     sound = white_noise(int(30 * RATE_HZ), 8)
     sound[: sound.size // 2] = 0.0

@@ -77,6 +77,9 @@ class Container:
     STREAMS: ClassVar[bool] = False
     """Whether the chain passes it on block by block."""
 
+    _known_columns: ClassVar[dict[str, Column]]
+    """What `columns` returns, once it was asked of the class itself."""
+
     def __post_init__(self) -> None:
         """Convert every column to its type, freeze it and check the axes."""
         sizes: dict[str, int] = {}
@@ -120,9 +123,15 @@ class Container:
     @classmethod
     def columns(cls) -> dict[str, Column]:
         """Array fields by name: the class's own as declared, then the inherited."""
-        own = get_annotations(cls)
-        ordered = sorted(fields(cls), key=lambda each: each.name not in own)
-        return {f.name: f.metadata["column"] for f in ordered if "column" in f.metadata}
+        known = cls.__dict__.get("_known_columns")
+        if known is None:  # containers are made by the thousand
+            own = get_annotations(cls)
+            ordered = sorted(fields(cls), key=lambda each: each.name not in own)
+            known = {
+                f.name: f.metadata["column"] for f in ordered if "column" in f.metadata
+            }
+            cls._known_columns = known
+        return dict(known)
 
     @classmethod
     def scalars(cls) -> dict[str, Field[Any]]:

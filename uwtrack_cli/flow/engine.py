@@ -15,7 +15,7 @@ the recording are resolved before the run, and written into history as they are 
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -53,6 +53,17 @@ class Sink(Protocol):
 
     def forget(self, kept: Collection[str]) -> None:
         """Let go of what can be read again, but for the results of some steps."""
+
+
+@runtime_checkable
+class OpenScan(Protocol):
+    """A scan that tells its result at any time, not at its end alone."""
+
+    def remember(self, last_s: float) -> None:
+        """Keep what has left for so long, s."""
+
+    def so_far(self, start_s: float) -> Container | None:
+        """Return the result from a time on, as if the input ended here."""
 
 
 class Watch(Protocol):
@@ -210,6 +221,17 @@ class Engine:
         """
         stream = self._streams[name]
         self.push(name, stream.push(block), stream.node.step)
+
+    def open_scan(self, name: str) -> OpenScan | None:
+        """Return what a scan can be asked while it runs; None if it cannot.
+
+        Parameters
+        ----------
+        name
+            Name of the step.
+        """
+        results: object = self._streams[name].results
+        return results if isinstance(results, OpenScan) else None
 
     def finish(self, progress: Progress | None = None) -> None:
         """End the streams in order, then run the whole stages.
@@ -409,23 +431,23 @@ class _StreamNode:
     def __init__(self, node: Node) -> None:
         self.node = node
         self._waiting: list[Container] = []
-        self._results: Iterator[Container] | None = None
+        self.results: Iterator[Container] | None = None
         step = node.step
         if step.stage.kind == "scan":
-            self._results = step.stage.function(self._feed(), **step.options)
+            self.results = step.stage.function(self._feed(), **step.options)
 
     def push(self, block: Container) -> Container:
         """Give one block and take the one that follows from it."""
-        if self._results is None:
+        if self.results is None:
             step = self.node.step
             made: Container = step.stage.function(block, **step.options)
             return made
         self._waiting.append(block)
-        return next(self._results)
+        return next(self.results)
 
     def finish(self) -> Iterator[Container]:
         """Take what the stage still holds."""
-        return iter(()) if self._results is None else self._results
+        return iter(()) if self.results is None else self.results
 
     def _feed(self) -> Iterator[Container]:
         while self._waiting:

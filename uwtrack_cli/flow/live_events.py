@@ -1,12 +1,13 @@
 """What is told of live sound while it comes: lines, presence, closest approaches, gaps.
 
-**Method.** The blocks that the scans of a recipe take are kept for the last
-``RING_S`` seconds. At fixed times of the sound the scans and the whole stages are run
-anew over the last of them: often over short stretches, which hold the passages of small
-``range_over_speed_s`` (d/v), and seldom over long ones. What a stretch shows is told as
-provisional as soon as the closest approach lies d/v behind. When 4 d/v and a minute have
-passed, the longest stretch decides, and what is told is final. The product is made from
-the whole sound, whatever was told.
+**Method.** At fixed times of the sound the scans of a recipe are asked what they would
+have found if it ended now, and the whole stages are run over the last of it: often over
+short stretches, which hold the passages of small ``range_over_speed_s`` (d/v), and seldom
+over long ones; not at all where nothing can be found (`live_activity`). A scan that cannot
+tell is run anew over the blocks that it took, which are kept for ``RING_S`` seconds. What
+a stretch shows is told as provisional as soon as the closest approach lies d/v behind.
+When 4 d/v and a minute have passed, the longest stretch decides, and what is told is
+final. The product is made from the whole sound, whatever was told.
 
 **Conventions.** Everything depends on the sound alone, never on the clock: the same
 sound gives the same events. An event is told again, with the next ``revision``, when a
@@ -15,7 +16,7 @@ value has moved by its deviation or the deviation has shrunk by a third.
 
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,8 +33,14 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.audio.live_reader import UNCHANGED_S, LiveReader
 from uwtrack_cli.files.tables.json_rows import json_rows, plain
 from uwtrack_cli.files.utc import format_utc
-from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
+from uwtrack_cli.flow.engine import Engine, MemorySink, OpenScan, context_of
 from uwtrack_cli.flow.graph import Graph
+from uwtrack_cli.flow.live_activity import (
+    ALWAYS,
+    ToldPassage,
+    is_worth_a_look,
+    spans_of,
+)
 from uwtrack_cli.flow.live_presence import LivePresence, with_told_encounter
 from uwtrack_cli.flow.step import Step
 
@@ -43,18 +50,20 @@ Event = dict[str, Any]
 Tell = Callable[[Event], None]
 """Takes an event as soon as it is decided."""
 
-STRETCHES_S = (160.0, 400.0, 1000.0, 2500.0)
-"""Stretches of sound that are looked at: 2500 s hold 4 times the longest d/v, 600 s."""
+STRETCHES_S = {160.0: 20.0, 400.0: 50.0, 1000.0: 100.0, 2500.0: 240.0}
+"""Stretches of sound that are looked at, and how often at most: 2500 s hold 4 times the
+longest d/v, 600 s. A stretch shows passages from a quarter of the next shorter one on:
+with blocks of 8 s they are told within 2 d/v + 30 s."""
 
-LOOKS = 10
-"""A stretch is looked at again when this share of it is new: one tenth."""
-
-RING_S = STRETCHES_S[-1]
+RING_S = max(STRETCHES_S)
 RING_BYTES = 1 << 28
 """Most bytes of blocks that are kept for one scan; stretches are shorter then."""
 
 FINAL_WIDTHS, FINAL_S = 4.0, 60.0
 """A passage is final when so many d/v and seconds have passed since."""
+
+HEARD_WIDTHS = 8.0
+"""d/v on either side of a passage in which its level is heard: 18 dB down."""
 
 PASSED = ("ok", "level-only")
 """Status of a closest approach that lies in the sound."""
@@ -91,10 +100,23 @@ class LiveWatch:
             and node.step.stage.output in (Encounters, Presence)
         ]
         self._graph = graph.part([step.name for step in self._whole])
+        self._open: dict[str, tuple[Step, OpenScan]] = {}
         self._rings = {step.name: _Ring(step) for step in _roots(self._graph)}
         self._results = {step.name: _Ring(step) for step in _direct(self._graph)}
-        self._due_s = {stretch: stretch / LOOKS for stretch in STRETCHES_S}
+        self._due_s = dict(STRETCHES_S)
+        self._looked_s = dict.fromkeys(STRETCHES_S, -np.inf)
         self._now_s = 0.0
+
+    def attend(self, engine: Engine) -> None:
+        """Take the engine whose scans are asked what they have so far.
+
+        Scans that can tell this need not be run anew over blocks that are kept.
+        """
+        for name in list(self._rings):
+            scan = engine.open_scan(name)
+            if scan is not None:
+                scan.remember(RING_S)
+                self._open[name] = self._rings.pop(name).step, scan
 
     def entering(self, step: Step, block: Container) -> None:
         """Note a block that a step is about to take."""
@@ -125,12 +147,14 @@ class LiveWatch:
         before = 0.0
         for stretch_s, due_s in self._due_s.items():
             if now_s >= due_s:
-                self._due_s[stretch_s] = now_s + stretch_s / LOOKS
+                self._due_s[stretch_s] = now_s + STRETCHES_S[stretch_s]
                 if now_s > before:  # a shorter stretch does not hold it all
-                    self._look(stretch_s)
+                    self._look(stretch_s, before)
             before = stretch_s
         if self._passages.some_are_due(now_s) or self._presence.some_are_due(now_s):
-            found = self._found(RING_S)
+            known = self._known_so_far(RING_S)
+            assert known is not None  # noqa: S101 - something was told of it
+            found = self._found(RING_S, known)
             self._passages.decide(found.passages, now_s)
             self._presence.decide(self._with_told_encounters(found), now_s)
 
@@ -151,8 +175,17 @@ class LiveWatch:
         last = _Found(passages, heard, 0.0)
         self._presence.finish(self._with_told_encounters(last))
 
-    def _look(self, stretch_s: float) -> None:
-        found = self._found(stretch_s)
+    def _look(self, stretch_s: float, shorter_s: float) -> None:
+        known = self._known_so_far(stretch_s)
+        if known is None:
+            return
+        last_s = self._looked_s[stretch_s]
+        spans = [ALWAYS] if self._rings or self._results else spans_of(known.values())
+        told = self._passages.explaining()
+        if not is_worth_a_look(spans, self._now_s, last_s, stretch_s, shorter_s, told):
+            return
+        self._looked_s[stretch_s] = self._now_s
+        found = self._found(stretch_s, known)
         for row in found.passages:
             width_s = _width_s(row)
             margin_s = width_s if row["status"] == "ok" else 3.0 * width_s
@@ -168,14 +201,28 @@ class LiveWatch:
         known = {own: told for own, told in contacts.items() if told is not None}
         return [with_told_encounter(row, known) for row in found.presence]
 
-    def _found(self, stretch_s: float) -> "_Found":
-        """Run the last stretch of the sound anew; return what it shows."""
+    def _known_so_far(self, stretch_s: float) -> dict[str, Container] | None:
+        """Return what the scans know of the last stretch; None if one knows nothing."""
+        made = {
+            name: scan.so_far(self._now_s - stretch_s)
+            for name, (_, scan) in self._open.items()
+        }
+        known = {name: one for name, one in made.items() if one is not None}
+        return known if len(known) == len(made) else None
+
+    def _found(self, stretch_s: float, known: Mapping[str, Container]) -> "_Found":
+        """Run the last stretch of the sound on from its scans; return what it shows."""
         sink = MemorySink()
         engine = Engine(self._graph, context_of(self._recording), sink)
-        start_s = self._now_s
+        start_s = max(
+            (s for s, _ in map(_span, known.values()) if np.isfinite(s)),
+            default=self._now_s,
+        )
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # the run itself will say it
+                for name, one in known.items():
+                    engine.push(name, one, self._open[name][0])
                 for name, ring in self._rings.items():
                     for block in ring.since(self._now_s - stretch_s):
                         start_s = min(start_s, _span(block)[0])
@@ -270,6 +317,19 @@ class _Passages:
         """Return the contact under which a passage was told; None if it was not."""
         known = _nearest(row, [p for p in self._known if p.row["status"] != WITHDRAWN])
         return None if known is None else known.contact
+
+    def explaining(self) -> list[ToldPassage]:
+        """Return what the passages explain that were told and not withdrawn."""
+        return [
+            ToldPassage(
+                p.row["time_s"] - HEARD_WIDTHS * _width_s(p.row),
+                p.row["time_s"] + HEARD_WIDTHS * _width_s(p.row),
+                tuple(p.row["rest_frequencies_hz"]),
+                _width_s(p.row),
+            )
+            for p in self._known
+            if p.row["status"] in PASSED
+        ]
 
     def some_are_due(self, now_s: float) -> bool:
         """Tell whether a passage waits to be decided."""

@@ -158,6 +158,8 @@ def run_into_product(  # noqa: PLR0913 (what a run may be given)
     watch = None if tell is None else LiveWatch(graph, recording, tell)
     revise = revision(recording, files, vessels)
     engine = Engine(graph, context_of(recording), sink, watch, revise)
+    if watch is not None:
+        watch.attend(engine)
     engine.run_recording(recording, progress)
     recording = recording.ended()
     if files is not None:

@@ -66,10 +66,16 @@ class LinePoints:
 
     def sorted(self) -> "LinePoints":
         """Return the points by line, then by frame."""
-        order = np.lexsort((self.frame, self.line))
+        return self._rows(np.lexsort((self.frame, self.line)))
+
+    def since(self, start_s: float) -> "LinePoints":
+        """Return the points from a time on, s."""
+        return self._rows(np.flatnonzero(self.time_s >= start_s))
+
+    def _rows(self, rows: IntArray) -> "LinePoints":
         return LinePoints(
-            self.line[order], self.frame[order], self.time_s[order],
-            self.state[order], self.measured[order], self.association[order],
+            self.line[rows], self.frame[rows], self.time_s[rows],
+            self.state[rows], self.measured[rows], self.association[rows],
         )  # fmt: skip
 
     @classmethod

@@ -30,7 +30,7 @@ from uwtrack_cli.lines.tracker_options import (
     ScoreLogic,
     TrackerOptions,
 )
-from uwtrack_cli.lines.tracking.tracker import LineTracker, follow_peaks
+from uwtrack_cli.lines.tracking.tracker import FollowedLines, LineTracker
 
 _SCORE, _COUNT, _FEEDBACK = ScoreLogic(), CountLogic(), Feedback()
 _GATES, _MOTION, _HARMONICS = Gates(), ProcessNoise(), Harmonics()
@@ -95,6 +95,6 @@ def track_lines(
     options = TrackerOptions(
         initiation, score, count, feedback, gates, motion, harmonics
     )
-    return follow_peaks(
+    return FollowedLines(
         blocks, lambda frames, peaks: LineTracker(options, frames, peaks)
     )

@@ -44,7 +44,7 @@ from uwtrack_cli.lines.tracking.association import Pairs
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.lines.tracking.track_management import NOISE_PEAKS_PER_CELL
 from uwtrack_cli.lines.tracking.track_store import CONFIRMED
-from uwtrack_cli.lines.tracking.tracker import LineTracker, follow_peaks
+from uwtrack_cli.lines.tracking.tracker import FollowedLines, LineTracker
 
 _SCORE, _GATES, _MOTION, _HARMONICS = ScoreLogic(), Gates(), ProcessNoise(), Harmonics()
 
@@ -117,7 +117,7 @@ def track_lines_pda(
             lowest_false_alarm=lowest_false_alarm,
         )  # fmt: skip
 
-    return follow_peaks(blocks, make_tracker)
+    return FollowedLines(blocks, make_tracker)
 
 
 def _check(lowest_false_alarm: float, peaks: Peaks) -> None:

@@ -17,6 +17,7 @@ the whole band. Tiles count absolute frames, so blocks have no influence.
 1991 (active intensity).
 """
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -99,29 +100,114 @@ def measure_levels(
     Cells below c times their mean have 1 - c / (e^c - 1) of it: levels are corrected.
     The excess deviates by 4.34 dB over the root of the number of independent cells.
     """
-    waiting: list[_Bands] = []
-    quiet: list[_TileSound] = []
-    rest: _Bands | None = None
-    at = 0  # place of the first waiting tile among the quiet times that are held
-    for block in blocks:
-        cut = _condensed(block, band_hz, n_bands)
-        rest = cut if rest is None else _Bands.join([rest, cut])
-        n_whole = rest.frames.n_frames // TILE_FRAMES
-        for k in range(n_whole):
-            waiting.append(rest.take("frame", _rows(k)))
-            quiet.append(_tile_sound(waiting[-1]))
-        rest = rest.take("frame", slice(n_whole * TILE_FRAMES, None))
-        n_ready = max(0, len(quiet) - REACH_TILES - at)
-        yield _levels(waiting[:n_ready], quiet, at, rest)
-        waiting = waiting[n_ready:]
-        n_past = max(0, at + n_ready - REACH_TILES)
-        at, quiet = at + n_ready - n_past, quiet[n_past:]
-    if rest is not None:
+    return MeasuredLevels(blocks, band_hz, n_bands)
+
+
+class MeasuredLevels:
+    """The levels of a stream of spectrograms, measured while they come.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of a spectrogram, or of what `condense` made of them.
+    band_hz, n_bands
+        Options of `measure_levels`.
+
+    Raises
+    ------
+    OptionError
+        The band holds too few cells.
+    """
+
+    def __init__(
+        self, blocks: Iterator[Spectrogram], band_hz: tuple[float, float], n_bands: int
+    ) -> None:
+        self._waiting: list[_Bands] = []
+        self._quiet: list[_TileSound] = []
+        self._rest: _Bands | None = None
+        # place of the first waiting tile among the quiet times that are held
+        self._at = 0
+        self._memory_s = 0.0
+        self._past: deque[Levels] = deque()
+        self._results = self._follow(blocks, band_hz, n_bands)
+
+    def __iter__(self) -> Iterator[Levels]:
+        """Return the blocks of levels."""
+        return self
+
+    def __next__(self) -> Levels:
+        """Return the levels that have become final, and at last the rest."""
+        return next(self._results)
+
+    def remember(self, last_s: float) -> None:
+        """Keep what has left for so long, s, for `so_far`."""
+        self._memory_s = last_s
+
+    def so_far(self, start_s: float) -> Levels | None:
+        """Return the levels as they would be if the spectrogram ended here.
+
+        Parameters
+        ----------
+        start_s
+            Where they begin, s: with the first tile that reaches beyond it.
+
+        Returns
+        -------
+        Levels or None
+            None before the first block.
+        """
+        if self._rest is None:
+            return None
+        past = [one for one in self._past if one.frames.time_s[-1] >= start_s]
+        held = [*self._waiting, self._rest]
+        late = [
+            k for k, tile in enumerate(held)
+            if tile.frames.n_frames and tile.frames.time_s[-1] >= start_s
+        ]  # fmt: skip
+        first = late[0] if late else len(held) - 1
+        rest = self._held_levels(self._rest, first)
+        return Levels.join([*past, rest]) if past else rest
+
+    def _follow(
+        self, blocks: Iterator[Spectrogram], band_hz: tuple[float, float], n_bands: int
+    ) -> Iterator[Levels]:
+        for block in blocks:
+            cut = _condensed(block, band_hz, n_bands)
+            rest = cut if self._rest is None else _Bands.join([self._rest, cut])
+            n_whole = rest.frames.n_frames // TILE_FRAMES
+            for k in range(n_whole):
+                self._waiting.append(rest.take("frame", _rows(k)))
+                self._quiet.append(_tile_sound(self._waiting[-1]))
+            rest = rest.take("frame", slice(n_whole * TILE_FRAMES, None))
+            self._rest = rest
+            n_ready = max(0, len(self._quiet) - REACH_TILES - self._at)
+            made = _levels(self._waiting[:n_ready], self._quiet, self._at, rest)
+            self._waiting = self._waiting[n_ready:]
+            n_past = max(0, self._at + n_ready - REACH_TILES)
+            self._at += n_ready - n_past
+            self._quiet = self._quiet[n_past:]
+            self._keep(made)
+            yield made
+        if self._rest is not None:
+            yield self._held_levels(self._rest, 0)
+
+    def _held_levels(self, rest: "_Bands", first: int) -> Levels:
+        """Return the levels of the tiles that wait from one on, and of the rest."""
+        quiet = list(self._quiet)
         if rest.frames.n_frames >= TILE_FRAMES // 4 or not quiet:
             quiet.append(_tile_sound(rest))
         else:
             quiet.append(_TileSound.unknown(rest.density.shape[1]))
-        yield _levels([*waiting, rest], quiet, at, rest.take("frame", slice(0)))
+        tiles = [*self._waiting[first:], rest]
+        return _levels(tiles, quiet, self._at + first, rest.take("frame", slice(0)))
+
+    def _keep(self, made: Levels) -> None:
+        if not (self._memory_s and made.frames.n_frames):
+            return
+        self._past.append(made)
+        oldest_s = float(made.frames.time_s[-1]) - self._memory_s
+        while self._past[0].frames.time_s[-1] < oldest_s:
+            self._past.popleft()
 
 
 def condense(

@@ -29,6 +29,7 @@ bounded by one stretch.
 the factor. `calibration/rises.py` draws what the constants were set from.
 """
 
+from collections import deque
 from collections.abc import Iterator
 from typing import Annotated, NamedTuple
 
@@ -98,6 +99,10 @@ LEAST_FALL, LEAST_CLIMB = 1.4, 1.2
 """Sums of squares, over those of lines that keep their frequency, from which lines fall
 or climb: see calibration/rises.py."""
 
+LOWEST_MEDIAN = 2.0
+"""Usual spreads, at most, by which the median rise of a stretch lies below zero: leaving
+out the strongest three frames of seven, it is 1.1 in noise."""
+
 STRETCH_FRAMES, CONTEXT_FRAMES = 6_000, 1_200
 """Frames that are searched at once, and those beside them that are known, too."""
 
@@ -128,6 +133,10 @@ class _Hits(NamedTuple):
     """1 + ln(power over what must be exceeded)."""
 
 
+_Rise = tuple[float, float, str, float]
+"""Middle and half length in s, kind, and height in spreads."""
+
+
 @checked
 def find_rises(
     blocks: Iterator[Spectrogram],
@@ -154,27 +163,111 @@ def find_rises(
     OptionError
         The option is out of range.
     """
-    held: list[_Cells] = []
-    hop_s, known, sensor = 1.0, 0, ""
-    for block in blocks:
-        hop_s, sensor = block.frames.hop_s, block.frames.sensor
-        held.append(_cells(block))
-        found = []
-        while sum(part.time_s.size for part in held) - known >= (
-            STRETCH_FRAMES + CONTEXT_FRAMES
-        ):
-            whole = _joined(held)
-            stop = known + STRETCH_FRAMES
-            around = _part(whole, slice(None, stop + CONTEXT_FRAMES))
-            found += _search(around, hop_s, (known, stop), least_spreads)
-            rest = slice(stop - CONTEXT_FRAMES, None)
-            held = [_part(whole, rest)]
-            known = CONTEXT_FRAMES
-        yield _table(found, least_spreads, sensor)
-    if held:
-        whole = _joined(held)
-        found = _search(whole, hop_s, (known, whole.time_s.size), least_spreads)
-        yield _table(found, least_spreads, sensor)
+    return FoundRises(blocks, least_spreads)
+
+
+class FoundRises:
+    """The rises of a stream of spectrograms, found while they come.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of a spectrogram with short frames.
+    least_spreads
+        Option of `find_rises`.
+    """
+
+    def __init__(self, blocks: Iterator[Spectrogram], least_spreads: float) -> None:
+        self._least_spreads = least_spreads
+        self._held: list[_Cells] = []
+        self._hop_s, self._known, self._sensor = 1.0, 0, ""
+        self._memory_s = 0.0
+        self._past: deque[_Rise] = deque()
+        self._results = self._follow(blocks)
+
+    def __iter__(self) -> Iterator[Rises]:
+        """Return the blocks of rises."""
+        return self
+
+    def __next__(self) -> Rises:
+        """Return the rises that a block has made certain, and at last the rest."""
+        return next(self._results)
+
+    def remember(self, last_s: float) -> None:
+        """Keep what has left for so long, s, for `so_far`."""
+        self._memory_s = last_s
+
+    def so_far(self, start_s: float) -> Rises | None:
+        """Return the rises as they would be if the spectrogram ended here.
+
+        Those that are not certain yet count in spreads of the stretch, and of what is
+        known before it.
+
+        Parameters
+        ----------
+        start_s
+            Where they begin, s.
+
+        Returns
+        -------
+        Rises or None
+            None before the first block.
+        """
+        if not self._held:
+            return None
+        whole = _joined(self._held)
+        self._held = [whole]
+        first = max(self._known, int(np.searchsorted(whole.time_s, start_s)))
+        before = min(first, CONTEXT_FRAMES)
+        near = _part(whole, slice(first - before, None))
+        searched = (before, near.time_s.size)
+        found = _search(near, self._hop_s, searched, self._least_spreads, passes=True)
+        past = [rise for rise in self._past if rise[0] >= start_s]
+        return self._table([*past, *found])
+
+    def _follow(self, blocks: Iterator[Spectrogram]) -> Iterator[Rises]:
+        for block in blocks:
+            self._hop_s, self._sensor = block.frames.hop_s, block.frames.sensor
+            self._held.append(_cells(block))
+            found = []
+            while sum(part.time_s.size for part in self._held) - self._known >= (
+                STRETCH_FRAMES + CONTEXT_FRAMES
+            ):
+                whole = _joined(self._held)
+                stop = self._known + STRETCH_FRAMES
+                around = _part(whole, slice(None, stop + CONTEXT_FRAMES))
+                searched = (self._known, stop)
+                found += _search(around, self._hop_s, searched, self._least_spreads)
+                rest = slice(stop - CONTEXT_FRAMES, None)
+                self._held = [_part(whole, rest)]
+                self._known = CONTEXT_FRAMES
+            self._keep(found)
+            yield self._table(found)
+        if self._held:
+            whole = _joined(self._held)
+            searched = (self._known, whole.time_s.size)
+            yield self._table(
+                _search(whole, self._hop_s, searched, self._least_spreads)
+            )
+
+    def _keep(self, found: list[_Rise]) -> None:
+        if not self._memory_s:
+            return
+        self._past += found
+        oldest_s = float(self._held[-1].time_s[-1]) - self._memory_s
+        while self._past and self._past[0][0] < oldest_s:
+            self._past.popleft()
+
+    def _table(self, found: list[_Rise]) -> Rises:
+        time_s, half_s, kind, spreads = zip(*found, strict=True) if found else ((),) * 4
+        return Rises(
+            time_s=np.array(time_s, float),
+            half_length_s=np.array(half_s, float),
+            kind=np.array(kind, np.str_),
+            spreads=np.array(spreads, float),
+            least_spreads=self._least_spreads,
+            sensor=self._sensor,
+        )
 
 
 def _joined(parts: list[_Cells]) -> _Cells:
@@ -188,20 +281,6 @@ def _joined(parts: list[_Cells]) -> _Cells:
 def _part(cells: _Cells, rows: slice) -> _Cells:
     return cells._replace(
         time_s=cells.time_s[rows], density=cells.density[rows], ratio=cells.ratio[rows]
-    )
-
-
-def _table(
-    found: list[tuple[float, float, str, float]], least_spreads: float, sensor: str
-) -> Rises:
-    time_s, half_s, kind, spreads = zip(*found, strict=True) if found else ((),) * 4
-    return Rises(
-        time_s=np.array(time_s, float),
-        half_length_s=np.array(half_s, float),
-        kind=np.array(kind, np.str_),
-        spreads=np.array(spreads, float),
-        least_spreads=least_spreads,
-        sensor=sensor,
     )
 
 
@@ -231,9 +310,14 @@ def _cells(block: Spectrogram) -> _Cells:
 
 
 def _search(
-    held: _Cells, hop_s: float, searched: tuple[int, int], least_spreads: float
-) -> list[tuple[float, float, str, float]]:
-    """Return middle, half length, kind and height of the rises of a stretch."""
+    held: _Cells, hop_s: float, searched: tuple[int, int], least_spreads: float,
+    *, passes: bool = False,
+) -> list[_Rise]:  # fmt: skip
+    """Return middle, half length, kind and height of the rises of a stretch.
+
+    A length of which plain means leave no doubt that none is there may be passed over:
+    most of the work is to leave out the strongest frames of every one.
+    """
     n_cells = held.ratio.shape[1]
     usual = CELL_PROBABILITY * n_cells
     noise_db = 10 / np.log(10) * np.sqrt(BIN_CORRELATION / n_cells)
@@ -251,6 +335,9 @@ def _search(
         for kind, values, least in (
             (LEVEL, level_db, noise), (LINES, lines, one_hit)
         ):  # fmt: skip
+            limit = (least_spreads - LOWEST_MEDIAN) * least
+            if passes and not highest(values, half, searched) > limit:
+                continue
             height = heights(values, half, least)
             height[: searched[0]] = height[searched[1] :] = -np.inf
             reach = round(FLANK[1] * half)
@@ -365,6 +452,31 @@ def heights(values: FloatArray, half: int, usual_spread: float) -> FloatArray:
     spread = usual_spread**weight * max(own, usual_spread) ** (1 - weight)
     height: FloatArray = np.where(known, (rise - min(median, 0.0)) / spread, -np.inf)
     return height
+
+
+def highest(values: FloatArray, half: int, searched: tuple[int, int]) -> float:
+    """Return what no rise of a length exceeds: that of the mean of all its frames.
+
+    Parameters
+    ----------
+    values
+        A value of each frame, nan where there is none, shape (frame,).
+    half
+        Half length of the rise, frames.
+    searched
+        First frame in question, and the one behind the last.
+
+    Returns
+    -------
+    float
+        In the unit of the values; minus infinity where none is known.
+    """
+    near, far = round(FLANK[0] * half), round(FLANK[1] * half)
+    least = (far - near + 1) // 2
+    sides = _mean(values, -far, -near, least), _mean(values, near, far, least)
+    rise = (_mean(values, -half, half, 1) - np.fmax(*sides))[slice(*searched)]
+    known = rise[np.isfinite(rise)]
+    return float(known.max()) if known.size else -np.inf
 
 
 def _lasting(values: FloatArray, half: int) -> FloatArray:

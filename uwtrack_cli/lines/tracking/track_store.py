@@ -372,20 +372,39 @@ class TrackStore:
         stop = np.where(is_over, self.rows, self.rows - lag)
         stop = np.minimum(stop, self.settled[slots] + 1)
         due = stop > first
-        points = self._smoothed_points(slots[due], first[due], stop[due])
+        # an ended line is smoothed from its settled end, a living one from now
+        end = np.where(is_over, self.settled[slots], self.rows - 1)
+        points = self._smoothed_points(slots[due], first[due], stop[due], end[due])
         self.emitted[slots[due]] = stop[due]
         self.stage[slots[is_over]] = FREE
         return points
 
+    def pending(self, start_s: float) -> LinePoints:
+        """Smooth and return the points that are not out, as if all lines ended now.
+
+        Parameters
+        ----------
+        start_s
+            Time of the first points that are wanted, s.
+        """
+        slots = np.flatnonzero((self.stage == CONFIRMED) | (self.stage == ENDED))
+        slots = slots[np.argsort(self.line[slots])]
+        rows = np.arange(max(0, self.rows - self._size), self.rows)
+        n_early = int((self._row_time[rows % self._size] < start_s).sum())
+        start = self.rows - rows.size + n_early
+        first = np.maximum(np.maximum(self.emitted, self.born)[slots], start)
+        end = self.settled[slots]
+        due = end + 1 > first
+        return self._smoothed_points(slots[due], first[due], end[due] + 1, end[due])
+
     def _smoothed_points(
-        self, slots: IntArray, first: IntArray, stop: IntArray
+        self, slots: IntArray, first: IntArray, stop: IntArray, end: IntArray
     ) -> LinePoints:
+        """Return the points of some lines, smoothed from the last row of each back."""
         low = int(first.min()) if slots.size else self.rows
         rows = np.arange(low, self.rows)
         at = rows % self._size
         copies = self._ring[np.ix_(at, np.arange(_N_ROWS), slots)]
-        # an ended line is smoothed from its settled end, a living one from now
-        end = np.where(self.stage[slots] == ENDED, self.settled[slots], self.rows - 1)
         n = self.n_quantities
         states = copies[:, :_STATE_ROWS].reshape(rows.size, 5, 2, slots.size)
         is_inside = (rows[:, None] < end)[:, None, :]

@@ -4,16 +4,18 @@
 choose among the peaks in their gates, then tentative ones among the rest; filters
 are updated; lines are confirmed, ended and merged; families are sought among the
 confirmed lines; free peaks start new lines. A frame without valid samples is missing
-time: states are carried across it and nothing is counted. `follow_peaks` feeds a tracker
+time: states are carried across it and nothing is counted. `FollowedLines` feeds a tracker
 frame by frame and passes on the points that have become final.
 
 **Conventions.** Every decision depends on the frames alone, never on how they were
 cut into blocks. One block of lines leaves for each block of peaks, and at the end one
-more with the points still held and the table of lines.
+more with the points still held and the table of lines. What that end would be can be
+asked at any time (`FollowedLines.so_far`).
 
 **References.** Choi (2014); Blackman & Popoli (1999), section 6.2.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -105,9 +107,9 @@ class LineTracker:
         self.reference = peaks.reference
         self.families = FamilyRegister()
         self.looks = LastLook()
-        self.samples = ContactSamples(max(1, round(frames.window_s / frames.hop_s)))
-        self.frames_seen = 0
         self.window_frames = frames.window_s / frames.hop_s
+        self.samples = ContactSamples(grid_frames(self.window_frames))
+        self.frames_seen = 0
         self.last_time_s: float | None = None
         self.last_heading_deg: float | None = None
         self.is_after_gap = False
@@ -162,9 +164,34 @@ class LineTracker:
 
     def line_table(self) -> LineTable:
         """Return what is known of the lines, at the end."""
-        lines = self.samples.line_seen()
+        return self._table(self.samples)
+
+    def pending(self, start_s: float) -> LinePoints:
+        """Return the points still held as `finish` would, and change nothing.
+
+        Parameters
+        ----------
+        start_s
+            Time from which points are wanted, s.
+        """
+        return self.store.pending(start_s)
+
+    def table_of(self, points: LinePoints) -> LineTable:
+        """Return what is known of the lines of some points alone.
+
+        Parameters
+        ----------
+        points
+            Points by line, then by time.
+        """
+        samples = ContactSamples(grid_frames(self.window_frames))
+        samples.add(points)
+        return self._table(samples)
+
+    def _table(self, held: ContactSamples) -> LineTable:
+        lines = held.line_seen()
         families, family = self.families.lasting(lines, 0.1)
-        samples = self.samples.samples(lines, _CORRELATION_WINDOWS * self.window_frames)
+        samples = held.samples(lines, _CORRELATION_WINDOWS * self.window_frames)
         contact, status = group_lines(samples, family)
         return LineTable(lines, contact, family, status, families)
 
@@ -386,11 +413,19 @@ class LineTracker:
         return np.where(is_detection, LOUD_RATE, WEAK_RATE) * std
 
 
-def follow_peaks(
-    blocks: Iterator[Families | Peaks],
-    make_tracker: Callable[[Frames, Peaks], LineTracker],
-) -> Iterator[Lines]:
-    """Follow the peaks of a stream with a tracker made for its first block.
+def grid_frames(window_frames: float) -> int:
+    """Return the step of the grid on which lines are compared, frames.
+
+    Parameters
+    ----------
+    window_frames
+        Length of a window in steps from one frame to the next.
+    """
+    return max(1, round(window_frames))
+
+
+class FollowedLines:
+    """The lines of a stream of peaks, followed while they come.
 
     Parameters
     ----------
@@ -404,30 +439,89 @@ def follow_peaks(
     DataError
         The families do not carry their peaks.
     """
-    tracker: LineTracker | None = None
-    frames: Frames | None = None
-    for block in blocks:
-        peaks = _peaks_of(block)
-        frames = peaks.frames
-        if tracker is None:
-            tracker = make_tracker(frames, peaks)
-        parts = []
-        for index, frame_peaks in enumerate(split_frames(block, peaks)):
-            if frames.array_heading_deg is not None:
-                tracker.turn(float(frames.array_heading_deg[index]))
-            tracker.step(
-                frames.first_frame + index,
-                float(frames.time_s[index]),
-                float(frames.valid_fraction[index]),
-                frame_peaks,
-            )
-            if tracker.store.is_chunk_full:
-                parts.append(tracker.emit())
-        yield to_lines(frames, LinePoints.join(parts), no_table(), tracker.scalars())
-    if tracker is not None and frames is not None:
-        points = tracker.finish()
-        nothing = frames.take("frame", slice(0, 0))
-        yield to_lines(nothing, points, tracker.line_table(), tracker.scalars())
+
+    def __init__(
+        self,
+        blocks: Iterator[Families | Peaks],
+        make_tracker: Callable[[Frames, Peaks], LineTracker],
+    ) -> None:
+        self._make_tracker = make_tracker
+        self._tracker: LineTracker | None = None
+        self._memory_s = 0.0
+        self._past: deque[tuple[Frames, LinePoints]] = deque()
+        self._results = self._follow(blocks)
+
+    def __iter__(self) -> Iterator[Lines]:
+        """Return the blocks of lines."""
+        return self
+
+    def __next__(self) -> Lines:
+        """Return the lines of the next block, and at last the rest with their table."""
+        return next(self._results)
+
+    def remember(self, last_s: float) -> None:
+        """Keep what has left for so long, s, for `so_far`."""
+        self._memory_s = last_s
+
+    def so_far(self, start_s: float) -> Lines | None:
+        """Return the lines as they would be if the peaks ended here.
+
+        Parameters
+        ----------
+        start_s
+            Where they begin, s: with the first block that reaches beyond it.
+
+        Returns
+        -------
+        Lines or None
+            With the table of lines; None before the first peaks.
+        """
+        past = [each for each in self._past if each[0].time_s[-1] >= start_s]
+        if self._tracker is None or not past:
+            return None
+        frames = Frames.join([frames for frames, _ in past])
+        begin_s = float(frames.time_s[0])
+        held = self._tracker.pending(begin_s)
+        points = LinePoints.join([*(points for _, points in past), held])
+        points = points.since(begin_s).sorted()
+        table = self._tracker.table_of(points)
+        return to_lines(frames, points, table, self._tracker.scalars())
+
+    def _follow(self, blocks: Iterator[Families | Peaks]) -> Iterator[Lines]:
+        frames: Frames | None = None
+        for block in blocks:
+            peaks = _peaks_of(block)
+            frames = peaks.frames
+            if self._tracker is None:
+                self._tracker = self._make_tracker(frames, peaks)
+            tracker = self._tracker
+            parts = []
+            for index, frame_peaks in enumerate(split_frames(block, peaks)):
+                if frames.array_heading_deg is not None:
+                    tracker.turn(float(frames.array_heading_deg[index]))
+                tracker.step(
+                    frames.first_frame + index,
+                    float(frames.time_s[index]),
+                    float(frames.valid_fraction[index]),
+                    frame_peaks,
+                )
+                if tracker.store.is_chunk_full:
+                    parts.append(tracker.emit())
+            points = LinePoints.join(parts)
+            self._keep(frames, points)
+            yield to_lines(frames, points, no_table(), tracker.scalars())
+        if self._tracker is not None and frames is not None:
+            points, table = self._tracker.finish(), self._tracker.line_table()
+            nothing = frames.take("frame", slice(0, 0))
+            yield to_lines(nothing, points, table, self._tracker.scalars())
+
+    def _keep(self, frames: Frames, points: LinePoints) -> None:
+        if not (self._memory_s and frames.n_frames):
+            return
+        self._past.append((frames, points))
+        oldest_s = float(frames.time_s[-1]) - self._memory_s
+        while self._past[0][0].time_s[-1] < oldest_s:
+            self._past.popleft()
 
 
 def _peaks_of(block: Families | Peaks) -> Peaks:
