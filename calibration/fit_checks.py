@@ -5,7 +5,11 @@ runs the chain with its checks switched off, and prints what each check says of 
 and of the false passages. A threshold lies where it refuses no true one:
 `SMALLEST_EVIDENCE`, `LARGEST_MISFIT` and `SMALLEST_SLOPE` were set from 88 recordings of
 `tests/motion/random_passages.py`, 30 drawn ones with a vessel and 20 without (three
-recipes each). A recording takes some ten seconds; the third number is the first seed, the
+recipes each). With the lines that `track` follows now, 12 vessels of 28 dB Hz or more and
+some recordings without any (seeds from 45000 and 55000, stopped there) confirm them: of
+the true passages whose speed is told the six have evidence from 0.12, misfits to 0.08
+and slopes from 0.69, and none is refused; the eight false ones have evidence to -0.02,
+and all are. A recording takes some ten seconds; the third number is the first seed, the
 fourth the least C/N0 (dB Hz) of a vessel's strongest line, below which a seed is passed
 over (most faint vessels give no candidate at all), and the last line says what the
 thresholds refuse among these draws:

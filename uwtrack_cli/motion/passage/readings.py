@@ -9,8 +9,9 @@ passage, whose own unknowns and constants are projected out (score test); where 
 gains too little, even with noise taken as white, the passage is straight. Else the
 readings are fitted in full from their best instants, and weighed by their likelihoods
 with coloured noise of their own best strength, less what their search is worth: how few
-of the instants fit, and what the prior of the change costs (`change_priors`). What the weights leave to the rivals
-widens the deviations of the winner by how far the rivals' answers are from its own.
+of the instants fit, and what the prior of the change costs (`change_priors`). What the
+weights leave to the rivals widens the deviations of the winner by how far the rivals'
+answers are from its own.
 
 **Conventions.** Log-likelihoods in nepers. One data set, the fit's one row.
 
