@@ -74,6 +74,37 @@ def test_a_recipe_with_two_sources_reads_a_pipe_once(uwtrack, sound, tmp_path):
     assert uwtrack("diff", "a.run.h5", "l.h5").exit_code == 0
 
 
+@pytest.mark.parametrize(
+    ("sample", "recipe"),
+    [
+        ("propeller", "presence"),
+        ("small-array", "small-array"),
+        ("towed-array", "towed-array"),
+        ("pass", "auto"),
+        ("mono", "weak-lines"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")
+def test_every_sensor_and_recipe_works_live_with_events(
+    uwtrack, samples, tmp_path, sample, recipe
+):
+    """Looked at after 20 s, by way of envelope and arrays, too; the file is the same."""
+    facts = soundfile.info(samples / f"{sample}.wav")
+    values, rate_hz = soundfile.read(
+        samples / f"{sample}.wav", frames=26 * facts.samplerate, dtype="int16"
+    )
+    soundfile.write(tmp_path / "cut.wav", values, rate_hz, "PCM_16")
+    words = ["--sensor", samples / f"{sample}.sensor.toml", "--recipe", recipe, "-q"]
+    words += ["--start-utc", "2024-05-01T12:00:00Z", "-o"]
+    content = (tmp_path / "cut.wav").read_bytes()
+    done = uwtrack("run", "-", "--json", *words, "live.h5", input=content)
+    assert done.exit_code == 0, done.output
+    assert all(json.loads(line)["event"] for line in done.stdout.splitlines())
+    assert uwtrack("run", "cut.wav", *words, "file.h5").exit_code == 0
+    same = uwtrack("diff", "live.h5", "file.h5")
+    assert same.exit_code == 0, same.stdout
+
+
 def test_a_pipe_writes_to_a_pipe(sound):
     done = subprocess.run(
         [*PROGRAM, "run", "-", "-q"], input=sound.read_bytes(), capture_output=True,

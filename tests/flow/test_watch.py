@@ -249,6 +249,37 @@ def test_after_a_kill_a_watch_goes_on_where_it_was(folder):
     kill_and_go_on(folder, 3, 2, 1)
 
 
+def test_kills_within_one_long_sound_lose_nothing_of_it(folder):
+    """While it is written, and while it is run; the journal has it once, and whole."""
+    rng = np.random.default_rng(5)
+    path, whole = folder / "in" / "long.wav", folder / "whole.wav"
+    content = write(whole, 0.1 * rng.standard_normal(600 * RATE))
+    for share in (0.3, 0.7):  # the header promises more: it is awaited
+        path.write_bytes(content[: int(share * len(content))])
+        running = start(folder)
+        time.sleep(float(rng.uniform(1.0, 2.0)))
+        running.kill()
+        running.communicate()
+        assert list(folder.glob("out/*.h5")) == []
+    path.write_bytes(content)
+    for _ in range(2):
+        running = start(folder)
+        time.sleep(float(rng.uniform(1.5, 4.0)))
+        running.kill()
+        running.communicate()
+    running = start(folder, "--idle-s", "0.3", "--json")
+    said, _ = running.communicate(timeout=600)
+    (row,) = map(json.loads, said.splitlines())
+    assert (row["status"], row["duration_s"]) == ("done", 600.0)
+    journal = (folder / "out" / JOURNAL).read_text().splitlines()
+    assert [json.loads(line)["target"] for line in journal] == ["long.run.h5"]
+    run = [*PROGRAM, "run", "in/long.wav", "-q", "-o", "at-once.h5"]
+    assert subprocess.run(run, cwd=folder, check=False).returncode == 0
+    diff = [*PROGRAM, "diff", "at-once.h5", "out/long.run.h5"]
+    assert subprocess.run(diff, cwd=folder, check=False).returncode == 0
+    assert len(list(folder.glob("out/*"))) == 2
+
+
 @pytest.mark.long
 def test_fifty_kills_lose_no_recording(folder):
     n_noted = kill_and_go_on(folder, 40, 50, 2)
