@@ -12,7 +12,7 @@ from tests.flow.made_encounters import encounters_of
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackNote
 from uwtrack_cli.files.tables.ais import read_ais
 from uwtrack_cli.files.tables.truth import read_truth
 from uwtrack_cli.files.utc import parse_utc
@@ -304,6 +304,34 @@ def test_ais_names_the_column_that_it_lacks(tmp_path):
     path = tmp_path / "ais.csv"
     path.write_text("Time,MMSI,Latitude\n2024-05-01 12:00:00,1,50\n")
     with pytest.raises(DataError, match="lacks the columns longitude"):
+        read_ais(path)
+
+
+DAMAGES = {
+    "cells": "12:00:20,219000001,55",
+    "time": "2024-05-01 25:00:20,219000001,55.1,12.2,10,90",
+    "latitude": "2024-05-01 12:00:20,219000001,fifty,12.2,10,90",
+    "longitude": "2024-05-01 12:00:20,219000001,55.1,1200,10,90",
+    "quote": '2024-05-01 12:00:20,"21"9"000001,55.1,12.2,10,90',
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_message_is_left_out_with_its_line_and_the_others_stay(
+    tmp_path, damage
+):
+    path = tmp_path / "ais.csv"
+    whole = [f"2024-05-01 12:00:{k}0,219000001,55.1,12.{k},10,90" for k in range(1, 6)]
+    head = "Time,MMSI,Latitude,Longitude,SOG,COG"
+    path.write_text("\n".join([head, *whole]))
+    want = read_ais(path).tracks[0]
+    path.write_text("\n".join([head, *whole[:2], DAMAGES[damage], *whole[2:]]))
+    with pytest.warns(UwtrackNote, match=r"1 damaged row is left out of 6.* line 4: "):
+        (track,) = read_ais(path).tracks
+    np.testing.assert_array_equal(track.time_s, want.time_s)
+    np.testing.assert_array_equal(track.second, want.second)
+    path.write_text("\n".join([head, whole[0], *[DAMAGES[damage]] * 2]))
+    with pytest.raises(DataError, match=r"line 3: .* 2 of 3 rows"):
         read_ais(path)
 
 

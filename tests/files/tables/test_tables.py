@@ -336,9 +336,10 @@ def test_fix_has_the_documented_keys_and_order():
     direct = {k: [v] for k, v in documented.items() if k in Fixes.columns()}
     direct |= {"sensors": ["h1,h2"], "time_utc_ns": [-1]}
     (row,) = json_rows(synthetic(Fixes, 1, **direct))
-    assert list(row) == list(documented)
+    further = ["reading", "reading_weight", "rival"]
+    assert list(row) == [*documented, *further]
     expected = documented | {"time_utc": None}
-    assert row == expected
+    assert {key: row[key] for key in expected} == expected
 
 
 MOTION = """
@@ -464,3 +465,35 @@ def test_a_series_is_written_as_it_is_read(tmp_path):
         written.read_text()
     )
     assert read_series(written).equals(series)
+
+
+@pytest.mark.parametrize("radians", ["first", "last"])
+def test_a_column_that_changes_from_degrees_to_radians_is_told_with_its_line(
+    tmp_path, radians
+):
+    path = tmp_path / "bearings.csv"
+    bearing = np.array([201.2, 202.9, 201.8, 203.5, 204.1, 203.0, 205.2, 206.1])
+    is_turned = (np.arange(8) < 4) == (radians == "first")
+    mixed = np.where(is_turned, np.radians(bearing), bearing)
+    path.write_text(
+        "time_s,bearing_deg\n"
+        + "".join(f"{10 * k},{b:.4f}\n" for k, b in enumerate(mixed))
+    )
+    line = 2 if radians == "first" else 6
+    with pytest.raises(DataError, match=rf"line {line}: .* 4 of 8 .* radians"):
+        read_series(path)
+
+
+@pytest.mark.parametrize("course", [0.0, 3.0, 90.0])
+def test_a_source_that_crosses_north_or_is_passed_is_no_column_of_radians(
+    tmp_path, course
+):
+    path = tmp_path / "bearings.csv"
+    noise = np.random.default_rng(5).normal(0.0, 0.8, 60)
+    way = np.linspace(-1.0, 1.0, 60)
+    bearing = (course + np.degrees(np.arctan2(way, 0.01)) + 90.0 + noise) % 360.0
+    path.write_text(
+        "time_s,bearing_deg\n"
+        + "".join(f"{10 * k},{b:.2f}\n" for k, b in enumerate(bearing))
+    )
+    assert read_series(path).bearing_deg.size == 60

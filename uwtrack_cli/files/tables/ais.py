@@ -4,7 +4,8 @@
 of columns (MMSI, time, latitude, longitude, SOG in knots, COG in degrees); a log of
 sentences is known by its first ones. The values that AIS
 reserves for "not available" (SOG 102.3, COG 360, latitude 91, longitude 181) are
-not used. Times without a zone are UTC; a number is seconds since 1970. In tables of the
+not used. A damaged row is left out, and it is said how many there are; a table of which
+most rows are damaged is refused. Times without a zone are UTC; a number is seconds since 1970. In tables of the
 Danish agency, whose line of names begins with ``# Timestamp``, the day stands first.
 
 **References.** ITU-R M.1371-5 (2014), annex 8, table 48: position report.
@@ -46,6 +47,12 @@ DAY_MONTH = re.compile(r"(\d\d)/(\d\d)/(\d{4}) (.+)")
 SECONDS = re.compile(r"\d{9,10}(\.\d+)?")
 """A time as seconds since 1970, from 1973 on."""
 
+LIMITS = {
+    "latitude": (-91.0, 91.0), "longitude": (-181.0, 181.0),
+    "speed_kn": (0.0, 1e4), "course_deg": (0.0, 1e4),
+}  # fmt: skip
+"""Values that a message may have, those for "not available" among them."""
+
 NO_SPEED_KN, NO_COURSE_DEG = 102.25, 360.0
 POSITION_STD_M = 10.0
 """Deviation of a position: AIS calls those better than 10 m accurate."""
@@ -63,7 +70,7 @@ def read_ais(path: Path) -> Truth:
     Raises
     ------
     DataError
-        The table lacks a column, a cell is no number, or a log has no times.
+        The table lacks a column, most of its rows are damaged, or a log has no times.
     """
     check_readable(path)
     messages = read_sentences(path) if is_sentence_log(path) else _read_csv(path)
@@ -86,12 +93,12 @@ def read_ais(path: Path) -> Truth:
 
 
 def _read_csv(path: Path) -> AisMessages:
-    table = read_table(path, heading=DAY_FIRST)
+    table = read_table(path, heading=DAY_FIRST, may_be_damaged=True)
     cells = {ALIASES.get(name, name): column for name, column in table.cells.items()}
     if len(cells) < len(table.cells):
         msg = f"{path} names a quantity in two columns: {', '.join(table.cells)}."
         raise DataError(msg)
-    table = Table(path, cells, table.lines)
+    table = Table(path, cells, table.lines, table.damaged)
     table.need("time_utc", "mmsi", "latitude", "longitude", "speed_kn", "course_deg")
     cells.pop("time_s", None)
     is_day_first = _begins_with(path, DAY_FIRST)
@@ -99,19 +106,26 @@ def _read_csv(path: Path) -> AisMessages:
         _iso(cell, is_day_first=is_day_first) for cell in cells["time_utc"]
     ]
     time_s, start_ns = table_times(table)
-    numbers = cells["mmsi"]
+    columns = [
+        table.numbers(name, low, high, may_miss=True)
+        for name, (low, high) in LIMITS.items()
+    ]
+    kept = table.undamaged()
+    latitude, longitude, speed_kn, course_deg = (column[kept] for column in columns)
+    table = table.rows(kept)
+    numbers = table.cells["mmsi"]
     names = dict[str, str]()
-    for number, name in zip(numbers, cells.get("name", ()), strict=False):
+    for number, name in zip(numbers, table.cells.get("name", ()), strict=False):
         if name.strip():  # messages may lack it
             names.setdefault(number, name)
     return AisMessages(
         start_utc_ns=start_ns,
-        time_s=time_s,
+        time_s=time_s[kept],
         mmsi=np.array(numbers),
-        latitude=table.numbers("latitude", -91.0, 91.0, may_miss=True),
-        longitude=table.numbers("longitude", -181.0, 181.0, may_miss=True),
-        speed_kn=table.numbers("speed_kn", 0.0, 1e4, may_miss=True),
-        course_deg=table.numbers("course_deg", 0.0, 1e4, may_miss=True),
+        latitude=latitude,
+        longitude=longitude,
+        speed_kn=speed_kn,
+        course_deg=course_deg,
         names=names,
     )
 

@@ -20,7 +20,7 @@ import numpy as np
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import shown
-from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.utc import parse_utc
@@ -57,6 +57,9 @@ class Table:
     """Cells as text, by column."""
     lines: list[int]
     """Number of the line of each row in the file, from 1."""
+    damaged: dict[int, str] | None = None
+    """What is wrong, by line, where single rows may be damaged; None: the table is
+    refused."""
 
     def __contains__(self, name: object) -> bool:
         """Tell whether the table has a column."""
@@ -66,6 +69,40 @@ class Table:
         """Refuse a row, by its line in the file."""
         msg = f"{self.path}, line {self.lines[row]}: {reason}"
         raise DataError(msg)
+
+    def refuse(self, row: int, reason: str) -> None:
+        """Refuse a row, or note it where single rows may be damaged."""
+        if self.damaged is None:
+            self.fail(row, reason)
+        self.damaged.setdefault(self.lines[row], reason)
+
+    def undamaged(self) -> IntArray:
+        """Return the rows in which nothing was wrong, and say how many are left out.
+
+        Raises
+        ------
+        DataError
+            More than half of the rows are damaged: the table is another than it seems.
+        """
+        damaged = self.damaged or {}
+        kept = [row for row, line in enumerate(self.lines) if line not in damaged]
+        if damaged:
+            line = min(damaged)
+            first = f"line {line}: {damaged[line].rstrip('.')}"
+            count = len(kept) + len(damaged)
+            if len(kept) < len(damaged):
+                msg = (
+                    f"{self.path}, {first}; so are {len(damaged)} of {count} rows: the "
+                    f"table is not what it seems."
+                )
+                raise DataError(msg)
+            are = "row is" if len(damaged) == 1 else "rows are"
+            msg = (
+                f"{self.path}: {len(damaged)} damaged {are} left out of {count}; the "
+                f"first is {first}."
+            )
+            warn(msg, UwtrackNote, stacklevel=3)
+        return np.array(kept, dtype=np.int64)
 
     def rows(self, kept: IntArray) -> "Table":
         """Return the table with some of its rows."""
@@ -111,10 +148,11 @@ class Table:
             try:
                 values[row] = float(cell)
             except ValueError:
-                self.fail(row, f"{name} must be a number, got {shown(cell)}.")
+                self.refuse(row, f"{name} must be a number, got {shown(cell)}.")
+                continue
             if not (np.isfinite(values[row]) and low <= values[row] <= high):
                 limits = f" from {low:g} to {high:g}" if np.isfinite(low) else ""
-                self.fail(
+                self.refuse(
                     row, f"{name} must be a finite number{limits}, got {cell[:80]}."
                 )
         return values
@@ -143,7 +181,11 @@ class Table:
 
 
 def read_table(
-    path: Path, rename: Mapping[str, str] | None = None, heading: str = ""
+    path: Path,
+    rename: Mapping[str, str] | None = None,
+    heading: str = "",
+    *,
+    may_be_damaged: bool = False,
 ) -> Table:
     """Read the cells of a CSV file.
 
@@ -155,6 +197,9 @@ def read_table(
         Names for the columns of the file, by their own names.
     heading
         Begin of a first line that names the columns, though it looks like a comment.
+    may_be_damaged
+        Whether single rows may be damaged: what is wrong with them is noted, see
+        `Table.undamaged`.
 
     Raises
     ------
@@ -167,7 +212,8 @@ def read_table(
         raise DataError(msg)
     try:
         with as_input(path).open(encoding="utf-8-sig", newline="") as file:
-            return _table(path, _rows(path, file, heading), rename or {})
+            rows = _rows(path, file, heading, is_strict=not may_be_damaged)
+            return _table(path, rows, rename or {}, is_strict=not may_be_damaged)
     except (UnicodeDecodeError, csv.Error) as error:
         is_text = not isinstance(error, UnicodeDecodeError)
         why = f"{error}" if is_text else "it is no text in UTF-8"
@@ -176,7 +222,11 @@ def read_table(
 
 
 def _table(
-    path: Path, rows: Iterator[tuple[int, list[str]]], rename: Mapping[str, str]
+    path: Path,
+    rows: Iterator[tuple[int, list[str]]],
+    rename: Mapping[str, str],
+    *,
+    is_strict: bool,
 ) -> Table:
     """Gather rows by column; a cell that occurs often is kept once."""
     _, header = next(rows, (0, None))
@@ -185,10 +235,12 @@ def _table(
         raise DataError(msg)
     columns: dict[str, list[str]] = {name: [] for name in _names(path, header, rename)}
     lists, lines, known = list(columns.values()), list[int](), dict[str, str]()
+    damaged = dict[int, str]()
     for line, cells in rows:
         if len(cells) != len(lists):
-            msg = f"{path}, line {line}: {len(cells)} cells, {len(lists)} columns."
-            raise DataError(msg)
+            damaged[line] = f"{len(cells)} cells, {len(lists)} columns."
+            _fail_first(path, damaged if is_strict else {})
+            continue
         if (len(lines) + 1) * len(lists) > MAX_CELLS:
             msg = f"{path} has more than {MAX_CELLS} cells; split it."
             raise DataError(msg)
@@ -198,13 +250,21 @@ def _table(
         for column, cell in zip(lists, cells, strict=True):
             column.append(known.setdefault(cell, cell))
     if not lines:
+        _fail_first(path, damaged)
         msg = f"{path} has column names, but no rows."
         raise DataError(msg)
-    return Table(path, columns, lines)
+    return Table(path, columns, lines, None if is_strict else damaged)
+
+
+def _fail_first(path: Path, damaged: Mapping[int, str]) -> None:
+    """Refuse a table by the first of its damaged lines, if there is one."""
+    for line, reason in damaged.items():
+        msg = f"{path}, line {line}: {reason}"
+        raise DataError(msg)
 
 
 def _rows(
-    path: Path, file: Iterable[str], heading: str
+    path: Path, file: Iterable[str], heading: str, *, is_strict: bool
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield the cells of every line that is neither empty nor a comment."""
     numbered = (
@@ -226,7 +286,12 @@ def _rows(
             raise DataError(msg)
         cells = text.split(delimiter)
         if '"' in text:
-            cells = next(csv.reader([text], delimiter=delimiter, strict=True), [])
+            try:
+                cells = next(csv.reader([text], delimiter=delimiter, strict=True), [])
+            except csv.Error:
+                if is_strict:
+                    raise
+                cells = []  # a row of no cells is a damaged one
         yield line, [cell.strip() for cell in cells]
 
 
@@ -299,9 +364,13 @@ def check_increasing(
 
 def _utc_ns(table: Table) -> IntArray:
     times = np.zeros(len(table.lines), np.int64)
+    is_known = np.ones(times.size, np.bool_)
     for row, cell in enumerate(table.cells["time_utc"]):
         try:
             times[row] = parse_utc(cell)
         except (DataError, OverflowError) as error:
-            table.fail(row, f"time_utc: {error}")
+            table.refuse(row, f"time_utc: {error}")
+            is_known[row] = False
+    # the earliest row is time zero: one that is left out must not be it
+    times[~is_known] = times[is_known].min(initial=np.iinfo(np.int64).max)
     return times

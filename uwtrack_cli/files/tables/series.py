@@ -109,7 +109,59 @@ def read_series(
         mirrored_bearing_deg=_mirrored(table),
         start_utc_ns=start_utc_ns,
     )
+    _check_one_unit(table, series)
     return series if "sensor" not in table else _placed(series, table, sensors)
+
+
+FEWEST_IN_A_UNIT = 3
+"""Rows of either unit that a column must hold before it is told to mix them."""
+
+SMOOTHER, NEARER = 10.0, 3.0
+"""Times by which radians are smoother than the degrees beside them (57 are due), and by
+which they are nearer to them as degrees."""
+
+
+def _check_one_unit(table: Table, series: Series) -> None:
+    """Refuse a column whose rows change to radians, or from them, at some line.
+
+    A source that crosses north, or lies there, has bearings as small; but they scatter as
+    the others do, and do not fit the others better when they are multiplied by 57.
+    """
+    names = np.array(table.cells.get("sensor", [""] * len(table.lines)))
+    owner = np.unique(np.stack([series.contact.astype(np.str_), names]), axis=1)
+    for contact, name in owner.T:
+        is_own = (series.contact.astype(np.str_) == contact) & (names == name)
+        rows = np.flatnonzero(is_own & ~np.isnan(series.bearing_deg))
+        rows = rows[np.argsort(series.time_s[rows], kind="stable")]
+        bearing = series.bearing_deg[rows]
+        is_small = np.abs(bearing) <= FULL_TURN + 1e-6
+        small, large = np.flatnonzero(is_small), np.flatnonzero(~is_small)
+        if min(small.size, large.size) < FEWEST_IN_A_UNIT:
+            continue
+        first, last = int(small[0]), int(small[-1])
+        if small.size < 0.8 * (last - first + 1):
+            continue
+        edge = int(large[large > last][0] if first == 0 else first - 1)
+        inner = small[-FEWEST_IN_A_UNIT:] if first == 0 else small[:FEWEST_IN_A_UNIT]
+        scatter = np.median(_turns(np.diff(bearing[large])))
+        is_smooth = (
+            0.0 < SMOOTHER * np.median(np.abs(np.diff(bearing[small]))) < scatter
+        )
+        as_read = np.median(_turns(bearing[inner] - bearing[edge]))
+        as_radians = np.median(_turns(np.degrees(bearing[inner]) - bearing[edge]))
+        if is_smooth and NEARER * as_radians < as_read:
+            by = f" by {name}" if name else ""
+            table.fail(
+                int(rows[first]),
+                f"bearing_deg is {bearing[first]:g}, and {bearing[edge]:g} in line "
+                f"{table.lines[rows[edge]]}: {small.size} of {rows.size} bearings{by} "
+                f"seem to be radians; degrees are accepted.",
+            )
+
+
+def _turns(difference: FloatArray) -> FloatArray:
+    """Return the sizes of differences of bearings, the short way round, degrees."""
+    return np.asarray(np.abs((difference + 180.0) % 360.0 - 180.0))
 
 
 def _unrepeated(table: Table) -> IntArray:
