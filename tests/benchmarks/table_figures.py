@@ -1,7 +1,8 @@
 """Tables of bearings of several sensors, and of a platform that circles, over many draws.
 
 The figures in tests/baselines/buoys.md are made by:
-python -m tests.benchmarks.table_figures still 100 5000 (boats 200 6000, circling 40 7000)
+python -m tests.benchmarks.table_figures still 100 5000 (boats 200 6000, drifting 200 8000,
+circling 40 7000, structured 60 9000, structured-untold 60 9000)
 """
 
 import sys
@@ -11,8 +12,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import binomtest
 
-from tests.motion.sensor_tables import buoys
-from tests.motion.test_sensor_tables import circling, errors
+from tests.motion.sensor_tables import buoys, untold
+from tests.motion.test_sensor_tables import circling
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.motion.locate import locate_vessels
 from uwtrack_cli.motion.options import Nuisances
@@ -64,28 +65,83 @@ def typical_error(covariance):
     return np.median(np.hypot(*(np.linalg.cholesky(covariance) @ draw.T)))
 
 
-def fixes(runs, seed, *, moves):
+SPEEDS_MPS = {"still": (0.0, 0.0), "boats": (1.0, 5.0), "drifting": (0.05, 0.5)}
+
+
+def fixes(runs, seed, kind):
     """Print errors of fixes beside least squares and the bound, and what ellipses hold."""
-    far, held, ours, theirs, bound = 0, 0, [], [], []
+    far, moves = 0, kind != "still"
+    ours, theirs, bound, held, readings = [], [], [], [], []
     for number in range(seed, seed + runs):
-        series, place, velocity, wrong = buoys(number, moving=moves)
+        series, place, velocity, wrong = buoys(
+            number, moving=moves, speeds_mps=SPEEDS_MPS[kind]
+        )
         truth = place + MIDDLE_S * velocity
         by_squares = least_squares_fix(series, truth, moves=moves)
         theirs.append(np.hypot(*(by_squares - truth)))
         covariance = information_bound(series, place, velocity, wrong, moves=moves)
         bound.append(typical_error(covariance))
+        found = locate_vessels(series=series, at=["0", "600", "1200"])
+        if not found.time_s.size:
+            far += 1
+            continue
+        off = np.stack([found.east_m, found.north_m], 1)[:3] - place
+        off -= found.time_s[:3, None] * velocity
+        ours.append(np.hypot(*off[1]))
+        chance = np.linalg.solve(found.covariance_m2[:3], off[:, :, None])[:, :, 0]
+        held.append((off * chance).sum(1) < 5.99)
+        share = 1.0 - found.reading_weight[0]
+        readings.append((found.reading[0], float(share)))
+    print(
+        f"{kind}, {runs} tables, seed {seed}: median error {np.median(ours):.0f} m, by "
+        f"least squares {np.median(theirs):.0f} m, bound {np.median(bound):.0f} m; "
+        f"without a fix {far}"
+    )
+    for time_s, inside in zip((0, 600, 1200), np.array(held).T, strict=True):
+        low, high = binomtest(int(inside.sum()), inside.size).proportion_ci()
+        print(
+            f"ellipses at {time_s} s hold {inside.mean():.1%} ({low:.1%} to {high:.1%})"
+        )
+    for name in ("still", "moving", ""):
+        shares = np.array([share for read, share in readings if read == name])
+        if shares.size:
+            print(
+                f"read as {name or 'neither'}: {shares.size}, of them with a rival "
+                f"{np.count_nonzero(shares >= 0.05)}"
+            )
+
+
+def structured(runs, seed, *, told):
+    """Print errors of a boat among rows that are another boat's, a fifth to two fifths."""
+    far, error, held, own, others = 0, [], [], [], 0
+    for number in range(seed, seed + runs):
+        share = np.random.default_rng(number).uniform(0.2, 0.4)
+        series, place, velocity, wrong = buoys(number, strange=0.05, of_another=share)
+        series = series if told else untold(series)
         found = locate_vessels(series=series, at=["600"])
         if not found.time_s.size:
             far += 1
             continue
-        error, chance = errors(found, place, velocity)
-        ours.append(error)
-        held += chance < 5.99
-    low, high = binomtest(held, len(ours)).proportion_ci()
+        # whose place is told best comes first: the nearer of two contacts is this boat's
+        off = np.stack([found.east_m, found.north_m], 1) - place - 600.0 * velocity
+        best = int(np.hypot(*off.T).argmin())
+        error.append(np.hypot(*off[best]))
+        held.append(
+            off[best] @ np.linalg.solve(found.covariance_m2[best], off[best]) < 5.99
+        )
+        motions = estimate_motion(series)
+        others += np.unique(motions.contact).size > 1
+        is_own = motions.row_contact == found.contact[best]
+        chance = motions.row_probability[is_own][np.argsort(motions.row_number[is_own])]
+        own.append((chance[~wrong].mean(), chance[wrong].mean()))
+    low, high = binomtest(int(np.sum(held)), len(held)).proportion_ci()
+    mine, strange = np.mean(own, axis=0)
     print(
-        f"{runs} tables, seed {seed}: median error {np.median(ours):.0f} m, by least "
-        f"squares {np.median(theirs):.0f} m, bound {np.median(bound):.0f} m; without a "
-        f"fix {far}; ellipses hold {held / len(ours):.1%} ({low:.1%} to {high:.1%})"
+        f"structured, {'told' if told else 'untold'}, {runs} tables, seed {seed}: median "
+        f"error {np.median(error):.0f} m, nine in ten within {np.quantile(error, 0.9):.0f} "
+        f"m; without a fix {far}; ellipses hold {np.mean(held):.1%} ({low:.1%} to "
+        f"{high:.1%}); the other boat is a contact in {others}; probability of own rows "
+        f"{mine:.2f}, of strange ones {strange:.2f}"
     )
 
 
@@ -122,5 +178,7 @@ if __name__ == "__main__":
     kind, runs, seed = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     if kind == "circling":
         from_the_circle(runs, seed)
+    elif kind in {"structured", "structured-untold"}:
+        structured(runs, seed, told=kind == "structured")
     else:
-        fixes(runs, seed, moves=kind == "boats")
+        fixes(runs, seed, kind)

@@ -15,6 +15,11 @@ from uwtrack_cli.motion.tma import estimate_motion
 MIDDLE = ["600"]
 
 
+def one_fix(fixes, row):
+    """Return one row of the fixes."""
+    return fixes.take("fix", np.array([row]))
+
+
 def errors(fixes, place, velocity):
     """Return the error of the fix at 600 s, and its square in units of the ellipse."""
     off = np.array([fixes.east_m[0], fixes.north_m[0]]) - place - 600.0 * velocity
@@ -46,6 +51,40 @@ def test_a_still_source_has_a_fix_and_the_offsets_are_told():
     assert motions.offset_sensor.tolist() == ["b0", "b1", "b2", "b3"]
     assert motions.speed_mps[0] < 4.0 * motions.speed_std_mps[0] + 0.05
     assert motions.reference.tolist() == ["b0"]
+
+
+def test_a_source_at_rest_is_read_as_still_and_one_that_moves_as_moving():
+    for seed in (3, 11, 12):
+        series, place, _, _ = buoys(seed, moving=False, rows=40)
+        fixes = locate_vessels(series=series, at=["0", "1200"])
+        assert set(fixes.reading) == {"still"}
+        assert fixes.reading_weight[0] > 0.6
+        # both readings are in the place: little motion is left, and the ellipse holds
+        # (beyond 99.9 %: once in 170 such tests)
+        assert np.hypot(np.ptp(fixes.east_m), np.ptp(fixes.north_m)) < 100.0
+        assert errors(one_fix(fixes, 0), place, np.zeros(2))[1] < 13.8
+    series, *_ = buoys(3, rows=40)
+    fixes = locate_vessels(series=series, at=MIDDLE)
+    assert (fixes.reading[0], fixes.rival[0]) == ("moving", "")
+    assert fixes.reading_weight[0] > 0.99
+
+
+def test_the_readings_part_where_the_drift_is_about_its_deviation():
+    # one table of noise, the source drifting faster and faster: the odds turn over once
+    chance = []
+    for speed in (0.0, 0.1, 0.3, 1.0):
+        series, *_ = buoys(
+            3, rows=20, strange=0.0, std_deg=4.0, speeds_mps=(speed, speed)
+        )
+        fixes = locate_vessels(series=series, at=MIDDLE)
+        is_still = fixes.reading[0] == "still"
+        weight = fixes.reading_weight[0]
+        chance.append(weight if is_still else 1.0 - weight)
+        other = min(weight, 1.0 - weight)
+        assert (fixes.rival[0] != "") == (other >= 0.05)
+    assert chance == sorted(chance, reverse=True)
+    assert chance[0] > 0.5
+    assert chance[-1] < 1e-3
 
 
 def test_bearings_of_one_moment_tell_a_place_whose_ellipse_grows_as_a_vessel_may_go():

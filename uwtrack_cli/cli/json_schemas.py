@@ -140,6 +140,16 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "type": ["number", "null"],
             "description": "Standard deviation of north_m. [m]",
         },
+        "reading": {
+            "enum": ["still", "moving", None],
+            "description": "How bearings that cross are read; null where not asked.",
+        },
+        "rival": {
+            "type": ["object", "null"],
+            "properties": {"reading": _TEXT, "weight": {"type": "number"}},
+            "required": ["reading", "weight"],
+            "description": "The other reading; null if it has less than 5 %.",
+        },
     },
     "motions": {
         "reference": {

@@ -308,6 +308,21 @@ class Fixes(Container):
     sensors: TextArray = column(
         "", "Sensors that contributed, comma separated.", "fix", dtype="U"
     )
+    reading: TextArray | None = column(
+        "", "How bearings that cross are read: 'still' or 'moving'; empty where the two "
+        "did not compete.", "fix", dtype=np.str_, optional=True,
+    )  # fmt: skip
+    reading_weight: FloatArray | None = column(
+        "1", "Probability of that reading; position and ellipse are those of both.",
+        "fix", optional=True,
+    )  # fmt: skip
+    rival: TextArray | None = column(
+        "", "The other reading; empty if it has less than 5 %.", "fix",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    rival_weight: FloatArray | None = column(
+        "1", "Its probability; 0 without one.", "fix", optional=True
+    )
     origin: str = scalar("", "What the grid is relative to: a sensor or 'grid'.")
     origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
     origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)

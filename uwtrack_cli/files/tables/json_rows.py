@@ -35,7 +35,7 @@ ENCOUNTER_KEYS = (
 FIX_KEYS = (
     "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
     "latitude", "longitude", "east_std_m", "north_std_m", "covariance_m2",
-    "speed_mps", "course_deg", "sensors",
+    "speed_mps", "course_deg", "sensors", "reading", "reading_weight", "rival",
 )  # fmt: skip
 MOTION_KEYS = (
     "contact", "mode", "weight", "time_utc", "range_m", "range_std_m", "bearing_deg",
@@ -159,7 +159,7 @@ CHANGE_KEYS = (
 
 
 def _rival(values: Row) -> Row | None:
-    """Return the next reading of an encounter, None where it has less than 5 %."""
+    """Return the next reading of a row, None where it has less than 5 %."""
     if not values.get("rival"):
         return None
     return {"reading": values["rival"], "weight": values["rival_weight"]}
@@ -202,7 +202,9 @@ def _fix_rows(container: Container) -> Iterator[Row]:
         values["time_utc"] = _utc(values["time_utc_ns"])
         values["east_std_m"], values["north_std_m"] = plain(std[i, :2])
         values["sensors"] = [name for name in values["sensors"].split(",") if name]
-        yield {key: values[key] for key in FIX_KEYS}
+        values["reading"] = values.get("reading") or None
+        values["rival"] = _rival(values)
+        yield {key: values.get(key) for key in FIX_KEYS}
 
 
 def _motion_rows(container: Container) -> Iterator[Row]:

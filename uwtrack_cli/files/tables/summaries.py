@@ -1,7 +1,7 @@
 """Results in the words and digits of a short table, for screens and reports.
 
 **Conventions.** A column in which nothing is known is left out, and that of the readings
-where all are straight. Times are UTC where the
+where all are straight, or all move. Times are UTC where the
 start of every recording is known, and seconds from the first sample where not.
 """
 
@@ -77,6 +77,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("longitude", "longitude", 6),
         Head("speed m/s", "speed_mps", 2),
         Head("course deg", "course_deg", 1),
+        Head("reading", "reading", usual="moving"),
     ),
     "presence": (
         Head("sensor", "sensor"),

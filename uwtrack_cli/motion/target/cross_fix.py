@@ -2,20 +2,18 @@
 
 **Method.** The motion that the bearings of all sensors determine is carried to each time,
 with its covariance. Where bearings alone are measured and one mode explains them, mean and
-covariance are those of the posterior, which is no ellipse where the target is near a sensor or
-far from all: adaptive importance sampling from a Student distribution about the mode, with
-a prior that is flat among the sensors and in the logarithm of the range far from them
-(Cappe et al. 2004). Few bearings, or bearings of one moment, tell a place and no velocity:
-the velocity then has the deviation of vessels in general, so that the ellipse grows from
-the time of the bearings on.
-
-**References.** Cappe, Guillin, Marin & Robert 2004, J. Comput. Graph. Stat. 13, 907.
+covariance are those of the posterior over two readings, a source at rest and one that moves
+(see `place_readings`). Few bearings, or bearings of one moment, tell a place and no
+velocity: no reading is told then, and the velocity has the deviation of vessels in general,
+so that the ellipse grows from the time of the bearings on.
 
 **Conventions.** East and north on the grid of the sensors; latitude and longitude where
 they have them.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 from warnings import warn
 
 import numpy as np
@@ -23,7 +21,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.acoustics.geodesy import to_latitude_longitude
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, TextArray
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import UwtrackNote
@@ -31,11 +29,17 @@ from uwtrack_cli.motion.target.contact import ContactAnswer
 from uwtrack_cli.motion.target.inputs import Platforms
 from uwtrack_cli.motion.target.model import state_jacobian, to_state
 from uwtrack_cli.motion.target.modes import ModeAnswer
-from uwtrack_cli.motion.target.objective import misfit, misfit_value
-from uwtrack_cli.motion.target.problem import Problem
-
-VESSEL_VELOCITY_STD_MPS = 10.0
-"""Deviation of each component of a vessel's velocity of which nothing is known."""
+from uwtrack_cli.motion.target.objective import misfit
+from uwtrack_cli.motion.target.place_readings import (
+    NO_READING,
+    VELOCITY_STDS_MPS,
+    VESSEL_VELOCITY_STD_MPS,
+    Reading,
+    compete,
+    mixture,
+    moving_region,
+    still_region,
+)
 
 
 def first_place(platforms: Platforms) -> FloatArray:
@@ -64,7 +68,7 @@ def fixes_of_answers(
     series
         The table that they came from.
     """
-    parts: list[dict[str, FloatArray]] = []
+    parts: list[dict[str, NDArray[Any]]] = []
     names: list[NDArray[np.str_]] = [np.empty(0, "U1")]
     for answer, times in answers:
         own = [
@@ -80,6 +84,9 @@ def fixes_of_answers(
 
     def gather(name: str) -> FloatArray:
         return np.concatenate([np.empty(0), *(part[name] for part in parts)])
+
+    def words(name: str) -> TextArray:
+        return np.concatenate([np.empty(0, "U1"), *(part[name] for part in parts)])
 
     time, east, north = gather("time_s"), gather("east_m"), gather("north_m")
     latitude = longitude = np.full(time.shape, np.nan)
@@ -110,68 +117,20 @@ def fixes_of_answers(
         course_deg=gather("course_deg"),
         course_std_deg=gather("course_std_deg"),
         sensors=np.concatenate(names),
+        reading=words("reading"),
+        reading_weight=gather("reading_weight"),
+        rival=words("rival"),
+        rival_weight=gather("rival_weight"),
         origin=series.origin,
         origin_latitude=series.origin_latitude,
         origin_longitude=series.origin_longitude,
     )
 
 
-DRAWS, ROUNDS, TAILS = 2000, 6, 4.0
-"""Draws of a round, rounds, and degrees of freedom of the proposal."""
-
-FEWEST_EFFECTIVE = 60.0
-"""Effective draws below which the likelihood has no region that an ellipse describes."""
-
 NO_REGION = (
     "no position for contact {}: the places that explain the bearings gather in no "
     "ellipse; 'uwtrack tma' gives the intervals of its motion."
 )
-
-
-def posterior_state(
-    problem: Problem, state: FloatArray, covariance: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return mean and covariance of the posterior of the state; None if too few agree.
-
-    Parameters
-    ----------
-    problem
-        One record of bearings.
-    state
-        Best state (x, y, vx, vy) in the problem's coordinates.
-    covariance
-        Its covariance by Laplace's approximation, with a prior on the velocity.
-    """
-    draw = np.random.default_rng(1)
-    mean, spread = state, 2.0 * covariance
-    found = None
-    track = problem.track
-    own = np.stack([track.east_m, track.north_m])[:, track.now]
-    centre = own.mean(axis=1)
-    reach_m2 = float(np.var(own, axis=1).sum())
-    middle_s = float(problem.row_time_s.mean())
-    for _ in range(ROUNDS):
-        root = np.linalg.cholesky(spread + 1e-9 * np.diag(np.diagonal(spread)))
-        unit = draw.standard_normal((DRAWS, 4))
-        length = draw.chisquare(TAILS, DRAWS) / TAILS
-        off = unit / np.sqrt(length)[:, np.newaxis]
-        trial = mean + off @ root.T
-        value = misfit_value(
-            problem, trial, np.zeros((DRAWS, 0)), np.zeros(DRAWS, np.int64)
-        )
-        value = value + (trial[:, 2:] ** 2).sum(1) / VESSEL_VELOCITY_STD_MPS**2
-        away = trial[:, :2] + trial[:, 2:] * middle_s - centre
-        value += 2.0 * np.log1p((away**2).sum(1) / max(reach_m2, 1.0))
-        proposal = 0.5 * (TAILS + 4.0) * np.log1p((off**2).sum(1) / TAILS)
-        log_weight = proposal - 0.5 * value
-        weight = np.exp(log_weight - log_weight.max())
-        weight /= weight.sum()
-        mean = weight @ trial
-        spread = (trial - mean).T @ ((trial - mean) * weight[:, np.newaxis])
-        is_enough = 1.0 / float((weight**2).sum()) > FEWEST_EFFECTIVE
-        found = (mean, spread) if is_enough else None
-        spread = spread if is_enough else 2.0 * spread + 0.1 * covariance
-    return found
 
 
 def _sampled(
@@ -180,26 +139,41 @@ def _sampled(
     state: FloatArray,
     covariance: FloatArray,
     platforms: Platforms,
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return the posterior's state and covariance; None where it has no ellipse."""
+) -> tuple[FloatArray, FloatArray, Reading] | None:
+    """Return the posterior's state, covariance and reading; None where it has no ellipse."""
     problem = answer.problem
     if problem.n_lines or len(answer.modes) > 1:
-        return state, covariance
+        return state, covariance, NO_READING
     place = np.concatenate([first_place(platforms), np.zeros(2)])
-    found = posterior_state(problem, state - place, covariance)
-    if found is None:
-        return None
     # what noise alone does not explain stays: coloured noise, places of the sensors
     jacobian = state_jacobian(mode.q[np.newaxis])[0]
     matrix = misfit(problem, mode.q[np.newaxis]).matrix[0]
     white = _with_vessel_prior(jacobian @ np.linalg.pinv(matrix) @ jacobian.T)
     values, axes = np.linalg.eigh(covariance - white)
-    return found[0] + place, found[1] + (axes * np.maximum(values, 0.0)) @ axes.T
+    rest = (axes * np.maximum(values, 0.0)) @ axes.T
+    competes = bool(mode.observability.observable[2:4].all())
+    stds = VELOCITY_STDS_MPS if competes else (VESSEL_VELOCITY_STD_MPS,)
+    moving = moving_region(problem, state - place, covariance, stds)
+    if not moving.is_sampled:
+        return None
+    moving = replace(moving, covariance=moving.covariance + rest)
+    if not competes:
+        return moving.mean + place, moving.covariance, NO_READING
+    still = still_region(problem)
+    # what shifts place and velocity by d shifts a place at rest by d_p + A_pp^-1 A_pv d_v
+    inward = np.linalg.inv(jacobian)
+    normal = inward.T @ matrix @ inward
+    shift = np.linalg.pinv(normal[:2, :2]) @ normal[:2, 2:]
+    turn = np.concatenate([np.eye(2), shift], axis=1)
+    still = replace(still, covariance=still.covariance + turn @ rest @ turn.T)
+    reading = compete(still, moving)
+    both = mixture(reading, still, moving)
+    return both.mean + place, both.covariance, reading
 
 
 def _at_times(
     answer: ContactAnswer, number: int, mode: ModeAnswer, times: FloatArray
-) -> dict[str, FloatArray] | None:
+) -> dict[str, NDArray[Any]] | None:
     """Carry a mode to the times: the covariance grows with the lag; None without one."""
     platforms = answer.data.platforms
     if platforms is None:
@@ -213,7 +187,7 @@ def _at_times(
     sampled = _sampled(answer, mode, state, covariance, platforms)
     if sampled is None:
         return None
-    state, covariance = sampled
+    state, covariance, reading = sampled
     lag = times - answer.data.time_s[0]
     transition = np.tile(np.eye(4), (times.size, 1, 1))
     transition[:, 0, 2] = transition[:, 1, 3] = lag
@@ -225,6 +199,10 @@ def _at_times(
     own = covariance[2:, 2:]
     count = np.ones(times.size)
     return {
+        "reading": np.repeat(reading.name, times.size),
+        "reading_weight": reading.weight * count,
+        "rival": np.repeat(reading.rival, times.size),
+        "rival_weight": reading.rival_weight * count,
         "contact": answer.data.contact * count,
         "mode": number * count,
         "weight": mode.weight * count,
