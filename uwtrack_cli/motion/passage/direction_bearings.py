@@ -92,7 +92,8 @@ def with_directions_of(
     known = np.isin(lines.line, ids) & np.isfinite(lines.bearing_deg)
     if not known.any():
         return levels
-    return with_directions(levels, _beside_lines(directions, lines, known))
+    found = with_directions(levels, _beside_lines(directions, lines, known))
+    return levels if found is None else found
 
 
 def _beside_lines(directions: Directions, lines: Lines, known: BoolArray) -> Directions:
@@ -210,9 +211,9 @@ def sources_in_time(directions: Directions) -> IntArray:
     count = np.bincount(owner, minlength=len(heard))
     order = np.argsort(-count, kind="stable")
     order = order[count[order] >= min(LEAST_FRAMES, count.max(initial=0))]
-    number = np.zeros(len(heard), np.int64)
-    number[order] = np.arange(1, order.size + 1)
-    return number[owner]
+    rank: IntArray = np.zeros(len(heard), np.int64)
+    rank[order] = np.arange(1, order.size + 1)
+    return np.asarray(rank[owner])
 
 
 @dataclass(frozen=True, eq=False)
