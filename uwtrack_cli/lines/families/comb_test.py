@@ -15,6 +15,7 @@ other.
 Probabilistic Approach" (2008).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -144,14 +145,13 @@ def _most_hits(
     # a tooth within the tolerance of a peak is in its cell or in the next one
     for shift in (-1, 0, 1):
         is_near[cells + shift] = 1
-    first = (frequency_hz[lower] - low) / step
-    spacing = (frequency_hz[upper] - frequency_hz[lower]) / (spacings * step)
-    counts = spacings - 1
-    _, tooth = _teeth(spacings)
-    cell = (first.repeat(counts) + spacing.repeat(counts) * tooth).astype(np.int32)
-    # every test has an interior tooth, so that no sum is empty
-    hits = np.add.reduceat(is_near[cell], counts.cumsum() - counts, dtype=np.int64)
-    return np.asarray(hits)
+    place = (frequency_hz - low) / step
+    cell, spacing = place[lower], (place[upper] - place[lower]) / spacings
+    hits = np.zeros(spacings.size, dtype=np.int8)
+    for tests in _teeth(spacings):
+        cell[tests] += spacing[tests]
+        hits[tests] += is_near.take(cell[tests].astype(np.intp))
+    return hits
 
 
 def _hypotheses(
@@ -215,29 +215,33 @@ def _interior_hits(
     spacings: IntArray,
 ) -> IntArray:
     finder = _PeakFinder(frequency_hz, rule.tolerance_hz)
-    base = frequency_hz[lower]
-    spacing = (frequency_hz[upper] - base) / spacings
-    test, tooth = _teeth(spacings)
-    lowest = (base - rule.tolerance_hz)[test] + spacing[test] * tooth
-    peak, is_near = finder.nearest_above(lowest)
+    spacing = (frequency_hz[upper] - frequency_hz[lower]) / spacings
+    lowest = frequency_hz[lower] - rule.tolerance_hz
+    circle, middle = bearing_deg % 360.0, np.empty(0)
     if _spread_deg(bearing_deg) > rule.bearing_window_deg:
-        circle = bearing_deg % 360.0
         middle = circle[lower] + 0.5 * wrap_deg(circle[upper] - circle[lower])
         middle %= 360.0
-        at = np.flatnonzero(is_near)
-        is_near[at] = _has_direction(
-            finder, lowest[at], peak[at], circle, middle[test[at]],
-            rule.bearing_window_deg,
-        )  # fmt: skip
-    return np.bincount(test[is_near], minlength=lower.size)
+    hits = np.zeros(spacings.size, dtype=np.int64)
+    for tests in _teeth(spacings):
+        lowest[tests] += spacing[tests]
+        peak, is_near = finder.nearest_above(lowest[tests])
+        if middle.size:
+            at = np.flatnonzero(is_near)
+            is_near[at] = _has_direction(
+                finder, lowest[tests][at], peak[at], circle, middle[tests][at],
+                rule.bearing_window_deg,
+            )  # fmt: skip
+        hits[tests] += is_near
+    return hits
 
 
-def _teeth(spacings: IntArray) -> tuple[IntArray, IntArray]:
-    """List the interior teeth of all tests: the test, and the tooth from 1 on."""
-    counts = spacings - 1
-    test = np.arange(counts.size).repeat(counts)
-    starts = counts.cumsum() - counts
-    return test, np.arange(1, test.size + 1) - starts[test]
+def _teeth(spacings: IntArray) -> Iterator[slice]:
+    """Yield the tests that have a first interior tooth, then those with a second ...
+
+    Tests are ordered by their numbers of spacings, so that they are the last ones.
+    """
+    for tooth in range(1, int(spacings[-1])):
+        yield slice(int(spacings.searchsorted(tooth, "right")), None)
 
 
 class _PeakFinder:
