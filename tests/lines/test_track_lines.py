@@ -17,6 +17,7 @@ from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.lines.classify import classify_peaks
+from uwtrack_cli.lines.families.last_look import LastLook
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.tracker_options import (
     CountLogic,
@@ -459,3 +460,19 @@ def test_families_without_their_peaks_are_refused_with_the_next_command() -> Non
 def test_options_outside_their_meaning_are_refused(wrong) -> None:
     with pytest.raises(OptionError, match="got"):
         wrong()
+
+
+@pytest.mark.parametrize(("n_lines", "n_looks"), [(20, 12), (220, 3)])
+def test_families_are_sought_less_often_among_very_many_lines(
+    monkeypatch, n_lines, n_looks
+):
+    """In 60 frames every fifth; of 220 lines, of which pairs are many, every 20th."""
+    looks = []
+    found = LastLook.find_combs
+    monkeypatch.setattr(
+        LastLook, "find_combs", lambda *given: looks.append(1) or found(*given)
+    )
+    frequency = np.tile(20.0 + 4.0 * np.arange(n_lines), (60, 1))
+    lines = track(line_peaks(frequency))
+    assert abs(len(looks) - n_looks) <= 1
+    assert (lines.line_family >= 0).any()

@@ -144,6 +144,8 @@ def _show(found: "ProductScore") -> None:
         say(f"missed: {text}")
     for text in found.false:
         say(f"not in the truth: {text}")
+    for text in found.ambiguous:
+        say(text)
     if found.gospa_m is not None:
         say(
             f"GOSPA {found.gospa_m:.1f} m, OSPA {found.ospa_m:.1f} m (mean of "

@@ -50,6 +50,8 @@ class ProductScore:
     """Number of times at which positions were compared."""
     problems: tuple[str, ...]
     """Limits that are not met, in words."""
+    ambiguous: tuple[str, ...] = ()
+    """Contacts whose positions were ambiguous, and which mode was compared, in words."""
 
 
 def read_any_truth(path: Path) -> Truth:
@@ -118,6 +120,7 @@ def score_product(
         tracks.ospa_m if tracks else None,
         tracks.n_times if tracks else 0,
         tuple(_problems(scores, passed, tracks, wanted)) if wanted else (),
+        tracks.ambiguous if tracks else (),
     )
 
 

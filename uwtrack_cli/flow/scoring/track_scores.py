@@ -1,26 +1,32 @@
 """Score positions against true tracks: errors, and GOSPA and OSPA over time.
 
-**Method.** At every time of the fixes (best mode of each contact) the vessels that
-the truth knows then are the set to be found. Both are brought to one grid: that of
-the fixes, by geodesics where the truth or the fixes are in latitude and longitude.
+**Method.** At every time of the fixes the vessels that the truth knows then are the set
+to be found. Both are brought to one grid: that of the fixes, by geodesics where the truth
+or the fixes are in latitude and longitude. Of the modes of a contact that share 95 % of
+the weight the one nearest to the truth is compared, and it is said that there were
+others: sensors without bearings hear a vessel and its mirror image alike.
 
 **Conventions.** ``position_m`` is the distance to the nearest vessel; its ``sigmas``
 is the Mahalanobis distance under the covariance of the fix.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid, to_latitude_longitude
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.scoring.ais_passages import interpolate_track
 from uwtrack_cli.flow.scoring.encounter_scores import Score
 from uwtrack_cli.flow.scoring.gospa import gospa, ospa
+
+LISTED_WEIGHT = 0.95
+"""Weight of the modes among which the nearest to the truth is compared."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,8 @@ class TrackScores:
     """Mean OSPA over the times, m."""
     n_times: int
     """Number of times at which positions were compared."""
+    ambiguous: tuple[str, ...]
+    """Contacts whose positions were ambiguous, and which mode was compared, in words."""
 
 
 def score_fixes(
@@ -60,19 +68,62 @@ def score_fixes(
     """
     shift_s = _shift_s(truth, start_utc_ns)
     tracks = [(track, *_on_grid(track, truth, fixes)) for track in truth.tracks]
-    best = np.flatnonzero(fixes.mode == 1)
+    vessels = {
+        time_s: _true_positions(tracks, time_s - shift_s)
+        for time_s in np.unique(fixes.time_s).tolist()
+    }
     scores: list[Score] = []
+    compared: list[IntArray] = []
+    ambiguous: list[str] = []
+    for contact in np.unique(fixes.contact).tolist():
+        rows, words = _compared_mode(fixes, contact, vessels)
+        compared.append(rows)
+        ambiguous += words
     distances: list[tuple[float, float]] = []
-    for time_s in np.unique(fixes.time_s[best]):
-        rows = best[fixes.time_s[best] == time_s]
+    chosen = np.concatenate([np.zeros(0, np.int64), *compared])
+    for time_s in np.unique(fixes.time_s[chosen]).tolist():
+        rows = chosen[fixes.time_s[chosen] == time_s]
         found = np.stack([fixes.east_m[rows], fixes.north_m[rows]], axis=-1)
-        names, true = _true_positions(tracks, float(time_s) - shift_s)
+        names, true = vessels[time_s]
         one = gospa(found, true, cutoff_m=cutoff_m)
         distances.append((one.distance_m, ospa(found, true, cutoff_m=cutoff_m)))
         if len(true):
             scores += [_score(fixes, int(row), names, true) for row in rows]
     mean = np.mean(distances, axis=0) if distances else (np.nan, np.nan)
-    return TrackScores(tuple(scores), float(mean[0]), float(mean[1]), len(distances))
+    return TrackScores(
+        tuple(scores), float(mean[0]), float(mean[1]), len(distances), tuple(ambiguous)
+    )
+
+
+def _compared_mode(
+    fixes: Fixes, contact: int, vessels: Mapping[float, tuple[list[str], FloatArray]]
+) -> tuple[IntArray, list[str]]:
+    """Return the rows of the listed mode nearest to the truth, and what is to be said."""
+    of_contact = np.flatnonzero(fixes.contact == contact)
+    by_mode: dict[int, IntArray] = {}
+    listed = 0.0
+    for mode in np.unique(fixes.mode[of_contact]).tolist():  # best first
+        if listed >= LISTED_WEIGHT:
+            break
+        by_mode[mode] = of_contact[fixes.mode[of_contact] == mode]
+        listed += float(fixes.weight[by_mode[mode][0]])
+    off = {
+        mode: [
+            _score(fixes, int(row), *vessels[float(fixes.time_s[row])]).error
+            for row in rows
+            if len(vessels[float(fixes.time_s[row])][1])
+        ]
+        for mode, rows in by_mode.items()
+    }
+    nearest = min(by_mode, key=lambda mode: sum(off[mode]))
+    rows = by_mode[nearest]
+    if len(by_mode) == 1:
+        return rows, []
+    said = (
+        f"contact {contact}: mode {nearest} is compared, the nearest of {len(by_mode)} "
+        f"that share the weight (its own {float(fixes.weight[rows[0]]):.2f})"
+    )
+    return rows, [said]
 
 
 def _shift_s(truth: Truth, start_utc_ns: int | None) -> float:

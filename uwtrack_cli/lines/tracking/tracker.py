@@ -78,6 +78,10 @@ _UNRESOLVED = 1.5
 _MERGED_STD = 0.5
 """Deviation of such a peak from either line, in resolutions."""
 
+_MANY_LINES = 100
+"""Lines beyond which families are sought less often, by the square of their number: the
+pairs that are tested grow with it."""
+
 _LEAST_JITTER = 0.1
 """Floor of a line's deviation in the comb test, in resolutions."""
 
@@ -110,6 +114,7 @@ class LineTracker:
         self.window_frames = frames.window_s / frames.hop_s
         self.samples = ContactSamples(grid_frames(self.window_frames))
         self.frames_seen = 0
+        self.look_frames = self.frames_to_look = options.feedback.every_frames
         self.last_time_s: float | None = None
         self.last_heading_deg: float | None = None
         self.is_after_gap = False
@@ -223,8 +228,10 @@ class LineTracker:
         is_claimed = self.associator.is_claimed(peaks) | is_likely
         self.logic.watch(peaks, is_claimed)
         self.frames_seen += 1
-        if self.frames_seen % self.options.feedback.every_frames == 0:
+        self.frames_to_look -= 1
+        if self.frames_to_look == 0:
             self._classify(frame)
+            self.frames_to_look = self.look_frames
         if peaks.frequency_hz.size:
             self._start(peaks, ~(is_used | is_claimed), height)
 
@@ -337,8 +344,10 @@ class LineTracker:
     def _classify(self, frame: int) -> None:
         """Mark the confirmed lines that belong to harmonic families."""
         store, feedback = self.store, self.options.feedback
-        store.hold[:] = np.maximum(store.hold - feedback.every_frames, 0)
+        store.hold[:] = np.maximum(store.hold - self.look_frames, 0)
         slots = store.confirmed
+        crowd = max(1, slots.size // _MANY_LINES) ** 2
+        self.look_frames = crowd * feedback.every_frames
         # a line that coasts has no frequency to speak of
         slots = slots[store.rows - store.settled[slots] <= feedback.hold_frames]
         if slots.size < 3:
@@ -361,7 +370,8 @@ class LineTracker:
         )
         is_member = score < np.log10(feedback.chance)
         if feedback.classifier == "families":
-            store.hold[slots[is_member]] = feedback.hold_frames
+            more_frames = self.look_frames - feedback.every_frames
+            store.hold[slots[is_member]] = feedback.hold_frames + more_frames
         self.families.note(frame, combs, store.line[slots], frequency, sigma)
 
     def _start(self, peaks: FramePeaks, is_free: BoolArray, height: FloatArray) -> None:
