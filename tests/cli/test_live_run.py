@@ -213,6 +213,19 @@ def test_sound_that_does_not_change_is_no_sound_and_said(uwtrack):
     assert json.loads(shown.stdout) == []
 
 
+def test_a_converter_that_sticks_for_a_while_is_said(uwtrack):
+    """For an hour within noise, and for a moment, which nobody needs to know."""
+    noise = np.random.default_rng(6).integers(-3000, 3000, 6000).astype("<i2")
+    stuck = np.full(3600 * 100, 77, "<i2")
+    sound = np.concatenate([noise, stuck, noise, stuck[:3000], noise])
+    raw = ("--raw", "s16le", "--rate-hz", 100)
+    done = uwtrack("run", "-", "-o", "s.h5", *raw, input=sound.tobytes())
+    assert done.exit_code == 0
+    said = " ".join(done.stderr.split())
+    assert said.count("does not change") == 1
+    assert "standard-input: the sound does not change for 3600 s at 60 s." in said
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_finishes_the_product(uwtrack, tmp_path, number):
     """The sound has a gap, whose event says that all before it has been worked on."""

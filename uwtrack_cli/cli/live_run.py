@@ -26,7 +26,7 @@ from uwtrack_cli.cli.targets import (
     writer_for,
 )
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.recording import LiveSource
+from uwtrack_cli.data.recording import LiveSource, Recording
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.checks import is_pipe
 
@@ -211,9 +211,29 @@ def run_live(
                 keep=keep,
                 tell=put_event if as_json else None,
             )
+    if not as_json:  # as events they were told
+        _say_disturbances(reader, recording)
     say_sensitivity([held.container for held in made])
     say_wrote(target)
     return made
+
+
+def _say_disturbances(reader: LiveSource, recording: Recording) -> None:
+    """Warn of what disturbed the sound, the first of each kind; whole sound is told."""
+    from uwtrack_cli.files.audio.live_reader import LiveReader
+
+    if not isinstance(reader, LiveReader):
+        return
+    found: dict[str, list[str]] = {}
+    for gap in reader.take_disturbances():
+        if gap.is_over and gap.n_samples < reader.n_samples:
+            rate_hz = recording.sample_rate_hz
+            lasted = f" for {gap.n_samples / rate_hz:g} s" if gap.n_samples else ""
+            text = f"{gap.reason}{lasted} at {gap.start_sample / rate_hz:g} s"
+            found.setdefault(gap.reason.split(" for ")[0], []).append(text)
+    for first, *others in found.values():
+        more = f", and {len(others)} times more" if others else ""
+        warn(f"{recording.name}: {first}{more}.", UwtrackWarning, stacklevel=3)
 
 
 def put_event(event: Mapping[str, Any]) -> None:
