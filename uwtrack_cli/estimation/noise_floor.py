@@ -2,7 +2,7 @@
 
 **Method.** The density is the median over tiles of 16 frames by 16 natural bins, taken
 again without the cells far above it, interpolated along frequency but for edges (steps of
-some 8 dB and more are put where the cells change), times the gain of the single frame (the median ratio of its own block medians to the tile's). Lines and short sounds move a median little, and
+some 8 dB and more are put where the cells change, if those are no slope), times the gain of the single frame (the median ratio of its own block medians to the tile's). Lines and short sounds move a median little, and
 a vessel that passes moves the whole floor. Tiles are fixed in absolute frame index,
 so how a recording is cut into blocks has no influence.
 
@@ -150,7 +150,7 @@ def _tile_floors(power: FloatArray, zero_padding: int) -> FloatArray:
         left = left.max() if up[k] < 0.0 else left[0]
         at = slice(int(centres[first]) + 1, int(centres[last]) + 1)
         shape[beam, at] = _edge(
-            power[beam, :, at] / cell_gain[:, at],
+            power[beam, :, at] / cell_gain[:, at], shape[beam, at],
             left, right.max(), EDGE_BINS * zero_padding,
         )  # fmt: skip
     shape += np.repeat(margin, widths, axis=1)
@@ -213,18 +213,24 @@ def _running_median(values: FloatArray) -> FloatArray:
     return np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c))
 
 
-def _edge(power: FloatArray, left: float, right: float, margin: int) -> FloatArray:
+def _edge(
+    power: FloatArray, slope: FloatArray, left: float, right: float, margin: int
+) -> FloatArray:
     """Place a step between two levels where most cells on either side agree with it.
 
     Interpolated, a step would leave loud noise above the floor beside it. A line
     spoils few cells and hardly moves the step; the loud side gets a margin, for a
-    window leaks.
+    window leaks. Steep ground stays a slope: a step that is farther from the cells than
+    the interpolation is none.
     """
     usual = np.log(np.maximum(_median(power.T), SMALLEST))
     votes = np.sign(0.5 * (left + right) - usual) * np.sign(right - left)
     score = np.cumsum(np.append(0.0, votes))
-    split = int(np.argmax(score)) + (margin if left > right else -margin)
-    return np.where(np.arange(votes.size) < split, left, right)
+    split, cell = int(np.argmax(score)), np.arange(votes.size)
+    step = np.where(cell < split, left, right)
+    if np.abs(usual - step).sum() > np.abs(usual - slope).sum():
+        return slope
+    return np.where(cell < split + (margin if left > right else -margin), left, right)
 
 
 def _is_split(power: FloatArray, before: float, own: float, after: float) -> bool:
