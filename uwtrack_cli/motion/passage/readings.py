@@ -200,6 +200,8 @@ def read_passage(
         if searched is not None:
             value[place] -= searched.search(float(gain[place]))
             value[place] -= cost_of_change(fits[place], blocks.time_s)
+    if not np.isfinite(value.max()):  # no reading is a passage at all
+        return fit, STRAIGHT_READING
     chance = np.exp(value - value.max())
     chance /= chance.sum()
     names = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
