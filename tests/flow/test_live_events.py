@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 
+from tests.flow.live_day import compare, measure
 from tests.support import recording_of, white_noise
 from uwtrack_cli.cli.json_schemas import json_schema
 from uwtrack_cli.flow.live_events import WITHDRAWN, _Passages
@@ -120,6 +121,33 @@ def test_what_is_heard_is_told_before_it_passes_and_agrees_with_the_file(told, u
     assert vessel[-1]["encounter"] == number
     ends = {event["stretch"] for event in events if event["final"]}
     assert ends == {event["stretch"] for event in events}
+
+
+def test_the_last_word_on_everything_is_that_of_the_file(told, uwtrack):
+    """And what was final before the end has not changed since; `live_day` asks a day."""
+    shown = [
+        uwtrack("show", told[1] / "live.h5", name, "--format", "json")
+        for name in ("encounters", "presence")
+    ]
+    events = [json.loads(line) for line in told[0].splitlines()]
+    found = compare(events, *(json.loads(one.stdout) for one in shown), 140.0)
+    assert found["n_paired"] == found["n_told"] == found["n_encounters"] == 1
+    assert found["n_withdrawn"] == found["n_changed_after_final"] == 0
+    assert found["greatest_difference_in_deviations"] < 1.0
+    assert found["told_after_2_widths_s"] <= 30.0
+    assert found["final_after_4_widths_s"] <= 90.0
+    assert found["n_presence_told_the_same"] == found["n_presence"] > 0
+
+
+@pytest.mark.long
+def test_the_events_of_a_drawn_hour_are_those_of_its_file(tmp_path):
+    found = measure(tmp_path, 1.0, 3, 500.0)
+    assert found["files_equal"]
+    assert found["n_paired"] == found["n_told"] == found["n_encounters"] == 3
+    assert found["n_changed_after_final"] == 0
+    assert found["greatest_difference_in_deviations"] < 1.0
+    assert found["told_after_2_widths_s"] <= 30.0
+    assert found["final_after_4_widths_s"] <= 90.0
 
 
 def test_noise_with_a_gap_is_told_as_a_gap_and_as_nothing_else(uwtrack):
