@@ -191,15 +191,7 @@ def read_passage(
     if len(tried) == 1:
         return fit, STRAIGHT_READING
     fits = [one for one, _ in tried]
-    value = _log_likelihoods(fits, blocks)
-    gain = value - value[0]
-    if fit.theta[0, 2] <= 0:
-        value[0] = -np.inf
-    for place, searched in enumerate(searches):
-        value[place] += speed_prior(fits[place])
-        if searched is not None:
-            value[place] -= searched.search(float(gain[place]))
-            value[place] -= cost_of_change(fits[place], blocks.time_s)
+    value = _evidences(fits, searches, blocks)
     if not np.isfinite(value.max()):  # no reading is a passage at all
         return fit, STRAIGHT_READING
     chance = np.exp(value - value.max())
@@ -217,6 +209,22 @@ def read_passage(
         _time_std_s(tried, names == ranked[0], best, chance),
     )
     return _averaged(fits, best, chance), reading
+
+
+def _evidences(
+    fits: list[PassageFit], searches: list[Scores | None], blocks: Blocks
+) -> FloatArray:
+    """Return the logarithm of the evidence of each reading, the straight one first."""
+    value = _log_likelihoods(fits, blocks)
+    gain = value - value[0]
+    if fits[0].theta[0, 2] <= 0:
+        value[0] = -np.inf
+    for place, searched in enumerate(searches):
+        value[place] += speed_prior(fits[place])
+        if searched is not None:
+            value[place] -= searched.search(float(gain[place]))
+            value[place] -= cost_of_change(fits[place], blocks.time_s)
+    return value
 
 
 def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
