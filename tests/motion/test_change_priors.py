@@ -10,6 +10,7 @@ from uwtrack_cli.motion.passage.change_priors import (
     ODDS,
     SIZES,
     VESSEL_MPS,
+    VESSEL_STD_MPS,
     cost_of_change,
     speed_prior,
 )
@@ -74,12 +75,18 @@ def test_no_vessel_changes_its_velocity_by_more_than_its_speed_allows():
     assert far > near + 30.0
 
 
-def test_the_speed_of_vessels_has_the_mean_that_is_stated():
-    mean = quad(lambda v: v * np.exp(speed_prior(fitted(None, [], speed=v))),
-                0.3, 80.0)[0]  # fmt: skip
-    # a density but for a constant
-    whole = quad(lambda v: np.exp(speed_prior(fitted(None, [], speed=v))), 0.3, 80.0)[0]
-    assert mean / whole == pytest.approx(VESSEL_MPS, rel=0.01)
+def test_the_speed_of_vessels_has_its_scale_and_gives_way_to_what_is_faster():
+    """Half of the density below the median of a log-normal of that mean and deviation;
+    among speeds of satellites a tenth more or less is worth less than a neper."""
+
+    def below(fastest):
+        return quad(lambda x: np.exp(speed_prior(fitted(None, [], speed=np.exp(x))) + x),
+                    np.log(0.26), np.log(fastest), limit=300)[0]  # fmt: skip
+
+    median = VESSEL_MPS / np.sqrt(1 + (VESSEL_STD_MPS / VESSEL_MPS) ** 2)
+    assert below(median) / below(1e4) == pytest.approx(0.5, abs=0.02)
+    fast, faster = (speed_prior(fitted(None, [], speed=v)) for v in (7000.0, 7700.0))
+    assert 0.0 < fast - faster < 1.0
 
 
 def test_a_size_that_the_fit_does_not_determine_is_no_evidence():

@@ -16,7 +16,8 @@ those of vessels (`VESSEL_MPS`), which the faster of two legs must have.
 **Conventions.** Log-likelihoods in nepers; unknowns as in `unknowns`.
 
 **References.** Jaynes (1968), IEEE Trans. Syst. Sci. Cybern. 4, 227 (priors of scales);
-MacKay (2003), Information Theory, ch. 28 (Laplace's method, Occam factors).
+MacKay (2003), Information Theory, ch. 28 (Laplace's method, Occam factors); O'Hagan
+(1979), J. R. Statist. Soc. B 41, 358 (priors that give way to outliers).
 """
 
 import numpy as np
@@ -28,6 +29,9 @@ from uwtrack_cli.motion.passage.unknowns import CHANGED, MANOEUVRE, N_SIZES, RAM
 
 VESSEL_MPS, VESSEL_STD_MPS = 5.5, 3.5
 """Speed of vessels before it is measured, m/s, and its deviation."""
+
+TAIL_FREEDOM = 3.0
+"""Degrees of freedom of that prior's tails."""
 
 SIZES = {STEP: (1e-4, 5e-2), RAMP: (1e-4, 5e-2), MANOEUVRE: (0.01, 2.0)}
 """Bounds of the sizes: share of all rest frequencies, the same at the far end of the
@@ -48,12 +52,16 @@ def speed_prior(fit: PassageFit) -> float:
 
     Notes
     -----
-    A log-normal density with the mean and the deviation of the speeds of vessels.
+    Normal in the logarithm near the speeds of vessels, with the long tails of Student's
+    distribution of three degrees of freedom: what goes as fast as a car or a satellite
+    is still read by its measurements (O'Hagan 1979).
     """
     square = np.log1p((VESSEL_STD_MPS / VESSEL_MPS) ** 2)
     middle = np.log(VESSEL_MPS) - 0.5 * square
     logarithm = np.log(_fastest_mps(fit))
-    return float(-0.5 * (logarithm - middle) ** 2 / square - logarithm)
+    lag = (logarithm - middle) ** 2 / square
+    tail = 0.5 * (TAIL_FREEDOM + 1) * np.log1p(lag / TAIL_FREEDOM)
+    return float(-tail - logarithm)
 
 
 def cost_of_change(fit: PassageFit, time_s: FloatArray) -> float:
