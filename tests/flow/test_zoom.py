@@ -67,7 +67,7 @@ def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
         "uwtrack_cli.flow.zoom._passages",
         lambda part, _: looked.append(part.duration_s),
     )
-    zoom_in(encounters_of(), rises, recording=recording)
+    zoom_in([encounters_of()], rises, recording=recording)
     assert looked == [20.0] * n_recipes
 
 
@@ -85,24 +85,43 @@ def test_the_level_alone_must_rise_in_the_whole_recording_too(
     row = {"time_s": 10.5, "range_over_speed_s": 1.0, "status": "level-only"}
     crest = encounters_of(row)
     monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: crest)
-    found = zoom_in(encounters_of(), rises, recording=recording, recipes=["vessel"])
+    found = zoom_in([encounters_of()], rises, recording=recording, recipes=["vessel"])
     assert found.n_encounters == n_found
+
+
+def test_frames_of_other_lengths_add_their_passages_once():
+    """What both have seen is one row; contact numbers of the first table stay."""
+    recording = recording_of(np.zeros((60 * 1000, 1), np.float32), 1000.0)
+    both = {"time_s": 20.0, "range_over_speed_s": 8.0}
+    first = encounters_of(both)
+    longer = encounters_of(both, {"time_s": 45.0, "range_over_speed_s": 8.0})
+    found = zoom_in([first, longer], recording=recording)
+    assert found.time_s.tolist() == [20.0, 45.0]
+    assert found.contact.tolist() == [1, 2]
 
 
 def test_a_table_that_is_made_again_is_not_kept():
     graph = load_recipe("auto").graph()
     assert "cpa" not in graph.outputs
+    assert "long-cpa" not in graph.outputs
     assert "zoom" in graph.outputs
     (zoom,) = [s for s in graph.steps() if s.name == "zoom"]
     assert graph.product_key(zoom) == ""
 
 
+def test_a_recording_shorter_than_the_long_frames_is_read_in_shorter_ones():
+    sound = white_noise(3 * 4000, 1, rate_hz=4000.0).astype(np.float32)[:, None]
+    held = replace(recording_of(sound, 4000.0), reader=HeldSamples(sound))
+    (found,) = encounters_in(run_recipe(held, load_recipe("auto")))
+    assert found.n_encounters == 0
+
+
 def test_without_the_sound_there_is_nothing_to_look_at():
     with pytest.raises(DataError, match="run the recording itself"):
-        zoom_in(encounters_of())
+        zoom_in([encounters_of()])
 
 
 def test_an_unknown_recipe_is_named():
     recording = recording_of(np.zeros((10, 1)), 10.0)
     with pytest.raises(OptionError, match="no recipe 'vehicles'"):
-        zoom_in(encounters_of(), recording=recording, recipes=["vehicles"])
+        zoom_in([encounters_of()], recording=recording, recipes=["vehicles"])

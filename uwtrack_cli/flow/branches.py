@@ -3,7 +3,8 @@
 **Method.** The history of a product says which step made a result and what that step
 read. The branch of a step is the step itself, all that it follows from and all that
 follows from it. Of several results of one kind that one is taken which lies in the
-branch. Where no step is named, lines that `presence` alone reads are not meant.
+branch. Where no step is named, lines that `presence` alone reads are not meant, nor those
+of a table that a later step has made again.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -102,7 +103,7 @@ def sole_keys(
 def without_asides(
     product: Product, keys: Sequence[ContainerKey]
 ) -> list[ContainerKey]:
-    """Leave out what was made for `presence` alone, where there is more of the kind.
+    """Leave out what no table but `presence` was made of, where there is more of a kind.
 
     Parameters
     ----------
@@ -125,8 +126,12 @@ def without_asides(
 
 def _is_aside(product: Product, key: ContainerKey) -> bool:
     name = maker(product, key)
-    readers = {past.stage for past in product.history if name in past.inputs}
-    return readers == {"presence"}
+    readers = [past for past in product.history if name in past.inputs]
+    is_told = any(past.stage == "presence" for past in readers)
+    held = {maker(product, other) for other in product.paths}
+    return is_told and all(
+        past.stage == "presence" or past.step_name not in held for past in readers
+    )
 
 
 def read_of_branch(

@@ -9,7 +9,8 @@ lines that climb none. These stretches of the sound are read again, and recipes 
 shorter frames run over them, up to their closest approaches, which are held against the
 sound as all are. A stretch is too short to tell swell from a passage by the level alone:
 there the level must rise by more than the recording does all the time. In the end all
-answers compete for one row per passage (`motion/competition.py`).
+answers, those of several lengths of long frames among them, compete for one row per
+passage (`motion/competition.py`).
 
 **Conventions.** Times count from the first sample of the recording. The recipes are the
 shipped ones, with their own options; sensor and sound speed are those of the recording.
@@ -50,7 +51,7 @@ LONGEST_S = 60.0
 
 @checked
 def zoom_in(
-    encounters: Encounters,
+    encounters: list[Encounters],
     rises: Rises | None = None,
     lines: Lines | None = None,
     recording: Recording | None = None,
@@ -62,11 +63,13 @@ def zoom_in(
     Parameters
     ----------
     encounters
-        Closest approaches that long frames have shown.
+        Closest approaches that long frames have shown; of several lengths of frames the
+        table of the lines first, which keeps its contact numbers.
     rises
         Rises of lines or level within seconds, which tell where to look.
     lines
-        Tracked lines, for the length of their frames and contact numbers that are free.
+        Tracked lines of the first table, for the length of their frames and contact
+        numbers that are free.
     recording
         The recording, whose sound is read again.
     recipes
@@ -93,8 +96,10 @@ def zoom_in(
         )
         raise DataError(msg)
     graphs = [_up_to_passages(name) for name in recipes or RECIPES]
-    own = encounters.of_sensor(recording.sensor.id)
     taken = 0 if lines is None else int(lines.line_contact.max(initial=0))
+    first, *others = encounters
+    known = compete(first, [_without_lines(other) for other in others], taken)
+    own = known.of_sensor(recording.sensor.id)
     found: list[Encounters] = []
     for number, graph in enumerate(graphs):
         looked = rises if rises is None else _seen(rises, is_first=number == 0)
@@ -213,6 +218,10 @@ def _placed(
         time_s=time_s,
         change_time_s=None if changed_s is None else changed_s + shift_s,
         arrival_time_s=table.arrival_time_s + shift_s,
-        rest_line_id=np.zeros_like(table.rest_line_id),
     )
-    return placed.take("encounter", np.flatnonzero(inside))
+    return _without_lines(placed).take("encounter", np.flatnonzero(inside))
+
+
+def _without_lines(table: Encounters) -> Encounters:
+    """Return rows whose lines are not those of the product's first tracker."""
+    return replace(table, rest_line_id=np.zeros_like(table.rest_line_id))
