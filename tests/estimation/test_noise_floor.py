@@ -156,3 +156,20 @@ def test_on_steep_ground_the_floor_is_no_staircase(height_db, width):
     assert np.abs(off_db[steep]).max() < 0.9
     high = power > threshold_factor(1e-3, 1e3) * noise_floor(power, np.ones(960))
     assert high[:, steep].mean() < 1.6e-3
+
+
+@pytest.mark.parametrize(
+    ("order", "corner"), [(3, 0.45), (4, 0.4), (6, 0.35), (6, 0.47)]
+)
+def test_on_the_slope_of_a_recorder_noise_passes_about_as_seldom(order, corner):
+    """A digital Butterworth filter falls without end below half the sample rate."""
+    turn = np.arange(1000) / 2000.0 * np.pi
+    law = 1.0 / (1.0 + (np.tan(turn) / np.tan(corner * np.pi)) ** (2 * order))
+    # single precision rounds in the deepest part
+    power = cells((640, 1000), 7) * law.astype(np.float32) + np.float32(1e-13)
+    high = power > threshold_factor(1e-4, 1e3) * noise_floor(power, np.ones(640))
+    # floors of stairs let up to 50 times as many pass there, and 500 times at the end
+    assert high[:, :700].mean() <= 1.5e-4
+    assert high[:, 700:900].mean() <= 4e-4
+    assert high[:, 900:960].mean() <= 3e-4
+    assert high[:, 960:].mean() <= 15e-4

@@ -2,7 +2,10 @@
 
 **Method.** The density is the median over tiles of 16 frames by 16 natural bins, taken
 again without the cells far above it, interpolated along frequency but for edges (steps of
-some 8 dB and more are put where the cells change, if those are no slope), times the gain of the single frame (the median ratio of its own block medians to the tile's). Lines and short sounds move a median little, and
+some 8 dB and more are put where the cells change, if those are no slope) and long steep
+slopes, such as those of a recorder's filter (their tiles are levelled before the median is
+taken), times the gain of the single frame (the median ratio of its own block medians to
+the tile's). Lines and short sounds move a median little, and
 a vessel that passes moves the whole floor. Tiles are fixed in absolute frame index,
 so how a recording is cut into blocks has no influence.
 
@@ -16,6 +19,7 @@ the expansion of correlated exponential variables in Laguerre polynomials.
 """
 
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,6 +36,10 @@ CHUNK_VALUES = 1 << 18
 """Values of as many beams as are worked on at once: a megabyte stays in the cache."""
 
 LN2 = float(np.log(2.0))
+
+LEAST_SHARE = np.float32(1e-10)
+"""Density over that of the loudest part of the frame below which there is no sound: no
+recorder hears 100 dB beside its own band, and single precision rounds there."""
 
 SMALLEST = np.float32(1e-37)
 """Density of silence."""
@@ -56,6 +64,12 @@ SPLIT_SHARE = 0.5
 """Deviations of the cells of a tile between two steps from the levels on either side, over
 those from its own, below which an edge is within it: 0.2 to 0.5 for edges of 10 to 30 dB,
 from 0.5 on where a horn and its overtones are, or the ground is steep (measured)."""
+
+FEWEST_STEPS = 3
+"""Such steps in a row, all up or all down, that are a steep slope: an edge makes two."""
+
+LEVELLINGS = 2
+"""How often the tiles of a slope are levelled by the slope that they tell."""
 
 EDGE_BINS = 2
 """Natural bins by which a Hann window widens the loud side of an edge."""
@@ -132,7 +146,16 @@ def _tile_floors(power: FloatArray, zero_padding: int) -> FloatArray:
     last_width = n_cells - (n_blocks - 1) * width
     widths = np.append(np.full(n_blocks - 1, width), last_width)
     step = np.diff(level, axis=1)
-    for beam, k in np.argwhere(np.abs(step) > EDGE_STEP):
+    is_edge = np.abs(step) > EDGE_STEP
+    for beam, first, last in _slopes(step):
+        cells = steady[beam, :, first : last + 1]
+        level[beam] = _levelled(cells, level[beam], centres, (first, last))
+        shape[beam] = _interpolated(level[beam : beam + 1], centres, n_cells)[0]
+        ground = np.arange(int(centres[first]) + 1.0, int(centres[last]) + 1.0)
+        shape[beam, ground.astype(int)] = _through(level[beam], centres, ground)
+        is_edge[beam, first:last] = False
+    step = np.diff(level, axis=1)
+    for beam, k in np.argwhere(is_edge):
         # a tile with an edge in it is part quiet: its loud neighbour knows better
         first, last, up = k, k + 1, step[beam]
         cell_gain = np.repeat(gain[beam], widths, axis=1)
@@ -156,7 +179,71 @@ def _tile_floors(power: FloatArray, zero_padding: int) -> FloatArray:
     shape += np.repeat(margin, widths, axis=1)
     floor: FloatArray = np.repeat(gain, widths, axis=2)
     floor *= (np.exp(shape) / LN2).astype(np.float32)[:, None]
-    return np.maximum(floor, SMALLEST, out=floor)
+    least = np.maximum(LEAST_SHARE * floor.max(axis=2, keepdims=True), SMALLEST)
+    np.maximum(floor, least, out=floor)
+    return floor
+
+
+def _slopes(step: FloatArray) -> list[tuple[int, int, int]]:
+    """Return beam, first and last tile of every steep slope."""
+    sign = np.where(np.abs(step) > EDGE_STEP, np.sign(step), 0.0)
+    found: list[tuple[int, int, int]] = []
+    for beam in np.flatnonzero(np.count_nonzero(sign, axis=1) >= FEWEST_STEPS):
+        bounds = np.flatnonzero(np.diff(sign[beam], prepend=0.0, append=0.0))
+        for first, last in pairwise(bounds.tolist()):
+            if sign[beam, first] and last - first >= FEWEST_STEPS:
+                found.append((int(beam), first, last))
+    return found
+
+
+def _levelled(
+    cells: FloatArray, level: FloatArray, centres: FloatArray, ends: tuple[int, int]
+) -> FloatArray:
+    """Return the levels of the tiles with those of a slope taken from levelled cells.
+
+    The cells are those of the slope's tiles, shape (frame, tile, cell). On a slope the
+    lower cells of a tile are all that is not far above its median.
+    """
+    own = slice(ends[0], ends[1] + 1)
+    found = level.astype(np.float64)
+    tiles = cells.transpose(1, 0, 2)
+    usual = _median(tiles.reshape(len(tiles), -1))
+    plain = np.log(np.maximum(usual, SMALLEST))
+    found[own] = plain
+    width = cells.shape[2]
+    place = centres[own, None] + np.arange(width) - 0.5 * (width - 1)
+    for _ in range(LEVELLINGS):
+        ground = _through(found, centres, place)
+        flat = tiles * np.exp(-ground).astype(np.float32)[:, None]
+        rest = _noise_median(flat.reshape(len(flat), -1))
+        found[own] += np.log(np.maximum(rest, SMALLEST))
+    # how steep the ground is beyond the outer tiles is not known: what is levelled too
+    # little there draws the median down, and the plain one is that of the tile's middle
+    if ends[0] == 0:
+        found[0] = max(found[0], plain[0])
+    if ends[1] == level.size - 1:
+        found[-1] = max(found[-1], plain[-1])
+    return found
+
+
+def _through(level: FloatArray, centres: FloatArray, place: FloatArray) -> FloatArray:
+    """Interpolate the levels of a slope to places; beyond it the outer slope goes on.
+
+    Filters fall ever faster: between two tiles the ground bulges over the straight line
+    by an eighth of its second difference, of which the greater is taken. It is not
+    known beyond the outer tiles, and taken twice there.
+    """
+    left = np.clip(np.searchsorted(centres, place, "right") - 1, 0, centres.size - 2)
+    share = (place - centres[left]) / (centres[left + 1] - centres[left])
+    bend = np.minimum(np.diff(level, 2), 0.0)
+    bend = np.concatenate([2.0 * bend[:1], bend, 2.0 * bend[-1:]])
+    bulge = np.minimum(bend[left], bend[left + 1]) * np.maximum(
+        share * (1 - share), 0.0
+    )
+    through: FloatArray = (
+        level[left] + (level[left + 1] - level[left]) * share - 0.5 * bulge
+    )
+    return through
 
 
 def _interpolated(level: FloatArray, centres: FloatArray, n_cells: int) -> FloatArray:
