@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.motion.target.place_readings import (
-    Reading,
+    PlaceReading,
     Region,
     compete,
     mixture,
@@ -61,6 +61,6 @@ def test_a_reading_that_was_not_sampled_is_never_told_against_the_other():
     assert compete(poor, moving).name == ""
     hopeless = Region(np.zeros(2), np.eye(2), -50.0, is_sampled=False)
     told = compete(hopeless, moving)
-    assert told == Reading("moving", told.weight)
+    assert told == PlaceReading("moving", told.weight)
     assert told.weight > 0.999
     assert mixture(told, hopeless, moving) is moving

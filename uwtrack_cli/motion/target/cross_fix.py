@@ -34,7 +34,7 @@ from uwtrack_cli.motion.target.place_readings import (
     NO_READING,
     VELOCITY_STDS_MPS,
     VESSEL_VELOCITY_STD_MPS,
-    Reading,
+    PlaceReading,
     compete,
     mixture,
     moving_region,
@@ -139,7 +139,7 @@ def _sampled(
     state: FloatArray,
     covariance: FloatArray,
     platforms: Platforms,
-) -> tuple[FloatArray, FloatArray, Reading] | None:
+) -> tuple[FloatArray, FloatArray, PlaceReading] | None:
     """Return the posterior's state, covariance and reading; None where it has no ellipse."""
     problem = answer.problem
     if problem.n_lines or len(answer.modes) > 1:

@@ -71,7 +71,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Reading:
+class PlaceReading:
     """The likelier reading, and the other one."""
 
     name: str
@@ -92,7 +92,7 @@ class Reading:
         return 1.0 - self.weight if self.rival else 0.0
 
 
-NO_READING = Reading("", np.nan)
+NO_READING = PlaceReading("", np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ def still_region(problem: Problem) -> Region:
     return sample_density(log_target, mean, spread + cell_m2 * np.eye(2))
 
 
-def compete(still: Region, moving: Region) -> Reading:
+def compete(still: Region, moving: Region) -> PlaceReading:
     """Return the likelier reading with its probability, at equal odds beforehand.
 
     Where no place at rest explains a moving source's bearings, few draws agree, and their
@@ -217,11 +217,11 @@ def compete(still: Region, moving: Region) -> Reading:
     if chance >= LEAST_RIVAL and not still.is_sampled:
         return NO_READING
     if chance > 0.5:
-        return Reading(STILL, chance)
-    return Reading(MOVING, 1.0 - chance)
+        return PlaceReading(STILL, chance)
+    return PlaceReading(MOVING, 1.0 - chance)
 
 
-def mixture(reading: Reading, still: Region, moving: Region) -> Region:
+def mixture(reading: PlaceReading, still: Region, moving: Region) -> Region:
     """Return mean and covariance of the state over both readings.
 
     Parameters
