@@ -14,10 +14,14 @@ from tests.arrays.test_spatial_array import (
     sensor_of,
 )
 from tests.support import recording_of
+from uwtrack_cli.arrays.beamform import form_beams
 from uwtrack_cli.arrays.delays import measure_delays
 from uwtrack_cli.arrays.directions import find_directions
+from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.directions import Delays
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, OptionError
+
+pytestmark = pytest.mark.filterwarnings("ignore:hydrophones .* are sparse")
 
 TRIPOD = np.array([[0, 0, 0.8], [0, 0.58, 0], [0.5, -0.29, 0], [-0.5, -0.29, 0]])
 
@@ -66,7 +70,8 @@ def test_noise_has_delays_at_most_at_the_stated_rate_and_no_direction():
     samples = rng.standard_normal((200_000, 4))
     delays = delays_of(samples, sensor, false_alarm_probability=0.05)
     assert delays.time_s.size < 50  # 600 pairs at 5 %: 30, and four deviations
-    found = find_directions(delays_of(samples, sensor), sensor)
+    with pytest.warns(UserWarning, match="none of .* frames has a direction|no delays"):
+        found = find_directions(delays_of(samples, sensor), sensor)
     assert found.frame.size == 0
 
 
@@ -145,6 +150,43 @@ def test_a_dead_hydrophone_is_said_and_left_out():
     assert not np.isin("e2", [delays.channel_a, delays.channel_b])
     found = find_directions(delays, sensor)
     assert found.bearing_deg == pytest.approx(200.0, abs=3.0)
+
+
+def test_a_channel_without_a_number_is_a_dead_hydrophone():
+    """It made a gap of every frame, and nothing was heard."""
+    samples = plane_wave(SQUARE, 200.0, 0.0, snr_db=15.0, duration_s=4.0)
+    samples[:, 2] = np.nan
+    sensor = sensor_of(SQUARE)
+    with pytest.warns(UserWarning, match="hydrophone e2 is silent"):
+        found = find_directions(delays_of(samples, sensor), sensor)
+    assert found.frame.size >= 3
+    assert found.bearing_deg == pytest.approx(200.0, abs=3.0)
+    beams = form_beams(recording_of(samples, RATE_HZ, sensor), band_hz=(60.0, 700.0))
+    with pytest.warns(UserWarning, match="hydrophone e2 is silent"):
+        record = BearingTime.join(list(beams))
+    heard = record.directions.strongest()
+    assert heard.bearing_deg == pytest.approx(200.0, abs=3.0)
+
+
+def test_three_hydrophones_of_four_in_space_give_no_delays_enough_and_it_is_said():
+    samples = plane_wave(TETRAHEDRON, 200.0, 0.0, snr_db=15.0, duration_s=4.0)
+    samples[:, 2] = 0.0
+    sensor = sensor_of(TETRAHEDRON)
+    with pytest.warns(UserWarning, match="hydrophone e2 is silent"):
+        delays = delays_of(samples, sensor)
+    with pytest.warns(UserWarning, match="needs delays of 3 pairs that do not lie in"):
+        assert find_directions(delays, sensor).frame.size == 0
+
+
+def test_positions_in_millimetres_are_doubted():
+    samples = plane_wave(SQUARE, 200.0, 0.0, snr_db=15.0, duration_s=4.0)
+    recording = recording_of(samples, RATE_HZ, sensor_of(1000.0 * SQUARE))
+    with pytest.raises(
+        OptionError, match=r"positions in metres\? Else give --window-s 1"
+    ):
+        delays_of(samples, sensor_of(1000.0 * SQUARE))
+    with pytest.raises(OptionError, match="are the positions in metres"):
+        list(form_beams(recording, band_hz=(60.0, 700.0)))
 
 
 def test_delays_of_other_channels_are_refused():

@@ -379,7 +379,7 @@ def test_a_real_array_hears_the_published_arrivals():
 
 def test_memory_is_that_of_sixteen_frames_of_beams(monkeypatch):
     """A whole block of 32, with floors and pressures of its own, takes more than 4."""
-    monkeypatch.setattr(broadband_directions, "DRAWN_FRAMES", 32)
+    monkeypatch.setattr(broadband_directions, "DRAWN_FRAMES", (32, 32))
     places = 2.0 * SQUARE
     samples = plane_wave(places, 40.0, 0.0, snr_db=10.0, duration_s=17.0)
     array = SpatialArray(places, C)

@@ -47,6 +47,7 @@ def bound_deg(band_hz, rho_db):
 
 
 def told(found: Directions, azimuth_deg, elevation_deg):
+    found = found.strongest()
     frame = np.rint(found.time_s - 0.5).astype(int)
     off = (found.bearing_deg - azimuth_deg[frame] + 180.0) % 360.0 - 180.0
     rise = found.elevation_deg - elevation_deg[frame]

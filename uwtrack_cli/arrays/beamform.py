@@ -37,7 +37,7 @@ from uwtrack_cli.arrays.beam_peaks import (
 from uwtrack_cli.arrays.broadband_directions import DirectionSearch, FoundDirections
 from uwtrack_cli.arrays.direction_grid import LOBE_DB, MOST_BEAMS, SpatialArray
 from uwtrack_cli.arrays.direction_table import TableFacts, ambiguity_of, direction_table
-from uwtrack_cli.arrays.element_check import ElementCheck
+from uwtrack_cli.arrays.element_check import ElementCheck, with_silent_elements
 from uwtrack_cli.arrays.line_array import (
     CLEAR_SHARE,
     SIDELOBES_DB,
@@ -294,6 +294,14 @@ def _band(
     if isinstance(array, SpatialArray):
         beams = array.beams_needed(cells[inside])
         values = beams * (1 + np.arange(inside.size))
+        if inside.size and beams[0] > MOST_BEAMS:
+            msg = (
+                f"with {array.aperture_m:.4g} m between hydrophones, all directions "
+                f"take {beams[0]:.0f} beams at {cells[inside[0]]:.4g} Hz already, more "
+                f"than time and memory allow ({MOST_BEAMS}): are the positions in "
+                f"metres? Give a lower --band-hz."
+            )
+            raise OptionError(msg)
         inside = inside[(beams <= MOST_BEAMS) & (values <= MOST_VALUES)]
         if 0 < inside.size < beams.size:
             msg = (
@@ -342,9 +350,10 @@ class _BeamFormer(ABC):
 
     def blocks(self, block_frames: int) -> Iterator[BearingTime]:
         """Yield the beams of the recording, so many frames at a time."""
-        for samples, first, count in frame_blocks(
+        for heard, first, count in frame_blocks(
             self.recording, self.layout, block_frames
         ):
+            samples = with_silent_elements(heard)
             frames = describe_frames(self.recording, self.layout, samples, first, count)
             whole = bool((frames.valid_fraction == 1.0).all())
             yield from self._block(samples if whole else np.nan_to_num(samples), frames)

@@ -54,9 +54,13 @@ SCORING_STEPS = 5
 LARGEST_ISOTROPIC = 0.995
 """Largest share of isotropic noise that is whitened: beyond, errors of place count."""
 
-DRAWN_FRAMES = 512
+DRAWN_FRAMES = (512, 1024)
 """Frames of drawn noise of each kind by which the threshold is set, whatever the
-array's shape: the rate differs from the stated one by 14 % (one deviation)."""
+array's shape, at least and at most: the rate differs from the stated one by 9 to 7 % by
+them (one deviation)."""
+
+DRAWN_VALUES = 200_000_000
+"""Beams times bins times frames from which no more than the least are drawn."""
 
 DRAWN_ISOTROPIC = (0.0, 0.5, 0.95)
 """Share of isotropic noise in those of each kind; the rest is independent."""
@@ -64,12 +68,20 @@ DRAWN_ISOTROPIC = (0.0, 0.5, 0.95)
 DRAWN_AT_ONCE = 32
 """Of these, so many at once, as beams are formed of."""
 
-DRAWN_SHARE = 0.1
-"""Share of them, the highest, that tells how many directions noise fills."""
+DRAWN_SHARES = (0.1, 0.2, 0.3)
+"""Shares of them, the highest, that tell how many directions noise fills."""
 
-HIGHER_FACTOR = 1.06
-"""Directions that noise fills at the heights of rates of 0.02 and 0.01, over those at
-the share above: neighbours are less alike there (calibration/directions.py)."""
+FILLED_AT = (1.0, 0.92, 0.86)
+"""Directions that noise fills at the heights of these shares, over those at the first."""
+
+GROWTH = 0.55
+"""Directions filled at greater heights go as this power of -ln Q: near a high maximum the
+sums of neighbours are less alike. From 0.1 to 0.01 that is 1.2 to 1.3 times; both figures
+are the means over fifteen arrays and kinds of noise (calibration/directions.py)."""
+
+GROWTH_ROUNDS = 8
+"""Times that the number of directions at a height is found from itself: it settles
+within three."""
 
 ELEMENTS_PER_SOURCE = 2
 """Hydrophones for each source that is sought in a frame."""
@@ -366,9 +378,10 @@ class DirectionSearch:
         """Return what the sum over the band reaches in noise at the stated rate.
 
         One direction reaches a height with the probability Q of a gamma law, the best
-        of n independent ones with 1 - exp(-n Q). A height that a known share of frames
-        of drawn noise exceeds tells n, for independent and for isotropic noise (whose
+        of n independent ones with 1 - exp(-n Q). Heights that known shares of frames of
+        drawn noise exceed tell n, for independent and for isotropic noise (whose
         whitening is estimated) and a half of each; between them ln n follows the share.
+        At greater heights n grows a little.
         """
         from scipy.special import gammainccinv
 
@@ -378,7 +391,12 @@ class DirectionSearch:
         logs = [np.log(self._own_directions(turns, alive, float(end))) for end in ends]
         n_own = float(np.exp(np.interp(share, ends, logs)))
         shape = self.frequency_hz.size / BIN_CORRELATION
-        return float(BIN_CORRELATION * gammainccinv(shape, self.probability / n_own))
+        due = -np.log1p(-self.probability)
+        known = np.log(n_own / -np.log1p(-DRAWN_SHARES[0]))  # -ln Q at the first share
+        n_there = n_own
+        for _ in range(GROWTH_ROUNDS):
+            n_there = n_own * max(np.log(n_there / due) / known, 0.1) ** GROWTH
+        return float(BIN_CORRELATION * gammainccinv(shape, min(due / n_there, 1.0)))
 
     def _own_directions(
         self, turns: NDArray[np.complex64], alive: BoolArray, share: float
@@ -400,20 +418,24 @@ class DirectionSearch:
         mixed = (1.0 - share) * np.eye(alive.size) + share * coherence
         root = np.linalg.cholesky(mixed).astype(np.complex64)
         best = []
-        for _ in range(DRAWN_FRAMES // DRAWN_AT_ONCE):
+        n_values = self.grid.n_beams * self.frequency_hz.size
+        n_frames = int(np.clip(DRAWN_VALUES // n_values, *DRAWN_FRAMES))
+        for _ in range(n_frames // DRAWN_AT_ONCE):
             size = (2, self.frequency_hz.size + 2, alive.size, DRAWN_AT_ONCE)
             real, imaginary = rng.standard_normal(size, np.float32)
             bins = real + 1j * imaginary
             # as Hann's window does
             windowed = bins[1:-1] - 0.5 * (bins[:-2] + bins[2:])
             best.append(self._best(self._heights(root @ windowed, turns, alive)[0]))
-        height = float(np.quantile(np.concatenate(best), 1.0 - DRAWN_SHARE))
+        shares = np.array(DRAWN_SHARES)
+        height = np.quantile(np.concatenate(best), 1.0 - shares)
         shape = self.frequency_hz.size / BIN_CORRELATION
-        chance = float(gammaincc(shape, height / BIN_CORRELATION))
-        filled = max(1.0, -np.log(1.0 - DRAWN_SHARE) / chance * HIGHER_FACTOR)
+        chance = gammaincc(shape, height / BIN_CORRELATION)
+        told = -np.log1p(-shares) / chance / np.array(FILLED_AT)
+        filled = max(1.0, float(np.exp(np.log(told).mean())))
         if len(_FILLED) >= MOST_FILLED:
             _FILLED.clear()
-        _FILLED[key] = float(filled)
+        _FILLED[key] = filled
         return _FILLED[key]
 
     def _heights_across(

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.arrays.broadband_directions import BAND_BINS, BIN_CORRELATION
-from uwtrack_cli.arrays.element_check import ElementCheck
+from uwtrack_cli.arrays.element_check import ElementCheck, with_silent_elements
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.directions import Delays
 from uwtrack_cli.data.frames import Frames
@@ -152,6 +152,16 @@ class _Correlator:
         distance = np.array(
             [np.linalg.norm(self._places[a] - self._places[b]) for a, b in self._pairs]
         )
+        longest_s = float(distance.max()) / sensor.sound_speed_mps
+        window_s = self.layout.window / self.layout.rate_hz
+        if 2.0 * longest_s > window_s:
+            msg = (
+                f"sound takes {longest_s:.4g} s across the {distance.max():.4g} m of the "
+                f"array, and a frame of --window-s {window_s:g} must be twice as long: "
+                f"are the positions in metres? Else give --window-s "
+                f"{2.0 * longest_s:.2g} or more."
+            )
+            raise OptionError(msg)
         self._step_s = 1.0 / (FINENESS * self.layout.rate_hz)
         reach = REACH * distance / sensor.sound_speed_mps / self._step_s
         self._n_lags = np.ceil(reach).astype(int) + 1
@@ -168,9 +178,10 @@ class _Correlator:
 
     def blocks(self) -> Iterator[Delays]:
         """Yield the delays, some frames at a time."""
-        for samples, first, count in frame_blocks(
+        for heard, first, count in frame_blocks(
             self.recording, self.layout, BLOCK_FRAMES
         ):
+            samples = with_silent_elements(heard)
             frames = describe_frames(self.recording, self.layout, samples, first, count)
             whole = frames.valid_fraction == 1.0
             clean = samples if whole.all() else np.nan_to_num(samples)

@@ -108,6 +108,8 @@ def find_directions(delays: Delays, sensor: Sensor) -> Directions:
     tried = np.array([fit is not None for fit in fits], np.bool_)
     if np.count_nonzero(sound) < (1.0 - REFUSED_SHARE) * np.count_nonzero(tried):
         _tell_inconsistent(array, delays, pairs, rows_of, sensor, sound, tried)
+    if not tried.any():
+        _tell_too_few(array, delays, times.size)
     kept = [fit for fit in fits if fit is not None and fit.is_sound]
     toward = np.array([fit.toward for fit in kept]).reshape(-1, 3)
     none = np.zeros(0, np.int64)
@@ -239,6 +241,22 @@ def _sharing(array: SpatialArray, delays: Delays, rows: IntArray) -> float:
     seen = float(np.clip(np.mean(delays.coherence[rows]), 1e-3, 1.0 - 1e-6))
     rho = seen / (1.0 - seen)
     return (1.0 + n_elements * rho) / (1.0 + 2.0 * rho)
+
+
+def _tell_too_few(array: SpatialArray, delays: Delays, n_frames: int) -> None:
+    """Say that no frame has delays of pairs enough."""
+    needed = 2 if array.is_planar else 3
+    if not n_frames:
+        msg = "there are no delays: no frame has a direction."
+        warn(msg, UwtrackWarning, stacklevel=3)
+        return
+    msg = (
+        f"none of {n_frames} frames has a direction: each needs delays of {needed} pairs "
+        f"that do not lie in one {'line' if array.is_planar else 'plane'}, and "
+        f"{delays.time_s.size} delays are there. Is a hydrophone dead or inverted, or the "
+        f"sound too weak? 'uwtrack beamform' hears weaker sound."
+    )
+    warn(msg, UwtrackWarning, stacklevel=3)
 
 
 def _tell_inconsistent(

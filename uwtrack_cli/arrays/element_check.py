@@ -116,3 +116,23 @@ class ElementCheck:
                 f'(inverted wiring?); correct it, or leave it out with channel name "-".'
             )
             warn(msg, UwtrackWarning, stacklevel=2)
+
+
+def with_silent_elements(samples: FloatArray) -> FloatArray:
+    """Return samples in which a channel that holds no number at all is silent.
+
+    Parameters
+    ----------
+    samples
+        Samples of a block, shape (sample, element), nan where there is none.
+
+    Returns
+    -------
+    array, same shape
+        Such a channel is a dead hydrophone, which is left out. Samples that are missing
+        for a time, or from all channels, stay a gap.
+    """
+    lost = np.isnan(samples).all(axis=0)
+    if not lost.any() or lost.all():
+        return samples
+    return np.where(lost, np.zeros(1, samples.dtype), samples)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwtrack_cli.arrays.line_array import LineArray
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
@@ -78,12 +78,16 @@ def draw_bearing_time(
     return ax
 
 
-def _angles(record: BearingTime) -> tuple[FloatArray, BoolArray]:
-    """Return the angles of the beams that are drawn, and which they are."""
+def _angles(record: BearingTime) -> tuple[FloatArray, IntArray]:
+    """Return the angles of the beams that are drawn, and which they are.
+
+    Around the compass the first is drawn again at 360 degrees.
+    """
     if record.cos_angle is None:
         assert record.azimuth_deg is not None  # noqa: S101 - one of the two
-        return record.azimuth_deg, np.ones(record.azimuth_deg.size, np.bool_)
-    inside = np.abs(record.cos_angle) <= 1.0
+        around = np.append(np.arange(record.azimuth_deg.size), 0)
+        return np.append(record.azimuth_deg, 360.0), around
+    inside = np.flatnonzero(np.abs(record.cos_angle) <= 1.0)
     return np.degrees(np.arccos(record.cos_angle[inside])), inside
 
 
