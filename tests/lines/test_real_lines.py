@@ -9,6 +9,7 @@ import pytest
 import soundfile
 from scipy.signal import medfilt, welch
 
+from tests.lines.ship_lines import reference
 from tests.support import recording_of
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.lines import Lines
@@ -61,6 +62,18 @@ def test_the_listed_family_of_a_ship_is_found_and_no_other(
     ratio = found.families.spacing_hz / spacing_hz
     whole = np.maximum(ratio, 1.0 / ratio)
     assert np.any(np.abs(whole - np.round(whole)) < 0.03 * whole)
+
+
+@pytest.mark.parametrize("name", ["kennicott_31", "ruby_princess_5"])
+def test_the_strong_lines_of_a_long_average_are_followed(name: str) -> None:
+    """Lines of a dense comb that waver were once taken for each other's jumps."""
+    samples, rate = soundfile.read(FOLDER / "ships" / f"{name}.wav", dtype="float32")
+    true_hz, level_db = reference(samples, rate)
+    lines = track(f"ships/{name}.wav", **VESSEL)
+    strong = true_hz[level_db > 7.5]
+    assert strong.size >= 5
+    away = np.abs(strong[:, None] - lines.frequency_hz)
+    assert away.min(axis=1).max() <= 1.0
 
 
 def test_the_horn_of_the_train_is_followed_through_the_passage() -> None:

@@ -49,6 +49,12 @@ BEARING_SIGMAS = 4.0
 PATIENCE_S = 60.0
 """Time after a jump in which lines may still be found that belong to it, s."""
 
+SILENT_FRAMES = 6
+"""Frames without a peak of its own after which a line may have jumped."""
+
+STEADY_FRAMES = 40
+"""Frames for which a line must have been followed before."""
+
 _FEWEST = 3
 """Lines below which a common ratio says nothing."""
 
@@ -116,6 +122,14 @@ class FamilyJumps:
         self._serials = store.serial[slots]
         self._jumps = [j for j in self._jumps if time_s - j.time_s < PATIENCE_S]
         if not slots.size or not silent:
+            return []
+        # a line that only wavers is not silent, and what has just begun has no place
+        silent = [
+            one for one in silent
+            if store.rows - one.row >= SILENT_FRAMES
+            and (one.slot < 0 or one.row - store.born[one.slot] >= STEADY_FRAMES)
+        ]  # fmt: skip
+        if len(silent) == 0:
             return []
         before = _Silent(silent)
         begin = np.maximum(store.born[slots], store.risen[slots])
