@@ -138,7 +138,8 @@ def measure(folder, hours, n_passages, rate_hz):
     costs.append(_children_s())
     events = [json.loads(line) for line in done.stdout.splitlines()]
     compared = compare(events, *tables(whole), 3600.0 * hours)
-    same = subprocess.run([*PROGRAM, "diff", live, whole], check=False).returncode == 0
+    words = [*PROGRAM, "diff", live, whole]
+    same = subprocess.run(words, check=False, capture_output=True).returncode == 0
     live_s, file_s = np.diff(costs)
     return {
         "live_cpu_s": live_s, "file_cpu_s": file_s,
