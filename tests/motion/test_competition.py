@@ -36,6 +36,13 @@ def test_answers_that_agree_are_one_and_the_better_known_one_stays():
     assert won([SLOW], [vague]) == ([(1.0, 8.0, 4.0)], [])
 
 
+def test_a_row_that_is_to_stay_stays_where_a_sharper_one_agrees():
+    close = SLOW | {"speed_mps": 8.4, "range_over_speed_std_s": 0.1}
+    tables = encounters_of(SLOW), [encounters_of(close)]
+    assert compete(*tables, keeps_agreed=True).speed_mps.tolist() == [8.0]
+    assert compete(*tables).speed_mps.tolist() == [8.4]
+
+
 def test_of_answers_that_do_not_agree_the_steadier_lines_win():
     other = SLOW | {"speed_mps": 20.0, "range_over_speed_s": 1.0}
     sharper = other | {"rest_frame_evidence": 0.9}

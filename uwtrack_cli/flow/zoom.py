@@ -98,7 +98,8 @@ def zoom_in(
     graphs = [_up_to_passages(name) for name in recipes or RECIPES]
     taken = 0 if lines is None else int(lines.line_contact.max(initial=0))
     first, *others = encounters
-    known = compete(first, [_without_lines(other) for other in others], taken)
+    longer = [_without_lines(other) for other in others]
+    known = compete(first, longer, taken, keeps_agreed=True)
     own = known.of_sensor(recording.sensor.id)
     found: list[Encounters] = []
     for number, graph in enumerate(graphs):

@@ -31,7 +31,11 @@ LOST = "frames of another length show another passage, {better}"
 
 
 def compete(
-    first: Encounters, others: Sequence[Encounters], highest_contact: int = 0
+    first: Encounters,
+    others: Sequence[Encounters],
+    highest_contact: int = 0,
+    *,
+    keeps_agreed: bool = False,
 ) -> Encounters:
     """Let the rows of several tables compete for the passages of one recording.
 
@@ -43,6 +47,9 @@ def compete(
         Further tables, in any order; their rows get numbers that are free.
     highest_contact
         Highest contact number that is taken, by lines that passed nobody.
+    keeps_agreed
+        Whether a row of the first table stays where another agrees with it, even a
+        sharper one: its lines are those that are kept.
 
     Returns
     -------
@@ -56,7 +63,7 @@ def compete(
         for row in range(other.n_encounters):
             rivals = [k for k in range(kept.n_encounters) if _meet(kept, k, other, row)]
             reasons = [_beaten(kept, k, other, row) for k in rivals]
-            if any(reason is None for reason in reasons):
+            if None in reasons or (keeps_agreed and "" in reasons):
                 continue
             winners.append(row)
             losers |= {

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
@@ -55,6 +56,10 @@ family are not of one vessel."""
 PASSAGE_WIDTHS = 2.0
 """Ranges over speed on either side of a closest approach for which it is heard, where no
 line tells."""
+
+SAME_LINE_SHARE = 0.005
+"""Relative distance of a line's mean frequency from a rest frequency up to which both are
+one: the Doppler shift of a vessel."""
 
 RATES_ALONE = "rates of shaft and blades alone show no closest approach"
 SINGLE_RATE = "a single modulation rate: shaft and blades make several"
@@ -262,10 +267,12 @@ def _mark_passages(table: Encounters, found: list[Stretch]) -> None:
         contact = int(table.contact[row])
         time_s = float(np.nan_to_num(table.arrival_time_s[row], nan=table.time_s[row]))
         reach_s = PASSAGE_WIDTHS * float(np.nan_to_num(table.range_over_speed_s[row]))
+        rest_hz = table.rest_frequency_hz[table.rest_encounter == row]
         own = [
             one
             for one in found
             if contact in one.contacts
+            or (one.kind == VESSEL and _has_lines(one, rest_hz, time_s))
             or (
                 not one.frequencies_hz
                 and not one.rates_hz
@@ -287,6 +294,18 @@ def _mark_passages(table: Encounters, found: list[Stretch]) -> None:
                     bearing_std_deg=float(table.bearing_std_deg[row]),
                 )
             )
+
+
+def _has_lines(stretch: Stretch, rest_hz: FloatArray, time_s: float) -> bool:
+    """Tell whether most rest frequencies of a passage are lines heard at the time.
+
+    A passage that frames of another length have shown has a contact number of its own.
+    """
+    if stretch.encounter or not (rest_hz.size and stretch.frequencies_hz):
+        return False
+    off = np.abs(np.array(stretch.frequencies_hz) / rest_hz[:, None] - 1.0)
+    is_heard = off.min(axis=1) < SAME_LINE_SHARE
+    return stretch.overlaps(time_s, time_s) and bool(is_heard.mean() > 0.5)
 
 
 def _add_refusals(table: Encounters, found: list[Stretch]) -> None:
