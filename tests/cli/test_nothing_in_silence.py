@@ -97,8 +97,10 @@ def test_options_of_several_values_are_given_again(uwtrack, noise_wav):
     settings = ["--set", "cpa.source_depth_m=4", "--set", "cpa.spreading_db=15"]
     assert uwtrack("run", noise_wav, *settings).exit_code == 0
     history = json.loads(uwtrack("info", "noise.run.h5", "--json").stdout)["history"]
-    (options,) = [step["options"] for step in history if step["stage"] == "cpa"]
-    assert (options["source_depth_m"], options["spreading_db"]) == (4.0, 15.0)
+    given = [step["options"] for step in history if step["stage"] == "cpa"]
+    assert len(given) == 2  # of the frames of one second, and of four
+    for options in given:
+        assert (options["source_depth_m"], options["spreading_db"]) == (4.0, 15.0)
 
 
 @pytest.mark.parametrize("folder", [".", "..", "sub"])

@@ -17,6 +17,7 @@ from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.product import read_product
+from uwtrack_cli.flow.branches import without_asides
 from uwtrack_cli.flow.products import small_containers
 from uwtrack_cli.flow.rerun_sources import with_sound
 from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
@@ -67,7 +68,8 @@ def product(short_pass):
 @pytest.fixture(scope="module")
 def containers(product):
     with read_product(product) as opened:
-        found = [held.container for held in small_containers(opened)]
+        keys = without_asides(opened, list(opened.paths))
+        found = [held.container for held in small_containers(opened, keys=keys)]
         return [
             with_sound(c, [opened]) if isinstance(c, Recording) else c for c in found
         ]
@@ -193,7 +195,7 @@ def test_without_sound_a_strip_shows_what_was_measured(containers):
     figure = pages_of(silent)[1].draw(View())
     (strip,) = [ax for ax in panels(figure)
                 if any(t.get_text() == "63.00 Hz" for t in ax.texts)]  # fmt: skip
-    (lines,) = [c for c in containers if isinstance(c, Lines)]
+    lines = next(c for c in containers if isinstance(c, Lines))
     (points,) = [c for c in strip.collections if len(c.get_offsets()) > 10]
     own = min(lines.line_id, key=lambda k: abs(
         np.mean(lines.frequency_hz[lines.line == k]) - 63))  # fmt: skip
@@ -333,7 +335,7 @@ def test_the_axis_is_logarithmic_where_the_lines_are_low(containers):
     picture = overview(
         np.zeros((2, 500)) + np.arange(500), np.arange(10.0, 2010.0, 4.0)
     )
-    (lines,) = [c for c in containers if isinstance(c, Lines)]
+    lines = next(c for c in containers if isinstance(c, Lines))
     assert choose_axis(picture, lines, None, is_log=None).is_log  # 63 to 310 Hz
     assert not choose_axis(picture, lines, (50.0, 350.0), is_log=None).is_log
     assert not choose_axis(picture, lines, None, is_log=False).is_log
@@ -459,7 +461,7 @@ def test_short_and_empty_products_have_pages(containers):
             for c in containers]  # fmt: skip
     assert len(pages_of(none)) == 1
     (picture,) = [c for c in containers if isinstance(c, Overview)]
-    (lines,) = [c for c in containers if isinstance(c, Lines)]
+    lines = next(c for c in containers if isinstance(c, Lines))
     one = picture.take("row", slice(0, 1))
     for held in ([one], [lines], [one, lines], [lines.take("point", slice(1)), picture],
                  [c for c in none if not isinstance(c, Overview)]):  # fmt: skip

@@ -85,6 +85,9 @@ class Recipe:
     def with_settings(self, settings: Sequence[str]) -> Self:
         """Override options given as ``STEP.OPTION=VALUE``, VALUE as in TOML.
 
+        Where a step has the name of its stage, other steps of that stage that do not
+        set the option themselves take the value, too: one source depth is meant.
+
         Raises
         ------
         OptionError
@@ -94,11 +97,19 @@ class Recipe:
         for setting in settings:
             name, path, value = _parse_setting(setting)
             refuse_unknown({name: value}, tables, f"recipe {self.name}", "step")
-            table = tables[name]
-            if len(path) == 2:
-                table[path[0]] = {**table.get(path[0], {}), path[1]: value}
-            else:
-                table[path[0]] = value
+            alike = [
+                other
+                for other, table in tables.items()
+                if other != name and table.get("stage") == name
+            ]
+            for table in (tables[name], *(tables[other] for other in alike)):
+                is_own = table is tables[name]
+                if len(path) == 2:
+                    nested = table.get(path[0], {})
+                    if is_own or path[1] not in nested:
+                        table[path[0]] = {**nested, path[1]: value}
+                elif is_own or path[0] not in table:
+                    table[path[0]] = value
         steps = tuple(_step(name, table) for name, table in tables.items())
         return replace(self, steps=steps).checked()
 

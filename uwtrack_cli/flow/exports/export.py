@@ -98,8 +98,8 @@ def export_product(
             write_netcdf(temporary, list(small_containers(product, step)), history)
         return
     else:
-        sole_keys(product, step, TAKEN[form])
-        containers = [held.container for held in small_containers(product, step)]
+        keys = sole_keys(product, step, TAKEN[form])
+        containers = [held.container for held in small_containers(product, step, keys)]
         text = TEXTS[form](containers, product.name)
     with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -140,6 +140,10 @@ class ChangedEstimates(NamedTuple):
     """How well the instants are known, s."""
 
 
+_ROWS_AT_ONCE = 512
+"""Passages that are compared with all changes at once."""
+
+
 class _ChangedColumns(NamedTuple):
     """Changes of the frequencies as columns of a linear model, the lines' constants out.
 
@@ -320,33 +324,44 @@ def find_changed_estimates(
     passing, columns = free(grid.x / grid.slant), free(every.shape(data.time))
     share = np.maximum(1 - (basis[left_out] ** 2).sum(axis=1), 1e-9)
     changed = _ChangedColumns(columns, left_out, share)
-    along, both = changed.along(passing, value), changed.both(passing, root)
     own, length = changed.own(value)
-    whole = changed.square(passing)
-    square = whole - both**2 / length
-    least = 1e-3 * np.maximum(whole, 1e-300)
-    slope = (along - both * own / length) / np.maximum(square, least)
-    speed = -search.sound_speed_mps * slope
-    usable = (speed > 0) & (speed < 0.8 * search.sound_speed_mps) & (square > least)
-    gain = 0.5 * (own**2 / length + slope**2 * square) + search.others[:, None]
-    if left_out.size:  # what is left out is explained whole
-        gain += 0.5 * value[left_out] ** 2 / share
-    gain = np.where(usable, gain, -np.inf)
-    cells, numbers = [], []
+
+    def beside(rows: slice) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return gain, slope and product with the changes of some passages."""
+        along = changed.along(passing[rows], value)
+        both = changed.both(passing[rows], root)
+        whole = changed.square(passing[rows])
+        square = whole - both**2 / length
+        least = 1e-3 * np.maximum(whole, 1e-300)
+        slope = (along - both * own / length) / np.maximum(square, least)
+        speed = -search.sound_speed_mps * slope
+        usable = (speed > 0) & (speed < 0.8 * search.sound_speed_mps) & (square > least)
+        gain = 0.5 * (own**2 / length + slope**2 * square) + search.others[rows, None]
+        if left_out.size:  # what is left out is explained whole
+            gain += 0.5 * value[left_out] ** 2 / share
+        return np.where(usable, gain, -np.inf), slope, both
+
+    # by parts: the pairs are many, and only their gains are compared
+    gain = np.concatenate([
+        beside(slice(first, first + _ROWS_AT_ONCE))[0]
+        for first in range(0, len(passing), _ROWS_AT_ONCE)
+    ])  # fmt: skip
+    picked: list[tuple[int, int, float, float]] = []
     for _ in range(n_starts):
         at, of = divmod(int(np.argmax(gain)), gain.shape[1])
         if not np.isfinite(gain[at, of]):
             break
-        cells.append(at)
-        numbers.append(of)
+        _, slope, both = beside(slice(at, at + 1))
+        picked.append((at, of, float(slope[0, of]), float(both[0, of])))
         gain[:, np.abs(every.time_s - every.time_s[of]) < apart_s] = -np.inf
-    cell, number = np.array(cells, np.int64), np.array(numbers, np.int64)
-    fast = speed[cell, number]
+    slopes, products = np.array([pick[2:] for pick in picked]).reshape(-1, 2).T
+    cell, number = np.array([pick[:2] for pick in picked], np.int64).reshape(-1, 2).T
+    fast = -search.sound_speed_mps * slopes
     theta = np.stack(
         [grid.time[cell], np.log(grid.width[cell]), fast, search.floor[cell]], axis=-1
     )
     theta[:, 1] = _horizontal(grid.width[cell], fast, medium)
-    amount = (own[number] - slope[cell, number] * both[cell, number]) / length[number]
+    amount = (own[number] - slopes * products) / length[number]
     return ChangedEstimates(
         theta, every.time_s[number], every.sign[number], amount,
         search.others[cell], known_to_s,
