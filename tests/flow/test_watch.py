@@ -253,7 +253,7 @@ def test_kills_within_one_long_sound_lose_nothing_of_it(folder):
     """While it is written, and while it is run; the journal has it once, and whole."""
     rng = np.random.default_rng(5)
     path, whole = folder / "in" / "long.wav", folder / "whole.wav"
-    content = write(whole, 0.1 * rng.standard_normal(600 * RATE))
+    content = write(whole, 0.1 * rng.standard_normal(300 * RATE))
     for share in (0.3, 0.7):  # the header promises more: it is awaited
         path.write_bytes(content[: int(share * len(content))])
         running = start(folder)
