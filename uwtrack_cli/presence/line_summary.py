@@ -4,7 +4,9 @@
 overlapping frames are correlated; a mean of n frames is worth n hops over a window.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 
@@ -51,6 +53,29 @@ class LineSummary:
     """Identifier."""
     resolution_hz: float
     """Reciprocal of the window's length, Hz."""
+
+    def take(self, rows: IntArray) -> Self:
+        """Return some of the lines, by their rows."""
+        return type(self)(
+            **{name: getattr(self, name)[rows] for name in _columns()},
+            resolution_hz=self.resolution_hz,
+        )
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Put lines one after the other; the coarsest resolution counts."""
+        return cls(
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                for name in _columns()
+            },
+            resolution_hz=max(part.resolution_hz for part in parts),
+        )
+
+
+def _columns() -> list[str]:
+    names = [one.name for one in fields(LineSummary)]
+    return [name for name in names if name != "resolution_hz"]
 
 
 def summarise(lines: Lines) -> LineSummary:

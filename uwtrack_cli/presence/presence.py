@@ -14,18 +14,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
-from uwtrack_cli.data.presence import (
-    BROADBAND,
-    HUM,
-    RATES,
-    UNKNOWN,
-    VESSEL,
-    Presence,
-)
+from uwtrack_cli.data.presence import HUM, RATES, UNKNOWN, VESSEL, Presence
 from uwtrack_cli.data.spectra import FULL_SCALE, MODULATION, Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.angles import wrap_deg
@@ -35,6 +27,7 @@ from uwtrack_cli.presence.line_summary import (
     common_bearing,
     summarise,
 )
+from uwtrack_cli.presence.passage_stretches import add_refusals, mark_passages
 from uwtrack_cli.presence.rate_families import LOWEST_RATE_HZ, rate_families
 from uwtrack_cli.presence.stretch import Stretch, make_presence
 from uwtrack_cli.presence.tonal_stretches import tonal_stretches
@@ -52,14 +45,6 @@ MOST_TURNS = 12
 SAME_BEARING_DEG = 20.0
 """Difference of bearings, beside three of their spreads, beyond which a rate and a
 family are not of one vessel."""
-
-PASSAGE_WIDTHS = 2.0
-"""Ranges over speed on either side of a closest approach for which it is heard, where no
-line tells."""
-
-SAME_LINE_SHARE = 0.005
-"""Relative distance of a line's mean frequency from a rest frequency up to which both are
-one: the Doppler shift of a vessel."""
 
 RATES_ALONE = "rates of shaft and blades alone show no closest approach"
 SINGLE_RATE = "a single modulation rate: shaft and blades make several"
@@ -138,8 +123,8 @@ def _of_sensor(
         found += level_humps(own)
     begins, ends = _span(lines, levels)
     for table in encounters:
-        _mark_passages(table, found)
-        _add_refusals(table, found)
+        mark_passages(table, found)
+        add_refusals(table, found)
     for stretch in found:  # a passage is longer than what was heard of it
         stretch.from_s = float(np.clip(stretch.from_s, begins, ends))
         stretch.to_s = float(np.clip(stretch.to_s, begins, ends))
@@ -259,73 +244,3 @@ def _join(vessel: Stretch, rates: Stretch) -> None:
             vessel.blade_rate_hz = vessel.spacing_hz
         vessel.spacing_hz = rates.spacing_hz
         vessel.spacing_std_hz = rates.spacing_std_hz
-
-
-def _mark_passages(table: Encounters, found: list[Stretch]) -> None:
-    """Mark what passed; a passage that nothing else tells of gets its own row."""
-    for row in range(table.n_encounters):
-        contact = int(table.contact[row])
-        time_s = float(np.nan_to_num(table.arrival_time_s[row], nan=table.time_s[row]))
-        reach_s = PASSAGE_WIDTHS * float(np.nan_to_num(table.range_over_speed_s[row]))
-        rest_hz = table.rest_frequency_hz[table.rest_encounter == row]
-        own = [
-            one
-            for one in found
-            if contact in one.contacts
-            or (one.kind == VESSEL and _has_lines(one, rest_hz, time_s))
-            or (
-                not one.frequencies_hz
-                and not one.rates_hz
-                and one.overlaps(time_s - 0.5 * reach_s, time_s + 0.5 * reach_s)
-            )
-        ]
-        for one in own:
-            one.kind, one.encounter, one.contact = VESSEL, contact, contact
-        if not own:
-            found.append(
-                Stretch(
-                    kind=VESSEL,
-                    from_s=time_s - reach_s,
-                    to_s=time_s + reach_s,
-                    contact=contact,
-                    encounter=contact,
-                    level_db=float(table.received_level_db[row]),
-                    bearing_deg=float(table.bearing_deg[row]),
-                    bearing_std_deg=float(table.bearing_std_deg[row]),
-                )
-            )
-
-
-def _has_lines(stretch: Stretch, rest_hz: FloatArray, time_s: float) -> bool:
-    """Tell whether most rest frequencies of a passage are lines heard at the time.
-
-    A passage that frames of another length have shown has a contact number of its own.
-    """
-    if stretch.encounter or not (rest_hz.size and stretch.frequencies_hz):
-        return False
-    off = np.abs(np.array(stretch.frequencies_hz) / rest_hz[:, None] - 1.0)
-    is_heard = off.min(axis=1) < SAME_LINE_SHARE
-    return stretch.overlaps(time_s, time_s) and bool(is_heard.mean() > 0.5)
-
-
-def _add_refusals(table: Encounters, found: list[Stretch]) -> None:
-    """Give every refused candidate's reason to its stretch, or a row of its own."""
-    for contact, from_s, to_s, reason in table.refusals():
-        own = [
-            one
-            for one in found
-            if contact in one.contacts and not one.encounter and one.kind != HUM
-        ]
-        if not own:
-            own = [
-                one
-                for one in found
-                if one.kind in {BROADBAND, UNKNOWN}
-                and not one.frequencies_hz
-                and not one.rates_hz
-                and one.overlaps(from_s, to_s)
-            ]
-        for one in own:
-            one.reason = reason
-        if not own:
-            found.append(Stretch(kind=UNKNOWN, from_s=from_s, to_s=to_s, reason=reason))

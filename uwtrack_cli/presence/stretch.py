@@ -8,6 +8,7 @@ import numpy as np
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import flatten, reason_columns
 from uwtrack_cli.data.presence import Presence
+from uwtrack_cli.presence.line_summary import LineSummary, common_bearing
 
 NUMBERS = (
     "from_s", "to_s", "spacing_hz", "spacing_std_hz", "blade_rate_hz", "level_db",
@@ -53,14 +54,33 @@ class Stretch:
     """Spread of the bearings, degrees."""
     probability_of_chance: float = np.nan
     """Probability in noise alone."""
-    frequencies_hz: list[float] = field(default_factory=list)
-    """Frequencies of its lines, Hz."""
+    tones: LineSummary | None = None
+    """Its lines; None where no line tells of it."""
     rates_hz: list[float] = field(default_factory=list)
     """Modulation rates, Hz."""
-    contacts: set[int] = field(default_factory=set)
-    """All contacts that its lines were given by their tracker."""
     reason: str = ""
     """Why it is no closest approach; empty where it is one."""
+
+    @property
+    def frequencies_hz(self) -> list[float]:
+        """Frequencies of its lines, Hz."""
+        return [] if self.tones is None else [float(f) for f in self.tones.frequency_hz]
+
+    @property
+    def contacts(self) -> set[int]:
+        """All contacts that its lines were given by their tracker."""
+        given = [] if self.tones is None else self.tones.contact.tolist()
+        return {contact for contact in given if contact > 0}
+
+    def hold(self, tones: LineSummary) -> None:
+        """Take lines for its own, with their times, level, bearing and contact."""
+        self.tones = tones
+        self.from_s, self.to_s = float(tones.from_s.min()), float(tones.to_s.max())
+        self.level_db = float(10 * np.log10((10 ** (tones.level_db / 10)).sum()))
+        every = np.arange(tones.frequency_hz.size)
+        self.bearing_deg, self.bearing_std_deg = common_bearing(tones, every)
+        given = tones.contact[tones.contact > 0].tolist()
+        self.contact = max(set(given), key=given.count) if given else 0
 
     def overlaps(self, from_s: float, to_s: float) -> bool:
         """Tell whether it shares time with another stretch."""
@@ -74,6 +94,27 @@ class Stretch:
             for name, text in MISSING.items()
             if not np.isfinite(getattr(self, name))
         }
+
+
+def stretch_of_lines(
+    kind: str, tones: LineSummary, chance: float, reason: str
+) -> Stretch:
+    """Return the stretch of some lines.
+
+    Parameters
+    ----------
+    kind
+        Its kind.
+    tones
+        The lines, at least one.
+    chance
+        Probability that noise gives as much.
+    reason
+        Why it is no closest approach.
+    """
+    made = Stretch(kind, np.nan, np.nan, probability_of_chance=chance, reason=reason)
+    made.hold(tones)
+    return made
 
 
 def make_presence(

@@ -23,10 +23,9 @@ from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
 from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
 from uwtrack_cli.presence.line_summary import (
     LineSummary,
-    common_bearing,
     summarise,
 )
-from uwtrack_cli.presence.stretch import Stretch
+from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
 
 SAME_LINE = 0.6
 """Distance of two lines that are one, in the coarser resolution."""
@@ -127,11 +126,11 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
         if n_moving >= FEWEST_TOGETHER and joined <= VESSEL_CHANCE:
             free[rows] = False
             chance = max(joined, float(pool.chance[rows].min()))
-            found.append(_stretch(VESSEL, lines, rows, chance, MOVING))
+            found.append(stretch_of_lines(VESSEL, lines.take(rows), chance, MOVING))
     hum = np.flatnonzero(free & mains)
     if hum.size:
         chance = float(pool.chance[hum].min())
-        found.append(_stretch(HUM, lines, hum, chance, MAINS))
+        found.append(stretch_of_lines(HUM, lines.take(hum), chance, MAINS))
         free[hum] = False
     certain = free & (pool.chance <= GREATEST_CHANCE)
     for kind, chosen, reason in (
@@ -140,7 +139,7 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
     ):
         for rows in _at_one_time(lines, np.flatnonzero(chosen)):
             chance = float(pool.chance[rows].min())
-            found.append(_stretch(kind, lines, rows, chance, reason))
+            found.append(stretch_of_lines(kind, lines.take(rows), chance, reason))
     return found
 
 
@@ -343,7 +342,7 @@ def _family_stretch(family: _Family, pool: _Pool, free: BoolArray) -> Stretch | 
     moves = np.count_nonzero(lines.status[rows] == "moving") > 0.5 * rows.size
     kind, reason = (HUM, MAINS) if is_hum else (VESSEL, MOVING if moves else STEADY)
     chance = min(1.0, 10.0 ** max(family.log10_chance, -300.0))
-    made = _stretch(kind, lines, rows, chance, reason)
+    made = stretch_of_lines(kind, lines.take(rows), chance, reason)
     made.spacing_hz, made.spacing_std_hz = spacing, std
     blades = _blades(tooth, lines.level_db[rows])
     made.blade_rate_hz = spacing * blades if blades else np.nan
@@ -395,24 +394,3 @@ def _at_one_time(lines: LineSummary, rows: IntArray) -> list[IntArray]:
         groups[-1].append(int(row))
         end = max(end, float(lines.to_s[row]))
     return [np.array(group, np.int64) for group in groups]
-
-
-def _stretch(
-    kind: str, lines: LineSummary, rows: IntArray, chance: float, reason: str
-) -> Stretch:
-    bearing, spread = common_bearing(lines, rows)
-    contacts = [int(c) for c in lines.contact[rows] if c > 0]
-    level = 10 * np.log10((10 ** (lines.level_db[rows] / 10)).sum())
-    return Stretch(
-        kind=kind,
-        from_s=float(lines.from_s[rows].min()),
-        to_s=float(lines.to_s[rows].max()),
-        contact=max(set(contacts), key=contacts.count) if contacts else 0,
-        level_db=float(level),
-        bearing_deg=bearing,
-        bearing_std_deg=spread,
-        probability_of_chance=chance,
-        frequencies_hz=[float(f) for f in lines.frequency_hz[rows]],
-        contacts=set(contacts),
-        reason=reason,
-    )
