@@ -154,18 +154,21 @@ def _search(
     """Return the best single source with rows from anywhere."""
     typical = 1.0 / float(np.median(problem.bearing_weight[problem.bearing_weight > 0]))
     scales = [1.0] if is_told else [float(std / typical) for std in FIRST_STD_RAD]
-    starts = subset_starts(problem, limits)
+    usual: FloatArray = np.empty((0, 4))
     if len(problem.bearing_weight) == 1:
-        usual = multistart(replace(problem, loss="student"), limits)
-        starts = np.concatenate([starts, usual.q[:2]])
-    found = [
-        _climb(
-            problem, limits, _begin(problem, q[np.newaxis], scale), heard, is_told,
-            rounds=FIRST_ROUNDS,
-        )
-        for q in starts
-        for scale in scales
-    ]  # fmt: skip
+        usual = multistart(replace(problem, loss="student"), limits).q[:2]
+    found = []
+    for scale in scales:
+        # the scatter of all rows together is the others', too: by it no draw stands out
+        weighed = replace(problem, bearing_weight=problem.bearing_weight / scale)
+        starts = np.concatenate([subset_starts(weighed, limits), usual])
+        found += [
+            _climb(
+                problem, limits, _begin(problem, q[np.newaxis], scale), heard, is_told,
+                rounds=FIRST_ROUNDS,
+            )
+            for q in starts
+        ]  # fmt: skip
     found.sort(key=lambda one: -one.gain)
     ends = [
         _climb(problem, limits, one, heard, is_told) for one in found[:FOLLOWED_STARTS]
