@@ -163,7 +163,8 @@ def step(
     cell = _cell_volume(predicted, setting)
     point, gate = _operate(predicted, each, scan, setting, cell)
     # A target may be where any of the models expects it.
-    size = _region_size(each, scan.noise).max(axis=0)
+    sizes = _region_size(each, scan.noise)
+    size = sizes[0] if len(sizes) == 1 else sizes.max(axis=0)
     volume = unit_ball_volume(setting.dimension) * gate**setting.dimension * size
     if setting.count_clutter:
         density = point.allowed.sum(axis=-1) / volume
@@ -269,6 +270,12 @@ def _region_size(innovation: Innovation, noise: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.linalg.det(mean)))
 
 
+def _in_gate(each: Innovation, gate: FloatArray) -> BoolArray:
+    """Tell which measurements lie in the region of any of the models."""
+    near = each.distance2 < gate[..., None] ** 2
+    return near[0] if len(near) == 1 else np.asarray(near.any(axis=0))
+
+
 def _operate(
     predicted: Belief,
     each: Innovation,
@@ -283,8 +290,8 @@ def _operate(
         merged = _merged(predicted, each, scan, setting)
         point, _ = best_posterior(
             curve, setting.limits, merged, scan.amplitude,
-            np.asarray((each.distance2 < setting.gate**2).any(axis=0)),
-            cell_volume=cell_volume, gate=setting.gate, extrema=setting.extrema,
+            _in_gate(each, gate), cell_volume=cell_volume, gate=setting.gate,
+            extrema=setting.extrema,
         )  # fmt: skip
         return point, gate
     if setting.rule == "fixed":
@@ -297,9 +304,8 @@ def _operate(
     if setting.rule == "region":
         one_cell = cells ** (-1.0 / setting.dimension)
         gate = shrunk_gate(false_alarm, detection, one_cell, setting.gate)
-    gated = np.asarray((each.distance2 < gate[..., None] ** 2).any(axis=0))
     threshold = curve.threshold(false_alarm)
-    allowed = gated & ~(scan.amplitude < threshold[..., None])
+    allowed = _in_gate(each, gate) & ~(scan.amplitude < threshold[..., None])
     return OperatingPoint(false_alarm, detection, allowed), gate
 
 

@@ -187,14 +187,12 @@ def best_posterior(
     e is a squared norm (Choi et al. 2001, eqs. 29-30, corrected).
     """
     inside = gate_probability(gate, innovation.residual.shape[-1])
-    weakest, strongest = curve.threshold(np.array(limits[::-1])).tolist()
     sets = _strongest_sets(innovation, amplitude, gated)
     # A set is taken by the thresholds from the next amplitude to its weakest member's.
-    level = np.empty((*amplitude.shape[:-1], amplitude.shape[-1] + 2))
-    level[..., :-1], level[..., -1] = sets.weakest, weakest
-    np.maximum(level, weakest, out=level)
-    np.minimum(level, strongest, out=level)
-    n_sets, n_turns = level.shape[-1] - 1, extrema.size
+    lowest, highest = _threshold_limits(curve, limits)
+    level = np.minimum(np.maximum(sets.weakest, lowest), highest)
+    low, high = level[..., 1:, None], level[..., :-1, None]
+    n_sets, n_turns = low.shape[-2], extrema.size
     tau = level
     if n_turns:
         turns = np.broadcast_to(extrema, (*level.shape[:-1], n_turns))
@@ -203,39 +201,50 @@ def best_posterior(
     detection = curve.detection(probability)
     background = _background(probability, detection, inside)
     background /= np.asarray(cell_volume)[..., None]
-    place = _candidates(n_sets, n_turns)
-    x = 1.0 / np.maximum(background[..., place] + sets.density[..., None], _TINY)
-    gain = x * (sets.linear[..., None] + sets.square[..., None] * x)
+    x = np.empty((*level.shape[:-1], n_sets, 2 + n_turns))
+    x[..., 0], x[..., 1] = background[..., 1 : n_sets + 1], background[..., :n_sets]
+    x[..., 2:] = background[..., None, n_sets + 1 :]
+    x += sets.density[..., None]
+    np.divide(1.0, np.maximum(x, _TINY, out=x), out=x)
+    gain = sets.square[..., None] * x
+    gain += sets.linear[..., None]
+    gain *= x
     # No threshold within the limits may separate a set from the rest.
-    possible = level[..., 1:] < level[..., :-1]
-    gain = np.where(possible[..., None], gain, -np.inf)
+    np.copyto(gain, -np.inf, where=low >= high)
     if n_turns:
-        is_far = (extrema < level[..., 1:, None]) | (extrema > level[..., :-1, None])
-        gain[..., 2:][is_far] = -np.inf
-    flat = gain.reshape(-1, gain.shape[-2] * gain.shape[-1])
+        np.copyto(gain[..., 2:], -np.inf, where=(extrema < low) | (extrema > high))
+    runs, shape = gain[..., 0, 0].size, level.shape[:-1]
+    flat = gain.reshape(runs, -1)
     best = flat.argmax(axis=-1)
-    runs = np.arange(best.size)
-    shape = level.shape[:-1]
-    own = runs * tau.shape[-1] + place.ravel()[best]
-    last = sets.weakest.reshape(best.size, -1)[runs, best // place.shape[-1]]
-    allowed = gated & (amplitude >= last.reshape(shape)[..., None])
+    run = np.arange(runs)
+    own = _thresholds(n_sets, n_turns)[best] + run * tau.shape[-1]
+    last = sets.weakest.reshape(runs, -1)[run, best // (2 + n_turns)]
     point = OperatingPoint(
         probability.take(own).reshape(shape),
         detection.take(own).reshape(shape),
-        allowed,
+        gated & (amplitude >= last.reshape((*shape, 1))),
     )
-    return point, flat[runs, best].reshape(shape)
+    return point, flat[run, best].reshape(shape)
 
 
 _TINY = float(np.finfo(np.float64).tiny)
 
 
+@lru_cache(maxsize=16)
+def _threshold_limits(
+    curve: OperatingCurve, limits: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the least and the greatest threshold within the limits."""
+    lowest, highest = curve.threshold(np.array(limits[::-1])).tolist()
+    return lowest, highest
+
+
 @lru_cache(maxsize=256)
-def _candidates(n_sets: int, n_turns: int) -> IntArray:
-    """Return which of the ends and extrema each set has: lower end, upper end, extrema."""
+def _thresholds(n_sets: int, n_turns: int) -> IntArray:
+    """Return which threshold is that of each set's ends, lower first, and extrema."""
     first = np.arange(n_sets)[:, None]
     turns = np.broadcast_to(n_sets + 1 + np.arange(n_turns), (n_sets, n_turns))
-    return np.concatenate([first + 1, first, turns], axis=1)
+    return np.concatenate([first + 1, first, turns], axis=1).ravel()
 
 
 @dataclass(frozen=True)
@@ -243,10 +252,10 @@ class _StrongestSets:
     """The m strongest measurements in the gate, m = 0 ... k, and sums over them."""
 
     weakest: FloatArray
-    """Amplitude of the weakest member, ``(..., k + 1)``: inf for none, -inf where the
-    gate holds fewer."""
+    """Amplitude of the weakest member, ``(..., k + 2)``: inf for none, -inf where the
+    gate holds fewer, and at the end."""
     density: FloatArray
-    """Sum of the densities, ``(..., k + 1)``."""
+    """Sum of the densities, ``(..., k + 1)``; of sets that the gate holds, as all sums."""
     linear: FloatArray
     """Sum of e (tr W S W' - |W nu|^2), ``(..., k + 1)``."""
     square: FloatArray
@@ -258,22 +267,22 @@ def _strongest_sets(
 ) -> _StrongestSets:
     """Sum what decides the trace over every set by one product with its members."""
     shape = amplitude.shape
-    strength = np.where(gated, amplitude, -np.inf)
-    weakest = np.empty((*shape[:-1], shape[-1] + 1))
-    weakest[..., 0], weakest[..., 1:] = np.inf, strength
-    weakest[..., 1:][..., ::-1].sort(axis=-1)
+    faintness = np.where(gated, -amplitude, np.inf)
+    order = np.empty((*shape[:-1], shape[-1] + 2))
+    order[..., 0], order[..., 1:-1], order[..., -1] = -np.inf, faintness, np.inf
+    order.sort(axis=-1)
     move = innovation.move
-    trace = innovation.reduction.trace(axis1=-2, axis2=-1)
     terms = np.empty((*shape, 2 + move.shape[-1]))
     terms[..., 0] = 1.0
-    terms[..., 1] = trace - (move * move).sum(axis=-1)
+    trace = innovation.reduction.trace(axis1=-2, axis2=-1)
+    np.subtract(trace, (move * move).sum(axis=-1), out=terms[..., 1])
     terms[..., 2:] = move
-    terms *= (innovation.density * gated)[..., None]
-    members = strength[..., None, :] >= weakest[..., None]
+    terms *= innovation.density[..., None]
+    members = faintness[..., None, :] <= order[..., :-1, None]
     sums: FloatArray = np.matmul(members, terms)
     vector = sums[..., 2:]
     return _StrongestSets(
-        weakest, sums[..., 0], sums[..., 1], (vector * vector).sum(axis=-1)
+        -order, sums[..., 0], sums[..., 1], (vector * vector).sum(axis=-1)
     )
 
 

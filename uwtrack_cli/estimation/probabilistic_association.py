@@ -23,6 +23,9 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.errors import DataError
 
 _TINY = float(np.finfo(np.float64).tiny)
+_SIGNS = np.array([[1.0, -1.0], [-1.0, 1.0]])
+"""Of the entries of a symmetric matrix of two rows, turned by half a circle, that make its
+adjugate."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +106,10 @@ def innovate(
     spread = covariance[..., None, ::2, ::2] + noise
     determinant = _determinant(spread)
     # up to two components a positive determinant and one variance are enough
-    is_small = spread.shape[-1] <= 2
-    variances = spread[..., 0, 0] if is_small else spread.diagonal(0, -2, -1)
-    if not (determinant.min() > 0.0 and variances.min() > 0.0):
+    smallest = spread[..., 0, 0]
+    if spread.shape[-1] > 2:
+        smallest = spread.diagonal(0, -2, -1).min(axis=-1)
+    if not np.minimum(determinant, smallest).min() > 0.0:
         msg = (
             "the covariance of an innovation is not positive definite: check the "
             "covariances of the state and of the measurements."
@@ -122,8 +126,9 @@ def innovate(
         whitened = (inverse @ residual[..., None])[..., 0]
         move = (cross @ whitened[..., None])[..., 0]
     distance2 = np.where(present, (residual * whitened).sum(axis=-1), np.inf)
-    constant = (2.0 * math.pi) ** (0.5 * spread.shape[-1])
-    density = np.exp(-0.5 * distance2) / (constant * np.sqrt(determinant))
+    constant = (2.0 * math.pi) ** (-0.5 * spread.shape[-1])
+    density = np.exp(-0.5 * distance2)
+    density *= constant / np.sqrt(determinant)
     return Innovation(
         residual, spread, gain, distance2, determinant, move, gain @ turned, density
     )
@@ -146,11 +151,9 @@ def _inverse(matrix: FloatArray, determinant: FloatArray) -> FloatArray:
         return 1.0 / matrix
     if matrix.shape[-1] > 2:
         return np.asarray(np.linalg.inv(matrix))
-    inverse = np.empty_like(matrix)
-    inverse[..., 0, 0], inverse[..., 1, 1] = matrix[..., 1, 1], matrix[..., 0, 0]
-    inverse[..., 0, 1] = inverse[..., 1, 0] = -matrix[..., 0, 1]
-    inverse /= determinant[..., None, None]
-    return inverse
+    adjugate: FloatArray = matrix[..., ::-1, ::-1] * _SIGNS
+    adjugate /= determinant[..., None, None]
+    return adjugate
 
 
 def associate(
@@ -193,7 +196,7 @@ def associate(
     # total / lambda * P_D; without clutter a gated measurement is surely the target.
     reference = np.log(np.maximum(clutter_density, _TINY))
     if total.min() > 0.0:
-        ratio = np.log(total) + np.log(detection_probability) - reference
+        ratio = np.log(total * detection_probability) - reference
         return Association(none / total, density / total[..., None], ratio)
     certain_miss = total <= 0.0  # neither clutter nor a measurement
     divisor = np.where(certain_miss, 1.0, total)
@@ -241,8 +244,7 @@ def correct(
     spread -= shift[..., :, None] * shift[..., None, :]
     reduction = innovation.reduction
     if reduction.shape[-3] == 1:
-        shared = weight.sum(axis=-1)[..., None, None]
-        learnt = shared * reduction[..., 0, :, :]
+        learnt = (1.0 - association.miss)[..., None, None] * reduction[..., 0, :, :]
     else:
         learnt = (weight[..., None, None] * reduction).sum(axis=-3)
     return mean + shift, covariance - learnt + spread
