@@ -467,6 +467,14 @@ def test_a_recipe_that_came_with_0_1_0_still_joins(path):
             assert ({key: now[key] for key in value} if nested else now) == value
 
 
+def test_lines_for_presence_alone_do_not_say_how_a_recipe_is_slowed_down():
+    graph = load_recipe("auto").graph()
+    bands = {s.name: s.options.get("band_hz") for s in graph.steps()}
+    assert bands["slow-spectrogram"][1] < bands["long-spectrogram"][1] == 800.0
+    with pytest.warns(UwtrackWarning, match=r"16 times as long"):
+        graph.resolved(recording_of(np.zeros((10, 1)), 100.0))
+
+
 def test_a_recipe_is_slowed_down_for_a_recorder_of_low_frequencies():
     """Infrasound at 100 Hz: levels of 100 to 1500 Hz are those of 3.3 to 50 Hz."""
     graph = load_recipe("vessel").graph()

@@ -82,6 +82,23 @@ def test_a_ship_that_does_not_pass_is_told_with_its_spacing(steady_ship):
     assert "no closest approach" in presence.reasons(row)["encounter"]
 
 
+def test_auto_names_a_shaft_of_thirty_six_turns_a_minute():
+    """Twenty teeth 0.6 Hz apart, each 10 dB over the noise in 1 Hz, in white noise."""
+    rate_hz, seconds = 500.0, 150
+    time_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    phase = np.random.default_rng(61).uniform(0.0, 2.0 * np.pi, 20)
+    noise = white_noise(time_s.size, 62, rate_hz=rate_hz)
+    power = 10.0 * 2.0 * np.var(noise) / rate_hz  # of a tone, ten times that in 1 Hz
+    teeth_hz = 0.6 * np.arange(12, 32)
+    tones = np.sin(2.0 * np.pi * np.outer(teeth_hz, time_s) + phase[:, None])
+    sound = noise + np.sqrt(2.0 * power) * tones.sum(axis=0)
+    recording = recording_of(sound.astype(np.float32)[:, None], rate_hz)
+    made = run_recipe(recording, load_recipe("auto"))
+    (found,) = [one for one in made if isinstance(one, Presence)]
+    vessels = np.flatnonzero(found.kind == "vessel")
+    assert found.spacing_hz[vessels] == pytest.approx([0.6], abs=0.005)
+
+
 def test_rates_of_the_same_shaft_join_the_lines_to_one_contact(steady_ship):
     presence, _ = steady_ship
     assert "rates" not in presence.kind

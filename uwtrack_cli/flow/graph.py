@@ -11,7 +11,7 @@ several steps that make the same, every one must be read or be an output: nothin
 in vain.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from typing import Any, Self
@@ -19,6 +19,7 @@ from warnings import warn
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
+from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.options import refuse_unknown
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
@@ -188,12 +189,20 @@ class Graph:
         return replace(self, nodes=nodes)
 
     def _slowness(self, highest_hz: float) -> float:
-        """Return by what to slow the steps down for sound up to a frequency."""
-        options = [{**s.stage.defaults, **s.options} for s in self.steps()]
-        bands = [o["band_hz"] for o in options if o.get("band_hz") is not None]
+        """Return by what to slow the steps down for sound up to a frequency.
+
+        The lowest of the bands that reach beyond it decides; of a recipe for closest
+        approaches one of those that they are told by.
+        """
+        bands = _bands(self.steps())
         if all(low < HELD_SHARE * highest_hz for low, _ in bands):
             return 1.0
-        return float(min(high for _, high in bands if high > highest_hz)) / highest_hz
+        told = [s.name for s in self.steps() if s.stage.output is Encounters]
+        beyond = [high for _, high in bands if high > highest_hz]
+        for_passages = [
+            high for _, high in _bands(self.part(told).steps()) if high > highest_hz
+        ]
+        return min(for_passages or beyond) / highest_hz
 
     def part(self, wanted: Collection[str]) -> Self:
         """Return the part of the graph that some steps need.
@@ -247,6 +256,12 @@ class Graph:
     def steps(self) -> Iterator[Step]:
         """Return the steps in the order in which they run."""
         return (node.step for node in self.nodes)
+
+
+def _bands(steps: Iterable[Step]) -> list[tuple[float, float]]:
+    """Return the bands of some steps, as their options have them, Hz."""
+    options = [{**step.stage.defaults, **step.options} for step in steps]
+    return [o["band_hz"] for o in options if o.get("band_hz") is not None]
 
 
 def _slowed(step: Step, factor: float, highest_hz: float) -> dict[str, Any]:
