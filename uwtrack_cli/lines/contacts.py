@@ -2,15 +2,10 @@
 
 **Method.** While lines are tracked, their smoothed points are kept on a coarse grid
 of frames; the grid is thinned whenever too many are held, so memory is bounded. At
-the end of the recording the lines that were heard together are compared in pairs. The
-lines of one vessel shift
-by the same factor, so the difference of the logarithms of their frequencies is
-constant within its uncertainty, while that of unrelated lines varies as much as the
-lines do. The log-likelihood ratio of the two statements is the evidence; lines that do
-not vary give none. Bearings add the evidence of agreeing against being anywhere on the
-compass. Groups grow from the strongest pair on, as long as the evidence summed over all
-pairs of two groups is for the union. Lines of one harmonic family count as one source
-unless the comparison contradicts.
+the end of the recording the lines that were heard together are compared in pairs.
+Groups grow from the strongest pair on, as long as the evidence summed over all pairs of
+two groups is for the union. Lines of one harmonic family count as one source unless the
+comparison contradicts.
 
 **Conventions.** Contacts count from 1 in the order of their first line. Contact 0 is
 "none": mains hum, and steady lines that share nothing with another line. Samples are
@@ -21,19 +16,21 @@ day would fill with nothing. Evidence is in nepers; a pair that is not named has
 scale: 3 nepers is strong.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.lines.line_points import LinePoints
+from uwtrack_cli.lines.pair_evidence import (
+    BEARING_WANDER_DEG,
+    LINE_WANDER,
+    LineSamples,
+    PairEvidence,
+    pair_evidence,
+)
 
 _MOST_SAMPLES = 200_000
 """Points held before the grid is thinned by two."""
-
-_MOST_COMPARED = 20_000
-"""Points of other lines, about, that are compared with one line at once."""
 
 _MOST_WAITING = 4_096
 """Points that wait until they are put behind the others."""
@@ -44,66 +41,8 @@ _FAMILY_EVIDENCE = 8.0
 LEAST_EVIDENCE = 3.0
 """Evidence that joins two lines (Kass & Raftery 1995: strong)."""
 
-_LEAST_COMMON = 4
-"""Common times below which two lines are not compared."""
-
-_LEAST_SHARE = 0.5
-"""Share of the shorter line that two lines must be heard together for their Doppler to
-join them: what they have in common at their ends alone is that neither bends."""
-
-_LINE_WANDER = 2e-5
-"""Relative jitter of one machine's lines against each other."""
-
-_SHAPE_SHARE = 0.2
-"""Difference of the Doppler curves of one vessel, relative to their spread."""
-
-_BEARING_WANDER_DEG = 3.0
-"""Spread of the bearings of one vessel's lines, from multipath."""
-
 _VETO = -6.0
 """Evidence against a pair that keeps their groups apart."""
-
-
-@dataclass(frozen=True)
-class LineSamples:
-    """Smoothed lines on a grid of frames: arrays of shape (point,), but for two."""
-
-    first: IntArray
-    """First point of each line, and the number of points at last, shape (line + 1,)."""
-    frame: IntArray
-    """Frame of the point, ascending within its line."""
-    frequency_hz: FloatArray
-    """Smoothed frequency in Hz."""
-    frequency_variance: FloatArray
-    """Its variance in Hz^2."""
-    bearing_deg: FloatArray
-    """Smoothed bearing in degree, unwrapped; nan if unknown."""
-    bearing_variance: FloatArray
-    """Its variance in degree^2."""
-    correlation_samples: float
-    """Samples over which the errors of a line are correlated, at least 1."""
-
-    @property
-    def n_points(self) -> IntArray:
-        """Number of points of each line, shape (line,)."""
-        return np.diff(self.first)
-
-    @property
-    def row(self) -> IntArray:
-        """Row of the line that each point belongs to."""
-        return np.repeat(np.arange(self.first.size - 1), self.n_points)
-
-
-@dataclass(frozen=True)
-class PairEvidence:
-    """Evidence that two lines have one source; arrays of shape (pair,)."""
-
-    low: IntArray
-    """Row of the first line of the pair."""
-    high: IntArray
-    """Row of the second one, which is greater."""
-    nepers: FloatArray
-    """The evidence in nepers; pairs that are not here have none."""
 
 
 class ContactSamples:
@@ -232,133 +171,6 @@ def _with_families(evidence: PairEvidence, family: IntArray) -> PairEvidence:
     return PairEvidence(found // family.size, found % family.size, total)
 
 
-def pair_evidence(samples: LineSamples) -> PairEvidence:
-    """Return the evidence that two lines have one source, for pairs heard together.
-
-    Parameters
-    ----------
-    samples
-        Histories of the lines.
-    """
-    by_frame = np.argsort(samples.frame, kind="stable")
-    sorted_frames = samples.frame[by_frame]
-    rows = samples.row
-    low: list[IntArray] = []
-    high: list[IntArray] = []
-    nepers: list[FloatArray] = []
-    for k in np.flatnonzero(samples.n_points >= _LEAST_COMMON).tolist():
-        own = samples.frame[samples.first[k] : samples.first[k + 1]]
-        begin = np.searchsorted(sorted_frames, own[0])
-        end = np.searchsorted(sorted_frames, own[-1], "right")
-        near = by_frame[begin:end]
-        near = near[rows[near] > k]
-        place = np.minimum(np.searchsorted(own, samples.frame[near]), own.size - 1)
-        is_common = own[place] == samples.frame[near]
-        near, place = near[is_common], place[is_common]
-        order = np.lexsort((place, rows[near]))
-        near, place = near[order], place[order]
-        for part in _portions(rows[near]):
-            other, evidence = _compared(
-                samples, k, samples.first[k] + place[part], near[part], rows[near[part]]
-            )
-            low.append(np.full(other.size, k))
-            high.append(other)
-            nepers.append(evidence)
-    none = np.zeros(0, dtype=np.int64)
-    return PairEvidence(
-        np.concatenate([none, *low]),
-        np.concatenate([none, *high]),
-        np.concatenate([np.zeros(0), *nepers]),
-    )
-
-
-def _portions(rows: IntArray) -> list[slice]:
-    """Cut sorted rows where one ends, into parts of about so many as are allowed."""
-    ends = np.append(np.flatnonzero(np.diff(rows)) + 1, rows.size)
-    portions, begin = [], 0
-    while begin < rows.size:
-        wanted = int(np.searchsorted(ends, begin + _MOST_COMPARED))
-        end = int(ends[min(wanted, ends.size - 1)])
-        portions.append(slice(begin, end))
-        begin = end
-    return portions
-
-
-def _compared(
-    samples: LineSamples, k: int, mine: IntArray, theirs: IntArray, rows: IntArray
-) -> tuple[IntArray, FloatArray]:
-    """Return the lines that have enough in common with one, and the evidence, nepers.
-
-    Parameters
-    ----------
-    samples
-        Histories of the lines.
-    k
-        Row of the line.
-    mine, theirs
-        Points of the line, and of others in the same frames, shape (common,).
-    rows
-        Rows of these others, ascending.
-    """
-    other, pair = np.unique(rows, return_inverse=True)
-    together = np.bincount(pair)
-    evidence = _doppler_evidence(samples, mine, theirs, pair)
-    # the end of one passage and the beginning of the next bend alike: hardly
-    n_points = samples.n_points
-    shorter = np.minimum(n_points[k], n_points[other])
-    is_long = together >= _LEAST_SHARE * shorter
-    evidence = np.where(is_long, evidence, np.minimum(evidence, 0.0))
-    evidence[together < _LEAST_COMMON] = 0.0
-    evidence += _bearing_evidence(
-        samples.bearing_deg[mine] - samples.bearing_deg[theirs],
-        samples.bearing_variance[mine] + samples.bearing_variance[theirs],
-        pair,
-    )
-    some = evidence != 0.0
-    return other[some], evidence[some] / samples.correlation_samples
-
-
-def _doppler_evidence(
-    samples: LineSamples, mine: IntArray, theirs: IntArray, pair: IntArray
-) -> FloatArray:
-    """Return the evidence of the frequencies of each pair, nepers, shape (pair,)."""
-    count = np.bincount(pair)
-    one, rest = (np.log(samples.frequency_hz[points]) for points in (mine, theirs))
-    own_noise, their_noise = (
-        samples.frequency_variance[points] / samples.frequency_hz[points] ** 2
-        for points in (mine, theirs)
-    )
-    total = own_noise + their_noise + 2.0 * _LINE_WANDER**2
-    own = (_spread(one, pair, count) + _spread(rest, pair, count))[pair]
-    # smoothed lines lag, and horns waver: shapes agree within a share of their size
-    total = total + _SHAPE_SHARE**2 * own
-    off = one - rest
-    weight = 1.0 / total
-    mean = _ratio(
-        _totals(weight * off, pair, count.size), _totals(weight, pair, count.size)
-    )
-    square = (off - mean[pair]) ** 2
-    apart = total + own
-    terms = 0.5 * (np.log(apart / total) - square / total + square / apart)
-    return _totals(terms, pair, count.size)
-
-
-def _bearing_evidence(
-    turn_deg: FloatArray, variance: FloatArray, pair: IntArray
-) -> FloatArray:
-    """Return the evidence of the bearings of each pair, nepers, shape (pair,)."""
-    n_pairs = int(pair[-1]) + 1
-    known = np.isfinite(turn_deg) & np.isfinite(variance)
-    if not known.any():
-        return np.zeros(n_pairs)
-    total = variance[known] + _BEARING_WANDER_DEG**2
-    terms = np.log(360.0 / np.sqrt(2.0 * np.pi * total))
-    terms = terms - 0.5 * wrap_deg(turn_deg[known]) ** 2 / total
-    count = np.bincount(pair[known], minlength=n_pairs)
-    summed = _totals(terms, pair[known], n_pairs)
-    return np.where(count >= _LEAST_COMMON, summed, 0.0)
-
-
 def _sums(samples: LineSamples, values: FloatArray | BoolArray) -> FloatArray:
     """Sum over the points of each line."""
     return _totals(values, samples.row, samples.first.size - 1)
@@ -443,7 +255,7 @@ def _unite(
 def has_doppler(samples: LineSamples) -> BoolArray:
     """Tell which lines change their frequency beyond their uncertainty."""
     noise = _means(samples, samples.frequency_variance)
-    floor = (_LINE_WANDER * _means(samples, samples.frequency_hz)) ** 2
+    floor = (LINE_WANDER * _means(samples, samples.frequency_hz)) ** 2
     spread = _spread(samples.frequency_hz, samples.row, samples.n_points)
     return np.asarray(spread > 9.0 * (noise + floor))
 
@@ -459,7 +271,7 @@ def has_turn(samples: LineSamples) -> BoolArray:
     middle = np.degrees(np.arctan2(east, north))
     off = wrap_deg(samples.bearing_deg[known] - middle[row])
     variance = _totals(samples.bearing_variance[known], row, n_lines)
-    noise = _ratio(variance, count) + _BEARING_WANDER_DEG**2
+    noise = _ratio(variance, count) + BEARING_WANDER_DEG**2
     return np.asarray(_spread(off, row, count) > 9.0 * noise)
 
 

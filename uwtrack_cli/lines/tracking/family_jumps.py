@@ -20,7 +20,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.lines.tracking.line_continuation import EndedLine
+from uwtrack_cli.lines.tracking.line_continuation import SilentLines
 from uwtrack_cli.lines.tracking.track_store import (
     CONFIRMED,
     UNKNOWN_BEARING_VARIANCE,
@@ -55,6 +55,9 @@ SILENT_FRAMES = 6
 STEADY_FRAMES = 40
 """Frames for which a line must have been followed before."""
 
+_SEEDS = 256
+"""Ratios that are looked at together."""
+
 _FEWEST = 3
 """Lines below which a common ratio says nothing."""
 
@@ -67,8 +70,8 @@ class Renamed:
     """Slot of the line."""
     number: int
     """Number that it had been given."""
-    old: EndedLine
-    """The line that it continues."""
+    old: int
+    """Position of the silent line that it continues."""
 
 
 @dataclass
@@ -104,7 +107,7 @@ class FamilyJumps:
         """Whether there is no line that could be given another number."""
         return self._serials.size == 0
 
-    def find(self, silent: list[EndedLine], time_s: float) -> list[Renamed]:
+    def find(self, silent: SilentLines, time_s: float) -> list[Renamed]:
         """Return the new lines that are old ones after a jump.
 
         Parameters
@@ -121,50 +124,47 @@ class FamilyJumps:
         slots = confirmed[np.isin(store.serial[confirmed], self._serials)]
         self._serials = store.serial[slots]
         self._jumps = [j for j in self._jumps if time_s - j.time_s < PATIENCE_S]
-        if not slots.size or not silent:
-            return []
         # a line that only wavers is not silent, and what has just begun has no place
-        silent = [
-            one for one in silent
-            if store.rows - one.row >= SILENT_FRAMES
-            and (one.slot < 0 or one.row - store.born[one.slot] >= STEADY_FRAMES)
-        ]  # fmt: skip
-        if len(silent) == 0:
+        lived = silent.row - store.born[silent.slot]
+        is_due = (silent.slot < 0) | (lived >= STEADY_FRAMES)
+        is_due &= store.rows - silent.row >= SILENT_FRAMES
+        due = np.flatnonzero(is_due)
+        if not slots.size or not due.size:
             return []
-        before = _Silent(silent)
-        begin = np.maximum(store.born[slots], store.risen[slots])
-        begin_s = np.array([store.time_of(row) for row in begin.tolist()])
+        before = silent.take(due)
+        before_hz = before.state.position[0]
+        begin_s = store.time_of(np.maximum(store.born[slots], store.risen[slots]))
         wait = (begin_s - before.time_s[:, None]) * self.resolution_hz
         may_be = (wait > -LONG_BEFORE_WINDOWS) & (wait < AFTER_WINDOWS)
         may_be &= self._is_there(before, slots)
-        ratio = np.log(store.frequency_hz[slots] / before.frequency_hz[:, None])
+        ratio = np.log(store.frequency_hz[slots] / before_hz[:, None])
         may_be &= np.abs(ratio) < GREATEST_JUMP
-        pairs = self._followed(before, slots, may_be)
-        if not pairs and slots.size >= _FEWEST and len(silent) >= _FEWEST:
+        pairs = self._followed(before_hz, slots, may_be)
+        if not pairs and min(slots.size, due.size) >= _FEWEST:
             may_be &= wait > -BEFORE_WINDOWS
             pairs = self._common(before, slots, may_be, ratio)
         if not pairs:
             return []
         found = [
-            Renamed(int(slots[new]), int(store.line[slots[new]]), silent[old])
+            Renamed(int(slots[new]), int(store.line[slots[new]]), int(due[old]))
             for old, new in pairs
         ]
-        chosen = np.array([one.slot for one in found], dtype=np.int64)
-        held = np.array([one.old.state[0, 0] for one in found])
-        self._jumps.append(_Jump(time_s, chosen, store.serial[chosen].copy(), held))
+        chosen = np.array([one.slot for one in found])
+        held = silent.state.position[0, [one.old for one in found]]
+        self._jumps.append(_Jump(time_s, chosen, store.serial[chosen], held))
         self._serials = np.setdiff1d(self._serials, store.serial[chosen])
         return found
 
-    def _is_there(self, before: "_Silent", slots: IntArray) -> BoolArray:
+    def _is_there(self, before: SilentLines, slots: IntArray) -> BoolArray:
         """Tell for each pair whether the bearings allow one vessel, (silent, line)."""
         now = self.store.state_of(slots)
-        turn = wrap_deg(now.position[1] - before.bearing_deg[:, None])
-        variance = now.variance[1] + before.bearing_variance_deg2[:, None]
+        turn = wrap_deg(now.position[1] - before.state.position[1][:, None])
+        variance = now.variance[1] + before.state.variance[1][:, None]
         allows = np.abs(turn) < BEARING_SIGMAS * np.sqrt(variance)
         return np.asarray(allows | (variance >= UNKNOWN_BEARING_VARIANCE))
 
     def _followed(
-        self, before: "_Silent", slots: IntArray, may_be: BoolArray
+        self, before_hz: FloatArray, slots: IntArray, may_be: BoolArray
     ) -> list[tuple[int, int]]:
         """Pair lines by the ratio that the lines of a known jump have now."""
         store = self.store
@@ -175,38 +175,46 @@ class FamilyJumps:
             if not lives.any():
                 continue
             mates = store.frequency_hz[jump.slots[lives]] / jump.before_hz[lives]
-            pairs = self._paired(
-                before.frequency_hz * float(np.median(mates)), slots, may_be
-            )
+            pairs = self._paired(before_hz * float(np.median(mates)), slots, may_be)
             if pairs:
                 return pairs
         return []
 
     def _common(
         self,
-        before: "_Silent",
+        before: SilentLines,
         slots: IntArray,
         may_be: BoolArray,
         ratio: FloatArray,
     ) -> list[tuple[int, int]]:
         """Seek the ratio with which most lines pair; none if chance explains it."""
-        from scipy.stats import binom
+        from scipy.special import bdtrc
 
-        frequency = self.store.frequency_hz[slots]
-        span = float(np.ptp(frequency)) + self.resolution_hz
-        share = min(1.0, 2.0 * REACH * self.resolution_hz * slots.size / span)
+        reach_hz = REACH * self.resolution_hz
+        frequency = np.sort(self.store.frequency_hz[slots])
+        span = frequency[-1] - frequency[0] + self.resolution_hz
+        share = min(1.0, 2.0 * reach_hz * slots.size / span)
+        wait = np.abs(before.time_s[:, None] - before.time_s) * self.resolution_hz
+        is_mate = (wait < AFTER_WINDOWS) & may_be.any(axis=1)
+        n_others = np.count_nonzero(is_mate, axis=1) - 1
         best: list[tuple[int, int]] = []
         least = GREATEST_CHANCE
         seeds = np.argwhere(may_be)
-        for old, new in seeds.tolist():
-            near = np.abs(before.time_s - before.time_s[old]) * self.resolution_hz
-            is_mate = (near < AFTER_WINDOWS) & may_be.any(axis=1)
-            place = before.frequency_hz * np.exp(ratio[old, new])
-            pairs = self._paired(place, slots, may_be & is_mate[:, None])
-            others = np.count_nonzero(is_mate) - 1
-            tail = float(binom.sf(len(pairs) - 2, others, share)) if others else 1.0
-            if len(pairs) >= _FEWEST and len(seeds) * tail < least:
-                best, least = pairs, len(seeds) * tail
+        for part in np.split(seeds, range(_SEEDS, len(seeds), _SEEDS)):
+            old = part[:, 0]
+            place = before.state.position[0] * np.exp(ratio[old, part[:, 1]])[:, None]
+            begin = frequency.searchsorted(place - reach_hz, "right")
+            has_new = frequency.searchsorted(place + reach_hz) > begin
+            # no more of them pair, and few are far more than chance
+            most = np.count_nonzero(has_new & is_mate[old], axis=1)
+            least_chance = len(seeds) * bdtrc(most - 2.0, n_others[old], share)
+            hopeful = (most >= _FEWEST) & (least_chance < least)
+            for seed in np.flatnonzero(hopeful).tolist():
+                mates = may_be & is_mate[old[seed], :, None]
+                pairs = self._paired(place[seed], slots, mates)
+                tail = bdtrc(len(pairs) - 2.0, n_others[old[seed]], share)
+                if len(pairs) >= _FEWEST and len(seeds) * tail < least:
+                    best, least = pairs, len(seeds) * float(tail)
         return best
 
     def _paired(
@@ -221,13 +229,3 @@ class FamilyJumps:
             pairs.append((int(old), int(new)))
             away[old], away[:, new] = np.inf, np.inf
         return pairs
-
-
-class _Silent:
-    """The states of lines that fell silent, as arrays of shape (line,)."""
-
-    def __init__(self, lines: list[EndedLine]) -> None:
-        states = np.array([line.state for line in lines])
-        self.time_s = np.array([line.time_s for line in lines])
-        self.frequency_hz, self.bearing_deg = states[:, 0, 0], states[:, 0, 1]
-        self.bearing_variance_deg2 = states[:, 2, 1]

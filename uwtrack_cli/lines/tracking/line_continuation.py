@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.constant_velocity import white_acceleration
 from uwtrack_cli.estimation.kalman import KalmanState
@@ -55,21 +55,49 @@ not start again at exactly the speed that it had."""
 
 
 @dataclass(frozen=True)
-class EndedLine:
-    """A line that fell silent."""
+class SilentLines:
+    """Lines that fell silent; arrays of shape (line,) but for two."""
 
-    number: int
-    """Number of the line."""
-    slot: int
-    """Its slot if it is still waited for, else -1."""
-    row: int
+    number: IntArray
+    """Numbers of the lines."""
+    slot: IntArray
+    """Slot of each if it is still waited for, else -1."""
+    row: IntArray
     """Last frame that belongs to it, counted from the start."""
-    time_s: float
+    time_s: FloatArray
     """Time of that frame, s."""
-    state: FloatArray
-    """Entries of `KalmanState` of frequency and bearing then, shape (5, 2)."""
+    state: KalmanState
+    """States of frequency and bearing then, entries of shape (2, line)."""
     noise_density: FloatArray
-    """Spectral density of the accelerations then, shape (2,)."""
+    """Spectral densities of the accelerations then, shape (2, line)."""
+
+    @classmethod
+    def recalled(
+        cls, store: TrackStore, slots: IntArray, rows: IntArray, *, is_waited_for: bool
+    ) -> "SilentLines":
+        """Recall lines of a store as they were at some rows, shape (line,) each."""
+        waited = slots if is_waited_for else np.full_like(slots, -1)
+        return cls(store.line[slots], waited, rows, *store.recall(slots, rows))
+
+    def take(self, keep: BoolArray | IntArray) -> "SilentLines":
+        """Return some of the lines."""
+        return SilentLines(
+            self.number[keep], self.slot[keep], self.row[keep], self.time_s[keep],
+            KalmanState(*(entry[:, keep] for entry in self.state)),
+            self.noise_density[:, keep],
+        )  # fmt: skip
+
+    def joined(self, others: "SilentLines") -> "SilentLines":
+        """Return these lines, then the others."""
+        return SilentLines(
+            np.append(self.number, others.number), np.append(self.slot, others.slot),
+            np.append(self.row, others.row), np.append(self.time_s, others.time_s),
+            KalmanState(*(
+                np.concatenate(pair, axis=1)
+                for pair in zip(self.state, others.state, strict=True)
+            )),
+            np.concatenate([self.noise_density, others.noise_density], axis=1),
+        )  # fmt: skip
 
 
 class LineContinuation:
@@ -105,7 +133,8 @@ class LineContinuation:
         self.silence_s = silence_s
         self.resolution_hz = resolution_hz
         self.band_hz = band_hz
-        self.ended: list[EndedLine] = []
+        nothing = np.zeros(0, dtype=np.int64)
+        self.ended = SilentLines.recalled(store, nothing, nothing, is_waited_for=False)
 
     @property
     def may_jump(self) -> bool:
@@ -114,26 +143,23 @@ class LineContinuation:
 
     def remember(self, time_s: float) -> None:
         """Take note of the lines that have ended since the last call."""
-        kept = [e for e in self.ended if time_s - e.time_s < self.silence_s]
-        fresh = [
-            EndedLine(
-                int(self.store.line[slot]), -1, row, *self.store.recall(slot, row)
-            )
-            for slot, row in self.store.take_ended()
-        ]
-        self.ended = kept + (fresh if self.silence_s else [])
+        slots, rows = self.store.take_ended()
+        if not self.silence_s:
+            return
+        if slots.size:
+            fresh = SilentLines.recalled(self.store, slots, rows, is_waited_for=False)
+            self.ended = self.ended.joined(fresh)
+        is_recent = time_s - self.ended.time_s < self.silence_s
+        if not is_recent.all():
+            self.ended = self.ended.take(is_recent)
 
-    def _waited_for(self) -> list[EndedLine]:
+    def _waited_for(self) -> SilentLines:
         """Return the confirmed lines that have no peaks of their own any more."""
         store = self.store
         slots = store.confirmed
         slots = slots[store.rows - store.settled[slots] >= SILENT_FRAMES]
-        return [
-            EndedLine(int(store.line[slot]), slot, row, *store.recall(slot, row))
-            for slot, row in zip(
-                slots.tolist(), store.settled[slots].tolist(), strict=True
-            )
-        ]
+        rows = store.settled[slots]
+        return SilentLines.recalled(store, slots, rows, is_waited_for=True)
 
     def numbers(self, slots: IntArray, time_s: float) -> IntArray:
         """Return for lines to be confirmed the numbers that they continue, 0 for none.
@@ -149,103 +175,107 @@ class LineContinuation:
         if not slots.size or not self.silence_s:
             return numbers
         silent = self.silent()
-        if not silent:
+        if not silent.number.size:
             return numbers
-        ratio = np.array([self._log_ratio(e, slots, time_s) for e in silent])
-        continued = []
+        ratio = self._log_ratio(silent, slots, time_s)
+        old_lines, new_lines = [], []
         while ratio.max() > LEAST_LOG_RATIO:
             old, new = np.unravel_index(int(ratio.argmax()), ratio.shape)
-            numbers[new] = silent[old].number
-            continued.append((int(slots[new]), silent[old]))
+            numbers[new] = silent.number[old]
+            old_lines.append(int(old))
+            new_lines.append(int(new))
             ratio[old], ratio[:, new] = -np.inf, -np.inf
-        self.go_on(continued)
+        if new_lines:
+            self.go_on(slots[new_lines], silent.take(np.array(old_lines)))
         return numbers
 
-    def silent(self) -> list[EndedLine]:
+    def silent(self) -> SilentLines:
         """Return the lines that may go on: ended ones, and those that are waited for."""
-        return self.ended + (self._waited_for() if self.may_turn else [])
+        return self.ended.joined(self._waited_for()) if self.may_turn else self.ended
 
-    def go_on(self, continued: list[tuple[int, EndedLine]]) -> None:
-        """Let lines, given by slot, go on with others that are not looked for any more."""
-        if not continued:
-            return
-        for slot, old in continued:
-            self.store.begin_after(slot, old.row)
-        waiting = [old.slot for _, old in continued if old.slot >= 0]
-        self.store.release(np.array(waiting, np.int64))
+    def go_on(self, slots: IntArray, old: SilentLines) -> None:
+        """Let lines go on with others that are not looked for any more.
+
+        Parameters
+        ----------
+        slots
+            The lines, shape (line,).
+        old
+            The silent line that each continues.
+        """
+        self.store.begin_after(slots, old.row)
+        self.store.release(old.slot[old.slot >= 0])
         self.store.take_ended()  # they go on
-        taken = {old.number for _, old in continued}
-        self.ended = [e for e in self.ended if e.number not in taken]
+        self.ended = self.ended.take(~np.isin(self.ended.number, old.number))
 
-    def _log_ratio(self, old: EndedLine, slots: IntArray, time_s: float) -> FloatArray:
-        """Logarithm of "the old line again" over "a stranger" for some new lines."""
+    def _log_ratio(
+        self, silent: SilentLines, slots: IntArray, time_s: float
+    ) -> FloatArray:
+        """Logarithm of "the old line again" over "a stranger", shape (silent, new)."""
         store = self.store
-        gap_s = time_s - old.time_s
-        n_strangers = len(self.ended) + store.confirmed.size
+        n_strangers = self.ended.number.size + store.confirmed.size
         density = n_strangers / self.band_hz
+        old = silent.take(np.arange(silent.number.size)[:, None])
         log_ratio = log_ratio_of_return(
-            KalmanState(*old.state), old.noise_density, gap_s, store.state_of(slots),
+            old.state, old.noise_density, time_s - old.time_s, store.state_of(slots),
             self.resolution_hz, density,
         )  # fmt: skip
-        if old.slot >= 0:
-            log_ratio[:] = -np.inf  # on its course it would have found the peaks itself
-        log_ratio[store.risen[slots] <= old.row] = -np.inf
+        # on its course one that is waited for would have found the peaks itself
+        is_stranger = (old.slot >= 0) | (store.risen[slots] <= old.row)
+        log_ratio[is_stranger] = -np.inf
         if self.may_turn:
             log_ratio = np.logaddexp(log_ratio, self._turned(old, slots, density))
         return np.asarray(log_ratio)
 
-    def _turned(self, old: EndedLine, slots: IntArray, density: float) -> FloatArray:
-        """Logarithm of "the old line with another rate" over "a stranger"."""
-        begin = _Beginnings(self.store, slots, old.row + 1)
-        gap_s = np.maximum(begin.time_s - old.time_s, 0.0)
-        before = KalmanState(*old.state)
-        now = self.store.state_of(slots)
+    def _turned(self, old: SilentLines, slots: IntArray, density: float) -> FloatArray:
+        """Logarithm of "the old line with another rate" over "a stranger".
+
+        Parameters
+        ----------
+        old
+            The silent lines, with a column for the new ones: shape (silent, 1).
+        slots
+            The new lines, shape (new,).
+        density
+            Density along frequency in which strangers begin, 1/Hz.
+
+        Returns
+        -------
+        FloatArray
+            Shape (silent, new).
+        """
+        store = self.store
+        rows = np.maximum(store.born[slots], old.row + 1)
+        begin_s, begin, _ = store.recall(slots, rows)
+        gap_s = np.maximum(begin_s - old.time_s, 0.0)
+        before, now = old.state, store.state_of(slots)
         # it went on for an unknown part of the gap, and with the new rate for the rest
         between = (now.rate[0] - before.rate[0]) * gap_s
         doubt = 0.25 * (before.rate_variance[0] + now.rate_variance[0]) * gap_s**2
-        spread = before.variance[0] + begin.variance_hz2 + between**2 / 12.0 + doubt
+        spread = before.variance[0] + begin.variance[0] + between**2 / 12.0 + doubt
         spread = spread + (LEAST_STD * self.resolution_hz) ** 2
         middle = before.position[0] + 0.5 * (before.rate[0] + now.rate[0]) * gap_s
-        off = begin.frequency_hz - middle
+        off = begin.position[0] - middle
         log_ratio = -0.5 * (off**2 / spread + np.log(2.0 * np.pi * spread))
         log_ratio += np.log(RETURNING * TURNING / density)
         # it begins at once, where strangers begin at any time
         wait_s = TURN_WINDOWS / self.resolution_hz
-        log_ratio += np.log(max(begin.time_s.max() / wait_s, 1.0)) - gap_s / wait_s
+        latest_s = begin_s.max(axis=1, keepdims=True)
+        log_ratio += np.log(np.maximum(latest_s / wait_s, 1.0)) - gap_s / wait_s
+        turn = wrap_deg(begin.position[1] - before.position[1])
+        around = before.variance[1] + begin.variance[1]
         is_known = before.variance[1] < UNKNOWN_BEARING_VARIANCE
-        turn = wrap_deg(begin.bearing_deg - before.position[1])
-        if is_known:
-            around = before.variance[1] + begin.bearing_variance_deg2
-            log_ratio -= 0.5 * turn**2 / around
+        log_ratio -= np.where(is_known, 0.5 * turn**2 / around, 0.0)
         # who was beside the old line for longer is another one
-        early_s = old.time_s - begin.risen_s
+        early_s = old.time_s - store.time_of(store.risen[slots])
         log_ratio[early_s > wait_s] = -np.inf
         return np.asarray(log_ratio)
-
-
-class _Beginnings:
-    """When and where some lines began, from some frame on; arrays of shape (line,)."""
-
-    def __init__(self, store: TrackStore, slots: IntArray, least_row: int) -> None:
-        risen = np.minimum(store.risen[slots], store.rows - 1).tolist()
-        rows = np.maximum(store.born[slots], least_row)
-        rows = np.minimum(rows, store.rows - 1).tolist()
-        first = [
-            store.recall(slot, row)
-            for slot, row in zip(slots.tolist(), rows, strict=True)
-        ]
-        self.risen_s = np.array([store.time_of(row) for row in risen])
-        self.time_s = np.array([time_s for time_s, _, _ in first])
-        states = np.array([state for _, state, _ in first])
-        self.frequency_hz, self.bearing_deg = states[:, 0, 0], states[:, 0, 1]
-        self.variance_hz2 = states[:, 2, 0]
-        self.bearing_variance_deg2 = states[:, 2, 1]
 
 
 def log_ratio_of_return(
     before: KalmanState,
     noise_density: FloatArray,
-    gap_s: float,
+    gap_s: float | FloatArray,
     now: KalmanState,
     resolution_hz: float,
     strangers_per_hz: float,
@@ -255,11 +285,12 @@ def log_ratio_of_return(
     Parameters
     ----------
     before
-        State of frequency and bearing at the end of the line; entries of shape (2,).
+        States of frequency and bearing at the ends of the lines; entries of shape
+        (2, ...), which broadcasts with that of the new ones.
     noise_density
-        Spectral density of the accelerations, Hz^2/s^3 and degree^2/s^3, shape (2,).
+        Spectral density of the accelerations, Hz^2/s^3 and degree^2/s^3, shape (2, ...).
     gap_s
-        Time from there to the new states, s.
+        Time from there to the new states, s, shape (...).
     now
         States of new lines; entries of shape (2, line).
     resolution_hz
@@ -281,8 +312,8 @@ def log_ratio_of_return(
     slip_spread = slip_spread + (LEAST_RATE_STD * resolution_hz**2) ** 2
     log_ratio = -0.5 * (off**2 / spread + slip**2 / slip_spread)
     turn = wrap_deg(now.position[1] - before.position[1] - gap_s * before.rate[1])
+    is_known = before.variance[1] < UNKNOWN_BEARING_VARIANCE
     turn_spread = variance[1] + now.variance[1]
-    if before.variance[1] < UNKNOWN_BEARING_VARIANCE:
-        log_ratio -= 0.5 * turn**2 / turn_spread
+    log_ratio -= np.where(is_known, 0.5 * turn**2 / turn_spread, 0.0)
     log_ratio += np.log(RETURNING / strangers_per_hz)
     return np.asarray(log_ratio - 0.5 * np.log(2.0 * np.pi * spread))

@@ -117,7 +117,7 @@ class TrackStore:
         self._row_frame = np.zeros(self._size, dtype=np.int64)
         self._row_time = np.zeros(self._size)
         self._row_step = np.zeros(self._size)
-        self._ended: list[tuple[int, int]] = []
+        self._ended: list[IntArray] = []
         self._counts = np.zeros((_N_COUNTS, capacity), dtype=np.int64)
         self._gauges = np.zeros((_N_GAUGES, capacity))
         self._name_rows()
@@ -291,9 +291,9 @@ class TrackStore:
             self.next_line += int(is_new.sum())
             self._confirmed = self._active = None
 
-    def begin_after(self, slot: int, row: int) -> None:
-        """Let a line begin after a row at the earliest: another was itself before."""
-        self.born[slot] = max(int(self.born[slot]), row + 1)
+    def begin_after(self, slots: IntArray, rows: IntArray) -> None:
+        """Let lines begin after some rows at the earliest: others were they before."""
+        self.born[slots] = np.maximum(self.born[slots], rows + 1)
 
     def release(self, slots: IntArray) -> None:
         """Take lines out: tentative ones are forgotten, confirmed ones have ended."""
@@ -303,39 +303,51 @@ class TrackStore:
             self._active = None
             if is_confirmed.any():
                 ended = slots[is_confirmed]
-                self._ended += zip(
-                    ended.tolist(), self.settled[ended].tolist(), strict=True
-                )
+                self._ended.append(np.stack([ended, self.settled[ended]]))
                 self._confirmed = None
 
-    def take_ended(self) -> list[tuple[int, int]]:
-        """Return slot and last settled row of lines that ended since the last call."""
+    def take_ended(self) -> IntArray:
+        """Return slots and last settled rows of lines that ended since the last call.
+
+        Returns
+        -------
+        IntArray
+            Shape (2, line).
+        """
         ended, self._ended = self._ended, []
-        return ended
+        return np.concatenate([np.zeros((2, 0), dtype=np.int64), *ended], axis=1)
 
-    def time_of(self, row: int) -> float:
-        """Return the time in s of a kept row, counted from the start."""
-        return float(self._row_time[max(row, self.rows - self._size) % self._size])
+    def time_of(self, rows: IntArray) -> FloatArray:
+        """Return the times in s of kept rows, counted from the start."""
+        return self._row_time[self._kept(rows)]
 
-    def recall(self, slot: int, row: int) -> tuple[float, FloatArray, FloatArray]:
-        """Return time, state and noise densities that a line had at a kept row.
+    def recall(
+        self, slots: IntArray, rows: IntArray
+    ) -> tuple[FloatArray, KalmanState, FloatArray]:
+        """Return times, states and noise densities that lines had at kept rows.
 
         Parameters
         ----------
-        slot
-            The line.
-        row
-            Frame counted from the start, among the last that are kept.
+        slots
+            The lines.
+        rows
+            Frames counted from the start, among the last that are kept; of a shape that
+            broadcasts with that of the lines.
 
         Returns
         -------
         tuple
-            Time in s, entries of `KalmanState` (5, 2), and densities (2,).
+            Times in s, of the rows' shape (...), states with entries of shape (2, ...),
+            and densities, shape (2, ...).
         """
-        at = max(row, self.rows - self._size) % self._size
-        kept = self._ring[at, :, slot]
-        state, density = kept[:_STATE_ROWS].reshape(5, 2), kept[_STATE_ROWS:_MEASURED]
-        return float(self._row_time[at]), state.copy(), density.copy()
+        at = self._kept(rows)
+        kept = np.moveaxis(self._ring[at, :_MEASURED, slots], -1, 0)
+        state = kept[:_STATE_ROWS].reshape(5, 2, *kept.shape[1:])
+        return self._row_time[at], KalmanState(*state), kept[_STATE_ROWS:]
+
+    def _kept(self, rows: IntArray) -> IntArray:
+        """Return the places in the ring of rows, or of the nearest that are kept."""
+        return np.clip(rows, self.rows - self._size, self.rows - 1) % self._size
 
     def state_of(self, slots: IntArray) -> KalmanState:
         """Return the present states of some lines, entries of shape (2, line)."""

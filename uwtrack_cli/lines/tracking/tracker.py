@@ -330,11 +330,15 @@ class LineTracker:
         """Give new lines the numbers of those that have jumped with their family."""
         if self.jumps.is_idle or not self.continuation.may_jump:
             return
-        jumped = self.jumps.find(self.continuation.silent(), time_s)
-        for line in jumped:
-            self.store.line[line.slot] = line.old.number
-            self.families.rename(line.number, line.old.number)
-        self.continuation.go_on([(line.slot, line.old) for line in jumped])
+        silent = self.continuation.silent()
+        jumped = self.jumps.find(silent, time_s)
+        if not jumped:
+            return
+        slots, old = np.array([(line.slot, line.old) for line in jumped]).T
+        for line, number in zip(jumped, silent.number[old].tolist(), strict=True):
+            self.store.line[line.slot] = number
+            self.families.rename(line.number, number)
+        self.continuation.go_on(slots, silent.take(old))
 
     def _is_vague(self, slots: IntArray) -> BoolArray:
         """Tell which lines are known too poorly to be separated from others."""
