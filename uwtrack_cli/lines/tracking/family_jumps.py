@@ -137,7 +137,9 @@ class FamilyJumps:
         wait = (begin_s - before.time_s[:, None]) * self.resolution_hz
         may_be = (wait > -LONG_BEFORE_WINDOWS) & (wait < AFTER_WINDOWS)
         may_be &= self._is_there(before, slots)
-        ratio = np.log(store.frequency_hz[slots] / before_hz[:, None])
+        ratio = store.frequency_hz[slots] / before_hz[:, None]
+        # what wanders about zero has no ratio
+        ratio = np.log(np.where(ratio > 0.0, ratio, np.nan))
         may_be &= np.abs(ratio) < GREATEST_JUMP
         pairs = self._followed(before_hz, slots, may_be)
         if not pairs and min(slots.size, due.size) >= _FEWEST:

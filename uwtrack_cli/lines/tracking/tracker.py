@@ -78,7 +78,7 @@ _UNRESOLVED = 1.5
 _MERGED_STD = 0.5
 """Deviation of such a peak from either line, in resolutions."""
 
-_MANY_LINES = 100
+_MANY_LINES = 50
 """Lines beyond which families are sought less often, by the square of their number: the
 pairs that are tested grow with it."""
 
