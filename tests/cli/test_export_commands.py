@@ -15,6 +15,7 @@ from fastkml.utils import find_all
 from geographiclib.geodesic import Geodesic
 from geojson_pydantic import FeatureCollection
 
+from tests.motion.sensor_tables import buoys
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.files.hdf5.product import read_product
 
@@ -60,6 +61,46 @@ def test_csv_is_read_by_pandas(exported, found):
     assert table["latitude"].to_numpy() == pytest.approx(found[1].latitude)
     lines = pd.read_csv(exported("csv", "--container", "lines", "--overwrite"))
     assert {"line", "time_s", "frequency_hz"} <= set(lines.columns)
+
+
+def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
+    series, *_ = buoys(11, moving=False, rows=15, std_deg=2.0, strange=0.0)
+    rows = zip(
+        series.time_s, series.sensor, series.bearing_deg,
+        50.0 + series.sensor_north_m / 111_000.0, series.sensor_east_m / 71_700.0,
+        strict=True,
+    )  # fmt: skip
+    head = (
+        "time_utc,sensor,bearing_deg,sensor_latitude,sensor_longitude,bearing_std_deg"
+    )
+    begin = np.datetime64("2024-05-01T00:00:00", "ms")
+    (tmp_path / "still.csv").write_text("\n".join([head, *(
+        f"{begin + np.timedelta64(round(1e3 * t), 'ms')}Z,{n},{b:.2f},{y:.7f},{x:.7f},2"
+        for t, n, b, y, x in rows
+    )]))  # fmt: skip
+    fixes = tmp_path / "still.fixes.h5"
+    done = uwtrack("locate", "still.csv", "--at", "600", "-o", fixes, "--json")
+    (row,) = json.loads(done.stdout)
+    assert (row["reading"], row["course_deg"]) == ("still", None)
+    assert row["reasons"] == {"course_deg": "the source is read as still"}
+
+    def export(form):
+        path = tmp_path / f"out.{form}"
+        done = uwtrack("export", fixes, "--to", form, "-o", path)
+        assert done.exit_code == 0, done.output
+        return path
+
+    assert pd.read_csv(export("csv"))["course_deg"].isna().all()
+    first = json.loads(export("geojson").read_text())["features"][0]["properties"]
+    assert (first["course_deg"], first["reading"]) == (None, "still")
+    page = export("kml").read_text()
+    assert "reading: still" in page
+    assert "course_deg" not in page
+    # REP has no empty field: course and speed of what lies still are 0
+    track = [
+        line for line in export("rep").read_text().splitlines() if "CONTACT" in line
+    ]
+    assert track[0].split()[-3:] == ["0.0", "0.00", "0"]
 
 
 def ring_area(ring):

@@ -58,14 +58,19 @@ def test_a_source_at_rest_is_read_as_still_and_one_that_moves_as_moving():
         series, place, _, _ = buoys(seed, moving=False, rows=40)
         fixes = locate_vessels(series=series, at=["0", "1200"])
         assert set(fixes.reading) == {"still"}
+        assert np.isnan(fixes.course_deg).all()
+        assert np.isnan(fixes.course_std_deg).all()
         assert fixes.reading_weight[0] > 0.6
         # both readings are in the place: little motion is left, and the ellipse holds
         # (beyond 99.9 %: once in 170 such tests)
         assert np.hypot(np.ptp(fixes.east_m), np.ptp(fixes.north_m)) < 100.0
         assert errors(one_fix(fixes, 0), place, np.zeros(2))[1] < 13.8
-    series, *_ = buoys(3, rows=40)
+    series, _, velocity, _ = buoys(3, rows=40)
     fixes = locate_vessels(series=series, at=MIDDLE)
     assert (fixes.reading[0], fixes.rival[0]) == ("moving", "")
+    course = np.degrees(np.arctan2(*velocity))
+    off = (fixes.course_deg[0] - course + 180.0) % 360.0 - 180.0
+    assert abs(off) < 4.0 * fixes.course_std_deg[0]
     assert fixes.reading_weight[0] > 0.99
 
 

@@ -303,7 +303,9 @@ class Fixes(Container):
     )
     speed_mps: FloatArray = column("m/s", "Speed.", "fix")
     speed_std_mps: FloatArray = column("m/s", "Its standard deviation.", "fix")
-    course_deg: FloatArray = column("degree", "Compass course.", "fix")
+    course_deg: FloatArray = column(
+        "degree", "Compass course; nan where the source is read as still.", "fix"
+    )
     course_std_deg: FloatArray = column("degree", "Its standard deviation.", "fix")
     sensors: TextArray = column(
         "", "Sensors that contributed, comma separated.", "fix", dtype="U"

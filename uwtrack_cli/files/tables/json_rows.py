@@ -1,7 +1,7 @@
 """Containers as rows of plain values: what `--json` and `show` print.
 
 **Conventions.** What is not known is None (null), never nan; every such value of
-an encounter or a motion has its reason under its own key. The keys of encounters,
+an encounter, a fix or a motion has its reason under its own key. The keys of encounters,
 fixes and motions are those of the command line's documentation.
 """
 
@@ -36,6 +36,7 @@ FIX_KEYS = (
     "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
     "latitude", "longitude", "east_std_m", "north_std_m", "covariance_m2",
     "speed_mps", "course_deg", "sensors", "reading", "reading_weight", "rival",
+    "reasons",
 )  # fmt: skip
 MOTION_KEYS = (
     "contact", "mode", "weight", "time_utc", "range_m", "range_std_m", "bearing_deg",
@@ -57,6 +58,8 @@ PRESENCE_KEYS = (
     "probability_of_chance", "encounter", "reasons",
 )  # fmt: skip
 NO_START = "the start time of the recording is not known"
+NO_COURSE = "the source is read as still"
+NO_LATITUDE = "the positions are on a local grid"
 
 
 def plain(value: Any) -> Any:
@@ -204,6 +207,11 @@ def _fix_rows(container: Container) -> Iterator[Row]:
         values["sensors"] = [name for name in values["sensors"].split(",") if name]
         values["reading"] = values.get("reading") or None
         values["rival"] = _rival(values)
+        why = {
+            "time_utc": NO_START, "course_deg": NO_COURSE, "latitude": NO_LATITUDE,
+            "longitude": NO_LATITUDE,
+        }  # fmt: skip
+        values["reasons"] = {key: why[key] for key in why if values[key] is None}
         yield {key: values.get(key) for key in FIX_KEYS}
 
 

@@ -523,6 +523,8 @@ def _fix_lines(fixes: Fixes) -> Iterator[str]:
         if fixes.mode[row] != 1 or fixes.time_utc_ns[row] < 0 or np.isnan(place).any():
             continue
         course, speed = fixes.course_deg[row], fixes.speed_mps[row] / KNOT_MPS
+        if np.isnan(course):  # the format has no empty course: what lies still has none
+            course = speed = 0.0
         yield (
             f"{_moment(int(fixes.time_utc_ns[row]))} CONTACT_{fixes.contact[row]} @C "
             f"{_place_words(*place)} {course:.1f} {speed:.2f} 0"

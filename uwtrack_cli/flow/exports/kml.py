@@ -16,7 +16,7 @@ FOLDERS = {
 }  # fmt: skip
 SHOWN = (
     "status", "time_utc", "speed_mps", "course_deg", "slant_range_m", "side", "weight",
-    "depth_m",
+    "depth_m", "reading",
 )  # fmt: skip
 
 

@@ -8,7 +8,8 @@ velocity: no reading is told then, and the velocity has the deviation of vessels
 so that the ellipse grows from the time of the bearings on.
 
 **Conventions.** East and north on the grid of the sensors; latitude and longitude where
-they have them.
+they have them. What is read as still has no course: that of its posterior's mean velocity
+would be the direction of nothing.
 """
 
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ from uwtrack_cli.motion.target.modes import ModeAnswer
 from uwtrack_cli.motion.target.objective import misfit
 from uwtrack_cli.motion.target.place_readings import (
     NO_READING,
+    STILL,
     VELOCITY_STDS_MPS,
     VESSEL_VELOCITY_STD_MPS,
     PlaceReading,
@@ -198,6 +200,10 @@ def _at_times(
     across = np.array([along[1], -along[0]])
     own = covariance[2:, 2:]
     count = np.ones(times.size)
+    course = np.degrees(np.arctan2(*state[2:])) % 360.0
+    course_std = np.degrees(min(np.sqrt(across @ own @ across) / speed, np.pi))
+    if reading.name == STILL:
+        course = course_std = np.nan
     return {
         "reading": np.repeat(reading.name, times.size),
         "reading_weight": reading.weight * count,
@@ -212,10 +218,8 @@ def _at_times(
         "covariance_m2": spread[:, :2, :2],
         "speed_mps": speed * count,
         "speed_std_mps": np.sqrt(along @ own @ along) * count,
-        "course_deg": np.degrees(np.arctan2(*state[2:])) % 360.0 * count,
-        "course_std_deg": (
-            np.degrees(min(np.sqrt(across @ own @ across) / speed, np.pi)) * count
-        ),
+        "course_deg": course * count,
+        "course_std_deg": course_std * count,
     }
 
 
