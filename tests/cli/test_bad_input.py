@@ -57,6 +57,18 @@ def a_wrong_setting_of_a_named_step(folder):
     return ["run", "a.wav", "--recipe", "fine.toml", "--set", fine]
 
 
+@case(2, "--band-hz takes two numbers with spaces between them, got '400,900'")
+def a_band_written_with_a_comma(folder):
+    two_recordings(folder)
+    return ["demon", "a.wav", "--band-hz", "400,900"]
+
+
+@case(2, "reaches above 1000 Hz, half the sample rate of a.wav")
+def an_envelope_of_a_band_above_all_sound(folder):
+    two_recordings(folder)
+    return ["demon", "a.wav", "--band-hz", "5000", "9000"]
+
+
 @case(2, "--sound-speed-mps must be a number (m/s, at least 100")
 def a_sound_speed_beyond_all_speeds(folder):
     two_recordings(folder)

@@ -487,3 +487,12 @@ def test_a_recipe_is_slowed_down_for_a_recorder_of_low_frequencies():
     for rate_hz in (1000.0, 96_000.0):
         same = graph.resolved(recording_of(np.zeros((10, 1)), rate_hz))
         assert [s.options for s in same.steps()] == [s.options for s in graph.steps()]
+
+
+def test_a_band_that_a_person_sets_is_not_lowered():
+    """Lowered, it would be of other sound than what was asked for."""
+    asked = load_recipe("presence").with_settings(["demon.band_hz=[3000, 5000]"])
+    same = asked.graph().resolved(recording_of(np.zeros((10, 1)), 4000.0))
+    options = {step.name: step.options for step in same.steps()}
+    assert options["demon"]["band_hz"] == (3000.0, 5000.0)
+    assert options["spectrogram"]["window_s"] == 1.0

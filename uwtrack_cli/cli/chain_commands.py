@@ -157,7 +157,7 @@ def _stream_body(stage: Stage) -> Any:
 
 
 def _step(stage: Stage, options: Mapping[str, Any]) -> Step:
-    return Step(stage.name, stage.name, options)
+    return Step(stage.name, stage.name, options, settled=frozenset(options))
 
 
 def _whole_body(stage: Stage) -> Any:

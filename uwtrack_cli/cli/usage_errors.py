@@ -18,6 +18,9 @@ OF_RECIPES = ("run", "batch", "watch")
 KINDS = {"a valid integer": "a whole number", "a valid number": "a number"}
 """What a value must be, as the parser says it and in words."""
 
+COUNTS = {2: "two", 3: "three", 4: "four"}
+"""Numbers of values of an option, in words."""
+
 
 def usage_sentence(error: Any, words: Sequence[str]) -> str:
     """Return what is wrong with a command line, in one sentence.
@@ -37,6 +40,8 @@ def usage_sentence(error: Any, words: Sequence[str]) -> str:
         text = f"{_named(param)} is missing: {_help_of(error)}"
     elif param is not None:
         text = _wrong_value(error, param, words)
+    elif getattr(error, "option_name", None) and "arguments" in str(error.message):
+        text = _too_few(str(error.option_name), str(error.message), words)
     else:
         text = f"{str(error.format_message()).rstrip('.')}."
     if name and "uwtrack help" not in text:
@@ -61,8 +66,10 @@ def _help_of(error: Any) -> str:
 def _wrong_value(error: Any, param: Any, words: Sequence[str]) -> str:
     """Say what a value must be, and what was given."""
     told = str(error.message).removeprefix("Value error, ").rstrip(".")
-    given = _given(param, words)
+    given = _given(param.opts, words)
     got = "" if given is None else f", got {given!r}"
+    if param.nargs > 1:
+        return _many_numbers(_named(param), param.nargs, got)
     for kind, word in KINDS.items():
         if kind in told:
             return f"{_named(param)} must be {word}{got}."
@@ -72,13 +79,25 @@ def _wrong_value(error: Any, param: Any, words: Sequence[str]) -> str:
     return f"{_named(param)} cannot be used: {told}{got}."
 
 
-def _given(param: Any, words: Sequence[str]) -> str | None:
+def _too_few(option: str, told: str, words: Sequence[str]) -> str:
+    """Say how many numbers an option takes whose words end before."""
+    count = next(int(word) for word in told.split() if word.isdigit())
+    given = _given([option], words)
+    return _many_numbers(option, count, f", got {given!r}" if given else "")
+
+
+def _many_numbers(option: str, count: int, got: str) -> str:
+    words = COUNTS.get(count, str(count))
+    return f"{option} takes {words} numbers with spaces between them{got}."
+
+
+def _given(options: Sequence[str], words: Sequence[str]) -> str | None:
     """Return the value that a command line gives an option, as it was typed."""
     for word, after in zip(words, [*words[1:], ""], strict=True):
         flag, sign, value = word.partition("=")
-        if word in param.opts:
+        if word in options:
             return after
-        if sign and flag in param.opts:
+        if sign and flag in options:
             return value
     return None
 

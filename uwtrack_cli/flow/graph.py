@@ -159,7 +159,8 @@ class Graph:
 
         A recipe for faster recorders is slowed down: where a band lies above all that
         the recording holds, the bands that reach higher than it are lowered and their
-        windows lengthened, by one factor.
+        windows lengthened, by one factor. A band that a person has set is meant as it
+        stands, for the stage to refuse.
 
         Parameters
         ----------
@@ -259,15 +260,20 @@ class Graph:
 
 
 def _bands(steps: Iterable[Step]) -> list[tuple[float, float]]:
-    """Return the bands of some steps, as their options have them, Hz."""
-    options = [{**step.stage.defaults, **step.options} for step in steps]
-    return [o["band_hz"] for o in options if o.get("band_hz") is not None]
+    """Return the bands of some steps that no person has set, Hz."""
+    return [band for band in map(_band_of_recipe, steps) if band is not None]
+
+
+def _band_of_recipe(step: Step) -> tuple[float, float] | None:
+    """Return a step's band, Hz; None if it has none, or a person has set it."""
+    whole = {**step.stage.defaults, **step.options}
+    return None if "band_hz" in step.settled else whole.get("band_hz")
 
 
 def _slowed(step: Step, factor: float, highest_hz: float) -> dict[str, Any]:
     """Return a step's options with lower bands and longer windows, if it needs them."""
     whole = {**step.stage.defaults, **step.options}
-    band_hz = whole.get("band_hz")
+    band_hz = _band_of_recipe(step)
     if factor == 1.0 or band_hz is None or band_hz[1] <= highest_hz:
         return dict(step.options)
     slower = {"band_hz": tuple(edge / factor for edge in band_hz)}

@@ -94,6 +94,7 @@ class Recipe:
             A setting has another form, or the recipe has no such step or option.
         """
         tables = {step.name: _table(step) for step in self.steps}
+        settled = {step.name: set(step.settled) for step in self.steps}
         for setting in settings:
             name, path, value = _parse_setting(setting)
             refuse_unknown({name: value}, tables, f"recipe {self.name}", "step")
@@ -102,15 +103,17 @@ class Recipe:
                 for other, table in tables.items()
                 if other != name and table.get("stage") == name
             ]
-            for table in (tables[name], *(tables[other] for other in alike)):
-                is_own = table is tables[name]
-                if len(path) == 2:
-                    nested = table.get(path[0], {})
-                    if is_own or path[1] not in nested:
-                        table[path[0]] = {**nested, path[1]: value}
-                elif is_own or path[0] not in table:
-                    table[path[0]] = value
-        steps = tuple(_step(name, table) for name, table in tables.items())
+            for one in (name, *alike):
+                table = tables[one]
+                nested = table.get(path[0], {}) if len(path) == 2 else table
+                if one != name and path[-1] in nested:
+                    continue
+                table[path[0]] = {**nested, path[1]: value} if path[1:] else value
+                settled[one].add(path[0])
+        steps = tuple(
+            replace(_step(name, table), settled=frozenset(settled[name]))
+            for name, table in tables.items()
+        )
         return replace(self, steps=steps).checked()
 
     def to_toml(self) -> str:

@@ -22,6 +22,8 @@ class Step:
     """Names of the steps that it reads; None: the nearest earlier ones that fit."""
     is_output: bool = False
     """Whether its result is kept although others only pass by."""
+    settled: frozenset[str] = frozenset()
+    """Options that a person has set beside a recipe: they are meant as they stand."""
 
     @property
     def stage(self) -> Stage:

@@ -307,10 +307,18 @@ def _no_frames(
     zero_padding: int,
 ) -> Spectrogram:
     """Return a block without frames for a recording that has no room for one."""
-    msg = (
-        f"{recording.name} ({recording.duration_s:g} s at {recording.sample_rate_hz:g} Hz) "
-        f"is too short, or its sample rate too low, for rates of shafts and blades."
-    )
+    least_hz = _least_rate_hz(rate_hz)
+    if recording.sample_rate_hz < least_hz:
+        cause = (
+            f"has a sample rate of {recording.sample_rate_hz:g} Hz, and rates up to "
+            f"{rate_hz[1]:g} Hz need {least_hz:g} Hz or more (rate_hz)"
+        )
+    else:
+        cause = (
+            f"lasts {recording.duration_s:g} s, and rates of shafts and blades need "
+            f"{2.0 * LEAST_WINDOW_S:g} s or more"
+        )
+    msg = f"{recording.name} {cause}: there is no spectrum of its envelope."
     warnings.warn(msg, UwtrackWarning, stacklevel=3)
     length = round(USUAL_WINDOW_S * recording.sample_rate_hz)
     cell_hz = 1.0 / (USUAL_WINDOW_S * zero_padding)
