@@ -5,13 +5,17 @@ were followed, from rises of seconds, or from a level that stands above the rest
 frames. Each gives a span of time; where there is none, the fits would find nothing, and
 are not made. The level is averaged over runs of 4, 8, 16, ... frames that overlap by
 half, and a run counts that stands above the median by ``LEAST_SPREADS`` of its
-deviation, which is that of neighbouring frames. Noise of independent frames has few
-such runs in an hour; where the level wanders there are many, and nothing is saved.
+deviation, which is that of neighbouring frames. What counted in shorter runs counts no
+more in longer ones, which would stand above the median for its sake alone; runs that
+are no further apart than the longer one lasts are one span. Noise of independent frames
+has few such runs in an hour; where the level wanders there are many, and nothing is
+saved.
 
 A look at a stretch is worth its cost when such a span has not ended long before the last
 look at it, and is longer, and reaches further, than what a shorter stretch shows as well.
-Lines of a passage that was told, and the level beside it, are looked at once in its d/v:
-what the same vessel does next lasts as long.
+Lines of a passage that was told, and the level beside it, are looked at once in its d/v,
+by the shortest stretch that holds it: what the same vessel does next lasts as long. They
+are not looked at when it is final, unless they go on.
 
 **Conventions.** Lines of no contact, such as hum, pass nothing: their beginning alone
 counts. Levels with bearings, and whatever else a step reads, count throughout.
@@ -22,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.base import BoolArray, Container, FloatArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.rises import Rises
 from uwtrack_cli.data.spectra import Levels
@@ -46,6 +50,9 @@ LONG_SHARE = 0.125
 """Share of the next shorter stretch that a span must last to be looked at in a longer
 one: what is briefer has its flanks, of three times its length, in the shorter one."""
 
+LINE_SHARE = 0.5
+"""The same for a line, which has no flanks."""
+
 
 SAME_LINE = 0.02
 """Relative difference of a line from a rest frequency that is its own: 30 m/s."""
@@ -60,6 +67,11 @@ class HeardSpan(NamedTuple):
     """Where it ends, s."""
     frequency_hz: float | None = None
     """Frequency of its line, Hz; None for the level and for rises."""
+
+    @property
+    def long_share(self) -> float:
+        """Share of the next shorter stretch that it must last to need a longer one."""
+        return LONG_SHARE if self.frequency_hz is None else LINE_SHARE
 
     def is_explained(self, told: "ToldPassage") -> bool:
         """Tell whether it belongs to a passage that was told."""
@@ -82,6 +94,33 @@ class ToldPassage(NamedTuple):
     """Frequencies of its lines, Hz."""
     every_s: float
     """Time after which what it explains is worth another look, s."""
+    needed_s: float = np.inf
+    """From where on a stretch must hold the sound to show it, s."""
+    looked_s: float = -np.inf
+    """Where the sound ended when a look showed it last, s."""
+    is_final: bool = False
+    """Whether later sound cannot change it."""
+
+    def rests(self, span: "HeardSpan", now_s: float, last_s: float, from_s: float) -> bool:
+        """Tell whether a span that it explains is not worth a look now.
+
+        Parameters
+        ----------
+        span
+            The span.
+        now_s
+            Where the sound ends, s.
+        last_s
+            Where it ended when this stretch was looked at last, s.
+        from_s
+            Where the stretch begins, s.
+        """
+        if not span.is_explained(self):
+            return False
+        if span.end_s > self.end_s:
+            return now_s - last_s < self.every_s
+        is_held = from_s <= self.needed_s
+        return self.is_final or not is_held or now_s - self.looked_s < self.every_s
 
 
 ALWAYS = HeardSpan(-np.inf, np.inf)
@@ -137,13 +176,12 @@ def is_worth_a_look(
     """
     since_s = last_s - AFTER_SHARE * stretch_s
     until_s = now_s - BEYOND_SHARE * shorter_s
-    least_s = LONG_SHARE * shorter_s
-    resting = [one for one in told if now_s - last_s < one.every_s]
+    from_s = now_s - stretch_s
     return any(
         span.end_s >= since_s
         and span.begin_s <= until_s
-        and span.end_s - span.begin_s >= least_s
-        and not any(span.is_explained(one) for one in resting)
+        and span.end_s - span.begin_s >= span.long_share * shorter_s
+        and not any(one.rests(span, now_s, last_s, from_s) for one in told)
         for span in spans
     )
 
@@ -168,14 +206,33 @@ def _of_levels(levels: Levels) -> list[HeardSpan]:
         return []
     above = excess_db - np.median(excess_db)
     spread = 1.4826 * float(np.median(np.abs(np.diff(excess_db)))) / np.sqrt(2.0)
-    sums = np.concatenate([[0.0], np.cumsum(above)])
-    found: list[HeardSpan] = []
+    counted = np.zeros(above.size, bool)
     length = FEWEST_FRAMES
-    while length < excess_db.size:
-        first = np.arange(0, excess_db.size - length + 1, length // 2)
-        height = (sums[first + length] - sums[first]) / np.sqrt(length)
-        high = first[height > LEAST_SPREADS * spread]
-        begins, ends = time_s[high].tolist(), time_s[high + length - 1].tolist()
-        found += map(HeardSpan, begins, ends)
+    while length < above.size:
+        first = np.arange(0, above.size - length + 1, length // 2)
+        sums, numbers = (
+            np.concatenate([[0.0], np.cumsum(values)])
+            for values in (np.where(counted, 0.0, above), ~counted)
+        )
+        height = sums[first + length] - sums[first]
+        n_new = numbers[first + length] - numbers[first]
+        is_high = height > LEAST_SPREADS * spread * np.sqrt(n_new)
+        for k in first[is_high & (n_new >= length // 2)].tolist():
+            counted[k : k + length] = True
         length *= 2
+    return _joined(counted, time_s)
+
+
+def _joined(counted: BoolArray, time_s: FloatArray) -> list[HeardSpan]:
+    """Return the spans of frames that counted, those that lie close as one."""
+    steps = np.flatnonzero(np.diff(np.concatenate([[0], counted, [0]])))
+    found: list[HeardSpan] = []
+    for first, end in zip(steps[::2].tolist(), steps[1::2].tolist(), strict=True):
+        begin_s, end_s = float(time_s[first]), float(time_s[end - 1])
+        while found:
+            lasts_s = max(end_s - begin_s, found[-1].end_s - found[-1].begin_s)
+            if begin_s - found[-1].end_s > lasts_s:
+                break
+            begin_s = found.pop().begin_s
+        found.append(HeardSpan(begin_s, end_s))
     return found

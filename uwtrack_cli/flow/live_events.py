@@ -144,6 +144,11 @@ class LiveWatch:
         self._tell_gaps()
         if not self._whole:
             return
+        is_long_due = now_s >= self._due_s[RING_S]
+        if self._passages.some_are_due(now_s) or (
+            is_long_due and self._presence.some_are_due(now_s)
+        ):
+            self._decide()
         before = 0.0
         for stretch_s, due_s in self._due_s.items():
             if now_s >= due_s:
@@ -151,12 +156,6 @@ class LiveWatch:
                 if now_s > before:  # a shorter stretch does not hold it all
                     self._look(stretch_s, before)
             before = stretch_s
-        if self._passages.some_are_due(now_s) or self._presence.some_are_due(now_s):
-            known = self._known_so_far(RING_S)
-            assert known is not None  # noqa: S101 - something was told of it
-            found = self._found(RING_S, known)
-            self._passages.decide(found.passages, now_s)
-            self._presence.decide(self._with_told_encounters(found), now_s)
 
     def finish(self, found: Sequence[Container]) -> None:
         """Tell what the whole sound has decided.
@@ -175,6 +174,14 @@ class LiveWatch:
         last = _Found(passages, heard, 0.0)
         self._presence.finish(self._with_told_encounters(last))
 
+    def _decide(self) -> None:
+        known = self._known_so_far(RING_S)
+        assert known is not None  # noqa: S101 - something was told of it
+        found = self._found(RING_S, known)
+        self._passages.decide(found.passages, self._now_s)
+        self._see(found, RING_S)
+        self._presence.decide(self._with_told_encounters(found), self._now_s)
+
     def _look(self, stretch_s: float, shorter_s: float) -> None:
         known = self._known_so_far(stretch_s)
         if known is None:
@@ -184,14 +191,16 @@ class LiveWatch:
         told = self._passages.explaining()
         if not is_worth_a_look(spans, self._now_s, last_s, stretch_s, shorter_s, told):
             return
+        self._see(self._found(stretch_s, known), stretch_s)
+
+    def _see(self, found: "_Found", stretch_s: float) -> None:
+        """Tell what a look shows that was not known."""
         self._looked_s[stretch_s] = self._now_s
-        found = self._found(stretch_s, known)
         for row in found.passages:
-            width_s = _width_s(row)
-            margin_s = width_s if row["status"] == "ok" else 3.0 * width_s
-            is_inside = found.start_s <= max(0.0, row["time_s"] - margin_s)
-            if is_inside and row["time_s"] + width_s <= self._now_s:
+            is_inside = found.start_s <= max(0.0, _needed_from_s(row))
+            if is_inside and row["time_s"] + _width_s(row) <= self._now_s:
                 self._passages.see(row, stretch_s)
+        self._passages.looked(max(0.0, self._now_s - stretch_s), self._now_s)
         heard = self._with_told_encounters(found)
         self._presence.see(heard, (found.start_s, self._now_s), stretch_s)
 
@@ -288,6 +297,8 @@ class _Passage:
     """Length of the look that found it, s."""
     is_final: bool = False
     """Whether later sound cannot change it."""
+    looked_s: float = -np.inf
+    """Where the sound ended when a look held it last, s."""
 
     @property
     def due_s(self) -> float:
@@ -326,10 +337,19 @@ class _Passages:
                 p.row["time_s"] + HEARD_WIDTHS * _width_s(p.row),
                 tuple(p.row["rest_frequencies_hz"]),
                 _width_s(p.row),
+                max(0.0, _needed_from_s(p.row)),
+                p.looked_s,
+                p.is_final,
             )
             for p in self._known
             if p.row["status"] in PASSED
         ]
+
+    def looked(self, start_s: float, now_s: float) -> None:
+        """Note a look at the sound between two times."""
+        for passage in self._known:
+            if start_s <= max(0.0, _needed_from_s(passage.row)):
+                passage.looked_s = now_s
 
     def some_are_due(self, now_s: float) -> bool:
         """Tell whether a passage waits to be decided."""
@@ -384,6 +404,12 @@ def _width_s(row: Event) -> float:
     """Return d/v of a passage, s."""
     known = row["range_over_speed_s"] or row["horizontal_range_over_speed_s"]
     return float(known or KNOWN_WIDTH_S)
+
+
+def _needed_from_s(row: Event) -> float:
+    """Return from where on the sound shows a passage, s: a level needs its flanks."""
+    widths = 1.0 if row["status"] == "ok" else 3.0
+    return float(row["time_s"] - widths * _width_s(row))
 
 
 def _apart(row: Event, other: Event) -> float:

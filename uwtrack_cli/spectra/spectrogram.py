@@ -38,6 +38,10 @@ from uwtrack_cli.spectra.frame_transform import FrameTransform
 READ_SAMPLES = 1 << 18
 """Samples per channel read at once."""
 
+LIVE_BLOCK_S = 4.0
+"""Longest block of live sound, unless a tile of the noise floor is longer, s: what is
+told of it is late by as much."""
+
 
 def resolve_spectrogram(
     recording: Recording, options: Mapping[str, Any]
@@ -188,7 +192,10 @@ def _kept(frequency_hz: FloatArray, band_hz: tuple[float, float] | None) -> slic
 
 
 def _blocks(recording: Recording, layout: FrameTransform) -> Iterator[Spectrogram]:
-    wanted = TILE_FRAMES if recording.is_live else _block_frames(layout)
+    wanted = _block_frames(layout)
+    if recording.is_live:
+        tile_s = TILE_FRAMES * layout.hop / layout.rate_hz
+        wanted = min(wanted, TILE_FRAMES * max(1, int(LIVE_BLOCK_S / tile_s)))
     for samples, first, count in frame_blocks(recording, layout, wanted):
         yield _block(recording, layout, samples, first, count)
 
