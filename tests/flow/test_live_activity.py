@@ -53,6 +53,22 @@ def test_a_passage_of_the_level_is_a_span_long_before_it_is_told(width_s, weak):
         assert any(span.begin_s < 200.0 < span.end_s for span in spans)
 
 
+@pytest.mark.parametrize("peak", [2.0, 10.0])
+def test_a_loud_passage_is_no_longer_span_than_it_is_heard(peak):
+    """At 12 d/v it keeps 0.7 % of its peak; a run of minutes is high for that alone."""
+    spans = spans_of([levels_of(passing(3, 4.0, peak))])
+    (span,) = [one for one in spans if one.begin_s < 200.0 < one.end_s]
+    assert 152.0 < span.begin_s < 197.0
+    assert 203.0 < span.end_s < 248.0
+
+
+def test_a_passage_within_a_longer_rise_does_not_hide_it():
+    time_s = np.arange(400 * RATE) / RATE
+    slow = np.sqrt(1.0 + 0.5 / (1.0 + ((time_s - 200.0) / 60.0) ** 2))
+    spans = spans_of([levels_of(slow * passing(3, 2.0, 20.0))])
+    assert max(span.end_s - span.begin_s for span in spans) > 60.0
+
+
 def test_levels_with_bearings_count_throughout():
     levels = levels_of(passing(1, 1.0, 0.0))
     turned = np.zeros_like(levels.excess_db)
@@ -107,3 +123,17 @@ def test_what_was_told_is_looked_at_once_in_its_width():
     assert worth(other, told=told, last_s=380.0)
     assert worth(HeardSpan(370.0, 399.0, 63.2), told=told, last_s=380.0)
     assert worth(ALWAYS, told=told, last_s=380.0)
+
+
+def test_a_passage_is_looked_at_by_what_holds_it_until_it_is_final():
+    def told(looked_s, is_final=False):
+        return ToldPassage(100.0, 420.0, (63.0,), 20.0, 240.0, looked_s, is_final)
+
+    own, over = HeardSpan(210.0, 399.0, 63.2), HeardSpan(210.0, 440.0, 63.2)
+    assert worth(own, told=[told(380.0)])
+    assert not worth(own, told=[told(381.0)])  # by whatever stretch
+    assert not worth(own, told=[told(0.0)], now_s=401.0)  # from 241 s on
+    assert worth(own, told=[told(0.0)], now_s=401.0, stretch_s=400.0)
+    assert not worth(own, told=[told(0.0, is_final=True)])
+    assert worth(over, told=[told(381.0, is_final=True)])  # it goes on
+    assert not worth(over, told=[told(381.0)], last_s=385.0)

@@ -101,7 +101,9 @@ class ToldPassage(NamedTuple):
     is_final: bool = False
     """Whether later sound cannot change it."""
 
-    def rests(self, span: "HeardSpan", now_s: float, last_s: float, from_s: float) -> bool:
+    def rests(
+        self, span: "HeardSpan", now_s: float, last_s: float, from_s: float
+    ) -> bool:
         """Tell whether a span that it explains is not worth a look now.
 
         Parameters
