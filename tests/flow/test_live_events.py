@@ -108,18 +108,14 @@ def test_every_event_has_its_keys_and_every_line_an_end(told):
 def test_what_is_heard_is_told_before_it_passes_and_agrees_with_the_file(told, uwtrack):
     events = events_of(told[0], "presence")
     vessel = [event for event in events if event["n_lines"] >= 3]
-    # lines that broke off at the passage may be told alone before they are joined to it
-    apart = [event for event in vessel if event["stretch"] != vessel[0]["stretch"]]
-    vessel = [event for event in vessel if event["stretch"] == vessel[0]["stretch"]]
-    whole = np.array(vessel[-1]["frequencies_hz"])
-    for frequency_hz in [one for event in apart for one in event["frequencies_hz"]]:
-        assert np.abs(whole / frequency_hz - 1.0).min() < 1e-3
+    assert {event["stretch"] for event in vessel} == {vessel[0]["stretch"]}
     assert [event["revision"] for event in vessel] == list(range(len(vessel)))
     assert vessel[0]["from_s"] < PASS_S
     assert not vessel[0]["final"]
     assert vessel[-1]["final"]
     shown = uwtrack("show", told[1] / "live.h5", "presence", "--format", "json")
     in_file = [row for row in json.loads(shown.stdout) if row["n_lines"] >= 3]
+    assert len(in_file) == 1
     for key in ("kind", "n_lines", "spacing_hz"):
         assert [vessel[-1][key]] == [row[key] for row in in_file]
     (number,) = {event["contact"] for event in events_of(told[0], "encounter")}

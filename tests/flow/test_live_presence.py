@@ -53,6 +53,38 @@ def test_a_stretch_that_goes_on_is_told_once(heard):
     assert len(said) == 3
 
 
+FALLEN = (59.5, 119.0, 178.5)
+BROKEN = {"spacing_hz": None, "kind": "lines", "lines": FALLEN}
+
+
+def test_lines_that_broke_off_at_the_passage_are_not_told_alone(heard):
+    known, said = heard
+    known.see([row(20, 80)], (0, 80), 160)
+    known.see([row(20, 80), row(84, 100, **BROKEN)], (0, 100), 160)
+    joined = row(20, 120, lines=(60.0, 120.0, 180.0, *FALLEN))
+    known.see([joined], (0, 120), 160)
+    known.finish([joined])
+    assert {told[0] for told in said} == {1}
+
+
+@pytest.mark.parametrize(
+    ("from_s", "lines", "now_s"),
+    [
+        (84, FALLEN, 144),  # they have lasted
+        (84, (60.5, 121.0, 181.5), 100),  # lines of a passage fall
+        (84, (55.0, 110.0, 165.0), 100),  # no vessel is so fast
+        (150, FALLEN, 160),  # it was over long before
+        (15, FALLEN, 40),  # they began before
+    ],
+)
+def test_other_lines_beside_a_stretch_are_told_at_once(heard, from_s, lines, now_s):
+    known, said = heard
+    known.see([row(20, 80)], (0, 80), 160)
+    own = row(from_s, now_s, **{**BROKEN, "lines": lines})
+    known.see([row(20, 80), own], (0, now_s), 160)
+    assert [told[0] for told in said] == [1, 2]
+
+
 def test_what_still_sounds_is_not_decided(heard):
     known, said = heard
     known.see([row(20, 100)], (0, 100), 160)

@@ -9,7 +9,10 @@ final when it has been over for some minutes and the longest look has decided.
 **Conventions.** What noise alone may give (`unknown`, or a probability of chance above
 ``GREATEST_CHANCE``) is not told before the end: there are hundreds of looks in an hour.
 A rise of the level is told when the look holds as much sound on either side of it as it
-is long. ``stretch`` numbers what was told in its order; ``encounter`` is the contact of
+is long. Lines break off where they fall fast: such as begin beside those of a stretch that
+goes on or has just ended, and no further from them than a vessel's speed shifts them, may be
+its own after the closest approach, and are told by themselves when they have lasted
+``HELD_S`` without having been joined to it. ``stretch`` numbers what was told in its order; ``encounter`` is the contact of
 the closest approach as it was told.
 """
 
@@ -40,6 +43,12 @@ SAME_SHARE = 0.5
 
 LINE_REACH = {"frequencies_hz": (5e-3, 0.5), "rates_hz": (4e-3, 0.05)}
 """Relative and absolute distance, Hz, of two lines or rates that are one."""
+
+HELD_S = 60.0
+"""Time for which lines that may be those of a stretch that was told are held back, s."""
+
+FALL = 0.02
+"""Relative fall of lines at a passage of 15 m/s."""
 
 NOT_CONFIRMED = "more sound does not confirm it"
 NOT_DECIDED = "its closest approach is not decided yet"
@@ -104,6 +113,9 @@ class LivePresence:
         paired = [id(row) for _, row in found]
         for row in wanted:
             if id(row) in paired or any(_are_one(row, t.row) for t in self._known):
+                continue
+            is_new = span_s[1] - row["from_s"] < HELD_S
+            if is_new and any(_may_go_on(t.row, row) for t in self._open()):
                 continue
             self._known.append(_Told(row, row, 1 + len(self._known), stretch_s))
             self._tell(self._known[-1])
@@ -235,6 +247,17 @@ def _are_one(row: Event, other: Event) -> bool:
     if None not in spacings and abs(spacings[0] / spacings[1] - 1.0) < SAME_SPACING:
         return True
     return any(_shared(row[key], other[key], *LINE_REACH[key]) for key in LINE_REACH)
+
+
+def _may_go_on(row: Event, later: Event) -> bool:
+    """Tell whether lines may be those of a row, fallen at a closest approach."""
+    own, others = np.array(row["frequencies_hz"]), later["frequencies_hz"]
+    if not (own.size and others) or later["rates_hz"]:
+        return False
+    if _between_s(row, later) > GAP_S or later["from_s"] <= row["from_s"]:
+        return False
+    falls = 1.0 - np.divide.outer(np.array(others), own)
+    return bool(((falls > 0.0) & (falls < FALL)).any(axis=1).all())
 
 
 def _between_s(row: Event, other: Event) -> float:
