@@ -423,6 +423,19 @@ def test_a_marked_output_is_kept_though_it_only_passes_by():
     assert isinstance(made["levels"], Levels)
 
 
+def test_a_graph_without_steps_lacks_what_they_alone_feed():
+    graph = load_recipe("auto").graph()
+    names = [step.name for step in graph.without(["long-lines", "rises"]).steps()]
+    assert "long-cpa" not in names  # closest approaches of nothing
+    left = {node.step.name: node for node in graph.without(["long-lines"]).nodes}
+    (read,) = {n for n in left["presence"].sources.values() if "track" in n}
+    assert read == ("track", "slow-lines")
+    assert "cpa" in names
+    names = [step.name for step in graph.without(["spectrogram"]).steps()]
+    assert not {"peaks", "track", "levels", "cpa"} & set(names)
+    assert {"long-cpa", "presence"} <= set(names)
+
+
 @pytest.mark.parametrize("name", shipped_recipes())
 def test_the_graph_of_a_recipe_is_drawn(uwtrack, name):
     done = uwtrack("recipes", "--graph", name)

@@ -11,7 +11,7 @@ import soundfile
 from tests.flow.live_day import compare, measure
 from tests.support import recording_of, white_noise
 from uwtrack_cli.cli.json_schemas import json_schema
-from uwtrack_cli.flow.live_events import WITHDRAWN, _Passages
+from uwtrack_cli.flow.live_events import WITHDRAWN, LiveWatch, _Passages
 from uwtrack_cli.simulate import make_scenario, simulate_recordings
 from uwtrack_cli.spectra.levels import condense, measure_levels
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
@@ -39,7 +39,8 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
-    """A simulated passage through `run -`: its events, and the folder with the file."""
+    """A simulated passage through `run -`: its events, the folder with the file, and how
+    much sound was taken beyond what was said to have come whenever more had come, s."""
     from typer.testing import CliRunner
 
     from uwtrack_cli.cli.app import app
@@ -52,9 +53,17 @@ def told(tmp_path_factory):
 
     words = ["run", "-", "--json", "-o", str(folder / "live.h5")]
     words += ["--start-utc", "2024-05-01T12:00:00Z"]
-    done = CliRunner().invoke(app, words, input=content)
+    ahead_s, advanced = [], LiveWatch.advanced
+
+    def noted(watch, now_s):
+        ahead_s.append(watch._recording.reader.n_samples / RATE - now_s)
+        advanced(watch, now_s)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(LiveWatch, "advanced", noted)
+        done = CliRunner().invoke(app, words, input=content)
     assert done.exit_code == 0, done.output
-    return done.stdout, folder
+    return done.stdout, folder, ahead_s
 
 
 def events_of(text, kind):
@@ -84,6 +93,13 @@ def test_a_passage_is_told_in_time_and_as_the_file_has_it(told, uwtrack):
                 assert abs(off) <= std
     assert last["status"] == in_file["status"] == "ok"
     assert last["time_utc"] == in_file["time_utc"]
+
+
+def test_no_sound_waits_for_frames_that_are_longer(told):
+    """`auto` has frames of 0.1 to 12 s: what is told rests on what has come by then."""
+    assert len(told[2]) > 40
+    assert min(told[2]) >= 0.0
+    assert max(told[2]) <= 2.0
 
 
 def test_the_file_is_that_of_the_sound_run_at_once(told, uwtrack):

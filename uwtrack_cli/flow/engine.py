@@ -4,8 +4,8 @@
 the graph; a scan is a generator that gives one block for each block it takes, and its
 rest when the input ends. All branches see the same blocks, and the engine holds none:
 what stays goes to a sink. The recording is read once, however many sources there are:
-the source that is behind is advanced, and they share the samples that one of them has
-not taken yet. When the streams have ended, the whole stages follow on what the sink
+the source whose next block ends first is advanced, so that little sound is taken before
+it is used, and they share the samples that one of them has not taken yet. When the streams have ended, the whole stages follow on what the sink
 gives back.
 
 **Conventions.** Results are known by the step that made them. Options that follow from
@@ -24,6 +24,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Reader, Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.flow.graph import Graph, Node, taken
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.stage import Input
@@ -76,7 +77,7 @@ class Watch(Protocol):
         """See a block that a step has made."""
 
     def advanced(self, now_s: float) -> None:
-        """See how far all sources are, s from the first sample."""
+        """See how much sound was taken, s from the first sample."""
 
 
 class MemorySink:
@@ -161,9 +162,10 @@ class Engine:
             streams[step.name] = step.stage.function(opened, **step.options)
         by_name = {step.name: step for step in sources}
         reached = dict.fromkeys(streams, 0.0)
+        expected = {name: _first_end_s(step) for name, step in by_name.items()}
         began: set[str] = set()
         while streams:
-            name = min(streams, key=lambda key: reached[key])
+            name = min(streams, key=lambda key: expected[key])
             block = next(streams[name], None)
             if block is None:
                 if name not in began:
@@ -171,10 +173,11 @@ class Engine:
                 del streams[name]
                 continue
             began.add(name)
-            reached[name] = max(reached[name], _end_s(block))
+            before_s, reached[name] = reached[name], max(reached[name], _end_s(block))
+            expected[name] = 2.0 * reached[name] - before_s
             self.push(name, block, by_name[name])
             if self._watch is not None:
-                self._watch.advanced(min(reached[key] for key in streams))
+                self._watch.advanced(max(reached.values()))
             if progress is not None:
                 progress(STREAM_SHARE * min(reached[key] for key in streams))
         ended = recording.ended()
@@ -452,6 +455,12 @@ class _StreamNode:
     def _feed(self) -> Iterator[Container]:
         while self._waiting:
             yield self._waiting.pop()
+
+
+def _first_end_s(step: Step) -> float:
+    """Return about where the first block of a source ends, s: at a tile of frames."""
+    window_s, overlap = (step.options.get(name) for name in ("window_s", "overlap"))
+    return TILE_FRAMES * (window_s or 0.0) * (1.0 - (overlap or 0.0))
 
 
 def _end_s(block: Container) -> float:

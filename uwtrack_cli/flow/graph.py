@@ -222,6 +222,31 @@ class Graph:
         nodes = tuple(node for node in self.nodes if node.step.name in names)
         return replace(self, nodes=nodes, outputs=self.outputs & names)
 
+    def without(self, absent: Collection[str]) -> Self:
+        """Return the graph without some steps, and without what needs their results.
+
+        Parameters
+        ----------
+        absent
+            Names of the steps.
+        """
+        gone, nodes = set(absent), []
+        for node in self.nodes:
+            left = {
+                key: tuple(name for name in names if name not in gone)
+                for key, names in node.sources.items()
+            }
+            needed = {i.name for i in node.step.stage.inputs if not i.is_optional}
+            lacks = any(
+                node.sources[key] and not left[key] for key in needed & set(left)
+            )
+            lacks |= any(node.sources.values()) and not any(left.values())
+            if lacks or node.step.name in gone:
+                gone.add(node.step.name)
+            else:
+                nodes.append(replace(node, sources=left))
+        return replace(self, nodes=tuple(nodes), outputs=self.outputs - gone)
+
     def edges(self) -> list[tuple[str, str, str]]:
         """Return who reads whom: source, reader and the container that passes.
 

@@ -138,7 +138,7 @@ class LiveWatch:
         Parameters
         ----------
         now_s
-            Time that every source has reached, s from the first sample.
+            How much sound was taken, s from the first sample.
         """
         self._now_s = now_s
         self._tell_gaps()
@@ -211,18 +211,22 @@ class LiveWatch:
         return [with_told_encounter(row, known) for row in found.presence]
 
     def _known_so_far(self, stretch_s: float) -> dict[str, Container] | None:
-        """Return what the scans know of the last stretch; None if one knows nothing."""
+        """Return what the scans know of the last stretch; None if none knows any."""
         made = {
             name: scan.so_far(self._now_s - stretch_s)
             for name, (_, scan) in self._open.items()
         }
         known = {name: one for name, one in made.items() if one is not None}
-        return known if len(known) == len(made) else None
+        return known or ({} if self._rings or self._results else None)
 
     def _found(self, stretch_s: float, known: Mapping[str, Container]) -> "_Found":
         """Run the last stretch of the sound on from its scans; return what it shows."""
         sink = MemorySink()
-        engine = Engine(self._graph, context_of(self._recording), sink)
+        rings = [*self._rings.values(), *self._results.values()]
+        late = [name for name in self._open if name not in known]
+        late += [ring.step.name for ring in rings if ring.is_empty]
+        graph = self._graph.without(late)  # long frames come later than short ones
+        engine = Engine(graph, context_of(self._recording), sink)
         start_s = max(
             (s for s, _ in map(_span, known.values()) if np.isfinite(s)),
             default=self._now_s,
@@ -242,7 +246,8 @@ class LiveWatch:
                 engine.finish()
         except DataError:  # too little sound for one of the stages
             return _Found([], [], start_s)
-        made = [sink.read(step) for step in self._whole]
+        there = {step.name for step in graph.steps()}
+        made = [sink.read(step) for step in self._whole if step.name in there]
         passages = _with_status(_rows_of(made, Encounters), PASSED)
         return _Found(passages, _rows_of(made, Presence), start_s)
 
@@ -502,6 +507,11 @@ class _Ring:
             _span(self._blocks[0])[1] < oldest_s or self._n_bytes > RING_BYTES
         ):
             self._n_bytes -= self._blocks.popleft().nbytes
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there was none yet."""
+        return not self._blocks
 
     def since(self, start_s: float) -> Iterator[Container]:
         """Return the blocks that end after a time."""
