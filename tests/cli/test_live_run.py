@@ -145,6 +145,12 @@ def test_the_first_signal_ends_the_sound_and_the_second_the_command(number):
         (("a.wav", "--raw", "s16le"), b"", 2, "--raw is for sound that comes through"),
         (("a.wav", "--idle-s", "3"), b"", 2, "--idle-s is for sound that comes"),
         (("-", "--raw", "s16le", "--rate-hz", "1000"), bytes(99), 1, "too short for"),
+        (
+            ("-", "--raw", "u8", "--rate-hz", "1000"),
+            b"12.5, 3\n" * 999,
+            1,
+            "gives text",
+        ),
         (("-", "--start-utc", "soon"), b"x", 2, "cannot be understood"),
     ],
 )

@@ -89,6 +89,41 @@ def test_raw_samples_are_those_of_libsndfile(name, subtype, order):
     np.testing.assert_array_equal(found, wanted)
 
 
+QUIET = np.round(3.0 * np.random.default_rng(4).standard_normal(20_000))
+TABLE = "".join(f"{k / 10},{k % 7} µPa\n" for k in range(2000)).encode()
+
+
+@pytest.mark.parametrize("name", sorted(RAW_FORMATS))
+def test_lines_of_text_are_no_raw_sound(tmp_path, name):
+    live = through_pipe(tmp_path, TABLE, raw=RawSound(name, 1000.0))
+    with pytest.raises(DataError, match=r"gives text, which begins with '0\.0,0 µPa'"):
+        read_all(live)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        (QUIET + 110).astype(np.uint8).tobytes(),  # 8 bits with an offset
+        (QUIET + 28).astype(np.uint8).tobytes(),  # about the space
+        (QUIET * 9 + 70).clip(10, 126).astype(np.uint8).tobytes(),  # clipped at a feed
+        (QUIET + 0x2020).astype("<i2").tobytes(),  # 16 bits with an offset
+        (QUIET * 100 + 0x4141).astype("<i2").tobytes(),
+        (0.1 * QUIET + 0.7).astype("<f4").tobytes(),
+        np.full(9000, 0x0A20, "<i2").tobytes(),  # a converter that is stuck
+        b"\n a" * 9000,
+        TABLE[:200],
+        b"started\n" + QUIET.astype("<i2").tobytes(),
+    ],
+)
+@pytest.mark.parametrize("name", ["u8", "s16le"])
+@pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")
+def test_sound_is_never_taken_for_text(tmp_path, name, content):
+    content = content[: len(content) // 2 * 2]
+    live = through_pipe(tmp_path, content, raw=RawSound(name, 30_000.0))
+    wanted = RAW_FORMATS[name].decode(content, 1)
+    np.testing.assert_array_equal(read_all(live, 30_000), wanted)
+
+
 def test_what_is_no_number_is_nan():
     values = np.array([0.5, np.inf, -np.inf, np.nan, 1e300])
     found = SampleFormat("f", 8).decode(values.astype("<f8").tobytes(), 1)

@@ -24,6 +24,15 @@ from uwtrack_cli.files.audio.stream_header import StreamHeader
 UNCHANGED_S = 60.0
 """Sound that does not change for so long is noted, s."""
 
+LEAST_TEXT_BYTES = 256
+"""Fewer first bytes than this are not taken for text."""
+
+FEWEST_CHARACTERS = 8
+"""Different characters that text has at least; a converter that is stuck has fewer."""
+
+TEXT_BYTES = bytes({9, 10, 13, *range(32, 127), *range(128, 256)})
+"""What text in UTF-8 may consist of."""
+
 TRAILING_BYTES = 1 << 16
 """More bytes than this after the promised end are told: they are no usual chunk."""
 
@@ -67,6 +76,8 @@ class LiveReader:
     columns: tuple[int, ...]
     first: int = 0
     last: int | None = None
+    is_raw: bool = False
+    """Whether no header has said that this is sound."""
     n_samples: int = 0
     """Samples per channel that were yielded so far."""
     disturbances: list[Disturbance] = field(default_factory=list)
@@ -175,6 +186,14 @@ class LiveReader:
         if header.n_bytes is not None:
             wanted = min(wanted, header.n_bytes - self._taken)
         content = self.stream.take(wanted)
+        if self.is_raw and not self._taken and _is_text(content):
+            start = content.split(b"\n")[0][:40].decode(errors="replace").strip()
+            msg = (
+                f"{self.stream.name} gives text, which begins with {start!r}, and --raw "
+                f"takes samples: look at what the program writes, and have it write its "
+                f"messages to standard error."
+            )
+            raise DataError(msg)
         self._taken += len(content)
         odd = len(content) % header.frame_bytes
         if odd:
@@ -237,6 +256,23 @@ class LiveReader:
                 f"that its header promises; they are left out."
             )
             warn(msg, UwtrackWarning, stacklevel=3)
+
+
+def _is_text(content: bytes) -> bool:
+    """Tell whether the first second of sound is lines of text.
+
+    Samples of 16 bits and more have bytes of every value, or those of a zero. Samples of
+    8 bits would have to reach a line feed without a value between it and the space.
+    """
+    if len(content) < LEAST_TEXT_BYTES or b"\n" not in content:
+        return False
+    if content.translate(None, TEXT_BYTES) or len(set(content)) < FEWEST_CHARACTERS:
+        return False
+    try:  # the last character may be cut
+        content[: content.rfind(b"\n")].decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 class _Run:

@@ -103,7 +103,8 @@ def open_live_recording(
     Raises
     ------
     DataError
-        There is no sound, or other channels than the sensor has.
+        There is no sound, or other channels than the sensor has. Lines of text in the
+        place of raw samples are refused when they are read.
     OptionError
         An option does not fit.
     """
@@ -129,7 +130,7 @@ def open_live_recording(
         start_utc_ns=start_utc_ns,
         first_sample=first,
         file_channels=",".join(str(column + 1) for column in columns),
-        reader=LiveReader(stream, header, columns, first, last),
+        reader=LiveReader(stream, header, columns, first, last, is_raw=raw is not None),
     )
 
 
