@@ -69,6 +69,17 @@ def lines_of_scenes(scenes, rng, *, has_bearing=True, status="moving", frames=No
                 )
             )
     columns = [np.concatenate(column) for column in zip(*points, strict=True)]
+    return lines_of_columns(frames, columns, contacts, status)
+
+
+def lines_of_columns(frames, columns, contacts, status="moving"):
+    """Lines that are measured in every frame, one after the other.
+
+    The columns are the line, frequency and deviation (Hz), bearing and deviation
+    (degrees) and level (dB) of every point; each line has its contact.
+    """
+    time = np.asarray(frames.time_s)
+    numbers = range(1, len(contacts) + 1)
     n = columns[0].size
     blank = np.zeros(n)
     return Lines(
@@ -129,4 +140,6 @@ def levels_of_scene(scene, rng, *, snr_db=15.0, level_db=120.0, has_bearing=True
     )
 
 
-__all__ = ["Scene", "frames_of", "levels_of_scene", "lines_of_scenes"]
+__all__ = [
+    "Scene", "frames_of", "levels_of_scene", "lines_of_columns", "lines_of_scenes",
+]  # fmt: skip

@@ -13,6 +13,7 @@ from uwtrack_cli.motion.passage.candidates import examine_contacts, tell_once
 from uwtrack_cli.motion.passage.fit_checks import (
     check_fit,
     doppler_misfit,
+    doubt_of_lines,
     level_slope,
 )
 from uwtrack_cli.motion.passage.nuisances import nuisance_priors
@@ -107,6 +108,22 @@ def test_the_misfit_is_the_share_of_the_shift_by_which_lines_leave_their_curve()
     # the median of a sine's square is its mean, a normal variable's 0.455 of it
     due = 0.5 / np.sqrt(0.455)
     assert doppler_misfit(one.fit, bent) == pytest.approx(due, rel=0.15)
+
+
+@pytest.mark.parametrize(("n_still", "is_told"), [(0, True), (1, True), (2, False)])
+def test_lines_that_mostly_stand_still_are_not_of_the_vessel_that_passes(
+    n_still, is_told
+):
+    lines = lines_of(replace(SCENE, rest_hz=(120.0, 180.0, 240.0)))
+    one = candidate_of(lines)
+    value, noise = one.blocks.value.copy(), np.random.default_rng(6)
+    for part in one.blocks.parts[:2]:
+        rows = value[0, part]
+        rows[:n_still] = 1e-5 * noise.normal(size=rows[:n_still].shape)
+    doubt = doubt_of_lines(one.fit, replace(one.blocks, value=value))
+    assert (doubt == "") is is_told
+    if not is_told:
+        assert doubt == "2 of its 3 lines stand still"
 
 
 def test_a_passage_of_one_motion_keeps_its_deviations():

@@ -1,6 +1,6 @@
 """Checks of a passage against its own measurements.
 
-**Method.** Three questions whose answers the fit itself cannot bend:
+**Method.** Four questions whose answers the fit itself cannot bend:
 
 * *Residuals.* The lines' residuals are averaged over quarters of d/v. What these means
   scatter beyond the noise, which is measured off the model from differences of
@@ -11,6 +11,9 @@
   of a machine which only changes its speed is zero. A line alone may be such a machine,
   or noise that was followed: it must be nearer to one, if neither bearings nor the
   broadband show the passage, too.
+* *Lines that do not take part.* Each line, with its bearings, is read by the passage and as
+  standing still. Where more than half of them prefer to stand still, the contact is not
+  the one vessel that the others show.
 * *Influence.* The passage is fitted to its two halves, and without each line. Where the
   answers disagree by more than they should, the deviations grow by that ratio (Birge
   1932); what a subset moves an answer by has the difference of both variances (Hausman
@@ -28,9 +31,11 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.encounter_rows import LARGEST_BEARING_STD_DEG
 from uwtrack_cli.motion.passage.estimator import PassageFit, fit_passage
+from uwtrack_cli.motion.passage.likelihood_ratio import passage_residuals
 from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
 
 REACH = 3.0
@@ -77,6 +82,16 @@ LARGEST_DISAGREEMENT = 5.0
 """Disagreement of the halves from which a passage is doubted, if their speeds differ by
 more than the speed itself."""
 
+STANDS_STILL = 9.2
+"""Gain in log-likelihood by which a line prefers to stand still: a passage that it takes
+part in loses as much in one of ten thousand, having no unknowns of its own to lose."""
+
+WILDEST = 3.0
+"""Deviations beyond which a measurement counts no more for or against that."""
+
+MOST_STILL = 0.5
+"""Share of the lines of a contact that may prefer to stand still."""
+
 MOST_LINES = 8
 """Lines that are left out in turn, the best measured ones."""
 
@@ -95,7 +110,8 @@ def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePass
     if blocks.shift.is_empty:
         return candidate
     if not _moves(fit):
-        doubt = candidate.doubt or _doubt_of_levels(candidate, fit, lines)
+        doubt = candidate.doubt or doubt_of_lines(fit, blocks)
+        doubt = doubt or _doubt_of_levels(candidate, fit, lines)
         return replace(candidate, doubt=doubt)
     misfit = doppler_misfit(fit, blocks)
     scale, halves = _influence(fit, blocks)
@@ -111,6 +127,7 @@ def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePass
             f"its lines leave the passage by {100 * misfit:.0f} % of the Doppler shift "
             f"beyond their noise"
         )
+    doubt = doubt or doubt_of_lines(fit, blocks)
     doubt = doubt or _doubt_of_levels(candidate, wider, lines) or halves
     return replace(candidate, fit=wider, misfit=misfit, doubt=doubt)
 
@@ -183,6 +200,42 @@ def doppler_misfit(fit: PassageFit, blocks: Blocks) -> float:
         return float("nan")
     mach = abs(float(fit.theta[0, 2])) / fit.medium.sound_speed_mps
     return float(np.sqrt(np.median(departures)) / mach)
+
+
+def doubt_of_lines(fit: PassageFit, blocks: Blocks) -> str:
+    """Return what lines that stand still speak against a passage; empty if too few do.
+
+    Parameters
+    ----------
+    fit
+        Fit of one data set with lines.
+    blocks
+        The measurements that it was made from.
+    """
+    passing = passage_residuals(fit, blocks)
+    bearing = blocks.bearing
+    resting = blocks.shift.value[0], wrap_rad(bearing.value[0])
+    gain = np.zeros(blocks.shift.value.shape[1])
+    own = blocks.count[0] == blocks.count[1]  # every line has its own bearings
+    for number, block in enumerate((blocks.shift, bearing)[: 1 + own]):
+        weight = block.weight[0] / fit.noises[number].scale[0][:, None] ** 2
+        gain += _square(passing[number], weight) - _square(resting[number], weight)
+    known = blocks.shift.weight[0].any(axis=1)
+    still = int(np.count_nonzero(0.5 * gain[known] > STANDS_STILL))
+    if still <= MOST_STILL * np.count_nonzero(known):
+        return ""
+    return f"{still} of its {np.count_nonzero(known)} lines stand still"
+
+
+def _square(value: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the sum of squares of every row about its middle, none beyond a limit."""
+    known = np.where(weight > 0, value, np.nan)
+    used = np.isfinite(known).any(axis=1)
+    total = np.zeros(value.shape[0])
+    middle = np.nanmedian(known[used], axis=1, keepdims=True)
+    square = weight[used] * np.nan_to_num(known[used] - middle) ** 2
+    total[used] = np.minimum(square, WILDEST**2).sum(axis=1)
+    return total
 
 
 def level_slope(candidate: CandidatePassage, lines: Lines) -> tuple[float, float]:

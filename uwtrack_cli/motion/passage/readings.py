@@ -5,19 +5,19 @@ when the vessel turns; a straight passage of a steady source is then bent to fit
 wrong with a small deviation. So every passage of lines is read in four ways: straight,
 with one step of all rest frequencies, with one ramp of them, and with one change of
 velocity. For many instants the unknowns of a change are added to the linearised
-passage, whose own unknowns and constants are projected out (score test); where that
-gains too little, even with noise taken as white, the passage is straight. Else the
+passage, whose own unknowns and constants are projected out (score test). A change that
+gains too little, even with noise taken as white, is not fitted, and what it may have
+left open is weighed by the linear law (`unseen_changes`). The other
 readings are fitted in full from their best instants, and weighed by their likelihoods
 with coloured noise of their own best strength, less what their search is worth: how few
 of the instants fit, and what the prior of the change costs (`change_priors`). What the
 weights leave to the rivals widens the deviations of the winner by how far the rivals'
-answers are from its own.
+answers are from its own, and so do changes that were not seen (`reading_mixture`).
 
 **Conventions.** Log-likelihoods in nepers. One data set, the fit's one row.
 
-**References.** Rao (1948), Proc. Camb. Phil. Soc. 44, 50; Davies (1987), Biometrika 74,
-33; MacKay (2003), Information Theory, ch. 28 (Laplace's method, Occam factors); Hoeting
-et al. (1999), Statist. Sci. 14, 382 (averaging over models).
+**References.** Davies (1987), Biometrika 74, 33; MacKay (2003), Information Theory,
+ch. 28 (Laplace's method, Occam factors).
 """
 
 from dataclasses import replace
@@ -28,6 +28,11 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.change_priors import cost_of_change, speed_prior
+from uwtrack_cli.motion.passage.change_scores import (
+    Scores,
+    instants,
+    score_changes,
+)
 from uwtrack_cli.motion.passage.estimator import (
     PassageFit,
     fit_passage,
@@ -39,34 +44,28 @@ from uwtrack_cli.motion.passage.initial_estimates import (
     PassageSearch,
     find_changed_estimates,
 )
-from uwtrack_cli.motion.passage.law import SLOWEST_MPS, Passage, slant_over_speed_s
+from uwtrack_cli.motion.passage.law import SLOWEST_MPS, slant_over_speed_s
 from uwtrack_cli.motion.passage.likelihood_ratio import (
     measured_series,
     passage_residuals,
 )
 from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.normal_equations import FLOOR_PRIOR_DEVIATION
+from uwtrack_cli.motion.passage.reading_mixture import mixed
 from uwtrack_cli.motion.passage.unknowns import (
     CHANGED,
-    FLOOR,
     HEIGHT,
     MANOEUVRE,
     RAMP,
     STEP,
     Change,
 )
+from uwtrack_cli.motion.passage.unseen_changes import Unseen, unseen_change
 
 STRAIGHT, TWO_TARGETS = "straight", "two-targets"
 
 FREQUENCY_CHANGES = (STEP, RAMP)
 CHANGES = (*FREQUENCY_CHANGES, MANOEUVRE)
 """What may have changed beside a passage."""
-
-N_INSTANTS = 41
-"""Instants at which something may have changed."""
-
-EDGE = 0.03
-"""Share of the measurements at either end in which no change is sought."""
 
 N_STARTS = 3
 """Instants from which each change is fitted."""
@@ -80,20 +79,11 @@ FINEST = 1.0 / 16.0
 MOST_ROUNDS, MOST_ROWS = 9, (6, 3)
 """Rounds of instants at most; starts that are followed in the first one, and then."""
 
-NEAR_WIDTHS, N_NEAR_INSTANTS = 2.0, 17
-"""d/v about the closest approach in which more instants of a manoeuvre are tried."""
-
 FEWEST_APART = 2.5
 """Distances of neighbouring instants that two starts must be apart."""
 
-N_MOTION = 5
-"""Columns of the passage's own unknowns: motion, depth difference and floor."""
-
-SMALLEST_HEIGHT_STD_M, SMALLEST_SINGULAR = 1e-3, 1e-7
-"""Deviation that stands for an exact depth, and singular values that count as zero."""
-
 SMALLEST_SCORE = 4.0
-"""Gain in log-likelihood, noise taken as white, below which nothing changed."""
+"""Gain in log-likelihood, noise taken as white, below which a change is not fitted."""
 
 SMALLEST_RIVAL = 0.05
 """Weight from which a rival is named."""
@@ -101,13 +91,6 @@ SMALLEST_RIVAL = 0.05
 FARTHEST_MODE, MODE_STEPS = 8.0, 2.0
 """Cost behind the best up to which another instant is kept, and how many steps of the
 last round it must be away."""
-
-SMALLEST_WEIGHT = 1e-3
-"""Weight of a fit below which its answer is left out."""
-
-FARTHEST_S, FARTHEST_LOG = 2.0, 1.0
-"""Largest first step of a start, in d/v, and in the logarithm of d/v."""
-
 
 FASTEST_START = 0.8
 """Speed of a start at most, over that of sound; no fit goes beyond it."""
@@ -132,36 +115,6 @@ STRAIGHT_READING = Reading()
 """Nothing changed beside the passage."""
 
 
-class Scores(NamedTuple):
-    """Gains of a change over a straight passage, and where each would start from."""
-
-    kind: str
-    """Kind of the change."""
-    gain: FloatArray
-    """Gain in log-likelihood of every instant and direction, shape (n,)."""
-    time_s: FloatArray
-    """Those instants, s."""
-    sign: FloatArray
-    """Those directions."""
-    theta: FloatArray
-    """Unknowns by the linearised model, shape (n, unknowns)."""
-    spacing_s: FloatArray
-    """Distance of neighbouring instants there, s, shape (n,)."""
-
-    def search(self, gain: float) -> float:
-        """Return what the search over instants is worth, nepers.
-
-        Parameters
-        ----------
-        gain
-            Gain of the best instant with coloured noise.
-        """
-        best = float(self.gain.max())
-        share = np.clip(gain / best, 0.0, 1.0)
-        chance = np.exp(share * (self.gain - best))
-        return float(-np.log(np.average(chance, weights=self.spacing_s)))
-
-
 def read_passage(
     fit: PassageFit, blocks: Blocks, kinds: tuple[str, ...] = CHANGES
 ) -> tuple[PassageFit, Reading]:
@@ -181,6 +134,7 @@ def read_passage(
     tried = [(fit, np.nan)]
     searches: list[Scores | None] = [None]
     search: PassageSearch | None = None
+    unseen: list[Unseen] = []
     for kind in kinds:
         scores = score_changes(kind, fit, blocks)
         if scores.gain.max() > SMALLEST_SCORE:
@@ -188,27 +142,36 @@ def read_passage(
             found = _fit_change(scores, fit, blocks, search)
             tried += found
             searches += [scores] * len(found)
-    if len(tried) == 1:
-        return fit, STRAIGHT_READING
+        elif fit.theta[0, 2] > 0:
+            unseen.append(unseen_change(scores, fit, blocks))
     fits = [one for one, _ in tried]
-    value = _evidences(fits, searches, blocks)
+    value = _evidences(fits, searches, blocks) if len(fits) > 1 else np.zeros(1)
     if not np.isfinite(value.max()):  # no reading is a passage at all
         return fit, STRAIGHT_READING
-    chance = np.exp(value - value.max())
-    chance /= chance.sum()
+    hidden = [float(value[0]) + one.log_evidence for one in unseen]
+    every = np.exp(np.append(value, hidden) - max([*value, *hidden]))
+    every /= every.sum()
+    chance, left = every[: value.size], every[value.size :]
     names = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
-    ranked = sorted(set(names), key=lambda name: -chance[names == name].sum())
-    weight = [float(chance[names == name].sum()) for name in ranked]
-    best = int(np.argmax(np.where(names == ranked[0], chance, -1.0)))
-    has_rival = len(ranked) > 1 and weight[1] > SMALLEST_RIVAL
+    weight = {str(name): float(chance[names == name].sum()) for name in names}
+    for one, share in zip(unseen, left, strict=True):
+        # what moves nothing is straight in all that is told
+        weight[one.kind] = float(share) * one.share
+        weight[STRAIGHT] += float(share) * (1.0 - one.share)
+    fitted, ranked = set(names), sorted(weight, key=lambda name: -weight[name])
+    name = next(one for one in ranked if one in fitted)
+    best = int(np.argmax(np.where(names == name, chance, -1.0)))
+    rival = next((one for one in ranked if one != name), "")
+    has_rival = weight.get(rival, 0.0) > SMALLEST_RIVAL
     reading = Reading(
-        ranked[0],
-        weight[0],
-        ranked[1] if has_rival else "",
-        weight[1] if has_rival else 0.0,
-        _time_std_s(tried, names == ranked[0], best, chance),
+        name,
+        weight[name],
+        rival if has_rival else "",
+        weight[rival] if has_rival else 0.0,
+        _time_std_s(tried, names == name, best, chance),
     )
-    return _averaged(fits, best, chance), reading
+    weighed = list(zip(left.tolist(), unseen, strict=True))
+    return mixed(fits, best, chance, weighed), reading
 
 
 def _evidences(
@@ -248,7 +211,7 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
     time_s = time_s[used]
     search = PassageSearch.of(blocks, fit.medium, float(fit.turn[0]))
     for kind in FREQUENCY_CHANGES:
-        every = _instants(kind, fit, blocks)
+        every = instants(kind, fit, blocks)
         found = find_changed_estimates(search, fit.medium, every, n_starts=N_STARTS)
         width = slant_over_speed_s(
             np.exp(found.theta[:, 1]), found.theta[:, 2], fit.medium.height_m
@@ -505,118 +468,6 @@ def _cost(fits: PassageFit) -> FloatArray:
     return np.where(valid, cost, np.inf)
 
 
-class _Linear(NamedTuple):
-    """A passage and many changes, linear about its fit, whitened with the priors."""
-
-    value: FloatArray
-    """Residuals, shape (n,)."""
-    base: FloatArray
-    """Columns of the passage: t0, ln d/v, v, depth difference, floor, then the
-    constants; shape (n, columns)."""
-    extra: FloatArray
-    """Columns of the changes, shape (changes, unknowns, n)."""
-
-
-def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
-    """Return what a change at each of many instants would gain, noise taken as white.
-
-    Parameters
-    ----------
-    kind
-        Kind of the change.
-    fit
-        Straight fit of one row.
-    blocks
-        The measurements that it was made from.
-    """
-    change = _instants(kind, fit, blocks)
-    instants, sign = change.time_s, change.sign
-    theta = np.zeros((instants.size, CHANGED + change.std.size))
-    theta[:, : fit.theta.shape[1]] = fit.theta
-    theta[:, HEIGHT] = fit.height_m
-    value, base, extra = _linearised(change, theta, fit, blocks)
-    scale = np.sqrt((base**2).sum(axis=0))
-    scale[scale == 0] = 1.0
-    basis, singular, turn = np.linalg.svd(base / scale, full_matrices=False)
-    good = singular > SMALLEST_SINGULAR * singular[0]
-    basis, singular, turn = basis[:, good], singular[good], turn[good]
-    free = extra - (extra @ basis) @ basis.T
-    normal = free @ np.swapaxes(free, 1, 2)
-    normal[:, range(change.std.size), range(change.std.size)] += change.std**-2.0
-    right = free @ (value - basis @ (basis.T @ value))
-    size = np.linalg.solve(normal, right[..., None])[..., 0]
-    # what the passage itself moves by when the change is let in
-    left = value - np.einsum("ik,ikn->in", size, extra)
-    moved = ((left @ basis) / singular) @ turn / scale
-    width = float(fit.range_over_speed_s[0])
-    speed = float(fit.theta[0, 2])
-    reach = np.array([FARTHEST_S * width, FARTHEST_LOG, 0.5 * abs(speed)])
-    theta[:, :3] += np.clip(moved[:, :3], -reach, reach * [1.0, 1.0, 2.0])
-    theta[:, CHANGED:] = np.clip(size, -4 * change.std, 4 * change.std)
-    distinct = np.unique(instants)
-    spacing = np.gradient(distinct)[np.searchsorted(distinct, instants)]
-    gain = 0.5 * (right * size).sum(axis=-1)
-    return Scores(kind, gain, instants, sign, theta, spacing)
-
-
-def _instants(kind: str, fit: PassageFit, blocks: Blocks) -> Change:
-    """Return one kind of change at many instants."""
-    used = (blocks.weight[0] > 0).any(axis=0)
-    first, last = np.quantile(blocks.time_s[used], [EDGE, 1 - EDGE])
-    instants = np.linspace(first, last, N_INSTANTS)
-    sign = np.ones(N_INSTANTS)
-    if kind == MANOEUVRE:
-        # near the closest approach the place changes fast
-        reach = NEAR_WIDTHS * float(fit.range_over_speed_s[0])
-        near = fit.theta[0, 0] + reach * np.linspace(-1, 1, N_NEAR_INSTANTS)
-        near = near[(near > first) & (near < last)]
-        if reach < 0.5 * (last - first):
-            instants = np.unique(np.append(instants, near))
-        sign = np.where(instants > fit.theta[0, 0], 1.0, -1.0)
-    elif kind == RAMP:
-        instants, sign = np.tile(instants, 2), np.append(sign, -sign)
-    return Change(kind, instants, sign)
-
-
-def _linearised(
-    change: Change, theta: FloatArray, fit: PassageFit, blocks: Blocks
-) -> _Linear:
-    straight = replace(fit, theta=theta[:1, :CHANGED]).law(blocks.time_s)
-    every = Passage(np.repeat(straight.rows, theta.shape[0], axis=0))
-    rows = change.law(every, theta, blocks.time_s, fit.medium).rows
-    floor = fit.theta[:, FLOOR : FLOOR + 1]
-    share = np.exp(straight.spread - np.logaddexp(straight.spread, floor))[0]
-    factors = (1.0, float(fit.turn[0]), share)
-    kinds = (blocks.shift, blocks.bearing, blocks.level)
-    base = np.zeros((2, N_MOTION + sum(block.value.shape[1] for block in kinds)))
-    base[0, N_MOTION - 2] = 1 / max(fit.medium.height_std_m, SMALLEST_HEIGHT_STD_M)
-    base[1, N_MOTION - 1] = 1 / FLOOR_PRIOR_DEVIATION
-    values, bases = [np.zeros(2)], [base]
-    extras = [np.zeros((theta.shape[0], change.std.size, 2))]
-    begin = N_MOTION
-    for number, (residual, block, noise) in enumerate(
-        zip(passage_residuals(fit, blocks), kinds, fit.noises, strict=True)
-    ):
-        value, constants, precision, kept = measured_series(
-            residual, block.weight[0], noise.scale[0]
-        )
-        root = np.sqrt(precision)
-        partials = (rows[:, number, 1:] * factors[number])[..., kept] * root
-        part = np.zeros((value.size, base.shape[1]))
-        part[:, : N_MOTION - 1] = partials[0, : N_MOTION - 1].T
-        if number == 2:
-            part[:, N_MOTION - 1] = root * (1 - share[kept])
-        end = begin + constants.shape[1]
-        part[:, begin:end] = root[:, None] * constants
-        begin = end
-        values.append(root * value)
-        bases.append(part)
-        extras.append(partials[:, N_MOTION - 1 :])
-    return _Linear(
-        np.concatenate(values), np.concatenate(bases), np.concatenate(extras, axis=-1)
-    )
-
-
 def _log_likelihoods(fits: list[PassageFit], blocks: Blocks) -> FloatArray:
     """Return the log-likelihood of every reading, coloured noise at its best in each."""
     total = np.zeros(len(fits))
@@ -636,31 +487,3 @@ def _log_likelihoods(fits: list[PassageFit], blocks: Blocks) -> FloatArray:
                 series[0][2], blocks.time_s[kept], width_s,
             )  # fmt: skip
     return total
-
-
-def _averaged(fits: list[PassageFit], best: int, chance: FloatArray) -> PassageFit:
-    """Return the winner, its covariance that of the mixture of all readings about it."""
-    winner = fits[best]
-    centre = _answer(winner)
-    full = winner.full_covariance[0].copy()
-    slant, flat = np.zeros((4, 4)), np.zeros((5, 5))
-    unknown = np.isnan(winner.covariance)
-    for fit, weight in zip(fits, chance, strict=True):
-        if weight < SMALLEST_WEIGHT or np.any(np.isnan(fit.covariance) != unknown):
-            continue
-        apart = _answer(fit) - centre
-        apart[3] = (apart[3] + 180.0) % 360.0 - 180.0
-        slant += weight * (fit.covariance[0] + np.outer(apart[:4], apart[:4]))
-        apart = apart[[0, 4, 2, 3, 5]]
-        own = fit.full_covariance[0, :5, :5]
-        flat += weight * (own + np.outer(apart, apart))
-    full[:5, :5] = flat
-    return replace(winner, covariance=slant[None], full_covariance=full[None])
-
-
-def _answer(fit: PassageFit) -> FloatArray:
-    """Time, slant d/v, speed, bearing, horizontal d/v and depth difference."""
-    return np.array([
-        fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2],
-        fit.bearing_deg[0], np.exp(fit.theta[0, 1]), fit.height_m[0],
-    ])  # fmt: skip
