@@ -5,6 +5,7 @@ from itertools import product
 import numpy as np
 from scipy.stats import chi2
 
+from calibration.line_ends import scene, scores
 from uwtrack_cli.lines.paths.path_search import (
     best_scores,
     line_interval,
@@ -75,3 +76,11 @@ def test_hits_are_counted_in_a_true_sliding_window() -> None:
         for window in (5, 14, 63):
             expected = hits[max(0, k - window + 1) : k + 1].sum()
             assert count_hits(history, window)[0] == expected
+
+
+def test_weak_lines_end_where_they_fall_silent() -> None:
+    ends_s, _, begins_s, cover, ids, _ = scores([scene(2.5, 71)])
+    assert ends_s <= 5.0
+    assert begins_s <= 8.0
+    assert cover > 0.95
+    assert ids < 1.2

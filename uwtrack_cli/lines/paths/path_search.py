@@ -6,7 +6,8 @@ minus a penalty per move. For every last cell the best path is found by the Vite
 recursion, all cells at once; the way back is kept as one byte per cell. Paths above the
 threshold that share nothing are accepted together; their cells are masked as wide as they leak, and
 the search is repeated until nothing is left. The part of a path that holds the line
-is the interval with the greatest sum of scores above half their mean.
+is the interval with the greatest sum of log-likelihood ratios "line against the noise that
+a path finds".
 
 **Conventions.** Scores in nepers, shape (frame, cell); paths are cells by frame.
 
@@ -53,8 +54,13 @@ _SHAPE_BINS = 16
 _TRIAL_SNRS = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0, 50.0)
 """Power ratios tried when the ends of a line are sought."""
 
-_INTERVAL_GAIN = 8.0
-"""Gain of likelihood that two free ends must bring, in nepers."""
+PATH_NOISE = 1.1
+"""Mean power over noise along what a path goes on through when its line has ended: it
+chooses louder cells. `calibration/line_ends.py` has the ends with other values."""
+
+END_GAIN = 6.0
+"""Log-likelihood ratio, in nepers, with which the frames before or after a line must speak
+against it to be left out (same script)."""
 
 _SHARED = 0.2
 """Share of common frames beyond which two paths are one."""
@@ -268,20 +274,23 @@ def line_interval(power_ratio: FloatArray) -> tuple[int, int]:
 
     Notes
     -----
-    A line of power ratio d in some frames and none in the others is compared with one
-    of another ratio in all frames, both by their greatest likelihood. The interval is
-    taken when it is better by more than its freedom of two ends explains.
+    In every frame a line of some power ratio is compared with the noise that a path
+    finds. The interval is that of the greatest sum, over all ratios tried; frames
+    before and after it are left out when they are unlikely enough to be the line's.
     """
     trials = np.array(_TRIAL_SNRS)[:, None]
     gain = amplitude_log_ratio(power_ratio[None, :], trials)
+    gain = gain - power_ratio * (1.0 - 1.0 / PATH_NOISE) + np.log(PATH_NOISE)
     gain = np.nan_to_num(gain, nan=0.0)
-    whole = float(gain.sum(axis=1).max())
     ends = [_greatest_sum(row) for row in gain]
     sums = [float(row[a:b].sum()) for row, (a, b) in zip(gain, ends, strict=True)]
     best = int(np.argmax(sums))
-    if sums[best] - whole > _INTERVAL_GAIN:
-        return ends[best]
-    return 0, power_ratio.size
+    first, stop = ends[best]
+    if gain[best, :first].sum() > -END_GAIN:
+        first = 0
+    if gain[best, stop:].sum() > -END_GAIN:
+        stop = power_ratio.size
+    return first, stop
 
 
 def _greatest_sum(values: FloatArray) -> tuple[int, int]:
