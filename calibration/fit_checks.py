@@ -12,7 +12,8 @@ and slopes from 0.69, and none is refused; the eight false ones have evidence to
 and all are. A recording takes some ten seconds; the third number is the first seed, the
 fourth the least C/N0 (dB Hz) of a vessel's strongest line, below which a seed is passed
 over (most faint vessels give no candidate at all), and the last line says what the
-thresholds refuse among these draws:
+thresholds refuse among these draws (tests/motion/check_rates.py has drawn lines without
+sound, many more of them):
 python -m calibration.fit_checks 30 20
 python -m calibration.fit_checks 12 3 45000 28
 """

@@ -5,8 +5,9 @@ that manoeuvre, and weighs their readings with several odds: how many of those t
 not change are read as changed, how many that did are read as straight, and which share
 of all quantities (time, range over speed, speed) lies within 1.96 deviations and beyond
 5. `ODDS` is the smallest number of nepers with at most 5 % of false changes among the
-straight ones. Forty of each kind take some minutes:
+straight ones. Forty of each kind take some minutes; kinds may be named:
 python -m calibration.readings 40
+python -m calibration.readings 14 straight jitter
 """
 
 import sys
@@ -21,7 +22,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage import readings
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine
 from uwtrack_cli.motion.passage.change_priors import ODDS
-from uwtrack_cli.motion.passage.measurements import series_data
+from uwtrack_cli.motion.passage.measurements import Blocks, series_data
 from uwtrack_cli.motion.passage.nuisances import marginalise, nuisance_priors
 
 FIRST_SEED = 500_000
@@ -51,27 +52,33 @@ def found(kind: str, count: int) -> Iterator[tuple[CandidatePassage, FloatArray]
         if not is_clear(drawn):
             continue
         one = examine(data, (1,), lines, PRIORS.medium, 1e-3)
-        if one is not None:
+        # one that was found beside a change of its own has been weighed already
+        if one is not None and one.fit.change is None:
             yield one, drawn.truth[[0, 3, 1]]
 
 
-def outcome(item: CandidatePassage, truth: FloatArray, odds: float) -> Outcome:
-    """Read a candidate with some odds."""
+def outcome(
+    tried: readings.Tried, blocks: Blocks, truth: FloatArray, odds: float
+) -> Outcome:
+    """Weigh the readings of a candidate with some odds."""
     ODDS.update(dict.fromkeys(ODDS, odds))
-    fit, reading = readings.read_passage(item.fit, item.blocks)
+    fit, reading = readings.weigh_readings(tried, blocks)
     fit = marginalise(fit, PRIORS)[0]
     answer = np.array([fit.theta[0, 0], fit.range_over_speed_s[0], fit.theta[0, 2]])
     deviation = np.sqrt(np.diag(fit.covariance[0])[:3])
     return Outcome(reading.name, (answer - truth) / deviation)
 
 
-def main(count: int) -> None:
+def main(count: int, kinds: tuple[str, ...]) -> None:
     """Print a line for every kind and odds."""
     warnings.simplefilter("ignore")
-    for kind in KINDS[:-1]:
-        items = list(found(kind, count))
+    for kind in kinds:
+        items = [
+            (readings.try_readings(item.fit, item.blocks), item.blocks, truth)
+            for item, truth in found(kind, count)
+        ]
         for odds in TRIED:
-            made = [outcome(item, truth, odds) for item, truth in items]
+            made = [outcome(*item, odds) for item in items]
             straight = np.mean([one.name == readings.STRAIGHT for one in made])
             values = np.abs([one.deviations for one in made])
             values = values[np.isfinite(values)]
@@ -84,4 +91,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), tuple(sys.argv[2:]) or KINDS[:-1])

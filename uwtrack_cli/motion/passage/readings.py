@@ -59,7 +59,7 @@ from uwtrack_cli.motion.passage.unknowns import (
     STEP,
     Change,
 )
-from uwtrack_cli.motion.passage.unseen_changes import Unseen, unseen_change
+from uwtrack_cli.motion.passage.unseen_changes import unseen_change
 
 STRAIGHT, TWO_TARGETS = "straight", "two-targets"
 
@@ -115,6 +115,19 @@ STRAIGHT_READING = Reading()
 """Nothing changed beside the passage."""
 
 
+class Tried(NamedTuple):
+    """Everything that a passage was read as."""
+
+    fits: list[PassageFit]
+    """Fits, the straight one first."""
+    time_std_s: list[float]
+    """Deviation of the instant of each change, s; nan for the straight one."""
+    searches: list[Scores | None]
+    """The search that each change came from."""
+    unseen: list[Scores]
+    """Changes that gain too little to be fitted."""
+
+
 def read_passage(
     fit: PassageFit, blocks: Blocks, kinds: tuple[str, ...] = CHANGES
 ) -> tuple[PassageFit, Reading]:
@@ -131,23 +144,53 @@ def read_passage(
     """
     if blocks.shift.is_empty:
         return fit, STRAIGHT_READING
-    tried = [(fit, np.nan)]
-    searches: list[Scores | None] = [None]
+    return weigh_readings(try_readings(fit, blocks, kinds), blocks)
+
+
+def try_readings(
+    fit: PassageFit, blocks: Blocks, kinds: tuple[str, ...] = CHANGES
+) -> Tried:
+    """Fit the changes that gain enough beside a passage.
+
+    Parameters
+    ----------
+    fit
+        Straight fit of one row, with lines.
+    blocks
+        The measurements that it was made from.
+    kinds
+        The changes that are tried.
+    """
+    tried = Tried([fit], [float("nan")], [None], [])
     search: PassageSearch | None = None
-    unseen: list[Unseen] = []
     for kind in kinds:
         scores = score_changes(kind, fit, blocks)
         if scores.gain.max() > SMALLEST_SCORE:
             search = search or PassageSearch.of(blocks, fit.medium, float(fit.turn[0]))
-            found = _fit_change(scores, fit, blocks, search)
-            tried += found
-            searches += [scores] * len(found)
+            for one, std in _fit_change(scores, fit, blocks, search):
+                tried.fits.append(one)
+                tried.time_std_s.append(std)
+                tried.searches.append(scores)
         elif fit.theta[0, 2] > 0:
-            unseen.append(unseen_change(scores, fit, blocks))
-    fits = [one for one, _ in tried]
-    value = _evidences(fits, searches, blocks) if len(fits) > 1 else np.zeros(1)
+            tried.unseen.append(scores)
+    return tried
+
+
+def weigh_readings(tried: Tried, blocks: Blocks) -> tuple[PassageFit, Reading]:
+    """Return the fit of the likeliest of the readings that were tried.
+
+    Parameters
+    ----------
+    tried
+        What the passage was read as.
+    blocks
+        The measurements.
+    """
+    fits = tried.fits
+    unseen = [unseen_change(scores, fits[0], blocks) for scores in tried.unseen]
+    value = _evidences(fits, tried.searches, blocks) if len(fits) > 1 else np.zeros(1)
     if not np.isfinite(value.max()):  # no reading is a passage at all
-        return fit, STRAIGHT_READING
+        return fits[0], STRAIGHT_READING
     hidden = [float(value[0]) + one.log_evidence for one in unseen]
     every = np.exp(np.append(value, hidden) - max([*value, *hidden]))
     every /= every.sum()
@@ -253,19 +296,15 @@ def _weighed_misfit(
     return float(((series * root - scaled @ share) ** 2).sum())
 
 
-def _time_std_s(
-    tried: list[tuple[PassageFit, float]],
-    same: BoolArray,
-    best: int,
-    chance: FloatArray,
-) -> float:
+def _time_std_s(tried: Tried, same: BoolArray, best: int, chance: FloatArray) -> float:
     """Return the deviation of the instant of a change: within its mode and among them."""
-    if tried[best][0].change is None:
+    if tried.fits[best].change is None:
         return float("nan")
     at, own = np.array([
-        (_change(tried[row][0]).time_s[0], tried[row][1]) for row in np.flatnonzero(same)
+        (_change(tried.fits[row]).time_s[0], tried.time_std_s[row])
+        for row in np.flatnonzero(same)
     ]).T  # fmt: skip
-    square = own**2 + (at - _change(tried[best][0]).time_s[0]) ** 2
+    square = own**2 + (at - _change(tried.fits[best]).time_s[0]) ** 2
     return float(np.sqrt((chance[same] * square).sum() / chance[same].sum()))
 
 
