@@ -12,6 +12,7 @@ from tests.lines.line_scenes import (
     passage_bearing,
     some_frames,
 )
+from tests.lines.long_frames import lines_heard
 from tests.support import recording_of
 from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.peaks import Peaks
@@ -476,3 +477,10 @@ def test_families_are_sought_less_often_among_very_many_lines(
     lines = track(line_peaks(frequency))
     assert abs(len(looks) - n_looks) <= 1
     assert (lines.line_family >= 0).any()
+
+
+@pytest.mark.parametrize(("command", "level_db"), [("track", -4.0), ("trace", -9.5)])
+def test_frames_of_eight_seconds_hear_steady_lines_far_below_those_of_one(
+    command, level_db
+):
+    assert lines_heard(command, 8.0, level_db, 33) >= 6  # of 8; the band is one in two

@@ -1,0 +1,74 @@
+"""Steady lines of ten minutes in frames of one, eight and thirty-two seconds.
+
+White noise at 1 kHz with eight lines at once, at the commands' defaults. A line is heard
+when points within three quarters of a resolution of it are told in a tenth of the frames.
+
+The table in tests/baselines/long_frames.md is made by:
+python -m tests.lines.long_frames 4 500
+"""
+
+import sys
+
+import numpy as np
+from scipy.stats import binomtest
+
+from tests.support import recording_of, white_noise
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.lines.trace import trace_lines
+from uwtrack_cli.lines.track import track_lines
+from uwtrack_cli.spectra.peaks import find_peaks
+from uwtrack_cli.spectra.spectrogram import compute_spectrogram
+
+RATE_HZ, SECONDS, N_LINES = 1000.0, 600, 8
+LEVELS_DB = {
+    ("track", 1.0): (-1.0, 0.0, 1.0, 2.0),
+    ("track", 8.0): (-9.0, -8.0, -7.0, -6.0, -4.0),
+    ("trace", 8.0): (-13.0, -11.0, -10.0, -9.5, -8.0),
+    ("trace", 32.0): (-15.0, -13.5, -12.0, -10.5),
+}
+"""Levels over the noise in 1 Hz, by command and length of frames."""
+
+
+def lines_heard(command: str, window_s: float, level_db: float, seed: int) -> int:
+    """Return how many of the lines are heard."""
+    rng = np.random.default_rng([seed, int(100 * level_db + 1e4)])
+    frequency_hz = 60.0 + 45.0 * np.arange(N_LINES) + rng.uniform(0.0, 40.0, N_LINES)
+    time_s = np.arange(int(RATE_HZ * SECONDS)) / RATE_HZ
+    sound = white_noise(time_s.size, seed, rate_hz=RATE_HZ)
+    for one in frequency_hz:
+        tone = np.sin(2.0 * np.pi * (one * time_s + rng.random()))
+        sound += np.sqrt(2.0 * 10.0 ** (0.1 * level_db)) * tone
+    recording = recording_of(sound.astype(np.float32), RATE_HZ)
+    blocks = compute_spectrogram(recording, window_s=window_s, band_hz=(50.0, 450.0))
+    made = (
+        trace_lines(blocks)
+        if command == "trace"
+        else track_lines(find_peaks(block) for block in blocks)
+    )
+    found = Lines.join(list(made))
+    least = 0.1 * SECONDS / found.frames.hop_s
+    near = np.abs(found.frequency_hz - frequency_hz[:, None]) < 0.75 / window_s
+    return int(np.count_nonzero(near.sum(axis=1) > least))
+
+
+def main(n_seeds: int, first: int) -> None:
+    """Print a row for each command, length of frames and level."""
+    print("| command | frames, s | dB in 1 Hz | heard | 95 % |")
+    print("|---|---|---|---|---|")
+    n = n_seeds * N_LINES
+    for (command, window_s), levels in LEVELS_DB.items():
+        for level_db in levels:
+            heard = sum(
+                lines_heard(command, window_s, level_db, seed)
+                for seed in range(first, first + n_seeds)
+            )
+            low, high = binomtest(heard, n).proportion_ci()
+            print(
+                f"| `{command}` | {window_s:g} | {level_db:g} | {heard} of {n} | "
+                f"{100 * low:.0f} to {100 * high:.0f} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main(*(int(word) for word in sys.argv[1:]))
