@@ -10,11 +10,12 @@ Bearings of others are told apart where the misfit asks for it (see `association
 """
 
 from dataclasses import dataclass, replace
+from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.estimation.robust import white_scatter
 from uwtrack_cli.motion.solvers.marquardt import (
     DescentResult,
@@ -24,6 +25,7 @@ from uwtrack_cli.motion.solvers.marquardt import (
 )
 from uwtrack_cli.motion.solvers.solvers import SOLVERS
 from uwtrack_cli.motion.target.association import BearingSource, associate
+from uwtrack_cli.motion.target.conventions import other_convention
 from uwtrack_cli.motion.target.inputs import (
     Measurements,
     Platforms,
@@ -127,6 +129,27 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnsw
         options = _of_sensors(options, data.platforms)
     if data.overlap_rows:
         problem = _allow_for_overlap(problem, limits, data.overlap_rows)
+    found = _answers(data, problem, limits, options)
+    if data.platforms is not None:
+        other = other_convention(problem, limits, found[0].modes[0].q)
+        if other is not None:
+            msg = OTHER_CONVENTION.format(
+                data.contact, data.platforms.name[other.sensor], other.name
+            )
+            warn(msg, UwtrackWarning, stacklevel=4)
+    return found
+
+
+OTHER_CONVENTION = (
+    "contact {}: the bearings of sensor {} miss what those of the others tell, and would "
+    "meet it if they are counted {}: write them as compass bearings to the target."
+)
+
+
+def _answers(
+    data: Measurements, problem: Problem, limits: SearchBounds, options: TmaOptions
+) -> list[ContactAnswer]:
+    """Solve one contact, or every source that its rows hold."""
     sources = None
     if options.misfit.loss == "auto" and options.is_table:
         sources = _sources(problem, limits, data, options)
