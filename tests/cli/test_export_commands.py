@@ -96,6 +96,8 @@ def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
     page = export("kml").read_text()
     assert "reading: still" in page
     assert "course_deg" not in page
+    # the region has its time, too, lest those of several times be taken for one
+    assert page.count("<when>2024-05-01T00:10:00.000Z</when>") == 2
     # REP has no empty field: course and speed of what lies still are 0
     track = [
         line for line in export("rep").read_text().splitlines() if "CONTACT" in line

@@ -137,7 +137,8 @@ def _fixes(fixes: Fixes) -> Iterator[Feature]:
         covariance = fixes.covariance_m2[row]
         if np.isfinite(covariance).all():
             origin = Origin(values["latitude"], values["longitude"])
-            known = {key: values[key] for key in ("contact", "mode", "time_s")}
+            told = ("contact", "mode", "time_s", "time_utc")
+            known = {key: values[key] for key in told}
             ring = _ellipse(covariance, origin)
             yield Feature("ellipse", "Polygon", f"95 % region of {name}", ring,
                           {**known, "probability": 0.95})  # fmt: skip
