@@ -5,7 +5,9 @@ that manoeuvre, and weighs their readings with several odds: how many of those t
 not change are read as changed, how many that did are read as straight, and which share
 of all quantities (time, range over speed, speed) lies within 1.96 deviations and beyond
 5. `ODDS` is the smallest number of nepers with at most 5 % of false changes among the
-straight ones. Forty of each kind take some minutes; kinds may be named:
+straight ones and those that jitter: of 28 (14 each) it is one at 2, two at 1 and four
+at 0, and of 49 that changed four are read as straight at 2 and one at 0. Forty of each
+kind take some minutes; kinds may be named:
 python -m calibration.readings 40
 python -m calibration.readings 14 straight jitter
 """

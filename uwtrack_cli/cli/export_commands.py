@@ -47,8 +47,8 @@ def export(
 ) -> None:
     """Write results as CSV, GeoJSON, KML, Raven selection table, NetCDF, REP or DSF.
 
-    GeoJSON and KML need sensors with latitude and longitude, and draw positions with
-    their 95 % regions.
+    GeoJSON and KML need sensors with latitude and longitude, and draw positions and
+    motions with their 95 % regions.
     """
     from uwtrack_cli.flow.exports.export import ENDINGS, export_product
 

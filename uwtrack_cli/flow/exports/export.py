@@ -36,8 +36,8 @@ SUMMARIES = ("fixes", "encounters", "motions", "target", "decision", "lines", "l
 """Containers that a CSV holds, the first one there is with a row in it."""
 
 TAKEN: dict[str, frozenset[str]] = {
-    "geojson": frozenset({"encounters", "fixes"}),
-    "kml": frozenset({"encounters", "fixes"}),
+    "geojson": frozenset({"encounters", "fixes", "motions"}),
+    "kml": frozenset({"encounters", "fixes", "motions"}),
     "raven": frozenset({"lines"}),
     "rep": frozenset({"series", "fixes"}),
     "dsf": frozenset({"series"}),

@@ -1,11 +1,12 @@
-"""Results as geographic features: sensors, closest approaches, tracks, positions.
+"""Results as geographic features: sensors, closest approaches, tracks, positions, motions.
 
 **Method.** Places are taken from the sensor along geodesics. An uncertainty is the
 ellipse that holds the true position with 95 % probability, as a polygon.
 
 **Conventions.** Coordinates are (longitude, latitude) in degrees, WGS 84; polygons
 are closed and run counter-clockwise. A track reaches three ranges before and after
-its closest approach. Longitudes of one feature do not jump at the date line.
+its closest approach, that of a motion from the first measurement to the last one.
+Longitudes of one feature do not jump at the date line.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,7 @@ import numpy as np
 from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.tables.json_rows import json_rows
@@ -34,7 +36,7 @@ C = TypeVar("C", bound=Container)
 class Feature:
     """One thing on the map."""
 
-    kind: Literal["sensor", "encounter", "track", "fix", "ellipse"]
+    kind: Literal["sensor", "encounter", "track", "fix", "motion", "ellipse"]
     """What it shows: 'fix', 'track', 'sensor' ..."""
     shape: Literal["Point", "LineString", "Polygon"]
     """'Point', 'LineString' or 'Polygon'."""
@@ -67,6 +69,8 @@ def geographic_features(containers: Sequence[Container], name: str) -> list[Feat
         found += _encounters(encounters, sensors)
     for fixes in _of(containers, Fixes):
         found += _fixes(fixes)
+    for motions in _of(containers, Motions):
+        found += _motions(motions)
     if not found:
         msg = (
             f"{name} has nothing with latitude and longitude: give them in the sensor "
@@ -142,6 +146,37 @@ def _fixes(fixes: Fixes) -> Iterator[Feature]:
             ring = _ellipse(covariance, origin)
             yield Feature("ellipse", "Polygon", f"95 % region of {name}", ring,
                           {**known, "probability": 0.95})  # fmt: skip
+
+
+def _motions(motions: Motions) -> Iterator[Feature]:
+    """Yield the place at the first measurement, its region and the way to the last one.
+
+    Only motions of sensors with latitude and longitude have a place.
+    """
+    for row, values in enumerate(json_rows(motions)):
+        if values["latitude"] is None or values["longitude"] is None:
+            continue
+        del values["probability_of_rows"]  # one for each row of a table
+        name = f"motion of contact {values['contact']}, mode {values['mode']}"
+        place = (values["longitude"], values["latitude"])
+        yield Feature("motion", "Point", name, (place,), values)
+        known = {key: values[key] for key in ("contact", "mode")}
+        origin = Origin(values["latitude"], values["longitude"])
+        course = np.radians(motions.course_deg[row])
+        way = motions.speed_mps[row] * (motions.now_time_s[row] - motions.time_s[row])
+        if np.isfinite(way * course):
+            to = np.array([0.0, way])
+            track = _places(to * np.sin(course), to * np.cos(course), origin)
+            yield Feature("track", "LineString", f"track of {name}", track, known)
+        polar = motions.covariance[row][:2, :2]
+        if np.isfinite(polar).all():
+            bearing = np.radians(motions.bearing_deg[row])
+            across = np.radians(motions.range_m[row])  # m per degree of bearing
+            away = np.array([np.sin(bearing), np.cos(bearing)])
+            turn = np.column_stack([away, across * away[::-1] * [1.0, -1.0]])
+            ring = _ellipse(turn @ polar @ turn.T, origin)
+            yield Feature("ellipse", "Polygon", f"95 % region of {name}", ring,
+                          {**known, "time_s": values["time_s"], "probability": 0.95})  # fmt: skip
 
 
 def _ellipse(covariance: FloatArray, origin: Origin) -> tuple[tuple[float, float], ...]:

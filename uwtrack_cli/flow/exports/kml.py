@@ -12,11 +12,13 @@ from uwtrack_cli.flow.exports.features import Feature
 NAMESPACE = "http://www.opengis.net/kml/2.2"
 FOLDERS = {
     "sensor": "Sensors", "encounter": "Closest approaches", "track": "Tracks",
-    "fix": "Positions", "ellipse": "95 % regions",
+    "fix": "Positions", "motion": "Motions", "ellipse": "95 % regions",
 }  # fmt: skip
 SHOWN = (
-    "status", "time_utc", "speed_mps", "course_deg", "slant_range_m", "side", "weight",
-    "depth_m", "reading",
+    "status", "time_utc", "speed_mps", "speed_std_mps", "course_deg", "course_std_deg",
+    "slant_range_m", "slant_range_std_m", "side", "weight", "depth_m", "reading",
+    "reading_weight", "rival", "misfit", "now_range_m", "now_range_std_m",
+    "now_bearing_deg", "now_bearing_std_deg",
 )  # fmt: skip
 
 
