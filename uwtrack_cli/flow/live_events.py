@@ -50,10 +50,10 @@ Event = dict[str, Any]
 Tell = Callable[[Event], None]
 """Takes an event as soon as it is decided."""
 
-STRETCHES_S = {160.0: 20.0, 400.0: 50.0, 1000.0: 100.0, 2500.0: 240.0}
+STRETCHES_S = {160.0: 20.0, 400.0: 60.0, 1000.0: 140.0, 2500.0: 300.0}
 """Stretches of sound that are looked at, and how often at most: 2500 s hold 4 times the
-longest d/v, 600 s. A stretch shows passages from a quarter of the next shorter one on:
-with blocks of 8 s they are told within 2 d/v + 30 s."""
+longest d/v, 600 s. A stretch S shows passages up to d/v = (S - 30 s) / 3 in time; so the
+next one is due within 30 s and that d/v, less the 12 s by which blocks are late."""
 
 RING_S = max(STRETCHES_S)
 RING_BYTES = 1 << 28
