@@ -112,36 +112,47 @@ def fixes(runs, seed, kind):
 
 
 def structured(runs, seed, *, told):
-    """Print errors of a boat among rows that are another boat's, a fifth to two fifths."""
-    far, error, held, own, others = 0, [], [], [], 0
+    """Print errors of a boat among rows that are another boat's, a fifth to two fifths.
+
+    Which contact is this boat's is told by its rows, not by its place.
+    """
+    far, error, held, own, flagged, others = 0, [], [], [], [], 0
     for number in range(seed, seed + runs):
         share = np.random.default_rng(number).uniform(0.2, 0.4)
         series, place, velocity, wrong = buoys(number, strange=0.05, of_another=share)
         series = series if told else untold(series)
         found = locate_vessels(series=series, at=["600"])
-        if not found.time_s.size:
+        motions = estimate_motion(series)
+        chances = {
+            contact: motions.row_probability[motions.row_contact == contact][
+                np.argsort(motions.row_number[motions.row_contact == contact])
+            ]
+            for contact in np.unique(motions.row_contact)
+        }
+        contact = max(chances, key=lambda one: chances[one][~wrong].mean())
+        chance = chances[contact]
+        others += len(chances) > 1
+        own.append((chance[~wrong].mean(), chance[wrong].mean()))
+        flagged.append(((chance[wrong] < 0.5).mean(), (chance[~wrong] < 0.5).mean()))
+        if contact not in found.contact:
             far += 1
             continue
-        # whose place is told best comes first: the nearer of two contacts is this boat's
         off = np.stack([found.east_m, found.north_m], 1) - place - 600.0 * velocity
-        best = int(np.hypot(*off.T).argmin())
+        best = int(np.flatnonzero(found.contact == contact)[0])
         error.append(np.hypot(*off[best]))
         held.append(
             off[best] @ np.linalg.solve(found.covariance_m2[best], off[best]) < 5.99
         )
-        motions = estimate_motion(series)
-        others += np.unique(motions.contact).size > 1
-        is_own = motions.row_contact == found.contact[best]
-        chance = motions.row_probability[is_own][np.argsort(motions.row_number[is_own])]
-        own.append((chance[~wrong].mean(), chance[wrong].mean()))
     low, high = binomtest(int(np.sum(held)), len(held)).proportion_ci()
     mine, strange = np.mean(own, axis=0)
+    caught, lost = np.mean(flagged, axis=0)
     print(
         f"structured, {'told' if told else 'untold'}, {runs} tables, seed {seed}: median "
         f"error {np.median(error):.0f} m, nine in ten within {np.quantile(error, 0.9):.0f} "
         f"m; without a fix {far}; ellipses hold {np.mean(held):.1%} ({low:.1%} to "
         f"{high:.1%}); the other boat is a contact in {others}; probability of own rows "
-        f"{mine:.2f}, of strange ones {strange:.2f}"
+        f"{mine:.2f}, of strange ones {strange:.2f}; below one half {lost:.1%} and "
+        f"{caught:.1%}"
     )
 
 
