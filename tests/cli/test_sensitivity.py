@@ -1,5 +1,6 @@
 """What could have been found is said, with -v, by every command that follows lines."""
 
+import json
 import re
 
 import pytest
@@ -8,6 +9,10 @@ PROMISE = re.compile(
     r"h1: \d+ lines; noise alone gives ([\d.]+) per kHz and hour at most; a steady "
     r"line of (-?[\d.]+) dB over the noise in its cell is found within a minute every "
     r"other time(; the detection threshold is ([\d.]+) dB)?"
+)
+
+MEASURED = re.compile(
+    r"; the recording's own noise gives ([\d.]+) per kHz and hour, as measured"
 )
 
 
@@ -30,6 +35,12 @@ def test_track_and_trace_say_what_they_would_have_found(uwtrack, spectrogram):
     assert float(traced[2]) < float(tracked[2])
     assert 9.0 < float(tracked[4]) < 11.0
     assert traced[4] is None
+    measured = MEASURED.search(done.stderr)
+    assert measured is not None
+    assert 0.1 < float(measured[1]) < 10.0
+    shown = uwtrack("show", "t.lines.h5", "lines", "--format", "json").stdout
+    stated = json.loads(shown)["measured_false_lines_per_khz_hour"]
+    assert stated == pytest.approx(float(measured[1]), rel=0.06)
 
 
 def test_a_run_says_it_when_details_are_asked_for(uwtrack, short_pass):

@@ -25,6 +25,7 @@ def say_sensitivity(made: Iterable[Container]) -> None:
             row["found"] = lines.line_id.size
             row["rate"] = lines.false_lines_per_khz_hour
             row["weakest"] = lines.weakest_line_snr_db
+            row["measured"] = lines.measured_false_lines_per_khz_hour
             known = lines.frames.threshold_db[np.isfinite(lines.frames.threshold_db)]
             if known.size:
                 row["threshold"] = float(np.median(known))
@@ -35,6 +36,11 @@ def say_sensitivity(made: Iterable[Container]) -> None:
             f"{row['weakest']:.1f} dB over the noise in its cell is found within a "
             "minute every other time"
         )
+        if np.isfinite(row["measured"]):
+            text += (
+                f"; the recording's own noise gives {row['measured']:.2g} per kHz and "
+                "hour, as measured"
+            )
         if np.isfinite(row["threshold"]):
             text += f"; the detection threshold is {row['threshold']:.1f} dB"
         say(text, 1)

@@ -114,6 +114,11 @@ class Lines(Container):
     weakest_line_snr_db: float = scalar(
         "dB", "Cell SNR of the weakest steady line found with probability 0.5."
     )
+    measured_false_lines_per_khz_hour: float = scalar(
+        "1/(kHz h)",
+        "The same rate as measured on the recording's own noise; nan if it was not.",
+        float("nan"),
+    )
 
     @classmethod
     def join(cls, blocks: Sequence[Self]) -> Self:

@@ -4,7 +4,9 @@
 cells is found by dynamic programming, and a line is declared when its whole path is
 too likely for noise; so lines some 6 dB weaker are found than by tracking peaks. One
 line after another is taken out of the window. Paths are then measured, smoothed and
-joined from window to window.
+joined from window to window. How high paths score in the recording's own noise is
+measured where no line can be (`lines.paths.recording_noise`): thresholds are raised by
+what it exceeds white noise, and the rate of false lines that is left is stated.
 
 **Conventions.** The points of a line are final one window after they were recorded.
 

@@ -1,9 +1,10 @@
-"""Measure how high the best path scores in noise: the table behind `trace`.
+"""Measure how high the best path scores in noise: the tables behind `trace`.
 
 **Method.** White Gaussian noise goes through the spectrogram, its noise floor and the
 path search exactly as sound does. The best score per window and 250 Hz is noted; its
 upper tail is fitted by an exponential, whose two numbers stand in
-``lines/paths/trace_threshold.py``. Run ``python -m uwtrack_cli.studies.trace_noise``
+``lines/paths/trace_threshold.py``, as does the mean score of the paths that no line can
+take (`lines.paths.recording_noise`). Run ``python -m uwtrack_cli.studies.trace_noise``
 to make them again (about five minutes).
 
 **Conventions.** Exceedances are per window and kHz of band.
@@ -24,11 +25,13 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.lines.line_points import LinePoints
 from uwtrack_cli.lines.paths.path_search import (
     MOVE_PENALTY,
+    PathSearch,
     best_scores,
     cell_scores,
     whiten,
 )
 from uwtrack_cli.lines.paths.path_tracer import PathTracer, TraceRule
+from uwtrack_cli.lines.paths.recording_noise import surrogate_scores
 from uwtrack_cli.lines.paths.trace_window import WindowData
 from uwtrack_cli.lines.trace import trace_rule
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
@@ -44,6 +47,7 @@ class _BestScores(PathTracer):
     def __init__(self, rule: TraceRule, *args: object) -> None:
         super().__init__(rule, *args)  # type: ignore[arg-type]
         self.best: list[FloatArray] = []
+        self.surrogates: list[FloatArray] = []
 
     def _window(
         self,
@@ -51,10 +55,14 @@ class _BestScores(PathTracer):
         last_stop: int | None,  # noqa: ARG002 - the signature of the base
     ) -> LinePoints:
         ratio = whiten(data.power_ratio, data.cells_per_bin)
-        total, _ = best_scores(cell_scores(ratio), MOVE_PENALTY)
+        total, moves = best_scores(cell_scores(ratio), MOVE_PENALTY)
         width = round(BAND_HZ * data.window_s * data.cells_per_bin)
         used = total.size // width * width
         self.best.append(total[:used].reshape(-1, width).max(axis=1))
+        search = PathSearch([], total, moves, np.zeros(ratio.shape, dtype=bool))
+        self.surrogates.append(
+            surrogate_scores(ratio, search, data.cells_per_bin, int(data.frame[0]))
+        )
         return LinePoints.join([])
 
 
@@ -76,8 +84,11 @@ def noise_recording(seed: int, hours: float) -> Recording:
 
 def measure_tail(
     overlap: float, padding: int, n_frames: int, *, hours: float, seed: int
-) -> tuple[float, float]:
-    """Return offset and slope of the tail of the best score, in nepers."""
+) -> tuple[float, float, float]:
+    """Return offset and slope of the best score's tail, and the mean surrogate's score.
+
+    All in nepers.
+    """
     blocks = compute_spectrogram(
         noise_recording(seed, hours), overlap=overlap, zero_padding=padding
     )
@@ -87,13 +98,14 @@ def measure_tail(
             noter = _BestScores(trace_rule(block, window_frames=n_frames), block)
         noter.push(block)
     if noter is None:
-        return float("nan"), float("nan")
+        return float("nan"), float("nan"), float("nan")
     best = np.sort(np.concatenate(noter.best))[::-1]
     # the upper twentieth: its mean excess is the slope
     count = max(best.size // 20, 10)
     slope = float(np.mean(best[:count]) - best[count])
     per_khz = count / best.size * 1e3 / BAND_HZ
-    return float(best[count] + slope * np.log(per_khz)), slope
+    offset = float(best[count] + slope * np.log(per_khz))
+    return offset, slope, float(np.mean(noter.surrogates))
 
 
 def main() -> None:
@@ -105,6 +117,7 @@ def main() -> None:
             )
             row = {"overlap": overlap, "padding": padding, "frames": n_frames}
             row |= {"offset": round(tail[0], 2), "slope": round(tail[1], 3)}
+            row |= {"surrogate": round(tail[2], 2)}
             sys.stdout.write(json.dumps(row) + "\n")
             sys.stdout.flush()
 

@@ -64,6 +64,7 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
             ("peaks", "is_aliased"),
             ("peaks", "elevation_deg"),
             ("peaks", "elevation_std_deg"),
+            ("lines", "measured_false_lines_per_khz_hour"),
             ("levels", "tilt_db"),
             ("levels", "part_excess_db"),
             *(

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.estimation.noise_floor import EDGE_STEP, SMALLEST, TILE_BINS
 from uwtrack_cli.lines.paths.trace_threshold import PathScores
 from uwtrack_cli.lines.sensitivity import amplitude_log_ratio
 
@@ -78,6 +79,20 @@ class FoundPath:
     """Frame after the last one with the line."""
     score: float
     """Score of the whole path, nepers."""
+
+
+@dataclass(frozen=True)
+class PathSearch:
+    """What a search has found in a window, and what is left of it."""
+
+    paths: list[FoundPath]
+    """The paths that noise does not explain, strongest first."""
+    total: FloatArray
+    """Score of the best path into each last cell beside them, shape (cell,)."""
+    moves: Steps
+    """The moves of these paths, shape (frame, cell)."""
+    is_masked: BoolArray
+    """Cells of the paths that were found, shape (frame, cell)."""
 
 
 def best_scores(score: FloatArray, move_penalty: float) -> tuple[FloatArray, Steps]:
@@ -160,14 +175,59 @@ def whiten(power_ratio: FloatArray, cells_per_bin: int) -> FloatArray:
     return np.asarray(power_ratio / np.clip(shape, 0.5, 10.0).astype(np.float32))
 
 
+def beyond_outer_tiles(
+    floor: FloatArray, frequency_hz: FloatArray, cells_per_bin: int
+) -> FloatArray:
+    """Return by how much noise exceeds its floor beyond the middle of the outer tiles.
+
+    The floor is constant there. Noise that rises towards the end of the band is taken to
+    rise on by the power law of the two tiles next to the end; where it falls, and where
+    the step between the tiles is an edge, nothing is known.
+
+    Parameters
+    ----------
+    floor
+        Noise density, nan in a gap, shape (frame, cell).
+    frequency_hz
+        Frequency of each cell, above zero, shape (cell,).
+    cells_per_bin
+        Cells per natural bin.
+
+    Returns
+    -------
+    FloatArray
+        Factors from one on, shape (cell,).
+    """
+    width = TILE_BINS * cells_per_bin
+    n_tiles = frequency_hz.size // width
+    raised = np.zeros(frequency_hz.size)
+    known = floor[np.isfinite(floor[:, 0])]
+    if n_tiles < 2 or not known.size:
+        return np.ones(frequency_hz.size, np.float32)
+    centres = np.round((np.arange(n_tiles) + 0.5) * width - 0.5).astype(np.int64)
+    log_hz = np.log(frequency_hz)
+    for outer, inner, own in (
+        (centres[0], centres[1], slice(None, int(centres[0]))),
+        (centres[-1], centres[-2], slice(int(centres[-1]), None)),
+    ):
+        ratio = np.maximum(known[:, outer], SMALLEST) / np.maximum(
+            known[:, inner], SMALLEST
+        )
+        step = float(np.log(ratio).mean())
+        if 0.0 < step < EDGE_STEP:
+            share = (log_hz[own] - log_hz[outer]) / (log_hz[outer] - log_hz[inner])
+            raised[own] = step * share
+    return np.exp(raised).astype(np.float32)
+
+
 def find_paths(
     scores: FloatArray,
     power_ratio: FloatArray,
     least: PathScores,
     expected: IntArray,
     cells_per_bin: int,
-) -> list[FoundPath]:
-    """Find the paths that noise does not explain, strongest first.
+) -> PathSearch:
+    """Find the paths that noise does not explain.
 
     Parameters
     ----------
@@ -184,8 +244,8 @@ def find_paths(
     """
     left = scores.copy()
     found: list[FoundPath] = []
+    total, moves = best_scores(left, MOVE_PENALTY)
     for _ in range(_MOST_PASSES):
-        total, moves = best_scores(left, MOVE_PENALTY)
         if least.bearing is not None:
             least = least._replace(bearing=least.bearing.without(left <= _MASKED))
         fresh = _accepted(total, moves, least, expected, cells_per_bin)
@@ -198,7 +258,8 @@ def find_paths(
             )
             found.append(FoundPath(cells, first, stop, score))
             _mask(left, power_ratio, cells, cells_per_bin)
-    return found
+        total, moves = best_scores(left, MOVE_PENALTY)
+    return PathSearch(found, total, moves, left <= _MASKED)
 
 
 def _centred(path: IntArray, power_ratio: FloatArray, cells_per_bin: int) -> IntArray:

@@ -29,12 +29,15 @@ from uwtrack_cli.lines.line_points import LinePoints, LineTable
 from uwtrack_cli.lines.paths.courses import fit_course, uncross
 from uwtrack_cli.lines.paths.path_search import (
     FoundPath,
+    PathSearch,
+    beyond_outer_tiles,
     cell_scores,
     find_paths,
     is_same_line,
     whiten,
 )
-from uwtrack_cli.lines.paths.trace_threshold import TraceThreshold
+from uwtrack_cli.lines.paths.recording_noise import RecordingNoise, surrogate_scores
+from uwtrack_cli.lines.paths.trace_threshold import PathScores, TraceThreshold
 from uwtrack_cli.lines.paths.trace_window import (
     Measured,
     WindowData,
@@ -49,6 +52,9 @@ from uwtrack_cli.lines.tracking.line_continuation import (
     LEAST_LOG_RATIO,
     log_ratio_of_return,
 )
+
+_FEWEST_FRAMES = 32
+"""Frames of a window below which its noise is not measured."""
 
 _FAMILY_CHANCE = 1e-2
 """Expected number of families by chance in one window."""
@@ -123,6 +129,8 @@ class PathTracer:
         self.ended: list[_End] = []
         self.next_line = 1
         self.is_first = True
+        padding = max(1, round(first.frames.fft_length / first.frames.window_samples))
+        self.noise = RecordingNoise(inside.size, padding)
         self.samples = ContactSamples(max(1, round(1.0 / (resolution * self.hop_s))))
         self.families = FamilyRegister()
 
@@ -166,17 +174,34 @@ class PathTracer:
             for living in self.living
             if living.frame[0] <= data.frame[0] <= living.frame[-1]
         ]
-        ratio = whiten(data.power_ratio, data.cells_per_bin)
-        paths = find_paths(
-            cell_scores(ratio), ratio, scores, np.array(expected, dtype=np.int64),
-            data.cells_per_bin,
-        )  # fmt: skip
-        paths = [p for p in paths if p.stop - p.first >= self.rule.shortest_frames]
+        beyond = beyond_outer_tiles(data.floor, data.frequency_hz, data.cells_per_bin)
+        ratio = whiten(data.power_ratio / beyond, data.cells_per_bin)
+        places = np.array(expected, dtype=np.int64)
+        search = find_paths(
+            cell_scores(ratio), ratio, scores, places, data.cells_per_bin
+        )
+        excess = self._excess(data, ratio, search)
+        paths = [
+            path
+            for path in search.paths
+            if path.stop - path.first >= self.rule.shortest_frames
+            and _is_beyond(path, excess, scores, places, data.cells_per_bin)
+        ]
         quarter = self.rule.window_frames // 4
         final = (quarter, n_frames if last_stop else n_frames - quarter)
         parts = self._continue(data, paths, final, is_last=last_stop is not None)
         self.is_first = False
         return LinePoints.join(parts) if last_stop else self._noted(parts)
+
+    def _excess(
+        self, data: WindowData, ratio: FloatArray, search: PathSearch
+    ) -> FloatArray:
+        """Return by how much the noise of the recording exceeds white noise, nepers."""
+        n_frames = data.frame.size
+        if n_frames < _FEWEST_FRAMES:
+            return np.zeros(ratio.shape[1])
+        scores = surrogate_scores(ratio, search, data.cells_per_bin, int(data.frame[0]))
+        return self.noise.note(scores, *self.rule.threshold.surrogate_tail(n_frames))
 
     def _noted(self, parts: list[LinePoints]) -> LinePoints:
         points = LinePoints.join(parts).sorted()
@@ -380,10 +405,26 @@ class PathTracer:
         return {
             "reference": reference,
             "false_lines_per_khz_hour": threshold.false_lines_per_khz_hour,
+            "measured_false_lines_per_khz_hour": (
+                threshold.false_lines_per_khz_hour * self.noise.relative_rate()
+            ),
             "weakest_line_snr_db": threshold.weakest_line_snr_db(
                 has_bearing=self.has_bearing
             ),
         }
+
+
+def _is_beyond(
+    path: FoundPath,
+    excess: FloatArray,
+    least: PathScores,
+    expected: IntArray,
+    cells_per_bin: int,
+) -> bool:
+    """Tell whether a path exceeds its threshold by more than the recording's noise."""
+    score = path.score - float(excess[path.cells].mean())
+    is_expected = (np.abs(expected - path.cells[0]) <= 2 * cells_per_bin).any()
+    return bool(score > least.new or (is_expected and score > least.continued))
 
 
 def _along_paths(data: WindowData, paths: list[FoundPath]) -> Measured:

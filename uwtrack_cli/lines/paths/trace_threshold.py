@@ -53,6 +53,15 @@ TAILS = {
 }
 """By overlap and padding: frames in the window, a and b in nepers."""
 
+SURROGATES = {
+    (0.5, 2): (-6.69, -15.47, -34.78, -73.56),
+    (0.5, 1): (-5.92, -13.07, -27.63, -56.5),
+    (0.75, 2): (-7.42, -16.96, -37.76, -79.43),
+    (0.75, 1): (-7.12, -15.31, -32.27, -64.25),
+}
+"""Mean best score in a block of white noise of the paths that no line can take
+(`recording_noise`), nepers, for the same windows."""
+
 _PATH_GAIN = 0.05
 """Gain per frame of a path that may choose its cells, from simulated lines."""
 
@@ -125,6 +134,13 @@ class TraceThreshold:
         lengths, offsets, slopes = TAILS[self.overlap, self.padding]
         offset = float(np.interp(n_frames, lengths, offsets))
         return offset, float(np.interp(n_frames, lengths, slopes))
+
+    def surrogate_tail(self, n_frames: int) -> tuple[float, float]:
+        """Mean of `surrogate_scores` in white noise, and the slope of the tail."""
+        lengths = TAILS[self.overlap, self.padding][0]
+        means = SURROGATES[self.overlap, self.padding]
+        _, slope = self._tail(n_frames)
+        return float(np.interp(n_frames, lengths, means)), slope
 
     def weakest_line_snr_db(self, *, has_bearing: bool) -> float:
         """Cell SNR of the weakest steady line found with probability one half.
