@@ -36,9 +36,9 @@ def noise_ratio(seed: int, n_bins: int = 512) -> np.ndarray:
 
 
 def scores_of(ratio: np.ndarray, seed: int = 1) -> np.ndarray:
-    total, moves = best_scores(cell_scores(ratio), MOVE_PENALTY)
-    search = PathSearch([], total, moves, np.zeros(ratio.shape, bool))
-    return surrogate_scores(ratio, search, PADDING, seed)
+    scores = cell_scores(ratio)
+    total, moves = best_scores(scores, MOVE_PENALTY)
+    return surrogate_scores(PathSearch([], total, moves, scores), PADDING, seed)
 
 
 def real_scores(ratio: np.ndarray) -> np.ndarray:

@@ -55,13 +55,14 @@ class _BestScores(PathTracer):
         last_stop: int | None,  # noqa: ARG002 - the signature of the base
     ) -> LinePoints:
         ratio = whiten(data.power_ratio, data.cells_per_bin)
-        total, moves = best_scores(cell_scores(ratio), MOVE_PENALTY)
+        scores = cell_scores(ratio)
+        total, moves = best_scores(scores, MOVE_PENALTY)
         width = round(BAND_HZ * data.window_s * data.cells_per_bin)
         used = total.size // width * width
         self.best.append(total[:used].reshape(-1, width).max(axis=1))
-        search = PathSearch([], total, moves, np.zeros(ratio.shape, dtype=bool))
+        search = PathSearch([], total, moves, scores)
         self.surrogates.append(
-            surrogate_scores(ratio, search, data.cells_per_bin, int(data.frame[0]))
+            surrogate_scores(search, data.cells_per_bin, int(data.frame[0]))
         )
         return LinePoints.join([])
 

@@ -91,8 +91,13 @@ class PathSearch:
     """Score of the best path into each last cell beside them, shape (cell,)."""
     moves: Steps
     """The moves of these paths, shape (frame, cell)."""
-    is_masked: BoolArray
-    """Cells of the paths that were found, shape (frame, cell)."""
+    scores: FloatArray
+    """Score of each cell, those of the paths that were found masked."""
+
+    @property
+    def is_masked(self) -> BoolArray:
+        """Cells of the paths that were found, shape (frame, cell)."""
+        return self.scores <= _MASKED
 
 
 def best_scores(score: FloatArray, move_penalty: float) -> tuple[FloatArray, Steps]:
@@ -259,7 +264,7 @@ def find_paths(
             found.append(FoundPath(cells, first, stop, score))
             _mask(left, power_ratio, cells, cells_per_bin)
         total, moves = best_scores(left, MOVE_PENALTY)
-    return PathSearch(found, total, moves, left <= _MASKED)
+    return PathSearch(found, total, moves, left)
 
 
 def _centred(path: IntArray, power_ratio: FloatArray, cells_per_bin: int) -> IntArray:

@@ -120,7 +120,9 @@ class PathTracer:
         inside = np.flatnonzero((frequency >= low) & (frequency <= rule.band_hz[1]))
         self.chosen = slice(int(inside[0]), int(inside[-1]) + 1)
         self.resolution_hz = resolution
-        self.has_bearing = first.intensity_east is not None
+        self.weakest_line_snr_db = rule.threshold.weakest_line_snr_db(
+            has_bearing=first.intensity_east is not None
+        )
         self.hop_s = first.frames.hop_s
         self.silence_s = Gates().silence_s
         self.held: list[WindowData] = []
@@ -180,7 +182,7 @@ class PathTracer:
         search = find_paths(
             cell_scores(ratio), ratio, scores, places, data.cells_per_bin
         )
-        excess = self._excess(data, ratio, search)
+        excess = self._excess(data, search)
         paths = [
             path
             for path in search.paths
@@ -193,14 +195,12 @@ class PathTracer:
         self.is_first = False
         return LinePoints.join(parts) if last_stop else self._noted(parts)
 
-    def _excess(
-        self, data: WindowData, ratio: FloatArray, search: PathSearch
-    ) -> FloatArray:
+    def _excess(self, data: WindowData, search: PathSearch) -> FloatArray:
         """Return by how much the noise of the recording exceeds white noise, nepers."""
         n_frames = data.frame.size
         if n_frames < _FEWEST_FRAMES:
-            return np.zeros(ratio.shape[1])
-        scores = surrogate_scores(ratio, search, data.cells_per_bin, int(data.frame[0]))
+            return np.zeros(search.total.size)
+        scores = surrogate_scores(search, data.cells_per_bin, int(data.frame[0]))
         return self.noise.note(scores, *self.rule.threshold.surrogate_tail(n_frames))
 
     def _noted(self, parts: list[LinePoints]) -> LinePoints:
@@ -408,9 +408,7 @@ class PathTracer:
             "measured_false_lines_per_khz_hour": (
                 threshold.false_lines_per_khz_hour * self.noise.relative_rate()
             ),
-            "weakest_line_snr_db": threshold.weakest_line_snr_db(
-                has_bearing=self.has_bearing
-            ),
+            "weakest_line_snr_db": self.weakest_line_snr_db,
         }
 
 

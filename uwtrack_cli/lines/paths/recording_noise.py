@@ -25,7 +25,6 @@ from uwtrack_cli.lines.paths.path_search import (
     MOVE_PENALTY,
     PathSearch,
     best_scores,
-    cell_scores,
     trace_back,
 )
 
@@ -45,17 +44,13 @@ PRIOR_WINDOWS = 5.0
 """Windows that the absence of any excess is worth before any is seen."""
 
 
-def surrogate_scores(
-    power_ratio: FloatArray, search: PathSearch, cells_per_bin: int, seed: int
-) -> FloatArray:
+def surrogate_scores(search: PathSearch, cells_per_bin: int, seed: int) -> FloatArray:
     """Return the best scores of paths that no line can take, one for each block.
 
     Parameters
     ----------
-    power_ratio
-        Power over noise of each cell of a window, shape (frame, cell).
     search
-        What was found in it.
+        What was found in a window, and the scores of its cells.
     cells_per_bin
         Cells per natural bin.
     seed
@@ -67,22 +62,22 @@ def surrogate_scores(
         Shape (block,); cells beyond the last whole block are in none.
     """
     rng = np.random.default_rng([seed])
-    n_frames, n_cells = power_ratio.shape
+    n_frames, n_cells = search.scores.shape
     width = block_cells(n_cells, cells_per_bin)
     last = search.total[: n_cells // width * width].reshape(-1, width).argmax(axis=1)
     best = trace_back(search.moves, last + width * np.arange(last.size)).T
     half = round(PATH_BINS * cells_per_bin)
     near = np.clip(best[..., None] + np.arange(-half, half + 1), 0, n_cells - 1)
-    replaced = search.is_masked.copy()
+    replaced = search.is_masked
     np.put_along_axis(replaced, near.reshape(n_frames, -1), True, axis=1)
-    noise = _filled(power_ratio, replaced)
+    noise = _filled(search.scores, replaced)
     widest = min(SHIFT_BINS * cells_per_bin, n_cells - 1)
     shift = _shifts(rng, n_frames, widest, LEAST_STEP_BINS * cells_per_bin)
     # beyond the ends the band is mirrored
     padded = np.pad(noise, ((0, 0), (widest, widest)), mode="reflect")
     from_cell = (widest + shift)[:, None] + np.arange(n_cells)
     shifted = np.take_along_axis(padded, from_cell, axis=1)
-    total, _ = best_scores(cell_scores(shifted), MOVE_PENALTY)
+    total, _ = best_scores(shifted, MOVE_PENALTY)
     scores: FloatArray = total[: last.size * width].reshape(-1, width).max(axis=1)
     return scores
 
