@@ -1,6 +1,7 @@
 """Fits held against their own data: levels that stand still, halves that disagree."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,13 @@ from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage.candidates import examine_contacts, tell_once
+from uwtrack_cli.motion.passage import fit_checks
+from uwtrack_cli.motion.passage.candidates import (
+    RecordingSpan,
+    examine_contacts,
+    not_a_passage,
+    tell_once,
+)
 from uwtrack_cli.motion.passage.fit_checks import (
     check_fit,
     doppler_misfit,
@@ -191,3 +198,40 @@ def test_a_line_whose_bearings_are_anothers_widens_the_course():
     off = wider.course_deg[0] - alone.course_deg[0]
     assert 2.0 < abs(off) < 3.0 * wider.course_std_deg[0]
     assert wider.course_std_deg[0] > 1.5 * alone.course_std_deg[0]
+
+
+@pytest.mark.parametrize(("width_s", "refused"), [(1842.0, True), (388.0, False)])
+def test_a_passage_that_hardly_turns_within_the_recording_is_none(width_s, refused):
+    """Over 18 degrees of the line of sight a machine that drifts has the same lines."""
+    fit = SimpleNamespace(
+        range_over_speed_s=np.array([width_s]), theta=np.array([[570.0, 2.0, 6.5, 0.0]]),
+        covariance=np.diag([10.0, 0.01 * width_s**2, 1.0, 1.0])[None],
+    )  # fmt: skip
+    blocks = SimpleNamespace(
+        time_s=np.linspace(0.5, 589.5, 590),
+        **dict.fromkeys(
+            ("shift", "bearing", "level"), SimpleNamespace(weight=np.ones((1, 1, 590)))
+        ),
+    )
+    told = not_a_passage(fit, blocks, RecordingSpan(1.0, 0.0, 600.0))
+    assert (told is not None) == refused
+    if refused:
+        assert "turns by 18 degrees" in told
+
+
+@pytest.mark.parametrize(("slope", "refused"), [(0.08, True), (0.78, False)])
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_lines_without_doppler_shift_need_levels_that_follow(
+    monkeypatch, slope, refused, count
+):
+    """Machines that take turns in two directions turn the bearing, too."""
+    monkeypatch.setattr(fit_checks, "level_slope", lambda *_: (slope, 0.2))
+    fit = SimpleNamespace(
+        theta=np.array([[257.0, 4.7, 0.23, 40.0]]),
+        covariance=np.diag([9.0, 0.1, 0.04, 24.0**2])[None],
+    )
+    gain = SimpleNamespace(level=0.0, threshold=12.8)
+    candidate = SimpleNamespace(
+        line_ids=np.arange(count), fit=fit, likelihood_ratio=gain
+    )
+    assert bool(fit_checks._doubt_of_levels(candidate, fit, object())) == refused

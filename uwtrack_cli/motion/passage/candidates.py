@@ -430,6 +430,10 @@ parted into two, 99 % lie within 0.15 (calibration/same_passage.py)."""
 LARGEST_RELATIVE_WIDTH = 1.0 / 3.0
 """A bend whose d/v is less certain than this is no passage: machinery drifts, too."""
 
+LEAST_TURN_DEG = 30.0
+"""Turn of the line of sight that must be measured: over less of a passage lines bend
+hardly, levels stay, and machinery that drifts is the same."""
+
 ONE_SIDE = 0.3
 """Share of d/v that must be measured on either side of the closest approach."""
 
@@ -470,7 +474,15 @@ def not_a_passage(fit: PassageFit, blocks: Blocks, limits: RecordingSpan) -> str
         )
     if deviation[1] > LARGEST_RELATIVE_WIDTH * width or deviation[0] > width:
         return "too little of the passage is in the recording"
-    return _one_sided(closest, width, _extent(blocks), limits)
+    extent = _extent(blocks)
+    ends = np.arctan((np.array(extent) - closest) / width)
+    turn_deg = float(np.degrees(ends[1] - ends[0]))
+    if turn_deg < LEAST_TURN_DEG:
+        return (
+            f"the line of sight turns by {turn_deg:.0f} degrees within the recording, "
+            f"and a drift looks alike below {LEAST_TURN_DEG:g}"
+        )
+    return _one_sided(closest, width, extent, limits)
 
 
 def _one_sided(

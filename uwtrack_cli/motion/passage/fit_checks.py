@@ -57,11 +57,11 @@ SMALLEST_SLOPE, SLOPE_DEVIATIONS = 0.3, 2.0
 """A slope of the levels that lies below this by so many deviations is doubted."""
 
 LONE_SLOPE = 0.5
-"""Slope of the levels below which a line alone is doubted: half-way between a machine and
-a passage."""
+"""Slope of the levels below which a line alone, or lines without a Doppler shift, are
+doubted: half-way between a machine and a passage."""
 
 ENOUGH_KINDS = 2
-"""Kinds of measurements that show a passage of a line alone whatever its levels do."""
+"""Kinds of measurements that show such a passage whatever its levels do."""
 
 SMALLEST_SCATTER_DB = 1.0
 """Scatter of a block's level that is assumed at least."""
@@ -142,13 +142,14 @@ def _doubt_of_levels(
     if lines is None:
         return ""
     slope, std = level_slope(candidate, lines)
-    alone = candidate.line_ids.size == 1 and np.isfinite(std)
-    alone &= _kinds_that_show(candidate, fit) < ENOUGH_KINDS
+    is_alone = candidate.line_ids.size == 1
+    has_to = (is_alone or not _moves(candidate.fit)) and np.isfinite(std)
+    has_to &= _kinds_that_show(candidate, fit) < ENOUGH_KINDS
     contradicts = _moves(candidate.fit)
     contradicts &= slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE
-    if not (contradicts or (alone and slope < LONE_SLOPE)):
+    if not (contradicts or (has_to and slope < LONE_SLOPE)):
         return ""
-    whose = "only line" if alone else "lines"
+    whose = "only line" if is_alone and has_to else "lines"
     return (
         f"the levels of its {whose} do not rise and fall as the range would: "
         f"{slope:.2f} +- {std:.2f} dB for each dB"
