@@ -21,6 +21,9 @@ from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.lines.tracking.track_management import Logic
 from uwtrack_cli.lines.tracking.track_store import TrackStore
 
+UNRESOLVED = 1.5
+"""Distance of two lines, in resolutions, within which their peaks may be one."""
+
 LOUD = 3.0
 """Height of a peak, in nepers, that noise hardly ever has."""
 
@@ -73,6 +76,11 @@ class Associator:
         self.options = options
         self.logic = logic
         self.resolution_hz = resolution_hz
+        self.near_hz = UNRESOLVED * resolution_hz
+        # a fixed gate is meant as it is, and so is a fixed process noise
+        self.may_turn = (
+            options.gates.bearing_deg is None and options.motion.adaptation > 0.0
+        )
 
     def associate(
         self, slots: IntArray, peaks: FramePeaks, height: FloatArray
@@ -144,11 +152,24 @@ class Associator:
             around = store.bearing_variance_deg2[slots[line]]
             around = around + peaks.bearing_variance_deg2[peak]
             width = gates.bearing_deg or gates.sigmas * np.sqrt(around)
+            square = turn * turn / around
             inside = np.abs(turn) < width * wide[line]
-            distance = distance + turn * turn / around
+            if self.may_turn:
+                # noise has no peak as loud: the vessel turns faster than was thought
+                inside |= self._may_have_turned(slots)[line] & (height[peak] > LOUD)
+                square = np.minimum(square, gates.sigmas**2)
+            distance = distance + square
             line, peak, distance = line[inside], peak[inside], distance[inside]
         cost, gain = self.logic.weigh(store, slots, distance, total, line, height[peak])
         return Pairs(line, peak, cost, gain)
+
+    def _may_have_turned(self, slots: IntArray) -> BoolArray:
+        """Tell which lines are confirmed, with no other near that a peak could be of."""
+        confirmed = self.store.confirmed
+        alone = np.ones(slots.size, dtype=bool)
+        alone[confirmed.size :] = False
+        alone[: confirmed.size] = ~self.store.is_near_another(confirmed, self.near_hz)
+        return alone
 
     def _allowed(self, pairs: Pairs, is_wide: BoolArray, peaks: FramePeaks) -> Pairs:
         """Drop weak peaks, but for recognised lines with nothing else in reach."""

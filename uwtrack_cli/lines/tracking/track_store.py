@@ -349,6 +349,28 @@ class TrackStore:
         """Return the places in the ring of rows, or of the nearest that are kept."""
         return np.clip(rows, self.rows - self._size, self.rows - 1) % self._size
 
+    def is_near_another(self, slots: IntArray, near_hz: float) -> BoolArray:
+        """Tell which lines are confirmed, and nearer to another such line than so much.
+
+        Parameters
+        ----------
+        slots
+            The lines.
+        near_hz
+            Distance in frequency, Hz.
+        """
+        confirmed = self.confirmed
+        is_near = np.zeros(self.stage.size, dtype=bool)
+        if confirmed.size > 1:
+            frequency = self.frequency_hz[confirmed]
+            order = frequency.argsort()
+            ordered = frequency[order]
+            near = ordered[1:] - ordered[:-1] < near_hz
+            if near.any():
+                is_near[confirmed[order[1:]]] = near
+                is_near[confirmed[order[:-1]]] |= near
+        return np.asarray(is_near[slots])
+
     def state_of(self, slots: IntArray) -> KalmanState:
         """Return the present states of some lines, entries of shape (2, line)."""
         return KalmanState(*(entry[:, slots] for entry in self.state))

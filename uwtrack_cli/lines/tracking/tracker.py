@@ -72,9 +72,6 @@ _CORRELATION_WINDOWS = 4.0
 _JUMPS_EVERY = 8
 """Frames from one search for lines that have jumped to the next."""
 
-_UNRESOLVED = 1.5
-"""Distance of two lines, in resolutions, within which their peaks may be one."""
-
 _MERGED_STD = 0.5
 """Deviation of such a peak from either line, in resolutions."""
 
@@ -249,7 +246,8 @@ class LineTracker:
         noise = np.empty((n, slots.size))
         innovation[0] = peaks.frequency_hz[peak]
         noise[0] = store.frequency_noise_hz2(slots)
-        is_merged = self._is_unresolved(slots)
+        # lines that cross keep their rates through it: a common peak belongs to neither
+        is_merged = store.is_near_another(slots, self.associator.near_hz)
         noise[0, is_merged] += (_MERGED_STD * self.resolution_hz) ** 2
         if n == 2:
             innovation[1] = peaks.bearing_deg[peak]
@@ -258,29 +256,22 @@ class LineTracker:
         if n == 2:
             turn = wrap_deg(innovation[1])
             innovation[1] = np.where(np.isnan(turn), 0.0, turn)
+            self._loosen(before, innovation[1], noise[1])
         store.correct(slots, kalman.update(before, innovation, noise))
         deviation = innovation[0] / np.sqrt(before.variance[0] + noise[0])
         probability = np.where(is_merged, 0.0, 1.0 / (1.0 + np.exp(-chosen.gain)))
         self._adapt(slots, deviation, probability)
         self._note_peaks(slots, peak, peaks)
 
-    def _is_unresolved(self, slots: IntArray) -> BoolArray:
-        """Tell which confirmed lines are so near another that they may share a peak.
-
-        Lines that cross keep their rates through it: a common peak belongs to neither.
-        """
-        store = self.store
-        confirmed = store.confirmed
-        is_near = np.zeros(store.stage.size, dtype=bool)
-        if confirmed.size > 1:
-            frequency = store.frequency_hz[confirmed]
-            order = frequency.argsort()
-            ordered = frequency[order]
-            near = ordered[1:] - ordered[:-1] < _UNRESOLVED * self.resolution_hz
-            if near.any():
-                is_near[confirmed[order[1:]]] = near
-                is_near[confirmed[order[:-1]]] |= near
-        return np.asarray(is_near[slots])
+    def _loosen(
+        self, before: kalman.KalmanState, turn_deg: FloatArray, noise: FloatArray
+    ) -> None:
+        """Let bearings follow peaks beyond their gates: the vessel passes near by."""
+        total = before.variance[1] + noise
+        is_beyond = turn_deg**2 > self.options.gates.sigmas**2 * total
+        excess = np.where(is_beyond, turn_deg**2, 0.0)
+        before.variance[1] += excess
+        before.rate_variance[1] += excess * self.resolution_hz**2
 
     def _adapt(
         self, slots: IntArray, innovation: FloatArray, probability: FloatArray
