@@ -140,3 +140,12 @@ def test_the_measured_rate_is_told_for_windows_that_are_long_enough():
     assert 0.3 < once.measured_false_lines_per_khz_hour < 2.0
     brief = traced(noise[: 12 * int(RATE_HZ)])
     assert np.isnan(brief.measured_false_lines_per_khz_hour)
+
+
+def test_silence_before_the_sound_and_no_numbers_at_all_are_traced():
+    noise = np.random.default_rng(5).standard_normal(60 * int(RATE_HZ))
+    noise[: noise.size // 2] = 0.0
+    assert traced(noise).line_id.size == 0
+    nothing = traced(np.full(noise.size, np.nan))
+    assert nothing.line_id.size == 0
+    assert np.isnan(nothing.measured_false_lines_per_khz_hour)

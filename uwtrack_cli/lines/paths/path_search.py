@@ -324,7 +324,7 @@ def _mask(
     at = np.take_along_axis(power_ratio, cells[:, None], axis=1)
     strength = float(np.nanmean(at)) if np.isfinite(at).any() else 1.0
     bins = max(2.5, 2.4 * (strength * 10.0**-3.1) ** (1.0 / 3.0))
-    half = int(np.ceil(bins * cells_per_bin))
+    half = int(min(np.ceil(bins * cells_per_bin), scores.shape[1]))
     offset = np.arange(-half, half + 1)
     columns = np.clip(cells[:, None] + offset, 0, scores.shape[1] - 1)
     np.put_along_axis(scores, columns, np.float32(_MASKED), axis=1)

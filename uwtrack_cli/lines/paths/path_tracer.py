@@ -54,7 +54,7 @@ from uwtrack_cli.lines.tracking.line_continuation import (
 )
 
 _FEWEST_FRAMES = 32
-"""Frames of a window below which its noise is not measured."""
+"""Frames with sound in a window below which its noise is not measured."""
 
 _FAMILY_CHANCE = 1e-2
 """Expected number of families by chance in one window."""
@@ -198,7 +198,7 @@ class PathTracer:
     def _excess(self, data: WindowData, search: PathSearch) -> FloatArray:
         """Return by how much the noise of the recording exceeds white noise, nepers."""
         n_frames = data.frame.size
-        if n_frames < _FEWEST_FRAMES:
+        if np.count_nonzero(data.is_valid) < _FEWEST_FRAMES:
             return np.zeros(search.total.size)
         scores = surrogate_scores(search, data.cells_per_bin, int(data.frame[0]))
         return self.noise.note(scores, *self.rule.threshold.surrogate_tail(n_frames))

@@ -18,6 +18,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.angles import compass_deg, wrap_deg
+from uwtrack_cli.estimation.noise_floor import LEAST_SHARE
 from uwtrack_cli.estimation.window import (
     NOISE_BANDWIDTH_BINS,
     frequency_std_hz,
@@ -60,8 +61,10 @@ class WindowData:
 
     @property
     def power_ratio(self) -> FloatArray:
-        """Power over noise; nan in a gap."""
-        return self.power / self.floor
+        """Power over noise; nan in a gap, and over the floor of silence beside sound."""
+        ratio = self.power / self.floor
+        ratio[ratio > 1.0 / LEAST_SHARE] = np.nan
+        return ratio
 
 
 @dataclass(frozen=True)
