@@ -5,8 +5,8 @@ the graph; a scan is a generator that gives one block for each block it takes, a
 rest when the input ends. All branches see the same blocks, and the engine holds none:
 what stays goes to a sink. The recording is read once, however many sources there are:
 the source whose next block ends first is advanced, so that little sound is taken before
-it is used, and they share the samples that one of them has not taken yet. When the streams have ended, the whole stages follow on what the sink
-gives back.
+it is used, and they share the samples that one of them has not taken yet. When the
+streams have ended, the whole stages follow on what the sink gives back.
 
 **Conventions.** Results are known by the step that made them. Options that follow from
 the recording are resolved before the run, and written into history as they are used.
@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
+from warnings import warn
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Reader, Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.flow.graph import Graph, Node, taken
 from uwtrack_cli.flow.recipe import Recipe
@@ -168,8 +169,8 @@ class Engine:
             name = min(streams, key=lambda key: expected[key])
             block = next(streams[name], None)
             if block is None:
-                if name not in began:
-                    raise DataError(_too_short(recording.ended(), by_name[name]))
+                if not (name in began or recording.is_live):
+                    raise DataError(_too_short(recording, by_name[name]))
                 del streams[name]
                 continue
             began.add(name)
@@ -181,8 +182,28 @@ class Engine:
             if progress is not None:
                 progress(STREAM_SHARE * min(reached[key] for key in streams))
         ended = recording.ended()
+        if not began:
+            raise DataError(_too_short(ended, sources[0]))
+        self._leave_out(set(by_name) - began, ended)
         self._given = [ended if c is recording else c for c in self._given]
         self.finish(_share_of(progress, ended.duration_s))
+
+    def _leave_out(self, too_long: Collection[str], recording: Recording) -> None:
+        """Leave out sources whose frames live sound was too short for, with what follows.
+
+        The frames of a file are as short as it needs; of live sound nobody knew.
+        """
+        for name in sorted(too_long):
+            msg = (
+                f"{recording.name} lasts {recording.duration_s:g} s, less than a frame "
+                f"of {name}, which is left out."
+            )
+            warn(msg, UwtrackWarning, stacklevel=3)
+        self.graph = self.graph.without(too_long)
+        left = {node.step.name for node in self.graph.nodes}
+        self._streams = {
+            name: node for name, node in self._streams.items() if name in left
+        }
 
     def push(self, origin: str | None, block: Container, step: Step | None) -> None:
         """Push a block through all that follows from it.
@@ -337,11 +358,15 @@ def run_recipe(
     ------
     OptionError
         The steps of the recipe do not join.
+    DataError
+        The sound is too short.
     """
     graph = recipe.graph(keep).resolved(recording)
     sink = MemorySink()
     given = context_of(recording)
-    Engine(graph, given, sink).run_recording(recording, progress)
+    engine = Engine(graph, given, sink)
+    engine.run_recording(recording, progress)
+    graph = engine.graph
     steps = [step for step in graph.steps() if step.name in graph.outputs]
     return [recording.ended(), recording.sensor, *(sink.read(step) for step in steps)]
 

@@ -161,6 +161,7 @@ def run_into_product(  # noqa: PLR0913 (what a run may be given)
     if watch is not None:
         watch.attend(engine)
     engine.run_recording(recording, progress)
+    graph = engine.graph  # without what live sound was too short for
     recording = recording.ended()
     if files is not None:
         writer.write(files)
