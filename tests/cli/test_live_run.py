@@ -256,3 +256,14 @@ def test_a_signal_finishes_the_product(uwtrack, tmp_path, number):
     facts = json.loads(shown.stdout)
     assert 31 * RATE <= facts["n_samples"] <= 60 * RATE
     assert facts["start_utc_ns"] > 1.7e18
+
+
+def test_frames_that_are_longer_than_live_sound_are_left_out_and_said(uwtrack, sound):
+    header, samples = sound.read_bytes()[:44], sound.read_bytes()[44:]
+    piped = uwtrack(
+        "run", "-", "-o", "short.h5", input=header + samples[: 2 * RATE * 3]
+    )
+    assert piped.exit_code == 0
+    assert "lasts 3 s, less than a frame of slow-spectrogram" in piped.stderr
+    held = uwtrack("info", "short.h5", "-v").stdout
+    assert "slow" not in held

@@ -13,7 +13,7 @@ from tests.lines.line_scenes import (
     some_frames,
 )
 from tests.lines.long_frames import lines_heard
-from tests.support import recording_of
+from tests.support import DIFAR, recording_of
 from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.errors import DataError, OptionError
@@ -484,3 +484,32 @@ def test_frames_of_eight_seconds_hear_steady_lines_far_below_those_of_one(
     command, level_db
 ):
     assert lines_heard(command, 8.0, level_db, 33) >= 6  # of 8; the band is one in two
+
+
+def test_a_line_is_followed_through_a_passage_near_a_vector_sensor():
+    """Twenty metres off at 6 m/s the bearing turns by 17 degrees a second."""
+    rate_hz, n = 500.0, 100_000
+    time_s = np.arange(n) / rate_hz
+    along_m = 6.0 * (time_s - 100.0)
+    range_m = np.hypot(along_m, 20.0)
+    bearing = np.arctan2(along_m, 20.0)
+    phase = 2.0 * np.pi * 60.0 * (time_s - range_m / 1500.0)
+    rng = np.random.default_rng(5)
+    tone = np.sin(phase) * np.minimum(1.0, 60.0 / range_m)
+    channels = [tone, tone * np.sin(bearing), tone * np.cos(bearing)]
+    noise = rng.standard_normal((n, 3)) * [1.0, 3**-0.5, 3**-0.5]
+    recording = recording_of(
+        (np.stack(channels, axis=1) + noise).astype(np.float32), rate_hz, DIFAR
+    )
+    blocks = compute_spectrogram(recording, band_hz=(20.0, 100.0))
+    lines = Lines.join(list(track_lines(find_peaks(block) for block in blocks)))
+    near = (np.abs(lines.frequency_hz - 60.0) < 1.0) & (
+        np.abs(lines.time_s - 100.0) < 40.0
+    )
+    assert np.unique(lines.line[near]).size == 1
+    is_taken = near & (lines.association != COASTED)
+    assert np.count_nonzero(is_taken) >= 150  # of 160 frames
+    truth = np.degrees(np.arctan2(6.0 * (lines.time_s[is_taken] - 100.0), 20.0))
+    off = (lines.bearing_deg[is_taken] - truth + 180.0) % 360.0 - 180.0
+    assert np.median(np.abs(off)) < 5.0
+    assert np.abs(off).max() < 30.0  # the filter follows a second late

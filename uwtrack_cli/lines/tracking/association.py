@@ -156,8 +156,9 @@ class Associator:
             inside = np.abs(turn) < width * wide[line]
             if self.may_turn:
                 # noise has no peak as loud: the vessel turns faster than was thought
-                inside |= self._may_have_turned(slots)[line] & (height[peak] > LOUD)
-                square = np.minimum(square, gates.sigmas**2)
+                turned = self._may_have_turned(slots)[line] & (height[peak] > LOUD)
+                square[turned] = np.minimum(square[turned], gates.sigmas)
+                inside |= turned
             distance = distance + square
             line, peak, distance = line[inside], peak[inside], distance[inside]
         cost, gain = self.logic.weigh(store, slots, distance, total, line, height[peak])

@@ -66,6 +66,11 @@ LOUD_RATE, WEAK_RATE = 4.0, 0.5
 a weaker one, over the usual: a resolution per step, and an eighth. With the usual one
 for both, no line of 2 bins a frame is followed, and half of the bursts 0.2 dB later."""
 
+TURN_RISE, TURN_FALL, GREATEST_TURN_DEG2PS3 = 8.0, 0.8, 1e3
+"""Factors by which the noise of a bearing grows with a peak beyond its gate and falls with
+one inside, and its bound: a vessel that passes within two seconds turns by 30 degrees a
+second. (With 3 to 20 and 0.7 to 0.9 the same lines are followed.)"""
+
 _CORRELATION_WINDOWS = 4.0
 """Windows over which the errors of a smoothed line are taken as correlated."""
 
@@ -256,22 +261,24 @@ class LineTracker:
         if n == 2:
             turn = wrap_deg(innovation[1])
             innovation[1] = np.where(np.isnan(turn), 0.0, turn)
-            self._loosen(before, innovation[1], noise[1])
+            if self.associator.may_turn:
+                total = before.variance[1] + noise[1]
+                self._follow_turns(slots, innovation[1], total)
         store.correct(slots, kalman.update(before, innovation, noise))
         deviation = innovation[0] / np.sqrt(before.variance[0] + noise[0])
         probability = np.where(is_merged, 0.0, 1.0 / (1.0 + np.exp(-chosen.gain)))
         self._adapt(slots, deviation, probability)
         self._note_peaks(slots, peak, peaks)
 
-    def _loosen(
-        self, before: kalman.KalmanState, turn_deg: FloatArray, noise: FloatArray
+    def _follow_turns(
+        self, slots: IntArray, turn_deg: FloatArray, variance: FloatArray
     ) -> None:
-        """Let bearings follow peaks beyond their gates: the vessel passes near by."""
-        total = before.variance[1] + noise
-        is_beyond = turn_deg**2 > self.options.gates.sigmas**2 * total
-        excess = np.where(is_beyond, turn_deg**2, 0.0)
-        before.variance[1] += excess
-        before.rate_variance[1] += excess * self.resolution_hz**2
+        """Let the noise of bearings follow peaks beyond their gates, and fall again."""
+        usual, density = self.options.motion.bearing_deg2ps3, self.store.noise_density
+        is_beyond = turn_deg**2 > self.options.gates.sigmas**2 * variance
+        factor = np.where(is_beyond, TURN_RISE, TURN_FALL)
+        raised = np.minimum(density[1, slots] * factor, GREATEST_TURN_DEG2PS3)
+        density[1, slots] = np.maximum(raised, usual)
 
     def _adapt(
         self, slots: IntArray, innovation: FloatArray, probability: FloatArray
