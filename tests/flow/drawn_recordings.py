@@ -185,7 +185,7 @@ def score(scenario: Scenario, table: Encounters) -> Scored:
         k for k, v in enumerate(scenario.vessels) if v.closest_approach is not None
     )
     limits = bounds(scenario, number)
-    is_due = max(limits["speed"], limits["width"]) < LARGEST_BOUND
+    is_due = bool(max(limits["speed"], limits["width"]) < LARGEST_BOUND)
     off_s = np.abs(table.time_s - time_s)
     near = np.flatnonzero(off_s < max(1.0, width_s))
     order = np.lexsort((off_s[near], table.status[near] == "level-only"))
@@ -197,7 +197,7 @@ def score(scenario: Scenario, table: Encounters) -> Scored:
     error = table.range_over_speed_s[best] / width_s - 1.0 if best >= 0 else np.nan
     counts = Counter({
         "passages": 1, "due": int(is_due), "found": best >= 0, "false": len(wrong),
-        "found of due": is_due and best >= 0,
+        "found of due": int(is_due and best >= 0),
     })  # fmt: skip
     return Scored(counts, abs(float(error)), notes)
 

@@ -164,6 +164,8 @@ class Engine:
         by_name = {step.name: step for step in sources}
         reached = dict.fromkeys(streams, 0.0)
         expected = {name: _first_end_s(step) for name, step in by_name.items()}
+        # a product's time base is that of the first source, whatever is kept beside it
+        expected[sources[0].name] = 0.0
         began: set[str] = set()
         while streams:
             name = min(streams, key=lambda key: expected[key])

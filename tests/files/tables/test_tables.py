@@ -336,7 +336,7 @@ def test_fix_has_the_documented_keys_and_order():
     direct = {k: [v] for k, v in documented.items() if k in Fixes.columns()}
     direct |= {"sensors": ["h1,h2"], "time_utc_ns": [-1]}
     (row,) = json_rows(synthetic(Fixes, 1, **direct))
-    further = ["reading", "reading_weight", "rival"]
+    further = ["reading", "reading_weight", "rival", "reasons"]
     assert list(row) == [*documented, *further]
     expected = documented | {"time_utc": None}
     assert {key: row[key] for key in expected} == expected

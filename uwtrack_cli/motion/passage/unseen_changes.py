@@ -3,7 +3,7 @@
 **Method.** Where no change gains enough to be fitted, one may be there all the same.
 About the straight passage everything is linear (`change_scores`): for each instant and
 each size of a grid (with the prior of `change_priors`, of either sign or of any
-direction) the likelihood over that of no change follows from the score and its
+direction, and that of the fits) the likelihood over that of no change follows from the score and its
 information. Averaged over the prior it is the evidence for a change that was not seen,
 and weighs by how much that change would move the answers. Moves beyond the reach of the
 linear law are left out: a change that large is seen.
@@ -29,7 +29,7 @@ from uwtrack_cli.motion.passage.change_scores import FARTHEST_LOG, FARTHEST_S, S
 from uwtrack_cli.motion.passage.covariance import slant_partials
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.unknowns import MANOEUVRE, N_SIZES, RAMP
+from uwtrack_cli.motion.passage.unknowns import CHANGE_STD, MANOEUVRE, N_SIZES, RAMP
 
 N_INNER, N_RADII, N_DIRECTIONS = 6, 32, 16
 """Sizes of the grid below the lower bound and above it, and directions."""
@@ -77,6 +77,8 @@ def unseen_change(scores: Scores, fit: PassageFit, blocks: Blocks) -> Unseen:
     sizes, prior = _grid(kind)
     size = sizes * _units(scores, fit, blocks)[:, None, None]
     right, information = scores.right[:, :count], scores.information[:, :count, :count]
+    # what would be too large for a fit, as a ramp of 5 % within seconds, is none here
+    information = information + np.diag(np.power(CHANGE_STD[kind][:count], -2.0))
     gain = np.einsum("ijn,in->ij", size, right)
     gain -= 0.5 * np.einsum("ijn,inm,ijm->ij", size, information, size)
     instants = scores.spacing_s / scores.spacing_s.sum()
