@@ -193,7 +193,7 @@ class Engine:
     def _leave_out(self, too_long: Collection[str], recording: Recording) -> None:
         """Leave out sources whose frames live sound was too short for, with what follows.
 
-        The frames of a file are as short as it needs; of live sound nobody knew.
+        The length of a file is known before, and its frames are shortened to it.
         """
         for name in sorted(too_long):
             msg = (

@@ -69,7 +69,8 @@ for both, no line of 2 bins a frame is followed, and half of the bursts 0.2 dB l
 TURN_RISE, TURN_FALL, GREATEST_TURN_DEG2PS3 = 8.0, 0.8, 1e3
 """Factors by which the noise of a bearing grows with a peak beyond its gate and falls with
 one inside, and its bound: a vessel that passes within two seconds turns by 30 degrees a
-second. (With 3 to 20 and 0.7 to 0.9 the same lines are followed.)"""
+second. Chosen: the passage in `tests/lines/test_track_lines.py` is followed with 3 to 20
+and 0.7 to 0.9, too."""
 
 _CORRELATION_WINDOWS = 4.0
 """Windows over which the errors of a smoothed line are taken as correlated."""
