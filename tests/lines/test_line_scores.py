@@ -38,7 +38,7 @@ def test_a_line_keeps_its_id(name, cover, purity, ids):
 
 @pytest.mark.parametrize(
     ("name", "purity", "ids"),
-    [("fades of 20 s at 20 dB", 0.99, 1.25), ("crossings at 0.2 Hz/s", 0.95, 1.25)],
+    [("fades of 20 s at 20 dB", 0.99, 1.25), ("crossings at 0.05 Hz/s", 0.95, 1.25)],
 )
 def test_a_traced_line_keeps_its_id(name, purity, ids):
     scene = SCENES[name](np.random.default_rng(SEED))

@@ -66,13 +66,14 @@ class LinePoints:
 
     def sorted(self) -> "LinePoints":
         """Return the points by line, then by frame."""
-        return self._rows(np.lexsort((self.frame, self.line)))
+        return self.take(np.lexsort((self.frame, self.line)))
 
     def since(self, start_s: float) -> "LinePoints":
         """Return the points from a time on, s."""
-        return self._rows(np.flatnonzero(self.time_s >= start_s))
+        return self.take(np.flatnonzero(self.time_s >= start_s))
 
-    def _rows(self, rows: IntArray) -> "LinePoints":
+    def take(self, rows: BoolArray | IntArray | slice) -> "LinePoints":
+        """Return some of the points."""
         return LinePoints(
             self.line[rows], self.frame[rows], self.time_s[rows],
             self.state[rows], self.measured[rows], self.association[rows],

@@ -8,7 +8,8 @@ joined from window to window. How high paths score in the recording's own noise 
 measured where no line can be (`lines.paths.recording_noise`): thresholds are raised by
 what it exceeds white noise, and the rate of false lines that is left is stated.
 
-**Conventions.** The points of a line are final one window after they were recorded.
+**Conventions.** The points of a line are final one window after they were recorded,
+those of lines that come together when they have parted (`lines.paths.meetings`).
 
 **References.** Streit & Barrett, IEEE Trans. ASSP 38(4), 586-598 (1990); Barrett &
 Holdsworth, IEEE Trans. SP 41(10), 2965-2976 (1993).

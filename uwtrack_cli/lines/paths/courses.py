@@ -200,16 +200,25 @@ def _gain(
     (a, b), (c, d) = sides
     if a is None or b is None or c is None or d is None:
         return 0.0
-    stay = _misfit(a, c, bin_hz) + _misfit(b, d, bin_hz)
-    return stay - _misfit(a, d, bin_hz) - _misfit(b, c, bin_hz)
+    stay = disagreement(a, c, bin_hz) + disagreement(b, d, bin_hz)
+    return stay - disagreement(a, d, bin_hz) - disagreement(b, c, bin_hz)
 
 
-def _misfit(one: Course, two: Course, bin_hz: float) -> float:
-    """Return half of the normalised square of the difference of two courses."""
+def disagreement(one: Course, two: Course, bin_hz: float) -> float:
+    """Return how unlikely two courses are the same one, nepers but for a constant.
+
+    Parameters
+    ----------
+    one, two
+        Courses at the same time.
+    bin_hz
+        Natural bin in Hz.
+    """
     floor = (LEAST_STD_BINS * bin_hz) ** 2, (LEAST_RATE_STD_BINS * bin_hz**2) ** 2
     off = one.value - two.value
     total = one.covariance + two.covariance + np.diag(floor)
-    return 0.5 * float(off @ np.linalg.solve(total, off))
+    _, spread = np.linalg.slogdet(total)
+    return 0.5 * float(off @ np.linalg.solve(total, off) + spread)
 
 
 def _changed(

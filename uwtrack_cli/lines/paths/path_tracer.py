@@ -27,6 +27,7 @@ from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.line_points import LinePoints, LineTable
 from uwtrack_cli.lines.paths.courses import fit_course, uncross
+from uwtrack_cli.lines.paths.meetings import Meetings
 from uwtrack_cli.lines.paths.path_search import (
     FoundPath,
     PathSearch,
@@ -130,9 +131,13 @@ class PathTracer:
         self.living: list[_Living] = []
         self.ended: list[_End] = []
         self.next_line = 1
+        self.next_frame = 0
         self.is_first = True
         padding = max(1, round(first.frames.fft_length / first.frames.window_samples))
         self.noise = RecordingNoise(inside.size, padding)
+        self.meetings = Meetings(
+            resolution, rule.motion.own_density(first.frames.window_s)
+        )
         self.samples = ContactSamples(max(1, round(1.0 / (resolution * self.hop_s))))
         self.families = FamilyRegister()
 
@@ -160,7 +165,8 @@ class PathTracer:
         else:
             points.extend(living.pending for living in self.living)
         self.living = []
-        return self._noted(points)
+        points = [self.meetings.push(LinePoints.join(points), self.next_frame)]
+        return self._noted([*points, self.meetings.finish()])
 
     def _window(self, data: WindowData, last_stop: int | None) -> LinePoints:
         """Find the lines of a window; ``last_stop`` is given for the last one."""
@@ -193,7 +199,11 @@ class PathTracer:
         final = (quarter, n_frames if last_stop else n_frames - quarter)
         parts = self._continue(data, paths, final, is_last=last_stop is not None)
         self.is_first = False
-        return LinePoints.join(parts) if last_stop else self._noted(parts)
+        self.next_frame = int(data.frame[final[1] - 1]) + 1
+        points = LinePoints.join(parts)
+        if last_stop:
+            return points
+        return self._noted([self.meetings.push(points, self.next_frame)])
 
     def _excess(self, data: WindowData, search: PathSearch) -> FloatArray:
         """Return by how much the noise of the recording exceeds white noise, nepers."""
@@ -387,9 +397,8 @@ class PathTracer:
         )  # fmt: skip
         unknown = np.full(there.size, np.nan)
         combs, _ = find_combs(frequency[order], unknown, comb, _FAMILY_CHANCE)
-        self.families.note(
-            int(data.frame[at]), combs, lines[there[order]], frequency[order], sigma
-        )
+        numbers = np.array([self.meetings.name(int(k)) for k in lines[there[order]]])
+        self.families.note(int(data.frame[at]), combs, numbers, frequency[order], sigma)
 
     def line_table(self) -> LineTable:
         """Return what is known of the lines, at the end."""

@@ -1,0 +1,355 @@
+"""Lines that run together for longer than a window go on along their courses.
+
+**Method.** Where two lines cross slowly they cannot be told apart for a minute or
+more, in which the likeliest paths bounce, end, begin anew and go astray in the noise.
+So the points of lines that come together are held back until two lines have parted
+again and run straight. Straight courses before and after tell who is who, if one
+pairing is far likelier, whatever the drift of the two. Points between are given to the two lines
+by their order in frequency, and those that are far from the course of their line are
+put onto it, as coasted. A line that begins beside the two is one of them.
+
+**Conventions.** Distances are in natural bins; frames are those of the recording.
+What is not decided within `MOST_FRAMES` leaves as it came. The constants are chosen:
+`tests.lines.line_scores` shows what they do.
+
+**References.** Bar-Shalom, Li & Kirubarajan (2001), sections 3.4 (least squares) and
+6.2.2 (growth of the variance); de Boor (1978), chapter 4 (cubic between two courses).
+"""
+
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.special import logsumexp
+
+from uwtrack_cli.data.base import IntArray
+from uwtrack_cli.data.lines import COASTED
+from uwtrack_cli.estimation.constant_velocity import transition, white_acceleration
+from uwtrack_cli.lines.line_points import LinePoints
+from uwtrack_cli.lines.paths.courses import (
+    FEWEST_FRAMES,
+    LEAST_GAIN,
+    MIXED_BINS,
+    TOGETHER_BINS,
+    Course,
+    disagreement,
+    fit_course,
+)
+
+MOST_FRAMES = 300
+"""Frames for which points are held back at most."""
+
+PARTED_FRAMES = 24
+"""Frames for which lines have parted before they are looked at."""
+
+DRIFT_SHARES = (0.0, 1e-3, 0.03, 1.0)
+"""Process noises of the two lines that are equally likely before, as shares of the
+greatest that a machine's drift has: how steady these machines are is not known."""
+
+MOST_RATE_STD_BINS = 0.03
+"""Deviation of a rate, in bins per window, above which a path went astray in noise."""
+
+
+@dataclass
+class _Meeting:
+    """Two lines that have come together."""
+
+    first_frame: int
+    """First frame in which they were near each other."""
+    begin_s: float
+    """Its time, s."""
+    entry: dict[int, Course]
+    """Course of each line then, by its number."""
+    members: set[int]
+    """The numbers of these and of what began beside them."""
+    last_near: int
+    """Last frame in which two of them were near each other."""
+
+
+class Meetings:
+    """Holds back points of lines that have come together, and tells who is who.
+
+    Parameters
+    ----------
+    bin_hz
+        Natural bin in Hz.
+    density_hz2ps3
+        Process noise of a machine's own drift, Hz^2/s^3.
+    """
+
+    def __init__(self, bin_hz: float, density_hz2ps3: float) -> None:
+        self.bin_hz = bin_hz
+        self.density_hz2ps3 = density_hz2ps3
+        self._names: dict[int, int] = {}
+        self._past = self._held = LinePoints.join([])
+        self._meetings: list[_Meeting] = []
+        self._complete_to = 0
+
+    def name(self, path: int) -> int:
+        """Return the number under which the points of a path's line leave now."""
+        return self._names.get(path, path)
+
+    def push(self, points: LinePoints, complete_to: int) -> LinePoints:
+        """Take final points; return those that are decided, by line, then by frame.
+
+        Parameters
+        ----------
+        points
+            Points with the numbers of the paths' lines.
+        complete_to
+            Frame up to which the points of every line are there.
+        """
+        line = np.array([self.name(int(k)) for k in points.line], dtype=np.int64)
+        named = replace(points, line=line)
+        self._held = LinePoints.join([self._held, named])
+        self._find()
+        for meeting in list(self._meetings):
+            self._follow(meeting)
+            has_parted = meeting.last_near + PARTED_FRAMES < complete_to
+            is_late = complete_to - meeting.first_frame > MOST_FRAMES
+            if (has_parted and self._decide(meeting)) or is_late:
+                self._meetings.remove(meeting)
+        self._complete_to = complete_to
+        return self._released()
+
+    def finish(self) -> LinePoints:
+        """Return what is still held, by line, then by frame."""
+        for meeting in self._meetings:
+            self._decide(meeting)
+        self._meetings = []
+        return self._released()
+
+    def _released(self) -> LinePoints:
+        held = self._held
+        waits = np.zeros(held.line.size, dtype=bool)
+        for meeting in self._meetings:
+            is_member = np.isin(held.line, list(meeting.members))
+            waits |= is_member & (held.frame >= meeting.first_frame)
+        out = held.take(~waits).sorted()
+        self._held = held.take(waits)
+        past = LinePoints.join([self._past, out])
+        oldest = self._complete_to - MOST_FRAMES
+        self._past = past.take(past.frame >= oldest)
+        return out
+
+    def _find(self) -> None:
+        """Find lines that have come together since the last points."""
+        points = LinePoints.join([self._past, self._held])
+        busy = {line for meeting in self._meetings for line in meeting.members}
+        for one, two, frame in self._pairs(points):
+            if not busy.isdisjoint((one, two)):
+                continue
+            begin_s = float(points.time_s[points.frame == frame][0])
+            entry = {}
+            for line in (one, two):
+                before = (points.line == line) & (points.frame < frame)
+                course = self._course(points.take(before), begin_s, -1)
+                if course is not None:
+                    entry[line] = course
+            if len(entry) == 2:
+                busy |= set(entry)
+                self._meetings.append(
+                    _Meeting(frame, begin_s, entry, set(entry), frame)
+                )
+
+    def _pairs(self, points: LinePoints) -> list[tuple[int, int, int]]:
+        """List the lines that are near each other, and since which new frame."""
+        is_new = points.frame >= self._complete_to - FEWEST_FRAMES
+        points = points.take(is_new)
+        if not points.line.size:
+            return []
+        lines, column = np.unique(points.line, return_inverse=True)
+        row = points.frame - points.frame.min()
+        table = np.full((int(row.max()) + 1, lines.size), np.inf)
+        table[row, column] = points.frequency_hz
+        order = np.argsort(table, axis=1)
+        ascending = np.take_along_axis(table, order, axis=1)
+        with np.errstate(invalid="ignore"):
+            at, rank = np.nonzero(np.diff(ascending) < TOGETHER_BINS * self.bin_hz)
+        pairs = np.sort(
+            np.stack([order[at, rank], order[at, rank + 1]], axis=1), axis=1
+        )
+        found, first = np.unique(pairs, axis=0, return_index=True)
+        frames = at[first] + points.frame.min()
+        # those that were near before have not come together now
+        return sorted(
+            (
+                (int(lines[one]), int(lines[two]), int(frame))
+                for (one, two), frame in zip(found, frames, strict=True)
+                if frame >= self._complete_to
+            ),
+            key=lambda pair: pair[2],
+        )
+
+    def _follow(self, meeting: _Meeting) -> None:
+        """Note what has begun beside the lines, and when they were last near."""
+        since = self._held.take(self._held.frame >= meeting.first_frame)
+        others = [m.members for m in self._meetings if m is not meeting]
+        old = set(self._past.line.tolist()).union(*others)
+        for line in sorted(set(since.line.tolist()) - old - meeting.members):
+            if self._near_frames(since, {line}, meeting.members).size:
+                meeting.members.add(line)
+        near = self._near_frames(since, meeting.members, meeting.members)
+        meeting.last_near = max(meeting.last_near, int(near.max(initial=0)))
+
+    def _near_frames(
+        self, points: LinePoints, some: set[int], others: set[int]
+    ) -> IntArray:
+        """Return the frames in which some lines were near others."""
+        one, two = (
+            points.take(np.isin(points.line, list(lines))) for lines in (some, others)
+        )
+        away = np.abs(one.frequency_hz[:, None] - two.frequency_hz)
+        is_near = away < TOGETHER_BINS * self.bin_hz
+        is_near &= one.frame[:, None] == two.frame
+        is_near &= one.line[:, None] != two.line
+        return np.asarray(one.frame[is_near.any(axis=1)])
+
+    def _course(self, points: LinePoints, at_s: float, step: int) -> Course | None:
+        """Fit a course to the points of a line, from the first (1) or the last (-1)."""
+        points = points.sorted().take(slice(None, None, step))
+        std = points.measured[:, 1]
+        variance = np.where(np.isfinite(std), std**2, np.inf)
+        return fit_course(points.time_s, points.measured[:, 0], variance, at_s)
+
+    def _decide(self, meeting: _Meeting) -> bool:
+        """Tell which line is which after a meeting, if that can be told."""
+        held = self._held
+        is_after = held.frame > meeting.last_near
+        after = held.take(is_after & np.isin(held.line, list(meeting.members)))
+        if not after.line.size:
+            return False
+        end_s = float(after.time_s.min())
+        exits = {}
+        for line in sorted(set(after.line.tolist())):
+            course = self._course(after.take(after.line == line), end_s, 1)
+            if course is not None:
+                exits[line] = course
+        most = (MOST_RATE_STD_BINS * self.bin_hz**2) ** 2
+        if len(exits) != 2 or any(c.covariance[1, 1] > most for c in exits.values()):
+            return False
+        pairing = self._pairing(meeting, exits, end_s)
+        if pairing is None:
+            return False
+        between = held.frame >= meeting.first_frame
+        between &= ~is_after & np.isin(held.line, list(meeting.members))
+        rest = held.take(~between)
+        now = _permutation(pairing)
+        is_late = rest.frame > meeting.last_near
+        line = np.array([now.get(int(k), int(k)) for k in rest.line], dtype=np.int64)
+        rest = replace(rest, line=np.where(is_late, line, rest.line))
+        courses = {
+            old: (meeting.entry[old], exits[new]) for new, old in pairing.items()
+        }
+        placed = self._placed(held.take(between), courses, meeting.begin_s, end_s)
+        self._held = LinePoints.join([rest, placed])
+        paths = set(self._names) | set(now)
+        self._names |= {p: now[self.name(p)] for p in paths if self.name(p) in now}
+        return True
+
+    def _pairing(
+        self, meeting: _Meeting, exits: dict[int, Course], end_s: float
+    ) -> dict[int, int] | None:
+        """Return which line was which by the numbers after; None if it is not clear."""
+        span_s = end_s - meeting.begin_s
+        ways = [
+            dict(zip(order, meeting.entry, strict=True))
+            for order in permutations(exits)
+        ]
+        costs = []
+        for way in ways:
+            of_drift = [
+                sum(
+                    disagreement(
+                        self._carried(meeting.entry[old], 0.5 * span_s, share),
+                        self._carried(exits[new], -0.5 * span_s, share),
+                        self.bin_hz,
+                    )
+                    for new, old in way.items()
+                )
+                for share in DRIFT_SHARES
+            ]
+            costs.append(-float(logsumexp(-np.array(of_drift))))
+        best = int(np.argmin(costs))
+        return ways[best] if max(costs) - costs[best] > LEAST_GAIN else None
+
+    def _carried(self, course: Course, step_s: float, share: float) -> Course:
+        """Return a course at another time, either way."""
+        move = transition(step_s)
+        noise = white_acceleration(abs(step_s))
+        both = np.copysign(noise.covariance, step_s)
+        grown = np.array([[noise.position, both], [both, noise.rate]])
+        covariance = move @ course.covariance @ move.T
+        covariance += share * self.density_hz2ps3 * grown
+        return Course(move @ course.value, covariance)
+
+    def _placed(
+        self,
+        points: LinePoints,
+        courses: dict[int, tuple[Course, Course]],
+        begin_s: float,
+        end_s: float,
+    ) -> LinePoints:
+        """Give the points of a meeting to its lines, as near to their courses as it goes.
+
+        Parameters
+        ----------
+        points
+            Points between the two times.
+        courses
+            By number the course before and the one after.
+        begin_s, end_s
+            Times of the courses, s.
+        """
+        placed = []
+        for frame in np.unique(points.frame):
+            there = np.flatnonzero(points.frame == frame)
+            time_s = float(points.time_s[there[0]])
+            expected = {
+                line: _fused(
+                    self._carried(before, time_s - begin_s, 1.0),
+                    self._carried(after, time_s - end_s, 1.0),
+                )
+                for line, (before, after) in courses.items()
+            }
+            away = np.array([
+                np.abs(points.frequency_hz[there] - course.value[0])
+                for course in expected.values()
+            ])  # fmt: skip
+            one, own = linear_sum_assignment(away)
+            for rank, k in zip(one.tolist(), own.tolist(), strict=True):
+                line = list(expected)[rank]
+                row = points.take(there[k : k + 1])
+                row = replace(row, line=np.array([line], dtype=np.int64))
+                if away[rank, k] > MIXED_BINS * self.bin_hz:
+                    row = _put_on(row, expected[line])
+                placed.append(row)
+        return LinePoints.join(placed)
+
+
+def _permutation(pairing: dict[int, int]) -> dict[int, int]:
+    """Complete numbers by number, so that each is given once."""
+    free = [new for new in pairing if new not in pairing.values()]
+    lost = [old for old in pairing.values() if old not in pairing]
+    return pairing | dict(zip(lost, free, strict=True))
+
+
+def _fused(one: Course, two: Course) -> Course:
+    """Return the course that two independent ones tell together."""
+    weight = one.covariance @ np.linalg.inv(one.covariance + two.covariance)
+    value = one.value + weight @ (two.value - one.value)
+    return Course(value, one.covariance - weight @ one.covariance)
+
+
+def _put_on(point: LinePoints, course: Course) -> LinePoints:
+    """Return a point of a line as it would be without a measurement."""
+    state = point.state.copy()
+    state[0, :2, 0] = course.value
+    state[0, 2:, 0] = course.covariance[[0, 0, 1], [0, 1, 1]]
+    return replace(
+        point,
+        state=state,
+        measured=np.full_like(point.measured, np.nan),
+        association=np.array([COASTED]),
+    )
