@@ -15,6 +15,7 @@ WRITTEN = {
     "from the target to the sensor": lambda b: b + 180.0,
     "counter-clockwise from east": lambda b: 90.0 - b,
     "counter-clockwise from north": lambda b: -b,
+    "in radians": np.radians,
 }
 
 
@@ -24,8 +25,11 @@ def test_the_sensor_and_its_convention_are_named(name):
     bearing = series.bearing_deg.copy()
     is_other = series.sensor == "b2"
     bearing[is_other] = WRITTEN[name](bearing[is_other]) % 360.0
-    with pytest.warns(match=f"sensor b2 miss .* counted {name}"):
-        estimate_motion(replace(series, bearing_deg=bearing))
+    series = replace(series, bearing_deg=bearing, where=lambda row: f"line {row + 2}")
+    if name == "in radians":  # those of a told deviation are refused
+        series = replace(series, bearing_std_deg=np.full(bearing.size, np.nan))
+    with pytest.warns(match=f"line 4: .* sensor b2 miss .* counted {name}"):
+        estimate_motion(series)
 
 
 @pytest.mark.parametrize("others", [0.0, 0.35])

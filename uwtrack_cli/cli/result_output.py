@@ -105,7 +105,8 @@ def _print_summary(
     told = container if isinstance(container, Presence) else presence
     heard = [] if told is None else _heard(told)
     if not rows:
-        for text in heard or [NOTHING[container.NAME]]:
+        why = getattr(container, "statement", "")
+        for text in heard or [why or NOTHING[container.NAME]]:
             say(text)
         return
     summary = summary_of(container.NAME, rows)

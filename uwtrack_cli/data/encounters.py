@@ -328,4 +328,7 @@ class Fixes(Container):
     origin: str = scalar("", "What the grid is relative to: a sensor or 'grid'.")
     origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
     origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)
-    statement: str = scalar("", "What the sensors say of each other's clocks.", "")
+    statement: str = scalar(
+        "", "What the sensors say of each other's clocks, and why a contact of a table "
+        "has no position.", "",
+    )  # fmt: skip

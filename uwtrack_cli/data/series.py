@@ -1,9 +1,11 @@
 """Measurements made elsewhere: bearings, frequencies and levels over time."""
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import (
     Container,
@@ -65,3 +67,30 @@ class Series(Container):
     origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
     origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)
     start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+    where: Callable[[int], str] | None = scalar(
+        "", "Names the file and line in which a row stood; not stored.", None
+    )
+
+    def begin_of(self, row: int) -> str:
+        """Return how a sentence about a row begins: its file and line, if known.
+
+        Parameters
+        ----------
+        row
+            Row of the series, from 0.
+        """
+        return "" if self.where is None else f"{self.where(row)}: "
+
+    def take(self, axis: str, index: NDArray[Any] | slice) -> Self:
+        """Keep the rows ``index`` of every column on ``axis``.
+
+        Where rows stood is no longer known when some of them are left out.
+        """
+        kept = super().take(axis, index)
+        return replace(kept, where=None) if axis == "row" else kept
+
+    def equals(self, other: object) -> bool:
+        """Tell whether all values are the same, wherever they stood."""
+        if not isinstance(other, Series):
+            return False
+        return Container.equals(replace(self, where=None), replace(other, where=None))

@@ -167,17 +167,17 @@ def _cross_fixes(
         search=Search(),
     )
     answers: list[tuple[ContactAnswer, FloatArray]] = []
+    unplaced: list[str] = []
     for answer in analyse_contacts(measurements_from_series(series), options):
         contact = answer.data.contact
         reason = reasons_of(answer.modes[0], answer).get("range_m")
         if reason is not None:
-            msg = f"no position for contact {contact}: {reason}."
-            warnings.warn(msg, UwtrackNote, stacklevel=3)
+            unplaced.append(f"No position for contact {contact}: {reason}.")
             continue
         own = answer.data.time_s
         times = fix_times(own[[0, -1]], series.start_utc_ns, at, every_s, until)
         answers.append((answer, times))
-    return fixes_of_answers(answers, series)
+    return fixes_of_answers(answers, series, unplaced)
 
 
 def _clock_statements(passages: Passages, mode: Mode) -> list[str]:

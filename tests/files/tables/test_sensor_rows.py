@@ -56,8 +56,8 @@ def test_rows_may_place_their_sensors_themselves(tmp_path):
     ("text", "sensors", "words"),
     [
         (ROWS, (A,), r"line 3: sensor 'b' is not in the sensor file, which has a"),
-        (ROWS, (A, Sensor(id="b")), r"does not say where sensor 'b' is.*line 3"),
-        (ROWS, (A, Sensor(id="b", east_m=0.0, north_m=0.0)), "positions of one kind"),
+        (ROWS, (A, Sensor(id="b")), r"line 3: .* does not say where sensor 'b' is"),
+        (ROWS, (A, Sensor(id="b", east_m=0.0, north_m=0.0)), r"line 3: .* of one kind"),
         (ROWS.replace("0,b", "0,"), (A, B), r"line \d: .* not named"),
         (ROWS.replace("45", "north"), (A, B), r"line 2: bearing_deg must be a number"),
         ("time_s,bearing_deg\n0,1\n", (A, B), "no column sensor"),

@@ -114,7 +114,7 @@ BAD = {
     "time_s\n1\n": "lacks the column bearing_deg, frequency_hz or level_db",
     "time_s,bearng_deg,level_db\n1,2,3\n": "did you mean 'bearing_deg'",
     "time_s,level_db,level_db\n1,2,3\n": "named twice",
-    "time_s,level_db\n0,1\n1\n": "line 3: 1 cells, 2 columns",
+    "time_s,level_db\n0,1\nlost it\n": "line 3: 1 cells, 2 columns: 'lost it' is no row",
     "# c\ntime_s,level_db\n0,1\n1,x\n": "line 4: level_db must be a number, got 'x'",
     "time_s,level_db\n0,1\n1,inf\n": "line 3: level_db must be a finite number",
     "time_s,level_db\nnan,1\n": "line 2: time_s must be a finite number",

@@ -96,7 +96,9 @@ CONTAINERS: dict[str, type[Container]] = {
 }
 """Container classes by name, in the order of the chain."""
 
-UNSTORED: frozenset[tuple[str, str]] = frozenset({("recording", "reader")})
+UNSTORED: frozenset[tuple[str, str]] = frozenset(
+    {("recording", "reader"), ("series", "where")}
+)
 """Fields that live in memory only: they read back as None."""
 
 

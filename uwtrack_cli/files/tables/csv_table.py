@@ -65,9 +65,13 @@ class Table:
         """Tell whether the table has a column."""
         return name in self.cells
 
+    def where(self, row: int) -> str:
+        """Return the file and line in which a row stands."""
+        return f"{self.path}, line {self.lines[row]}"
+
     def fail(self, row: int, reason: str) -> NoReturn:
         """Refuse a row, by its line in the file."""
-        msg = f"{self.path}, line {self.lines[row]}: {reason}"
+        msg = f"{self.where(row)}: {reason}"
         raise DataError(msg)
 
     def refuse(self, row: int, reason: str) -> None:
@@ -148,7 +152,8 @@ class Table:
             try:
                 values[row] = float(cell)
             except ValueError:
-                self.refuse(row, f"{name} must be a number, got {shown(cell)}.")
+                point = " (a decimal point, no comma)" if "," in cell else ""
+                self.refuse(row, f"{name} must be a number{point}, got {shown(cell)}.")
                 continue
             if not (np.isfinite(values[row]) and low <= values[row] <= high):
                 limits = f" from {low:g} to {high:g}" if np.isfinite(low) else ""
@@ -238,7 +243,7 @@ def _table(
     damaged = dict[int, str]()
     for line, cells in rows:
         if len(cells) != len(lists):
-            damaged[line] = f"{len(cells)} cells, {len(lists)} columns."
+            damaged[line] = _uneven(cells, list(columns))
             _fail_first(path, damaged if is_strict else {})
             continue
         if (len(lines) + 1) * len(lists) > MAX_CELLS:
@@ -254,6 +259,16 @@ def _table(
         msg = f"{path} has column names, but no rows."
         raise DataError(msg)
     return Table(path, columns, lines, None if is_strict else damaged)
+
+
+def _uneven(cells: list[str], names: list[str]) -> str:
+    """Say of a row that it has not a cell for every column."""
+    why = f"{len(cells)} cells, {len(names)} columns"
+    if len(names) == 1:
+        return f"{why}: the first line, {shown(names[0])}, was read as their names."
+    if len(cells) == 1:
+        return f"{why}: {shown(cells[0])} is no row; a remark begins with #."
+    return f"{why}."
 
 
 def _fail_first(path: Path, damaged: Mapping[int, str]) -> None:

@@ -208,6 +208,7 @@ def read_replay(paths: Sequence[Path]) -> Series:
         level_std_db=column("level"),
         mirrored_bearing_deg=mirrored % 360.0 if np.isfinite(mirrored).any() else None,
         start_utc_ns=start_ns,
+        where=lambda row: cuts[row].where,
     )
     placed = _placed(series, cuts, tracks)
     if any(np.isfinite(cut.values["range"]) for cut in cuts):

@@ -108,6 +108,7 @@ def read_series(
         level_std_db=_std(table, "level_std_db", level_std_db),
         mirrored_bearing_deg=_mirrored(table),
         start_utc_ns=start_utc_ns,
+        where=table.where,
     )
     _check_one_unit(table, series)
     return series if "sensor" not in table else _placed(series, table, sensors)
@@ -291,21 +292,19 @@ def _places_by_file(series: Series, table: Table, known: Mapping[str, Sensor]) -
     placed = {name: _is_local(known[name]) for name in used}
     for name in used:
         if origins[name] is None and not placed[name]:
-            msg = (
-                f"the sensor file does not say where sensor {name!r} is, which heard "
-                f"line {table.lines[int(np.flatnonzero(names == name)[0])]} of "
-                f"{table.path}: give latitude and longitude, east_m and north_m, or "
-                f"navigation."
+            table.fail(
+                int(np.flatnonzero(names == name)[0]),
+                f"the sensor file does not say where sensor {name!r} is: give latitude "
+                f"and longitude, east_m and north_m, or navigation.",
             )
-            raise DataError(msg)
     geographic = [origin for origin in origins.values() if origin is not None]
     if geographic and len(geographic) < len(used):
         local = next(name for name in used if origins[name] is None)
-        msg = (
+        table.fail(
+            int(np.flatnonzero(names == local)[0]),
             f"sensor {local!r} is on a local grid and others have latitude and "
-            f"longitude: {table.path} needs positions of one kind."
+            f"longitude: give all positions of one kind.",
         )
-        raise DataError(msg)
     first = geographic[0] if geographic else None
     east, north = np.zeros(names.size), np.zeros(names.size)
     for name in used:
@@ -392,9 +391,11 @@ def _bearing(table: Table) -> FloatArray:
     bearing = _values(table, "bearing_deg", -360.0, 360.0)
     known = bearing[np.isfinite(bearing)]
     if known.size >= ENOUGH_ROWS and np.all(np.abs(known) <= FULL_TURN):
+        first = int(np.flatnonzero(np.isfinite(bearing))[0])
         msg = (
-            f"{table.path}: every bearing lies within {FULL_TURN:.3f} degrees of "
-            f"north; if these are radians, convert them to degrees."
+            f"{table.where(first)}: bearing_deg is {bearing[first]:g}, and every bearing "
+            f"of the table lies within {FULL_TURN:.3f} degrees of north; if these are "
+            f"radians, convert them to degrees."
         )
         warn(msg, UwtrackWarning, stacklevel=3)
     return bearing % 360.0

@@ -133,7 +133,8 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnsw
     if data.platforms is not None:
         other = other_convention(problem, limits, found[0].modes[0].q)
         if other is not None:
-            msg = OTHER_CONVENTION.format(
+            msg = data.begin_of(data.platforms.sensor == other.sensor)
+            msg += OTHER_CONVENTION.format(
                 data.contact, data.platforms.name[other.sensor], other.name
             )
             warn(msg, UwtrackWarning, stacklevel=4)
@@ -142,7 +143,8 @@ def analyse_contact(data: Measurements, options: TmaOptions) -> list[ContactAnsw
 
 OTHER_CONVENTION = (
     "contact {}: the bearings of sensor {} miss what those of the others tell, and would "
-    "meet it if they are counted {}: write them as compass bearings to the target."
+    "meet it if they are counted {}: write them as compass bearings to the target, in "
+    "degrees."
 )
 
 

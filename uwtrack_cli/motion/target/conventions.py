@@ -20,12 +20,22 @@ from uwtrack_cli.motion.target.objective import loss_value, residuals
 from uwtrack_cli.motion.target.problem import Problem
 from uwtrack_cli.motion.target.starts import multistart
 
+RADIANS = float(np.degrees(1.0))
+
 CONVENTIONS = {
     "from the target to the sensor": (1.0, np.pi),
     "counter-clockwise from east": (-1.0, 0.5 * np.pi),
     "counter-clockwise from north": (-1.0, 0.0),
+    "in radians": (RADIANS, 0.0),
 }
-"""Sense and shift, rad, that make a compass bearing of what was written."""
+"""Factor and shift, rad, that make a compass bearing of what was written."""
+
+LARGEST_AS_DEGREES = 2.0 * np.pi * np.radians(1.0) + 1e-6
+"""Largest bearing, rad, that may have been radians read as degrees."""
+
+COARSEST = 3.0
+"""Deviation of a sensor in radians, in those of the other sensors, up to which its scatter is
+that of the same kind of bearings."""
 
 FEWEST_SENSORS, FEWEST_BEARINGS = 3, 5
 """Sensors, and bearings of one, from which a convention can be told."""
@@ -86,11 +96,9 @@ def other_convention(
         missed = _missed(robust, motion)
         if missed[sensor] < MANY or missed[kept].max() > FEW:
             continue
-        for name, (sense, shift) in CONVENTIONS.items():
-            bearing = problem.bearing_rad.copy()
-            bearing[:, sensor] = sense * bearing[:, sensor] + shift
-            other = replace(robust, bearing_rad=bearing)
-            if _missed(other, motion)[sensor] <= FEW:
+        for name in CONVENTIONS:
+            other = _as_counted(robust, sensor, name)
+            if other is not None and _missed(other, motion)[sensor] <= FEW:
                 found.append((_value(other, motion), Convention(sensor, name)))
     if not found:
         return None
@@ -99,6 +107,30 @@ def other_convention(
     rivals = [other for other, one in found if one.sensor != best.sensor]
     is_clear = not rivals or rivals[0] - value > LEAST_LEAD
     return best if is_clear and plain - value > LEAST_GAIN else None
+
+
+def _as_counted(problem: Problem, sensor: int, name: str) -> Problem | None:
+    """Return the problem as a sensor's convention has it; None where that cannot be.
+
+    Deviations that came from the scatter of radians are those of radians, too, and then
+    such as the others have. What the likelihood gains by a larger deviation, it loses by
+    the change of units: the misfits of both problems compare as they stand.
+    """
+    factor, shift = CONVENTIONS[name]
+    bearing, weight = problem.bearing_rad.copy(), problem.bearing_weight.copy()
+    own = (bearing[:, sensor] + np.pi) % (2.0 * np.pi) - np.pi
+    weight[sensor] /= abs(factor)
+    if factor == RADIANS:
+        usual = [
+            np.median(each[each > 0]) for each in np.delete(weight, sensor, axis=0)
+        ]
+        is_coarse = COARSEST * np.median(weight[sensor][weight[sensor] > 0]) < min(
+            usual
+        )
+        if is_coarse or np.any(np.abs(own) > LARGEST_AS_DEGREES):
+            return None
+    bearing[:, sensor] = factor * own + shift
+    return replace(problem, bearing_rad=bearing, bearing_weight=weight)
 
 
 def _missed(problem: Problem, q: FloatArray) -> FloatArray:

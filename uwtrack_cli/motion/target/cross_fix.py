@@ -15,7 +15,6 @@ would be the direction of nothing.
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,6 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, TextArray
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import UwtrackNote
 from uwtrack_cli.motion.target.contact import ContactAnswer
 from uwtrack_cli.motion.target.inputs import Platforms
 from uwtrack_cli.motion.target.model import state_jacobian, to_state
@@ -59,7 +57,9 @@ def grid_state(mode: ModeAnswer, platforms: Platforms) -> tuple[FloatArray, Floa
 
 
 def fixes_of_answers(
-    answers: Sequence[tuple[ContactAnswer, FloatArray]], series: Series
+    answers: Sequence[tuple[ContactAnswer, FloatArray]],
+    series: Series,
+    unplaced: Sequence[str] = (),
 ) -> Fixes:
     """Return the places of all contacts and modes at their times.
 
@@ -69,7 +69,10 @@ def fixes_of_answers(
         Answer of each contact, with the times wanted in seconds.
     series
         The table that they came from.
+    unplaced
+        Why other contacts have no position, in sentences.
     """
+    statements = list(unplaced)
     parts: list[dict[str, NDArray[Any]]] = []
     names: list[NDArray[np.str_]] = [np.empty(0, "U1")]
     for answer, times in answers:
@@ -78,7 +81,7 @@ def fixes_of_answers(
         ]
         kept = [part for part in own if part is not None]
         if not kept:
-            warn(NO_REGION.format(answer.data.contact), UwtrackNote, stacklevel=4)
+            statements.append(NO_REGION.format(answer.data.contact))
         parts += kept
         platforms = answer.data.platforms
         heard = "" if platforms is None else ",".join(platforms.name)
@@ -126,11 +129,12 @@ def fixes_of_answers(
         origin=series.origin,
         origin_latitude=series.origin_latitude,
         origin_longitude=series.origin_longitude,
+        statement=" ".join(statements),
     )
 
 
 NO_REGION = (
-    "no position for contact {}: the places that explain the bearings gather in no "
+    "No position for contact {}: the places that explain the bearings gather in no "
     "ellipse; 'uwtrack tma' gives the intervals of its motion."
 )
 

@@ -4,13 +4,14 @@
 those of measurements that overlap are raised by the correlation of the residuals.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import Origin
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
@@ -74,6 +75,21 @@ class Measurements:
     """The sensors of the table; None for one platform."""
     table_row: IntArray | None = None
     """Row of the table that each row was, from 0, shape (rows,); None for lines."""
+    begin_of_table_row: Callable[[int], str] | None = None
+    """How a sentence about a row of the table begins; None for lines."""
+
+    def begin_of(self, meant: BoolArray) -> str:
+        """Return how a sentence about some rows begins: file and line of the first.
+
+        Parameters
+        ----------
+        meant
+            Whether a row is meant, shape (rows,) or (streams or lines, rows).
+        """
+        if self.table_row is None or self.begin_of_table_row is None:
+            return ""
+        rows = np.flatnonzero(np.atleast_2d(meant).any(axis=0))
+        return self.begin_of_table_row(int(self.table_row[rows[0]]))
 
 
 def measurements_from_series(series: Series) -> list[Measurements]:
@@ -100,6 +116,7 @@ def measurements_from_series(series: Series) -> list[Measurements]:
                 ),
                 platforms=platforms,
                 table_row=rows,
+                begin_of_table_row=series.begin_of,
                 frequency_hz=series.frequency_hz[np.ix_(rows, lines)].T,
                 frequency_std_hz=series.frequency_std_hz[np.ix_(rows, lines)].T,
                 line_id=lines + 1,
@@ -123,7 +140,8 @@ def check_sensors(series: Series) -> None:
         return
     names = ", ".join(np.unique(series.sensor).tolist()[:10])
     msg = (
-        f"the table names its sensors ({names}), but not where they are: give "
+        f"{series.begin_of(0)}the table names its sensors ({names}), but not where they "
+        f"are: give "
         f"--sensors SENSORS.toml, or columns sensor_latitude and sensor_longitude."
     )
     raise DataError(msg)
@@ -230,8 +248,9 @@ def check_measurements(data: Measurements) -> None:
     is_behind = ~(steps >= 0) if data.platforms is not None else ~(steps > 0)
     if np.any(is_behind):
         row = int(np.flatnonzero(is_behind)[0])
+        at = data.begin_of(np.arange(data.time_s.size) == row + 1)
         msg = (
-            f"the times of {who} do not increase: {data.time_s[row]:g} s is followed "
+            f"{at}the times of {who} do not increase: {data.time_s[row]:g} s is followed "
             f"by {data.time_s[row + 1]:g} s. Sort the rows by time, and give each "
             f"contact its own number in a column 'contact'."
         )
@@ -242,21 +261,25 @@ def check_measurements(data: Measurements) -> None:
 
 def _check_bearings(data: Measurements, who: str) -> None:
     bearing, std = data.bearing_deg, data.bearing_std_deg
-    heard = bearing[~np.isnan(bearing)]
-    if heard.size == 0:
+    if np.isnan(bearing).all():
         return
-    if np.any((heard < -360.0) | (heard > 720.0)):
-        worst = heard[np.abs(heard).argmax()]
-        msg = f"a bearing of {who} is {worst:g} degrees; 0 to 360 is accepted."
+    is_far = (bearing < -360.0) | (bearing > 720.0)
+    if np.any(is_far):
+        worst = bearing.T[is_far.T][0]
+        msg = (
+            f"{data.begin_of(is_far)}a bearing of {who} is {worst:g} degrees; 0 to 360 "
+            f"is accepted."
+        )
         raise DataError(msg)
-    stated = std[~np.isnan(std)]
-    _check_positive(stated, f"bearing_std_deg of {who}")
+    _check_positive(data, std, f"bearing_std_deg of {who}")
     for stream in range(len(bearing)):
         of = "" if data.platforms is None else f" by {data.platforms.name[stream]}"
-        _check_degrees(bearing[stream], std[stream], f"{who}{of}")
+        heard = ~np.isnan(bearing[stream])
+        at = data.begin_of(heard) if heard.any() else ""
+        _check_degrees(bearing[stream], std[stream], f"{at}the bearings of {who}{of}")
 
 
-def _check_degrees(bearing: FloatArray, std: FloatArray, who: str) -> None:
+def _check_degrees(bearing: FloatArray, std: FloatArray, which: str) -> None:
     """Refuse bearings of one sensor that are radians; others may be degrees."""
     heard, stated = bearing[~np.isnan(bearing)], std[~np.isnan(std)]
     if heard.size == 0 or np.any(np.abs(heard) > 2.0 * np.pi + 1e-6):
@@ -267,38 +290,39 @@ def _check_degrees(bearing: FloatArray, std: FloatArray, who: str) -> None:
     too_smooth = stated.size > 0 and 0.0 < scatter < np.median(stated) / 25.0
     if small_std or too_smooth:
         msg = (
-            f"the bearings of {who} lie between {heard.min():.3g} and "
-            f"{heard.max():.3g} with a scatter of {scatter:.2g} and a deviation of "
-            f"{np.median(stated):.2g}: they seem to be radians; degrees are accepted."
+            f"{which} lie between {heard.min():.3g} and {heard.max():.3g} with a "
+            f"scatter of {scatter:.2g} and a deviation of {np.median(stated):.2g}: they "
+            f"seem to be radians; degrees are accepted."
         )
         raise DataError(msg)
 
 
 def _check_frequencies(data: Measurements, who: str) -> None:
-    _check_positive(
-        data.frequency_std_hz[~np.isnan(data.frequency_std_hz)],
-        f"frequency_std_hz of {who}",
-    )
+    _check_positive(data, data.frequency_std_hz, f"frequency_std_hz of {who}")
     for line, values in zip(data.line_id, data.frequency_hz, strict=True):
         heard = values[~np.isnan(values)]
-        if heard.size and np.any(heard <= 0):
-            msg = f"line {line} of {who} has a frequency of {heard.min():g} Hz."
+        if np.any(values <= 0):
+            at = data.begin_of(values <= 0)
+            low = values[values <= 0][0]
+            msg = f"{at}line {line} of {who} has a frequency of {low:g} Hz."
             raise DataError(msg)
         if heard.size < FEWEST_VALUES:
             continue
         low, middle, high = np.percentile(heard, [25.0, 50.0, 75.0])
         if (high - low) / middle > 0.1:
+            at = data.begin_of(~np.isnan(values))
             msg = (
-                f"half of the values of line {line} of {who} spread over "
-                f"{high - low:.3g} Hz about {middle:.4g} Hz, more than the Doppler "
-                f"shift of any vessel: does the column hold several lines?"
+                f"{at}half of the values of line {line} of {who} spread over {high - low:.3g} "
+                f"Hz about {middle:.4g} Hz, more than the Doppler shift of any vessel: does the column hold several lines?"
             )
             raise DataError(msg)
 
 
-def _check_positive(stated: FloatArray, name: str) -> None:
-    if np.any(~(stated > 0)):
-        msg = f"{name} must be positive, got {stated[~(stated > 0)][0]:g}."
+def _check_positive(data: Measurements, std: FloatArray, name: str) -> None:
+    wrong = ~np.isnan(std) & ~(std > 0)
+    if np.any(wrong):
+        at = data.begin_of(wrong)
+        msg = f"{at}{name} must be positive, got {std.T[wrong.T][0]:g}."
         raise DataError(msg)
 
 

@@ -179,13 +179,22 @@ def report_of(
     parts += _complaints(mode, answer) + _shares(answer)
     if "range_m" in reasons:
         return "; ".join(parts) + "."
-    parts.append(
-        f"a sound speed wrong by 1 % moves the range by "
-        f"{mode.range_per_sound_speed:+.2g} %"
-    )
+    parts += _sound_speed_effect(mode)
     if not ellipse_agrees(mode):
         parts.append("the deviations mislead here: use the intervals")
     return "; ".join(parts) + "."
+
+
+LEAST_EFFECT_PERCENT = 0.01
+"""Change of the range by a sound speed wrong by 1 % below which nothing is said of it."""
+
+
+def _sound_speed_effect(mode: ModeAnswer) -> list[str]:
+    """Say what the sound speed does to the range; nothing where bearings alone cross."""
+    percent = mode.range_per_sound_speed
+    if not abs(percent) >= LEAST_EFFECT_PERCENT:
+        return []
+    return [f"a sound speed wrong by 1 % moves the range by {percent:+.2g} %"]
 
 
 def _shares(answer: ContactAnswer) -> list[str]:
