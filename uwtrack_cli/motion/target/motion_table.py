@@ -9,6 +9,7 @@ from uwtrack_cli.acoustics.geodesy import to_latitude_longitude
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import flatten, reason_columns
 from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target.contact import ContactAnswer
 from uwtrack_cli.motion.target.cross_fix import grid_state
 from uwtrack_cli.motion.target.last_leg import state_now
@@ -131,8 +132,10 @@ def ellipse_agrees(mode: ModeAnswer) -> bool:
     for name, span in mode.intervals.items():
         if span.is_open:
             return False
-        # the course of the interval is counted from -180 to 180 degrees
-        centre = centres[name] if name != "course" else (span.low + span.high) / 2.0
+        centre = centres[name]
+        if name == "course":  # the interval counts on from where it began
+            middle = 0.5 * (span.low + span.high)
+            centre = middle + float(wrap_rad(centre - middle))
         half = max(span.high - centre, centre - span.low)
         other = min(span.high - centre, centre - span.low)
         if half > 1.25 * 1.96 * widths[name] or other < 0.75 * 1.96 * widths[name]:
