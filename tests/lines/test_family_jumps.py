@@ -45,6 +45,12 @@ def test_the_lines_of_a_family_keep_their_numbers_through_a_jump(ratio) -> None:
         assert late / early == pytest.approx(ratio, rel=1e-3)
     kept = np.isin(lines.line_id, sorted(before & after))
     assert np.unique(lines.line_contact[kept]).size == 1
+    # and the jump is told: frames come every half second
+    assert lines.jump_time_s == pytest.approx([0.5 * N_BEFORE], abs=2.0)
+    assert np.abs(lines.jump_ratio - ratio) < 4.0 * lines.jump_ratio_std
+    assert 0.0 < lines.jump_ratio_std < 1e-3
+    assert lines.jump_line_count >= TEETH.size - 1
+    assert lines.jump_contact == lines.line_contact[kept][0]
 
 
 def test_lines_that_change_each_by_its_own_ratio_are_others() -> None:
@@ -56,6 +62,7 @@ def test_lines_that_change_each_by_its_own_ratio_are_others() -> None:
         before, after = names(lines, 0, N_BEFORE), names(lines, N_BEFORE, 2 * N_BEFORE)
         assert len(before) == TEETH.size
         assert not before & after
+        assert lines.jump_time_s.size == 0
 
 
 def test_a_family_that_begins_on_another_bearing_is_another() -> None:

@@ -107,6 +107,23 @@ class Lines(Container):
         "", "'moving', 'steady' or 'hum' (mains, no Doppler, no bearing change).",
         "line", dtype=np.str_,
     )  # fmt: skip
+    jump_time_s: FloatArray | None = column(
+        "s", "When a machine changed its speed at once, and its lines with it.",
+        "jump", optional=True,
+    )  # fmt: skip
+    jump_ratio: FloatArray | None = column(
+        "1", "Its rate afterwards over the rate before.", "jump", optional=True
+    )
+    jump_ratio_std: FloatArray | None = column(
+        "1", "Standard deviation of the ratio.", "jump", optional=True
+    )
+    jump_line_count: IntArray | None = column(
+        "1", "Lines that jumped together.", "jump", dtype=np.int64, optional=True
+    )
+    jump_contact: IntArray | None = column(
+        "1", "Contact of these lines; 0 for none.", "jump", dtype=np.int64,
+        optional=True,
+    )  # fmt: skip
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
     false_lines_per_khz_hour: float = scalar(
         "1/(kHz h)", "Expected rate of lines in noise alone."

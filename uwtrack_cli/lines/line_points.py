@@ -97,6 +97,20 @@ class LinePoints:
         )
 
 
+@dataclass
+class FamilyJump:
+    """A machine's change of speed at once, by which its lines jump together."""
+
+    time_s: float
+    """Middle of the lines' last peaks before it and their first ones after it, s."""
+    ratio: float
+    """Rate after it over the rate before."""
+    ratio_std: float
+    """Standard deviation of the ratio."""
+    lines: set[int]
+    """Numbers of the lines that jumped."""
+
+
 @dataclass(frozen=True)
 class LineTable:
     """What is known of whole lines at the end of a recording."""
@@ -111,6 +125,8 @@ class LineTable:
     """'moving', 'steady' or 'hum', shape (line,)."""
     families: Families
     """The lasting families, one row each."""
+    jumps: Sequence[FamilyJump] = ()
+    """Jumps of families, in time."""
 
 
 def no_table() -> LineTable:
@@ -164,8 +180,26 @@ def to_lines(
         line_contact=table.contact,
         line_family=table.family,
         line_status=table.status,
+        **_jumps(table),
         **scalars,
     )
+
+
+def _jumps(table: LineTable) -> dict[str, Any]:
+    """Return the columns of the jumps; a contact is that of most of a jump's lines."""
+    contacts = []
+    for jump in table.jumps:
+        own = table.contact[np.isin(table.line, list(jump.lines))]
+        contacts.append(int(np.bincount(own).argmax()) if own.size else 0)
+    return {
+        "jump_time_s": np.array([jump.time_s for jump in table.jumps], float),
+        "jump_ratio": np.array([jump.ratio for jump in table.jumps], float),
+        "jump_ratio_std": np.array([jump.ratio_std for jump in table.jumps], float),
+        "jump_line_count": np.array(
+            [len(jump.lines) for jump in table.jumps], np.int64
+        ),
+        "jump_contact": np.array(contacts, np.int64),
+    }
 
 
 def _covariance(state: FloatArray) -> FloatArray:

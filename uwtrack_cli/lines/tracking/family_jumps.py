@@ -20,6 +20,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_deg
+from uwtrack_cli.lines.line_points import FamilyJump
 from uwtrack_cli.lines.tracking.line_continuation import SilentLines
 from uwtrack_cli.lines.tracking.track_store import (
     CONFIRMED,
@@ -86,6 +87,8 @@ class _Jump:
     """Serials of these lines: a slot may be given to another one, shape (line,)."""
     before_hz: FloatArray
     """Their frequencies before it, Hz, shape (line,)."""
+    told: FamilyJump
+    """What is told of it."""
 
 
 class FamilyJumps:
@@ -96,6 +99,7 @@ class FamilyJumps:
         self.resolution_hz = resolution_hz
         self._serials = np.zeros(0, dtype=np.int64)
         self._jumps: list[_Jump] = []
+        self.told: list[FamilyJump] = []
 
     def watch(self, fresh: IntArray) -> None:
         """Take note of lines, given by their slots, that continue none so far."""
@@ -141,21 +145,30 @@ class FamilyJumps:
         # what wanders about zero has no ratio
         ratio = np.log(np.where(ratio > 0.0, ratio, np.nan))
         may_be &= np.abs(ratio) < GREATEST_JUMP
-        pairs = self._followed(before_hz, slots, may_be)
+        pairs, known = self._followed(before_hz, slots, may_be)
         if not pairs and min(slots.size, due.size) >= _FEWEST:
             may_be &= wait > -BEFORE_WINDOWS
             pairs = self._common(before, slots, may_be, ratio)
         if not pairs:
             return []
-        found = [
-            Renamed(int(slots[new]), int(store.line[slots[new]]), int(due[old]))
-            for old, new in pairs
-        ]
-        chosen = np.array([one.slot for one in found])
-        held = silent.state.position[0, [one.old for one in found]]
-        self._jumps.append(_Jump(time_s, chosen, store.serial[chosen], held))
+        old, new = np.array(pairs).T
+        chosen, numbers = slots[new], before.number[old]
+        if known is None:
+            times_s = 0.5 * (begin_s[new] + before.time_s[old])
+            variance = before.state.variance[0, old] / before_hz[old] ** 2
+            relative = store.frequency_hz[chosen]
+            variance += store.frequency_variance_hz2[chosen] / relative**2
+            known = _told(float(np.median(times_s)), ratio[old, new], variance)
+            self.told.append(known)
+        known.lines.update(numbers.tolist())
+        self._jumps.append(
+            _Jump(time_s, chosen, store.serial[chosen], before_hz[old], known)
+        )
         self._serials = np.setdiff1d(self._serials, store.serial[chosen])
-        return found
+        return [
+            Renamed(int(slot), int(store.line[slot]), int(due[k]))
+            for slot, k in zip(chosen, old, strict=True)
+        ]
 
     def _is_there(self, before: SilentLines, slots: IntArray) -> BoolArray:
         """Tell for each pair whether the bearings allow one vessel, (silent, line)."""
@@ -167,7 +180,7 @@ class FamilyJumps:
 
     def _followed(
         self, before_hz: FloatArray, slots: IntArray, may_be: BoolArray
-    ) -> list[tuple[int, int]]:
+    ) -> tuple[list[tuple[int, int]], FamilyJump | None]:
         """Pair lines by the ratio that the lines of a known jump have now."""
         store = self.store
         for jump in self._jumps:
@@ -179,8 +192,8 @@ class FamilyJumps:
             mates = store.frequency_hz[jump.slots[lives]] / jump.before_hz[lives]
             pairs = self._paired(before_hz * float(np.median(mates)), slots, may_be)
             if pairs:
-                return pairs
-        return []
+                return pairs, jump.told
+        return [], None
 
     def _common(
         self,
@@ -231,3 +244,12 @@ class FamilyJumps:
             pairs.append((int(old), int(new)))
             away[old], away[:, new] = np.inf, np.inf
         return pairs
+
+
+def _told(time_s: float, log_ratio: FloatArray, variance: FloatArray) -> FamilyJump:
+    """Return the common ratio of some lines by their weights."""
+    weight = 1.0 / variance
+    mean = float((weight * log_ratio).sum() / weight.sum())
+    excess = float((weight * (log_ratio - mean) ** 2).sum()) / (log_ratio.size - 1)
+    std = np.sqrt(max(excess, 1.0) / weight.sum())
+    return FamilyJump(time_s, float(np.exp(mean)), float(np.exp(mean) * std), set())

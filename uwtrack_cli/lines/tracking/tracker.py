@@ -201,7 +201,9 @@ class LineTracker:
         families, family = self.families.lasting(lines, 0.1)
         samples = held.samples(lines, _CORRELATION_WINDOWS * self.window_frames)
         contact, status = group_lines(samples, family)
-        return LineTable(lines, contact, family, status, families)
+        known = set(lines.tolist())
+        jumps = [jump for jump in self.jumps.told if not known.isdisjoint(jump.lines)]
+        return LineTable(lines, contact, family, status, families, jumps)
 
     def scalars(self) -> dict[str, Any]:
         """Return what the run could have found."""
