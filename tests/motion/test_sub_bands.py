@@ -13,6 +13,7 @@ from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.sub_bands import (
     FEWEST_PARTS,
+    Rise,
     _exceeded,
     agreement,
 )
@@ -131,6 +132,12 @@ def gain():
     return np.ones((8, 1)) * (10 ** (1.2 * swing) - 1)
 
 
+def drift():
+    """The ambient sound drifts, straight in decibels between some moments."""
+    level_db = np.interp(TIME, [0, 70, 105, 118, 140, 170, 240], [0, 1, 6, 9, 2, 0, 1])
+    return np.ones((8, 1)) * (10 ** (level_db / 10) - 1)
+
+
 @pytest.mark.parametrize(
     ("made", "words"),
     [
@@ -138,13 +145,34 @@ def gain():
         (gust, "more as"),
         (squall, "more as"),
         (hatch, "parts of the band rise|more as"),
-        (gain, "more as"),
+        (gain, "more as one gain"),
+        (drift, "more as one gain"),
     ],
 )
 def test_what_is_loud_for_a_while_is_no_passage(made, words):
     levels = levels_of(1 + made())
     assert re.search(words, agreement(levels, PLACE_S, WIDTH_S).reason)
     assert encounters(levels).n_encounters == 0
+
+
+def test_a_passage_is_asked_beside_what_else_passes():
+    """The flank of another is none of its own rise."""
+    other = Rise(PLACE_S + 2.5 * WIDTH_S, WIDTH_S)
+    law = 1 / (1 + ((TIME - other.time_s) / other.width_s) ** 2)
+    levels = levels_of(1 + heights() * LAW + 20.0 * heights()[::-1] * law)
+    assert agreement(levels, PLACE_S, WIDTH_S, [other]).reason == ""
+    assert agreement(levels, PLACE_S, WIDTH_S).reason != ""
+
+
+def test_one_squall_is_not_told_as_passages_beside_each_other():
+    begin, rise, fall = PLACE_S - 2 * WIDTH_S, 2 * WIDTH_S, 6 * WIDTH_S
+    risen = np.clip((TIME - begin) / rise, 0, 1)
+    left = np.clip((begin + rise + fall - TIME) / fall, 0, 1)
+    share = np.sin(0.5 * np.pi * np.minimum(risen, left)) ** 2
+    others = [Rise(PLACE_S + k * 1.5 * WIDTH_S, WIDTH_S) for k in (-1, 1, 2)]
+    levels = levels_of(1 + heights() * share)
+    told = agreement(levels, PLACE_S, WIDTH_S, others)
+    assert "as one squall" in told.reason
 
 
 def test_parts_that_rise_apart_are_no_passage():

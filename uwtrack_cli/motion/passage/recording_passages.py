@@ -37,7 +37,11 @@ from uwtrack_cli.motion.passage.likelihood_ratio import motion_likelihood
 from uwtrack_cli.motion.passage.measurements import contact_data, contact_ids, lines_of
 from uwtrack_cli.motion.passage.rest_frame import ask_the_sound
 from uwtrack_cli.motion.passage.source_separation import separate_sources
-from uwtrack_cli.motion.passage.sub_bands import ask_the_parts
+from uwtrack_cli.motion.passage.sub_bands import (
+    Rise,
+    ask_the_parts,
+    ask_the_parts_of_all,
+)
 
 SMALLEST_LINE_GAIN = 5.0
 """Gain in log-likelihood by which the lines of a contact must follow a passage that
@@ -164,9 +168,10 @@ def _apart(
     )
     used = lines.line_contact.max(initial=0) if lines is not None else 0
     number = max([*taken, int(used)], default=0)
-    pairs = zip(more, shares[first:], strict=True)
-    for rise, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
-        passage = ask_the_parts(rise, own)
+    shown = [Rise.of(item) for item in found]
+    asked = ask_the_parts_of_all(more, shares[first:], shown)
+    pairs = zip(asked, shares[first:], strict=True)
+    for passage, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
         best = passage
         if not passage.doubt:
             best = _with_lines(passage, lines, free, own, terms)

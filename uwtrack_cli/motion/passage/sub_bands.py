@@ -8,7 +8,13 @@ residuals. Parts that rise by more than noise must agree on t0 and w: the chi-sq
 each part's own values about the common ones, with the deviation that the law leaves to
 either besides (`LAW_SHARE`: sources have directions, and spread by other laws). Then the law must explain the parts better
 than others do: a raised cosine and a flat top in power (gusts, pumps, doors), a rise and
-fall of unequal length (rain), and one gain for all parts, noise and all.
+fall of unequal length (rain), and one gain for all parts, of any course in time (the
+ambient sound drifts, a recorder turns itself up): of a vessel each part rises by as much
+as its own spectrum stands above the ambient's.
+
+Where several rises are told as passages, each is asked with the laws of the others beside
+it, in every fit. Together they must explain the parts better than one squall does that
+rises, stays and dies away in times of its own; what is refused is beside nobody.
 
 Whole shapes are searched on grids that are refined; background and height follow by
 linear least squares.
@@ -22,13 +28,14 @@ halves of chi-square: differences are log-likelihood ratios.
 Numer. Anal. 10, 413, for the separation of linear unknowns.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.encounter_rows import LAW_SHARE
@@ -145,7 +152,35 @@ RIVALS: dict[str, Shape] = {
 }
 """Shapes of power that are no passages."""
 
+GAIN_ROUNDS = 20
+"""Rounds in which the gain and the parts' own levels are fitted in turn."""
+
+HALF_NORMAL = 0.455
+"""Median of the square of a normal variable of unit variance."""
+
 GAIN = "one gain for all"
+SQUALL = "one squall"
+
+BIN, FEWEST_OF_BIN = 0.25, 3
+"""Length over which parts are averaged to be held against a gain, in d/v, and frames."""
+
+SQUALL_STEPS = (9, 5, 5, 5)
+"""Begins, rises, stays and falls of a squall that are tried at once."""
+
+
+class Rise(NamedTuple):
+    """A rise of the level."""
+
+    time_s: float
+    """When it is highest, s."""
+    width_s: float
+    """Its d/v, s."""
+
+    @classmethod
+    def of(cls, candidate: CandidatePassage) -> "Rise":
+        """Return the rise of a candidate."""
+        fit = candidate.fit
+        return cls(float(fit.theta[0, 0]), float(fit.range_over_speed_s[0]))
 
 
 class _Parts(NamedTuple):
@@ -157,9 +192,13 @@ class _Parts(NamedTuple):
     """Power over the quiet time, shape (part, n)."""
     weight: FloatArray
     """Inverse variances, shape (part, n)."""
+    basis: FloatArray
+    """Background and laws of other passages, shape (1 + other, n)."""
 
 
-def ask_the_parts(candidate: CandidatePassage, levels: Levels) -> CandidatePassage:
+def ask_the_parts(
+    candidate: CandidatePassage, levels: Levels, beside: Sequence[Rise] = ()
+) -> CandidatePassage:
     """Return a passage of the level alone with what the parts of the band say.
 
     Parameters
@@ -168,6 +207,8 @@ def ask_the_parts(candidate: CandidatePassage, levels: Levels) -> CandidatePassa
         A significant fit without lines, or whose lines show no Doppler shift.
     levels
         Levels of the recording.
+    beside
+        Other passages that the broadband tells.
 
     Returns
     -------
@@ -178,12 +219,42 @@ def ask_the_parts(candidate: CandidatePassage, levels: Levels) -> CandidatePassa
     gain = candidate.likelihood_ratio
     if candidate.doubt or gain.bearing > gain.threshold:
         return candidate
-    fit = candidate.fit
-    told = agreement(levels, float(fit.theta[0, 0]), float(fit.range_over_speed_s[0]))
+    told = agreement(levels, *Rise.of(candidate), beside)
     return replace(candidate, doubt=told.reason) if told else candidate
 
 
-def agreement(levels: Levels, time_s: float, width_s: float) -> Agreement | None:
+def ask_the_parts_of_all(
+    rises: Sequence[CandidatePassage],
+    levels: Sequence[Levels],
+    beside: Sequence[Rise] = (),
+) -> list[CandidatePassage]:
+    """Ask the parts about several rises, each beside those that are not refused.
+
+    Parameters
+    ----------
+    rises
+        Significant fits without lines.
+    levels
+        Levels of the recording as each would have made them alone.
+    beside
+        Passages that lines have shown.
+    """
+    told = list(rises)
+    while True:
+        left = [number for number, item in enumerate(told) if not item.doubt]
+        asked = list(told)
+        for number in left:
+            others = [Rise.of(told[other]) for other in left if other != number]
+            near = [*beside, *others]
+            asked[number] = ask_the_parts(told[number], levels[number], near)
+        if not any(asked[number].doubt for number in left):
+            return asked
+        told = asked
+
+
+def agreement(
+    levels: Levels, time_s: float, width_s: float, beside: Sequence[Rise] = ()
+) -> Agreement | None:
     """Ask the parts of the band whether a rise of the level is one passage.
 
     Parameters
@@ -194,6 +265,8 @@ def agreement(levels: Levels, time_s: float, width_s: float) -> Agreement | None
         When the rise is highest, s from the first sample.
     width_s
         Its d/v, s.
+    beside
+        Other passages that the broadband tells.
 
     Returns
     -------
@@ -204,13 +277,12 @@ def agreement(levels: Levels, time_s: float, width_s: float) -> Agreement | None
         return None
     lag = levels.frames.time_s - time_s
     near = np.abs(lag) < REACH * width_s
-    near &= np.isfinite(levels.part_excess_db).all(axis=1)
+    near &= _heard(levels)
     flank = float(min(-lag[0], lag[-1])) / width_s
     if flank < LEAST_FLANK or np.count_nonzero(near) < FEWEST_FRAMES:
         return Agreement(0, np.nan, PASSAGE, 0.0, flank)
-    power = 10 ** (levels.part_excess_db[near].T.astype(np.float64) / 10)
-    weight = 1 / _smooth(power, max(1, round(width_s / levels.frames.hop_s / 4))) ** 2
-    parts = _Parts(levels.frames.time_s[near], power, weight)
+    parts = _parts(levels, near, width_s, beside)
+    power = parts.power
     centre = (time_s, float(np.log(width_s)))
     risen: list[int] = []
     scale = np.ones(power.shape[0])
@@ -234,7 +306,11 @@ def agreement(levels: Levels, time_s: float, width_s: float) -> Agreement | None
         name: _least(scaled, shape, centre, width_s)[1]
         for name, shape in RIVALS.items()
     }
-    others[GAIN] = _least_gain(scaled, centre, width_s)
+    own = Rise(time_s, width_s)
+    others[GAIN] = together + _gain_over_law(parts, own)
+    crowd = [own, *(one for one in beside if _meet(own, one))]
+    if len(crowd) > 1:
+        others[SQUALL] = together + _squall_over_laws(levels, crowd)
     rival = min(others, key=lambda name: others[name])
     gain = others[rival] - together
     return Agreement(
@@ -278,7 +354,32 @@ def _exceeded(chi_square: float, degrees: int) -> float:
 
 
 def _only(parts: _Parts, rows: list[int]) -> _Parts:
-    return _Parts(parts.time_s, parts.power[rows], parts.weight[rows])
+    return parts._replace(power=parts.power[rows], weight=parts.weight[rows])
+
+
+def _heard(levels: Levels) -> BoolArray:
+    if levels.part_excess_db is None:
+        return np.zeros(levels.frames.n_frames, np.bool_)
+    return np.asarray(np.isfinite(levels.part_excess_db).all(axis=1), np.bool_)
+
+
+def _parts(
+    levels: Levels, frames: BoolArray, width_s: float, beside: Sequence[Rise]
+) -> _Parts:
+    """Return the parts in some frames, with the laws of what passes beside."""
+    excess_db = np.asarray(levels.part_excess_db, np.float64)[frames]
+    power = 10 ** (excess_db.T / 10)
+    weight = 1 / _smooth(power, max(1, round(width_s / levels.frames.hop_s / 4))) ** 2
+    time_s = levels.frames.time_s[frames]
+    laws = [_law((time_s - one.time_s) / one.width_s) for one in beside]
+    # a law that hardly changes there is the background again
+    laws = [law for law in laws if np.ptp(law) > SMALLEST_STD]
+    return _Parts(time_s, power, weight, np.array([np.ones(time_s.size), *laws]))
+
+
+def _meet(one: Rise, other: Rise) -> bool:
+    """Tell whether two rises may be parts of one."""
+    return abs(one.time_s - other.time_s) < REACH * max(one.width_s, other.width_s)
 
 
 def _smooth(power: FloatArray, half: int) -> FloatArray:
@@ -301,20 +402,21 @@ def _columns(
 def _costs(parts: _Parts, columns: FloatArray) -> FloatArray:
     """Return half the chi-square of each column, summed over the parts.
 
-    Background and height are those of least squares; a height below zero is none.
+    Background, what passes beside and height are those of least squares; a height below
+    zero is none.
     """
-    weight, power = parts.weight, parts.power
-    total, first = weight.sum(axis=1), (weight * power).sum(axis=1)
-    whole = (weight * power**2).sum(axis=1) - first**2 / total
-    mean = weight @ columns.T / total[:, None]
-    square = weight @ (columns**2).T - total[:, None] * mean**2
-    along = (weight * power) @ columns.T - first[:, None] * mean
-    # a column that hardly changes there is the background again
-    changes = square > SMALLEST_CHANGE * total[:, None]
-    gain = np.where(changes, np.maximum(along, 0.0) ** 2, 0.0)
-    gain /= np.where(changes, square, 1.0)
-    costs: FloatArray = 0.5 * (whole[:, None] - gain).sum(axis=0)
-    return costs
+    costs = np.zeros(len(columns))
+    for power, weight in zip(parts.power, parts.weight, strict=True):
+        root = np.sqrt(weight)
+        usual, _ = np.linalg.qr((root * parts.basis).T)
+        left = root * power - usual @ (usual.T @ (root * power))
+        free = root * columns - (root * columns) @ usual @ usual.T
+        square = (free**2).sum(axis=1)
+        # a column that hardly changes there is the background again
+        changes = square > SMALLEST_CHANGE * weight.sum()
+        gain = np.where(changes, np.maximum(free @ left, 0.0) ** 2, 0.0)
+        costs += (left**2).sum() - gain / np.where(changes, square, 1.0)
+    return 0.5 * costs
 
 
 def _flat(parts: _Parts) -> float:
@@ -342,34 +444,96 @@ def _least(
     return centre, cost
 
 
-def _least_gain(parts: _Parts, centre: tuple[float, float], width_s: float) -> float:
-    """Return the cost of a gain of all parts that rises and falls, noise and all."""
-    level = np.log(np.maximum(parts.power, 1e-12))
+def _gain_over_law(parts: _Parts, rise: Rise) -> float:
+    """Return what the law gains in log-likelihood over one gain for all parts.
+
+    The gain is free in every bin; each value of it that the law does without would
+    gain a half in noise alone.
+    """
+    binned = _binned(parts, rise.width_s)
+    if binned is None:
+        return 0.0
+    level = np.log(binned.power)
     # in logarithms the deviation of a power is its share
-    weight = parts.weight * parts.power**2
+    weight = binned.weight * binned.power**2
+    own = np.zeros((level.shape[0], 1))
+    for _ in range(GAIN_ROUNDS):
+        gain = (weight * (level - own)).sum(axis=0) / weight.sum(axis=0)
+        own = (weight * (level - gain)).sum(axis=1, keepdims=True)
+        own /= weight.sum(axis=1, keepdims=True)
+    cost = 0.5 * float((weight * (level - own - gain) ** 2).sum())
+    centre = (rise.time_s, float(np.log(rise.width_s)))
+    _, law = _least(binned, _law, centre, rise.width_s)
+    n_parts, n_bins = level.shape
+    more = n_bins - 1 - n_parts * len(binned.basis) - 2
+    return float(cost + 0.5 * max(more, 0) - law)
+
+
+def _binned(parts: _Parts, width_s: float) -> _Parts | None:
+    """Return means over bins, weighted by the scatter within; None with too few bins."""
+    hop_s = float(np.median(np.diff(parts.time_s)))
+    size = max(FEWEST_OF_BIN, round(BIN * width_s / hop_s))
+    number = np.floor((parts.time_s - parts.time_s[0]) / (size * hop_s) + 1e-6)
+    number = number.astype(np.int64)
+    count = np.bincount(number)
+
+    def means(rows: FloatArray) -> FloatArray:
+        total = [np.bincount(number, row, count.size) for row in rows]
+        return np.array(total) / np.maximum(count, 1)
+
+    mean = means(parts.power)
+    used = count >= FEWEST_OF_BIN
+    if np.count_nonzero(used) < FEWEST_FRAMES // 2:
+        return None
+    off = parts.power / np.maximum(mean[:, number], 1e-12) - 1.0
+    square = np.maximum((off**2).mean(axis=1), 1e-12)
+    # the mean of a bin takes its share of the correlation of neighbours
+    share = np.clip((off[:, 1:] * off[:, :-1]).mean(axis=1) / square + 1 / size, 0, 1)
+    variance = np.median(off**2, axis=1) / HALF_NORMAL * (1 + 2 * share)
+    variance *= size / (size - 1)
+    deviation = np.maximum(variance[:, None] / count[used], SMALLEST_STD**2)
+    mean = np.maximum(mean[:, used], 1e-12)
+    times = means(parts.time_s[None])[0, used]
+    return _Parts(times, mean, 1 / (deviation * mean**2), means(parts.basis)[:, used])
+
+
+def _squall_over_laws(levels: Levels, crowd: Sequence[Rise]) -> float:
+    """Return what several laws gain in log-likelihood over one squall.
+
+    Rise and fall are halves of raised cosines.
+    """
+    first_s = min(one.time_s - REACH * one.width_s for one in crowd)
+    last_s = max(one.time_s + REACH * one.width_s for one in crowd)
+    time_s = levels.frames.time_s
+    frames = (time_s > first_s) & (time_s < last_s) & _heard(levels)
+    width_s = min(one.width_s for one in crowd)
+    binned = _binned(_parts(levels, frames, width_s, crowd), width_s)
+    if binned is None:
+        return 0.0
+    laws = _flat(binned)
+    alone = binned._replace(basis=binned.basis[:1])
+    span_s = last_s - first_s
+    centre = np.array([first_s + span_s / 4, *np.log([span_s / 4] * 3)])
+    reach = np.array([span_s / 2, 1.5, 1.5, 1.5])
     cost = np.inf
     for turn in range(ROUNDS):
-        places, widths = _grids(centre, width_s, turn)
-        columns = _columns(parts, _raised_cosine, places, widths)
-        total = weight.sum(axis=1)
-        mean = (weight * level).sum(axis=1) / total
-        free = level - mean[:, None]
-        usual = weight @ columns.T / total[:, None]
-        square = (weight @ (columns**2).T - total[:, None] * usual**2).sum(axis=0)
-        along = ((weight * free) @ columns.T).sum(axis=0)
-        changes = square > SMALLEST_CHANGE * total.sum()
-        gain = np.where(changes, along, 0.0) ** 2 / np.where(changes, square, 1.0)
-        costs = 0.5 * ((weight * free**2).sum() - gain)
+        steps = [np.linspace(-1.0, 1.0, count) for count in SQUALL_STEPS]
+        tried = centre + reach * FINER**turn * np.array(list(product(*steps)))
+        begin = tried[:, :1]
+        rise, stay, fall = np.exp(tried[:, 1:]).T[..., None]
+        risen = np.clip((binned.time_s - begin) / rise, 0.0, 1.0)
+        left = np.clip((begin + rise + stay + fall - binned.time_s) / fall, 0.0, 1.0)
+        costs = _costs(alone, np.sin(0.5 * np.pi * np.minimum(risen, left)) ** 2)
         best = int(np.argmin(costs))
-        cost = float(costs[best])
-        centre = (float(places[best // STEPS]), float(widths[best % STEPS]))
-    return cost
+        cost, centre = float(costs[best]), tried[best]
+    n_more = (len(crowd) - 1) * len(binned.power) + 2 * len(crowd) - centre.size
+    return cost - 0.5 * n_more - laws
 
 
 def _noise(parts: _Parts, best: tuple[float, float]) -> float:
     """Return the variance of a part's residuals, times their correlation sum."""
     (column,) = _columns(parts, _law, np.array([best[0]]), np.array([best[1]]))
-    basis = np.stack([np.ones(column.size), column], axis=1)
+    basis = np.stack([*parts.basis, column], axis=1)
     root = np.sqrt(parts.weight[0])
     values, *_ = np.linalg.lstsq(root[:, None] * basis, root * parts.power[0])
     residual = root * (parts.power[0] - basis @ values)
