@@ -5,7 +5,13 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from uwtrack_cli.lines.contacts import ContactSamples, LineSamples, group_lines
+from uwtrack_cli.lines.contacts import (
+    UNRESOLVED_BINS,
+    ContactSamples,
+    LineSamples,
+    group_lines,
+    unresolved_share,
+)
 from uwtrack_cli.lines.line_points import LinePoints
 
 TIME_S = np.arange(400.0)
@@ -76,3 +82,15 @@ def most_held(n_hours):
 def test_a_day_of_lines_is_compared_in_as_little_memory_as_its_points_take():
     # 2881 lines at 43 200 times: four tables of line and time would take 4 GB
     assert most_held(24) < 24.0
+
+
+@pytest.mark.parametrize(("bins", "expected"), [(1.5, 1.0), (2.0, 0.0)])
+def test_lines_that_are_not_resolved_are_told(bins, expected):
+    """Three lines of one bin a frame, two of them near each other for half of it."""
+    samples = ContactSamples(1)
+    frame = np.arange(200)
+    samples.add(points(1, frame, np.full(200, 100.0)))
+    samples.add(points(2, frame[:100], np.full(100, 100.0 + bins)))
+    samples.add(points(3, frame, np.full(200, 300.0)))
+    found = unresolved_share(samples.samples(samples.line_seen(), 4.0), UNRESOLVED_BINS)
+    assert found == pytest.approx([0.5 * expected, expected, 0.0])

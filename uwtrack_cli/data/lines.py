@@ -107,6 +107,10 @@ class Lines(Container):
         "", "'moving', 'steady' or 'hum' (mains, no Doppler, no bearing change).",
         "line", dtype=np.str_,
     )  # fmt: skip
+    line_unresolved_share: FloatArray | None = column(
+        "1", "Share of its time in which another line is nearer than 1.75 natural bins, "
+        "and the two are not resolved.", "line", optional=True,
+    )  # fmt: skip
     jump_time_s: FloatArray | None = column(
         "s", "When a machine changed its speed at once, and its lines with it.",
         "jump", optional=True,
@@ -144,7 +148,11 @@ class Lines(Container):
         Column by column, so that there is never a second copy of all points.
         """
         rest = super().join([block.take("point", slice(0)) for block in blocks])
-        order = point_order(blocks)
+        line, frame = (
+            np.concatenate([getattr(block, name) for block in blocks])
+            for name in ("line", "frame")
+        )
+        order = point_order(line, frame)
         points: dict[str, Any] = {
             name: np.concatenate([getattr(block, name) for block in blocks])[order]
             for name, spec in cls.columns().items()
@@ -153,13 +161,12 @@ class Lines(Container):
         return replace(rest, **points)
 
 
-def point_order(blocks: Sequence[Lines]) -> IntArray:
-    """Return the order of the points of some blocks by line, then by frame.
+def point_order(line: IntArray, frame: IntArray) -> IntArray:
+    """Return the order of points by line, then by frame.
 
     Parameters
     ----------
-    blocks
-        Consecutive blocks of a stream.
+    line, frame
+        Line and frame of each point, shape (point,).
     """
-    frame = np.concatenate([block.frame for block in blocks])
-    return np.lexsort((frame, np.concatenate([block.line for block in blocks])))
+    return np.lexsort((frame, line))

@@ -41,6 +41,10 @@ _FAMILY_EVIDENCE = 8.0
 LEAST_EVIDENCE = 3.0
 """Evidence that joins two lines (Kass & Raftery 1995: strong)."""
 
+UNRESOLVED_BINS = 1.75
+"""Distance of two lines, in natural bins, within which they are told as unresolved: at 2
+bins 19 of 20 of a line's points are its own, at 1.5 every tenth is the other's."""
+
 _VETO = -6.0
 """Evidence against a pair that keeps their groups apart."""
 
@@ -101,6 +105,32 @@ class ContactSamples:
             values[:, 0], values[:, 1], values[:, 2], values[:, 3],
             correlation_samples=max(1.0, correlation_frames / self.stride),
         )  # fmt: skip
+
+
+def unresolved_share(samples: LineSamples, reach_hz: float) -> FloatArray:
+    """Return in what share of its samples each line has another one beside it.
+
+    Parameters
+    ----------
+    samples
+        Histories of the lines.
+    reach_hz
+        Distance within which the peaks of two lines are not told apart, Hz.
+
+    Returns
+    -------
+    array, shape (line,)
+        0 to 1; 0 for lines too short for the grid.
+    """
+    line = np.repeat(np.arange(samples.n_points.size), samples.n_points)
+    order = np.lexsort((samples.frequency_hz, samples.frame))
+    frequency, frame = samples.frequency_hz[order], samples.frame[order]
+    is_beside = (np.diff(frequency) < reach_hz) & (np.diff(frame) == 0)
+    has_mate = np.zeros(order.size, dtype=bool)
+    has_mate[1:] |= is_beside
+    has_mate[:-1] |= is_beside
+    n_beside = np.bincount(line[order][has_mate], minlength=samples.n_points.size)
+    return np.asarray(n_beside / np.maximum(samples.n_points, 1))
 
 
 def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextArray]:

@@ -123,6 +123,8 @@ class LineTable:
     """Harmonic family of each line, -1 for none, shape (line,)."""
     status: TextArray
     """'moving', 'steady' or 'hum', shape (line,)."""
+    unresolved_share: FloatArray
+    """Share of its time in which another line runs beside each, shape (line,)."""
     families: Families
     """The lasting families, one row each."""
     jumps: Sequence[FamilyJump] = ()
@@ -132,7 +134,9 @@ class LineTable:
 def no_table() -> LineTable:
     """Return the table of a block before the end."""
     none = np.zeros(0, dtype=np.int64)
-    return LineTable(none, none, none, np.zeros(0, dtype="U6"), no_families())
+    return LineTable(
+        none, none, none, np.zeros(0, dtype="U6"), np.zeros(0), no_families()
+    )
 
 
 def to_lines(
@@ -180,6 +184,7 @@ def to_lines(
         line_contact=table.contact,
         line_family=table.family,
         line_status=table.status,
+        line_unresolved_share=table.unresolved_share,
         **_jumps(table),
         **scalars,
     )

@@ -69,7 +69,7 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
             ("levels", "part_excess_db"),
             *(
                 (kind.NAME, name)
-                for kind in (Encounters, Motions)
+                for kind in (Encounters, Lines, Motions)
                 for name, spec in kind.columns().items()
                 if spec.optional
             ),

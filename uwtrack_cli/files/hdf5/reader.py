@@ -9,14 +9,14 @@ from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, NamedTuple, Self, TypeVar, cast, overload
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from uwtrack_cli.data.base import Column, Container
+from uwtrack_cli.data.base import Column, Container, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines, point_order
 from uwtrack_cli.errors import DataError, OptionError
@@ -51,6 +51,9 @@ from uwtrack_cli.files.hdf5.migration import (
 C = TypeVar("C", bound=Container)
 Rows = Mapping[tuple[str, str], slice]
 """Rows to read, by container and axis; axes not named are read whole."""
+
+Orders = Mapping[tuple[str, str], IntArray]
+"""Order in which the rows are wanted, by container and axis; others stay as stored."""
 
 Hold = Callable[[NDArray[Any]], NDArray[Any]]
 """Takes a column, and returns the array that is kept of it."""
@@ -301,20 +304,24 @@ def read_whole(file: h5py.File, path: str, kind: type[C], hold: Hold = np.asarra
     hold
         Takes each column that was read and returns the array that is kept of it.
     """
-    container = _read(file, path, kind, {}, hold)
-    if not isinstance(container, Lines):
-        return container
-    order = point_order([container])
-    points: dict[str, Any] = {
-        name: hold(getattr(container, name)[order])
-        for name, spec in kind.columns().items()
-        if spec.axes[0] == "point"
-    }
-    return replace(container, **points)
+    orders: Orders = {}
+    if kind is Lines:
+        # before the points: each column is put in order and held before the next
+        own, columns = _group(file, path, kind), kind.columns()
+        line, frame = (
+            _column(own, name, columns[name], slice(None)) for name in ("line", "frame")
+        )
+        orders = {(kind.NAME, "point"): point_order(line, frame)}
+    return _read(file, path, kind, {}, hold, orders)
 
 
 def _read(
-    file: h5py.File, path: str, kind: type[C], rows: Rows, hold: Hold = np.asarray
+    file: h5py.File,
+    path: str,
+    kind: type[C],
+    rows: Rows,
+    hold: Hold = np.asarray,
+    orders: Orders = MappingProxyType({}),
 ) -> C:
     """Read a container, or some rows of it, with its parts."""
     own = _group(file, path, kind)
@@ -327,8 +334,9 @@ def _read(
         if is_absent and spec.optional:
             values[name] = None
         else:
-            chosen = rows.get((kind.NAME, spec.axes[0]), slice(None))
-            values[name] = hold(_column(own, name, spec, chosen))
+            axis = kind.NAME, spec.axes[0]
+            column = _column(own, name, spec, rows.get(axis, slice(None)))
+            values[name] = hold(column[orders[axis]] if axis in orders else column)
     values |= _scalars(own, kind, absent)
     for name, part in part_classes(kind).items():
         values[name] = None

@@ -21,7 +21,12 @@ from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.estimation.noise_floor import noise_floor
-from uwtrack_cli.lines.contacts import ContactSamples, group_lines
+from uwtrack_cli.lines.contacts import (
+    UNRESOLVED_BINS,
+    ContactSamples,
+    group_lines,
+    unresolved_share,
+)
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
@@ -405,8 +410,10 @@ class PathTracer:
         lines = self.samples.line_seen()
         families, family = self.families.lasting(lines, 0.1)
         correlation = 4.0 / (self.resolution_hz * self.hop_s)
-        contact, status = group_lines(self.samples.samples(lines, correlation), family)
-        return LineTable(lines, contact, family, status, families)
+        samples = self.samples.samples(lines, correlation)
+        contact, status = group_lines(samples, family)
+        beside = unresolved_share(samples, UNRESOLVED_BINS * self.resolution_hz)
+        return LineTable(lines, contact, family, status, beside, families)
 
     def scalars(self, reference: str) -> dict[str, Any]:
         """Return what the run could have found."""

@@ -28,7 +28,12 @@ from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.lines.contacts import ContactSamples, group_lines
+from uwtrack_cli.lines.contacts import (
+    UNRESOLVED_BINS,
+    ContactSamples,
+    group_lines,
+    unresolved_share,
+)
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.last_look import LastLook
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
@@ -201,9 +206,10 @@ class LineTracker:
         families, family = self.families.lasting(lines, 0.1)
         samples = held.samples(lines, _CORRELATION_WINDOWS * self.window_frames)
         contact, status = group_lines(samples, family)
+        beside = unresolved_share(samples, UNRESOLVED_BINS * self.resolution_hz)
         known = set(lines.tolist())
         jumps = [jump for jump in self.jumps.told if not known.isdisjoint(jump.lines)]
-        return LineTable(lines, contact, family, status, families, jumps)
+        return LineTable(lines, contact, family, status, beside, families, jumps)
 
     def scalars(self) -> dict[str, Any]:
         """Return what the run could have found."""
