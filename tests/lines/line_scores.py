@@ -5,8 +5,8 @@ Sound at 8 kHz with lines from 100 to 1750 Hz, eight at a time, at 12 dB over th
 share of the true frames with a point within 1.5 Hz, *purity* the share of an id's points
 that belong to its main line, *ids* the ids per true line.
 
-The table in tests/baselines/line_scenes.md is made by:
-python -m tests.lines.line_scores 2 9100 > tests/baselines/line_scenes.md
+The tables of track and trace in tests/baselines/line_scenes.md are made by:
+python -m tests.lines.line_scores 2 33100
 """
 
 import sys
