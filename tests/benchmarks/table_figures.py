@@ -121,7 +121,7 @@ def structured(runs, seed, *, told):
         share = np.random.default_rng(number).uniform(0.2, 0.4)
         series, place, velocity, wrong = buoys(number, strange=0.05, of_another=share)
         series = series if told else untold(series)
-        found = locate_vessels(series=series, at=["600"])
+        found = locate_vessels(series=series, at=["0", "600", "1200"])
         motions = estimate_motion(series)
         chances = {
             contact: motions.row_probability[motions.row_contact == contact][
@@ -137,20 +137,20 @@ def structured(runs, seed, *, told):
         if contact not in found.contact:
             far += 1
             continue
-        off = np.stack([found.east_m, found.north_m], 1) - place - 600.0 * velocity
-        best = int(np.flatnonzero(found.contact == contact)[0])
-        error.append(np.hypot(*off[best]))
-        held.append(
-            off[best] @ np.linalg.solve(found.covariance_m2[best], off[best]) < 5.99
-        )
-    low, high = binomtest(int(np.sum(held)), len(held)).proportion_ci()
+        off = np.stack([found.east_m, found.north_m], 1) - place
+        off -= found.time_s[:, None] * velocity
+        best = np.flatnonzero(found.contact == contact)[:3]
+        error.append(np.hypot(*off[best[1]]))
+        chance = np.linalg.solve(found.covariance_m2[best], off[best, :, None])
+        held.append((off[best] * chance[:, :, 0]).sum(1) < 5.99)
+    inside = np.sum(held, axis=0)
     mine, strange = np.mean(own, axis=0)
     caught, lost = np.mean(flagged, axis=0)
     print(
         f"structured, {'told' if told else 'untold'}, {runs} tables, seed {seed}: median "
         f"error {np.median(error):.0f} m, nine in ten within {np.quantile(error, 0.9):.0f} "
-        f"m; without a fix {far}; ellipses hold {np.mean(held):.1%} ({low:.1%} to "
-        f"{high:.1%}); the other boat is a contact in {others}; probability of own rows "
+        f"m; without a fix {far}; ellipses hold {inside.tolist()} of {len(held)} at 0, 600 "
+        f"and 1200 s; the other boat is a contact in {others}; probability of own rows "
         f"{mine:.2f}, of strange ones {strange:.2f}; below one half {lost:.1%} and "
         f"{caught:.1%}"
     )

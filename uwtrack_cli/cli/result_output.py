@@ -111,25 +111,39 @@ def _print_summary(
         return
     summary = summary_of(container.NAME, rows)
     show_table(summary.titles, summary.rows, is_data=is_data, spare=summary.spare)
-    for name in SPOKEN.get(container.NAME, ()):
-        texts = getattr(container, name)
-        for text in [texts] if isinstance(texts, str) else texts.tolist():
-            if text:
-                say(text)
+    # further modes are listed; what is said of a contact is said of its best one
+    spoken = list(_spoken(container, rows))
+    rows = [row for row in rows if container.NAME != "motions" or row["mode"] == 1]
+    for text in spoken:
+        say(text)
     own_words = 0 if is_data or not isinstance(container, Presence) else 1
-    for text in _why(container, rows):
+    for text in _why(container, rows, spoken):
         say(text, own_words)
     for text in heard:
         say(text)
 
 
-def _why(container: Container, rows: Sequence[dict[str, Any]]) -> Iterable[str]:
-    """Return why stretches are no passages, or why values are missing."""
+def _spoken(container: Container, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield the texts of a container that a reader of its summary must know."""
+    for name in SPOKEN.get(container.NAME, ()):
+        if name not in container.columns():
+            yield from filter(None, [getattr(container, name)])
+            continue
+        best = [n for n, row in enumerate(rows) if row["mode"] == 1]
+        for number in best:
+            whose = f"contact {rows[number]['contact']}: " if len(best) > 1 else ""
+            yield f"{whose}{getattr(container, name)[number]}"
+
+
+def _why(
+    container: Container, rows: Sequence[dict[str, Any]], spoken: Sequence[str]
+) -> Iterable[str]:
+    """Return why stretches are no passages, or why values are missing, if not said yet."""
     from uwtrack_cli.files.tables.presence_words import why_no_passage
 
     if isinstance(container, Presence):
         return why_no_passage(rows)
-    return _reasons(container.NAME, rows)
+    return _reasons(container.NAME, rows, spoken)
 
 
 def _heard(presence: Presence) -> list[str]:
@@ -141,8 +155,10 @@ def _heard(presence: Presence) -> list[str]:
     return presence_sentences(json_rows(presence), is_passed=has_passed)
 
 
-def _reasons(name: str, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Yield why values of a summary are missing, every reason once."""
+def _reasons(
+    name: str, rows: Sequence[dict[str, Any]], spoken: Sequence[str]
+) -> Iterator[str]:
+    """Yield why values of a summary are missing, every reason that was not spoken, once."""
     shown = {head.key for head in SUMMARIES[name]}
     if all(row.get("vessel") is None for row in rows):
         shown.discard("vessel")
@@ -150,7 +166,7 @@ def _reasons(name: str, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     contacts: dict[str, dict[int, None]] = {}
     for row in rows:
         for key, reason in (row.get("reasons") or {}).items():
-            if key in shown:
+            if key in shown and not any(reason in text for text in spoken):
                 keys.setdefault(reason, {})[key] = None
                 contacts.setdefault(reason, {})[row["contact"] or 0] = None
     everyone = {row["contact"] or 0 for row in rows}

@@ -455,14 +455,19 @@ def _parts(
     return parts
 
 
+MANY_POINTS = 200
+"""Rows from which residuals are drawn as small dots, lest they hide each other."""
+
+
 def _residual_panel(
     left: Sequence[tuple[int, PlottedResiduals]], name: str, label: str
 ) -> Panel:
     def draw(ax: "Axes") -> None:
         calm(ax)
         for contact, found in left:
+            size = 3 if found.time_s.size > MANY_POINTS else 6
             for values in getattr(found, name):
-                ax.plot(found.time_s, values, ".", ms=3, alpha=0.6, mec="none",
+                ax.plot(found.time_s, values, ".", ms=size, alpha=0.6, mec="none",
                         color=contact_color(contact))  # fmt: skip
         ax.axhline(0.0, color=MEASURED, lw=0.8)
         ax.set_ylabel(label, fontsize=8)

@@ -80,10 +80,16 @@ def test_the_day_of_a_rounded_time_is_that_of_what_is_shown():
 
 def test_a_place_keeps_both_its_coordinates_on_the_grid_or_on_the_globe():
     grid = {"contact": 1, "time_s": 5.0, "east_m": -94.2, "north_m": 60.0,
+            "east_std_m": 12.0, "north_std_m": 7.0, "mode": 1,
             "latitude": None, "longitude": None, "speed_mps": 9.9}  # fmt: skip
-    assert set(summary_of("fixes", [grid]).spare) == {"speed m/s"}
+    table = summary_of("fixes", [grid])
+    assert set(table.spare) == {"mode", "speed m/s"}
+    assert "± east m" not in table.titles
     globe = summary_of("fixes", [grid | {"latitude": 35.0, "longitude": 128.0}])
-    assert set(globe.spare) == {"east m", "north m", "speed m/s"}
+    assert set(globe.spare) == {"east m", "north m", "mode", "speed m/s"}
+    assert globe.rows[0][globe.titles.index("± north m")] == "7"
+    other = grid | {"mode": 2}  # two rows of one contact differ by the mode alone
+    assert "mode" not in summary_of("fixes", [grid, other]).spare
 
 
 def test_the_sensor_is_spared_only_where_there_is_one():

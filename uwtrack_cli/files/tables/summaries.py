@@ -75,6 +75,8 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("north m", "north_m", 1, "north_std_m"),
         Head("latitude", "latitude", 6),
         Head("longitude", "longitude", 6),
+        Head("± east m", "east_std_m", 0),
+        Head("± north m", "north_std_m", 0),
         Head("speed m/s", "speed_mps", 2),
         Head("course deg", "course_deg", 1),
         Head("reading", "reading", usual="moving"),
@@ -115,7 +117,7 @@ SPARE: dict[str, tuple[str, ...]] = {
         "contact",
         "status",
     ),
-    "fixes": ("east m", "north m", "speed m/s", "course deg", "weight"),
+    "fixes": ("east m", "north m", "weight", "mode", "speed m/s", "course deg"),
     "motions": ("weight", "mode", "observable"),
     "presence": ("sensor", "bearing deg", "level dB", "blade Hz"),
 }
@@ -160,9 +162,13 @@ def summary_of(name: str, rows: Sequence[Row]) -> Summary:
         if (not cells and usual[title] == {NOT_KNOWN, None})
         or not set(cells) <= usual[title]
     }
-    spare = [s for s in SPARE[name] if s in known]
+    needed: tuple[str, ...] = ()
     if name == "fixes" and "latitude" not in known:  # nothing else says where it is
-        spare = [s for s in spare if s not in ("east m", "north m")]
+        needed = "east m", "north m"
+        known = {t: cells for t, cells in known.items() if not t.startswith("±")}
+    spare = [s for s in SPARE[name] if s in known and s not in needed]
+    if len(set(known.get("mode", ()))) > 1:  # else one contact has the same row twice
+        spare = [s for s in spare if s != "mode"]
     if len(set(known.get("sensor", ()))) > 1:
         spare.remove("sensor")
     return Summary(

@@ -25,6 +25,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.solvers.marquardt import SearchBounds, minimise
 from uwtrack_cli.motion.target.objective import loss_value, misfit, residuals
 from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target.row_mixture import RowMixture
 from uwtrack_cli.motion.target.starts import multistart, subset_starts
 
 FEWEST_ROWS = 20
@@ -68,6 +69,8 @@ class BearingSource:
     there is none."""
     problem: Problem
     """The problem with the weights that follow."""
+    mixture: RowMixture
+    """What every row says of the source, whoever it belongs to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +90,8 @@ class _Mixture:
     gain: float
     """Twice the log likelihood of the bearings over that of chance, less the misfit
     of the frequencies and priors."""
+    offset_rad: FloatArray
+    """Constant errors of the streams by every source, rad, shape (sources, streams)."""
 
 
 def associate(
@@ -129,10 +134,19 @@ def _source(
     known = float(np.clip(1.0 - lost, 0.2, 1.0))
     weight = problem.bearing_weight * np.sqrt(known * own) / found.scale
     weight = np.where(own > 0.01, weight, 0.0)
+    full = problem.bearing_weight / found.scale
+    others = np.delete(_densities(found.share, found.z, full.max(0)), index, axis=0)
+    mixture = RowMixture(
+        replace(problem, bearing_weight=full),
+        float(found.share[index]),
+        others.sum(axis=0) + _share_of_none(found.share) * DENSITY,
+        found.offset_rad[index],
+    )
     return BearingSource(
         found.q[index],
         np.where(heard, own, np.nan),
         replace(problem, bearing_weight=weight),
+        mixture,
     )
 
 
@@ -191,7 +205,9 @@ def _evidence(problem: Problem, found: _Mixture) -> float:
 
 def _begin(problem: Problem, q: FloatArray, scale: float) -> _Mixture:
     rows = np.full((len(q), problem.n_rows), 0.5)
-    return _Mixture(q, np.full(len(q), 0.5 / len(q)), scale, rows, rows, -np.inf)
+    share = np.full(len(q), 0.5 / len(q))
+    offset = np.zeros((len(q), len(problem.bearing_weight)))
+    return _Mixture(q, share, scale, rows, rows, -np.inf, offset)
 
 
 def _plain(
@@ -265,21 +281,35 @@ def _expect(
     weight = problem.bearing_weight / scale
     strength = weight.max(0)
     z, others = np.zeros((len(q), problem.n_rows)), 0.0
+    offset = np.zeros((len(q), len(weight)))
     for index, motion in enumerate(q):
         root = np.sqrt(np.maximum(before[index], SMALLEST_PROBABILITY))
         weighed = replace(problem, bearing_weight=weight * root)
         r = residuals(weighed, motion[np.newaxis])
         z[index] = r.bearing[0].sum(0) / root
+        offset[index] = r.offset_rad[0]
         others += float(loss_value(r.frequency, problem.loss).sum())
         others += float(r.prior_value(problem)[0])
-    density = strength / np.sqrt(2.0 * np.pi) * np.exp(-0.5 * z**2) / DENSITY
-    joint = share[:, np.newaxis] * density
-    total = joint.sum(0) + max(1.0 - float(share.sum()), 1e-12)
+    joint = _densities(share, z, strength) / DENSITY
+    total = joint.sum(0) + _share_of_none(share)
     own = np.where(heard, joint / total, 0.0)
     gain = 2.0 * float(np.log(total[heard]).sum()) - others / len(q)
     return _Mixture(
-        q, share, scale, np.maximum(own, SMALLEST_PROBABILITY * heard), z, gain
+        q, share, scale, np.maximum(own, SMALLEST_PROBABILITY * heard), z, gain, offset
     )
+
+
+def _densities(share: FloatArray, z: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return share times density, 1/rad, of every source for every row.
+
+    The inverse deviations of the rows, 1/rad, have the shape (rows,).
+    """
+    own = weight / np.sqrt(2.0 * np.pi) * np.exp(-0.5 * z**2)
+    return np.asarray(share[:, np.newaxis] * own)
+
+
+def _share_of_none(share: FloatArray) -> float:
+    return max(1.0 - float(share.sum()), 1e-12)
 
 
 def _with_another(

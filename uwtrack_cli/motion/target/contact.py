@@ -45,6 +45,7 @@ from uwtrack_cli.motion.target.modes import (
     describe_mode,
     find_modes,
 )
+from uwtrack_cli.motion.target.near_rows import near_rows
 from uwtrack_cli.motion.target.objective import residuals
 from uwtrack_cli.motion.target.observability import (
     assess,
@@ -59,7 +60,8 @@ from uwtrack_cli.motion.target.own_ship import (
     make_observer_track,
     make_sensors_track,
 )
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target.problem import Problem, without_rows
+from uwtrack_cli.motion.target.row_mixture import RowMixture
 from uwtrack_cli.motion.target.starts import multistart
 
 
@@ -90,6 +92,9 @@ class ContactAnswer:
     probability: FloatArray | None = None
     """Probability that each row's bearing is this contact's, shape (rows,); None where
     all of them are."""
+    mixture: RowMixture | None = None
+    """What every row says of the source, whoever it belongs to; None where all rows are
+    this contact's."""
     n_sources: int = 1
     """Sources that the contact's rows were taken apart into."""
 
@@ -161,6 +166,7 @@ def _answers(
         replace(
             _answer(data, source.problem, limits, options),
             probability=source.probability,
+            mixture=source.mixture,
             n_sources=len(sources),
         )
         for source in sources
@@ -185,6 +191,10 @@ def _answer(
     ends = _growing(problem.n_rows, options.updates)
     estimates = SOLVERS[options.solver](problem, limits, ends, options.seed)
     modes = _modes(problem, limits, estimates[-1], options)
+    if data.platforms is not None and not problem.n_lines:
+        near = near_rows(problem, modes.q[0])
+        if near.any():
+            return _answer(data, without_rows(problem, near), limits, options)
     scale = misfit_scale(problem, modes.q[0])
     answers = [
         describe_mode(problem, limits, modes, index, options, scale=scale)

@@ -159,13 +159,13 @@ def _sampled(
     rest = (axes * np.maximum(values, 0.0)) @ axes.T
     competes = bool(mode.observability.observable[2:4].all())
     stds = VELOCITY_STDS_MPS if competes else (VESSEL_VELOCITY_STD_MPS,)
-    moving = moving_region(problem, state - place, covariance, stds)
+    moving = moving_region(problem, state - place, covariance, stds, answer.mixture)
     if not moving.is_sampled:
         return None
     moving = replace(moving, covariance=moving.covariance + rest)
     if not competes:
         return moving.mean + place, moving.covariance, NO_READING
-    still = still_region(problem)
+    still = still_region(problem, answer.mixture)
     # what shifts place and velocity by d shifts a place at rest by d_p + A_pp^-1 A_pv d_v
     inward = np.linalg.inv(jacobian)
     normal = inward.T @ matrix @ inward

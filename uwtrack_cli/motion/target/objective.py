@@ -149,7 +149,7 @@ def residuals(
     bearing_data, frequency_data = problem.bearing_rad, problem.frequency_hz
     if member is not None and bearing_data.shape[0] > 1:
         bearing_data, frequency_data = bearing_data[member], frequency_data[member]
-    off, side = _bearing_errors(problem, prediction.bearing_rad, bearing_data)
+    off, side = bearing_errors(problem, prediction.bearing_rad, bearing_data)
     off, offset = _without_offsets(problem, off)
     factor = 1.0 - prediction.rate_mps / problem.sound_speed_mps
     if rest_hz is None:
@@ -166,12 +166,21 @@ def residuals(
     )
 
 
-def _bearing_errors(
+def bearing_errors(
     problem: Problem, model_rad: FloatArray, data_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Model less data, (trials, streams, rows), and the sign of folded bearings.
+    """Return model less data, (trials, streams, rows), and the sign of folded bearings.
 
     Where the array's heading is nan, the row's bearing resolves the side.
+
+    Parameters
+    ----------
+    problem
+        The record, which has the heading of the array.
+    model_rad
+        Bearings of the model, rad, shape (trials, rows).
+    data_rad
+        Bearings measured, rad, shape (trials or 1, streams, rows).
     """
     off = wrap_rad(model_rad[:, np.newaxis] - data_rad)
     heading = problem.array_heading_rad
@@ -385,7 +394,7 @@ def misfit_value(
     """
     bearing, rate = predict_values(problem.track, state, medium_of(problem))
     chosen = member if problem.bearing_rad.shape[0] > 1 else np.zeros(1, dtype=np.int64)
-    off, _ = _bearing_errors(problem, bearing, problem.bearing_rad[chosen])
+    off, _ = bearing_errors(problem, bearing, problem.bearing_rad[chosen])
     off, offset = _without_offsets(problem, off)
     prior = np.where(offset == 0.0, 0.0, problem.offset_precision) * offset**2
     factor = 1.0 - rate / problem.sound_speed_mps

@@ -31,6 +31,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.target.objective import misfit_value
 from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target.row_mixture import RowMixture
 
 STILL, MOVING = "still", "moving"
 
@@ -122,7 +123,11 @@ def _places(problem: Problem) -> _Places:
     )
 
 
-def _log_likelihood(problem: Problem, state: FloatArray) -> FloatArray:
+def _log_likelihood(
+    problem: Problem, mixture: RowMixture | None, state: FloatArray
+) -> FloatArray:
+    if mixture is not None:
+        return mixture.log_likelihood(state)
     count = len(state)
     value = misfit_value(
         problem, state, np.zeros((count, 0)), np.zeros(count, dtype=np.int64)
@@ -146,6 +151,7 @@ def moving_region(
     state: FloatArray,
     covariance: FloatArray,
     stds: tuple[float, ...] = VELOCITY_STDS_MPS,
+    mixture: RowMixture | None = None,
 ) -> Region:
     """Sample the posterior of a source that moves.
 
@@ -159,29 +165,33 @@ def moving_region(
         Its covariance by Laplace's approximation, with a prior on the velocity.
     stds
         Deviations of each component of the velocity that are equally likely, m/s.
+    mixture
+        What the rows say where some are another's; None where all are the source's.
     """
     places = _places(problem)
 
     def log_target(trial: FloatArray) -> FloatArray:
-        found = _log_likelihood(problem, trial) + places.log_prior(trial)
+        found = _log_likelihood(problem, mixture, trial) + places.log_prior(trial)
         return found + _log_velocity(trial[:, 2:], stds)
 
     return sample_density(log_target, state, covariance)
 
 
-def still_region(problem: Problem) -> Region:
+def still_region(problem: Problem, mixture: RowMixture | None = None) -> Region:
     """Sample the posterior of the place of a source at rest.
 
     Parameters
     ----------
     problem
         One record of bearings.
+    mixture
+        What the rows say where some are another's; None where all are the source's.
     """
     places = _places(problem)
 
     def log_target(place: FloatArray) -> FloatArray:
         trial = np.concatenate([place, np.zeros_like(place)], axis=1)
-        return _log_likelihood(problem, trial) + places.log_prior(trial)
+        return _log_likelihood(problem, mixture, trial) + places.log_prior(trial)
 
     reach = np.sqrt(places.reach_m2)
     ranges = np.geomspace(GRID_NEAREST, GRID_FARTHEST, GRID_RANGES) * reach

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.motion.target.own_ship import ObserverTrack
 
 Loss = Literal["squares", "huber", "student", "tukey"]
@@ -108,3 +108,16 @@ class Problem:
             bearing_rad=self.bearing_rad[chosen],
             frequency_hz=self.frequency_hz[chosen],
         )
+
+
+def without_rows(problem: Problem, left_out: BoolArray) -> Problem:
+    """Return a problem in which the bearings of some rows count nothing.
+
+    Parameters
+    ----------
+    problem
+        Any problem.
+    left_out
+        Whether a row is left out, shape (rows,).
+    """
+    return replace(problem, bearing_weight=problem.bearing_weight * ~left_out)
