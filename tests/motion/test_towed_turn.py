@@ -1,5 +1,7 @@
 """Bearings of a towed array count for less until it has passed own ship's turn."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,9 +50,25 @@ def towed(seed, *, rows=180):
     return series, navigation
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_turn_of_own_ship_does_not_pull_the_course(seed):
+def as_table(series, heading_deg):
+    """Return the bearings as a table of a sensor, each with the other side's."""
+    east, north = ship(series.time_s)
+    return replace(
+        series,
+        mirrored_bearing_deg=(2.0 * heading_deg - series.bearing_deg) % 360.0,
+        sensor=np.full(series.time_s.size, "towed"),
+        sensor_east_m=east, sensor_north_m=north, sensor_id=np.array(["towed"]),
+        sensor_compass_std_deg=np.zeros(1), sensor_position_std_m=np.zeros(1),
+        origin="grid",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("seed", "is_table"), [(1, False), (2, True)])
+def test_a_turn_of_own_ship_does_not_pull_the_course(seed, is_table):
     series, navigation = towed(seed)
+    if is_table:
+        course = np.where(series.time_s < TURN_S, 0.0, TURN_DEG)
+        series, navigation = as_table(series, course), None
     exact = Nuisances(0.0, 0.0, 0.0, 0.0)
     due = np.degrees(np.arctan2(-3.0, 2.0)) % 360.0
     off = {}
@@ -68,6 +86,22 @@ def test_a_turn_of_own_ship_does_not_pull_the_course(seed):
             )
     assert off[TOW_M][0] < 3.0 * off[TOW_M][1]
     assert off[0.0][0] > 3.0 * off[0.0][1] or np.isnan(off[0.0][0])
+
+
+def test_an_array_whose_own_heading_is_in_the_table_is_taken_at_its_word():
+    series, _ = towed(3)
+    course = np.where(series.time_s < TURN_S, 0.0, TURN_DEG)
+    (east, north), tail = ship(series.time_s), ship(series.time_s - TOW_M / SPEED_MPS)
+    chord = np.degrees(np.arctan2(east - tail[0], north - tail[1]))
+    right = replace(series, bearing_deg=(series.bearing_deg - course + chord) % 360.0)
+    found = [
+        estimate_motion(
+            as_table(right, chord), updates=1, model=MotionModel(tow_length_m=tow_m)
+        )
+        for tow_m in (0.0, TOW_M)
+    ]
+    assert found[0].range_std_m == found[1].range_std_m
+    assert found[0].reading[0] == "straight"
 
 
 def test_the_bend_lasts_until_the_array_has_passed_the_turn():

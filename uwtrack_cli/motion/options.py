@@ -38,7 +38,8 @@ class MotionModel(OptionGroup):
     tow_length_m
         Way from own ship back to the end of a towed array whose heading was taken from
         own ship: bearings weigh less until all of it has passed a turn. By default
-        300 m where array_heading is course, else 0.
+        300 m where array_heading is course, and in tables of sensors whose arrays
+        have their ship's heading; else 0.
     """
 
     doppler: Literal["instantaneous", "interval"] = "instantaneous"

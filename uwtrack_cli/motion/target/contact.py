@@ -341,6 +341,9 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         heading = None
     if data.mirrored_bearing_deg is not None:
         heading = _between_mirrors(data.bearing_deg, data.mirrored_bearing_deg)
+        if platforms is not None:
+            bent = _bent_arrays_rad(data, platforms, paths, heading, interval, options)
+            bearing_std = np.hypot(bearing_std, np.degrees(bent))
     bearing_weight, bearing = _weigh(
         np.radians(data.bearing_deg), np.radians(bearing_std)
     )
@@ -358,6 +361,41 @@ def build_problem(data: Measurements, options: TmaOptions) -> Problem:
         height_m=options.height_m,
         sensor=None if platforms is None else platforms.sensor,
     )
+
+
+OWN_COURSE_RAD = np.radians(3.0)
+"""Difference of an array's heading from its ship's course in a turn up to which it was taken
+from that."""
+
+
+def _bent_arrays_rad(
+    data: Measurements,
+    platforms: Platforms,
+    paths: list[OwnPath],
+    heading_rad: FloatArray,
+    interval_s: float,
+    options: TmaOptions,
+) -> FloatArray:
+    """Return by how much arrays of a table were bent, rad, shape (rows,).
+
+    Only those count whose heading goes with the course of what tows them; one that was
+    measured, or turns later, is taken at its word.
+    """
+    given = options.model.tow_length_m
+    length_m = USUAL_TOW_M if given is None else given
+    bent = np.zeros(data.time_s.size)
+    for number, path in enumerate(paths):
+        rows = np.flatnonzero(platforms.sensor == number)
+        own = bend_rad(path, data.time_s[rows], length_m)
+        turns = (own > OWN_COURSE_RAD) & ~np.isnan(heading_rad[rows])
+        if not turns.any():
+            continue
+        course = path.course_at(data.time_s[rows[turns]], interval_s)
+        # opposite headings fold alike
+        off = np.abs(np.sin(heading_rad[rows[turns]] - course))
+        if np.median(off) < np.sin(OWN_COURSE_RAD):
+            bent[rows] = own
+    return bent
 
 
 def _between_mirrors(bearing_deg: FloatArray, mirrored_deg: FloatArray) -> FloatArray:
