@@ -73,7 +73,7 @@ def test_the_site_builds_without_a_warning_and_every_link_arrives():
     assert "false_alarm_probability must be a number" in notebook
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def sound_programs(tmp_path_factory):
     """Programs that give sound, as sox, ffmpeg and arecord do."""
     folder = tmp_path_factory.mktemp("bin")

@@ -127,7 +127,7 @@ def test_without_a_turn_both_sides_stay_and_mirror_each_other():
     assert_near_truth(motions, true, scenario)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def sample(tmp_path_factory, samples):
     folder = tmp_path_factory.mktemp("array")
     for path in samples.glob("towed-array.*"):

@@ -116,7 +116,7 @@ def _ours(track, copies):
     return np.array(states), np.array(covariances), spent
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def stone_soup():
     return _stone_soup(GOLDEN["tracks"][0])
 

@@ -15,12 +15,12 @@ from uwtrack_cli.studies.tma_runs import (
 pytestmark = pytest.mark.benchmark
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def record():
     return one_record("S3", 1.0, seed=1)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def evolution_s(record):
     """Median CPU time of three differential-evolution solves, s."""
     return float(

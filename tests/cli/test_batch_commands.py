@@ -35,7 +35,7 @@ def tone(seconds, seed, rate=RATE):
     return 0.05 * noise + 0.02 * np.sin(2 * np.pi * np.cumsum(glide) / rate)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def tree(tmp_path_factory):
     """A folder of recordings, one of them damaged, in two levels."""
     root = tmp_path_factory.mktemp("tree")
@@ -61,7 +61,7 @@ def assert_same_products(uwtrack, one, other):
         assert done.exit_code == 0, done.output
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def serial(tree, tmp_path_factory):
     """The batch in one process."""
     from typer.testing import CliRunner

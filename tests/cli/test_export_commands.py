@@ -22,7 +22,7 @@ from uwtrack_cli.files.hdf5.product import read_product
 SPACE = "{http://www.opengis.net/kml/2.2}"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def product(tmp_path_factory, samples):
     """The sample passage with its start time, run once for the module."""
     from typer.testing import CliRunner

@@ -32,7 +32,7 @@ EVERYTHING = "".join(map(chr, [*range(0x300), *range(0x2000, 0x2070), 0xD800, 0x
 STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\ud800-\udfff]")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def hostile(tmp_path_factory, short_pass):
     """A product of a recording and a sensor with such names."""
     from typer.testing import CliRunner

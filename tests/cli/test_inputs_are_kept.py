@@ -36,7 +36,7 @@ noise = {density_db = 70.0}
 """
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def made(tmp_path_factory, samples):
     """A folder with everything that a command can read."""
     folder = tmp_path_factory.mktemp("inputs")

@@ -40,7 +40,7 @@ def types_by_key(schema, place=""):
     return found
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def products(tmp_path_factory, samples):
     """Products of the samples with every container that a recording and tables give."""
     from typer.testing import CliRunner

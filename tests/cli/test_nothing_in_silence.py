@@ -19,7 +19,7 @@ from uwtrack_cli.flow.concatenate import join_recordings
 from uwtrack_cli.flow.sources import open_with_options
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def omni(tmp_path_factory, samples):
     """The result of one hydrophone at a known place: a passage without a position."""
     from typer.testing import CliRunner

@@ -26,7 +26,7 @@ def name(k):
     return f"m1_{START + timedelta(seconds=FILE_S * k):%Y%m%d_%H%M%S}.wav"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def day(tmp_path_factory):
     """A day of short files, a hundredth of a day long; each vessel has gone by the next."""
     vessels = [

@@ -5,7 +5,7 @@ import json
 import pytest
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def runs(tmp_path_factory, samples):
     """The sample passage, run once for the module."""
     from typer.testing import CliRunner

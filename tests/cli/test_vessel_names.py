@@ -16,7 +16,7 @@ CLOSEST_S, RANGE_M, SPEED_MPS, COURSE_DEG = 148.0, 249.98, 6.0, 81.0
 """The vessel of the sample passage, on the port side of which the sensor lies."""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def ais(tmp_path_factory, samples):
     """The sample's vessel by geodesics, another one a mile off, and what agencies add."""
     facts = dict(

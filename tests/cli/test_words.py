@@ -14,7 +14,7 @@ from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.sources import open_with_options
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def found(samples):
     """Progress and result of a run over one hydrophone."""
     recording = open_with_options(samples / "mono.wav", {})

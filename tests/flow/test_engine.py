@@ -42,7 +42,7 @@ def opened(path):
     return open_recording(path, sensor=find_sensor(path))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def by_library(short_pass):
     """The chain written out with the functions themselves."""
     recording = opened(short_pass)

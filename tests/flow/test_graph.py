@@ -345,7 +345,7 @@ input = ["cpa", "lines", "h1"]
 """
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def branched(short_pass, tmp_path_factory) -> Path:
     """A product with three steps that make lines, and three that make encounters."""
     path = tmp_path_factory.mktemp("branched") / "p.run.h5"

@@ -37,7 +37,7 @@ def scenario():
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def told(tmp_path_factory):
     """A simulated passage through `run -`: its events, the folder with the file, and how
     much sound was taken beyond what was said to have come whenever more had come, s."""

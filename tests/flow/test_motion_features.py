@@ -17,7 +17,7 @@ from uwtrack_cli.motion.tma import estimate_motion
 LATITUDE, LONGITUDE = 35.0, 128.5
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def motions():
     found = estimate_motion(buoys(3, strange=0.0, std_deg=2.0)[0])
     place = np.full(found.time_s.size, LATITUDE), np.full(found.time_s.size, LONGITUDE)

@@ -26,7 +26,7 @@ START = np.datetime64("2024-05-01T12:00:00", "ns")
 ROOT = Path(uwtrack_cli.__file__).parent
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def results(short_pass):
     return run(str(short_pass), start_utc=START, keep=["spectrogram", "peaks"])
 

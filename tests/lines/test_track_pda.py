@@ -21,7 +21,7 @@ RATE_HZ = 1000.0
 TONES_HZ = np.array([120.3, 211.7, 333.2])
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def blocks():
     n = round(120 * RATE_HZ)
     course = np.repeat(TONES_HZ[:, None], n, axis=1)

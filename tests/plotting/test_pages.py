@@ -58,14 +58,14 @@ def called(*words):
     return done
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def product(short_pass):
     path = short_pass.with_name("pages.run.h5")
     called("run", short_pass, "--start-utc", START, "-o", path, "-q")
     return path
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def containers(product):
     with read_product(product) as opened:
         keys = without_asides(opened, list(opened.paths))
@@ -75,13 +75,13 @@ def containers(product):
         ]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def passage(containers):
     (page,) = [p for p in pages_of(containers) if p.kind == "passage"]
     return page.draw(View())
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def day(containers):
     return pages_of(containers)[0].draw(View())
 

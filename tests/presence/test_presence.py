@@ -57,7 +57,7 @@ def row_of(presence, kind):
     return int(row)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def steady_ship():
     """A ship of 6.25 Hz with blades of 2.5 Hz shaft rate, under way far off."""
     time = clock()

@@ -12,7 +12,7 @@ from tests.stress.fuzz import base_inputs
 ROOT = Path(__file__).parent.parent.parent
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def base(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fuzz")
     base_inputs(folder)

@@ -26,7 +26,7 @@ PROGRAM = [sys.executable, "-c", "from uwtrack_cli.cli import main; main()"]
 NOISE = np.random.default_rng(1)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def sound(tmp_path_factory):
     path = tmp_path_factory.mktemp("kill") / "a.wav"
     soundfile.write(path, 0.1 * NOISE.standard_normal(60 * 1000), 1000)
@@ -60,7 +60,7 @@ COMMANDS = {
 """Arguments of each command that is killed, and what it may leave in `out`."""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def place(tmp_path_factory):
     """A folder with what the commands read."""
     folder = tmp_path_factory.mktemp("killed")

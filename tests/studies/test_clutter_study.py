@@ -12,7 +12,7 @@ REFERENCE = load_reference("clutter")
 RUNS = 150
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def matched():
     return run_scene(EXPERIMENTS[1], runs=RUNS, seed=11)
 
