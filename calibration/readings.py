@@ -1,7 +1,7 @@
 """Where the odds against a change beside a passage come from: drawn passages.
 
 Draws passages that are straight, that jitter, that step or ramp their frequencies and
-that manoeuvre, and weighs their readings with several odds: how many of those that did
+that manoeuvre, at once or bending for long, and weighs their readings with several odds: how many of those that did
 not change are read as changed, how many that did are read as straight, and which share
 of all quantities (time, range over speed, speed) lies within 1.96 deviations and beyond
 5. `ODDS` is the smallest number of nepers with at most 5 % of false changes among the
@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tests.motion.drawn_readings import KINDS, SENSOR, draw, is_clear
+from tests.motion.drawn_readings import BEND, KINDS, SENSOR, draw, is_clear
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage import readings
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine
@@ -32,6 +32,9 @@ FIRST_SEED = 500_000
 
 TRIED = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0)
 """Odds that are tried, nepers."""
+
+CHANGED = (*KINDS[:-1], BEND)
+"""Kinds that are drawn; a machine is no passage."""
 
 PRIORS = nuisance_priors(SENSOR, None, None, 3.0, 2.0)
 
@@ -93,4 +96,4 @@ def main(count: int, kinds: tuple[str, ...]) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), tuple(sys.argv[2:]) or KINDS[:-1])
+    main(int(sys.argv[1]), tuple(sys.argv[2:]) or CHANGED)

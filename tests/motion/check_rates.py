@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tests.motion.drawn_readings import (
+    BEND,
     CLOSEST_S,
     KINDS,
     LENGTH_S,
@@ -33,10 +34,8 @@ from uwtrack_cli.motion.passage.candidates import (
 from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.nuisances import marginalise, nuisance_priors
 
-TRUE = tuple(kind for kind in KINDS if kind != "machinery")
-SPOILT = (
-    "a line leaves", "lines wander", "lines of others", "circle", "steady levels",
-)  # fmt: skip
+TRUE = (*(kind for kind in KINDS if kind != "machinery"), BEND)
+SPOILT = ("a line leaves", "lines wander", "lines of others", "steady levels")
 """Ways in which measurements leave what the readings know."""
 
 PRIORS = nuisance_priors(SENSOR, None, None, 3.0, 2.0)
@@ -51,31 +50,6 @@ def wander(rng, count, memory_s):
     for k in range(1, count):
         value[k] = decay * value[k - 1] + np.sqrt(1 - decay**2) * value[k]
     return value
-
-
-def circling(drawn, time, rng):
-    """Return what the frequencies change by on a path that bends for long.
-
-    The course changes evenly by 20 to 90 degrees in the stretch of two d/v on either side
-    of the closest approach. The path is summed up in steps of 0.1 s, the time of emission
-    found by iteration, and its rate is the shift.
-    """
-    speed, width = drawn.truth[[1, 3]]
-    rate = np.radians(rng.uniform(20.0, 90.0)) / (4 * width) * rng.choice([-1, 1])
-    lag = np.arange(-2 * LENGTH_S, 2 * LENGTH_S, 0.1)
-    edges = np.append(time - 0.5, time[-1] + 0.5)
-    ratio = []
-    for turn in (rate * np.clip(lag, -2 * width, 2 * width), 0.0 * lag):
-        place = np.cumsum(0.1 * speed * np.stack([np.cos(turn), np.sin(turn)]), axis=1)
-        place -= place[:, [lag.size // 2]]
-        far = np.hypot(place[0], place[1] + drawn.flat_m)
-        far = np.hypot(far, drawn.facts.height_m)
-        emitted = edges.copy()
-        for _ in range(30):
-            away = np.interp(emitted - CLOSEST_S, lag, far)
-            emitted = edges - away / drawn.facts.sound_mps
-        ratio.append(np.diff(emitted))
-    return ratio[0] / ratio[1]
 
 
 def others_of(count):
@@ -98,8 +72,6 @@ def spoiled(drawn, spoilt, rng):
         others = others_of(count)
         steady = np.nanmedian(frequency[:, others], axis=0)
         frequency[:, others] = steady * (1 + 1e-5 * rng.normal(size=(time.size, 1)))
-    elif spoilt == "circle":
-        frequency *= circling(drawn, time, rng)[:, None]
     return frequency
 
 

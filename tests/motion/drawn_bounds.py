@@ -9,11 +9,13 @@ jitter that was drawn. The instant of a step is taken as known.
 import numpy as np
 
 from tests.motion.drawn_readings import (
+    BEND,
     CLOSEST_S,
     COMPASS_STD_DEG,
     MANOEUVRES,
     SENSOR_STD_M,
     SOUND_STD_MPS,
+    bent,
     received,
 )
 
@@ -34,6 +36,8 @@ def bounds(drawn):
     steps = np.array([1e-3, 1e-4, 1e-3, 1e-3, 1e-2, 1e-2, *[1e-7] * 2])
     if drawn.kind in MANOEUVRES:
         steps[6:] = 1e-4
+    if drawn.kind == BEND:
+        steps[6:] = 1e-2, 1e-4
     columns = []
     for place in free:
         step = np.zeros(unknown.size)
@@ -82,7 +86,11 @@ def _law(drawn, unknown):
         legs = legs[0], np.array(change)
     time = drawn.series.time_s - t0
     when = at - t0 if drawn.kind in MANOEUVRES else CLOSEST_S + 1.0
-    x, y, rate = received(time, flat, height, sound, when, legs)
+    if drawn.kind == BEND:
+        bend = (at - t0, *change)
+        x, y, rate = bent(time, flat, height, sound, speed, bend)
+    else:
+        x, y, rate = received(time, flat, height, sound, when, legs)
     ratio = 1.0 / (1.0 + rate / sound)
     late = np.maximum(drawn.series.time_s - at, 0.0)
     if drawn.kind == "frequency-step":

@@ -1,8 +1,8 @@
 """Passages beside which something changed, drawn by chance, and what they are read as.
 
 Measurements of one vessel are drawn with an independent law: the path of two straight
-legs, whose time of emission is found by Newton's method, and rest frequencies that step
-or ramp. Depths, sound speed and compass are drawn from the priors that the program is
+legs, whose time of emission is found by Newton's method, or one that bends evenly and is
+summed up, and rest frequencies that step or ramp. Depths, sound speed and compass are drawn from the priors that the program is
 told. Two vessels in one contact have the rest of their facts drawn alike. The tables in
 tests/baselines/readings.md are made by:
 python -m tests.motion.drawn_readings 400 70000
@@ -24,11 +24,15 @@ KINDS = (
     "straight", "jitter", "frequency-step", "frequency-ramp", "turn", "speed-change",
     "machinery",
 )  # fmt: skip
+BEND = "bend"
+"""Kind of the draws whose course changes evenly for a long time."""
 TWO_TARGETS = "two-targets"
 """Kind of the draws that have two vessels in one contact."""
+DRAWS = (*KINDS, "two-targets", "bend")
+"""Kinds in the order of their numbers in seeds."""
 READ_AS = {
     "straight": "straight", "jitter": "straight", "turn": "manoeuvre",
-    "speed-change": "manoeuvre",
+    "speed-change": "manoeuvre", "bend": "manoeuvre",
 }  # fmt: skip
 MANOEUVRES = ("turn", "speed-change")
 QUANTITIES = ("time", "speed", "range", "range over speed", "course")
@@ -66,7 +70,7 @@ class Drawn:
 
 def draw(kind, seed):
     """Draw one passage (or a machine that only changes its speed)."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    rng = np.random.default_rng([seed, DRAWS.index(kind)])
     depth = -1.0
     while depth <= 0:
         depth = rng.normal(3.0, 2.0)
@@ -83,7 +87,11 @@ def draw(kind, seed):
         x, y, ratio, far = 0 * time, 0 * time + 1, 0 * time + 1, 0 * time + 1
     else:
         legs = np.array([speed, 0.0]), _other(kind, speed, rng)
-        x, y, rate = received(time, flat, height, sound, at, legs)
+        if kind == BEND:
+            bend = _bend(slant / speed, rng)
+            x, y, rate = bent(time, flat, height, sound, speed, bend)
+        else:
+            x, y, rate = received(time, flat, height, sound, at, legs)
         ratio = 1.0 / (1.0 + rate / sound)
         far = np.sqrt(x**2 + y**2 + height**2) / slant
     factor, size, wander = _factor(kind, time, at, rng)
@@ -95,6 +103,8 @@ def draw(kind, seed):
     other = () if kind == "machinery" else tuple(legs[1])
     nearest = slant * float(far.min())
     change = np.array(other if kind in MANOEUVRES else size)
+    if kind == BEND:
+        change, at = np.array(bend[1:]), bend[0]
     facts = Facts(height, sound, change, noise[0], wander, *noise[1:])
     return Drawn(kind, truth, side, series, at, nearest, float(flat), other, facts)
 
@@ -174,6 +184,38 @@ def place(drawn, time_s):
         left = 0.0
     x = speed * lag + drawn.other_mps[0] * left
     return x * along + (drawn.flat_m + drawn.other_mps[1] * left) * away
+
+
+def _bend(width_s, rng):
+    """Draw middle (s), duration (s) and angle away from the sensor (rad) of a turn."""
+    lasts = width_s * np.exp(rng.uniform(*np.log([2.0, 10.0])))
+    middle = CLOSEST_S + rng.uniform(-0.5, 0.5) * lasts
+    # a course that turned faster round the sensor would not be closest there
+    most = min(90.0, np.degrees(0.5 * lasts / width_s))
+    angle = np.radians(rng.uniform(20.0, max(most, 20.0))) * rng.choice([-1.0, 1.0])
+    return middle, lasts, angle
+
+
+def bent(time, flat, height, sound, speed, bend):
+    """Return place and range rate at emission on a path that bends evenly.
+
+    The path is summed up in steps of 20 ms from the closest approach, and the time of
+    emission found by interpolation.
+    """
+    middle, lasts, angle = bend
+    ends = middle - 0.5 * lasts, middle + 0.5 * lasts
+    instant = CLOSEST_S + 0.02 * np.arange(-45_000, 45_001)
+    course = angle / lasts * (np.clip(instant, *ends) - np.clip(CLOSEST_S, *ends))
+    way = speed * 0.02 * np.stack([np.cos(course), np.sin(course)])
+    # trapezoids
+    path = np.cumsum(0.5 * (way[:, 1:] + way[:, :-1]), axis=1)
+    path = np.pad(path, ((0, 0), (1, 0)))
+    path -= path[:, [45_000]] - np.array([[0.0], [flat]])
+    distance = np.sqrt((path**2).sum(axis=0) + height**2)
+    emitted = np.interp(time, instant + distance / sound, instant)
+    x, y = (np.interp(emitted, instant, row) for row in path)
+    vx, vy = (np.interp(emitted, instant, row / 0.02) for row in way)
+    return x, y, (x * vx + y * vy) / np.sqrt(x**2 + y**2 + height**2)
 
 
 def _other(kind, speed, rng):
@@ -445,7 +487,7 @@ def _median(values):
     return f"{np.median(known):.2f}" if known.size else ""
 
 
-def main(count, first, kinds=(*KINDS, TWO_TARGETS)):
+def main(count, first, kinds=DRAWS):
     """Print what so many passages of each kind are read as, and the coverage."""
     warnings.simplefilter("ignore")
     scores = {
@@ -460,6 +502,4 @@ def main(count, first, kinds=(*KINDS, TWO_TARGETS)):
 
 
 if __name__ == "__main__":
-    main(
-        int(sys.argv[1]), int(sys.argv[2]), tuple(sys.argv[3:]) or (*KINDS, TWO_TARGETS)
-    )
+    main(int(sys.argv[1]), int(sys.argv[2]), tuple(sys.argv[3:]) or DRAWS)

@@ -180,8 +180,8 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "s", "Its standard deviation.", "encounter", optional=True
     )
     change_follows: BoolArray | None = column(
-        "1", "Whether the ramp or the other leg follows that time; else it goes before "
-        "it.", "encounter", dtype=np.bool_, optional=True,
+        "1", "Whether the ramp, the other leg or the middle of a turn follows that time or "
+        "the closest approach; else it goes before it.", "encounter", dtype=np.bool_, optional=True,
     )  # fmt: skip
     frequency_change: FloatArray | None = column(
         "1", "Share by which all rest frequencies stepped then.", "encounter",
@@ -210,6 +210,24 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     other_leg_course_std_deg: FloatArray | None = column(
         "degree", "Its standard deviation.", "encounter", optional=True
     )
+    turn_away_deg: FloatArray | None = column(
+        "degree", "Angle by which the course turns away from the sensor in a manoeuvre "
+        "that is an even turn about that time; nan for one that is not.", "encounter",
+        optional=True,
+    )  # fmt: skip
+    turn_away_std_deg: FloatArray | None = column(
+        "degree", "Its standard deviation.", "encounter", optional=True
+    )
+    turn_duration_s: FloatArray | None = column(
+        "s", "How long that turn lasts.", "encounter", optional=True
+    )
+    turn_duration_std_s: FloatArray | None = column(
+        "s", "Its standard deviation.", "encounter", optional=True
+    )
+    turn_correlation: FloatArray | None = column(
+        "1", "Correlation of the errors of angle and duration.", "encounter",
+        optional=True,
+    )  # fmt: skip
     vessel_name: TextArray | None = column(
         "", "Name of the vessel by AIS; empty if none of the table fits.", "encounter",
         dtype=np.str_, optional=True,

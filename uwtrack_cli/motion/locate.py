@@ -28,7 +28,12 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
 from uwtrack_cli.motion.fusion.motion_fit import clock_errors
-from uwtrack_cli.motion.fusion.sensor_table import OtherLeg, Passages, gather_passages
+from uwtrack_cli.motion.fusion.predicted_ways import (
+    other_leg_way,
+    straight_way,
+    turned_way_of,
+)
+from uwtrack_cli.motion.fusion.sensor_table import Passages, gather_passages
 from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
 from uwtrack_cli.motion.options import Misfit, MotionModel, Probability, Search
 from uwtrack_cli.motion.target.contact import ContactAnswer, analyse_contacts
@@ -223,8 +228,23 @@ def _rows(
     """Predict one mode at all times: state and covariance grow with the lag."""
     legs = [passages.other_leg[row] for row in mode.members]
     leg = next((one for one in legs if one is not None), None)
-    state, covariance = _predicted(mode, times)
-    if leg is not None:
+    bends = [passages.even_turn[row] for row in mode.members]
+    bend = next((one for one in bends if one is not None), None)
+    state, covariance = straight_way(mode, times)
+    if bend is not None and np.isfinite(bend.turn):
+        state, covariance = turned_way_of(mode, bend, times)
+    elif bend is not None:
+        ends = bend.values[2] + bend.values[1] * np.array([-0.5, 0.5])
+        is_same = np.clip(times, *ends) == np.clip(bend.closest_s, *ends)
+        times, state, covariance = (
+            values[is_same] for values in (times, state, covariance)
+        )
+        msg = (
+            f"contact {contact} turned between {ends[0]:.0f} and {ends[1]:.0f} s, and "
+            f"to which side is not known: it has no positions on its other course."
+        )
+        warnings.warn(msg, UwtrackNote, stacklevel=3)
+    elif leg is not None:
         is_other = (times - leg.time_s > 0) == leg.is_later
         if not np.isfinite(leg.along_away_mps).all():
             times, state, covariance = (
@@ -236,7 +256,7 @@ def _rows(
             )
             warnings.warn(msg, UwtrackNote, stacklevel=3)
         elif is_other.any():
-            state[is_other], covariance[is_other] = _other_side(
+            state[is_other], covariance[is_other] = other_leg_way(
                 mode, leg, times[is_other]
             )
     velocity, spread = state[:, 2:], covariance[:, 2:, 2:]
@@ -261,41 +281,6 @@ def _rows(
         ),
         "sensors": [",".join(names)] * count,
     }
-
-
-def _predicted(mode: Mode, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return state and covariance of a mode on its straight leg."""
-    transition = np.tile(np.eye(4), (times.size, 1, 1))
-    transition[:, 0, 2] = transition[:, 1, 3] = times - mode.reference_s
-    covariance = transition @ mode.covariance @ np.swapaxes(transition, 1, 2)
-    return transition @ mode.state, covariance
-
-
-def _other_side(
-    mode: Mode, leg: OtherLeg, times: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return state and covariance of a mode on the other side of its manoeuvre."""
-    (at,), (spread,) = _predicted(mode, np.array([leg.time_s]))
-    along = mode.state[2:] / np.hypot(*mode.state[2:])
-    course = np.radians(leg.course_deg)
-    # in a mode of the opposite side the vessel goes the opposite way
-    turn = leg.turn * np.sign(along @ [np.sin(course), np.cos(course)])
-    away = -turn * np.array([along[1], -along[0]])
-    velocity = leg.along_away_mps[0] * along + leg.along_away_mps[1] * away
-    unit = velocity / max(float(np.hypot(*velocity)), 1e-9)
-    axes = np.stack([unit, [unit[1], -unit[0]]], axis=1) * leg.std_mps
-    own = axes @ axes.T
-    turned = np.outer(velocity - mode.state[2:], velocity - mode.state[2:])
-    lag = (times - leg.time_s)[:, None]
-    state = np.concatenate(
-        [at[:2] + lag * velocity, np.tile(velocity, (times.size, 1))], axis=1
-    )
-    covariance = np.zeros((times.size, 4, 4))
-    place = spread[:2, :2] + leg.time_std_s**2 * turned
-    covariance[:, :2, :2] = place + lag[..., None] ** 2 * own
-    covariance[:, :2, 2:] = covariance[:, 2:, :2] = lag[..., None] * own
-    covariance[:, 2:, 2:] = own
-    return state, covariance
 
 
 def _fixes(parts: list[dict[str, FloatArray | list[str]]], passages: Passages) -> Fixes:

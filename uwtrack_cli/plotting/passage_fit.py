@@ -15,6 +15,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.motion.passage.law import Passage, passage_law, with_other_leg
+from uwtrack_cli.motion.passage.steady_turn import SteadyTurn, with_steady_turn
 from uwtrack_cli.plotting.view import Scene, View
 
 REACH = 4.0
@@ -120,7 +121,7 @@ class ReportedPassage:
     def _changed(
         self, law: Passage, time_s: FloatArray, parameters: FloatArray
     ) -> Passage:
-        """Put the step, the ramp or the other leg of the encounter into a passage."""
+        """Put the step, the ramp, the other leg or the turn into a passage."""
         found = self.encounters
 
         def known(name: str) -> float:
@@ -141,6 +142,12 @@ class ReportedPassage:
             rows[:, 0] *= 1 + share
             rows[:, 0, 0] += share
             return Passage(rows)
+        angle = np.radians(known("turn_away_deg"))
+        if np.isfinite(angle):
+            turned = np.array([angle]), np.array([known("turn_duration_s")])
+            bend = SteadyTurn(*turned, np.array([at]))
+            sound = float(found.sound_speed_mps[self.row])
+            return with_steady_turn(time_s, parameters, bend, sound, 0.0)
         turn = TURN.get(str(found.side[self.row]), float("nan"))
         speed = known("other_leg_speed_mps")
         angle = np.radians(known("other_leg_course_deg") - known("course_deg"))

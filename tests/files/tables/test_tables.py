@@ -271,7 +271,9 @@ ENCOUNTER = """
                 "frequency_change_std": null, "frequency_slope_per_s": null,
                 "frequency_slope_std_per_s": null, "other_leg_speed_mps": 4.1,
                 "other_leg_speed_std_mps": 0.1, "other_leg_course_deg": 61.0,
-                "other_leg_course_std_deg": 2.1},
+                "other_leg_course_std_deg": 2.1, "turn_away_deg": null,
+                "turn_away_std_deg": null, "turn_duration_s": null,
+                "turn_duration_std_s": null, "turn_correlation": null},
      "covariance": [[0.01, 0.0, 0.0, 0.0], [0.0, 0.09, 0.0, 0.0],
                     [0.0, 0.0, 0.0004, 0.0], [0.0, 0.0, 0.0, 0.16]]}"""
 FIX = """
@@ -392,7 +394,7 @@ def test_reasons_and_ambiguities_are_rows_of_their_own_and_print_as_objects():
     }  # fmt: skip
     reasons = [{"speed_mps": "no line"}, {}, {"side": "no bearing", "course_deg": "Ø"}]
     container = synthetic(
-        Encounters, 3, time_utc_ns=[1, 1, 1], **solutions,
+        Encounters, 3, time_utc_ns=[1, 1, 1], vessel_name=["a", "b", "c"], **solutions,
         **reason_columns("reason_encounter", reasons),
     )  # fmt: skip
     rows = json_rows(container)

@@ -157,7 +157,8 @@ def _encounter_rows(container: Container) -> Iterator[Row]:
 CHANGE_KEYS = (
     "frequency_change", "frequency_change_std", "frequency_slope_per_s",
     "frequency_slope_std_per_s", "other_leg_speed_mps", "other_leg_speed_std_mps",
-    "other_leg_course_deg", "other_leg_course_std_deg",
+    "other_leg_course_deg", "other_leg_course_std_deg", "turn_away_deg",
+    "turn_away_std_deg", "turn_duration_s", "turn_duration_std_s", "turn_correlation",
 )  # fmt: skip
 
 
@@ -176,7 +177,7 @@ def _change(values: Row) -> Row | None:
         "time_s": values["change_time_s"], "time_std_s": values["change_time_std_s"],
         "follows": values["change_follows"],
     }  # fmt: skip
-    return change | {key: values[key] for key in CHANGE_KEYS}
+    return change | {key: values.get(key) for key in CHANGE_KEYS}
 
 
 def _vessel(values: Row) -> Row | None:

@@ -57,6 +57,22 @@ class OtherLeg(NamedTuple):
     """Deviations of its speed, and across it, m/s, shape (2,)."""
 
 
+class EvenTurn(NamedTuple):
+    """How a vessel turned evenly about its passage."""
+
+    closest_s: float
+    """Time of its closest approach, s."""
+    course_deg: float
+    """Course there, degrees."""
+    turn: float
+    """+1 if the sensor lies to starboard there, -1 to port; nan where it is not known
+    or the sensor moves."""
+    values: FloatArray
+    """Angle away from the sensor (rad), duration (s) and middle (s), shape (3,)."""
+    covariance: FloatArray
+    """Their covariance, shape (3, 3)."""
+
+
 @dataclass(frozen=True)
 class Passages:
     """All usable encounters, one row each, on one grid and one clock."""
@@ -79,6 +95,8 @@ class Passages:
     """The common grid."""
     other_leg: list[OtherLeg | None]
     """The other leg of every row; None for a straight passage."""
+    even_turn: list[EvenTurn | None]
+    """The steady turn of every row; None where it has none."""
 
 
 def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
@@ -181,7 +199,33 @@ def gather_passages(encounters: list[Encounters], sensors: list[Sensor]) -> Pass
             _other_leg(item, row, float(part.measured[0, 0]))
             for (item, row), part in zip(rows, parts, strict=True)
         ],
+        [
+            _even_turn(item, row, float(part.measured[0, 0]))
+            for (item, row), part in zip(rows, parts, strict=True)
+        ],
     )
+
+
+def _even_turn(item: Encounters, row: int, time_s: float) -> EvenTurn | None:
+    """Return the steady turn of an encounter whose closest approach is at a time."""
+    columns = (
+        item.turn_away_deg, item.turn_away_std_deg, item.turn_duration_s,
+        item.turn_duration_std_s, item.turn_correlation, item.change_time_s,
+        item.change_time_std_s,
+    )  # fmt: skip
+    known = [np.nan if values is None else float(values[row]) for values in columns]
+    angle, angle_std, duration, duration_std, correlation, at, at_std = known
+    if not np.isfinite(angle):
+        return None
+    side = {"starboard": 1.0, "port": -1.0}.get(str(item.side[row]), np.nan)
+    std = np.array([np.radians(angle_std), duration_std, at_std])
+    covariance = np.diag(std**2)
+    covariance[0, 1] = covariance[1, 0] = correlation * std[0] * std[1]
+    middle = time_s + at - float(item.time_s[row])
+    return EvenTurn(
+        time_s, float(item.course_deg[row]), np.nan if _is_moving(item, row) else side,
+        np.array([np.radians(angle), duration, middle]), covariance,
+    )  # fmt: skip
 
 
 def _other_leg(item: Encounters, row: int, time_s: float) -> OtherLeg | None:

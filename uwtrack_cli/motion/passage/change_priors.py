@@ -25,7 +25,14 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.law import SLOWEST_MPS
-from uwtrack_cli.motion.passage.unknowns import CHANGED, MANOEUVRE, N_SIZES, RAMP, STEP
+from uwtrack_cli.motion.passage.unknowns import (
+    CHANGED,
+    MANOEUVRE,
+    N_SIZES,
+    RAMP,
+    STEP,
+    TURN,
+)
 
 VESSEL_MPS, VESSEL_STD_MPS = 5.5, 3.5
 """Speed of vessels before it is measured, m/s, and its deviation."""
@@ -33,11 +40,17 @@ VESSEL_MPS, VESSEL_STD_MPS = 5.5, 3.5
 TAIL_FREEDOM = 3.0
 """Degrees of freedom of that prior's tails."""
 
-SIZES = {STEP: (1e-4, 5e-2), RAMP: (1e-4, 5e-2), MANOEUVRE: (0.01, 2.0)}
+SIZES = {
+    STEP: (1e-4, 5e-2),
+    RAMP: (1e-4, 5e-2),
+    MANOEUVRE: (0.01, 2.0),
+    TURN: (0.02, np.pi),
+}
 """Bounds of the sizes: share of all rest frequencies, the same at the far end of the
-measurements, and change of velocity over the speed of the faster leg."""
+measurements, change of velocity over the speed of the faster leg, and angle of a
+steady turn, rad."""
 
-ODDS = {STEP: 2.0, RAMP: 2.0, MANOEUVRE: 2.0}
+ODDS = {STEP: 2.0, RAMP: 2.0, MANOEUVRE: 2.0, TURN: 2.0}
 """Logarithm of the odds against each change before the measurements: see
 calibration/readings.py."""
 

@@ -31,6 +31,7 @@ from uwtrack_cli.motion.passage.unknowns import (
     HEIGHT,
     MANOEUVRE,
     RAMP,
+    TURN,
     Change,
 )
 
@@ -42,6 +43,10 @@ EDGE = 0.03
 
 NEAR_WIDTHS, N_NEAR_INSTANTS = 2.0, 17
 """d/v about the closest approach in which more instants of a manoeuvre are tried."""
+
+TURN_WIDTHS, TURN_SPACING = (1.5, 4.0, 10.0), 3
+"""How long a steady turn is tried to last, in d/v, and which share of the instants its
+middle is tried at: it changes nothing at once."""
 
 N_MOTION = 5
 """Columns of the passage's own unknowns: motion, depth difference and floor."""
@@ -117,6 +122,10 @@ def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
     """
     change = instants(kind, fit, blocks)
     theta = np.zeros((change.time_s.size, CHANGED + change.std.size))
+    if kind == TURN:
+        n_middles = change.time_s.size // len(TURN_WIDTHS)
+        lasts = float(fit.range_over_speed_s[0]) * np.array(TURN_WIDTHS)
+        theta[:, CHANGED + 1] = np.repeat(lasts, n_middles)
     theta[:, : fit.theta.shape[1]] = fit.theta
     theta[:, HEIGHT] = fit.height_m
     value, base, extra = _linearised(change, theta, fit, blocks)
@@ -141,7 +150,7 @@ def score_changes(kind: str, fit: PassageFit, blocks: Blocks) -> Scores:
     speed = float(fit.theta[0, 2])
     reach = np.array([FARTHEST_S * width, FARTHEST_LOG, 0.5 * abs(speed)])
     theta[:, :3] += np.clip(moved[:, :3], -reach, reach * [1.0, 1.0, 2.0])
-    theta[:, CHANGED:] = np.clip(size, -4 * change.std, 4 * change.std)
+    theta[:, CHANGED:] += np.clip(size, -4 * change.std, 4 * change.std)
     distinct = np.unique(change.time_s)
     spacing = np.gradient(distinct)[np.searchsorted(distinct, change.time_s)]
     gain = 0.5 * (right * size).sum(axis=-1)
@@ -166,7 +175,7 @@ def instants(kind: str, fit: PassageFit, blocks: Blocks) -> Change:
     first, last = np.quantile(blocks.time_s[used], [EDGE, 1 - EDGE])
     instants = np.linspace(first, last, N_INSTANTS)
     sign = np.ones(N_INSTANTS)
-    if kind == MANOEUVRE:
+    if kind in (MANOEUVRE, TURN):
         # near the closest approach the place changes fast
         reach = NEAR_WIDTHS * float(fit.range_over_speed_s[0])
         near = fit.theta[0, 0] + reach * np.linspace(-1, 1, N_NEAR_INSTANTS)
@@ -174,6 +183,9 @@ def instants(kind: str, fit: PassageFit, blocks: Blocks) -> Change:
         if reach < 0.5 * (last - first):
             instants = np.unique(np.append(instants, near))
         sign = np.where(instants > fit.theta[0, 0], 1.0, -1.0)
+    if kind == TURN:
+        instants = np.tile(instants[::TURN_SPACING], len(TURN_WIDTHS))
+        sign = np.ones(instants.size)
     elif kind == RAMP:
         instants, sign = np.tile(instants, 2), np.append(sign, -sign)
     return Change(kind, instants, sign)

@@ -62,7 +62,7 @@ from uwtrack_cli.motion.passage.nuisances import (
     marginalise,
 )
 from uwtrack_cli.motion.passage.readings import STRAIGHT
-from uwtrack_cli.motion.passage.unknowns import CHANGED, RAMP, STEP
+from uwtrack_cli.motion.passage.unknowns import CHANGED, RAMP, STEP, TURN
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
 
@@ -93,7 +93,8 @@ VALUES = (
     "reading_weight", "rival_weight", "change_time_s", "change_time_std_s",
     "frequency_change", "frequency_change_std", "frequency_slope_per_s",
     "frequency_slope_std_per_s", "other_leg_speed_mps", "other_leg_speed_std_mps",
-    "other_leg_course_deg", "other_leg_course_std_deg",
+    "other_leg_course_deg", "other_leg_course_std_deg", "turn_away_deg",
+    "turn_away_std_deg", "turn_duration_s", "turn_duration_std_s", "turn_correlation",
 )  # fmt: skip
 """Columns of Encounters that are numbers about the passage."""
 
@@ -221,7 +222,7 @@ def passage_row(
 
 
 def _add_change(row: Row, fit: PassageFit) -> None:
-    """Give what changed beside the passage, and the other leg of a manoeuvre."""
+    """Give what changed beside the passage: a manoeuvre's other leg or its turn."""
     change, v = fit.change, row.values
     if change is None or not np.isfinite(v["speed_mps"]):
         return
@@ -235,6 +236,19 @@ def _add_change(row: Row, fit: PassageFit) -> None:
         v[name.format("")] = float(size[0])
         v[name.format("_std")] = float(np.sqrt(spread[5, 5]))
         return
+    if change.kind == TURN:
+        half_s, lag_s = 0.5 * size[1], float(change.time_s[0] - fit.theta[0, 0])
+        row.change_follows = lag_s > 0
+        own = spread[5:7, 5:7]
+        std = np.sqrt(np.diag(own))
+        v["turn_away_deg"], v["turn_away_std_deg"] = np.rad2deg([size[0], std[0]])
+        v["turn_duration_s"], v["turn_duration_std_s"] = size[1], std[1]
+        v["turn_correlation"] = float(own[0, 1] / (std[0] * std[1]))
+        if abs(lag_s) > half_s:
+            v["other_leg_speed_mps"] = v["speed_mps"]
+            v["other_leg_speed_std_mps"] = v["speed_std_mps"]
+            _add_other_course(row, fit, size[0] * np.sign(lag_s), {5: np.sign(lag_s)})
+        return
     # velocity along the course and away from the sensor; each by speed and both
     velocity = np.array([v["speed_mps"] + size[0], size[1]])
     speed = float(np.hypot(*velocity))
@@ -245,16 +259,30 @@ def _add_change(row: Row, fit: PassageFit) -> None:
     across = np.array([-unit[1], -unit[1], unit[0]]) / max(speed, 1e-9)
     v["other_leg_speed_mps"] = speed
     v["other_leg_speed_std_mps"] = float(np.sqrt(along @ own @ along))
+    angle = float(np.arctan2(velocity[1], velocity[0]))
+    _add_other_course(row, fit, angle, dict(zip(places, across.tolist(), strict=True)))
+
+
+def _add_other_course(
+    row: Row, fit: PassageFit, angle_rad: float, slopes: dict[int, float]
+) -> None:
+    """Give the course of another leg, from its angle away from the sensor.
+
+    ``slopes`` are the partials of that angle by place among the unknowns.
+    """
     if not row.side:
         return
     # away from the sensor is to port of the course if the sensor is to starboard
-    turn = float(fit.turn[0])
-    angle = np.rad2deg(np.arctan2(velocity[1], velocity[0]))
-    v["other_leg_course_deg"] = float((v["course_deg"] - turn * angle) % 360.0)
-    gradient = np.zeros(spread.shape[0])
-    gradient[places] = -turn * np.rad2deg(across)
+    turn, v = float(fit.turn[0]), row.values
+    v["other_leg_course_deg"] = float(
+        (v["course_deg"] - turn * np.rad2deg(angle_rad)) % 360.0
+    )
+    gradient = np.zeros(fit.full_covariance.shape[1])
+    for place, slope in slopes.items():
+        gradient[place] = -turn * np.rad2deg(slope)
     gradient[3] = 1.0
-    v["other_leg_course_std_deg"] = float(np.sqrt(gradient @ spread @ gradient))
+    variance = gradient @ fit.full_covariance[0] @ gradient
+    v["other_leg_course_std_deg"] = float(np.sqrt(variance))
 
 
 def _without_speed(row: Row, fit: PassageFit, context: CpaContext) -> None:

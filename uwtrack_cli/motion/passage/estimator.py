@@ -60,8 +60,10 @@ from uwtrack_cli.motion.passage.residual_noise import (
 from uwtrack_cli.motion.passage.unknowns import (
     CHANGED,
     FLOOR,
+    FREE_INSTANTS,
     HEIGHT,
-    RAMP,
+    SHORTEST_TURN_S,
+    TURN,
     Change,
     free_unknowns,
     heights_m,
@@ -79,6 +81,9 @@ ROUGH_TOLERANCE = 20.0
 
 SLOWNESS_SPM, SLOWNESS_STD_SPM = 0.22, 0.14
 """Inverse speed of vessels without Doppler, s/m: mean and deviation of 2 to 12 m/s."""
+
+LARGEST_TURN_STEP = 0.5
+"""Change of the angle of a steady turn in one step, rad."""
 
 TOLERANCE = 1e-2
 """Gain at which the last round ends, with one more step: a seventh of a deviation
@@ -421,14 +426,22 @@ def _limiter(
         reach[:, 1:4] = 1.0, np.inf, 2.0
         reach[:, HEIGHT:] = np.inf
         reach[:, HEIGHT:CHANGED] = medium.height_std_m
-        if change is not None and change.kind == RAMP:
-            reach[:, CHANGED + 1] = 0.5 * reach[:, 0]
+        if change is not None and change.kind in FREE_INSTANTS:
+            reach[:, -1] = 0.5 * reach[:, 0]
+        if change is not None and change.kind == TURN:
+            reach[:, CHANGED] = LARGEST_TURN_STEP
+            reach[:, CHANGED + 1] = 0.5 * theta[:, CHANGED + 1]
         limited: FloatArray = np.minimum(np.maximum(step, -reach), reach)
         speed = np.minimum(np.maximum(theta[:, 2] + step[:, 2], -fastest), fastest)
         limited[:, 2] = speed - theta[:, 2]
         if theta.shape[1] > HEIGHT:  # the source is in the water
             height = np.minimum(theta[:, HEIGHT] + limited[:, HEIGHT], medium.most_m)
             limited[:, HEIGHT] = height - theta[:, HEIGHT]
+        if change is not None and change.kind == TURN:
+            lasts = theta[:, CHANGED + 1]
+            limited[:, CHANGED + 1] = np.maximum(
+                limited[:, CHANGED + 1], SHORTEST_TURN_S - lasts
+            )
         return limited
 
     return limit
@@ -444,10 +457,10 @@ def _result(
     (blocks, medium), (state, noises, normal) = given, last
     spread = passage_covariance(theta, data, normal, medium)
     change = data.change
-    if change is not None and change.kind == RAMP:
-        change = replace(change, time_s=change.time_s + theta[:, CHANGED + 1])
+    if change is not None and change.kind in FREE_INSTANTS:
+        change = replace(change, time_s=change.time_s + theta[:, -1])
         theta = theta.copy()
-        theta[:, CHANGED + 1] = 0.0
+        theta[:, -1] = 0.0
     rest = blocks.mean_hz * (1 + state.rest)
     return PassageFit(
         theta,

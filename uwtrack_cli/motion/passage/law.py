@@ -20,6 +20,7 @@ this order.
 it is this law after relabelling f0 and d (see `straight_shift`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -240,6 +241,68 @@ def _spread(
     rows[..., 3, :] = over * ((parts.pull + parts.lag) / c) - 4 * mach / (gamma * c)
 
 
+class Emitted(NamedTuple):
+    """Where a source was when it emitted what is received, and how it moved there.
+
+    Arrays of shape (batch, n) or (batch, 1). The partials are taken at a fixed time of
+    emission.
+    """
+
+    place: tuple[FloatArray, FloatArray, FloatArray]
+    """Along and across the course at closest approach, and the depth difference, m."""
+    velocity: tuple[FloatArray, FloatArray]
+    """Along and across, m/s."""
+    acceleration: tuple[FloatArray, FloatArray] | None
+    """The same, m/s^2; None where it goes straight."""
+    partials: Sequence[tuple[FloatArray, ...]]
+    """Of the place (three) and of the velocity (two) by each unknown."""
+    slant2: tuple[FloatArray, tuple[FloatArray, ...]]
+    """Square of the slant range at closest approach, m^2, and half its partials."""
+
+
+def received_rows(emitted: Emitted, sound_speed_mps: float) -> FloatArray:
+    """Return shift, angle and spread of a source, with partials at times of reception.
+
+    Parameters
+    ----------
+    emitted
+        The source at the times of emission.
+    sound_speed_mps
+        Sound speed in m/s.
+
+    Returns
+    -------
+    FloatArray
+        Rows as in `Passage`, shape (batch, 3, 1 + unknowns, n).
+    """
+    c = sound_speed_mps
+    (x, y, z), (east, north) = emitted.place, emitted.velocity
+    slant2, slants = emitted.slant2
+    flat = x**2 + y**2
+    distance = np.sqrt(flat + z**2)
+    over = 1 / distance
+    closing = (x * east + y * north) * over
+    ratio = 1 / (1 + closing / c)
+    rows = np.empty((x.shape[0], 3, 1 + len(emitted.partials), x.shape[-1]))
+    rows[:, 0, 0] = ratio - 1
+    rows[:, 1, 0] = np.arctan2(x, y)
+    rows[:, 2, 0] = np.log(slant2 * over**2)
+    pulled = None
+    if emitted.acceleration is not None:
+        pulled = x * emitted.acceleration[0] + y * emitted.acceleration[1]
+    for k, (px, py, pz, vx, vy) in enumerate(emitted.partials, 1):
+        moved = (x * px + y * py + z * pz) * over
+        du = moved * (-ratio / c)
+        dx, dy, moved = px + east * du, py + north * du, moved + closing * du
+        turned = x * vx + y * vy + dx * east + dy * north - closing * moved
+        if pulled is not None:
+            turned += pulled * du
+        rows[:, 0, k] = turned * over * (-(ratio**2) / c)
+        rows[:, 1, k] = (y * dx - x * dy) / flat
+        rows[:, 2, k] = 2 * slants[k - 1] / slant2 - 2 * moved * over
+    return rows
+
+
 def with_other_leg(
     law: Passage,
     time_s: FloatArray,
@@ -291,11 +354,6 @@ def with_other_leg(
     middle = c**2 * lag + rate
     root = middle**2 - short * (c**2 * lag**2 - square)
     u = (middle - np.sqrt(np.maximum(root, 0.0))) / short
-    x, y = along + fast * u, across + away * u
-    flat = x**2 + y**2
-    distance = np.sqrt(flat + z**2)
-    closing = (x * fast + y * away) / distance
-    slant2 = across**2 + z**2
     # by each unknown: place at the instant (x, y), depth difference, velocity (x, y)
     zero, one = np.zeros_like(t0), np.ones_like(t0)
     partials = (
@@ -303,22 +361,12 @@ def with_other_leg(
         (at - t0, q, zero, one, zero), (zero, zero, one, zero, zero),
         (zero, zero, zero, one, zero), (zero, zero, zero, zero, one),
     )  # fmt: skip
-    slants = (zero, across**2, across * q, z, zero, zero)
-    ratio = 1 / (1 + closing / c)
-    other = np.empty((t0.shape[0], 3, 7, time_s.size))
-    other[:, 0, 0] = ratio - 1
-    other[:, 1, 0] = np.arctan2(x, y)
-    other[:, 2, 0] = np.log(slant2 / distance**2)
-    for k, (px, py, pz, vx, vy) in enumerate(partials, 1):
-        dx, dy = px + vx * u, py + vy * u
-        moved = (x * dx + y * dy + z * pz) / distance
-        du = -moved / (c + closing)
-        dx, dy, moved = dx + fast * du, dy + away * du, moved + closing * du
-        turned = (dx * fast + dy * away + x * vx + y * vy) / distance
-        turned -= closing * moved / distance
-        other[:, 0, k] = -turned * ratio**2 / c
-        other[:, 1, k] = (y * dx - x * dy) / flat
-        other[:, 2, k] = 2 * slants[k - 1] / slant2 - 2 * moved / distance
+    emitted = Emitted(
+        (along + fast * u, across + away * u, z), (fast, away), None,
+        [(px + vx * u, py + vy * u, pz, vx, vy) for px, py, pz, vx, vy in partials],
+        (across**2 + z**2, (zero, across**2, across * q, z, zero, zero)),
+    )  # fmt: skip
+    other = received_rows(emitted, c)
     heard = np.sqrt(square) / c
     is_other = (lag - heard) * sign[:, None] > 0
     rows = np.zeros_like(other)

@@ -53,10 +53,12 @@ from uwtrack_cli.motion.passage.measurements import Blocks
 from uwtrack_cli.motion.passage.reading_mixture import mixed
 from uwtrack_cli.motion.passage.unknowns import (
     CHANGED,
+    FREE_INSTANTS,
     HEIGHT,
     MANOEUVRE,
     RAMP,
     STEP,
+    TURN,
     Change,
 )
 from uwtrack_cli.motion.passage.unseen_changes import unseen_change
@@ -64,8 +66,11 @@ from uwtrack_cli.motion.passage.unseen_changes import unseen_change
 STRAIGHT, TWO_TARGETS = "straight", "two-targets"
 
 FREQUENCY_CHANGES = (STEP, RAMP)
-CHANGES = (*FREQUENCY_CHANGES, MANOEUVRE)
+CHANGES = (*FREQUENCY_CHANGES, MANOEUVRE, TURN)
 """What may have changed beside a passage."""
+
+READ_AS = {TURN: MANOEUVRE}
+"""Readings whose name is not that of their change."""
 
 N_STARTS = 3
 """Instants from which each change is fitted."""
@@ -79,6 +84,10 @@ FINEST = 1.0 / 16.0
 MOST_ROUNDS, MOST_ROWS = 9, (6, 3)
 """Rounds of instants at most; starts that are followed in the first one, and then."""
 
+SAME_COST, NEARLY_KNOWN, LOST_MODE = 0.05, 0.25, 40.0
+"""Costs that are alike; share of the first distance of instants at which one is nearly
+known, and the cost behind the best with which it is given up then."""
+
 FEWEST_APART = 2.5
 """Distances of neighbouring instants that two starts must be apart."""
 
@@ -87,6 +96,10 @@ SMALLEST_SCORE = 4.0
 
 SMALLEST_RIVAL = 0.05
 """Weight from which a rival is named."""
+
+FARTHEST_EVIDENCE, FEWEST_MODES = 12.0, 2
+"""Evidence behind the best, before its own coloured noise is fitted, up to which a mode
+is one of the readings; so few are not asked."""
 
 FARTHEST_MODE, MODE_STEPS = 8.0, 2.0
 """Cost behind the best up to which another instant is kept, and how many steps of the
@@ -162,17 +175,27 @@ def try_readings(
         The changes that are tried.
     """
     tried = Tried([fit], [float("nan")], [None], [])
+    modes, found_by = list[tuple[PassageFit, float]](), list[Scores]()
     search: PassageSearch | None = None
     for kind in kinds:
         scores = score_changes(kind, fit, blocks)
         if scores.gain.max() > SMALLEST_SCORE:
             search = search or PassageSearch.of(blocks, fit.medium, float(fit.turn[0]))
-            for one, std in _fit_change(scores, fit, blocks, search):
-                tried.fits.append(one)
-                tried.time_std_s.append(std)
-                tried.searches.append(scores)
+            found = _fit_change(scores, fit, blocks, search)
+            modes += found
+            found_by += [scores] * len(found)
         elif fit.theta[0, 2] > 0:
             tried.unseen.append(scores)
+    behind = np.zeros(len(modes))
+    if len(modes) > FEWEST_MODES:
+        value = _evidences([fit, *(one for one, _ in modes)], [None, *found_by], blocks)
+        behind = value.max() - value[1:]
+    for (one, std), scores, lag in zip(modes, found_by, behind, strict=True):
+        if lag < FARTHEST_EVIDENCE:
+            made, own = _with_coloured_noise(one, std, blocks)
+            tried.fits.append(made)
+            tried.time_std_s.append(own)
+            tried.searches.append(scores)
     return tried
 
 
@@ -195,11 +218,13 @@ def weigh_readings(tried: Tried, blocks: Blocks) -> tuple[PassageFit, Reading]:
     every = np.exp(np.append(value, hidden) - max([*value, *hidden]))
     every /= every.sum()
     chance, left = every[: value.size], every[value.size :]
-    names = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
+    kinds = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
+    names = np.array([READ_AS.get(kind, kind) for kind in kinds.tolist()])
     weight = {str(name): float(chance[names == name].sum()) for name in names}
     for one, share in zip(unseen, left, strict=True):
         # what moves nothing is straight in all that is told
-        weight[one.kind] = float(share) * one.share
+        hidden_as = READ_AS.get(one.kind, one.kind)
+        weight[hidden_as] = weight.get(hidden_as, 0.0) + float(share) * one.share
         weight[STRAIGHT] += float(share) * (1.0 - one.share)
     fitted, ranked = set(names), sorted(weight, key=lambda name: -weight[name])
     name = next(one for one in ranked if one in fitted)
@@ -211,7 +236,7 @@ def weigh_readings(tried: Tried, blocks: Blocks) -> tuple[PassageFit, Reading]:
         weight[name],
         rival if has_rival else "",
         weight[rival] if has_rival else 0.0,
-        _time_std_s(tried, names == name, best, chance),
+        _time_std_s(tried, kinds == kinds[best], best, chance),
     )
     weighed = list(zip(left.tolist(), unseen, strict=True))
     return mixed(fits, best, chance, weighed), reading
@@ -315,7 +340,7 @@ def _fit_change(
     kind = scores.kind
     theta, change, step = _starts(scores, fit, blocks, search)
     fits = _fitted(theta, change, fit, blocks)
-    if kind == RAMP:
+    if kind in FREE_INSTANTS:
         time_std = np.sqrt(fits.full_covariance[:, -1, -1])
         apart = np.fmax(MODE_STEPS * time_std, 1e-3 * step)
     else:
@@ -330,15 +355,22 @@ def _fit_change(
         likely = np.isfinite(cost[row]) and cost[row] < cost.min() + FARTHEST_MODE
         if likely and far.all() and len(kept) < N_STARTS:
             kept.append(int(row))
-    made = [
-        fit_with_coloured_noise(take_rows(fits, [row]), blocks, rounds=1)
-        for row in kept
-    ]
-    if kind == RAMP:
-        own = [float(np.sqrt(one.full_covariance[0, -1, -1])) for one in made]
-    else:
-        own = [float(time_std[row]) for row in kept]
-    return list(zip(made, own, strict=True))
+    return [(take_rows(fits, [row]), float(time_std[row])) for row in kept]
+
+
+def _with_coloured_noise(
+    fit: PassageFit, time_std_s: float, blocks: Blocks
+) -> tuple[PassageFit, float]:
+    """Fit a mode again with its coloured noise; also the deviation of its instant, s."""
+    made = fit_with_coloured_noise(fit, blocks, rounds=1)
+    change = _change(made)
+    if change.kind in FREE_INSTANTS:
+        # between two measurements every instant is alike
+        after = np.searchsorted(blocks.time_s[1:-1], change.time_s[0])
+        spacing_s = float(blocks.time_s[after + 1] - blocks.time_s[after])
+        variance = float(made.full_covariance[0, -1, -1]) + spacing_s**2 / 12
+        time_std_s = float(np.sqrt(variance))
+    return made, time_std_s
 
 
 def _with_best_instants(
@@ -352,7 +384,7 @@ def _with_best_instants(
     kind, cost = _change(fits).kind, _cost(fits)
     square, first = np.zeros(step.size), step
     for number in range(MOST_ROUNDS):
-        rows = np.argsort(cost)[: MOST_ROWS[min(number, 1)]]
+        rows = _followed(_change(fits), cost, step, first)[: MOST_ROWS[min(number, 1)]]
         fits, cost, step = take_rows(fits, rows), cost[rows], step[rows]
         square, first = square[rows], first[rows]
         if np.all(step <= FINEST * first):
@@ -380,6 +412,26 @@ def _with_best_instants(
     return fits, np.sqrt(square + step**2 / 12), step
 
 
+def _followed(
+    change: Change, cost: FloatArray, step: FloatArray, first: FloatArray
+) -> list[int]:
+    """Return the rows that are worth following, the best ones first.
+
+    Left out are those that came to where a better one is, and those whose instant is
+    nearly known and that will still not be kept.
+    """
+    rows, cost = list[int](), np.minimum(cost, 1e300)
+    for row in np.argsort(cost).tolist():
+        same = change.sign[rows] == change.sign[row]
+        same &= np.abs(change.time_s[rows] - change.time_s[row]) < step[row]
+        same &= np.abs(cost[rows] - cost[row]) < SAME_COST
+        is_known = step[row] <= NEARLY_KNOWN * first[row]
+        is_lost = cost[row] > cost.min() + LOST_MODE
+        if not (same.any() or (is_known and is_lost)):
+            rows.append(row)
+    return rows
+
+
 def _starts(
     scores: Scores, fit: PassageFit, blocks: Blocks, search: PassageSearch
 ) -> tuple[FloatArray, Change, FloatArray]:
@@ -397,7 +449,7 @@ def _starts(
             break
     theta, time_s = scores.theta[starts], scores.time_s[starts]
     sign, step = scores.sign[starts], scores.spacing_s[starts]
-    if scores.kind != MANOEUVRE:
+    if scores.kind in FREQUENCY_CHANGES:
         every = Change(scores.kind, scores.time_s, scores.sign)
         more = find_changed_estimates(search, fit.medium, every, n_starts=N_STARTS)
         added = np.zeros((more.size.size, theta.shape[1]))
@@ -408,7 +460,7 @@ def _starts(
         time_s = np.append(time_s, more.time_s)
         sign = np.append(sign, more.sign)
         step = np.append(step, np.full(more.size.size, scores.spacing_s[0]))
-    else:
+    elif scores.kind == MANOEUVRE:
         reach = np.maximum(step, float(fit.range_over_speed_s[0]))
         near = np.abs(time_s - fit.theta[0, 0]) < reach
         theta = np.concatenate([theta, _exchanged(theta[near], time_s[near])[0]])
@@ -500,8 +552,14 @@ def _cost(fits: PassageFit) -> FloatArray:
     change = _change(fits)
     cost = fits.cost + 0.5 * ((fits.theta[:, CHANGED:] / change.std) ** 2).sum(axis=1)
     valid = np.isfinite(cost) & (fits.theta[:, 2] > 0)
-    if change.kind == RAMP:
+    if change.kind in FREE_INSTANTS:
         valid &= fits.full_covariance[:, -1, -1] > 0
+    if change.kind == TURN:
+        # faster, the closest approach of the turn would be its farthest place
+        angle, duration = fits.theta[:, CHANGED : CHANGED + 2].T
+        near = np.abs(fits.theta[:, 0] - change.time_s) < 0.5 * duration
+        rate = np.where(near, angle / duration, 0.0)
+        valid &= 1.0 + rate * np.exp(fits.theta[:, 1]) > 0
     if change.kind == MANOEUVRE:
         valid &= (change.time_s - fits.theta[:, 0]) * change.sign > 0
     return np.where(valid, cost, np.inf)

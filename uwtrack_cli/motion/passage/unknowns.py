@@ -15,19 +15,34 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.passage.law import Passage, passage_law, with_other_leg
 from uwtrack_cli.motion.passage.measurements import Blocks
+from uwtrack_cli.motion.passage.steady_turn import SteadyTurn, with_steady_turn
 
 FLOOR, HEIGHT, CHANGED = 3, 4, 5
 """Places of the floor, the depth difference and the changes among the unknowns."""
 
 STEP, RAMP, MANOEUVRE = "frequency-step", "frequency-ramp", "manoeuvre"
+TURN = "steady-turn"
+"""A manoeuvre that is no change at once: the course changes evenly for a while."""
 
-CHANGE_STD = {STEP: (0.02,), RAMP: (2e-4, 1e4), MANOEUVRE: (4.0, 4.0)}
+FREE_INSTANTS = (RAMP, TURN)
+"""Changes whose instant is fitted with the other unknowns, the last of them."""
+
+CHANGE_STD = {
+    STEP: (0.02,),
+    RAMP: (2e-4, 1e4),
+    MANOEUVRE: (4.0, 4.0),
+    TURN: (1.5, 600.0, 1e4),
+}
 """Deviations of the changes before the fit: share of all rest frequencies; the same per
-second, and the instant, s; velocity along and across the course, m/s."""
+second, and the instant, s; velocity along and across the course, m/s; change of course
+in a steady turn, rad, how long it lasts, s, and its middle, s."""
 
-N_SIZES = {STEP: 1, RAMP: 1, MANOEUVRE: 2}
+N_SIZES = {STEP: 1, RAMP: 1, MANOEUVRE: 2, TURN: 1}
 """How many of these are sizes. A step and a manoeuvre make the frequencies jump, so
-that their instants are sought one by one; that of a ramp is fitted with its slope."""
+that their instants are sought one by one; those of `FREE_INSTANTS` are fitted."""
+
+SHORTEST_TURN_S = 1.0
+"""A steady turn lasts at least so long."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +50,17 @@ class Change:
     """What changed once beside the passage: all rest frequencies, or the velocity.
 
     Its unknowns stand behind the depth difference: the step of the rest frequencies as
-    a share, their slope (1/s) and what its instant is later by (s), or the differences
-    of the velocity along the course and away from the sensor (m/s).
+    a share, their slope (1/s) and what its instant is later by (s), the differences
+    of the velocity along the course and away from the sensor (m/s), or the angle of a
+    steady turn (rad, away from the sensor), its duration (s) and what its middle is
+    later by (s).
     """
 
     kind: str
-    """'frequency-step', 'frequency-ramp' or 'manoeuvre'."""
+    """'frequency-step', 'frequency-ramp', 'manoeuvre' or 'steady-turn'."""
     time_s: FloatArray
-    """When it was, s: received for the frequencies, geometric for a manoeuvre; shape
-    (batch,)."""
+    """When it was, s: received for the frequencies, geometric for a manoeuvre and for
+    the middle of a turn; shape (batch,)."""
     sign: FloatArray
     """+1 where what changed follows that instant, -1 where it goes before, same shape."""
 
@@ -73,6 +90,8 @@ class Change:
                 straight, time_s, theta[:, :3], change, medium.sound_speed_mps,
                 theta[:, HEIGHT],
             )  # fmt: skip
+        if self.kind == TURN:
+            return self.turned(theta, time_s, medium)
         count = CHANGED + self.std.size
         rows = np.zeros((*straight.rows.shape[:2], count, time_s.size))
         rows[:, :, :5] = straight.rows
@@ -88,6 +107,24 @@ class Change:
         rows[:, 0, :5] *= factor[:, None]
         rows[:, 0, 0] += factor - 1
         return Passage(rows)
+
+    def turned(self, theta: FloatArray, time_s: FloatArray, medium: Medium) -> Passage:
+        """Return the passage with a steady turn.
+
+        Parameters
+        ----------
+        theta
+            Unknowns, with those of the turn.
+        time_s
+            Times in seconds.
+        medium
+            Sound speed.
+        """
+        angle, duration, later = theta[:, CHANGED:].T
+        turn = SteadyTurn(angle, duration, self.time_s + later)
+        return with_steady_turn(
+            time_s, theta[:, :3], turn, medium.sound_speed_mps, theta[:, HEIGHT]
+        )
 
     def shape(self, time_s: FloatArray) -> FloatArray:
         """Return what a frequency does for each unit of its change, shape (batch, n).
@@ -162,6 +199,8 @@ def law_of(
     change
         What changed beside the passage, or None.
     """
+    if change is not None and change.kind == TURN:
+        return change.turned(theta, time_s, medium)
     c, height = medium.sound_speed_mps, heights_m(theta, medium)
     free = theta.shape[1] > HEIGHT
     if theta.shape[0] == 1:
