@@ -32,6 +32,9 @@ def test_what_is_written_reads_back(tmp_path):
     made = replace(
         made, start_utc_ns=start, origin_latitude=-35.0, origin_longitude=179.99,
         mirrored_bearing_deg=(made.bearing_deg + 40.0) % 360.0,
+        bearing_std_deg=made.time_s * 1e-3 + 1.25,
+        frequency_hz=100.0 + made.time_s[:, np.newaxis],
+        frequency_std_hz=np.full((made.time_s.size, 1), 3e-5),
     )  # fmt: skip
     lines = list(replay_lines([made], [], with_tracks=True))
     path = written(tmp_path, "\n".join(lines))
@@ -44,6 +47,8 @@ def test_what_is_written_reads_back(tmp_path):
     np.testing.assert_allclose(
         read.mirrored_bearing_deg, made.mirrored_bearing_deg, atol=1e-6
     )
+    for name in ("bearing_std_deg", "frequency_hz", "frequency_std_hz"):
+        np.testing.assert_allclose(getattr(read, name), getattr(made, name))
     for name in ("sensor_east_m", "sensor_north_m"):
         off = getattr(read, name) - getattr(made, name)
         np.testing.assert_allclose(off, off[0], atol=0.1)  # another origin
@@ -77,6 +82,7 @@ def test_cuts_stand_where_the_track_was_and_repeated_ones_count_once(tmp_path):
         CUT.replace("013425.000", "01:34:25"): r"line 1: the time must be HHMMSS",
         CUT.replace(" 80 ", " eighty "): r"line 1: bearing must be a number",
         CUT.replace(" 80 ", " 480 "): r"line 1: bearing must lie from -360 to 360",
+        CUT.replace("some message", "contact 1 bearing_std_deg 999"): r"line 1: .* 180",
         CUT[:45]: r"line 1: .*(ends before|must)",
         POSITION.replace(" N ", " Q ") + CUT: r"latitude must end with N or S",
         POSITION + CUT.replace("Frigate", "Corvette"): "no track of Corvette",

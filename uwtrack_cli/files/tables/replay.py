@@ -10,7 +10,8 @@ is estimated without them. Other lines that begin with a semicolon are drawings 
 comments. A DSF file has cuts alone; their places come from the tracks of another file.
 
 Each sensor is a contact of its own, since nobody says which of them heard the same target;
-a text ``contact N``, as `export` writes it, says so.
+a text ``contact N``, as `export` writes it, says so; of an ambiguous bearing, whose line has
+no place for its deviation, that text has it.
 
 **References.** Debrief, Replay file format (debrief.info).
 """
@@ -41,7 +42,12 @@ MAX_BYTES = 1 << 26
 """Largest file that is read."""
 
 WORD = re.compile(r'"[^"]*"|\S+')
-CONTACT = re.compile(r"contact (\d{1,9})")
+NUMBER = r"(\d{1,12}(?:\.\d{1,12})?(?:e[+-]?\d{1,3})?)"
+CONTACT = re.compile(
+    rf"contact (\d{{1,9}})(?: bearing_std_deg {NUMBER})?(?: frequency_std_hz {NUMBER})?"
+)
+"""What `export` writes behind a cut: its contact, and deviations for which its line has no
+place."""
 NOT_KNOWN = {"NULL", "NAN", ""}
 SLACK_NS = 60 * NANOSECONDS
 """Time by which a cut may lie beyond the track of its ship."""
@@ -52,6 +58,8 @@ VALUES = {
     ";SENSOR3:": ("bearing", "bearing_std", "frequency", "frequency_std", "range"),
 }
 """Numbers of a cut by the tag of its line."""
+
+STDS = ("bearing_std", "frequency_std")
 
 LIMITS = {
     "bearing": (-360.0, 360.0),
@@ -125,8 +133,12 @@ class _Line:
             value = float(word)
         except ValueError:
             self.fail(f"{what} must be a number, got {shown(word)}.")
+        return self.within(what, value, low, high)
+
+    def within(self, what: str, value: float, low: float, high: float) -> float:
+        """Return a number that lies within limits."""
         if not low <= value <= high:
-            self.fail(f"{what} must lie from {low:g} to {high:g}, got {word[:40]}.")
+            self.fail(f"{what} must lie from {low:g} to {high:g}, got {value:.12g}.")
         return value
 
     def time_ns(self) -> int:
@@ -299,8 +311,12 @@ def _cut(line: _Line, tag: str) -> _Cut:
     line.word("symbol")
     place = line.place()
     values = {name: line.number(name, *LIMITS[name]) for name in VALUES[tag]}
-    return _Cut(line.where, time_ns, track, line.word("sensor"), place, values,
-                line.rest())  # fmt: skip
+    sensor, text = line.word("sensor"), line.rest()
+    told = CONTACT.fullmatch(text)
+    for name, value in zip(STDS, told.groups()[1:] if told else (), strict=False):
+        if value is not None and name not in values:
+            values[name] = line.within(name, float(value), *LIMITS[name])
+    return _Cut(line.where, time_ns, track, sensor, place, values, text)
 
 
 def _add_position(line: _Line, tracks: dict[str, _Track]) -> None:
@@ -499,9 +515,11 @@ def _cut_lines(
         place = "NULL"
         if places is not None:
             place = _place_words(places[0][row], places[1][row])
+        text = f"contact {series.contact[row]}"
         if mirrored is not None and np.isfinite(mirrored[row]):
             tag = ";SENSOR2:"
             values = [series.bearing_deg[row], mirrored[row], frequency[row]]
+            text += _stds(series.bearing_std_deg[row], frequency_std[row])
         else:
             tag = ";SENSOR3:"
             values = [
@@ -513,8 +531,18 @@ def _cut_lines(
         )
         yield (
             f"{tag} {_moment(_epoch(series, row))} {_name(sensor)} @A {place} {numbers} "
-            f"NULL {_name(sensor)} contact {series.contact[row]}"
+            f"NULL {_name(sensor)} {text}"
         )
+
+
+def _stds(bearing_std_deg: float, frequency_std_hz: float) -> str:
+    """Return the deviations for which a cut of two bearings has no place."""
+    text = (
+        "" if np.isnan(bearing_std_deg) else f" bearing_std_deg {bearing_std_deg:.10g}"
+    )
+    if np.isnan(frequency_std_hz):
+        return text
+    return f"{text} frequency_std_hz {frequency_std_hz:.10g}"
 
 
 def _fix_lines(fixes: Fixes) -> Iterator[str]:
