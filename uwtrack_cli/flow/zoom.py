@@ -7,7 +7,8 @@ show a closest approach that lasts only a few of their lengths. Lines that keep 
 frequencies, and a level that rises for longer, do not need the shortest frames, and
 lines that climb none. These stretches of the sound are read again, and recipes of
 shorter frames run over them, up to their closest approaches, which are held against the
-sound as all are. A stretch is too short to tell swell from a passage by the level alone:
+sound as all are. What long or longer frames tell of a piece of a line that a better passage
+explains is left out before (`motion/explained_lines.py`). A stretch is too short to tell swell from a passage by the level alone:
 there the level must rise by more than the recording does all the time. In the end all
 answers, those of several lengths of long frames among them, compete for one row per
 passage (`motion/competition.py`).
@@ -32,6 +33,7 @@ from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.competition import LEVEL_ONLY, compete
+from uwtrack_cli.motion.explained_lines import unexplained
 
 RECIPES = ("small-craft", "vehicle")
 """Recipes that look again: frames of a quarter and a tenth of a second."""
@@ -53,7 +55,7 @@ LONGEST_S = 60.0
 def zoom_in(
     encounters: list[Encounters],
     rises: Rises | None = None,
-    lines: Lines | None = None,
+    lines: list[Lines] | None = None,
     recording: Recording | None = None,
     *,
     recipes: list[str] | None = None,
@@ -68,8 +70,9 @@ def zoom_in(
     rises
         Rises of lines or level within seconds, which tell where to look.
     lines
-        Tracked lines of the first table, for the length of their frames and contact
-        numbers that are free.
+        Tracked lines of each table, in the same order: of the first for the length of
+        its frames and contact numbers that are free, of all to tell which rows another
+        passage explains. None leaves that out.
     recording
         The recording, whose sound is read again.
     recipes
@@ -96,21 +99,31 @@ def zoom_in(
         )
         raise DataError(msg)
     graphs = [_up_to_passages(name) for name in recipes or RECIPES]
-    taken = 0 if lines is None else int(lines.line_contact.max(initial=0))
-    first, *others = encounters
+    tracked = lines[0] if lines else None
+    taken = 0 if tracked is None else int(tracked.line_contact.max(initial=0))
+    first, *others = _own_passages(encounters, lines or [])
     longer = [_without_lines(other) for other in others]
     known = compete(first, longer, taken, keeps_agreed=True)
     own = known.of_sensor(recording.sensor.id)
     found: list[Encounters] = []
     for number, graph in enumerate(graphs):
         looked = rises if rises is None else _seen(rises, is_first=number == 0)
-        for start_s, stop_s in _stretches(own, looked, lines):
+        for start_s, stop_s in _stretches(own, looked, tracked):
             part = _part(recording, start_s, stop_s)
             table = None if part is None else _passages(part, graph)
             if table is not None:
                 placed = _placed(table, start_s, stop_s, recording)
                 found.append(_risen(placed, own, rises))
     return compete(own, found, taken)
+
+
+def _own_passages(tables: list[Encounters], lines: list[Lines]) -> list[Encounters]:
+    """Return the tables without the rows whose lines a better passage explains."""
+    told = [
+        table.take("encounter", np.flatnonzero(unexplained(table, own, tables)))
+        for table, own in zip(tables, lines, strict=False)
+    ]
+    return told + tables[len(told) :]
 
 
 def _seen(rises: Rises, *, is_first: bool) -> Rises:

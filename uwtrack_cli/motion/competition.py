@@ -61,7 +61,7 @@ def compete(
         losers: dict[int, str] = {}
         winners = []
         for row in range(other.n_encounters):
-            rivals = [k for k in range(kept.n_encounters) if _meet(kept, k, other, row)]
+            rivals = [k for k in range(kept.n_encounters) if meet(kept, k, other, row)]
             reasons = [_beaten(kept, k, other, row) for k in rivals]
             if None in reasons or (keeps_agreed and "" in reasons):
                 continue
@@ -79,8 +79,16 @@ def compete(
     return kept.take("encounter", np.argsort(np.nan_to_num(kept.time_s, nan=np.inf)))
 
 
-def _meet(one: Encounters, k: int, two: Encounters, n: int) -> bool:
-    """Tell whether two rows claim the same time."""
+def meet(one: Encounters, k: int, two: Encounters, n: int) -> bool:
+    """Tell whether two rows claim the same time.
+
+    Parameters
+    ----------
+    one, k
+        A table and its row.
+    two, n
+        Another one.
+    """
     widths = (one.range_over_speed_s[k], two.range_over_speed_s[n])
     known = [width for width in widths if np.isfinite(width)]
     reach = WIDTHS * min(known, default=0.0)
