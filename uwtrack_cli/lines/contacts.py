@@ -29,6 +29,9 @@ from uwtrack_cli.lines.pair_evidence import (
     pair_evidence,
 )
 
+MAINS_HZ = (50.0, 60.0)
+"""Frequencies of mains, Hz."""
+
 _MOST_SAMPLES = 200_000
 """Points held before the grid is thinned by two."""
 
@@ -314,7 +317,7 @@ def mains_lines(frequency_hz: FloatArray, is_steady: BoolArray) -> BoolArray:
     A grid holds its frequency within 0.1 %; half a hertz is the most allowed.
     """
     best = np.zeros(frequency_hz.size, dtype=bool)
-    for mains_hz in (50.0, 60.0):
+    for mains_hz in MAINS_HZ:
         order = np.maximum(np.rint(frequency_hz / mains_hz), 1.0)
         miss = np.abs(frequency_hz - order * mains_hz)
         is_hum = is_steady & (miss <= np.minimum(1e-3 * frequency_hz + 0.05, 0.5))

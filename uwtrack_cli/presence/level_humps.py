@@ -4,7 +4,8 @@
 the usual level by several of the spreads that the rest of the recording has by itself,
 so that swell and drift, which are the spread, are none. Its shape is compared: the law
 of a passage, b + a / (1 + ((t - t0) / w)^2), against a raised cosine and a flat top. Rain
-raises the upper half of the band and leaves the lowest quarter behind.
+raises the upper half of the band and leaves the lowest quarter behind; of a band whose
+upper half is not that of rain nothing is called rain.
 
 **References.** Choi et al. (2014), eq. 3, for the law; Nystuen, JASA 79, 972 (1986), for
 the spectrum of rain.
@@ -41,6 +42,9 @@ RISE_SPREADS = 4.0
 RAIN_TILT_DB, RAIN_TILT_SHARE = 3.0, 0.4
 """Tilt of rain: at least so many dB, and such a share of the rise."""
 
+RAIN_FROM_HZ = 500.0
+"""Frequency from which on rain is heard, Hz: the middle of the band lies above."""
+
 GOOD_BEARING_DEG = 30.0
 """Deviation of a bearing below which it counts."""
 
@@ -71,12 +75,14 @@ def level_humps(levels: Levels) -> list[Stretch]:
     spread = max(slow, quick, 0.05)
     rise = max(LEAST_RISE_DB, RISE_SPREADS * spread)
     usual_tilt = float(np.median(tilt[known]))
+    middle_hz = 0.5 * (levels.band_low_hz + levels.band_high_hz)
     found = []
     for first, last in _runs(np.nan_to_num(excess, nan=usual) > usual + 0.5 * rise):
         height = float(np.nanmax(excess[first:last])) - usual
         if height < rise or last - first < 2:
             continue
         extra = float(np.nanmedian(tilt[first:last])) - usual_tilt
+        extra = extra if middle_hz >= RAIN_FROM_HZ else 0.0
         kind, reason = _kind(time_s, excess, (first, last), height, extra)
         inside = slice(int(edges[first]), int(edges[last]))
         bearing, scatter = _bearing(levels, inside)

@@ -21,19 +21,13 @@ from uwtrack_cli.data.presence import HUM, RATES, UNKNOWN, VESSEL, Presence
 from uwtrack_cli.data.spectra import FULL_SCALE, MODULATION, Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.angles import wrap_deg
+from uwtrack_cli.lines.contacts import MAINS_HZ
 from uwtrack_cli.presence.level_humps import level_humps
-from uwtrack_cli.presence.line_summary import (
-    LineSummary,
-    common_bearing,
-    summarise,
-)
+from uwtrack_cli.presence.line_summary import LineSummary, common_bearing, summarise
 from uwtrack_cli.presence.passage_stretches import add_refusals, mark_passages
 from uwtrack_cli.presence.rate_families import LOWEST_RATE_HZ, rate_families
 from uwtrack_cli.presence.stretch import Stretch, make_presence
 from uwtrack_cli.presence.tonal_stretches import tonal_stretches
-
-MAINS_HZ = (50.0, 60.0)
-"""Frequencies of mains; they and twice them modulate, too."""
 
 SAME_RATE = 0.004
 """Relative distance of a rate from a multiple of a spacing, or the reverse, that is one
@@ -200,6 +194,7 @@ def _single_rate(lines: LineSummary, row: int) -> Stretch:
 
 
 def _is_mains(rate_hz: float) -> bool:
+    """Tell whether a rate is that of mains, or twice that: power follows the square."""
     return any(
         abs(rate_hz / mains - round(rate_hz / mains)) * mains < 0.1
         and round(rate_hz / mains) in {1, 2}

@@ -12,6 +12,7 @@ the shaft rate is the blade rate.
 Nielsen, "Sonar Signal Processing" (1991), chapter 3, for shaft and blades.
 """
 
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -30,11 +31,11 @@ GREATEST_CHANCE = 0.1
 TOLERANCE_SIGMAS = 3.0
 """Distance from a multiple up to which a line is a member."""
 
-BLADE_DB = 3.0
-"""Level of the blade rate above the shaft rate, dB, at least."""
-
 LEAST_TOLERANCE = 0.25
 """The same in resolutions, at least: a shaft does not turn evenly."""
+
+BLADE_DB = 3.0
+"""Level of the blade rate above the shaft rate, dB, at least."""
 
 
 class RateFamily(NamedTuple):
@@ -134,6 +135,4 @@ def _best(
 
 def _ways(n: int, k: int) -> float:
     """Return in how many ways k - 1 further members can be chosen among n - 1."""
-    from math import comb
-
     return float(comb(n - 1, k - 1))

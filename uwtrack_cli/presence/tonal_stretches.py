@@ -2,10 +2,10 @@
 
 **Method.** The lines of all trackers are put together; one that another tracker has
 found, too, counts once. Families that share lines, and whose spacings are small whole
-multiples of each other, are one. Their spacing is refined by least squares over all
-lines on its teeth; a multiple whose own multiples have nearly all of the power is the
-blade rate. Lines of one contact that move together are a vessel without a family. What is left
-is mains hum, lines, or what noise gives by itself.
+multiples of each other, are one. Their spacing is that of the comb on which all of
+their lines lie (`line_comb`); a multiple whose own multiples have nearly all of the power
+is the blade rate. Lines of one contact that move together are a vessel without a family.
+What is left is mains hum, lines, or what noise gives by itself.
 
 **Conventions.** A line that lasts n independent frames at a power ratio s has the
 evidence n (s - ln(1 + s) - 1) nepers against noise, which may choose its path.
@@ -13,18 +13,16 @@ evidence n (s - ln(1 + s) - 1) nepers against noise, which may choose its path.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import comb, exp, gcd
+from math import comb, exp
 
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
-from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
-from uwtrack_cli.presence.line_summary import (
-    LineSummary,
-    summarise,
-)
+from uwtrack_cli.lines.contacts import LEAST_EVIDENCE, MAINS_HZ
+from uwtrack_cli.presence.line_comb import TOOTH, fit_comb, standing_multiple
+from uwtrack_cli.presence.line_summary import LineSummary, summarise
 from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
 
 SAME_LINE = 0.6
@@ -35,21 +33,6 @@ SAME_SPACING = 0.01
 
 MOST_RATIO = 4
 """Greatest whole number in the ratio of two spacings of one family."""
-
-MOST_BLADES = 8
-"""Greatest multiple of a spacing that is asked whether it stands out."""
-
-BLADE_SHARE = 0.9
-"""Share of the power of all lines that the multiples of the blade rate have."""
-
-TOOTH = 0.1
-"""Least distance from a tooth, in resolutions, up to which a line is on it."""
-
-LARGEST_REACH = 1.5
-"""Multiple of a family's highest line up to which others may lie on its teeth."""
-
-MAINS_HZ = (50.0, 60.0)
-"""Frequencies of mains."""
 
 MAINS_TOLERANCE = 1e-3
 """Relative deviation of mains from their nominal frequency."""
@@ -90,7 +73,7 @@ class _Family:
     spacing_hz: float
     """Distance of neighbouring lines, Hz."""
     offset_hz: float
-    """Frequency of the comb below its first spacing, Hz."""
+    """Frequency of the comb below its first spacing, Hz; 0 if it is harmonic."""
     log10_chance: float
     """Logarithm of the probability by chance."""
     rows: IntArray
@@ -129,8 +112,7 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
             found.append(stretch_of_lines(VESSEL, lines.take(rows), chance, MOVING))
     hum = np.flatnonzero(free & mains)
     if hum.size:
-        chance = float(pool.chance[hum].min())
-        found.append(stretch_of_lines(HUM, lines.take(hum), chance, MAINS))
+        found.append(_hum_stretch(lines.take(hum), float(pool.chance[hum].min())))
         free[hum] = False
     certain = free & (pool.chance <= GREATEST_CHANCE)
     for kind, chosen, reason in (
@@ -167,25 +149,44 @@ def chance_together(n_joined: int, n_lines: int) -> float:
 def _mains(lines: LineSummary, free: BoolArray) -> BoolArray:
     """Mark the lines of mains: those told by the tracker, and their harmonics."""
     is_hum: BoolArray = free & (lines.status == "hum")
-    if not is_hum.any():
-        return is_hum
-    frequency, std = lines.frequency_hz, lines.frequency_std_hz
-    known = [
-        (nominal, np.rint(frequency / nominal))
-        for nominal in MAINS_HZ
-        if _on_mains(frequency, std, nominal)[is_hum].any()
-    ]
-    for nominal, order in known:
-        own = is_hum & _on_mains(frequency, std, nominal)
-        weight = (order[own] / std[own]) ** 2
-        exact = float((weight * frequency[own] / order[own]).sum() / weight.sum())
-        reach = np.maximum(3.0 * std, TOOTH * lines.resolution_hz)
-        near = np.abs(frequency - order * exact) <= reach
-        is_hum = np.logical_or(is_hum, free & (order >= 1) & near)
+    for nominal in MAINS_HZ:
+        mains = _mains_frequency(lines.take(np.flatnonzero(is_hum)), nominal)
+        if mains is not None:
+            exact, std = mains
+            order = np.rint(lines.frequency_hz / nominal)
+            reach = 3.0 * np.hypot(lines.frequency_std_hz, order * std)
+            reach = np.maximum(reach, TOOTH * lines.resolution_hz)
+            near = np.abs(lines.frequency_hz - order * exact) <= reach
+            is_hum = np.logical_or(is_hum, free & (order >= 1) & near)
     return is_hum
 
 
+def _mains_frequency(hum: LineSummary, nominal: float) -> tuple[float, float] | None:
+    """Return the frequency of mains and its deviation, Hz; None without such lines."""
+    own = _on_mains(hum.frequency_hz, hum.frequency_std_hz, nominal)
+    if not own.any():
+        return None
+    frequency, std = hum.frequency_hz[own], hum.frequency_std_hz[own]
+    order = np.rint(frequency / nominal)
+    weight = (order / std) ** 2
+    exact = float((weight * frequency / order).sum() / weight.sum())
+    return exact, float(1.0 / np.sqrt(weight.sum()))
+
+
+def _hum_stretch(hum: LineSummary, chance: float) -> Stretch:
+    """Return mains hum, with the frequency of the mains if all lines are of one."""
+    made = stretch_of_lines(HUM, hum, chance, MAINS)
+    for nominal in MAINS_HZ:
+        if _on_mains(hum.frequency_hz, hum.frequency_std_hz, nominal).all():
+            exact = _mains_frequency(hum, nominal)
+            assert exact is not None  # noqa: S101 - all are
+            made.spacing_hz, made.spacing_std_hz = exact
+            break
+    return made
+
+
 def _on_mains(frequency: FloatArray, std: FloatArray, nominal: float) -> BoolArray:
+    """Tell which lines are multiples of mains, within what a grid may be off."""
     order = np.rint(frequency / nominal)
     reach = 3.0 * std + MAINS_TOLERANCE * frequency
     on: BoolArray = (order >= 1) & (np.abs(frequency - order * nominal) <= reach)
@@ -299,8 +300,10 @@ def _joined_families(pool: _Pool, trackers: Sequence[Lines]) -> list[_Family]:
         for k, other in enumerate(joined):
             if _are_one(family, other):
                 finer = min((other, family), key=lambda one: one.spacing_hz)
+                is_harmonic = 0.0 in (other.offset_hz, family.offset_hz)
+                offset_hz = 0.0 if is_harmonic else finer.offset_hz
                 joined[k] = _Family(
-                    finer.spacing_hz, finer.offset_hz, other.log10_chance,
+                    finer.spacing_hz, offset_hz, other.log10_chance,
                     np.union1d(other.rows, family.rows),
                 )  # fmt: skip
                 break
@@ -324,64 +327,27 @@ def _are_one(a: _Family, b: _Family) -> bool:
 def _family_stretch(family: _Family, pool: _Pool, free: BoolArray) -> Stretch | None:
     """Return a family with what lies on its teeth; None if others have its lines.
 
-    Nor is a family returned that noise gives.
+    Nor is a family returned that noise or mains give.
     """
     lines = pool.lines
     own = family.rows[free[family.rows]]
     is_chance = family.log10_chance > np.log10(VESSEL_CHANCE)
     if own.size < FEWEST_TOGETHER or is_chance:
         return None
-    spacing, std, rows = _refined(family, lines, own, free)
+    comb = fit_comb(lines, own, free, family.spacing_hz, family.offset_hz)
+    rows = comb.rows
+    if np.count_nonzero(lines.status[rows] == "hum") >= 0.5 * rows.size:
+        return None
     free[rows] = False
-    frequency = lines.frequency_hz[rows] - family.offset_hz
-    tooth = np.rint(frequency / spacing).astype(np.int64)
-    common = max(1, gcd(*tooth.tolist()))
-    if common > 1:
-        spacing, std, tooth = spacing * common, std * common, tooth // common
-    is_hum = np.count_nonzero(lines.status[rows] == "hum") >= 0.5 * rows.size
     moves = np.count_nonzero(lines.status[rows] == "moving") > 0.5 * rows.size
-    kind, reason = (HUM, MAINS) if is_hum else (VESSEL, MOVING if moves else STEADY)
     chance = min(1.0, 10.0 ** max(family.log10_chance, -300.0))
-    made = stretch_of_lines(kind, lines.take(rows), chance, reason)
-    made.spacing_hz, made.spacing_std_hz = spacing, std
-    blades = _blades(tooth, lines.level_db[rows])
-    made.blade_rate_hz = spacing * blades if blades else np.nan
+    reason = MOVING if moves else STEADY
+    made = stretch_of_lines(VESSEL, lines.take(rows), chance, reason)
+    made.spacing_hz, made.spacing_std_hz = comb.spacing_hz, comb.spacing_std_hz
+    if comb.offset_hz == 0.0:
+        blades = standing_multiple(comb.tooth, lines.level_db[rows])
+        made.blade_rate_hz = comb.spacing_hz * blades if blades else np.nan
     return made
-
-
-def _refined(
-    family: _Family, lines: LineSummary, own: IntArray, free: BoolArray
-) -> tuple[float, float, IntArray]:
-    """Fit the spacing, with all free lines that lie on its teeth at the time."""
-    spacing, std, rows = family.spacing_hz, np.nan, own
-    begin, end = lines.from_s[own].min(), lines.to_s[own].max()
-    there = free & (lines.status != "hum")
-    there &= (lines.from_s <= end) & (lines.to_s >= begin)
-    # further up a line would lie on some tooth by chance
-    there &= lines.frequency_hz <= LARGEST_REACH * lines.frequency_hz[own].max()
-    for _ in range(3):
-        frequency = lines.frequency_hz - family.offset_hz
-        tooth = np.rint(frequency / spacing)
-        reach = np.maximum(3.0 * lines.frequency_std_hz, TOOTH * lines.resolution_hz)
-        reach = np.minimum(reach, 0.2 * spacing)
-        on_tooth = (tooth >= 1) & (np.abs(frequency - tooth * spacing) <= reach)
-        rows = np.union1d(own, np.flatnonzero(on_tooth & there))
-        fitted = rows[on_tooth[rows]] if on_tooth[rows].any() else rows
-        weight = 1.0 / lines.frequency_std_hz[fitted] ** 2
-        square = float((weight * tooth[fitted] ** 2).sum())
-        spacing = float((weight * tooth[fitted] * frequency[fitted]).sum() / square)
-        std = float(1.0 / np.sqrt(square))
-    return spacing, std, rows
-
-
-def _blades(tooth: IntArray, level_db: FloatArray) -> int:
-    """Return the greatest multiple that has nearly all of the power; 0 for none."""
-    power = 10 ** (level_db / 10)
-    for multiple in range(MOST_BLADES, 1, -1):
-        own = tooth % multiple == 0
-        if own.sum() >= 3 and power[own].sum() >= BLADE_SHARE * power.sum():
-            return multiple
-    return 0
 
 
 def _at_one_time(lines: LineSummary, rows: IntArray) -> list[IntArray]:
