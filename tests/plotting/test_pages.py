@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from uwtrack_cli.cli.app import app
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.data.spectra import Overview
+from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.product import read_product
@@ -32,6 +33,7 @@ from uwtrack_cli.plotting.page import pages_of
 from uwtrack_cli.plotting.passage_fit import ReportedPassage
 from uwtrack_cli.plotting.style import CONTACT_COLORS, Clock, contact_color
 from uwtrack_cli.plotting.view import Scene, View, to_seconds
+from uwtrack_cli.presence.stretch import Stretch, make_presence
 from uwtrack_cli.spectra.overview import pool_overview
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
@@ -454,6 +456,8 @@ def test_a_part_of_a_day_is_as_fine_as_its_sound():
     np.testing.assert_allclose(levels(found), wanted, atol=0.3)
     silent = replace(recording, reader=None)
     assert finer_overview(coarse, silent, 1.0, (40.0, 60.0)) is coarse
+    envelope = replace(coarse, reference=MODULATION)  # not that of the sound
+    assert finer_overview(envelope, recording, 1.0, (40.0, 60.0)) is envelope
 
 
 def test_short_and_empty_products_have_pages(containers):
@@ -505,3 +509,30 @@ def test_a_page_draws_what_a_fit_says_of_a_part_alone(containers, monkeypatch):
 
 def test_a_scene_without_times_draws_nothing():
     assert Scene([]).times_s is None
+
+
+def test_rates_lie_on_the_spectrum_of_their_envelope():
+    """The sound's picture stays the page's; without one the envelope's is, and says so."""
+    rng = np.random.default_rng(8)
+    sound = overview(rng.normal(60, 1, (60, 100)), 10.0 * np.arange(1, 101))
+    rates_hz = np.arange(1, 401) / 16
+    spectrum = rng.normal(-40, 1, (60, rates_hz.size))
+    spectrum[:, np.isin(rates_hz, (2.5, 7.5, 10.0))] = -20.0
+    envelope = replace(overview(spectrum, rates_hz), reference=MODULATION)
+    heard = make_presence(
+        {"h1": [Stretch("rates", 4.0, 56.0, rates_hz=[2.5, 7.5, 10.0])]}, {}, "1 uPa"
+    )
+    (page,) = pages_of([sound, envelope, heard])
+    figure = page.draw(View())
+    (_, *_) = labelled(figure, "frequency (Hz)")
+    (strip,) = labelled(figure, "modulation")
+    assert len(strip.collections) == 1
+    assert [text.get_text() for text in strip.texts] == ["2.50", "7.50", "10.00"]
+    assert strip.get_ylim() == (0.0, 12.5)
+    assert {len(line.get_xdata()) for line in strip.lines} == {2}
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in strip.texts]
+    assert not any(a.overlaps(b) for a, b in pairwise(boxes))
+    (alone,) = pages_of([envelope])
+    assert labelled(alone.draw(View()), "modulation rate (Hz)")
+    assert not labelled(alone.draw(View()), "frequency (Hz)")

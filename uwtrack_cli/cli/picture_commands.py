@@ -16,6 +16,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
+from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 
@@ -199,7 +200,7 @@ def with_more(
     *,
     needs_sound: bool,
 ) -> tuple[list[Container], list[VesselTrack]]:
-    """Add own ship's way, peaks of an array, the sound, and what AIS knows."""
+    """Add own ship's way, peaks of an array, envelopes, sound, and what AIS knows."""
     from uwtrack_cli.flow.rerun_sources import with_sound
     from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
 
@@ -210,6 +211,12 @@ def with_more(
     ]
     if any(isinstance(c, BearingTime) for c in found):  # beams show where peaks lie
         found += [peaks for product in products for peaks in product.read_all(Peaks)]
+    pictures = [one for product in products for one in product.read_all(Overview)]
+    found += [  # of the envelope, beside that of the sound
+        one
+        for one in pictures
+        if one.reference == MODULATION and not any(one.equals(c) for c in containers)
+    ]
     if ais is None:
         return [*found, *navigation], []
     vessels = read_vessels(ais, within_m)

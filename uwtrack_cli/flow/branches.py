@@ -4,13 +4,15 @@
 read. The branch of a step is the step itself, all that it follows from and all that
 follows from it. Of several results of one kind that one is taken which lies in the
 branch. Where no step is named, lines that `presence` alone reads are not meant, nor those
-of a table that a later step has made again.
+of a table that a later step has made again, nor the picture of an envelope beside that of
+the sound.
 """
 
 from collections.abc import Collection, Iterable, Sequence
 from typing import TypeVar
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, Product
 from uwtrack_cli.flow.catalogue import STAGES, find_stage
@@ -103,7 +105,9 @@ def sole_keys(
 def without_asides(
     product: Product, keys: Sequence[ContainerKey]
 ) -> list[ContainerKey]:
-    """Leave out what no table but `presence` was made of, where there is more of a kind.
+    """Leave out what is meant only where it is named, if there is more of its kind.
+
+    That is what no table but `presence` was made of, and the picture of an envelope.
 
     Parameters
     ----------
@@ -126,6 +130,10 @@ def without_asides(
 
 def _is_aside(product: Product, key: ContainerKey) -> bool:
     name = maker(product, key)
+    if key.name == Overview.NAME:
+        stages = {past.step_name: past.stage for past in product.history}
+        made = [past for past in product.history if past.step_name == name]
+        return any(stages.get(one) == "demon" for past in made for one in past.inputs)
     readers = [past for past in product.history if name in past.inputs]
     is_told = any(past.stage == "presence" for past in readers)
     held = {maker(product, other) for other in product.paths}

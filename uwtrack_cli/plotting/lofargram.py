@@ -15,7 +15,7 @@ import numpy as np
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording, Samples
-from uwtrack_cli.data.spectra import Overview
+from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.plotting.style import LEVELS_MAP, NO_SOUND
 from uwtrack_cli.spectra.overview import pool_overview
@@ -84,12 +84,12 @@ class FrequencyAxis:
         at, low, high = map(np.log, values) if self.is_log else values
         return np.asarray((at - low) / (high - low))
 
-    def set_axis(self, ax: "Axes") -> None:
-        """Give a panel this axis, with the labels of its own kind."""
+    def set_axis(self, ax: "Axes", name: str = "frequency") -> None:
+        """Give a panel this axis, with its name and the labels of its own kind."""
         from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
         ax.set_ylim(self.low_hz, self.high_hz)
-        ax.set_ylabel("frequency (Hz)", fontsize=9)
+        ax.set_ylabel(f"{name} (Hz)", fontsize=9)
         ax.tick_params(labelsize=8)
         if self.is_log:
             ax.set_yscale("log")
@@ -220,7 +220,8 @@ def finer_overview(
     overview
         What the product carries.
     recording
-        The recording; one whose sound is not at hand changes nothing.
+        The recording; one whose sound is not at hand changes nothing, nor is the
+        envelope taken anew.
     window_s
         Length of a frame, s.
     span_s
@@ -228,6 +229,8 @@ def finer_overview(
     """
     shown = (overview.time_s >= span_s[0]) & (overview.time_s <= span_s[1])
     if recording is None or recording.reader is None or shown.sum() >= ENOUGH_ROWS:
+        return overview
+    if overview.reference == MODULATION:
         return overview
     rate = recording.sample_rate_hz
     first = max(0, round(span_s[0] * rate))
@@ -287,7 +290,8 @@ def draw_lofargram(
     bar = ax.figure.colorbar(image, ax=ax, pad=0.01, aspect=30)
     bar.set_label("dB over the noise floor", fontsize=8)
     bar.ax.tick_params(labelsize=7)
-    axis.set_axis(ax)
+    is_envelope = overview.reference == MODULATION
+    axis.set_axis(ax, "modulation rate" if is_envelope else "frequency")
     return image
 
 

@@ -146,7 +146,7 @@ def _strip(page: PassagePage, rest_row: int, zoomed: Zoom | None, count: int) ->
             )  # fmt: skip
             ax.set_facecolor(NO_SOUND)
         else:
-            is_picture = _draw_part(page.scene.first(Overview), rest, half, ax)
+            is_picture = _draw_part(page.scene.overview, rest, half, ax)
         if not is_picture:
             line = int(fit.encounters.rest_line_id[rest_row])
             _draw_points(measured_line(page.scene, fit.contact, line), rest, ax)
@@ -249,7 +249,7 @@ def _draw_curve(
 
 def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
     """Return the lofargram about a passage that no line shows."""
-    overview = page.scene.first(Overview)
+    overview = page.scene.overview
     if overview is None or overview.frequency_hz.size < 2:
         return []
     axis: FrequencyAxis = choose_axis(

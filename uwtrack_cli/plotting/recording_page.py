@@ -25,7 +25,7 @@ from uwtrack_cli.data.presence import KINDS, Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.data.spectra import Levels, Overview
+from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences
@@ -78,6 +78,13 @@ MOST_POINTS = 1500
 
 LOFARGRAM_IN = 3.4
 """Height of the lofargram, inches."""
+
+RATES_IN = 1.6
+"""Height of the spectrum of the envelope, inches."""
+
+LABEL_SHARE, LABEL_PLACES = 0.12, 4
+"""Least distance of two labels that are not beside each other, as a share of the height
+of the rates' panel, and how many of them are."""
 
 EDGE_PT = 2.2
 """Distance of the edges of an outline from the line, points."""
@@ -306,7 +313,7 @@ def _mark(encounters: Encounters, ax: "Axes", *, height: float) -> None:
 
 
 def _lofargram(scene: Scene, view: View, span_s: tuple[float, float]) -> list[PagePart]:
-    overview, lines = scene.first(Overview), scene.first(Lines)
+    overview, lines = scene.overview, scene.first(Lines)
     if overview is None or not overview.shade.size:
         return _lines_alone(lines, view)
     if view.is_zoomed:
@@ -481,28 +488,67 @@ def _draw_bar(
 
 
 def _rates(scene: Scene, span_s: tuple[float, float]) -> list[PagePart]:
-    """Return the modulation rates that were heard: shafts and blades."""
-    presence = scene.presence
+    """Return the modulation rates that were heard, over the envelope's spectrum."""
+    presence, envelope = scene.presence, scene.envelope
     if presence is None or not presence.rate_hz.size:
         return []
     owner = presence.rate_stretch
     near = (presence.to_s[owner] >= span_s[0]) & (presence.from_s[owner] <= span_s[1])
     if not near.any():
         return []
+    has_picture = envelope is not None and envelope is not scene.overview
 
     def draw(ax: "Axes") -> None:
         calm(ax)
-        for row in np.flatnonzero(near):
-            stretch, rate = int(owner[row]), float(presence.rate_hz[row])
-            contact = int(presence.encounter[stretch]) or int(presence.contact[stretch])
-            ends = (float(presence.from_s[stretch]), float(presence.to_s[stretch]))
-            ax.plot(ends, (rate, rate), color=contact_color(contact), lw=1.6)
-            ax.annotate(f"{rate:.2f}", (max(ends[0], span_s[0]), rate), fontsize=7,
-                        xytext=(2, 2), textcoords="offset points")  # fmt: skip
+        axis = FrequencyAxis(0.0, 1.25 * float(presence.rate_hz[near].max()), False)
+        if has_picture and envelope is not None:
+            draw_lofargram(envelope, axis, span_s, ax)
+        else:
+            axis.set_axis(ax)
         ax.set_ylabel("modulation\nrate (Hz)", fontsize=8)
-        ax.set_ylim(0.0, 1.25 * float(presence.rate_hz[near].max()))
+        _draw_rates(presence, np.flatnonzero(near), axis, ax, is_over=has_picture)
 
-    return [PagePart(1.1, draw)]
+    return [PagePart(RATES_IN if has_picture else 1.1, draw)]
+
+
+def _draw_rates(
+    presence: Presence,
+    rows: IntArray,
+    axis: FrequencyAxis,
+    ax: "Axes",
+    *,
+    is_over: bool,
+) -> None:
+    """Draw rates as lines, or over a picture as the edges of lines, with their values.
+
+    A value that would cover the one below is put beside it.
+    """
+    from matplotlib.transforms import ScaledTranslation
+
+    figure = ax.get_figure(root=True)
+    if figure is None:
+        return
+    low_s, high_s = ax.get_xlim() if is_over else (-np.inf, np.inf)
+    rows = rows[np.argsort(presence.rate_hz[rows], kind="stable")]
+    below, place = -np.inf, 0
+    for row in rows:
+        stretch, rate = int(presence.rate_stretch[row]), float(presence.rate_hz[row])
+        contact = int(presence.encounter[stretch]) or int(presence.contact[stretch])
+        ends = np.clip(
+            [presence.from_s[stretch], presence.to_s[stretch]], low_s, high_s
+        )
+        color = "white" if is_over and not contact else contact_color(contact)
+        for side in (-1.0, 1.0) if is_over else (0.0,):
+            moved = ScaledTranslation(0, side * EDGE_PT / 72, figure.dpi_scale_trans)
+            ax.plot(ends, (rate, rate), transform=ax.transData + moved, color=color,
+                    lw=0.7 if is_over else 1.6, alpha=0.8 if is_over else 1.0)  # fmt: skip
+        share = float(axis.share(np.array(rate)))
+        place = (place + 1) % LABEL_PLACES if share - below < LABEL_SHARE else 0
+        below = share
+        ax.annotate(
+            f"{rate:.2f}", (ends[0], rate), xytext=(3 + 30 * place, EDGE_PT + 1),
+            textcoords="offset points", fontsize=7, color="white" if is_over else None,
+        )  # fmt: skip
 
 
 def _level(scene: Scene, span_s: tuple[float, float]) -> list[PagePart]:

@@ -12,6 +12,7 @@ from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.layout import sensor_of
@@ -182,6 +183,17 @@ class Scene:
             if isinstance(c, kind)
             and (self.sensor is None or sensor_of(c) in (None, self.sensor))
         ]
+
+    @property
+    def overview(self) -> Overview | None:
+        """Picture of the sound; where only its envelope has one, that."""
+        of_sound = (o for o in self.all(Overview) if o.reference != MODULATION)
+        return next(of_sound, self.first(Overview))
+
+    @property
+    def envelope(self) -> Overview | None:
+        """Picture of the envelope of the sound."""
+        return next((o for o in self.all(Overview) if o.reference == MODULATION), None)
 
     @property
     def encounters(self) -> Encounters | None:

@@ -16,6 +16,9 @@ from uwtrack_cli.files.utc import format_utc, parse_utc
 Row = dict[str, Any]
 NOT_KNOWN = "-"
 
+MOST_LISTED = 3
+"""Numbers of a list that a cell has."""
+
 
 @dataclass(frozen=True)
 class Head:
@@ -42,6 +45,10 @@ class Head:
             return f"{value['name']}" + (
                 "" if chance is None else f" {100 * chance:.0f} %"
             )
+        if isinstance(value, list):  # numbers of which there may be any count
+            shown = [f"{one:.{self.digits or 0}f}" for one in value[:MOST_LISTED]]
+            more = ["..."] if len(value) > MOST_LISTED else []
+            return " ".join([*shown, *more]) or NOT_KNOWN
         if self.digits is None:
             return str(value)
         deviation = row.get(self.std) if self.std else None
@@ -88,7 +95,8 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("to s", "to_s", 1),
         Head("spacing Hz", "spacing_hz", 2, "spacing_std_hz"),
         Head("blade Hz", "blade_rate_hz", 2),
-        Head("lines", "n_lines", 0),
+        Head("lines", "n_lines", 0, usual="0"),
+        Head("rates Hz", "rates_hz", 1),
         Head("level dB", "level_db", 1),
         Head("bearing deg", "bearing_deg", 0, "bearing_std_deg"),
         Head("passage", "encounter"),
@@ -119,7 +127,7 @@ SPARE: dict[str, tuple[str, ...]] = {
     ),
     "fixes": ("east m", "north m", "weight", "mode", "speed m/s", "course deg"),
     "motions": ("weight", "mode", "observable"),
-    "presence": ("sensor", "bearing deg", "level dB", "blade Hz"),
+    "presence": ("sensor", "bearing deg", "level dB", "blade Hz", "rates Hz"),
 }
 """Columns that a narrow screen can do without, by the name of the container."""
 
