@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.flow.made_encounters import encounters_of
 from tests.support import DIFAR, OMNI, recording_of, white_noise
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import KINDS, Presence
@@ -14,7 +15,6 @@ from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
-from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.presence import find_presence
 from uwtrack_cli.presence.rate_families import rate_families
@@ -340,12 +340,10 @@ def test_few_of_many_lines_are_joined_by_chance():
 
 def test_a_stretch_lies_within_the_sound():
     """A passage near the end would be heard for longer than there is sound."""
-    time = clock(240.0)
-    rise = 1 + 30 / (1 + ((time - 200) / 40) ** 2)
-    levels = levels_of(white_noise(time.size, 10) * np.sqrt(rise))
-    encounters = find_encounters(levels=levels)
-    assert encounters.n_encounters == 1
-    assert 200 + 2 * encounters.range_over_speed_s[0] > 240
-    presence = find_presence(levels=[levels], encounters=[encounters])
-    row = row_of(presence, "vessel")
-    assert 0 <= presence.from_s[row] < 200 < presence.to_s[row] <= 240
+    levels = levels_of(white_noise(clock(240.0).size, 10))
+    passed = {"time_s": 200.0, "arrival_time_s": 200.0, "range_over_speed_s": 40.0,
+              "sound_speed_mps": 1500.0}  # fmt: skip
+    presence = find_presence(levels=[levels], encounters=[encounters_of(passed)])
+    assert presence.kind.tolist() == ["vessel"]
+    assert presence.from_s.tolist() == [120.0]
+    assert presence.to_s.tolist() == [240.0]
