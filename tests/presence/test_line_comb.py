@@ -19,7 +19,7 @@ def lines_at(frequency_hz, std_hz):
         from_s=np.zeros(n), to_s=np.full(n, 60.0), level_db=np.full(n, 60.0),
         bearing_deg=unknown, bearing_std_deg=unknown, contact=np.zeros(n, np.int64),
         family=np.full(n, -1), status=np.full(n, "steady"), line_id=np.arange(n) + 1,
-        resolution_hz=0.25,
+        resolution_hz=np.full(len(frequency_hz), 0.25),
     )  # fmt: skip
 
 

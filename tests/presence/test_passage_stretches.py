@@ -38,7 +38,7 @@ def lines_of(rows, contact=2):
         bearing_deg=unknown, bearing_std_deg=unknown,
         contact=np.full(frequency.size, contact), family=np.full(frequency.size, -1),
         status=np.full(frequency.size, "moving"), line_id=np.arange(frequency.size) + 1,
-        resolution_hz=0.5,
+        resolution_hz=np.full(frequency.size, 0.5),
     )  # fmt: skip
 
 

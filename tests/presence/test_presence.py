@@ -224,7 +224,12 @@ def test_rates_at_random_are_seldom_a_family():
     rng = np.random.default_rng(1)
     found = sum(
         len(
-            rate_families(rng.uniform(0.5, 50, 4), np.full(4, 0.01), np.zeros(4), 0.125)
+            rate_families(
+                rng.uniform(0.5, 50, 4),
+                np.full(4, 0.01),
+                np.zeros(4),
+                np.full(4, 0.125),
+            )
         )
         for _ in range(400)
     )
@@ -236,7 +241,9 @@ def test_shaft_and_blades_are_one_family_with_the_right_shaft():
     for shaft in (0.9, 2.4, 6.3):
         true = shaft * np.array([1, 4, 8])
         rates = true + 0.004 * rng.standard_normal(3)
-        (one,) = rate_families(rates, np.full(3, 0.004), np.array([0.0, 9, 4]), 0.125)
+        (one,) = rate_families(
+            rates, np.full(3, 0.004), np.array([0.0, 9, 4]), np.full(3, 0.125)
+        )
         assert abs(one.shaft_hz - shaft) < 4 * one.shaft_std_hz
         assert one.blade_hz == pytest.approx(4 * shaft, rel=1e-2)
 

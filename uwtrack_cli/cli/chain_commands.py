@@ -118,28 +118,32 @@ def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
 
 
 def _source_body(stage: Stage) -> Any:
-    def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
+    def body(own: Mapping[str, Any], options: list[dict[str, Any]]) -> None:
         from uwtrack_cli.cli.targets import product_name, writer_for
         from uwtrack_cli.flow.products import source_into_product
+        from uwtrack_cli.flow.rungs import rung_steps
 
         source: Path = own["source"]
+        steps = [_step(stage, each) for each in options]
         recording = open_source(source, own)
+        steps = rung_steps(steps, recording)
         target = own["output"] or product_name(source, stage.suffix)
         with (
             progress_bar(stage.name, recording.duration_s) as done,
             writer_for(target, overwrite=own["overwrite"], inputs=[source]) as writer,
         ):
-            source_into_product(_step(stage, options), recording, writer, done)
+            source_into_product(steps, recording, writer, done)
         say_wrote(target)
 
     return body
 
 
 def _stream_body(stage: Stage) -> Any:
-    def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
+    def body(own: Mapping[str, Any], options: list[dict[str, Any]]) -> None:
         from uwtrack_cli.cli.targets import open_product, target_for, writer_for
         from uwtrack_cli.flow.branches import refuse_unknown_step
         from uwtrack_cli.flow.products import stream_into_product
+        from uwtrack_cli.flow.rungs import rungs_into_product, rungs_of
 
         source: Path = own["source"]
         branch: str | None = own["branch"]
@@ -149,7 +153,13 @@ def _stream_body(stage: Stage) -> Any:
             writer_for(target, overwrite=own["overwrite"], inputs=[source]) as writer,
         ):
             refuse_unknown_step([product], branch)
-            made = stream_into_product(_step(stage, options), product, writer, branch)
+            step = _step(stage, options[0])
+            rungs = rungs_of(product, step, branch)
+            made = (
+                rungs_into_product(step, rungs, product, writer)
+                if rungs
+                else stream_into_product(step, product, writer, branch)
+            )
         say_sensitivity(made)
         say_wrote(target)
 
@@ -161,7 +171,7 @@ def _step(stage: Stage, options: Mapping[str, Any]) -> Step:
 
 
 def _whole_body(stage: Stage) -> Any:
-    def body(own: Mapping[str, Any], options: dict[str, Any]) -> None:
+    def body(own: Mapping[str, Any], options: list[dict[str, Any]]) -> None:
         from uwtrack_cli.cli.targets import PIPE, target_for, write_containers
         from uwtrack_cli.files.atomic import check_target
         from uwtrack_cli.flow.products import (
@@ -171,7 +181,7 @@ def _whole_body(stage: Stage) -> Any:
         )
 
         sources: list[Path] = own["sources"]
-        step = _step(stage, options)
+        step = _step(stage, options[0])
         with ExitStack() as stack:
             read = _read_sources(stage, own, stack)
             target = target_for(own["output"], sources[0], stage.suffix)

@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperCommand
 
 from uwtrack_cli.cli.console import guard, set_verbosity
-from uwtrack_cli.data.options import is_union
+from uwtrack_cli.data.options import is_union, makes_rungs
 from uwtrack_cli.files.input_ledger import input_ledger
 from uwtrack_cli.flow.stage import Option, Stage
 
@@ -123,7 +123,7 @@ def _flag(name: str) -> inspect.Parameter:
 def stage_command(
     app: typer.Typer,
     stage: Stage,
-    body: Callable[[Mapping[str, Any], dict[str, Any]], None],
+    body: Callable[[Mapping[str, Any], list[dict[str, Any]]], None],
     own: list[inspect.Parameter],
 ) -> None:
     """Register the command of a stage.
@@ -135,7 +135,8 @@ def stage_command(
     stage
         The stage; its options become the command's.
     body
-        Called with the command's own parameters and the bound options.
+        Called with the command's own parameters and the bound options: one set, or
+        one for each value of an option that makes rungs.
     own
         Parameters of the command beside the stage's options.
     """
@@ -143,11 +144,28 @@ def stage_command(
 
     def run(**values: Any) -> None:
         given = {n: values.pop(n) for n in [p.name for p in flat]}
-        body(values, nest(stage, given))
+        body(values, nest_rungs(stage, given))
 
     run.__doc__ = _help(stage)
     run.__signature__ = inspect.Signature([*own, *flat])  # type: ignore[attr-defined]
     command(app, stage.name)(run)
+
+
+def nest_rungs(stage: Stage, flat: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the stage's options for each value of the option that makes rungs.
+
+    Parameters
+    ----------
+    stage
+        The stage that is called.
+    flat
+        Options of the command, by their flat names.
+    """
+    several = [o.flat_name for o in stage.options if makes_rungs(o.hint)]
+    if not several:
+        return [nest(stage, flat)]
+    (name,) = several
+    return [nest(stage, {**flat, name: value}) for value in flat[name]]
 
 
 def nest(stage: Stage, flat: Mapping[str, Any]) -> dict[str, Any]:
@@ -164,12 +182,14 @@ def nest(stage: Stage, flat: Mapping[str, Any]) -> dict[str, Any]:
 
 def _parameter(option: Option) -> inspect.Parameter:
     panel = None if option.group is None else f"{option.group.capitalize()} options"
+    several = makes_rungs(option.hint)
     return inspect.Parameter(
         option.flat_name,
         inspect.Parameter.KEYWORD_ONLY,
-        default=option.default,
+        default=[option.default] if several else option.default,
         annotation=Annotated[
-            option.type, typer.Option(help=option.help, rich_help_panel=panel)
+            list[option.type] if several else option.type,  # type: ignore[name-defined]
+            typer.Option(help=option.help, rich_help_panel=panel),
         ],
     )
 
@@ -189,7 +209,7 @@ def spread_values(stage: Stage, words: Sequence[str]) -> list[str]:
     flags = {
         f"--{option.flat_name.replace('_', '-')}"
         for option in stage.options
-        if takes_list(option.type)
+        if takes_list(option.type) or makes_rungs(option.hint)
     }
     found: list[str] = []
     flag = ""

@@ -20,6 +20,9 @@ from uwtrack_cli.data.peaks import Families
 DETECTED, SUB_THRESHOLD, COASTED = 2, 1, 0
 """Values of `Lines.association`."""
 
+SAME_WINDOW = 0.01
+"""Relative difference of lengths of frames that are one: they are whole samples."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Lines(Container):
@@ -29,6 +32,10 @@ class Lines(Container):
     measurements (nan where the line coasted): fits use these, never the smoothed
     states, whose errors are correlated. In a stream, blocks carry the points that
     are final; the table of lines comes with the last block.
+
+    Points of several lengths of frames (the rungs of a ladder) have theirs in
+    ``window_s``. The frames are those of the shortest rung then, ``frame`` is the one
+    nearest to the point, and all rungs overlap by the same share.
     """
 
     NAME: ClassVar[str] = "lines"
@@ -95,6 +102,10 @@ class Lines(Container):
         "point",
         dtype=np.float32,
     )
+    window_s: FloatArray | None = column(
+        "s", "Length of the point's own frame, where rungs of a ladder are joined; None: "
+        "that of the frames.", "point", optional=True,
+    )  # fmt: skip
     line_id: IntArray = column("1", "Identifier of the line.", "line", dtype=np.int64)
     line_contact: IntArray = column(
         "1", "Contact that the line belongs to, from 1; 0 for none.", "line",
@@ -157,8 +168,35 @@ class Lines(Container):
             name: np.concatenate([getattr(block, name) for block in blocks])[order]
             for name, spec in cls.columns().items()
             if spec.axes[0] == "point"
+            and all(getattr(block, name) is not None for block in blocks)
         }
         return replace(rest, **points)
+
+    @property
+    def point_window_s(self) -> FloatArray:
+        """Length of each point's frame, s, shape (point,)."""
+        if self.window_s is not None:
+            return self.window_s
+        return np.full(self.line.size, self.frames.window_s)
+
+    @property
+    def overlap_frames(self) -> float:
+        """Length of a frame in steps from one to the next, one at least."""
+        return max(1.0, self.frames.window_s / max(self.frames.hop_s, 1e-9))
+
+    def of_window(self, window_s: float) -> Self:
+        """Return the points of frames of one length; all if they are not told apart.
+
+        Parameters
+        ----------
+        window_s
+            Length of the frames, s.
+        """
+        if self.window_s is None:
+            return self
+        own = np.abs(self.window_s / window_s - 1.0) < SAME_WINDOW
+        kept = self.take("point", np.flatnonzero(own))
+        return kept.take("line", np.flatnonzero(np.isin(kept.line_id, kept.line)))
 
 
 def point_order(line: IntArray, frame: IntArray) -> IntArray:

@@ -123,6 +123,11 @@ class Increasing:
 
 
 @dataclass(frozen=True)
+class Rungs:
+    """An option of which a command takes several values, one step of the stage each."""
+
+
+@dataclass(frozen=True)
 class Key:
     """Name of a field in its table, where it differs from the field's own."""
 
@@ -329,6 +334,11 @@ def range_of(hint: Any) -> str:
     """
     rules = [r for r in _rules(hint) if isinstance(r, (*_BOUNDS, Increasing))]
     return ", ".join(map(str, rules))
+
+
+def makes_rungs(hint: Any) -> bool:
+    """Tell whether a command takes several values of an option, for a step each."""
+    return any(isinstance(rule, Rungs) for rule in _split(hint)[1])
 
 
 def plain_type(hint: Any) -> Any:

@@ -2,22 +2,27 @@
 
 **Method.** The history of a product says which step made a result and what that step
 read. The branch of a step is the step itself, all that it follows from and all that
-follows from it. Of several results of one kind that one is taken which lies in the
-branch. Where no step is named, lines that `presence` alone reads are not meant, nor those
-of a table that a later step has made again, nor the picture of an envelope beside that of
-the sound.
+follows from it. Of several results of one kind that one is taken which the step itself
+made, or else which lies in the branch; of lines that were joined from several rungs, the
+points of the branch's own. Where no step is named, lines that `presence` or `ladder` alone
+read are not meant, nor those of a table that a later step has made again, nor the picture
+of an envelope beside that of the sound.
 """
 
 from collections.abc import Collection, Iterable, Sequence
 from typing import TypeVar
 
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.spectra import Overview
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.spectra import Overview, Spectrogram
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, Product
 from uwtrack_cli.flow.catalogue import STAGES, find_stage
 
 C = TypeVar("C", bound=Container)
+
+GATHERING = frozenset({"presence", "ladder"})
+"""Stages that gather the lines of several steps: what they alone read is told by them."""
 
 
 def maker(product: Product, key: ContainerKey) -> str:
@@ -57,10 +62,16 @@ def keys_of_branch(product: Product, step: str | None) -> list[ContainerKey]:
     if step is None or step not in step_names(product):
         return keys
     branch = _branch(product.history, step)
+    windows_s = rung_windows_s(product.history)
+    if step in windows_s:  # a rung's own picture
+        branch |= {
+            n for n, window_s in windows_s.items() if window_s == windows_s[step]
+        }
     found: list[ContainerKey] = []
     for key in keys:
         others = [k for k in keys if (k.sensor, k.name) == (key.sensor, key.name)]
-        inside = [k for k in others if maker(product, k) in branch]
+        inside = [k for k in others if maker(product, k) == step]
+        inside = inside or [k for k in others if maker(product, k) in branch]
         if key in (inside or others):
             found.append(key)
     return found
@@ -88,6 +99,7 @@ def sole_keys(
     keys = keys_of_branch(product, step)
     if step is None:
         keys = without_asides(product, keys)
+    keys = _with_usual_pictures(keys)
     for key in keys:
         others = [k for k in keys if (k.sensor, k.name) == (key.sensor, key.name)]
         if key.name in kinds and len(others) > 1:
@@ -107,7 +119,7 @@ def without_asides(
 ) -> list[ContainerKey]:
     """Leave out what is meant only where it is named, if there is more of its kind.
 
-    That is what no table but `presence` was made of, and the picture of an envelope.
+    That is what is gathered by `presence` or `ladder`, and the picture of an envelope.
 
     Parameters
     ----------
@@ -128,6 +140,62 @@ def without_asides(
     ]
 
 
+def _with_usual_pictures(keys: Sequence[ContainerKey]) -> list[ContainerKey]:
+    """Leave out pictures of other rungs, where there is one that needs no naming."""
+    usual = {key.sensor for key in keys if key.name == Overview.NAME and not key.step}
+    return [
+        key
+        for key in keys
+        if key.name != Overview.NAME or not key.step or key.sensor not in usual
+    ]
+
+
+def rung_windows_s(history: Sequence[HistoryStep]) -> dict[str, float]:
+    """Return the length of the frames of each step that follows from one rung alone, s.
+
+    Rungs of a ladder are spectrograms that differ in nothing but this length.
+
+    Parameters
+    ----------
+    history
+        The history of a product.
+    """
+    sources = [past for past in history if past.stage == Spectrogram.NAME]
+    alike = [
+        {name: value for name, value in past.options.items() if name != "window_s"}
+        for past in sources
+    ]
+    if len(sources) < 2 or any(each != alike[0] for each in alike):
+        return {}
+    after = {
+        past.step_name: _reached(past.step_name, _edges(history)) for past in sources
+    }
+    found: dict[str, float] = {}
+    for past in history:
+        own = [rung for rung in sources if past.step_name in after[rung.step_name]]
+        if len(own) == 1:
+            found[past.step_name] = float(own[0].options["window_s"])
+    return found
+
+
+def of_rung(container: C, history: Sequence[HistoryStep], step: str | None) -> C:
+    """Return joined lines with the points of one rung alone, where one is named.
+
+    Parameters
+    ----------
+    container
+        What was read of a product; only joined lines are changed.
+    history
+        The history of the product.
+    step
+        A step that follows from one rung, or that it follows from; None for all.
+    """
+    if step is None or not isinstance(container, Lines):
+        return container
+    window_s = rung_windows_s(history).get(step)
+    return container if window_s is None else container.of_window(window_s)
+
+
 def _is_aside(product: Product, key: ContainerKey) -> bool:
     name = maker(product, key)
     if key.name == Overview.NAME:
@@ -135,10 +203,10 @@ def _is_aside(product: Product, key: ContainerKey) -> bool:
         made = [past for past in product.history if past.step_name == name]
         return any(stages.get(one) == "demon" for past in made for one in past.inputs)
     readers = [past for past in product.history if name in past.inputs]
-    is_told = any(past.stage == "presence" for past in readers)
+    is_told = any(past.stage in GATHERING for past in readers)
     held = {maker(product, other) for other in product.paths}
     return is_told and all(
-        past.stage == "presence" or past.step_name not in held for past in readers
+        past.stage in GATHERING or past.step_name not in held for past in readers
     )
 
 
@@ -169,7 +237,8 @@ def read_of_branch(
         for key in keys
         if key.name == kind.NAME and sensor in (None, key.sensor)
     }
-    return product.read(kind, sensor, made_by.pop() if len(made_by) == 1 else None)
+    found = product.read(kind, sensor, made_by.pop() if len(made_by) == 1 else None)
+    return of_rung(found, product.history, step)
 
 
 def step_names(product: Product) -> list[str]:
@@ -195,9 +264,13 @@ def refuse_unknown_step(products: Sequence[Product], step: str | None) -> None:
 
 def _branch(history: Sequence[HistoryStep], step: str) -> set[str]:
     """Return a step with all that it follows from and all that follows from it."""
-    edges = [(source, past.step_name) for past in history for source in past.inputs]
+    edges = _edges(history)
     back = _reached(step, [(after, before) for before, after in edges])
     return back | _reached(step, edges)
+
+
+def _edges(history: Sequence[HistoryStep]) -> list[tuple[str, str]]:
+    return [(source, past.step_name) for past in history for source in past.inputs]
 
 
 def _reached(step: str, edges: Iterable[tuple[str, str]]) -> set[str]:

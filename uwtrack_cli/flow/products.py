@@ -30,6 +30,7 @@ from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.branches import (
     keys_of_branch,
     maker,
+    of_rung,
     sole_keys,
     step_names,
     without_asides,
@@ -184,13 +185,30 @@ def run_into_product(  # noqa: PLR0913 (what a run may be given)
 
 
 def source_into_product(
-    step: Step, recording: Recording, writer: ProductWriter, progress: Progress
+    steps: Sequence[Step],
+    recording: Recording,
+    writer: ProductWriter,
+    progress: Progress,
 ) -> None:
-    """Run a source stage over a recording; a spectrogram gets its overview, too."""
-    steps: tuple[Step, ...] = (replace(step, is_output=True),)
-    if step.stage.output is Spectrogram:
-        steps = (*steps, simple_step("overview"))
-    recipe = Recipe(step.name, "", steps)
+    """Run a source stage over a recording; a spectrogram gets its overview, too.
+
+    Parameters
+    ----------
+    steps
+        The step, or those of the rungs of a ladder with their overviews.
+    recording
+        The recording, opened for reading.
+    writer
+        The product that is being made.
+    progress
+        Called after each block.
+    """
+    first = steps[0]
+    if len(steps) == 1:
+        steps = [replace(first, is_output=True)]
+        if first.stage.output is Spectrogram:
+            steps.append(simple_step("overview"))
+    recipe = Recipe(first.stage_name, "", tuple(steps))
     run_into_product(recording, recipe, writer, progress=progress)
 
 
@@ -389,13 +407,14 @@ def small_containers(
     for key in keys_of_branch(product, branch) if keys is None else keys:
         if key.name not in left_out:  # frames and navigation come with their owners
             container = product.read(CONTAINERS[key.name], key.sensor, key.step)
+            container = of_rung(container, product.history, branch)
             yield Held(without_passing(container), key.step)
 
 
 def history_of_graph(graph: Graph, sources: Sequence[Source]) -> list[HistoryStep]:
     """Return the steps of a resolved graph; sources name the recording's files."""
     return [
-        _history_step(
+        history_step(
             node.step,
             tuple(s for names in node.sources.values() for s in names),
             sources if node.step.stage.kind == "source" else (),
@@ -438,9 +457,9 @@ def extended_history(
             inputs += [
                 names[made] for k in read if (made := maker(product, k)) in names
             ]
-    name = _free_name(step.name, {past.step_name for past in before})
+    name = free_name(step.name, {past.step_name for past in before})
     inputs = sorted(set(inputs), key=[past.step_name for past in before].index)
-    return [*before, _history_step(replace(step, name=name), inputs, sources)]
+    return [*before, history_step(replace(step, name=name), inputs, sources)]
 
 
 def _renamed(
@@ -454,21 +473,22 @@ def _renamed(
         inputs = tuple(names.get(name, name) for name in past.inputs)
         own = replace(past, name=past.step_name, inputs=inputs)
         if known.get(own.name, own) != own:
-            names[own.name] = _free_name(own.name, known)
+            names[own.name] = free_name(own.name, known)
             own = replace(own, name=names[own.name])
         found.append(own)
     return found
 
 
-def _free_name(name: str, taken: Collection[str]) -> str:
+def free_name(name: str, taken: Collection[str]) -> str:
     """Return a name, with a number where it is taken."""
     numbered = (name, *(f"{name}-{k}" for k in range(2, 1000)))
     return next(one for one in numbered if one not in taken)
 
 
-def _history_step(
+def history_step(
     step: Step, inputs: Sequence[str], sources: Sequence[Source]
 ) -> HistoryStep:
+    """Return what history says of a step that was run: what it read, and how."""
     return HistoryStep.now(
         step.stage_name, step.values(), sources, name=step.name, inputs=inputs
     )

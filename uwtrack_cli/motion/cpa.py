@@ -185,7 +185,8 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     add_levels([row for _, row in passed], levels, fits, context)
     rows = []
     for item, row in passed:
-        advise_frames(row, context, limits.window_s)
+        if lines is None or lines.window_s is None:  # a ladder has all lengths
+            advise_frames(row, context, limits.window_s)
         if len(found) > 1:
             widen_for_others(row, lines, item.line_ids)
         turned = add_sensor_motion(row, context)

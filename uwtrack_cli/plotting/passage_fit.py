@@ -199,7 +199,8 @@ class PassagePage:
             middle = self.fit.time_s
         lines = self.scene.first(Lines)
         if lines is not None:
-            reach = np.fmax(reach, FEWEST_FRAMES * lines.frames.hop_s)
+            longest_s = lines.point_window_s.max(initial=lines.frames.window_s)
+            reach = np.fmax(reach, FEWEST_FRAMES * longest_s / lines.overlap_frames)
         if not np.isfinite([middle, reach]).all():
             return self.view.span_s(known, self.scene.clock)
         low, high = max(known[0], middle - reach), min(known[1], middle + reach)

@@ -51,31 +51,28 @@ class LineSummary:
     """'moving', 'steady' or 'hum'."""
     line_id: IntArray
     """Identifier."""
-    resolution_hz: float
-    """Reciprocal of the window's length, Hz."""
+    resolution_hz: FloatArray
+    """Reciprocal of the length of most of its frames, Hz."""
 
     def take(self, rows: IntArray) -> Self:
         """Return some of the lines, by their rows."""
         return type(self)(
             **{name: getattr(self, name)[rows] for name in _columns()},
-            resolution_hz=self.resolution_hz,
         )
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """Put lines one after the other; the coarsest resolution counts."""
+        """Put lines one after the other."""
         return cls(
             **{
                 name: np.concatenate([getattr(part, name) for part in parts])
                 for name in _columns()
             },
-            resolution_hz=max(part.resolution_hz for part in parts),
         )
 
 
 def _columns() -> list[str]:
-    names = [one.name for one in fields(LineSummary)]
-    return [name for name in names if name != "resolution_hz"]
+    return [one.name for one in fields(LineSummary)]
 
 
 def summarise(lines: Lines) -> LineSummary:
@@ -86,12 +83,12 @@ def summarise(lines: Lines) -> LineSummary:
     lines
         Lines of one tracker.
     """
-    frames = lines.frames
-    resolution_hz = 1.0 / frames.window_s
-    overlap = max(1.0, frames.window_s / max(frames.hop_s, 1e-9))
+    overlap = lines.overlap_frames
+    window_s = lines.point_window_s
     measured = np.isfinite(lines.measured_frequency_hz)
     keep: list[int] = []
     rows: list[tuple[float, ...]] = []
+    resolutions: list[float] = []
     first = np.searchsorted(lines.line, lines.line_id, "left")
     last = np.searchsorted(lines.line, lines.line_id, "right")
     for k, (begin, end) in enumerate(zip(first, last, strict=True)):
@@ -99,6 +96,7 @@ def summarise(lines: Lines) -> LineSummary:
         used = measured[points]
         if not used.any():
             continue
+        resolution_hz = 1.0 / _usual(window_s[points])
         frequency = lines.measured_frequency_hz[points][used]
         std = np.asarray(lines.measured_frequency_std_hz[points][used], float)
         weight = 1.0 / np.maximum(std, 1e-6 * resolution_hz) ** 2
@@ -116,6 +114,7 @@ def summarise(lines: Lines) -> LineSummary:
             float(np.median(lines.measured_level_db[points][used])), *bearing,
         ))  # fmt: skip
         keep.append(k)
+        resolutions.append(resolution_hz)
     columns = dict(
         zip(MEASURED, np.array(rows, float).reshape(len(rows), 7).T, strict=True)
     )
@@ -127,8 +126,14 @@ def summarise(lines: Lines) -> LineSummary:
         family=np.array(family, np.int64),
         status=lines.line_status[keep],
         line_id=lines.line_id[keep],
-        resolution_hz=resolution_hz,
+        resolution_hz=np.array(resolutions, float),
     )
+
+
+def _usual(window_s: FloatArray) -> float:
+    """Return the length of the frames that tell a line for most of its time, s."""
+    lengths, count = np.unique(window_s, return_counts=True)
+    return float(lengths[np.argmax(count * lengths)])
 
 
 def _mean_bearing(bearing_deg: FloatArray, std_deg: FloatArray) -> tuple[float, float]:

@@ -22,6 +22,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import BROADBAND, HUM, LINES, UNKNOWN, VESSEL
+from uwtrack_cli.lines.rungs.same_line import SAME_LINE
 from uwtrack_cli.presence.line_summary import LineSummary
 from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
 
@@ -32,9 +33,9 @@ line tells."""
 LINE_WIDTHS, LEAST_LINE_S = 5.0, 30.0
 """The same within which a line may be hers, and at least so many seconds."""
 
-SAME_LINE, SAME_LINE_SHARE = 0.6, 0.003
-"""Distance of a line's mean frequency from the expected one up to which both are one, in
-resolutions and relative to the frequency, put together."""
+SAME_LINE_SHARE = 0.003
+"""Distance of a line's mean frequency from the expected one up to which both are one,
+relative to the frequency; that of two lines is added."""
 
 
 class _Passage(NamedTuple):
@@ -79,8 +80,8 @@ class _Passage(NamedTuple):
         square = 1.0 - (np.arctan(end) - np.arctan(begin)) / life
         ratio = (1 - self.speed_share * mean) / (1 - self.speed_share**2 * square)
         expected_hz = ratio[:, None] * self.rest_hz
-        reach_hz = SAME_LINE * tones.resolution_hz
-        reach_hz += (SAME_LINE_SHARE + self.speed_share_std) * expected_hz
+        reach_hz = (SAME_LINE_SHARE + self.speed_share_std) * expected_hz
+        reach_hz += SAME_LINE * tones.resolution_hz[:, None]
         reach_s = max(LEAST_LINE_S, LINE_WIDTHS * self.width_s)
         near = (tones.from_s < self.time_s + reach_s) & (
             tones.to_s > self.time_s - reach_s

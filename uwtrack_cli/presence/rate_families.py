@@ -57,7 +57,7 @@ def rate_families(
     rate_hz: FloatArray,
     std_hz: FloatArray,
     level_db: FloatArray,
-    resolution_hz: float,
+    resolution_hz: FloatArray,
 ) -> list[RateFamily]:
     """Group modulation rates by their shafts, most certain first.
 
@@ -70,12 +70,13 @@ def rate_families(
     level_db
         Its level, dB.
     resolution_hz
-        Reciprocal of the window's length, Hz.
+        Reciprocal of the length of its frames, Hz, shape (line,).
 
     Examples
     --------
     >>> rates = np.array([2.41, 7.3, 9.6, 19.2])
-    >>> (one,) = rate_families(rates, np.full(4, 0.005), np.array([1.0, 2.0, 9.0, 4.0]), 0.125)
+    >>> std_hz, level_db = np.full(4, 0.005), np.array([1.0, 2.0, 9.0, 4.0])
+    >>> (one,) = rate_families(rates, std_hz, level_db, np.full(4, 0.125))
     >>> one.rows.tolist(), round(one.shaft_hz, 3), round(one.blade_hz, 2)
     ([0, 2, 3], 2.4, 9.6)
     """
@@ -94,12 +95,12 @@ def _best(
     rate_hz: FloatArray,
     std_hz: FloatArray,
     level_db: FloatArray,
-    resolution_hz: float,
+    resolution_hz: FloatArray,
     free: IntArray,
 ) -> RateFamily | None:
     rate = rate_hz[free]
     tolerance = np.maximum(
-        TOLERANCE_SIGMAS * std_hz[free], LEAST_TOLERANCE * resolution_hz
+        TOLERANCE_SIGMAS * std_hz[free], LEAST_TOLERANCE * resolution_hz[free]
     )
     best: tuple[float, float, IntArray] | None = None
     for whole in rate:

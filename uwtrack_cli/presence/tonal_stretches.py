@@ -21,18 +21,10 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
 from uwtrack_cli.lines.contacts import LEAST_EVIDENCE, MAINS_HZ
+from uwtrack_cli.lines.rungs.same_line import SAME_LINE, is_one_family, line_evidence
 from uwtrack_cli.presence.line_comb import TOOTH, fit_comb, standing_multiple
 from uwtrack_cli.presence.line_summary import LineSummary, summarise
 from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
-
-SAME_LINE = 0.6
-"""Distance of two lines that are one, in the coarser resolution."""
-
-SAME_SPACING = 0.01
-"""Relative difference of two spacings, or of their small multiples, that are one."""
-
-MOST_RATIO = 4
-"""Greatest whole number in the ratio of two spacings of one family."""
 
 MAINS_TOLERANCE = 1e-3
 """Relative deviation of mains from their nominal frequency."""
@@ -222,14 +214,18 @@ def _pool(trackers: Sequence[Lines], main: Lines) -> _Pool:
         for name in (
             "frequency_hz", "frequency_std_hz", "from_s", "to_s", "level_db",
             "bearing_deg", "bearing_std_deg", "contact", "status", "line_id",
+            "resolution_hz",
         )
     }  # fmt: skip
+    # the coarsest tracker decides, but where rungs are joined each line has its own
+    coarsest = max(float(part.resolution_hz.min(initial=np.inf)) for part in parts)
+    if np.isfinite(coarsest):
+        columns["resolution_hz"] = np.maximum(columns["resolution_hz"], coarsest)
     is_main = np.array([trackers[n] is main for n, _ in kept], np.bool_)
     columns["contact"] = np.where(is_main, columns["contact"], 0)
     lines = LineSummary(
         **columns,
         family=np.full(len(kept), -1),
-        resolution_hz=max(part.resolution_hz for part in parts),
     )
     return _Pool(lines, families, np.array(chance, float))
 
@@ -243,7 +239,7 @@ def _twin(
         if other == number:
             continue
         part = parts[other]
-        reach = SAME_LINE * max(part.resolution_hz, own.resolution_hz)
+        reach = SAME_LINE * max(part.resolution_hz[there], own.resolution_hz[row])
         near = abs(part.frequency_hz[there] - own.frequency_hz[row]) < reach
         together = (
             part.from_s[there] <= own.to_s[row] and own.from_s[row] <= part.to_s[there]
@@ -262,8 +258,10 @@ def _chances(lines: Lines, part: LineSummary) -> FloatArray:
         band_hz = float(frames.band_high_hz.max() - frames.band_low_hz.min())
     expected = lines.false_lines_per_khz_hour * band_hz / 1e3 * hours
     any_line = -np.expm1(-expected)
-    places = max(1.0, band_hz / part.resolution_hz * frames.n_frames)
-    overlap = max(1.0, frames.window_s / max(frames.hop_s, 1e-9))
+    overlap = lines.overlap_frames
+    # as many frames as of this line's length fit into the recording
+    n_frames = hours * 3600.0 * overlap * part.resolution_hz
+    places = np.maximum(1.0, band_hz / part.resolution_hz * n_frames)
     measured = np.isfinite(lines.measured_snr_db)
     out = np.empty(part.line_id.size)
     for k, name in enumerate(part.line_id):
@@ -273,9 +271,8 @@ def _chances(lines: Lines, part: LineSummary) -> FloatArray:
         )
         used = measured[points]
         ratio = 10 ** (float(np.median(lines.measured_snr_db[points][used])) / 10)
-        n_free = used.sum() / overlap
-        evidence = n_free * max(0.0, ratio - np.log1p(ratio) - 1.0)
-        log_chance = min(float(np.log(places)) - evidence, 0.0)
+        evidence = float(line_evidence(used.sum() / overlap, ratio))
+        log_chance = min(float(np.log(places[k])) - evidence, 0.0)
         out[k] = min(any_line, float(np.exp(max(log_chance, -700.0))))
     return out
 
@@ -298,7 +295,8 @@ def _joined_families(pool: _Pool, trackers: Sequence[Lines]) -> list[_Family]:
     joined: list[_Family] = []
     for family in families:
         for k, other in enumerate(joined):
-            if _are_one(family, other):
+            spacings_hz = family.spacing_hz, other.spacing_hz
+            if is_one_family(spacings_hz, family.rows, other.rows):
                 finer = min((other, family), key=lambda one: one.spacing_hz)
                 is_harmonic = 0.0 in (other.offset_hz, family.offset_hz)
                 offset_hz = 0.0 if is_harmonic else finer.offset_hz
@@ -310,18 +308,6 @@ def _joined_families(pool: _Pool, trackers: Sequence[Lines]) -> list[_Family]:
         else:
             joined.append(family)
     return joined
-
-
-def _are_one(a: _Family, b: _Family) -> bool:
-    shared = np.intersect1d(a.rows, b.rows).size
-    if shared < min(2, a.rows.size, b.rows.size):
-        return False
-    ratio = a.spacing_hz / b.spacing_hz
-    return any(
-        abs(ratio * q / p - 1.0) < SAME_SPACING
-        for p in range(1, MOST_RATIO + 1)
-        for q in range(1, MOST_RATIO + 1)
-    )
 
 
 def _family_stretch(family: _Family, pool: _Pool, free: BoolArray) -> Stretch | None:

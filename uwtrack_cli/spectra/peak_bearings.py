@@ -44,6 +44,9 @@ MOST_DIRECTED = 0.95
 LEAST_SQUARE = 1e-3
 """Least z^2, for deviations that are finite."""
 
+ROUNDING = 1e-9
+"""Share of a sum of powers below which what is left of a difference is rounding."""
+
 TINY = 1e-300
 """Divisor in place of zero."""
 
@@ -101,13 +104,17 @@ def background_pull(
     right = np.minimum(left + 1, n_blocks - 1)
     tiles, share = row // TILE_FRAMES, place - left
     between = (1 - share) * blocks[:, tiles, left] + share * blocks[:, tiles, right]
+    # short frames may have nothing but the line in a block: rounding is no background
+    least = ROUNDING * between[2]
     for shift in range(-LOBE_BINS, LOBE_BINS + 1):
         own = np.clip(np.rint(cell / step).astype(np.int64) + shift, 0, None)
         held = np.where(own // width == left, 1 - share, 0.0)
         held += np.where(own // width == right, share, 0.0)
         own = np.minimum(own, n_blocks * width - 1)
         between -= held * total[:, tiles, own]
-    return np.asarray(between[:2] / np.maximum(between[2], TINY))
+    pull = np.zeros(between[:2].shape)
+    np.divide(between[:2], between[2], out=pull, where=between[2] > least)
+    return pull
 
 
 def _between_lines(power: FloatArray, floor: FloatArray) -> BoolArray:

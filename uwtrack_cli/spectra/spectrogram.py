@@ -22,6 +22,7 @@ from uwtrack_cli.data.options import (
     AtLeast,
     AtMost,
     Increasing,
+    Rungs,
     Unit,
     checked,
     resolved_by,
@@ -66,7 +67,7 @@ def resolve_spectrogram(
 def compute_spectrogram(
     recording: Recording,
     *,
-    window_s: Annotated[float, Unit("s"), AtLeast(1e-6), AtMost(3600)] = 1.0,
+    window_s: Annotated[float, Unit("s"), AtLeast(1e-6), AtMost(3600), Rungs()] = 1.0,
     overlap: Annotated[float, AtLeast(0), AtMost(0.999)] = 0.5,
     zero_padding: Annotated[int, AtLeast(1), AtMost(8)] = 2,
     band_hz: Annotated[
@@ -83,7 +84,8 @@ def compute_spectrogram(
     recording
         The recording, opened for reading.
     window_s
-        Length of the analysis window, s.
+        Length of the analysis window, s. The command takes several, for a spectrogram
+        of each.
     overlap
         Share of a window that the next one covers again.
     zero_padding

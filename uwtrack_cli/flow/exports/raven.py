@@ -106,18 +106,20 @@ def _rows(
     if not all(rate > 0.0 for rate in rates) or lines.frames.fft_length < 1:
         msg = f"{name} has frames without a sample rate; make it again."
         raise DataError(msg)
-    half_s, half_hz = 0.5 * lines.frames.window_s, 0.5 * lines.frames.bin_hz
+    padding = lines.frames.fft_length / lines.frames.window_samples
     for k, line in enumerate(lines.line_id):
         points = lines.line == line
         if not points.any():
             continue
         time_s, frequency = lines.time_s[points], lines.frequency_hz[points]
-        begin = clock.place(max(0.0, float(time_s.min()) - half_s))
-        end = clock.place(float(time_s.max()) + half_s)
+        half_s = 0.5 * lines.point_window_s[points]
+        half_hz = 0.25 / padding / half_s  # half a cell of each point's own spectrum
+        begin = clock.place(max(0.0, float((time_s - half_s).min())))
+        end = clock.place(float((time_s + half_s).max()))
         yield (
             "", "Spectrogram 1", "1", f"{begin.cumulative_s:.6f}", f"{end.cumulative_s:.6f}",
-            f"{max(0.0, float(frequency.min()) - half_hz):.4f}",
-            f"{float(frequency.max()) + half_hz:.4f}",
+            f"{max(0.0, float((frequency - half_hz).min())):.4f}",
+            f"{float((frequency + half_hz).max()):.4f}",
             plain_text(begin.file), f"{begin.offset_s:.6f}", csv_cell(sensor), str(lines.line_contact[k]), str(line),
             str(lines.line_status[k]),
         )  # fmt: skip

@@ -190,7 +190,18 @@ def _streams(
 
 
 def measurements_from_lines(lines: Lines) -> list[Measurements]:
-    """Take lines apart into contacts, without unassigned and stationary ones."""
+    """Take lines apart into contacts, without unassigned and stationary ones.
+
+    Parameters
+    ----------
+    lines
+        Tracked lines, from frames of one length.
+
+    Raises
+    ------
+    DataError
+        The points of a contact are of frames of several lengths.
+    """
     frames = lines.frames
     lasting = (lines.line_contact > 0) & (lines.line_status != "hum")
     found = []
@@ -201,6 +212,15 @@ def measurements_from_lines(lines: Lines) -> list[Measurements]:
         points = np.flatnonzero(np.isin(lines.line, ids) & measured)
         if points.size == 0:
             continue
+        windows_s = np.unique(lines.point_window_s[points])
+        if windows_s.size > 1:
+            lengths = ", ".join(f"{window_s:g}" for window_s in windows_s)
+            msg = (
+                f"contact {contact} has points of frames of {lengths} s, and target "
+                "motion is estimated from one length: name the step of one rung with "
+                "--step ('uwtrack info' lists the steps)."
+            )
+            raise DataError(msg)
         time, row = np.unique(lines.time_s[points], return_inverse=True)
         line = np.searchsorted(np.sort(ids), lines.line[points])
 
@@ -224,7 +244,7 @@ def measurements_from_lines(lines: Lines) -> list[Measurements]:
                 frequency_std_hz=spread(lines.measured_frequency_std_hz),
                 line_id=np.sort(ids),
                 start_utc_ns=frames.start_utc_ns,
-                window_s=frames.window_s,
+                window_s=float(windows_s[0]),
                 overlap_rows=-(-frames.window_samples // frames.hop_samples) - 1,
             )
         )

@@ -1,0 +1,1 @@
+"""Rungs of a ladder: what frames of several lengths have in common."""

@@ -1,0 +1,171 @@
+"""One number for each line of a ladder, whichever rungs tell it.
+
+**Method.** Lines of two rungs that run beside each other for most of the time that they
+have in common are one, the longest companions first. Two lines that are told at the
+same time are not: a coarse line beside two fine ones goes with the one that it
+accompanies longer. A line that is alone, and mostly told by others, is none of its own.
+
+**Conventions.** Numbers count from 1 in the order of the first point; 0 is no line.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.lines.rungs.best_basis import RungLines, beside
+
+COMMON_SHARE = 0.5
+"""Share of their common time in which two lines must run beside each other."""
+
+DOUBLE_SHARE = 0.2
+"""Share of the time of the shorter of two lines in which both may be told."""
+
+OWN_SHARE = 0.5
+"""Share of a lone line's points that must stand."""
+
+Place = tuple[int, int]
+"""Rung and row of a line."""
+
+
+def numbers_of_lines(
+    rungs: Sequence[RungLines], stands: Sequence[BoolArray]
+) -> list[IntArray]:
+    """Return the number of each line, shape (line,) for each rung.
+
+    Parameters
+    ----------
+    rungs
+        The rungs, the finest in frequency first.
+    stands
+        Which points are told, shape (point,) for each rung.
+    """
+    told, heard = (
+        {
+            (number, line): _Told.of(rung, points[number], line)
+            for number, rung in enumerate(rungs)
+            for line in range(rung.names.size)
+        }
+        for points in (stands, [np.ones_like(each) for each in stands])
+    )
+    group: dict[Place, Place] = {place: place for place in told}
+    members: dict[Place, list[Place]] = {place: [place] for place in told}
+    for one, two in _companions(rungs):
+        a, b = group[one], group[two]
+        if a == b:
+            continue
+        shorter_s = min(heard[a].length_s, heard[b].length_s)
+        if told[a].common_s(told[b]) > DOUBLE_SHARE * shorter_s:
+            continue
+        for place in members[b]:
+            group[place] = a
+        members[a] += members.pop(b)
+        told[a] = told[a].joined(told[b])
+        heard[a] = heard[a].joined(heard[b])
+    return _numbered(rungs, stands, members)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """When a line is told."""
+
+    begin_s: FloatArray
+    """Begin of each stretch, ascending, shape (stretch,)."""
+    end_s: FloatArray
+    """Its end, shape (stretch,)."""
+
+    @classmethod
+    def of(cls, rung: RungLines, stands: BoolArray, line: int) -> Self:
+        """Return when a line of a rung is told: while its points follow each other."""
+        points = slice(int(rung.first[line]), int(rung.first[line + 1]))
+        is_heard = stands[points] & (rung.ratio[points] > 0.0)  # and does not coast
+        time_s = rung.time_s[points][is_heard]
+        is_apart = np.diff(time_s) > 1.5 * rung.hop_s
+        return cls(
+            time_s[np.append(True, is_apart)[: time_s.size]],
+            time_s[np.append(is_apart, True)[: time_s.size]],
+        )
+
+    @property
+    def length_s(self) -> float:
+        """Time in which it is told, s."""
+        return float((self.end_s - self.begin_s).sum())
+
+    def common_s(self, other: Self) -> float:
+        """Return the time in which both are told, s."""
+        if not (self.begin_s.size and other.begin_s.size):
+            return 0.0
+        edges = np.stack([self.begin_s, self.end_s], axis=1).ravel()
+        length = np.stack([np.zeros(self.begin_s.size), self.end_s - self.begin_s], 1)
+        before = np.cumsum(length.ravel())
+        ends, begins = (
+            np.interp(t, edges, before) for t in (other.end_s, other.begin_s)
+        )
+        return float((ends - begins).sum())
+
+    def joined(self, other: Self) -> Self:
+        """Return when either is told."""
+        begin_s = np.concatenate([self.begin_s, other.begin_s])
+        end_s = np.concatenate([self.end_s, other.end_s])
+        order = np.argsort(begin_s, kind="stable")
+        begin_s, end_s = begin_s[order], np.maximum.accumulate(end_s[order])
+        # what reaches into the next stretch is one with it
+        is_first = np.append(True, begin_s[1:] > end_s[:-1])[: begin_s.size]
+        is_last = np.append(is_first[1:], True)[: begin_s.size]
+        return type(self)(begin_s[is_first], end_s[is_last])
+
+
+def _companions(rungs: Sequence[RungLines]) -> list[tuple[Place, Place]]:
+    """Return pairs of lines that run beside each other, the longest first."""
+    found: list[tuple[float, Place, Place]] = []
+    for number, rung in enumerate(rungs):
+        for line in range(rung.names.size if number else 0):
+            begin_s = rung.time_s[rung.first[line]]
+            end_s = rung.time_s[rung.first[line + 1] - 1]
+            near = beside(rungs, number, line)
+            for other in np.unique(near.rung).tolist():
+                finer = rungs[other]
+                rows, count = np.unique(
+                    finer.row[near.point[near.rung == other]], return_counts=True
+                )
+                for row, n_near in zip(rows.tolist(), count.tolist(), strict=True):
+                    times = finer.time_s[finer.first[row] : finer.first[row + 1]]
+                    half_s = 0.5 * finer.hop_s
+                    n_common = np.count_nonzero(
+                        (times >= begin_s - half_s) & (times <= end_s + half_s)
+                    )
+                    if n_near >= COMMON_SHARE * n_common:
+                        pair = (number, line), (other, row)
+                        found.append((n_near * finer.hop_s, *pair))
+    found.sort(key=lambda each: -each[0])
+    return [(one, two) for _, one, two in found]
+
+
+def _numbered(
+    rungs: Sequence[RungLines],
+    stands: Sequence[BoolArray],
+    members: dict[Place, list[Place]],
+) -> list[IntArray]:
+    """Give the groups numbers in the order in which they begin."""
+    begins: list[tuple[float, Place]] = []
+    for place, own in members.items():
+        first_s = np.inf
+        n_told = n_points = 0
+        for number, line in own:
+            rung = rungs[number]
+            points = slice(int(rung.first[line]), int(rung.first[line + 1]))
+            told = stands[number][points]
+            n_told += int(np.count_nonzero(told))
+            n_points += told.size
+            if told.any():
+                first_s = min(first_s, float(rung.time_s[points][told][0]))
+        is_alone = len(own) == 1
+        if n_told and not (is_alone and n_told < OWN_SHARE * n_points):
+            begins.append((first_s, place))
+    numbers: list[IntArray] = [np.zeros(r.names.size, np.int64) for r in rungs]
+    for name, (_, place) in enumerate(sorted(begins), 1):
+        for number, line in members[place]:
+            numbers[number][line] = name
+    return numbers

@@ -1,0 +1,74 @@
+"""When lines, and families of lines, that different trackers found are one.
+
+**Method.** Lines are one within the coarser resolution, families that share lines where
+their spacings agree. What a line is worth is its evidence against noise.
+
+**Conventions.** The resolution of a line is the reciprocal of its frames' length, Hz; of
+two, the coarser one decides what can be told apart.
+"""
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray, IntArray
+
+SAME_LINE = 0.6
+"""Distance of two lines that are one, in the coarser resolution."""
+
+SAME_SPACING = 0.01
+"""Relative difference of two spacings, or of their small multiples, that are one."""
+
+MOST_RATIO = 4
+"""Greatest whole number in the ratio of two spacings of one family."""
+
+
+PATH_CHOICE = 1.0
+"""Evidence that noise has in each frame, nepers, because it may choose its path."""
+
+
+def line_evidence(n_frames: FloatArray, ratio: FloatArray | float) -> FloatArray:
+    """Return the evidence of a line against noise, nepers.
+
+    Parameters
+    ----------
+    n_frames
+        Independent frames that it lasts.
+    ratio
+        Power over noise in its cell, on average.
+
+    Notes
+    -----
+    The likelihood ratio of n exponential powers of mean 1 + s against mean 1 is
+    n (s - ln(1 + s)); a path through noise that may be chosen has one neper a frame.
+    """
+    gain = ratio - np.log1p(ratio) - PATH_CHOICE
+    return np.asarray(n_frames * np.maximum(gain, 0.0))
+
+
+def is_one_family(
+    spacings_hz: tuple[float, float], one: IntArray, two: IntArray
+) -> bool:
+    """Tell whether two families are one: they share lines, and their spacings agree.
+
+    Parameters
+    ----------
+    spacings_hz
+        Their spacings, Hz.
+    one, two
+        Numbers of their lines, each once.
+
+    Examples
+    --------
+    >>> is_one_family((5.0, 10.0), np.arange(6), np.arange(0, 6, 2))
+    True
+    >>> is_one_family((5.0, 7.1), np.arange(6), np.arange(0, 6, 2))
+    False
+    """
+    shared = np.intersect1d(one, two).size
+    if shared < min(2, one.size, two.size):
+        return False
+    ratio = spacings_hz[0] / spacings_hz[1]
+    return any(
+        abs(ratio * q / p - 1.0) < SAME_SPACING
+        for p in range(1, MOST_RATIO + 1)
+        for q in range(1, MOST_RATIO + 1)
+    )
