@@ -53,8 +53,9 @@ def drawn(window_s: float, *courses, duration_s: float = 80.0, sensor: str = "h1
     names = np.arange(1, len(courses) + 1)
     none = np.zeros(names.size, np.int64)
     table = LineTable(
-        names, none, none - 1, np.full(names.size, "steady"), no_families()
-    )
+        names, none, none - 1, np.full(names.size, "steady"), np.zeros(names.size),
+        no_families(),
+    )  # fmt: skip
     scalars = {
         "reference": "full scale", "false_lines_per_khz_hour": 1.0,
         "weakest_line_snr_db": 3.0,
@@ -188,3 +189,32 @@ def test_what_follows_knows_the_length_of_the_frames_or_asks_for_one():
     (one,) = measurements_from_lines(contact.of_window(8.0))
     assert one.window_s == 8.0
     assert one.overlap_rows == 1
+
+
+def jumped(lines: Lines, *jumps) -> Lines:
+    """Lines with jumps: time, ratio and number of lines each; all of contact 1."""
+    time_s, ratio, count = np.array(jumps, float).T
+    return replace(
+        lines, line_contact=np.ones(lines.line_id.size, np.int64), jump_time_s=time_s,
+        jump_ratio=ratio, jump_ratio_std=np.full(count.size, 1e-3), jump_line_count=count,
+        jump_contact=np.ones(count.size, np.int64),
+    )  # fmt: skip
+
+
+def test_a_jump_that_two_rungs_tell_is_told_once():
+    pair = (at(107.0), power(10.0)), (at(207.0), power(10.0))
+    lines = join_rungs([
+        jumped(drawn(8.0, *pair), (42.0, 1.02, 1)),
+        jumped(drawn(1.0, *pair), (40.0, 1.0205, 2), (60.0, 0.98, 2)),
+        drawn(0.1, *pair),
+    ])  # fmt: skip
+    assert lines.jump_time_s.tolist() == [40.0, 60.0]
+    assert lines.jump_line_count.tolist() == [2, 2]
+    assert set(lines.jump_contact.tolist()) <= set(lines.line_contact.tolist())
+
+
+def test_a_line_is_unresolved_for_as_long_as_its_rungs_say():
+    early, late = (at(107.0), power(20.0, 0.0, 50.0)), (at(107.0), power(90.0, 30.0))
+    unresolved = replace(drawn(0.1, late), line_unresolved_share=np.ones(1))
+    lines = join_rungs([drawn(8.0, early), unresolved])
+    assert lines.line_unresolved_share == pytest.approx([0.6], abs=0.06)

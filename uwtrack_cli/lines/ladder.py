@@ -3,9 +3,8 @@
 **Method.** Long frames hear weak steady lines, short ones lines that move. What both
 hear is told once, by the rung with more evidence in that stretch
 (`lines.rungs.best_basis`), and what belongs together gets one number
-(`lines.rungs.rung_links`). Contacts and status are found again among the joined lines; families are
-those of the rungs, where they share lines and the spacing is the same or a small
-multiple.
+(`lines.rungs.rung_links`). Contacts and status are found again among the joined lines;
+families and jumps are those of the rungs, each told once.
 
 **Conventions.** Points keep the length of their own frame; the frames of the table are
 those of the shortest rung, and a point names the nearest. Rates of false lines add up.
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
@@ -28,6 +27,7 @@ from uwtrack_cli.lines.contacts import ContactSamples, group_lines
 from uwtrack_cli.lines.line_points import LinePoints
 from uwtrack_cli.lines.rungs.best_basis import RungLines, best_basis
 from uwtrack_cli.lines.rungs.rung_families import joined_families
+from uwtrack_cli.lines.rungs.rung_jumps import joined_jumps, joined_share
 from uwtrack_cli.lines.rungs.rung_links import numbers_of_lines
 
 SAME_OVERLAP = 0.05
@@ -79,7 +79,8 @@ def join_rungs(lines: list[Lines]) -> Lines:
     numbers = numbers_of_lines(rungs, kept)
     shortest = min(ordered, key=lambda one: one.frames.hop_s)
     points = _points(ordered, rungs, kept, numbers, shortest.frames)
-    return _with_table(ordered, rungs, numbers, points, shortest)
+    beside = joined_share(ordered, rungs, kept, numbers)
+    return _with_table(ordered, rungs, numbers, points, shortest, beside)
 
 
 def _check(lines: Sequence[Lines]) -> None:
@@ -117,7 +118,7 @@ def _check(lines: Sequence[Lines]) -> None:
 def _points(
     lines: Sequence[Lines],
     rungs: Sequence[RungLines],
-    kept: Sequence[Any],
+    kept: Sequence[BoolArray],
     numbers: Sequence[IntArray],
     frames: Frames,
 ) -> dict[str, Any]:
@@ -168,6 +169,7 @@ def _with_table(
     numbers: Sequence[IntArray],
     points: dict[str, Any],
     shortest: Lines,
+    unresolved_share: FloatArray,
 ) -> Lines:
     """Return the points with what is known of whole lines."""
     names = np.unique(points["line"])
@@ -189,6 +191,8 @@ def _with_table(
         line_contact=contact,
         line_family=family,
         line_status=status,
+        line_unresolved_share=unresolved_share,
+        **joined_jumps(lines, rungs, numbers, contact),
         reference=shortest.reference,
         false_lines_per_khz_hour=sum(one.false_lines_per_khz_hour for one in lines),
         weakest_line_snr_db=keenest.weakest_line_snr_db,
