@@ -98,16 +98,27 @@ def _averaged(data: PassageData, kept: IntArray | slice, most: int) -> PassageDa
     def mean(
         value: FloatArray, std: FloatArray, period: float | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        value, std = value[..., kept], std[..., kept]
+        # line by line: what a day is averaged with need not be held of all of them
+        shape = (*value.shape[:-1], starts.size)
+        found = np.empty((2, int(np.prod(shape[:-1])), starts.size))
+        one, other = (v.reshape(-1, v.shape[-1]) for v in (value, std))
+        for k in range(found.shape[1]):
+            found[:, k] = row(one[k], other[k], period)
+        return found[0].reshape(shape), found[1].reshape(shape)
+
+    def row(
+        value: FloatArray, std: FloatArray, period: float | None
+    ) -> tuple[FloatArray, FloatArray]:
+        value, std = value[kept], std[kept]
         good = np.isfinite(value) & (std > 0)
         weight = np.where(good, 1 / np.where(good, std, 1.0) ** 2, 0.0)
-        size = np.add.reduceat(weight, starts, axis=-1)
+        size = np.add.reduceat(weight, starts)
         some = np.where(size > 0, size, np.nan)
         if period is None:
-            total = np.add.reduceat(weight * np.where(good, value, 0), starts, axis=-1)
+            total = np.add.reduceat(weight * np.where(good, value, 0), starts)
             return total / some, 1 / np.sqrt(some)
         turn = np.exp(2j * np.pi / period * np.where(good, value, 0))
-        vector = np.add.reduceat(weight * turn, starts, axis=-1)
+        vector = np.add.reduceat(weight * turn, starts)
         angle = np.angle(vector) * period / (2 * np.pi) % period
         return np.where(size > 0, angle, np.nan), 1 / np.sqrt(some)
 
