@@ -99,7 +99,7 @@ def _manoeuvred(answer: ContactAnswer) -> str:
 
 
 def _at_least(range_m: float) -> str:
-    return f" (at least {range_m:.0f} m)"
+    return f" (at least {range_m:.0f} m)" if range_m >= 1.0 else ""
 
 
 def _cause(mode: ModeAnswer, answer: ContactAnswer) -> str:
