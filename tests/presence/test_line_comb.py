@@ -81,3 +81,15 @@ def test_a_free_line_on_a_tooth_is_the_familys_and_one_beside_it_is_not():
     assert comb.rows.tolist() == [0, 1, 2, 3, 4]
     hum = replace(lines, status=np.array(["steady"] * 4 + ["hum"] * 3))
     assert fit_comb(hum, own, np.ones(7, np.bool_), 6.0).rows.tolist() == own.tolist()
+
+
+def test_lines_beside_the_teeth_at_random_divide_no_spacing():
+    """Long frames part what shorter ones blur: some lines of a comb miss its teeth."""
+    rng = np.random.default_rng(74)
+    told = []
+    for _ in range(300):
+        true = 0.72 * np.arange(10, 24)
+        blurred = rng.choice(14, 6, replace=False)
+        true[blurred] += rng.uniform(-0.36, 0.36, 6)
+        told.append(comb_of(lines_at(true, 0.005), 0.72).spacing_hz)
+    assert np.mean(np.abs(np.array(told) - 0.72) < 0.02) >= 0.99

@@ -5,14 +5,14 @@ offset unless the family is harmonic. Frames of several lengths, and machines th
 turn evenly, make lines miss their teeth by more than they state; the scatter that is left
 counts as a variance that all lines share, so that one line of a small deviation does not
 outweigh a dozen (Paule and Mandel). A family is harmonic where its offset is none within
-what the fit leaves open. Where most lines lie on the teeth of a half or a third of the
-spacing alone, that part is the spacing.
+what the fit leaves open. Where the lines between its teeth lie half-way, or on thirds, by
+more than chance, that part of the spacing is the spacing.
 
 **References.** Paule & Mandel, J. Res. Natl. Bur. Stand. 87, 377 (1982), for the
 variance that is shared.
 """
 
-from math import gcd
+from math import comb, gcd
 from typing import NamedTuple
 
 import numpy as np
@@ -36,9 +36,11 @@ LARGEST_REACH = 1.5
 MOST_PARTS = 3
 """Parts of a spacing that are tried."""
 
-FEWEST_BETWEEN, PART_SHARE = 5, 0.9
-"""Lines of a family that must lie between its teeth for a part of its spacing to be
-tried, and the share of all that must lie on the teeth of the part: by chance 0.4."""
+BETWEEN_SHARE = 4.0 / 9.0
+"""Share of what lies between the teeth that is near those of a third; of a half, less."""
+
+PART_CHANCE = 1e-3
+"""Probability by chance up to which lines between the teeth lie on those of a part."""
 
 OPEN_OFFSET = 0.15
 """Deviation of an offset, in spacings, from which on it says nothing."""
@@ -133,14 +135,24 @@ def _reach(lines: LineSummary, spacing_hz: float) -> FloatArray:
 
 
 def _parts(frequency_hz: FloatArray, spacing_hz: float, offset_hz: float) -> int:
-    """Return into how many parts the spacing is to be divided: 1 unless lines ask it."""
-    for parts in range(1, MOST_PARTS + 1):
+    """Return into how many parts the spacing is to be divided: 1 unless lines ask it.
+
+    Of the lines between the teeth so many lie near the teeth of a part as lines at
+    random would not (a binomial: the reach of all teeth covers a fixed share).
+    """
+    _, miss_hz = _nearest(frequency_hz, spacing_hz, offset_hz)
+    between = frequency_hz[np.abs(miss_hz) > TOOTH_SHARE * spacing_hz]
+    count = between.size
+    for parts in range(2, MOST_PARTS + 1):
         part_hz = spacing_hz / parts
-        _, miss_hz = _nearest(frequency_hz, part_hz, offset_hz)
-        is_off = np.abs(miss_hz) > TOOTH_SHARE * part_hz
-        if parts == 1 and is_off.sum() < FEWEST_BETWEEN:
-            return 1
-        if parts > 1 and is_off.mean() <= 1.0 - PART_SHARE:
+        _, miss_hz = _nearest(between, part_hz, offset_hz)
+        hits = int((np.abs(miss_hz) <= TOOTH_SHARE * part_hz).sum())
+        share = BETWEEN_SHARE
+        chance = sum(
+            comb(count, k) * share**k * (1.0 - share) ** (count - k)
+            for k in range(hits, count + 1)
+        )
+        if chance <= PART_CHANCE:
             return parts
     return 1
 

@@ -12,7 +12,7 @@ multiple of the mean. The cells are averaged to a few bands of equal width.
 changes no bit. Envelopes have mean zero; a missing sample is zero, its mean.
 
 **References.** Nielsen, "Sonar Signal Processing" (1991), chapter 3, for the chain;
-Clark et al., JASA 127, 3610 (2010), and Chung et al., JASA 129, 2719 (2011).
+Clark et al. (2010) and Chung et al. (2011), both as in `demon`, for bands.
 """
 
 from collections.abc import Iterator

@@ -13,8 +13,9 @@ that of the relative modulation, 1/Hz, its reference is ``modulation``, and it g
 intensities are those of the modulated part, so rates have bearings.
 
 **References.** Nielsen, "Sonar Signal Processing" (1991), chapter 3; Clark, Kirsteins &
-Atlas, JASA 127, 3610 (2010); Chung, Sutin, Sedunov & Bruno, Advances in Acoustics and
-Vibration 2011, 913548.
+Atlas, "Multiband analysis for colored amplitude-modulated ship noise" (2010); Chung,
+Sutin, Sedunov & Bruno, "DEMON acoustic ship signature measurements in an urban harbor",
+Advances in Acoustics and Vibration (2011).
 """
 
 import warnings
