@@ -37,14 +37,14 @@ def test_the_deviation_of_a_spacing_is_what_lines_scatter(offset_hz):
     tooth = np.array([2, 4, 6, 7, 8, 9, 12, 16, 17, 19])
     std = np.array([0.001, *[0.02] * 9])
     off = []
-    for _ in range(300):
+    for _ in range(100):
         scatter = rng.normal(0, np.hypot(0.04, std))
         lines = lines_at(offset_hz + 4.26 * tooth + scatter, std)
         comb = comb_of(lines, 4.26, offset_hz)
         assert np.diff(comb.tooth).tolist() == np.diff(tooth).tolist()
         assert (comb.offset_hz == 0.0) == (offset_hz == 0.0)
         off.append((comb.spacing_hz - 4.26) / comb.spacing_std_hz)
-    assert 0.8 < np.sqrt(np.mean(np.square(off))) < 1.25
+    assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.3
 
 
 def test_an_offset_that_the_lines_leave_open_is_none():
@@ -87,7 +87,7 @@ def test_lines_beside_the_teeth_at_random_divide_no_spacing():
     """Long frames part what shorter ones blur: some lines of a comb miss its teeth."""
     rng = np.random.default_rng(74)
     told = []
-    for _ in range(300):
+    for _ in range(100):
         true = 0.72 * np.arange(10, 24)
         blurred = rng.choice(14, 6, replace=False)
         true[blurred] += rng.uniform(-0.36, 0.36, 6)

@@ -45,6 +45,12 @@ PART_CHANCE = 1e-3
 OPEN_OFFSET = 0.15
 """Deviation of an offset, in spacings, from which on it says nothing."""
 
+HALVINGS = 20
+"""Halvings in which the shared variance is found, to a millionth of the greatest."""
+
+MOST_UNKNOWNS = 2
+"""Unknowns of a fit, spacing and offset: more teeth must be there."""
+
 ROUNDS = 3
 """Rounds of fitting, and of asking which lines lie on the teeth."""
 
@@ -105,7 +111,8 @@ def fit_comb(
         on_tooth = np.abs(miss_hz) <= _reach(lines, spacing)
         rows = np.union1d(own, np.flatnonzero(on_tooth & there))
         near = np.abs(miss_hz[rows]) <= TOOTH_SHARE * spacing
-        fitted = rows[near] if near.sum() >= 2 else rows
+        is_enough = np.unique(tooth[rows[near]]).size > MOST_UNKNOWNS
+        fitted = rows[near] if is_enough else rows
         spacing, std, offset = _fitted(
             tooth[fitted], lines.frequency_hz[fitted], lines.frequency_std_hz[fitted],
             is_harmonic=offset == 0.0,
@@ -194,7 +201,7 @@ def _least_squares(
     if n_free < 1 or chi2 <= n_free:
         return values, covariance
     low, high = 0.0, float((std_hz**2).max()) * chi2 / n_free
-    for _ in range(50):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if solve(middle)[2] > n_free else (low, middle)
     values, covariance, _ = solve(high)
