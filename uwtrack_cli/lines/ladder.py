@@ -63,7 +63,8 @@ def join_rungs(lines: list[Lines]) -> Lines:
     Notes
     -----
     A frame whose line has s times the noise's power has the evidence
-    s - ln(1 + s) - 1, in nepers, and overlapping frames as much less. In every stretch
+    s - ln(1 + s), in nepers, less what the choice of the strongest cell gives, and
+    overlapping frames as much less. In every stretch
     a line of short frames is held against all the lines of longer ones within its
     resolution: whatever has more evidence stays (the best basis of Coifman &
     Wickerhauser 1992).

@@ -26,6 +26,9 @@ from uwtrack_cli.presence.line_comb import TOOTH, fit_comb, standing_multiple
 from uwtrack_cli.presence.line_summary import LineSummary, summarise
 from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
 
+PATH_CHOICE = 1.0
+"""Evidence that noise has in each frame, nepers, because it may choose its path."""
+
 MAINS_TOLERANCE = 1e-3
 """Relative deviation of mains from their nominal frequency."""
 
@@ -271,7 +274,7 @@ def _chances(lines: Lines, part: LineSummary) -> FloatArray:
         )
         used = measured[points]
         ratio = 10 ** (float(np.median(lines.measured_snr_db[points][used])) / 10)
-        evidence = float(line_evidence(used.sum() / overlap, ratio))
+        evidence = float(line_evidence(used.sum() / overlap, ratio, PATH_CHOICE))
         log_chance = min(float(np.log(places[k])) - evidence, 0.0)
         out[k] = min(any_line, float(np.exp(max(log_chance, -700.0))))
     return out

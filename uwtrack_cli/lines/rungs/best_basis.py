@@ -7,9 +7,9 @@ found (Coifman & Wickerhauser 1992, section III): the greater evidence stands an
 falls. Between neighbouring cells a change costs what is strong evidence, so that the
 noise of a cell decides nothing; the cheapest course is found by dynamic programming.
 
-**Conventions.** Evidence is in nepers against noise: s - ln(1 + s) - 1 for an independent
-frame at a power ratio s, whose path through noise was chosen. A cell is as long as the
-longest frame.
+**Conventions.** Evidence is in nepers against noise: s - ln(1 + s) for an independent
+frame at a power ratio s, less what choosing the strongest cell gives. A cell of time is
+as long as the longest frame.
 
 **References.** Coifman & Wickerhauser, IEEE Trans. IT 38(2), 713-718 (1992); Viterbi
 (1967); Kass & Raftery, JASA 90, 773-795 (1995) for what is strong.
@@ -25,6 +25,10 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
+
+PEAK_CHOICE = 0.2
+"""Evidence that a followed line gains in each independent frame, nepers, because the
+strongest cell nearby is taken for it: 0.17 at most (`calibration/ladder.py`)."""
 
 PREFERENCE = 1.25
 """Weight of the evidence of finer lines: two lines that short frames do not resolve have
@@ -157,17 +161,17 @@ def _decide(
     if not standing.any():
         return
     near = Beside(near.rung[standing], near.point[standing])
-    cell = np.floor(own.time_s[points] / cell_s).astype(np.int64)
     time_s, hop_s = np.empty((2, near.point.size))
     for other in np.unique(near.rung):
         chosen = near.rung == other
         time_s[chosen] = rungs[other].time_s[near.point[chosen]]
         hop_s[chosen] = rungs[other].hop_s
     near_cell = np.floor(time_s / cell_s).astype(np.int64)
-    cells = np.intersect1d(cell, near_cell)
+    cells = np.unique(near_cell)
     # what finer lines do not tell stays in either case
-    is_covered = _is_covered(own.time_s[points], time_s, hop_s)
-    gain = -_evidence(own, points[is_covered], cell[is_covered], cells)
+    covering = _covering(own.time_s[points], time_s, hop_s)
+    points, covering = points[covering >= 0], covering[covering >= 0]
+    gain = -_evidence(own, points, near_cell[covering], cells)
     for other in np.unique(near.rung):
         chosen = near.rung == other
         where, rows = near_cell[chosen], near.point[chosen]
@@ -177,37 +181,39 @@ def _decide(
             gain += PREFERENCE * own_gain
     finer = cells[is_finer_best(gain, np.diff(cells))]
     is_told = np.isin(near_cell, finer)
-    falls = np.isin(near_cell, cells) & ~is_told
     for other in np.unique(near.rung):
-        stands[other][near.point[falls & (near.rung == other)]] = False
-    inside = points[np.isin(cell, finer)]
-    is_covered = _is_covered(own.time_s[inside], time_s[is_told], hop_s[is_told])
-    stands[number][inside[is_covered]] = False
+        stands[other][near.point[~is_told & (near.rung == other)]] = False
+    stands[number][points[is_told[covering]]] = False
 
 
 def _evidence(
     rung: RungLines, points: IntArray, cell: IntArray, cells: IntArray
 ) -> FloatArray:
     """Return the evidence of points of one line in each of some cells of time."""
-    inside = np.isin(cell, cells)
-    rows = np.searchsorted(cells, cell[inside])
+    rows = np.searchsorted(cells, cell)
     count = np.bincount(rows, minlength=cells.size)
-    total = np.bincount(rows, rung.ratio[points[inside]], minlength=cells.size)
+    total = np.bincount(rows, rung.ratio[points], minlength=cells.size)
     ratio = total / np.maximum(count, 1)
-    return line_evidence(count * rung.hop_s / rung.window_s, ratio)
+    return line_evidence(count * rung.hop_s / rung.window_s, ratio, PEAK_CHOICE)
 
 
-def _is_covered(
-    time_s: FloatArray, finer_s: FloatArray, hop_s: FloatArray
-) -> BoolArray:
-    """Tell at which times finer points stand, each for half a hop to either side."""
-    if not finer_s.size:
-        return np.zeros(time_s.size, np.bool_)
+def _covering(time_s: FloatArray, finer_s: FloatArray, hop_s: FloatArray) -> IntArray:
+    """Return the finer point that tells each time, -1 for none.
+
+    A point tells the time for half a hop to either side.
+    """
     order = np.argsort(finer_s - 0.5 * hop_s, kind="stable")
-    begin_s = (finer_s - 0.5 * hop_s)[order] - 1e-9
-    end_s = np.maximum.accumulate((finer_s + 0.5 * hop_s)[order]) + 1e-9
-    last = np.searchsorted(begin_s, time_s, "right") - 1
-    return np.asarray((last >= 0) & (end_s[np.maximum(last, 0)] >= time_s))
+    begin_s, end_s = ((finer_s + sign * 0.5 * hop_s)[order] for sign in (-1.0, 1.0))
+    latest = np.maximum.accumulate(end_s)
+    # the point whose time reaches furthest among those that have begun
+    furthest = np.maximum.accumulate(
+        np.where(end_s == latest, np.arange(order.size), 0)
+    )
+    last = np.searchsorted(begin_s, time_s + 1e-9, "right") - 1
+    begun = np.maximum(last, 0)
+    chosen = np.where(end_s[begun] >= time_s - 1e-9, begun, furthest[begun])
+    is_told = (last >= 0) & (end_s[chosen] >= time_s - 1e-9)
+    return np.where(is_told, order[chosen], -1)
 
 
 def is_finer_best(gain: FloatArray, steps: IntArray) -> BoolArray:

@@ -21,12 +21,10 @@ MOST_RATIO = 4
 """Greatest whole number in the ratio of two spacings of one family."""
 
 
-PATH_CHOICE = 1.0
-"""Evidence that noise has in each frame, nepers, because it may choose its path."""
-
-
-def line_evidence(n_frames: FloatArray, ratio: FloatArray | float) -> FloatArray:
-    """Return the evidence of a line against noise, nepers.
+def line_evidence(
+    n_frames: FloatArray, ratio: FloatArray | float, choice: float
+) -> FloatArray:
+    """Return the evidence of a line against noise, nepers; none is less than zero.
 
     Parameters
     ----------
@@ -34,13 +32,15 @@ def line_evidence(n_frames: FloatArray, ratio: FloatArray | float) -> FloatArray
         Independent frames that it lasts.
     ratio
         Power over noise in its cell, on average.
+    choice
+        Evidence that comes of choosing where the line is in each frame, nepers.
 
     Notes
     -----
     The likelihood ratio of n exponential powers of mean 1 + s against mean 1 is
-    n (s - ln(1 + s)); a path through noise that may be chosen has one neper a frame.
+    n (s - ln(1 + s)), less what was chosen.
     """
-    gain = ratio - np.log1p(ratio) - PATH_CHOICE
+    gain = ratio - np.log1p(ratio) - choice
     return np.asarray(n_frames * np.maximum(gain, 0.0))
 
 
