@@ -20,6 +20,9 @@ SLOW = FAST | {
 }  # fmt: skip
 
 
+CRAWL = SLOW | {"speed_mps": 0.5, "speed_std_mps": 0.1}
+
+
 def table_of(row, rest_hz, line):
     n = len(rest_hz)
     return replace(
@@ -54,19 +57,21 @@ def lines_of(frequency_hz):
 
 
 @pytest.mark.parametrize(
-    ("made", "own_hz", "is_kept"),
+    ("row", "made", "own_hz", "is_kept"),
     [
         # the way out of the fast vessel's own line, as a slow one's
-        ((FAST, 589.0, 64.0, 110.0), 584.0, False),
+        (SLOW, (FAST, 589.0, 64.0, 110.0), 584.0, False),
         # a slow vessel whose line has the fast one's frequency at rest
-        ((SLOW, 589.0, 10.0, 110.0), 589.0, True),
+        (SLOW, (SLOW, 589.0, 10.0, 110.0), 589.0, True),
         # and one whose line is where the fast one's comes to lie
-        ((SLOW, 584.0, 10.0, 110.0), 584.0, True),
+        (SLOW, (SLOW, 584.0, 10.0, 110.0), 584.0, True),
+        # which moves less than what tells a line from that path
+        (CRAWL, (CRAWL, 582.8, 62.0, 110.0), 582.8, True),
     ],
 )
-def test_a_row_is_explained_by_the_path_of_its_line(made, own_hz, is_kept):
+def test_a_row_is_explained_by_the_path_of_its_line(row, made, own_hz, is_kept):
     fast = table_of(FAST, [589.0, 642.0], [6, 8])
-    slow = table_of(SLOW, [own_hz], [1])
+    slow = table_of(row, [own_hz], [1])
     found = unexplained(slow, lines_of(heard(*made)), [fast, slow])
     assert found.tolist() == [is_kept]
 

@@ -33,6 +33,9 @@ leaves what a frame resolves while it turns."""
 EXPLAINED_SHARE = 0.6
 """Share of the weight of a line's measurements from which a path explains it."""
 
+LARGEST_REACH = 0.5
+"""Reach of a measurement, in Doppler shifts of the row, from which it says nothing."""
+
 FEWEST_POINTS = 4
 """Measurements of a line below which nothing is said of it."""
 
@@ -60,9 +63,10 @@ def unexplained(
     for row in range(table.n_encounters):
         own = table.rest_line_id[table.rest_encounter == row]
         own = own[own > 0]
+        mach = float(table.speed_mps[row] / table.sound_speed_mps[row])
         kept[row] = not own.size or not any(
             _is_better(other, k, table, row)
-            and all(_is_on_path(lines, int(line), other, k) for line in own)
+            and all(_is_on_path(lines, int(line), mach, other, k) for line in own)
             for other in known
             for k in range(other.n_encounters)
         )
@@ -81,8 +85,13 @@ def _is_better(other: Encounters, k: int, table: Encounters, row: int) -> bool:
     return bool(more and known > own)
 
 
-def _is_on_path(lines: Lines, line: int, passage: Encounters, row: int) -> bool:
-    """Tell whether a passage explains most of what was measured of a line."""
+def _is_on_path(
+    lines: Lines, line: int, mach: float, passage: Encounters, row: int
+) -> bool:
+    """Tell whether a passage explains most of what was measured of a line.
+
+    ``mach`` is the speed of the vessel that the line tells itself, over sound speed.
+    """
     points = lines.line == line
     frequency = np.asarray(lines.measured_frequency_hz[points], float)
     std = np.asarray(lines.measured_frequency_std_hz[points], float)
@@ -96,7 +105,9 @@ def _is_on_path(lines: Lines, line: int, passage: Encounters, row: int) -> bool:
     expected = passage.rest_frequency_hz[rests, None] * ratio
     spread = np.nan_to_num(passage.rest_frequency_std_hz[rests, None]) ** 2
     spread = spread + (passage.rest_frequency_hz[rests, None] * ratio_std) ** 2 + std**2
-    near = (frequency - expected) ** 2 < DEVIATIONS**2 * spread
+    reach = DEVIATIONS * np.sqrt(spread)
+    near = np.abs(frequency - expected) < reach
+    near &= reach < LARGEST_REACH * mach * frequency
     share = (near / std**2).sum(axis=1) / (1 / std**2).sum()
     return bool((share > EXPLAINED_SHARE).any())
 
