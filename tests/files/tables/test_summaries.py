@@ -73,6 +73,18 @@ def _table(rows):
     return [summary.titles, *summary.rows]
 
 
+def test_a_stretch_within_one_day_names_it_once():
+    row = {"kind": "rates", "from_s": 4.0, "from_utc": "2024-05-01T12:00:04Z",
+           "to_s": 114.0, "to_utc": "2024-05-01T12:01:54Z",
+           "rates_hz": [2.4, 7.2, 9.6, 12.0], "n_lines": 0}  # fmt: skip
+    one = summary_of("presence", [row])
+    assert one.titles == ("kind", "UTC 2024-05-01", "to UTC", "rates Hz")
+    assert one.rows[0] == ("rates", "12:00:04", "12:01:54", "2.4 7.2 9.6 ...")
+    late = summary_of("presence", [row | {"to_utc": "2024-05-02T00:01:54Z"}])
+    assert late.titles[1:3] == ("from UTC", "to UTC")
+    assert late.rows[0][2] == "2024-05-02 00:01:54"
+
+
 def test_the_day_of_a_rounded_time_is_that_of_what_is_shown():
     assert utc_text("2024-12-31T23:59:59.5Z") == "2025-01-01 00:00:00"
     assert utc_text("2024-05-01T12:00:00.123456Z", 3) == "2024-05-01 12:00:00.123"

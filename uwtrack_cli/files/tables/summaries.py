@@ -127,7 +127,7 @@ SPARE: dict[str, tuple[str, ...]] = {
     ),
     "fixes": ("east m", "north m", "weight", "mode", "speed m/s", "course deg"),
     "motions": ("weight", "mode", "observable"),
-    "presence": ("sensor", "bearing deg", "level dB", "blade Hz", "rates Hz"),
+    "presence": ("sensor", "level dB", "rates Hz", "blade Hz", "bearing deg"),
 }
 """Columns that a narrow screen can do without, by the name of the container."""
 
@@ -159,10 +159,16 @@ def summary_of(name: str, rows: Sequence[Row]) -> Summary:
     if rows and all(row.get("time_utc") for row in rows) and "time s" in columns:
         head = next(head for head in SUMMARIES[name] if head.title == "time s")
         titles["time s"], columns["time s"] = _times(rows, head)
-    for end in ("from", "to"):
-        if rows and all(row.get(f"{end}_utc") for row in rows):
-            cells = [utc_text(row[f"{end}_utc"]) for row in rows]
-            titles[f"{end} s"], columns[f"{end} s"] = f"{end} UTC", cells
+    if rows and all(row.get("from_utc") and row.get("to_utc") for row in rows):
+        begins, ends = (
+            [utc_text(row[key]) for row in rows] for key in ("from_utc", "to_utc")
+        )
+        days = {cell[:10] for cell in begins + ends}
+        is_one = len(days) == 1  # a day common to all is in the title
+        titles["from s"] = f"UTC {min(days)}" if is_one else "from UTC"
+        titles["to s"] = "to UTC"
+        columns["from s"] = [cell[11:] if is_one else cell for cell in begins]
+        columns["to s"] = [cell[11:] if is_one else cell for cell in ends]
     usual = {head.title: {NOT_KNOWN, head.usual} for head in SUMMARIES[name]}
     known = {
         title: cells
