@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uwtrack_cli.presence.line_comb import fit_comb
+from uwtrack_cli.presence.line_comb import LineComb, fit_comb
 from uwtrack_cli.presence.line_summary import LineSummary
+from uwtrack_cli.presence.tonal_stretches import is_mains_comb
 
 
 def lines_at(frequency_hz, std_hz):
@@ -93,3 +94,21 @@ def test_lines_beside_the_teeth_at_random_divide_no_spacing():
         true[blurred] += rng.uniform(-0.36, 0.36, 6)
         told.append(comb_of(lines_at(true, 0.005), 0.72).spacing_hz)
     assert np.mean(np.abs(np.array(told) - 0.72) < 0.02) >= 0.99
+
+
+@pytest.mark.parametrize(
+    ("spacing_hz", "offset_hz", "is_mains"),
+    [
+        (60.0045, 0.0, True),
+        (49.97, 0.0, True),
+        (100.02, 0.0, True),
+        (60.3, 0.0, False),
+        (60.0, 20.0, False),
+        (180.0, 0.0, False),
+        (6.0, 0.0, False),
+    ],
+)
+def test_a_comb_of_mains_is_no_vessel(spacing_hz, offset_hz, is_mains):
+    """A grid holds its frequency within a thousandth; engines have other rates."""
+    none = np.zeros(0, np.int64)
+    assert is_mains_comb(LineComb(spacing_hz, 0.01, offset_hz, none, none)) == is_mains

@@ -22,7 +22,12 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
 from uwtrack_cli.lines.contacts import LEAST_EVIDENCE, MAINS_HZ
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, is_one_family, line_evidence
-from uwtrack_cli.presence.line_comb import TOOTH, fit_comb, standing_multiple
+from uwtrack_cli.presence.line_comb import (
+    TOOTH,
+    LineComb,
+    fit_comb,
+    standing_multiple,
+)
 from uwtrack_cli.presence.line_summary import LineSummary, summarise
 from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
 
@@ -88,12 +93,14 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
         return []
     pool = _pool(used, trackers[0])
     free = np.ones(pool.lines.frequency_hz.size, np.bool_)
+    told_hum = pool.lines.status == "hum"
     made = [
-        _family_stretch(family, pool, free) for family in _joined_families(pool, used)
+        _family_stretch(family, pool, free, told_hum)
+        for family in _joined_families(pool, used)
     ]
     found = [one for one in made if one is not None]
     lines = pool.lines
-    mains = _mains(lines, free)
+    mains = _mains(lines, free, told_hum)
     is_moving = (lines.status == "moving") & (pool.chance <= GREATEST_CHANCE)
     n_free = np.count_nonzero(free & ~mains & is_moving)
     for contact in np.unique(lines.contact[free & (lines.contact > 0)]).tolist():
@@ -141,9 +148,9 @@ def chance_together(n_joined: int, n_lines: int) -> float:
     return min(1.0, comb(n_lines, n_joined) * exp(-LEAST_EVIDENCE * (n_joined - 1)))
 
 
-def _mains(lines: LineSummary, free: BoolArray) -> BoolArray:
-    """Mark the lines of mains: those told by the tracker, and their harmonics."""
-    is_hum: BoolArray = free & (lines.status == "hum")
+def _mains(lines: LineSummary, free: BoolArray, told_hum: BoolArray) -> BoolArray:
+    """Mark the lines of mains: those told, and their harmonics."""
+    is_hum: BoolArray = free & told_hum
     for nominal in MAINS_HZ:
         mains = _mains_frequency(lines.take(np.flatnonzero(is_hum)), nominal)
         if mains is not None:
@@ -186,6 +193,21 @@ def _on_mains(frequency: FloatArray, std: FloatArray, nominal: float) -> BoolArr
     reach = 3.0 * std + MAINS_TOLERANCE * frequency
     on: BoolArray = (order >= 1) & (np.abs(frequency - order * nominal) <= reach)
     return on
+
+
+def is_mains_comb(found: LineComb) -> bool:
+    """Tell whether a harmonic family has the spacing of mains, or twice that.
+
+    Parameters
+    ----------
+    found
+        The family's comb.
+    """
+    spacing = np.array([found.spacing_hz])
+    orders = [round(found.spacing_hz / nominal) for nominal in MAINS_HZ]
+    on = [_on_mains(spacing, np.zeros(1), nominal)[0] for nominal in MAINS_HZ]
+    is_near = any(one and order <= 2 for one, order in zip(on, orders, strict=True))
+    return found.offset_hz == 0.0 and is_near
 
 
 def _pool(trackers: Sequence[Lines], main: Lines) -> _Pool:
@@ -313,10 +335,12 @@ def _joined_families(pool: _Pool, trackers: Sequence[Lines]) -> list[_Family]:
     return joined
 
 
-def _family_stretch(family: _Family, pool: _Pool, free: BoolArray) -> Stretch | None:
+def _family_stretch(
+    family: _Family, pool: _Pool, free: BoolArray, told_hum: BoolArray
+) -> Stretch | None:
     """Return a family with what lies on its teeth; None if others have its lines.
 
-    Nor is a family returned that noise or mains give.
+    Nor is a family returned that noise or mains give; lines of mains are marked.
     """
     lines = pool.lines
     own = family.rows[free[family.rows]]
@@ -325,7 +349,9 @@ def _family_stretch(family: _Family, pool: _Pool, free: BoolArray) -> Stretch | 
         return None
     comb = fit_comb(lines, own, free, family.spacing_hz, family.offset_hz)
     rows = comb.rows
-    if np.count_nonzero(lines.status[rows] == "hum") >= 0.5 * rows.size:
+    if is_mains_comb(comb):
+        told_hum[rows] = True
+    if np.count_nonzero(told_hum[rows]) >= 0.5 * rows.size:
         return None
     free[rows] = False
     moves = np.count_nonzero(lines.status[rows] == "moving") > 0.5 * rows.size
