@@ -5,8 +5,9 @@ read. The branch of a step is the step itself, all that it follows from and all 
 follows from it. Of several results of one kind that one is taken which the step itself
 made, or else which lies in the branch; of lines that were joined from several rungs, the
 points of the branch's own. Where no step is named, lines that `presence` or `ladder` alone
-read are not meant, nor those of a table that a later step has made again, nor the picture
-of an envelope beside that of the sound.
+read are not meant, nor those that others read after the first of their kind, nor those of a
+table that a later step has made again, nor the picture of an envelope beside that of the
+sound.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -203,11 +204,19 @@ def _is_aside(product: Product, key: ContainerKey) -> bool:
         made = [past for past in product.history if past.step_name == name]
         return any(stages.get(one) == "demon" for past in made for one in past.inputs)
     readers = [past for past in product.history if name in past.inputs]
-    is_told = any(past.stage in GATHERING for past in readers)
+    beside = [_reads_beside(product, past, name) for past in readers]
     held = {maker(product, other) for other in product.paths}
-    return is_told and all(
-        past.stage in GATHERING or past.step_name not in held for past in readers
+    return any(beside) and all(
+        is_beside or past.step_name not in held
+        for past, is_beside in zip(readers, beside, strict=True)
     )
+
+
+def _reads_beside(product: Product, past: HistoryStep, name: str) -> bool:
+    """Tell whether a step gathers a result, or reads it after another of its kind."""
+    made = {other.step_name: output_names(other) for other in product.history}
+    alike = [one for one in past.inputs if made.get(one) == made.get(name)]
+    return past.stage in GATHERING or alike[:1] != [name]
 
 
 def read_of_branch(
