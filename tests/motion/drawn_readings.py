@@ -10,7 +10,7 @@ python -m tests.motion.drawn_readings 400 70000
 
 import sys
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +28,10 @@ BEND = "bend"
 """Kind of the draws whose course changes evenly for a long time."""
 TWO_TARGETS = "two-targets"
 """Kind of the draws that have two vessels in one contact."""
-DRAWS = (*KINDS, "two-targets", "bend")
+STILL = ("machinery", "constant", "joined")
+"""Kinds of the draws in which nothing passes: a machine that changes its speed and jitters,
+one that hums, and one of whose lines ends where another begins close to it."""
+DRAWS = (*KINDS, "two-targets", "bend", "constant", "joined")
 """Kinds in the order of their numbers in seeds."""
 READ_AS = {
     "straight": "straight", "jitter": "straight", "turn": "manoeuvre",
@@ -83,7 +86,7 @@ def draw(kind, seed):
     at = CLOSEST_S + rng.choice([-1, 1]) * slant / speed * rng.uniform(0.2, 3.0)
     at = float(np.clip(at, 60.0, LENGTH_S - 60.0))
     time = np.arange(STEP_S / 2, LENGTH_S, STEP_S)
-    if kind == "machinery":
+    if kind in STILL:
         x, y, ratio, far = 0 * time, 0 * time + 1, 0 * time + 1, 0 * time + 1
     else:
         legs = np.array([speed, 0.0]), _other(kind, speed, rng)
@@ -100,7 +103,12 @@ def draw(kind, seed):
     truth = np.array([CLOSEST_S, speed, slant, slant / speed, course])
     side = "starboard" if turn > 0 else "port"
     series, noise = _measured(time, ratio, bearing, far, rng)
-    other = () if kind == "machinery" else tuple(legs[1])
+    if kind == "joined":
+        jump = rng.choice([-1, 1]) * np.exp(rng.uniform(np.log(3e-4), np.log(3e-2)))
+        frequency = series.frequency_hz.copy()
+        frequency[time > at, 0] *= 1 + jump
+        series = replace(series, frequency_hz=frequency)
+    other = () if kind in STILL else tuple(legs[1])
     nearest = slant * float(far.min())
     change = np.array(other if kind in MANOEUVRES else size)
     if kind == BEND:
@@ -357,7 +365,7 @@ def score(kind, seed):
         number += 1_000_000
         drawn = draw(kind, number)
     found = analyse(drawn)
-    bound = np.full(5, np.nan) if kind == "machinery" else bounds(drawn)
+    bound = np.full(5, np.nan) if kind in STILL else bounds(drawn)
     slant = float(drawn.truth[2])
     if not found.n_encounters:
         return [_without(found, bound, slant)]
@@ -462,7 +470,7 @@ def coverage(scores):
         "median deviation", "beyond 5", "stated over bound",
     )  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    passed = [kind for kind in scores if kind != "machinery"]
+    passed = [kind for kind in scores if kind not in STILL]
     for kind in [*passed, "all"]:
         rows = [r for k in passed for r in scores[k] if kind in (k, "all")]
         ratio = np.abs([row.error / row.std for row in rows])

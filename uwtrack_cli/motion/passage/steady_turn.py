@@ -102,15 +102,22 @@ def with_steady_turn(
     """
     path = _path(parameters, turn)
     z = np.broadcast_to(height_m, path.t0.shape[:1])[:, None]
-    u = np.repeat(time_s[None], path.t0.shape[0], axis=0)
+    # turns by nothing beside one passage have the same times of emission
+    is_one = not turn.angle_rad.any() and bool((parameters == parameters[0]).all())
+    is_one = is_one and bool((z == z[0]).all())
+    own, height = path, z
+    if is_one:
+        own, height = _Path(*(part[:1] for part in path)), z[:1]
+    u = np.repeat(time_s[None], height.shape[0], axis=0)
     for _ in range(NEWTON_STEPS):
-        place = _place(path, u)
-        toward = _direction(path, u) * path.v
-        distance = np.sqrt(abs(place) ** 2 + z**2)
+        place = _place(own, u)
+        toward = _direction(own, u) * own.v
+        distance = np.sqrt(abs(place) ** 2 + height**2)
         closing = (place.real * toward.real + place.imag * toward.imag) / distance
         u = u - (u + distance / sound_speed_mps - time_s) / (
             1 + closing / sound_speed_mps
         )
+    u = np.broadcast_to(u, (z.shape[0], time_s.size))
     place, way = _place(path, u), _direction(path, u)
     is_within = (u > path.begin) & (u < path.end)
     velocity = path.v * way
