@@ -5,7 +5,7 @@ read. The branch of a step is the step itself, all that it follows from and all 
 follows from it. Of several results of one kind that one is taken which the step itself
 made, or else which lies in the branch; of lines that were joined from several rungs, the
 points of the branch's own. Where no step is named, lines that `presence` or `ladder` alone
-read are not meant, nor those that others read after the first of their kind, nor those of a
+read are not meant, nor those that a step reads after other lines, nor those of a
 table that a later step has made again, nor the picture of an envelope beside that of the
 sound.
 """
@@ -213,10 +213,12 @@ def _is_aside(product: Product, key: ContainerKey) -> bool:
 
 
 def _reads_beside(product: Product, past: HistoryStep, name: str) -> bool:
-    """Tell whether a step gathers a result, or reads it after another of its kind."""
+    """Tell whether a step gathers a result, or reads these lines after other ones."""
+    if past.stage in GATHERING:
+        return True
     made = {other.step_name: output_names(other) for other in product.history}
-    alike = [one for one in past.inputs if made.get(one) == made.get(name)]
-    return past.stage in GATHERING or alike[:1] != [name]
+    lines = [one for one in past.inputs if Lines.NAME in made.get(one, ())]
+    return name in lines[1:]
 
 
 def read_of_branch(
