@@ -1,15 +1,16 @@
 """Where the odds against a change beside a passage come from: drawn passages.
 
 Draws passages that are straight, that jitter, that step or ramp their frequencies and
-that manoeuvre, at once or bending for long, and weighs their readings with several odds: how many of those that did
-not change are read as changed, how many that did are read as straight, and which share
-of all quantities (time, range over speed, speed) lies within 1.96 deviations and beyond
-5. `ODDS` is the smallest number of nepers with at most 5 % of false changes among the
-straight ones and those that jitter: of 28 (14 each) it is one at 2, two at 1 and four
-at 0, and of 49 that changed four are read as straight at 2 and one at 0. Forty of each
-kind take some minutes; kinds may be named:
+that manoeuvre, at once or bending for long, and weighs their readings with several
+odds: how many of those that did not change are read as changed, how many that did are
+read as straight, and which share of all quantities (time, range over speed, speed) lies
+within 1.96 deviations and beyond 5. `ODDS` is the smallest number of nepers with at most 5 % of false changes among the
+straight ones and those that jitter. Of 40 (20 each) none is one at 3, two are at 2,
+four at 1 and six at 0; of 121 others that were read with 2 eleven were, all of them
+with jitter. Of 14 that bend for long two are read as straight at 2 and at 6, one at 0.
+Twenty of each kind take some minutes; kinds may be named:
 python -m calibration.readings 40
-python -m calibration.readings 14 straight jitter
+python -m calibration.readings 20 straight jitter
 """
 
 import sys

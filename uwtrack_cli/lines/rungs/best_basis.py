@@ -232,7 +232,7 @@ def is_finer_best(gain: FloatArray, steps: IntArray) -> BoolArray:
     --------
     A single cell does not change the rung for less than strong evidence, twice.
 
-    >>> is_finer_best(np.array([4.0, -5.0, 4.0, -7.0]), np.array([1, 1, 1])).tolist()
+    >>> is_finer_best(np.array([4.0, -5.0, 6.0, -7.0]), np.array([1, 1, 1])).tolist()
     [True, True, True, False]
     """
     best = np.zeros((gain.size + 1, 2))

@@ -50,7 +50,7 @@ SIZES = {
 measurements, change of velocity over the speed of the faster leg, and angle of a
 steady turn, rad."""
 
-ODDS = {STEP: 2.0, RAMP: 2.0, MANOEUVRE: 2.0, TURN: 2.0}
+ODDS = {STEP: 3.0, RAMP: 3.0, MANOEUVRE: 3.0, TURN: 3.0}
 """Logarithm of the odds against each change before the measurements: see
 calibration/readings.py."""
 
