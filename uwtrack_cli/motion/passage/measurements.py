@@ -184,8 +184,8 @@ def contact_data(
         wide, wide_std = np.full((2, 1, time.size), np.nan)
         wide[0, place] = levels.bearing_deg
         wide_std[0, place] = levels.bearing_std_deg
-        bearing = np.concatenate([bearing, wide])
-        bearing_std = np.concatenate([bearing_std, wide_std])
+        bearing = _with_row(bearing, wide)
+        bearing_std = _with_row(bearing_std, wide_std)
     frames = lines.frames if lines is not None else None
     frames = levels.frames if frames is None and levels is not None else frames
     return PassageData(
@@ -270,22 +270,39 @@ def _time_axis(lines: Lines | None, levels: Levels | None, ids: IntArray) -> Flo
 def _line_rows(
     lines: Lines | None, ids: IntArray, time: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    full = np.full((4, ids.size, time.size), np.nan)
-    if lines is not None and ids.size:
-        points = np.flatnonzero(np.isin(lines.line, ids))
-        order = np.argsort(ids)
-        row = order[np.searchsorted(ids, lines.line[points], sorter=order)]
-        place = np.searchsorted(time, lines.time_s[points])
-        for number, values in enumerate(
-            (
-                lines.measured_frequency_hz,
-                lines.measured_frequency_std_hz,
-                lines.measured_bearing_deg,
-                lines.measured_bearing_std_deg,
-            )
-        ):
-            full[number, row, place] = values[points]
-    return full[0], full[1], full[2], full[3]
+    shape = ids.size, time.size
+    if lines is None or not ids.size:
+        none = _unknown(shape)
+        return none, none, none, none
+    points = np.flatnonzero(np.isin(lines.line, ids))
+    order = np.argsort(ids)
+    row = order[np.searchsorted(ids, lines.line[points], sorter=order)]
+    place = np.searchsorted(time, lines.time_s[points])
+
+    def rows(column: FloatArray) -> FloatArray:
+        values = column[points]
+        if not np.isfinite(values).any():
+            return _unknown(shape)
+        full = np.full(shape, np.nan)
+        full[row, place] = values
+        return full
+
+    return (
+        rows(lines.measured_frequency_hz), rows(lines.measured_frequency_std_hz),
+        rows(lines.measured_bearing_deg), rows(lines.measured_bearing_std_deg),
+    )  # fmt: skip
+
+
+def _unknown(shape: tuple[int, int]) -> FloatArray:
+    """Return rows of nothing, which take no memory: a day of an omni sensor's bearings."""
+    return np.broadcast_to(np.nan, shape)
+
+
+def _with_row(rows: FloatArray, last: FloatArray) -> FloatArray:
+    """Return rows with one more at the end."""
+    if np.isfinite(last).any() or np.isfinite(rows).any():
+        return np.concatenate([rows, last])
+    return _unknown((rows.shape[0] + 1, rows.shape[1]))
 
 
 def _neighbour(kind: Kind, frames: Frames | None) -> float:
