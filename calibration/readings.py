@@ -6,8 +6,8 @@ odds: how many of those that did not change are read as changed, how many that d
 read as straight, and which share of all quantities (time, range over speed, speed) lies
 within 1.96 deviations and beyond 5. `ODDS` is the smallest number of nepers with at most 5 % of false changes among the
 straight ones and those that jitter. Of 40 (20 each) none is one at 3, two are at 2,
-four at 1 and six at 0; of 121 others that were read with 2 eleven were, all of them
-with jitter. Of 14 that bend for long two are read as straight at 2 and at 6, one at 0.
+four at 1 and six at 0; of 56 others with jitter that were read with 2 eleven were.
+Of 14 that bend for long two are read as straight at 2 and at 6, one at 0.
 Twenty of each kind take some minutes; kinds may be named:
 python -m calibration.readings 40
 python -m calibration.readings 20 straight jitter
