@@ -1,6 +1,15 @@
-"""The medium between source and receiver, as every model of motion takes it."""
+"""The medium between source and receiver: sound speed, depths, loss of level.
+
+**Conventions.** The law of spreading is its loss in dB per decade of range: 20 in free
+water, 10 in a layer that keeps all sound, 15 a usual compromise. Levels at the source
+are at 1 m. Absorption is left out: at 1 kHz it is below 0.1 dB per km.
+
+**References.** Urick (1983), Principles of Underwater Sound, section 5.2.
+"""
 
 from dataclasses import dataclass
+
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -22,3 +31,27 @@ class Medium:
     def slowness_spm(self) -> float:
         """Inverse sound speed, s/m; 0 for sound that arrives at once."""
         return 1.0 / self.sound_speed_mps if self.is_delayed else 0.0
+
+
+def spreading_loss_db(
+    range_m: float, range_std_m: float, spreading_db: float
+) -> tuple[float, float]:
+    """Return the loss from 1 m to a range, and its deviation, in dB.
+
+    Parameters
+    ----------
+    range_m
+        Slant range in metres.
+    range_std_m
+        Its standard deviation in metres.
+    spreading_db
+        Loss per decade of range in dB: the law.
+
+    Examples
+    --------
+    >>> loss, std = spreading_loss_db(100.0, 1.0, 20.0)
+    >>> round(loss, 6), round(std, 4)
+    (40.0, 0.0869)
+    """
+    loss = spreading_db * float(np.log10(range_m))
+    return loss, spreading_db / float(np.log(10.0)) * range_std_m / range_m

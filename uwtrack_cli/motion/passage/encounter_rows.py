@@ -35,7 +35,7 @@ from uwtrack_cli.acoustics.geometry import (
     course_deg,
     side_of_vessel,
 )
-from uwtrack_cli.acoustics.propagation import spreading_loss_db
+from uwtrack_cli.acoustics.medium import spreading_loss_db
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray, flatten, reason_columns
 from uwtrack_cli.data.encounters import Encounters
