@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.lines.line_scenes import line_peaks
+from tests.lines.line_scores import STEP_S, Scene, score, tracked
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.lines.track import track_lines
 
@@ -79,3 +80,32 @@ def test_three_lines_are_too_few_for_a_ratio() -> None:
     peaks = line_peaks(np.concatenate([before, 1.04 * before]), seed=3)
     lines = Lines.join(list(track_lines(iter([peaks]))))
     assert not names(lines, 0, N_BEFORE) & names(lines, N_BEFORE, 2 * N_BEFORE)
+
+
+@pytest.mark.parametrize("ratio", [0.96, 1.03])
+def test_trace_keeps_the_numbers_of_a_family_through_a_jump(ratio) -> None:
+    """Paths of the low teeth bridge the jump, those of the high ones end and begin."""
+    teeth = np.array([3.0, 5.0, 8.0, 12.0, 17.0, 24.0])
+    rate = 51.3 * np.repeat([1.0, ratio], 100)
+    scene = Scene(teeth[:, None] * rate, np.full(teeth.size, 12.0))
+    lines = tracked(scene, 3, "trace")
+    found = score(scene, lines)
+    assert found.ids == 1.0
+    assert found.purity > 0.99
+    assert found.cover.min() > 0.93
+    points = np.stack([lines.line, lines.frame])
+    assert np.unique(points, axis=1).shape == points.shape
+    assert lines.jump_time_s == pytest.approx([100 * STEP_S], abs=1.0)
+    assert np.abs(lines.jump_ratio - ratio) < 4.0 * lines.jump_ratio_std
+    assert lines.jump_line_count >= teeth.size - 1
+
+
+def test_trace_gives_no_number_to_lines_without_a_common_ratio() -> None:
+    ratio = np.array([1.03, 0.955, 1.05, 0.97, 1.062, 0.94])
+    places = np.linspace(300.0, 1700.0, 6)[:, None]
+    scene = Scene(
+        places * np.where(np.arange(200) < 100, 1.0, ratio[:, None]), np.full(6, 12.0)
+    )
+    lines = tracked(scene, 4, "trace")
+    assert score(scene, lines).ids == 2.0
+    assert lines.jump_time_s.size == 0

@@ -12,12 +12,12 @@ TIME_S = np.arange(N_FRAMES) * HOP_S
 RATE_HZPS = 0.05
 
 
-def points(line, frame, frequency_hz):
+def points(line, frame, frequency_hz, snr_db=12.0):
     """Points of one line, as a path gives them."""
     state = np.zeros((frame.size, 5, 2))
     state[:, 0, 0], state[:, 2, 0], state[:, 2, 1] = frequency_hz, STD_HZ**2, 1e9
     measured = np.full((frame.size, 6), np.nan)
-    measured[:, 0], measured[:, 1] = frequency_hz, STD_HZ
+    measured[:, 0], measured[:, 1], measured[:, 5] = frequency_hz, STD_HZ, snr_db
     kind = np.full(frame.size, DETECTED)
     number = np.full(frame.size, line)
     return LinePoints(number, frame, TIME_S[frame], state, measured, kind)
@@ -46,24 +46,37 @@ CROSSING = RATE_HZPS * (TIME_S - TIME_S[N_FRAMES // 2])
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_paths_that_have_changed_places_change_back(seed):
-    one, two = courses(CROSSING, seed).T
+@pytest.mark.parametrize("rate_hzps", [0.05, 0.1, 0.5])
+def test_paths_that_have_changed_places_change_back(rate_hzps, seed):
+    crossing = CROSSING * rate_hzps / RATE_HZPS
+    one, two = courses(crossing, seed).T
     middle = N_FRAMES // 2
     changed = [
         np.append(one[:middle], two[middle:]),
         np.append(two[:middle], one[middle:]),
     ]
     # one of them goes astray where the two cannot be told apart
-    changed[1][middle - 15 : middle + 15] += 6.0
+    changed[1][np.abs(crossing) < 0.4] += 6.0
     for paths in ([one, two], changed):
         found, _ = told(*((FRAME, path) for path in paths))
-        for line, truth in ((1, CROSSING), (2, -CROSSING)):
+        for line, truth in ((1, crossing), (2, -crossing)):
             mine = found.take(found.line == line)
             assert np.abs(mine.frequency_hz - 500.0 - truth[mine.frame]).max() < 1.3
         assert found.line.size == 2 * N_FRAMES
         put = found.association == COASTED
         assert put.any() == (paths is changed)
         assert np.isnan(found.measured[put]).all()
+
+
+def test_a_path_that_went_astray_is_not_the_line_that_parts():
+    """Two lines within a bin have one ridge, and the other path follows noise."""
+    one, two = courses(CROSSING).T
+    snr_db = np.full(N_FRAMES, 12.0)
+    two[90:150], snr_db[90:150] = two[90:150] + 5.0, 1.0
+    found, _ = told((FRAME, one), (FRAME, two, snr_db))
+    end = found.take(found.frame == N_FRAMES - 1)
+    assert end.line.tolist() == [1, 2]
+    assert end.frequency_hz[0] > 500.0 > end.frequency_hz[1]
 
 
 def test_a_line_lost_in_the_meeting_is_the_one_that_begins_there():

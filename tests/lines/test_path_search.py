@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from calibration.line_ends import scene, scores
 from uwtrack_cli.lines.paths.path_search import (
     best_scores,
-    line_interval,
+    line_intervals,
     trace_back,
 )
 from uwtrack_cli.lines.sensitivity import amplitude_log_ratio, detection_probability
@@ -37,7 +37,7 @@ def test_the_ends_of_a_line_are_found_to_a_few_frames() -> None:
     for _ in range(50):
         ratio = rng.exponential(1.0, 120)
         ratio[30:80] = 0.5 * rng.noncentral_chisquare(2, 2 * 6.0, 50)
-        start, stop = line_interval(ratio)
+        ((start, stop),) = line_intervals(ratio, np.zeros(120, int))
         first.append(start - 30)
         last.append(stop - 80)
     assert np.abs(np.median(first)) <= 2
@@ -47,8 +47,8 @@ def test_the_ends_of_a_line_are_found_to_a_few_frames() -> None:
 def test_a_steady_weak_line_keeps_its_whole_length() -> None:
     rng = np.random.default_rng(3)
     whole = [
-        line_interval(0.5 * rng.noncentral_chisquare(2, 2 * 0.8, 120)) == (0, 120)
-        for _ in range(50)
+        line_intervals(ratio, np.zeros(120, int)) == [(0, 120)]
+        for ratio in 0.5 * rng.noncentral_chisquare(2, 2 * 0.8, (50, 120))
     ]
     assert np.mean(whole) > 0.9
 

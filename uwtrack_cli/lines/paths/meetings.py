@@ -1,8 +1,8 @@
-"""Lines that run together for longer than a window go on along their courses.
+"""Lines that come together go on along their courses.
 
-**Method.** Where two lines cross slowly they cannot be told apart for a minute or
-more, in which the likeliest paths bounce, end, begin anew and go astray in the noise.
-So the points of lines that come together are held back until two lines have parted
+**Method.** Where two lines cross they cannot be told apart for a while, slow ones for a
+minute or more, in which the likeliest paths bounce, end, begin anew and go astray in
+the noise. So the points of lines that come together are held back until two lines have parted
 again and run straight. Straight courses before and after tell who is who, if one
 pairing is far likelier, whatever the drift of the two. Points between are given to the two lines
 by their order in frequency, and those that are far from the course of their line are
@@ -28,14 +28,22 @@ from uwtrack_cli.data.lines import COASTED
 from uwtrack_cli.estimation.constant_velocity import transition, white_acceleration
 from uwtrack_cli.lines.line_points import LinePoints
 from uwtrack_cli.lines.paths.courses import (
+    COURSE_FRAMES,
     FEWEST_FRAMES,
-    LEAST_GAIN,
-    MIXED_BINS,
-    TOGETHER_BINS,
     Course,
     disagreement,
     fit_course,
 )
+
+TOGETHER_BINS = 3.0
+"""Distance in bins within which two lines may have come together: the cells beside a path
+that was found are taken out, and the next one goes around them."""
+
+MIXED_BINS = 1.0
+"""Distance in bins beyond the nearest one within which frames are left out."""
+
+LEAST_GAIN = 6.0
+"""Gain in nepers that a change of places must bring (chance: 1 in 400)."""
 
 MOST_FRAMES = 300
 """Frames for which points are held back at most."""
@@ -47,8 +55,9 @@ DRIFT_SHARES = (0.0, 1e-3, 0.03, 1.0)
 """Process noises of the two lines that are equally likely before, as shares of the
 greatest that a machine's drift has: how steady these machines are is not known."""
 
-MOST_RATE_STD_BINS = 0.03
-"""Deviation of a rate, in bins per window, above which a path went astray in noise."""
+MOST_FAINTER_DB = 5.0
+"""Difference to the fainter of two lines beyond which a path went astray in noise: where
+they are closer than a bin they have one ridge, and the other path has none."""
 
 
 @dataclass
@@ -61,6 +70,8 @@ class _Meeting:
     """Its time, s."""
     entry: dict[int, Course]
     """Course of each line then, by its number."""
+    faintest_db: float
+    """SNR of the fainter one before, dB."""
     members: set[int]
     """The numbers of these and of what began beside them."""
     last_near: int
@@ -141,16 +152,12 @@ class Meetings:
             if not busy.isdisjoint((one, two)):
                 continue
             begin_s = float(points.time_s[points.frame == frame][0])
-            entry = {}
-            for line in (one, two):
-                before = (points.line == line) & (points.frame < frame)
-                course = self._course(points.take(before), begin_s, -1)
-                if course is not None:
-                    entry[line] = course
+            before = points.take(points.frame < frame)
+            entry, faintest_db = self._courses(before, {one, two}, begin_s, -1)
             if len(entry) == 2:
                 busy |= set(entry)
                 self._meetings.append(
-                    _Meeting(frame, begin_s, entry, set(entry), frame)
+                    _Meeting(frame, begin_s, entry, faintest_db, set(entry), frame)
                 )
 
     def _pairs(self, points: LinePoints) -> list[tuple[int, int, int]]:
@@ -206,12 +213,30 @@ class Meetings:
         is_near &= one.line[:, None] != two.line
         return np.asarray(one.frame[is_near.any(axis=1)])
 
-    def _course(self, points: LinePoints, at_s: float, step: int) -> Course | None:
-        """Fit a course to the points of a line, from the first (1) or the last (-1)."""
-        points = points.sorted().take(slice(None, None, step))
-        std = points.measured[:, 1]
-        variance = np.where(np.isfinite(std), std**2, np.inf)
-        return fit_course(points.time_s, points.measured[:, 0], variance, at_s)
+    def _courses(
+        self, points: LinePoints, lines: set[int], at_s: float, step: int
+    ) -> tuple[dict[int, Course], float]:
+        """Fit courses to the points of lines, from the first (1) or the last (-1).
+
+        Returns
+        -------
+        tuple
+            The courses by the numbers of the lines that have one, and the SNR of the
+            faintest of these, dB.
+        """
+        courses, snr_db = {}, [np.inf]
+        for line in sorted(lines):
+            own = (
+                points.take(points.line == line).sorted().take(slice(None, None, step))
+            )
+            std = own.measured[:, 1]
+            variance = np.where(np.isfinite(std), std**2, np.inf)
+            course = fit_course(own.time_s, own.measured[:, 0], variance, at_s)
+            if course is not None:
+                courses[line] = course
+                known_db = own.measured[np.isfinite(own.measured[:, 5]), 5]
+                snr_db.append(float(np.median(known_db[:COURSE_FRAMES])))
+        return courses, min(snr_db)
 
     def _decide(self, meeting: _Meeting) -> bool:
         """Tell which line is which after a meeting, if that can be told."""
@@ -221,13 +246,8 @@ class Meetings:
         if not after.line.size:
             return False
         end_s = float(after.time_s.min())
-        exits = {}
-        for line in sorted(set(after.line.tolist())):
-            course = self._course(after.take(after.line == line), end_s, 1)
-            if course is not None:
-                exits[line] = course
-        most = (MOST_RATE_STD_BINS * self.bin_hz**2) ** 2
-        if len(exits) != 2 or any(c.covariance[1, 1] > most for c in exits.values()):
+        exits, faintest_db = self._courses(after, set(after.line.tolist()), end_s, 1)
+        if len(exits) != 2 or faintest_db < meeting.faintest_db - MOST_FAINTER_DB:
             return False
         pairing = self._pairing(meeting, exits, end_s)
         if pairing is None:

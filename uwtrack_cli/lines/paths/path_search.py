@@ -63,6 +63,9 @@ END_GAIN = 6.0
 """Log-likelihood ratio, in nepers, with which the frames before or after a line must speak
 against it to be left out (same script)."""
 
+_BRIDGE_MOVES, _BRIDGE_CELLS = 0.5, 8
+"""Least moves per frame, and cells in all, by which a path crosses from line to line."""
+
 _SHARED = 0.2
 """Share of common frames beyond which two paths are one."""
 
@@ -258,13 +261,56 @@ def find_paths(
             break
         for path, score in fresh:
             cells = _centred(path, power_ratio, cells_per_bin)
-            first, stop = line_interval(
-                np.take_along_axis(power_ratio, cells[:, None], axis=1)[:, 0]
-            )
-            found.append(FoundPath(cells, first, stop, score))
-            _mask(left, power_ratio, cells, cells_per_bin)
+            for own, interval in _lines_along(cells, power_ratio, cells_per_bin):
+                first, stop = _own_frames(own, interval, found, cells_per_bin)
+                if first < stop:
+                    found.append(FoundPath(own, first, stop, score))
+                _mask(left, power_ratio, own, cells_per_bin)
         total, moves = best_scores(left, MOVE_PENALTY)
     return PathSearch(found, total, moves, left)
+
+
+def _lines_along(
+    cells: IntArray, power_ratio: FloatArray, cells_per_bin: int
+) -> list[tuple[IntArray, tuple[int, int]]]:
+    """Return the cells and the frames of the line of a path, or of each of its lines.
+
+    A path that goes from one line to another leaves the one early and meets the other
+    late: each is followed straight on into the frames between.
+    """
+
+    def along(own: IntArray) -> FloatArray:
+        return np.take_along_axis(power_ratio, own[:, None], axis=1)[:, 0]
+
+    parts = line_intervals(along(cells), cells)
+    if len(parts) == 1:
+        return [(cells, parts[0])]
+    lines = []
+    earliest = [0, *(stop for _, stop in parts)]
+    latest = [*(first for first, _ in parts[1:]), cells.size]
+    for (first, stop), least, most in zip(parts, earliest, latest, strict=False):
+        own = cells.copy()
+        own[least:first], own[stop:most] = cells[first], cells[stop - 1]
+        own = _centred(own, power_ratio, cells_per_bin)
+        begin, end = line_intervals(along(own)[least:most], own[least:most])[0]
+        lines.append((own, (min(least + begin, first), max(least + end, stop))))
+    return lines
+
+
+def _own_frames(
+    cells: IntArray,
+    interval: tuple[int, int],
+    found: list[FoundPath],
+    cells_per_bin: int,
+) -> tuple[int, int]:
+    """Return what is left of a path's interval without others' lines at its ends."""
+    is_own = np.zeros(cells.size, dtype=bool)
+    is_own[slice(*interval)] = True
+    for other in found:
+        near = np.abs(cells - other.cells)[other.first : other.stop] <= cells_per_bin
+        is_own[other.first : other.stop] &= ~near
+    own = np.flatnonzero(is_own)
+    return (int(own[0]), int(own[-1]) + 1) if own.size else (0, 0)
 
 
 def _centred(path: IntArray, power_ratio: FloatArray, cells_per_bin: int) -> IntArray:
@@ -330,19 +376,28 @@ def _mask(
     np.put_along_axis(scores, columns, np.float32(_MASKED), axis=1)
 
 
-def line_interval(power_ratio: FloatArray) -> tuple[int, int]:
+def line_intervals(power_ratio: FloatArray, cells: IntArray) -> list[tuple[int, int]]:
     """Return the frames [first, stop) in which a path holds a line.
 
     Parameters
     ----------
     power_ratio
         Power over noise along the path; nan in a gap.
+    cells
+        Its cells.
+
+    Returns
+    -------
+    list of tuple
+        One interval, or one for each line if the path goes from one to another.
 
     Notes
     -----
     In every frame a line of some power ratio is compared with the noise that a path
     finds. The interval is that of the greatest sum, over all ratios tried; frames
     before and after it are left out when they are unlikely enough to be the line's.
+    So are those between if the path crosses them straight to somewhere else: a line that
+    is silent has no course, and one that moves so fast is heard.
     """
     trials = np.array(_TRIAL_SNRS)[:, None]
     gain = amplitude_log_ratio(power_ratio[None, :], trials)
@@ -356,7 +411,25 @@ def line_interval(power_ratio: FloatArray) -> tuple[int, int]:
         first = 0
     if gain[best, stop:].sum() > -END_GAIN:
         stop = power_ratio.size
-    return first, stop
+    return _without_bridges(gain[best], cells, first, stop)
+
+
+def _without_bridges(
+    gain: FloatArray, cells: IntArray, first: int, stop: int
+) -> list[tuple[int, int]]:
+    """Divide an interval where a path runs through noise from one line to another."""
+    low, high = _greatest_sum(-gain[first:stop])
+    low, high = first + low, first + high
+    moved = abs(int(cells[min(high, stop - 1)] - cells[max(low - 1, first)]))
+    is_silent = -gain[low:high].sum() > END_GAIN
+    if not (first < low and high < stop and is_silent):
+        return [(first, stop)]
+    if moved < max(_BRIDGE_MOVES * (high - low), _BRIDGE_CELLS):
+        return [(first, stop)]
+    return [
+        *_without_bridges(gain, cells, first, low),
+        *_without_bridges(gain, cells, high, stop),
+    ]
 
 
 def _greatest_sum(values: FloatArray) -> tuple[int, int]:

@@ -2,7 +2,9 @@
 
 **Method.** Windows overlap by one half. A path that runs beside the path of a line of
 the window before is that line; one that begins where a line that fell silent would be by
-now is that line, too, as in `lines.tracking.line_continuation`. Of each window the middle half is final, where a path is
+now is that line, too, as in `lines.tracking.line_continuation`. Paths that begin
+where a machine's change of speed has put its lines go on with those (`path_ends`). Of
+each window the middle half is final, where a path is
 best determined; the first window's beginning, the last one's end and the whole of a
 line that appears or ends are added.
 
@@ -30,9 +32,14 @@ from uwtrack_cli.lines.contacts import (
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
-from uwtrack_cli.lines.line_points import LinePoints, LineTable
-from uwtrack_cli.lines.paths.courses import fit_course, uncross
+from uwtrack_cli.lines.line_points import FamilyJump, LinePoints, LineTable
 from uwtrack_cli.lines.paths.meetings import Meetings
+from uwtrack_cli.lines.paths.path_ends import (
+    PathEnd,
+    end_of,
+    find_jumped,
+    state_at,
+)
 from uwtrack_cli.lines.paths.path_search import (
     FoundPath,
     PathSearch,
@@ -98,20 +105,8 @@ class _Living:
     """First frame whose point is not out yet."""
     pending: LinePoints
     """Points that leave with the next window, if the line is not continued."""
-    end: "_End | None"
+    end: PathEnd | None
     """How it ends; None if it is too short to tell."""
-
-
-@dataclass(frozen=True)
-class _End:
-    """How a line ends, for the one that may continue it after a silence."""
-
-    line: int
-    """Number of the line."""
-    time_s: float
-    """Time of its last frame, s."""
-    state: KalmanState
-    """Its straight course and its bearing then, entries of shape (2,)."""
 
 
 class PathTracer:
@@ -134,7 +129,8 @@ class PathTracer:
         self.held: list[WindowData] = []
         self.n_held = 0
         self.living: list[_Living] = []
-        self.ended: list[_End] = []
+        self.ended: list[PathEnd] = []
+        self.jumps: list[FamilyJump] = []
         self.next_line = 1
         self.next_frame = 0
         self.is_first = True
@@ -236,21 +232,23 @@ class PathTracer:
             ended, self.living = self.living, []
             self._remember(ended, data)
             return [living.pending for living in ended]
-        paths, measured, states = self._measured(data, paths)
+        measured = _along_paths(data, paths)
+        cells = np.stack([p.cells for p in paths], axis=1)
+        states = self._smoothed(data, cells, measured)
         is_line = np.isfinite(measured.variance[0])
         parts: list[LinePoints] = []
         living: list[_Living] = []
-        heirs = self._heirs(data, paths)
-        gone = [line for line in self.living if line.line not in heirs]
+        paths, lines = self._heirs(data, paths)
+        gone = [line for line in self.living if line.line not in lines]
         parts += [line.pending for line in gone]
         self._remember(gone, data)
-        old = {line.line: line for line in self.living if line.line in heirs}
-        lines = self._named(data, paths, heirs, measured, states)
+        out_to = {line.line: line.out_to for line in self.living}
+        paths = self._named(data, paths, lines, measured, states)
         for k, path in enumerate(paths):
             start, end = path.first, min(path.stop, final[1])
-            if lines[k] in old:
-                out_to = old.pop(int(lines[k])).out_to
-                start = max(start, int(np.searchsorted(data.frame, out_to)))
+            if lines[k] in out_to:  # only once
+                already = int(np.searchsorted(data.frame, out_to[int(lines[k])]))
+                start = max(start, already)
             own = int(lines[k])
             parts.append(_points(data, states, measured, own, k, slice(start, end)))
             if not is_last:
@@ -260,26 +258,11 @@ class PathTracer:
                     own, data.frame[whole], path.cells[whole],
                     int(data.frame[max(start, end) - 1]) + 1,
                     _points(data, states, measured, own, k, rest),
-                    _end(data, measured, states, own, k, path.stop),
+                    end_of(data, measured, states, own, k, path.stop),
                 ))  # fmt: skip
         self.living = _joined(living)
-        cells = np.stack([p.cells for p in paths], axis=1)
         self._classify(data, cells, lines, is_line)
         return parts
-
-    def _measured(
-        self, data: WindowData, paths: list[FoundPath]
-    ) -> tuple[list[FoundPath], Measured, FloatArray]:
-        """Measure along the paths, part those that cross, and smooth."""
-        measured = _along_paths(data, paths)
-        parted = uncross(
-            paths, data.time_s, measured.position[0], measured.variance[0],
-            1.0 / data.window_s,
-        )  # fmt: skip
-        if any(one is not two for one, two in zip(paths, parted, strict=True)):
-            paths, measured = parted, _along_paths(data, parted)
-        cells = np.stack([p.cells for p in paths], axis=1)
-        return paths, measured, self._smoothed(data, cells, measured)
 
     def _remember(self, lines: list[_Living], data: WindowData) -> None:
         """Keep how lines ended, as long as they may be heard again."""
@@ -287,27 +270,60 @@ class PathTracer:
         self.ended = [e for e in self.ended if first_s - e.time_s < self.silence_s]
         self.ended += [line.end for line in lines if line.end is not None]
 
-    def _heirs(self, data: WindowData, paths: list[FoundPath]) -> dict[int, int]:
-        """Return by the numbers of living lines the paths that run beside them."""
-        heirs: dict[int, int] = {}
-        for k, path in enumerate(paths):
-            heir = self._heir(data, path, set(heirs))
-            if heir is not None:
-                heirs[heir.line] = k
-        return heirs
+    def _heirs(
+        self, data: WindowData, paths: list[FoundPath]
+    ) -> tuple[list[FoundPath], IntArray]:
+        """Give the paths that run beside those of living lines their numbers.
+
+        A line that was silent, or has jumped, can have several paths in a window.
+
+        Returns
+        -------
+        tuple
+            The paths, those of one line one after the other, and the number of each, 0
+            for none, shape (path,).
+        """
+        paths, lines = list(paths), np.zeros(len(paths), dtype=np.int64)
+        for k in sorted(range(len(paths)), key=lambda k: paths[k].first):
+            for old in self.living:
+                before = [paths[i].stop for i in np.flatnonzero(lines == old.line)]
+                begin = max([paths[k].first, *before])
+                is_mostly_later = 2 * begin < paths[k].first + paths[k].stop
+                if is_mostly_later and self._is_heir(data, paths[k], old):
+                    paths[k] = replace(paths[k], first=begin)
+                    lines[k] = old.line
+                    break
+        return paths, lines
 
     def _named(
         self,
         data: WindowData,
         paths: list[FoundPath],
-        heirs: dict[int, int],
+        lines: IntArray,
         measured: Measured,
         states: FloatArray,
-    ) -> IntArray:
-        """Give each path the number of the line it continues, or a new one."""
-        lines = np.zeros(len(paths), dtype=np.int64)
-        lines[list(heirs.values())] = list(heirs)
-        silent = list(self.ended)
+    ) -> list[FoundPath]:
+        """Give each path the number of the line it continues, or a new one.
+
+        Parameters
+        ----------
+        data
+            The frames of the window.
+        paths
+            The paths found in it.
+        lines
+            Numbers of the lines of those that run beside living ones, else 0, shape
+            (path,); the others are filled in.
+        measured, states
+            What was measured along the paths, and smoothed.
+
+        Returns
+        -------
+        list of FoundPath
+            The paths, those of lines that jumped cut where they did.
+        """
+        held = {old.line for old in self.living if old.out_to <= old.frame[0]}
+        silent, fresh = list(self.ended), []
         for k in sorted(range(len(paths)), key=lambda k: paths[k].first):
             if lines[k] == 0:
                 lines[k] = self._returned(
@@ -315,20 +331,76 @@ class PathTracer:
                 )
             if lines[k] == 0:
                 lines[k] = self.next_line
+                held.add(self.next_line)
                 self.next_line += 1
+            if lines[k] in held:
+                fresh.append(k)
             silent = [end for end in silent if end.line != lines[k]]
-            end = _end(data, measured, states, int(lines[k]), k, paths[k].stop)
-            if end is not None:
+            end = end_of(data, measured, states, int(lines[k]), k, paths[k].stop)
+            if end is not None and paths[k].stop < data.frame.size:
                 silent.append(end)
+        paths = self._jumped(data, paths, lines, fresh, silent, measured, states)
         taken = set(lines.tolist())
         self.ended = [end for end in self.ended if end.line not in taken]
-        return lines
+        return paths
+
+    def _jumped(
+        self,
+        data: WindowData,
+        paths: list[FoundPath],
+        lines: IntArray,
+        fresh: list[int],
+        silent: list[PathEnd],
+        measured: Measured,
+        states: FloatArray,
+    ) -> list[FoundPath]:
+        """Give new lines the numbers of those that have jumped to where they are.
+
+        Parameters
+        ----------
+        data, paths, lines, measured, states
+            As in `_named`; the numbers of lines that jumped are changed.
+        fresh
+            Indices of paths whose lines have no points outside yet.
+        silent
+            Ends of the lines that may have jumped.
+        """
+        paths, begins = list(paths), []
+        for k in fresh:
+            at_s = float(data.time_s[paths[k].first])
+            rows = slice(paths[k].first, None)
+            state = state_at(data, measured, states, k, rows, at_s)
+            if state is not None:
+                begins.append((k, PathEnd(int(lines[k]), at_s, state)))
+        while found := find_jumped(
+            silent, [begin for _, begin in begins], self.jumps, data, measured, lines
+        ):
+            jump, pairs = found
+            for old, new in pairs:
+                end, (k, begin) = silent[old], begins[new]
+                parts = np.flatnonzero(lines == end.line).tolist()
+                last_s = end.time_s  # its points are out if it has no path here
+                if parts:
+                    last_s = min(last_s, max(jump.time_s, begin.time_s))
+                stop = int(np.searchsorted(data.time_s, last_s, "right"))
+                if any(stop <= paths[i].first for i in parts) or stop >= paths[k].stop:
+                    continue
+                for i in parts:
+                    paths[i] = replace(paths[i], stop=min(paths[i].stop, stop))
+                paths[k] = replace(paths[k], first=max(paths[k].first, stop))
+                lines[lines == begin.line] = end.line
+                self.families.rename(begin.line, end.line)
+            gone = {old for old, _ in pairs}
+            silent = [end for i, end in enumerate(silent) if i not in gone]
+            known = {new for _, new in pairs}
+            begins = [begin for i, begin in enumerate(begins) if i not in known]
+        return paths
 
     def _returned(
         self,
         data: WindowData,
         first: int,
-        silent: list[_End],
+        silent: list[PathEnd],
         measured: Measured,
         states: FloatArray,
         column: int,
@@ -336,7 +408,7 @@ class PathTracer:
         """Return the number of the silent line that a path continues, 0 for none."""
         begin_s = float(data.time_s[first])
         silent = [end for end in silent if 0.0 < begin_s - end.time_s < self.silence_s]
-        now = _state(data, measured, states, column, slice(first, None), begin_s)
+        now = state_at(data, measured, states, column, slice(first, None), begin_s)
         if not silent or now is None:
             return 0
         band = float(data.frequency_hz[-1] - data.frequency_hz[0])
@@ -353,22 +425,15 @@ class PathTracer:
         best = int(np.argmax(ratio))
         return silent[best].line if ratio[best] > LEAST_LOG_RATIO else 0
 
-    def _heir(
-        self, data: WindowData, path: FoundPath, used: set[int]
-    ) -> _Living | None:
-        """Find the living line that a path continues."""
+    def _is_heir(self, data: WindowData, path: FoundPath, old: _Living) -> bool:
+        """Tell whether a path runs beside that of a living line."""
         frames = data.frame[path.first : path.stop]
         cells = path.cells[path.first : path.stop]
-        for old in self.living:
-            if old.line in used:
-                continue
-            _, ours, theirs = np.intersect1d(frames, old.frame, return_indices=True)
-            is_common = np.ones(ours.size, dtype=bool)
-            if is_same_line(
-                cells[ours], old.cells[theirs], is_common, data.cells_per_bin
-            ):
-                return old
-        return None
+        _, ours, theirs = np.intersect1d(frames, old.frame, return_indices=True)
+        is_common = np.ones(ours.size, dtype=bool)
+        return is_same_line(
+            cells[ours], old.cells[theirs], is_common, data.cells_per_bin
+        )
 
     def _smoothed(
         self, data: WindowData, cells: IntArray, measured: Measured
@@ -413,7 +478,9 @@ class PathTracer:
         samples = self.samples.samples(lines, correlation)
         contact, status = group_lines(samples, family)
         beside = unresolved_share(samples, UNRESOLVED_BINS * self.resolution_hz)
-        return LineTable(lines, contact, family, status, beside, families)
+        known = set(lines.tolist())
+        jumps = [jump for jump in self.jumps if not known.isdisjoint(jump.lines)]
+        return LineTable(lines, contact, family, status, beside, families, jumps)
 
     def scalars(self, reference: str) -> dict[str, Any]:
         """Return what the run could have found."""
@@ -447,42 +514,6 @@ def _along_paths(data: WindowData, paths: list[FoundPath]) -> Measured:
     rows = np.arange(data.frame.size)[:, None]
     is_line = (rows >= first) & (rows < stop) & data.is_valid[:, None]
     return measure(data, np.stack([p.cells for p in paths], axis=1), is_line)
-
-
-def _state(
-    data: WindowData,
-    measured: Measured,
-    states: FloatArray,
-    column: int,
-    rows: slice,
-    at_s: float,
-) -> KalmanState | None:
-    """Return straight course and bearing of a path at the first of some rows."""
-    course = fit_course(
-        data.time_s[rows], measured.position[0, rows, column],
-        measured.variance[0, rows, column], at_s,
-    )  # fmt: skip
-    if course is None:
-        return None
-    state = states[rows][0, :, :, column].copy()
-    state[:2, 0] = course.value
-    state[2:, 0] = course.covariance[[0, 0, 1], [0, 1, 1]]
-    return KalmanState(*state)
-
-
-def _end(
-    data: WindowData,
-    measured: Measured,
-    states: FloatArray,
-    line: int,
-    column: int,
-    stop: int,
-) -> _End | None:
-    """Return how a path ends."""
-    at_s = float(data.time_s[stop - 1])
-    rows = slice(stop - 1, None, -1)
-    state = _state(data, measured, states, column, rows, at_s)
-    return None if state is None else _End(line, at_s, state)
 
 
 def _joined(living: list[_Living]) -> list[_Living]:

@@ -1,25 +1,28 @@
 """Lines that jump together, when a machine changes its speed at once, keep their numbers.
 
 **Method.** When a shaft changes its rate within a frame or two, all its lines fall silent
-and as many begin elsewhere, by one common ratio. Among the lines that fell silent and
-those that began at that time the ratio is sought with which most of them pair; it is
-taken when strangers, who could begin anywhere between the lowest and the highest of the
-new ones, would hardly pair as often (a number of false alarms). Lines of the machine that
-are found later follow the ratio of those that are known.
+and as many begin elsewhere, by one common ratio (`lines.common_jumps`). Lines of the
+machine that are found later follow the ratio of those that are known.
 
 **Conventions.** A new line is compared at its present frequency, so that a machine whose
 speed still drifts has one ratio at any time. Points leave with a lag of
 `track_store.LAG_FRAMES`, and until then a line may be given an older number.
-
-**References.** Desolneux, Moisan & Morel (2008) for the number of false alarms.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_deg
+from uwtrack_cli.lines.common_jumps import (
+    AFTER_WINDOWS,
+    BEARING_SIGMAS,
+    BEFORE_WINDOWS,
+    FEWEST_LINES,
+    JumpCandidates,
+    told_jump,
+)
 from uwtrack_cli.lines.line_points import FamilyJump
 from uwtrack_cli.lines.tracking.line_continuation import SilentLines
 from uwtrack_cli.lines.tracking.track_store import (
@@ -28,24 +31,8 @@ from uwtrack_cli.lines.tracking.track_store import (
     TrackStore,
 )
 
-GREATEST_JUMP = 0.08
-"""Greatest relative change of the rate: beyond it the orders of the lines are unknown."""
-
-BEFORE_WINDOWS, AFTER_WINDOWS = 12.0, 6.0
-"""Windows by which a line may begin before the last peak of the one that it continues
-(noise peaks began it), and after it (it was found late)."""
-
 LONG_BEFORE_WINDOWS = 40.0
 """The former where the jump is known from other lines."""
-
-REACH = 0.5
-"""Distance from its place within which a line belongs to a jump, in resolutions."""
-
-GREATEST_CHANCE = 1e-3
-"""Expected number of jumps as good by chance, in one look, beyond which there is none."""
-
-BEARING_SIGMAS = 4.0
-"""Difference of bearings beyond which a line is another vessel's, in deviations."""
 
 PATIENCE_S = 60.0
 """Time after a jump in which lines may still be found that belong to it, s."""
@@ -55,12 +42,6 @@ SILENT_FRAMES = 6
 
 STEADY_FRAMES = 40
 """Frames for which a line must have been followed before."""
-
-_SEEDS = 256
-"""Ratios that are looked at together."""
-
-_FEWEST = 3
-"""Lines below which a common ratio says nothing."""
 
 
 @dataclass(frozen=True)
@@ -141,14 +122,15 @@ class FamilyJumps:
         wait = (begin_s - before.time_s[:, None]) * self.resolution_hz
         may_be = (wait > -LONG_BEFORE_WINDOWS) & (wait < AFTER_WINDOWS)
         may_be &= self._is_there(before, slots)
-        ratio = store.frequency_hz[slots] / before_hz[:, None]
-        # what wanders about zero has no ratio
-        ratio = np.log(np.where(ratio > 0.0, ratio, np.nan))
-        may_be &= np.abs(ratio) < GREATEST_JUMP
-        pairs, known = self._followed(before_hz, slots, may_be)
-        if not pairs and min(slots.size, due.size) >= _FEWEST:
-            may_be &= wait > -BEFORE_WINDOWS
-            pairs = self._common(before, slots, may_be, ratio)
+        candidates = JumpCandidates(
+            before_hz, before.time_s, store.frequency_hz[slots], may_be,
+            self.resolution_hz,
+        )  # fmt: skip
+        ratio = candidates.log_ratio
+        pairs, known = self._followed(candidates)
+        if not pairs and min(slots.size, due.size) >= FEWEST_LINES:
+            is_prompt = may_be & (wait > -BEFORE_WINDOWS)
+            pairs = replace(candidates, may_be=is_prompt).common()
         if not pairs:
             return []
         old, new = np.array(pairs).T
@@ -158,7 +140,7 @@ class FamilyJumps:
             variance = before.state.variance[0, old] / before_hz[old] ** 2
             relative = store.frequency_hz[chosen]
             variance += store.frequency_variance_hz2[chosen] / relative**2
-            known = _told(float(np.median(times_s)), ratio[old, new], variance)
+            known = told_jump(float(np.median(times_s)), ratio[old, new], variance)
             self.told.append(known)
         known.lines.update(numbers.tolist())
         self._jumps.append(
@@ -179,7 +161,7 @@ class FamilyJumps:
         return np.asarray(allows | (variance >= UNKNOWN_BEARING_VARIANCE))
 
     def _followed(
-        self, before_hz: FloatArray, slots: IntArray, may_be: BoolArray
+        self, candidates: JumpCandidates
     ) -> tuple[list[tuple[int, int]], FamilyJump | None]:
         """Pair lines by the ratio that the lines of a known jump have now."""
         store = self.store
@@ -190,66 +172,8 @@ class FamilyJumps:
             if not lives.any():
                 continue
             mates = store.frequency_hz[jump.slots[lives]] / jump.before_hz[lives]
-            pairs = self._paired(before_hz * float(np.median(mates)), slots, may_be)
+            place = candidates.before_hz * float(np.median(mates))
+            pairs = candidates.paired(place, candidates.may_be)
             if pairs:
                 return pairs, jump.told
         return [], None
-
-    def _common(
-        self,
-        before: SilentLines,
-        slots: IntArray,
-        may_be: BoolArray,
-        ratio: FloatArray,
-    ) -> list[tuple[int, int]]:
-        """Seek the ratio with which most lines pair; none if chance explains it."""
-        from scipy.special import bdtrc
-
-        reach_hz = REACH * self.resolution_hz
-        frequency = np.sort(self.store.frequency_hz[slots])
-        span = frequency[-1] - frequency[0] + self.resolution_hz
-        share = min(1.0, 2.0 * reach_hz * slots.size / span)
-        wait = np.abs(before.time_s[:, None] - before.time_s) * self.resolution_hz
-        is_mate = (wait < AFTER_WINDOWS) & may_be.any(axis=1)
-        n_others = np.count_nonzero(is_mate, axis=1) - 1
-        best: list[tuple[int, int]] = []
-        least = GREATEST_CHANCE
-        seeds = np.argwhere(may_be)
-        for part in np.split(seeds, range(_SEEDS, len(seeds), _SEEDS)):
-            old = part[:, 0]
-            place = before.state.position[0] * np.exp(ratio[old, part[:, 1]])[:, None]
-            begin = frequency.searchsorted(place - reach_hz, "right")
-            has_new = frequency.searchsorted(place + reach_hz) > begin
-            # no more of them pair, and few are far more than chance
-            most = np.count_nonzero(has_new & is_mate[old], axis=1)
-            least_chance = len(seeds) * bdtrc(most - 2.0, n_others[old], share)
-            hopeful = (most >= _FEWEST) & (least_chance < least)
-            for seed in np.flatnonzero(hopeful).tolist():
-                mates = may_be & is_mate[old[seed], :, None]
-                pairs = self._paired(place[seed], slots, mates)
-                tail = bdtrc(len(pairs) - 2.0, n_others[old[seed]], share)
-                if len(pairs) >= _FEWEST and len(seeds) * tail < least:
-                    best, least = pairs, len(seeds) * float(tail)
-        return best
-
-    def _paired(
-        self, place_hz: FloatArray, slots: IntArray, may_be: BoolArray
-    ) -> list[tuple[int, int]]:
-        """Pair old lines, moved to their places, with the nearest new ones in reach."""
-        away = np.abs(self.store.frequency_hz[slots] - place_hz[:, None])
-        away = np.where(may_be, away, np.inf)
-        pairs = []
-        while away.min() < REACH * self.resolution_hz:
-            old, new = np.unravel_index(int(away.argmin()), away.shape)
-            pairs.append((int(old), int(new)))
-            away[old], away[:, new] = np.inf, np.inf
-        return pairs
-
-
-def _told(time_s: float, log_ratio: FloatArray, variance: FloatArray) -> FamilyJump:
-    """Return the common ratio of some lines by their weights."""
-    weight = 1.0 / variance
-    mean = float((weight * log_ratio).sum() / weight.sum())
-    excess = float((weight * (log_ratio - mean) ** 2).sum()) / (log_ratio.size - 1)
-    std = np.sqrt(max(excess, 1.0) / weight.sum())
-    return FamilyJump(time_s, float(np.exp(mean)), float(np.exp(mean) * std), set())
