@@ -7,11 +7,12 @@ import pytest
 
 from tests.flow.auto_scores import car, in_memory, passages
 from tests.flow.made_encounters import encounters_of
+from tests.motion.test_sub_bands import TIME, levels_of
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import HeldSamples
 from uwtrack_cli.data.rises import Rises
-from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.zoom import zoom_in
@@ -71,6 +72,24 @@ def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
     assert looked == [20.0] * n_recipes
 
 
+def test_stretches_whose_sound_has_passed_are_told():
+    """A reader that cannot go back: sound made on the way, or a pipe."""
+    passed = recording_of(np.zeros((60 * 1000, 1), np.float32), 1000.0)
+    rises = Rises(
+        time_s=np.array([30.0, 31.0]), half_length_s=np.full(2, 2.0),
+        kind=np.array(["fall", "level"]), spreads=np.full(2, 9.0), least_spreads=7.0,
+        sensor="h1",
+    )  # fmt: skip
+    known = encounters_of({"time_s": 31.0, "range_over_speed_s": 2.0, "status": "ok"})
+    with pytest.warns(
+        UwtrackWarning, match=r"1 stretch of memory.wav, from 20 s on.* not"
+    ):
+        found = zoom_in([known], rises, recording=passed)
+    assert found.time_s.tolist() == [31.0]
+    # nothing to look at is nothing left out
+    zoom_in([known], recording=passed)
+
+
 @pytest.mark.parametrize(("kind", "n_found"), [("level", 1), ("fall", 0)])
 def test_the_level_alone_must_rise_in_the_whole_recording_too(
     kind, n_found, monkeypatch
@@ -86,6 +105,27 @@ def test_the_level_alone_must_rise_in_the_whole_recording_too(
     crest = encounters_of(row)
     monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: crest)
     found = zoom_in([encounters_of()], rises, recording=recording, recipes=["vessel"])
+    assert found.n_encounters == n_found
+
+
+@pytest.mark.parametrize(("ratio", "n_found"), [(20.0, 1), (1.0, 0)])
+def test_a_rise_of_the_level_must_stand_out_of_the_swell(ratio, n_found, monkeypatch):
+    sound = np.zeros((240 * 1000, 1), np.float32)
+    recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
+    rises = Rises(
+        time_s=np.array([120.5]), half_length_s=np.array([2.0]),
+        kind=np.array(["level"]), spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
+    )  # fmt: skip
+    row = {"time_s": 10.0, "range_over_speed_s": 1.6, "status": "level-only"}
+    monkeypatch.setattr(
+        "uwtrack_cli.flow.zoom._passages", lambda *_: encounters_of(row)
+    )
+    swell = 10 ** (0.3 * np.cos(2 * np.pi * (TIME - 120.5) / 10.0))
+    law = 1 / (1 + ((TIME - 120.5) / 1.6) ** 2)
+    levels = levels_of(np.repeat((swell + ratio * law)[None], 8, axis=0))
+    found = zoom_in(
+        [encounters_of()], rises, recording=recording, levels=levels, recipes=["vessel"]
+    )
     assert found.n_encounters == n_found
 
 

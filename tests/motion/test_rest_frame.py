@@ -113,6 +113,26 @@ def test_a_passage_beside_a_ramp_must_be_steadier_than_the_ramp_alone(passes):
     assert (found.evidence < -0.2) != passes
 
 
+def test_a_drift_like_the_passage_says_nothing_against_bearings_that_turn():
+    """A slow vessel far off: within 60 degrees of its course its lines fall straight."""
+    slow = replace(SCENE, speed_mps=1.6, range_m=620.0, closest_s=190.0, length_s=480.0)
+    lines = lines_of_scenes([slow], np.random.default_rng(1))
+    (item,) = examine_contacts(
+        lines, nuisance_priors(DIFAR, None, None, 22.0, 2.0).medium, 1e-3
+    )
+    time = np.arange(int(slow.length_s * RATE_HZ)) / RATE_HZ
+    ratio, _, _ = received(slow, time, true_motion(slow))
+    sound = sound_of(ratio, 1.0)
+    asked = [rest_frame(sound, item.fit, item.blocks, turns=turns) for turns in (0, 1)]
+    assert [heard.rival for heard in asked] == ["frequency-ramp", "frequency-step"]
+    assert abs(asked[0].evidence) < 0.05
+    assert asked[1].evidence > 0.15
+    steady = rest_frame(
+        sound_of(np.ones(time.size), 1.0), item.fit, item.blocks, turns=True
+    )
+    assert steady.evidence < -0.2
+
+
 def test_lines_that_are_not_in_the_sound_are_no_passage():
     """A tracker may join noise to a line that moves: its sound holds no tone."""
     shift, loudness = shift_at(TIME)
@@ -124,9 +144,12 @@ def test_lines_that_are_not_in_the_sound_are_no_passage():
     assert heard.status.tolist() == ["ok"]
 
 
-def test_without_the_sound_the_passage_stands_and_says_so():
+@pytest.mark.parametrize("sound", [None, np.zeros(int(SCENE.length_s * RATE_HZ))])
+def test_without_the_sound_the_passage_stands_and_says_so(sound):
+    """There is none, or its reader cannot go back."""
     lines = lines_of_scenes([SCENE], np.random.default_rng(1))
-    found = find_encounters(lines, None, DIFAR)
+    passed = None if sound is None else recording_of(sound, RATE_HZ)
+    found = find_encounters(lines, None, DIFAR, None, passed)
     assert found.status.tolist() == ["ok"]
     assert np.isnan(found.rest_frame_evidence[0])
     assert found.reasons(0)["rest_frame_evidence"] == "the sound is not at hand"

@@ -9,6 +9,7 @@ import pytest
 
 from tests.flow.made_encounters import encounters_of
 from tests.support import DIFAR, OMNI, recording_of, white_noise
+from uwtrack_cli.cli.run_commands import _unsought
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import KINDS, Presence
 from uwtrack_cli.data.spectra import Levels
@@ -255,6 +256,23 @@ def ran(uwtrack, samples):
     )
     assert done.exit_code == 0, done.output
     return done
+
+
+def test_what_was_not_looked_for_is_named_where_no_vessel_was_found(uwtrack, samples):
+    """Its only marks are blades in the envelope, which `vessel` and `auto` do not read."""
+    source = samples / "propeller.wav"
+    done = uwtrack("run", source, "--recipe", "vessel", "-o", "v.run.h5")
+    said = " ".join(done.stderr.split())
+    unsought = "recipe vessel does not look for shaft and blades"
+    assert f"no vessel was found {unsought}" in said
+    assert f"uwtrack demon {source}" in said
+    # it is not named where it would be refused, nor where it was looked for
+    recording = recording_of(np.zeros(round(60 * RATE_HZ)), RATE_HZ)
+    slow = replace(recording, sample_rate_hz=50.0)
+    auto = load_recipe("auto")
+    assert "demon" in _unsought(auto, [source], [recording])
+    assert _unsought(auto, [source], [slow]) == ""
+    assert _unsought(load_recipe("presence"), [source], [recording]) == ""
 
 
 def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):

@@ -56,6 +56,7 @@ def print_result(
     as_json: bool,
     is_data: bool = False,
     presence: Presence | None = None,
+    unsought: str = "",
 ) -> None:
     """Print a result as JSON on standard output, or as a summary for people.
 
@@ -69,6 +70,8 @@ def print_result(
         Whether the summary is what was asked for, and goes to standard output.
     presence
         What was heard, which is told beside closest approaches.
+    unsought
+        What was not looked for, which is told where no vessel was found.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
 
@@ -78,7 +81,7 @@ def print_result(
     if container.NAME in STATED:
         _print_statements(container, is_data=is_data)
     else:
-        _print_summary(container, presence, is_data=is_data)
+        _print_summary(container, presence, is_data=is_data, unsought=unsought)
 
 
 def _print_statements(container: Container, *, is_data: bool) -> None:
@@ -96,7 +99,7 @@ def _print_statements(container: Container, *, is_data: bool) -> None:
 
 
 def _print_summary(
-    container: Container, presence: Presence | None, *, is_data: bool
+    container: Container, presence: Presence | None, *, is_data: bool, unsought: str
 ) -> None:
     """Print the columns of the summary; what is missing goes to the console."""
     from uwtrack_cli.files.tables.json_rows import json_rows
@@ -104,6 +107,8 @@ def _print_summary(
     rows = json_rows(container)
     told = container if isinstance(container, Presence) else presence
     heard = [] if told is None else _heard(told)
+    if unsought and heard and heard[0].startswith(NOTHING["presence"]):
+        heard.append(unsought)
     if not rows:
         why = getattr(container, "statement", "")
         for text in heard or [why or NOTHING[container.NAME]]:

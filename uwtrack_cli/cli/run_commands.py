@@ -160,7 +160,8 @@ def run(
             source, recording, chosen, keep, target, vessels,
             overwrite=overwrite, whole=fusion is not None,
         )  # fmt: skip
-    _print_all(made, as_json=json_output)
+    unsought = _unsought(chosen, sources, recordings)
+    _print_all(made, as_json=json_output, unsought=unsought)
     if fusion is not None:
         fused = fusion.apply(made)
         write_containers(fusion.target, fused, fusion.history(), overwrite=overwrite)
@@ -293,14 +294,39 @@ def _refuse_twice(
             raise OptionError(msg)
 
 
-def _print_all(made: Sequence["Held"], *, as_json: bool) -> None:
+def _unsought(
+    recipe: "Recipe", sources: Sequence[Path], recordings: Sequence[Recording]
+) -> str:
+    """Say which command looks for what a recipe does not: a shaft without lines.
+
+    Empty where the recipe does, or no recording is long and broad enough for it.
+    """
+    from uwtrack_cli.flow.catalogue import find_stage
+
+    stage = find_stage("demon")
+    if any(step.stage_name == stage.name for step in recipe.graph().steps()):
+        return ""
+    for source, recording in zip(sources, recordings, strict=True):
+        used = stage.resolve(recording, stage.defaults)
+        if used["band_hz"] is not None and used["window_s"] is not None:
+            return (
+                f"recipe {recipe.name} does not look for shaft and blades in the envelope "
+                f"of the broadband: uwtrack demon {source}, or run it with --recipe "
+                f"presence"
+            )
+    return ""
+
+
+def _print_all(made: Sequence["Held"], *, as_json: bool, unsought: str = "") -> None:
     heard = [h.container for h in made if isinstance(h.container, Presence)]
     presence = Presence.join(heard) if heard else None
     kinds: tuple[type[Container], ...] = (Encounters, Motions)
     for kind in kinds:
         found = [h.container for h in made if isinstance(h.container, kind)]
         if found:
-            print_result(kind.join(found), as_json=as_json, presence=presence)
+            print_result(
+                kind.join(found), as_json=as_json, presence=presence, unsought=unsought
+            )
             return
 
 

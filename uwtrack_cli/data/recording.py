@@ -81,6 +81,11 @@ class Recording(Container):
         """Whether the sound is still coming, so that its length is not known."""
         return self.n_samples == UNENDED
 
+    @property
+    def can_be_read_again(self) -> bool:
+        """Whether the reader can go back: of live sound, as far as it is still held."""
+        return hasattr(self.reader, "stretch")
+
     def ended(self) -> "Recording":
         """Return the recording as it is when its sound has been read.
 

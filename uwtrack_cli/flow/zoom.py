@@ -7,9 +7,12 @@ show a closest approach that lasts only a few of their lengths. Lines that keep 
 frequencies, and a level that rises for longer, do not need the shortest frames, and
 lines that climb none. These stretches of the sound are read again, and recipes of
 shorter frames run over them, up to their closest approaches, which are held against the
-sound as all are. What long or longer frames tell of a piece of a line that a better passage
-explains is left out before (`motion/explained_lines.py`). A stretch is too short to tell swell from a passage by the level alone:
-there the level must rise by more than the recording does all the time. In the end all
+sound as all are; where the sound cannot be read again, a warning says which stretches
+were left out. What long or longer frames tell of a piece of a line that a better passage
+explains is left out before (`motion/explained_lines.py`). A stretch is too short to
+tell swell from a passage by the level alone: there the level, and the parts of its band
+by themselves, must rise by more than the recording does all the time
+(`motion/passage/usual_rises.py`). In the end all
 answers, those of several lengths of long frames among them, compete for one row per
 passage (`motion/competition.py`).
 
@@ -23,17 +26,20 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import BoolArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.recording import HeldSamples, Recording
 from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, Rises
+from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.competition import LEVEL_ONLY, compete
 from uwtrack_cli.motion.explained_lines import unexplained
+from uwtrack_cli.motion.passage.usual_rises import stands_out
 
 RECIPES = ("small-craft", "vehicle")
 """Recipes that look again: frames of a quarter and a tenth of a second."""
@@ -57,6 +63,7 @@ def zoom_in(
     rises: Rises | None = None,
     lines: list[Lines] | None = None,
     recording: Recording | None = None,
+    levels: Levels | None = None,
     *,
     recipes: list[str] | None = None,
 ) -> Encounters:
@@ -75,6 +82,9 @@ def zoom_in(
         passage explains. None leaves that out.
     recording
         The recording, whose sound is read again.
+    levels
+        Levels of the recording, above whose usual rises the level of a stretch must
+        rise. None leaves that out.
     recipes
         Recipes with shorter frames that are run over what is looked at; small-craft
         and vehicle unless given. Only the first is run where lines keep their
@@ -106,15 +116,33 @@ def zoom_in(
     known = compete(first, longer, taken, keeps_agreed=True)
     own = known.of_sensor(recording.sensor.id)
     found: list[Encounters] = []
+    missed_s: list[float] = []
     for number, graph in enumerate(graphs):
         looked = rises if rises is None else _seen(rises, is_first=number == 0)
         for start_s, stop_s in _stretches(own, looked, tracked):
             part = _part(recording, start_s, stop_s)
-            table = None if part is None else _passages(part, graph)
+            if part is None:
+                missed_s.append(max(0.0, start_s))
+                continue
+            table = _passages(part, graph)
             if table is not None:
                 placed = _placed(table, start_s, stop_s, recording)
-                found.append(_risen(placed, own, rises))
+                found.append(_risen(placed, own, rises, levels))
+    if missed_s:
+        _warn_of_missed(missed_s, recording)
     return compete(own, found, taken)
+
+
+def _warn_of_missed(from_s: list[float], recording: Recording) -> None:
+    """Say that stretches are not looked at again, since their sound is not at hand."""
+    places = sorted(set(from_s))
+    stretches = f"{len(places)} stretch" + ("es" if len(places) > 1 else "")
+    msg = (
+        f"{stretches} of {recording.name}, from {places[0]:.0f} s on, where something may "
+        f"pass within seconds, cannot be looked at again: the sound is not at hand. Keep "
+        f"it in a file, and run that."
+    )
+    warnings.warn(msg, UwtrackWarning, stacklevel=3)
 
 
 def _own_passages(tables: list[Encounters], lines: list[Lines]) -> list[Encounters]:
@@ -203,7 +231,9 @@ def _passages(part: Recording, graph: Graph) -> Encounters | None:
     return made if isinstance(made, Encounters) else None
 
 
-def _risen(found: Encounters, known: Encounters, rises: Rises | None) -> Encounters:
+def _risen(
+    found: Encounters, known: Encounters, rises: Rises | None, levels: Levels | None
+) -> Encounters:
     """Return the passages of a stretch; by the level alone, where the recording rises."""
     time_s, reach_s = known.time_s, known.range_over_speed_s
     if rises is not None:
@@ -212,7 +242,12 @@ def _risen(found: Encounters, known: Encounters, rises: Rises | None) -> Encount
         reach_s = np.append(reach_s, rises.half_length_s[is_level])
     apart = np.abs(found.time_s[:, None] - time_s)
     near = apart < reach_s + found.range_over_speed_s[:, None]
-    kept = (found.status != LEVEL_ONLY) | near.any(axis=1)
+    kept: BoolArray = np.asarray(near.any(axis=1), np.bool_)
+    if levels is not None:
+        for row in np.flatnonzero(kept & (found.status == LEVEL_ONLY)):
+            place = float(found.time_s[row]), float(found.range_over_speed_s[row])
+            kept[row] = stands_out(levels, *place)
+    kept |= found.status != LEVEL_ONLY
     return found.take("encounter", np.flatnonzero(kept))
 
 

@@ -174,7 +174,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         found = examine_recording(
             lines, levels, medium, false_alarm_probability, limits, sound, directions
         )
-    has_sound = sound is not None and sound.reader is not None
+    has_sound = sound is not None and sound.can_be_read_again
     pairs = [
         (item, _row(item, context, limits, levels, has_sound=has_sound))
         for item in found

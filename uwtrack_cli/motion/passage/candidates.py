@@ -2,7 +2,9 @@
 
 **Method.** A contact is fitted by itself. Contacts whose measurements agree with the
 motion of a stronger one are parts of the same vessel (a tracker may split its lines)
-and are fitted together. Conversely, vessels that pass close together on like courses
+and are fitted together, the more so where they are teeth of one comb. Contacts that show
+no passage by themselves and may be two gears of one machine are fitted together, too:
+either has too little of the passage. Conversely, vessels that pass close together on like courses
 look like one contact until their closest approach is fitted: a line whose residuals,
 less what all lines share, still follow the partials of the passage has a motion of
 its own. Where there is such a line, every line is fitted by itself and lines that
@@ -57,6 +59,7 @@ from uwtrack_cli.motion.passage.readings import (
     may_hide_passage,
     read_passage,
 )
+from uwtrack_cli.motion.passage.same_machine import is_next_gear, is_of_comb
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""
@@ -279,29 +282,72 @@ def examine_contacts(
     false_alarm_probability
         Probability of a passage in noise alone.
     """
-    found: list[CandidatePassage] = []
-    for contact in contact_ids(lines):
-        part = (contact,)
-        one = examine(
-            contact_data(lines, None, part), part, lines_of(lines, part),
+
+    def of(contacts: tuple[int, ...]) -> CandidatePassage | None:
+        return examine(
+            contact_data(lines, None, contacts), contacts, lines_of(lines, contacts),
             medium, false_alarm_probability,
         )  # fmt: skip
-        found += [one] if one else []
-    return _merge(found, lines, medium, false_alarm_probability)
+
+    alone = {contact: of((contact,)) for contact in contact_ids(lines)}
+    of_gears = _of_gears(alone, lines, of)
+    told = {contact for item in of_gears for contact in item.contacts}
+    found = [
+        item for contact, item in alone.items() if item and contact not in told
+    ]  # fmt: skip
+    return _merge(found + of_gears, of)
+
+
+def _of_gears(
+    alone: dict[int, CandidatePassage | None],
+    lines: Lines,
+    of: Callable[[tuple[int, ...]], CandidatePassage | None],
+) -> list[CandidatePassage]:
+    """Examine contacts without a passage of their own as gears of one machine.
+
+    A gear follows the one before it, so that three of them are one machine, too.
+    """
+    times = lines.frames.time_s
+    if not times.size:
+        return []
+    limits = RecordingSpan(lines.frames.window_s, float(times[0]), float(times[-1]))
+    chains: list[tuple[int, ...]] = []
+    for contact, item in alone.items():
+        if item and not_a_passage(item.fit, item.blocks, limits) is None:
+            continue
+        last = next(
+            (c for c in chains if is_next_gear(lines, c[-1:], (contact,))), None
+        )
+        if last is None:
+            chains.append((contact,))
+        else:
+            chains[chains.index(last)] = (*last, contact)
+    made = [of(chain) for chain in chains if len(chain) > 1]
+    return [
+        item for item in made
+        if item and not_a_passage(item.fit, item.blocks, limits) is None
+    ]  # fmt: skip
 
 
 def _merge(
-    found: list[CandidatePassage], lines: Lines, medium: Medium, probability: float
+    found: list[CandidatePassage],
+    of: Callable[[tuple[int, ...]], CandidatePassage | None],
 ) -> list[CandidatePassage]:
     """Join contacts that agree with the motion of a stronger one.
 
     A part of a line agrees with many motions: it goes with the one that explains it best.
+    Lines of the comb of a stronger one are taken for its own as long as they would be if
+    the tracker had given them the same contact.
     """
     left = sorted(found, key=lambda item: -item.likelihood_ratio.total)
     kept: list[CandidatePassage] = []
     while left:
         leader, *left = left
-        alike = [agrees(item, leader) for item in left]
+        alike = [
+            agrees(item, leader)
+            or (_is_of_comb(item, leader) and _loss(item, leader) < DISAGREEMENT)
+            for item in left
+        ]
         rivals = [
             item for item, is_like in zip(left, alike, strict=True) if not is_like
         ]
@@ -313,14 +359,17 @@ def _merge(
             contacts = tuple(
                 number for item in (leader, *same) for number in item.contacts
             )
-            joint = examine(
-                contact_data(lines, None, contacts), contacts,
-                lines_of(lines, contacts), medium, probability,
-            )  # fmt: skip
-            leader = joint or leader
+            leader = of(contacts) or leader
             left = [item for item in left if item not in same]
         kept.append(leader)
     return kept
+
+
+def _is_of_comb(item: CandidatePassage, leader: CandidatePassage) -> bool:
+    one, other = leader.fit, item.fit
+    return is_of_comb(
+        one.rest_hz[0], one.rest_std_hz[0], other.rest_hz[0], other.rest_std_hz[0]
+    )
 
 
 def _suits_better(

@@ -15,7 +15,9 @@ both; that of the passage is the evidence against its best rival.
 
 The shortest frames resolve half of the Doppler shift of a line, each next length is
 twice the one before: a law that is only roughly right is as sharp as the true one in
-short frames, and blurred in long ones. Lines that are followed and are no tones in any
+short frames, and blurred in long ones. A slow vessel's lines may follow the law and a
+rival alike within what the longest frames resolve; where its bearings show the passage
+by themselves, the sound is not asked about such a rival. Lines that are followed and are no tones in any
 reading, such as noise that a tracker has joined, leave no evidence at all: a passage
 must gain something itself.
 
@@ -90,6 +92,10 @@ of what it takes to be significant by their frequencies, which tell less than th
 FASTEST_KNOWN = 3.0
 """Deviations of the speed from zero below which nothing is claimed of the lines."""
 
+RESOLVED = 1.0
+"""Distance of two readings, in cells of the longest frames, from which they are told
+apart: nearer ones leave a tone within its main lobe."""
+
 MOST_SAMPLES = 1 << 25
 """Samples above which a stretch is not read again."""
 
@@ -139,7 +145,9 @@ def ask_the_sound(
     deviation = float(np.sqrt(np.maximum(fit.covariance[0, 2, 2], 0.0)))
     if not fit.theta[0, 2] > FASTEST_KNOWN * deviation:
         return candidate
-    heard = rest_frame(recording, fit, candidate.blocks)
+    gain = candidate.likelihood_ratio
+    turns = gain.bearing > gain.threshold
+    heard = rest_frame(recording, fit, candidate.blocks, turns=turns)
     if heard is None:
         return candidate
     doubt = candidate.doubt
@@ -157,7 +165,7 @@ def ask_the_sound(
 
 
 def rest_frame(
-    recording: Recording, fit: PassageFit, blocks: Blocks
+    recording: Recording, fit: PassageFit, blocks: Blocks, *, turns: bool = False
 ) -> RestFrame | None:
     """Ask the sound of a recording whether a passage is true.
 
@@ -169,6 +177,9 @@ def rest_frame(
         Fit of one data set with lines.
     blocks
         The measurements that it was made from.
+    turns
+        Whether its bearings show the passage by themselves, so that a rival whose tones
+        are the same within the resolution of the sound says nothing against it.
 
     Returns
     -------
@@ -196,7 +207,7 @@ def rest_frame(
     if not bands:
         return None
     shapes = _rivals(blocks, is_known, (heard_s, width), fit.change)
-    return _compared(bands, start_s, fit, shapes, mach)
+    return _compared(bands, start_s, fit, shapes, mach, turns=turns)
 
 
 def _bands(
@@ -294,8 +305,11 @@ def _compared(
     fit: PassageFit,
     rivals: _Rivals,
     mach: float,
+    *,
+    turns: bool,
 ) -> RestFrame | None:
     gains = np.zeros((N_LENGTHS, 1 + len(RIVALS)))
+    is_told = np.full(len(RIVALS), not turns)
     is_used = np.zeros(N_LENGTHS, np.bool_)
     for band in bands:
         shortest = 2 / (mach * band.rest_hz) * band.rate_hz
@@ -312,13 +326,16 @@ def _compared(
             if length < FEWEST_CELLS or time.size < FEWEST_FRAMES * length:
                 continue
             is_used[k] = True
+            for number, shift in enumerate(shifts[1:]):
+                apart = 0.5 * np.ptp(shifts[0] - shift) * band.rest_hz
+                is_told[number] |= apart > RESOLVED * band.rate_hz / length
             inner = (INNER * mach * band.rest_hz) / band.rate_hz + 2 / length
             gains[k] += [_gain(reading, length, inner) for reading in readings]
-    if not is_used.any():
+    if not (is_used.any() and is_told.any()):
         return None
     sharp = np.log(gains[is_used] + SMALLEST_GAIN)
     evidence = (sharp[:, :1] - sharp[:, 1:]).mean(axis=0)
-    best = int(np.argmin(evidence))
+    best = int(np.argmin(np.where(is_told, evidence, np.inf)))
     return RestFrame(float(evidence[best]), RIVALS[best], float(gains[:, 0].max()))
 
 
