@@ -8,7 +8,8 @@ partials by central differences of the law solved by Newton's method.
 above E/N0 = 10; levels and bearings each second. Broadband sound of the vessels is
 noise to the lines. Jitter is noise common to the lines with a known correlation time; of several
 jittering lines the rest frequencies count as one unknown, which can only lower the
-bound. No image, no turn: the path ends where it is straight.
+bound. Every gear has rest frequencies of its own, and tells nothing while it is changed.
+No image, no turn: the path ends where it is straight.
 
 **References.** Choi et al. (2014): the law of a passage; Kay (1993), section 3.9.
 """
@@ -76,13 +77,15 @@ def _density(scenario, vessel, frequency_hz, time_s):
     if plan is None:
         return np.zeros((frequency_hz.size, time_s.size))
     low, high = plan.band_hz
-    grid = np.linspace(low, high, 400)
+    grid = np.linspace(low, high, 4000)
+    tilt = plan.slope_db_per_decade / 10
     at_nearest = 10 ** (plan.snr_db / 10) * _ambient(scenario, grid).mean()
+    at_nearest = at_nearest * frequency_hz**tilt / (grid**tilt).mean()
     inside = (frequency_hz >= low) & (frequency_hz <= high)
     motion, scene = _motion(scenario, vessel)
     distance = received(scene, time_s, motion)[2]
     near = (motion[1] * motion[2] / distance) ** 2
-    return at_nearest * inside[:, None] * near[None, :]
+    return (at_nearest * inside)[:, None] * near[None, :]
 
 
 def _noise(scenario, vessel, frequency_hz, time_s):
@@ -113,6 +116,16 @@ def _partials(scenario, vessel, time_s):
     return law(motion), np.stack(columns, axis=1)
 
 
+def _gears(vessel, last_s):
+    """Return begin, end and rate of the shaft, over that of the first gear, of each gear."""
+    gears, begin, rate = [], 0.0, 1.0
+    for change in vessel.gear_changes:
+        gears.append((begin, min(change.at_s, last_s), rate))
+        begin, rate = change.at_s + change.duration_s, change.factor
+    gears.append((begin, last_s, rate))
+    return [gear for gear in gears if gear[0] < gear[1]]
+
+
 def _without_constant(slope, weight, constant):
     """Information (3, 3) of weighted measurements with one free constant."""
     columns = np.concatenate([slope, constant[None]])
@@ -124,47 +137,69 @@ def _without_constant(slope, weight, constant):
 
 def _line(scenario, vessel, line, last_s):
     """Information of a line's frequencies, and of its bearings (4, 4)."""
+    total = np.zeros((4, 4))
+    for begin_s, end_s, rate in _gears(vessel, last_s):
+        total += _line_in_gear(scenario, vessel, line, (begin_s, end_s), rate)
+    return total
+
+
+def _line_in_gear(scenario, vessel, line, span_s, rate):
     motion = _motion(scenario, vessel)[0]
-    tone = line.frequency_hz
+    tone = line.frequency_hz * rate
     sweep = tone * motion[2] / (SOUND_MPS * motion[1])
     frame = float(np.clip(0.8 / np.sqrt(sweep), 0.5, 8.0))
-    time = np.arange(frame / 2, last_s, frame)
+    time = np.arange(span_s[0] + frame / 2, span_s[1], frame)
+    total = np.zeros((4, 4))
+    if not time.size:
+        return total
     values, slope = _partials(scenario, vessel, time)
-    at = np.array([tone])
-    noise = _noise(scenario, vessel, at, time) + _density(scenario, vessel, at, time)
-    near = 10 ** (values[2] / 10)
-    ratio = 10 ** (line.cn0_db_hz / 10) * near * _ambient(scenario, at) / noise[0]
+    ratio = _ratio(scenario, vessel, line, rate, time, values)
     usable = ratio * frame >= 10
     precision = np.where(usable, 2 * np.pi**2 * ratio * frame**3 / 3, 0.0)
-    total = np.zeros((4, 4))
     if not vessel.frequency_jitter.fraction:
         total[:3, :3] = _without_constant(tone * slope[0], precision, values[0])
     angles = np.where(usable, 2 * ratio / DIPOLE_NOISE * frame, 0.0)
     return total + _bearings(slope[1], angles)
 
 
+def _ratio(scenario, vessel, line, rate, time_s, values):
+    """Power of a line over the density of all noise at its place, Hz, shape (time,).
+
+    The source is as loud as in its first gear.
+    """
+    first, at = np.array([line.frequency_hz]), np.array([line.frequency_hz * rate])
+    noise = _noise(scenario, vessel, at, time_s) + _density(
+        scenario, vessel, at, time_s
+    )
+    near = 10 ** (values[2] / 10)
+    return 10 ** (line.cn0_db_hz / 10) * near * _ambient(scenario, first) / noise[0]
+
+
 def _wandering(scenario, vessel, last_s):
     """Information of the frequencies of all lines together under jitter (3, 3)."""
-    time = np.arange(0.5, last_s)
+    gears = _gears(vessel, last_s)
+    times = [np.arange(begin + 0.5, end) for begin, end, _ in gears]
+    time = np.concatenate(times)
+    gear = np.repeat(np.arange(len(gears)), [one.size for one in times])
     values, slope = _partials(scenario, vessel, time)
     precision = np.zeros(time.size)
     for line in vessel.lines:
-        at = np.array([line.frequency_hz])
-        noise = _noise(scenario, vessel, at, time)
-        noise = (noise + _density(scenario, vessel, at, time))[0]
-        near = 10 ** (values[2] / 10) * _ambient(scenario, at) / noise
-        ratio = 10 ** (line.cn0_db_hz / 10) * near
-        usable = ratio * LONGEST_FRAME_S >= 10
-        longest = 2 * np.pi**2 * ratio * LONGEST_FRAME_S**2 / 3
-        precision += np.where(usable, longest * line.frequency_hz**2, 0.0)
+        for number, (_, _, rate) in enumerate(gears):
+            ratio = _ratio(scenario, vessel, line, rate, time, values)
+            usable = (ratio * LONGEST_FRAME_S >= 10) & (gear == number)
+            longest = 2 * np.pi**2 * ratio * LONGEST_FRAME_S**2 / 3
+            tone = line.frequency_hz * rate
+            precision += np.where(usable, longest * tone**2, 0.0)
     heard = precision > 0
     lag = np.abs(time[heard, None] - time[None, heard])
     plan = vessel.frequency_jitter
     covariance = plan.fraction**2 * np.exp(-lag / plan.correlation_s)
     covariance += np.diag(1 / precision[heard])
-    columns = np.stack([*slope[0][:, heard], values[0][heard]], axis=1)
+    in_gear = gear[heard, None] == np.unique(gear[heard])
+    columns = np.hstack([slope[0][:, heard].T, values[0][heard, None] * in_gear])
     full = columns.T @ np.linalg.solve(covariance, columns)
-    return full[:3, :3] - np.outer(full[:3, 3], full[:3, 3]) / full[3, 3]
+    free = full[3:, 3:]
+    return full[:3, :3] - full[:3, 3:] @ np.linalg.solve(free, full[3:, :3])
 
 
 def _bearings(slope, precision):
