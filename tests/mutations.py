@@ -137,6 +137,7 @@ def survives(copy_of: Path, module: str, seconds: float) -> tuple[bool, str]:
     word = module.rpartition(".")[2]
     tests.sort(key=lambda t: word not in (ROOT / t).read_text())
     tests.sort(key=lambda t: not t.startswith(room))  # stable: nearest first
+    tests.sort(key=lambda t: module not in _modules_used(ROOT / t))
     stop = time.monotonic() + seconds
     environment = dict(os.environ, PYTHONPATH=str(copy_of), OPENBLAS_NUM_THREADS="1")
     for count, test in enumerate(tests):

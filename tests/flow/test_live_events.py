@@ -2,6 +2,7 @@
 
 import io
 import json
+from datetime import UTC, datetime
 
 import jsonschema
 import numpy as np
@@ -115,6 +116,11 @@ def test_every_event_has_its_keys_and_every_line_an_end(told):
     for line in told[0].splitlines():
         check.validate(json.loads(line))
     lines = events_of(told[0], "line")
+    begin = datetime(2024, 5, 1, 12, tzinfo=UTC)
+    for row in map(json.loads, told[0].splitlines()):
+        if row.get("time_s") is not None:
+            since = datetime.fromisoformat(row["time_utc"]) - begin
+            assert since.total_seconds() == pytest.approx(row["time_s"], abs=1e-3)
     ended = {row["line"] for row in lines if row["final"]}
     assert ended == {row["line"] for row in lines}
     spans = [row["end_time_s"] - row["time_s"] for row in lines if row["final"]]

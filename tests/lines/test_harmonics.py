@@ -77,6 +77,15 @@ def test_neither_half_nor_double_the_spacing_beats_the_spacing(spacing: float) -
     assert combs[0].members.size == 12
 
 
+def test_every_tooth_between_the_ends_is_of_the_family_and_none_beside() -> None:
+    """The pair of the ends alone is unlikely by chance; a peak beside a tooth is not
+    of it, and of two on one tooth the nearer one is."""
+    frequency = np.array([70.0, 100.0, 126.4, 130.02, 130.06, 160.0, 505.0])
+    combs, _ = find_combs(frequency, _unknown(frequency), RULE, 0.5)
+    assert combs[0].members.tolist() == [0, 1, 3, 5]
+    assert combs[0].teeth.tolist() == [0, 1, 2, 3]
+
+
 def test_a_family_longer_than_the_comb_is_one_family() -> None:
     frequency = 100.0 + 7.3 * np.arange(40)
     combs, _ = find_combs(frequency, _unknown(frequency), RULE, 1e-2)

@@ -17,6 +17,7 @@ from tests.support import DIFAR, recording_of
 from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.lines.classify import classify_peaks
 from uwtrack_cli.lines.families.last_look import LastLook
 from uwtrack_cli.lines.track import track_lines
@@ -28,6 +29,8 @@ from uwtrack_cli.lines.tracker_options import (
     ProcessNoise,
     ScoreLogic,
 )
+from uwtrack_cli.lines.tracking.track_management import merge_lines
+from uwtrack_cli.lines.tracking.track_store import TrackStore
 from uwtrack_cli.lines.tracking.tracker import FollowedLines
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
@@ -241,6 +244,22 @@ def test_a_line_wider_than_its_peaks_promise_has_honest_deviations(scatter_hz) -
         inside += list(np.abs(lines.frequency_hz[late] - 150.0) < 1.96 * std)
     # a smoothed line has some dozen independent values in 300 frames
     assert np.mean(inside) >= 0.87
+
+
+@pytest.mark.parametrize("between_deg", [90.0, 270.0])
+def test_two_lines_that_are_one_become_one_though_another_vessels_lies_between(
+    between_deg: float,
+) -> None:
+    store = TrackStore()
+    store.track_bearings()
+    position = np.array([[100.0, 100.1, 100.2], [90.0, between_deg, 91.0]])
+    still = np.zeros_like(position)
+    state = KalmanState(position, still, still + 0.01, still, still + 1e-4)
+    noise, measured = np.zeros((2, 3)), np.zeros((6, 3))
+    store.start(state, noise, measured, np.ones(3, bool), np.ones(3), np.ones(3))
+    merge_lines(store, Gates(), resolution_hz=1.0)
+    others = {90.0: [0], 270.0: [0, 1]}  # the first of those that are one stays
+    assert store.active().tolist() == others[between_deg]
 
 
 def test_two_vessels_with_crossing_bearings_stay_two_contacts() -> None:

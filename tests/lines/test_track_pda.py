@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.lines.line_scenes import line_peaks
 from tests.support import recording_of
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.errors import DataError, OptionError
@@ -100,6 +101,22 @@ def test_strong_tones_are_followed_as_by_the_plain_tracker(blocks):
             for x in (ours, plain)
         ]
         assert means[0] == pytest.approx(means[1], abs=0.01)
+
+
+@pytest.mark.parametrize("has_bearings", [True, False])
+def test_bearings_tell_two_lines_apart_that_cross_slowly(has_bearings):
+    """They are as far apart as the gate of a bearing is wide: 35 degrees of 8."""
+    time = 0.5 * np.arange(240)
+    frequency = np.stack([100.0 + 0.0 * time, 98.5 + time / 40.0], axis=1)
+    bearing = np.tile([90.0, 125.0], (time.size, 1)) if has_bearings else None
+    peaks = line_peaks(frequency, bearing, std_hz=0.25, bearing_std_deg=8.0, seed=1)
+    lines = _join(track_lines_pda(iter([peaks])))
+    off = lines.frequency_hz[:, None] - frequency[lines.frame]
+    least = [
+        np.sqrt(np.mean(off[lines.line == line] ** 2, axis=0)).min()
+        for line in np.unique(lines.line)
+    ]
+    assert (len(least) == 2 and max(least) < 0.1) == has_bearings
 
 
 def test_families_are_read_through_to_their_peaks_and_refused_without(blocks):

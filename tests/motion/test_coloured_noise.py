@@ -16,6 +16,8 @@ from uwtrack_cli.motion.coloured_noise import (
 )
 from uwtrack_cli.motion.correlation import long_run_excess, overlap_correlation
 from uwtrack_cli.motion.least_squares import damped_least_squares, inverse_or_nan
+from uwtrack_cli.motion.passage.doppler import doppler_sums, line_sums
+from uwtrack_cli.motion.passage.law import passage_law
 
 TIME = np.arange(600.0)
 
@@ -111,6 +113,55 @@ def test_the_loss_is_that_of_white_and_slow_noise(inflation):
     expected[np.ix_(used, used)] -= information(weight[used], TIME[used], noise)
     found = information_loss(weight, TIME, noise).times(np.eye(TIME.size))
     np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("is_coloured", [False, True])
+def test_lines_without_their_rest_frequencies_cost_what_least_squares_say(is_coloured):
+    """The normal equations are those of a covariance that is written out."""
+    time = np.linspace(0.0, 60.0, 40)
+    rng = np.random.default_rng(3)
+    weight = 1e8 * rng.uniform(0.2, 1.0, (1, 2, time.size))
+    weight[0, 1, ::5] = 0.0
+    shift = 1e-3 * rng.standard_normal((1, 2, time.size))
+    size = weight[0].sum(axis=0)
+    noise = ColouredNoise(np.array([2e-8]), np.array([9.0]))
+    loss = information_loss(size, time, noise) if is_coloured else None
+    precision = np.diag(weight.ravel())
+    if is_coloured:  # it moves both lines, and is told from what they have in common
+        share = np.hstack([np.diag(row / size) for row in weight[0]])
+        lost = np.diag(size) - information(size, time, noise)
+        precision = precision - share.T @ lost @ share
+
+    def law_at(theta):
+        return passage_law(time, theta[None], 1500.0, 5.0, with_height=True)
+
+    def least(theta):
+        """The least cost over the rest frequencies, and where it is."""
+        model = law_at(theta).shift[0]
+        rows = np.kron(np.eye(2), 1 + model).T
+        left = (shift[0] - model).ravel()
+        rest = np.linalg.solve(rows.T @ precision @ rows, rows.T @ precision @ left)
+        left = left - rows @ rest
+        return 0.5 * left @ precision @ left, rest
+
+    theta = np.array([28.0, np.log(8.0), 6.0])
+    found = doppler_sums(law_at(theta), shift, weight, line_sums(shift, weight), loss)
+    cost, rest = least(theta)
+    np.testing.assert_allclose(found.cost, cost, rtol=1e-6)
+    np.testing.assert_allclose(found.rest[0], rest, rtol=1e-6)
+    steps = 1e-4 * np.eye(3)
+    ways = [(least(theta + h), least(theta - h)) for h in steps]
+    slope = [(plus[0] - minus[0]) / 2e-4 for plus, minus in ways]
+    np.testing.assert_allclose(found.gradient[0, :3], slope, rtol=1e-4)
+    law = law_at(theta)
+    rows = np.kron(np.eye(2), 1 + law.shift[0]).T
+    motion = np.concatenate([(1 + one) * law.shift_d[0] for one in rest])
+    inverse = np.linalg.inv(rows.T @ precision @ rows)
+    cross = rows.T @ precision @ motion
+    matrix = motion.T @ precision @ motion - cross.T @ inverse @ cross
+    np.testing.assert_allclose(found.matrix[0], matrix, rtol=1e-6)
+    np.testing.assert_allclose(found.variance[0], np.diag(inverse), rtol=1e-6)
+    np.testing.assert_allclose(found.follow[0], inverse @ cross, rtol=1e-6)
 
 
 @pytest.mark.parametrize("correlation_time_s", [5.0, 20.0, 200.0])

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from tests.motion.passage_truth import Scene
+from tests.motion.passage_truth import Scene, received, true_motion
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
@@ -131,6 +132,24 @@ def test_lines_that_mostly_stand_still_are_not_of_the_vessel_that_passes(
     assert (doubt == "") is is_told
     if not is_told:
         assert doubt == "2 of its 3 lines stand still"
+
+
+@pytest.mark.parametrize(("gain", "is_told"), [(6.0, True), (14.0, False)])
+def test_a_line_stands_still_from_a_gain_in_likelihood_of_9_nepers_on(gain, is_told):
+    """As much as 1 in 10,000 passages loses: half the chi-square that is as rare."""
+    one = candidate_of(lines_of(replace(SCENE, rest_hz=(120.0, 180.0, 240.0))))
+    assert 6.0 < 0.5 * chi2.isf(1e-4, 2) < 14.0
+    frequencies, bearings, _ = one.blocks.parts
+    value, weight = one.blocks.value.copy(), one.blocks.weight.copy()
+    still = value[0, frequencies][:2]
+    still[:] = 0.0
+    weight[0, bearings][:2] = 0.0
+    ratio, *_ = received(SCENE, one.blocks.time_s, true_motion(SCENE))
+    own = weight[0, frequencies][:2] / one.fit.noises[0].scale[0][:2, None] ** 2
+    lost = 0.5 * (own * (ratio - np.median(ratio)) ** 2).sum(axis=1)
+    weight[0, frequencies][:2] *= (gain / lost)[:, None]
+    doubt = doubt_of_lines(one.fit, replace(one.blocks, value=value, weight=weight))
+    assert (doubt == "") is is_told
 
 
 def test_a_passage_of_one_motion_keeps_its_deviations():

@@ -108,17 +108,24 @@ def test_the_covariance_grows_as_the_closed_form_says():
 
 
 @pytest.mark.parametrize(
-    ("first", "second"), [(150.0, 320.0), (150.0, -320.0), (-150.0, -40.0)],
-    ids=["same-side", "opposite-sides", "port"],
-)  # fmt: skip
-def test_two_sensors_without_doppler_are_exact_without_noise(first, second):
-    sensors = [sensor_at("h1", 600.0, first), sensor_at("h2", 1500.0, second)]
+    "places",
+    [
+        {600.0: 150.0, 1500.0: 320.0},
+        {600.0: 150.0, 1500.0: -320.0},
+        {600.0: -150.0, 1500.0: -40.0},
+        {600.0: 150.0, 1500.0: -320.0, 2400.0: 90.0},
+    ],
+    ids=["same-side", "opposite-sides", "port", "three"],
+)
+def test_sensors_without_doppler_are_exact_without_noise(places):
+    names = [f"h{number}" for number in range(1, 1 + len(places))]
+    sensors = [sensor_at(n, *at) for n, at in zip(names, places.items(), strict=True)]
     encounters = [
-        encounter_of(s, along, off, has_speed=False, rest=())
-        for s, along, off in zip(sensors, (600.0, 1500.0), (first, second), strict=True)
+        encounter_of(s, *at, has_speed=False, rest=())
+        for s, at in zip(sensors, places.items(), strict=True)
     ]
     fixes = locate_vessels(encounters, sensors, at=["1800"])
-    assert fixes.sensors.tolist() == ["h1,h2"]
+    assert fixes.sensors.tolist() == [",".join(names)]
     np.testing.assert_allclose(
         [fixes.east_m[0], fixes.north_m[0]], truth_at(1800.0), atol=1e-4
     )

@@ -1,12 +1,16 @@
 """Bearings of which some are another's, and those of a target beside a sensor."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
+import pytest
 from scipy.integrate import trapezoid
 from scipy.stats import norm
 
+from uwtrack_cli.motion.target.model import to_state
 from uwtrack_cli.motion.target.near_rows import near_rows
+from uwtrack_cli.motion.target.objective import misfit, misfit_value
 from uwtrack_cli.motion.target.observability import information
 from uwtrack_cli.motion.target.own_ship import ObserverTrack
 from uwtrack_cli.motion.target.problem import Problem, without_rows
@@ -66,6 +70,24 @@ def test_rows_count_as_the_sum_over_all_who_may_own_them_and_over_offsets():
     found = mixture.log_likelihood(trials)
     np.testing.assert_allclose(found - found[0], exact - exact[0], atol=0.15)
     assert np.ptp(exact) > 1.5
+
+
+@pytest.mark.parametrize("loss", ["squares", "huber", "student", "tukey"])
+def test_a_trial_motion_costs_the_same_alone_and_beside_others(loss):
+    """Each has the offsets of the sensors that suit it best."""
+    state = np.array([700.0, 600.0, 1.0, 2.0])
+    problem = record(state, np.arange(0.0, 900.0, 60.0), np.random.default_rng(4))
+    # the first sensor's bearings have no offset
+    problem = replace(problem, loss=loss, offset_std_rad=OFFSET_STD_RAD * np.arange(3))
+    q = np.array([np.log(922.0), 0.86, 1.0, 2.0])
+    trials = q + np.array([[0.0] * 4, [0.2, 0.3, 0.0, 1.0], [-0.2, -0.4, 2.0, 0.0]])
+    alone = [float(misfit(problem, one[None]).value[0]) for one in trials]
+    np.testing.assert_allclose(misfit(problem, trials).value, alone, rtol=1e-9)
+    of_states = misfit_value(
+        problem, to_state(trials), np.empty((3, 0)), np.zeros(3, np.int64)
+    )
+    np.testing.assert_allclose(of_states, alone, rtol=1e-9)
+    assert alone[0] < min(alone[1:])
 
 
 def test_a_target_at_the_place_of_a_sensor_is_not_known_to_centimetres():

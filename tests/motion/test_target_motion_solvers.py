@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize, rosen
 
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.solvers.marquardt import minimise
 from uwtrack_cli.motion.solvers.recursive import estimate_recursively
+from uwtrack_cli.motion.solvers.simplex import nelder_mead, simplex_about
 from uwtrack_cli.motion.solvers.solvers import solve_mle
 from uwtrack_cli.motion.target.joint_region import QUANTILE, ellipse_holds
 from uwtrack_cli.motion.target.model import to_motion, to_polar
@@ -210,6 +212,20 @@ def test_hybrids_meet_the_published_bands_in_every_scenario(name, noise):
         assert fed >= fitted - 0.05 - 0.14
     alone = single_shots(name, noise, runs, 5, "none").is_reached.mean()
     assert 0.65 <= alone <= 0.98
+
+
+def test_a_simplex_finds_the_end_of_rosenbrocks_valley_as_fast_as_scipys():
+    starts = np.array([[-1.2, 1.0], [2.0, -1.0], [0.3, 3.0]])
+    simplices = simplex_about(starts, np.full(2, 4.0))
+    found = nelder_mead(lambda points, _: rosen(points.T), simplices)
+    options = {"xatol": 1e-6, "fatol": 1e-14}
+    for row, simplex in enumerate(simplices):
+        peer = minimize(
+            rosen, starts[row], method="Nelder-Mead",
+            options=options | {"initial_simplex": simplex},
+        )  # fmt: skip
+        np.testing.assert_allclose(found.point[row], peer.x, atol=1e-5)
+        assert found.evaluations[row] < 1.5 * peer.nfev
 
 
 @pytest.mark.parametrize("loss", ["huber", "student", "tukey"])

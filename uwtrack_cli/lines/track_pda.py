@@ -204,7 +204,7 @@ class PdaLineTracker(LineTracker):
         turned = np.where(has_both, turn, 0.0) ** 2 / turn_total
         bearing = -0.5 * (turned + np.log(2.0 * math.pi * turn_total))
         log_density += np.where(has_both, bearing + math.log(_TURN_DEG), 0.0)
-        ratio = np.exp(log_density)[:] / self.cells_per_hz
+        ratio = np.exp(log_density) / self.cells_per_hz
         cell = 1.0 + 10.0 ** (peaks.snr_db[pairs.peak] / 10.0)
         allowed = np.sqrt(2.0 * cell) >= self.curve.threshold(false_alarm)[pairs.line]
         strength = np.where(allowed, ratio * (detection / false_alarm)[pairs.line], 0.0)

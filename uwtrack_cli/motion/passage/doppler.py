@@ -38,7 +38,7 @@ class DopplerSums:
     variance: FloatArray
     """Their variance at a known motion, shape (batch, lines)."""
     follow: FloatArray
-    """Their partials with respect to the motion, shape (batch, lines, motion)."""
+    """By how much they fall with the motion, shape (batch, lines, motion)."""
 
 
 @dataclass(frozen=True)
