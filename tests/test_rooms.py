@@ -120,7 +120,9 @@ def unexplained(record: ast.ClassDef) -> Iterator[str]:
             continue
         name = field.target.id
         value = "" if field.value is None else ast.unparse(field.value)
-        is_column = value.startswith(("column(", "scalar("))  # they carry a text
+        is_column = value.startswith(
+            ("column(", "deviation(", "scalar(")
+        )  # they carry a text
         is_constant = "ClassVar" in ast.unparse(field.annotation)
         has_text = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
         if not (is_column or is_constant or has_text or name in described):

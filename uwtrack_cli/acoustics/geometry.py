@@ -1,4 +1,4 @@
-"""Angles on the compass, sides of a vessel, slant and horizontal range.
+"""Angles on the compass, and sides of a vessel.
 
 **Conventions.** Compass degrees, clockwise from north; a bearing points from the
 sensor to the vessel; east is x and north is y. The sign ``turn`` of the bearing
@@ -67,24 +67,3 @@ def side_of_vessel(turn: int) -> str:
         Sign of the bearing trend: +1 clockwise, -1 counter-clockwise.
     """
     return STARBOARD if turn > 0 else PORT
-
-
-def horizontal_range_m(slant_m: Any, height_m: float) -> FloatArray:
-    """Return the horizontal part of a slant range, nan where it is shorter.
-
-    Parameters
-    ----------
-    slant_m
-        Slant range in metres.
-    height_m
-        Difference of the depths of sensor and source, in metres.
-
-    Examples
-    --------
-    >>> float(horizontal_range_m(5.0, 3.0))
-    4.0
-    """
-    square = np.asarray(slant_m, float) ** 2 - height_m**2
-    with np.errstate(invalid="ignore"):
-        flat: FloatArray = np.sqrt(np.where(square >= 0, square, np.nan))
-    return flat

@@ -41,7 +41,7 @@ COMMANDS: dict[str, str] = {
     "study": "study_commands:study",
     "help": "app:explain",
 }
-"""Module of each command and the function that documents it, a stage's its own."""
+"""Module and function of each command; that of a stage documents itself."""
 
 
 class CommandList(TyperGroup):
@@ -145,10 +145,14 @@ def _refuse_repeated(found: Any, words: Sequence[str]) -> None:
 
 def load_command(name: str) -> Any:
     """Import the module of a command and build it."""
-    module = import_module(f"uwtrack_cli.cli.{COMMANDS[name].partition(':')[0]}")
+    from uwtrack_cli.cli.command_factory import register
+
+    place, _, function = COMMANDS[name].partition(":")
+    module = import_module(f"uwtrack_cli.cli.{place}")
     own = typer.Typer(rich_markup_mode=None)
     own.callback()(lambda: None)
-    module.register(own, name)
+    made = getattr(module, function) if function else module.stage_command(name)
+    register(own, name, made)
     return typer.main.get_group(own).commands[name]
 
 
@@ -189,13 +193,6 @@ def program(
     Draw what was found (with matplotlib): uwtrack plot pass.run.h5 -o pass.png
     """
     set_verbosity(-1 if quiet else verbose)
-
-
-def register(to: typer.Typer, name: str) -> None:
-    """Add the command that stands here."""
-    from uwtrack_cli.cli.command_factory import command
-
-    command(to, name)(explain)
 
 
 def explain(

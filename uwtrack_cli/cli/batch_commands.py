@@ -3,7 +3,7 @@
 import inspect
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,7 +15,6 @@ from uwtrack_cli.cli.command_factory import (
     Output,
     Overwrite,
     WithinM,
-    command,
 )
 from uwtrack_cli.cli.console import (
     SOME_FAILED,
@@ -75,15 +74,7 @@ BATCH_PARAMETERS = [
 ]
 
 
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    named: dict[str, Callable[..., None]] = {
-        "batch": with_parameters(batch, BATCH_PARAMETERS),
-        "rerun": rerun,
-    }
-    command(app, name)(named[name])
-
-
+@with_parameters(BATCH_PARAMETERS)
 def batch(
     *,
     sources: Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, command
+from uwtrack_cli.cli.command_factory import AsJson
 from uwtrack_cli.cli.console import put, say, say_wrote, show_table
 from uwtrack_cli.cli.recording_arguments import (
     SOURCE_PARAMETERS,
@@ -27,12 +27,7 @@ UNUSED = ("own_ship", "channel")
 """Options of recordings that a sensor at rest with all its channels has no use for."""
 
 
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command."""
-    own = [p for p in SOURCE_PARAMETERS if p.name not in UNUSED]
-    command(app, name)(with_parameters(calibrate, own))
-
-
+@with_parameters([p for p in SOURCE_PARAMETERS if p.name not in UNUSED])
 def calibrate(
     *,
     source: Annotated[

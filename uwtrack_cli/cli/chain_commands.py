@@ -1,7 +1,7 @@
 """The commands of the stages: each reads product files and writes one."""
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +13,7 @@ from uwtrack_cli.cli.command_factory import (
     Branch,
     Output,
     Overwrite,
-    stage_command,
+    stage_function,
 )
 from uwtrack_cli.cli.console import progress_bar, say_wrote
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, open_source
@@ -73,15 +73,14 @@ SENSOR_FILE: tuple[str, Any] = (
 """Option for the sensor of a stage that reads delays: their tables do not hold it."""
 
 
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a stage."""
+def stage_command(name: str) -> Callable[..., None]:
+    """Return the function that is the command of a stage."""
     stage = find_stage(name)
     if stage.kind == "source":
-        stage_command(app, stage, _source_body(stage), _source_parameters())
-    elif stage.kind == "whole":
-        stage_command(app, stage, _whole_body(stage), _whole_parameters(stage))
-    else:
-        stage_command(app, stage, _stream_body(stage), _stream_parameters())
+        return stage_function(stage, _source_body(stage), _source_parameters())
+    if stage.kind == "whole":
+        return stage_function(stage, _whole_body(stage), _whole_parameters(stage))
+    return stage_function(stage, _stream_body(stage), _stream_parameters())
 
 
 def _parameter(name: str, hint: Any, default: Any = inspect.Parameter.empty) -> Any:

@@ -34,6 +34,7 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON on standard output.")
 ]
 
+ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
 Branch = Annotated[
     str | None,
     typer.Option(
@@ -84,28 +85,24 @@ class PlainCommand(TyperCommand):
                 formatter.write_dl(records)
 
 
-def command(app: typer.Typer, name: str) -> Callable[[Callable[..., None]], None]:
-    """Register a function as a command with the shared options and error handling."""
+def register(app: typer.Typer, name: str, function: Callable[..., None]) -> None:
+    """Make a function a command with the shared options and error handling."""
+    signature = inspect.signature(function)
+    parameters = [*signature.parameters.values(), *map(_flag, SHARED)]
 
-    def register(function: Callable[..., None]) -> None:
-        signature = inspect.signature(function)
-        parameters = [*signature.parameters.values(), *map(_flag, SHARED)]
+    def run(**values: Any) -> None:
+        quiet, verbose, debug = (bool(values.pop(shared)) for shared in SHARED)
+        if quiet or verbose:
+            set_verbosity(-1 if quiet else 1)
+        with guard(debug=debug), input_ledger():
+            function(**values)
 
-        def run(**values: Any) -> None:
-            quiet, verbose, debug = (bool(values.pop(shared)) for shared in SHARED)
-            if quiet or verbose:
-                set_verbosity(-1 if quiet else 1)
-            with guard(debug=debug), input_ledger():
-                function(**values)
-
-        run.__doc__ = flowing(function.__doc__ or "")
-        run.__signature__ = signature.replace(  # type: ignore[attr-defined]
-            parameters=parameters
-        )
-        run.__annotations__ = {p.name: p.annotation for p in parameters}
-        app.command(name, cls=PlainCommand)(run)
-
-    return register
+    run.__doc__ = flowing(function.__doc__ or "")
+    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=parameters
+    )
+    run.__annotations__ = {p.name: p.annotation for p in parameters}
+    app.command(name, cls=PlainCommand)(run)
 
 
 def flowing(text: str) -> str:
@@ -120,18 +117,15 @@ def _flag(name: str) -> inspect.Parameter:
     )
 
 
-def stage_command(
-    app: typer.Typer,
+def stage_function(
     stage: Stage,
     body: Callable[[Mapping[str, Any], list[dict[str, Any]]], None],
     own: list[inspect.Parameter],
-) -> None:
-    """Register the command of a stage.
+) -> Callable[..., None]:
+    """Return the function that is the command of a stage.
 
     Parameters
     ----------
-    app
-        The program.
     stage
         The stage; its options become the command's.
     body
@@ -148,7 +142,7 @@ def stage_command(
 
     run.__doc__ = _help(stage)
     run.__signature__ = inspect.Signature([*own, *flat])  # type: ignore[attr-defined]
-    command(app, stage.name)(run)
+    return run
 
 
 def nest_rungs(stage: Stage, flat: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -1,6 +1,5 @@
 """`export`: results for other programs."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,19 +10,11 @@ from uwtrack_cli.cli.command_factory import (
     Branch,
     Output,
     Overwrite,
-    command,
+    ProductFile,
 )
 from uwtrack_cli.cli.console import say
 from uwtrack_cli.cli.targets import PIPE, open_product, product_name
 from uwtrack_cli.errors import OptionError
-
-ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
-
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    named: dict[str, Callable[..., None]] = {"export": export}
-    command(app, name)(named[name])
 
 
 def export(

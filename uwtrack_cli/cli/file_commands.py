@@ -1,13 +1,12 @@
 """Commands about files: info, show, verify."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, Axis, Branch, command
+from uwtrack_cli.cli.command_factory import AsJson, Axis, Branch
 from uwtrack_cli.cli.console import FAILED, is_verbose, put
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.data.presence import Presence
@@ -15,16 +14,6 @@ from uwtrack_cli.errors import DataError, OptionError
 
 if TYPE_CHECKING:
     from uwtrack_cli.files.hdf5.product import Product
-
-ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
-
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    named: dict[str, Callable[..., None]] = {
-        "info": info, "show": show, "verify": verify,
-    }  # fmt: skip
-    command(app, name)(named[name])
 
 
 def info(

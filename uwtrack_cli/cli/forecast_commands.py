@@ -7,14 +7,9 @@ from typing import Annotated
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, Overwrite, command
+from uwtrack_cli.cli.command_factory import AsJson, Overwrite
 from uwtrack_cli.cli.console import put, say_wrote
 from uwtrack_cli.errors import OptionError
-
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command."""
-    command(app, name)(forecast)
 
 
 def forecast(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import Ais, Overwrite, WithinM, command
+from uwtrack_cli.cli.command_factory import Ais, Overwrite, WithinM
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.cli.targets import PIPE
 from uwtrack_cli.errors import DataError, OptionError
@@ -38,11 +38,6 @@ LEVELS = (
 SPARE_OF_LEVELS = ("received dB", "sensor", "vessel")
 SPARE = ("level dB", "status", "course deg", "sensor")
 """Columns that a narrow table does without."""
-
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    command(app, name)(passages)
 
 
 def passages(  # noqa: PLR0913 - three views of one table

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from uwtrack_cli.cli.command_factory import Ais, Branch, Overwrite, WithinM, command
+from uwtrack_cli.cli.command_factory import Ais, Branch, Overwrite, WithinM
 from uwtrack_cli.cli.console import say
 from uwtrack_cli.cli.targets import PIPE, Inputs, open_product, product_name
 from uwtrack_cli.data.base import Container
@@ -59,12 +59,6 @@ Picture = Annotated[
         help="Picture: PNG, SVG, or PDF with all pages; else named after the product.",
     ),
 ]
-
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    named: dict[str, Callable[..., None]] = {"plot": plot, "report": report}
-    command(app, name)(named[name])
 
 
 def plot(  # noqa: PLR0913 (one parameter for each option)

@@ -56,21 +56,20 @@ SOURCE_PARAMETERS = [
 
 
 def with_parameters(
-    function: Callable[..., None], extra: Sequence[inspect.Parameter]
-) -> Callable[..., None]:
+    extra: Sequence[inspect.Parameter],
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a function that takes ``**options`` named parameters instead."""
-    named = [
-        p
-        for p in inspect.signature(function).parameters.values()
-        if p.kind is not inspect.Parameter.VAR_KEYWORD
-    ]
 
-    def call(**values: Any) -> None:
-        function(**values)
+    def named(function: Callable[..., None]) -> Callable[..., None]:
+        own = [
+            p
+            for p in inspect.signature(function).parameters.values()
+            if p.kind is not inspect.Parameter.VAR_KEYWORD
+        ]
+        function.__signature__ = inspect.Signature([*own, *extra])  # type: ignore[attr-defined]
+        return function
 
-    call.__doc__ = function.__doc__
-    call.__signature__ = inspect.Signature([*named, *extra])  # type: ignore[attr-defined]
-    return call
+    return named
 
 
 def open_source(path: Path, options: Mapping[str, Any]) -> Recording:

@@ -12,7 +12,6 @@ from uwtrack_cli.cli.command_factory import (
     Output,
     Overwrite,
     WithinM,
-    command,
 )
 from uwtrack_cli.cli.console import progress_bar, put, say, say_wrote
 from uwtrack_cli.cli.live_run import (
@@ -73,17 +72,16 @@ SENSOR_EACH = Annotated[
 ]
 """How `run` takes sensors: one for each recording."""
 
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    own = [
+RUN_PARAMETERS = [
+    *LIVE_PARAMETERS,
+    *(
         p.replace(annotation=SENSOR_EACH) if p.name == "sensor" else p
         for p in SOURCE_PARAMETERS
-    ]
-    named = {"run": with_parameters(run, [*LIVE_PARAMETERS, *own]), "recipes": recipes}
-    command(app, name)(named[name])
+    ),
+]
 
 
+@with_parameters(RUN_PARAMETERS)
 def run(
     *,
     sources: Annotated[

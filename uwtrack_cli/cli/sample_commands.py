@@ -1,19 +1,12 @@
 """Commands that make recordings to try things on: sample and simulate."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from uwtrack_cli.cli.command_factory import Overwrite, command
+from uwtrack_cli.cli.command_factory import Overwrite
 from uwtrack_cli.cli.console import put, say
-
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    named: dict[str, Callable[..., None]] = {"simulate": simulate, "sample": sample}
-    command(app, name)(named[name])
 
 
 def _samples(incomplete: str) -> list[str]:

@@ -2,14 +2,14 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, Branch, command
+from uwtrack_cli.cli.command_factory import AsJson, Branch, ProductFile
 from uwtrack_cli.cli.console import OUTSIDE, put, say, show_table
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.errors import OptionError
@@ -22,17 +22,10 @@ if TYPE_CHECKING:
 STRAIGHT = "straight"
 """The reading that goes without saying."""
 
-ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
 Tolerance = Annotated[
     Path | None,
     typer.Option("--tolerance", help="TOML file with limits per quantity."),
 ]
-
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    named: dict[str, Callable[..., None]] = {"score": score, "diff": diff}
-    command(app, name)(named[name])
 
 
 def diff(

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from uwtrack_cli.cli.command_factory import AsJson, command
+from uwtrack_cli.cli.command_factory import AsJson
 from uwtrack_cli.cli.console import put, say
 from uwtrack_cli.data.options import nearest, shown
 from uwtrack_cli.errors import OptionError
@@ -18,11 +18,6 @@ from uwtrack_cli.studies.study import Study
 
 MAX_RUNS = 1_000_000
 """Most runs of a study; it would take weeks."""
-
-
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command."""
-    command(app, name)(study)
 
 
 def study(

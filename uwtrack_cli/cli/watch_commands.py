@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from uwtrack_cli.cli.batch_commands import PER_FILE
-from uwtrack_cli.cli.command_factory import AsJson, command
+from uwtrack_cli.cli.command_factory import AsJson
 from uwtrack_cli.cli.console import SOME_FAILED, put, say, signals_end
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, with_parameters
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
@@ -23,11 +23,7 @@ WATCH_PARAMETERS = [p for p in SOURCE_PARAMETERS if p.name not in PER_FILE]
 """Options of many recordings that read sound."""
 
 
-def register(app: typer.Typer, name: str) -> None:
-    """Add the command of a name."""
-    command(app, name)(with_parameters(watch, WATCH_PARAMETERS))
-
-
+@with_parameters(WATCH_PARAMETERS)
 def watch(
     *,
     folder: Annotated[Path, typer.Argument(help="Folder in which recordings arrive.")],

@@ -59,6 +59,11 @@ def column(
     return field(default=None if optional else MISSING, metadata={"column": spec})
 
 
+def deviation(unit: str, *axes: str, optional: bool = False) -> Any:
+    """Declare the standard deviation of the column that stands before it."""
+    return column(unit, "Its standard deviation.", *axes, optional=optional)
+
+
 def scalar(unit: str, description: str, default: Any = MISSING) -> Any:
     """Declare a single value (int, float, str or bool; None means unknown)."""
     return field(default=default, metadata={"unit": unit, "description": description})
@@ -292,9 +297,7 @@ class HasNuisances(Container):
     nuisance_value: FloatArray | None = column(
         "1", "Its estimate, or the value that was assumed.", "nuisance", optional=True
     )
-    nuisance_std: FloatArray | None = column(
-        "1", "Its standard deviation.", "nuisance", optional=True
-    )
+    nuisance_std: FloatArray | None = deviation("1", "nuisance", optional=True)
     nuisance_share: FloatArray | None = column(
         "1", "Share of the variance of the speed (encounters) or of the range (motions) "
         "that it causes; nan without one.", "nuisance", optional=True,
@@ -333,9 +336,7 @@ class HasRestFrequencies(Container):
         "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
     )
     rest_frequency_hz: FloatArray = column("Hz", "Rest frequency.", "rest_line")
-    rest_frequency_std_hz: FloatArray = column(
-        "Hz", "Its standard deviation.", "rest_line"
-    )
+    rest_frequency_std_hz: FloatArray = deviation("Hz", "rest_line")
 
 
 def flatten(lists: Iterable[Iterable[T]]) -> tuple[IntArray, list[T]]:

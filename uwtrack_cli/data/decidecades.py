@@ -12,6 +12,7 @@ from uwtrack_cli.data.base import (
     IntArray,
     TextArray,
     column,
+    deviation,
     scalar,
 )
 
@@ -60,9 +61,7 @@ class RadiatedLevels(HasReasons):
     radiated_noise_level_db: FloatArray = column(
         "dB", "Radiated noise level, re 1 uPa at 1 m.", "level"
     )
-    radiated_noise_level_std_db: FloatArray = column(
-        "dB", "Its standard deviation.", "level"
-    )
+    radiated_noise_level_std_db: FloatArray = deviation("dB", "level")
     received_level_db: FloatArray = column(
         "dB", "Mean square in the band while the vessel was within 30 degrees.", "level"
     )

@@ -11,6 +11,7 @@ from uwtrack_cli.data.base import (
     IntArray,
     TextArray,
     column,
+    deviation,
     scalar,
 )
 
@@ -37,15 +38,11 @@ class Directions(Container):
     bearing_deg: FloatArray = column(
         "degree", "Compass bearing; nan without heading.", "direction"
     )
-    bearing_std_deg: FloatArray = column(
-        "degree", "Its standard deviation.", "direction"
-    )
+    bearing_std_deg: FloatArray = deviation("degree", "direction")
     elevation_deg: FloatArray = column(
         "degree", "Angle above the horizontal; a level plane has no sign.", "direction"
     )
-    elevation_std_deg: FloatArray = column(
-        "degree", "Its standard deviation.", "direction"
-    )
+    elevation_std_deg: FloatArray = deviation("degree", "direction")
     slowness_ratio: FloatArray = column(
         "1", "Slowness as heard times the sound speed: of a level plane that along the "
         "ground; of a volume array 1.", "direction",
@@ -64,7 +61,7 @@ class Directions(Container):
         "m", "Horizontal range of a source near the surface, from elevation and depth; "
         "nan if they do not tell.", "direction",
     )  # fmt: skip
-    range_std_m: FloatArray = column("m", "Its standard deviation.", "direction")
+    range_std_m: FloatArray = deviation("m", "direction")
     east_m: FloatArray | None = column(
         "m", "Where that source is, east on the grid of the array at rest, or east of it "
         "where it has latitude and longitude; nan without range.", "direction",
@@ -132,7 +129,7 @@ class Delays(Container):
     delay_s: FloatArray = column(
         "s", "Arrival at the second less arrival at the first.", "delay"
     )
-    delay_std_s: FloatArray = column("s", "Its standard deviation.", "delay")
+    delay_std_s: FloatArray = deviation("s", "delay")
     coherence: FloatArray | None = column(
         "1", "Coherence (not squared) of the pair in the band; None in tables.",
         "delay", optional=True,

@@ -15,6 +15,7 @@ from uwtrack_cli.data.base import (
     IntArray,
     TextArray,
     column,
+    deviation,
     scalar,
 )
 
@@ -41,7 +42,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     time_s: FloatArray = column(
         "s", "Geometric closest approach, counted from the first sample.", "encounter"
     )
-    time_std_s: FloatArray = column("s", "Its standard deviation.", "encounter")
+    time_std_s: FloatArray = deviation("s", "encounter")
     time_utc_ns: IntArray = column(
         "ns", "The same since 1970-01-01 UTC; -1 if the start is unknown.",
         "encounter", dtype=np.int64,
@@ -50,37 +51,31 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "s", "Arrival of the sound made at closest approach.", "encounter"
     )
     speed_mps: FloatArray = column("m/s", "Speed of the vessel.", "encounter")
-    speed_std_mps: FloatArray = column("m/s", "Its standard deviation.", "encounter")
+    speed_std_mps: FloatArray = deviation("m/s", "encounter")
     slant_range_m: FloatArray = column("m", "Range at closest approach.", "encounter")
-    slant_range_std_m: FloatArray = column("m", "Its standard deviation.", "encounter")
+    slant_range_std_m: FloatArray = deviation("m", "encounter")
     horizontal_range_m: FloatArray = column(
         "m", "Horizontal part of the range; nan without a sensor depth.", "encounter"
     )
-    horizontal_range_std_m: FloatArray | None = column(
-        "m", "Its standard deviation.", "encounter", optional=True
+    horizontal_range_std_m: FloatArray | None = deviation(
+        "m", "encounter", optional=True
     )
     range_over_speed_s: FloatArray = column(
         "s", "Slant range divided by speed.", "encounter"
     )
-    range_over_speed_std_s: FloatArray = column(
-        "s", "Its standard deviation.", "encounter"
-    )
+    range_over_speed_std_s: FloatArray = deviation("s", "encounter")
     horizontal_range_over_speed_s: FloatArray | None = column(
         "s", "Horizontal range divided by speed.", "encounter", optional=True
     )
-    horizontal_range_over_speed_std_s: FloatArray | None = column(
-        "s", "Its standard deviation.", "encounter", optional=True
+    horizontal_range_over_speed_std_s: FloatArray | None = deviation(
+        "s", "encounter", optional=True
     )
     course_deg: FloatArray = column("degree", "Compass course.", "encounter")
-    course_std_deg: FloatArray = column(
-        "degree", "Its standard deviation.", "encounter"
-    )
+    course_std_deg: FloatArray = deviation("degree", "encounter")
     bearing_deg: FloatArray = column(
         "degree", "Compass bearing, sensor to vessel, at closest approach.", "encounter"
     )
-    bearing_std_deg: FloatArray = column(
-        "degree", "Its standard deviation.", "encounter"
-    )
+    bearing_std_deg: FloatArray = deviation("degree", "encounter")
     side: TextArray = column(
         "", "Side of the vessel on which the sensor lies; empty if unknown.",
         "encounter", dtype="U",
@@ -89,15 +84,11 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     received_level_db: FloatArray = column(
         "dB", "Received level at closest approach (re the reference).", "encounter"
     )
-    received_level_std_db: FloatArray = column(
-        "dB", "Its standard deviation.", "encounter"
-    )
+    received_level_std_db: FloatArray = deviation("dB", "encounter")
     source_level_db: FloatArray = column(
         "dB", "Source level at 1 m under the spreading law used.", "encounter"
     )
-    source_level_std_db: FloatArray = column(
-        "dB", "Its standard deviation.", "encounter"
-    )
+    source_level_std_db: FloatArray = deviation("dB", "encounter")
     extrapolated: BoolArray = column(
         "1", "Whether the closest approach lies outside the recording.", "encounter",
         dtype=np.bool_,
@@ -176,9 +167,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "s", "When frequencies or velocity changed; nan for a straight passage.",
         "encounter", optional=True,
     )  # fmt: skip
-    change_time_std_s: FloatArray | None = column(
-        "s", "Its standard deviation.", "encounter", optional=True
-    )
+    change_time_std_s: FloatArray | None = deviation("s", "encounter", optional=True)
     change_follows: BoolArray | None = column(
         "1", "Whether the ramp, the other leg or the middle of a turn follows that time or "
         "the closest approach; else it goes before it.", "encounter", dtype=np.bool_, optional=True,
@@ -187,43 +176,39 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "1", "Share by which all rest frequencies stepped then.", "encounter",
         optional=True,
     )  # fmt: skip
-    frequency_change_std: FloatArray | None = column(
-        "1", "Its standard deviation.", "encounter", optional=True
-    )
+    frequency_change_std: FloatArray | None = deviation("1", "encounter", optional=True)
     frequency_slope_per_s: FloatArray | None = column(
         "1/s", "Share per second by which they ramp from or until then.", "encounter",
         optional=True,
     )  # fmt: skip
-    frequency_slope_std_per_s: FloatArray | None = column(
-        "1/s", "Its standard deviation.", "encounter", optional=True
+    frequency_slope_std_per_s: FloatArray | None = deviation(
+        "1/s", "encounter", optional=True
     )
     other_leg_speed_mps: FloatArray | None = column(
         "m/s", "Speed on the other side of a manoeuvre: after it, or before it if the "
         "closest approach comes later.", "encounter", optional=True,
     )  # fmt: skip
-    other_leg_speed_std_mps: FloatArray | None = column(
-        "m/s", "Its standard deviation.", "encounter", optional=True
+    other_leg_speed_std_mps: FloatArray | None = deviation(
+        "m/s", "encounter", optional=True
     )
     other_leg_course_deg: FloatArray | None = column(
         "degree", "Course there.", "encounter", optional=True
     )
-    other_leg_course_std_deg: FloatArray | None = column(
-        "degree", "Its standard deviation.", "encounter", optional=True
+    other_leg_course_std_deg: FloatArray | None = deviation(
+        "degree", "encounter", optional=True
     )
     turn_away_deg: FloatArray | None = column(
         "degree", "Angle by which the course turns away from the sensor in a manoeuvre "
         "that is an even turn about that time; nan for one that is not.", "encounter",
         optional=True,
     )  # fmt: skip
-    turn_away_std_deg: FloatArray | None = column(
-        "degree", "Its standard deviation.", "encounter", optional=True
+    turn_away_std_deg: FloatArray | None = deviation(
+        "degree", "encounter", optional=True
     )
     turn_duration_s: FloatArray | None = column(
         "s", "How long that turn lasts.", "encounter", optional=True
     )
-    turn_duration_std_s: FloatArray | None = column(
-        "s", "Its standard deviation.", "encounter", optional=True
-    )
+    turn_duration_std_s: FloatArray | None = deviation("s", "encounter", optional=True)
     turn_correlation: FloatArray | None = column(
         "1", "Correlation of the errors of angle and duration.", "encounter",
         optional=True,
@@ -320,11 +305,11 @@ class Fixes(Container):
         "m^2", "Covariance of east and north.", "fix", "coordinate", "coordinate_too"
     )
     speed_mps: FloatArray = column("m/s", "Speed.", "fix")
-    speed_std_mps: FloatArray = column("m/s", "Its standard deviation.", "fix")
+    speed_std_mps: FloatArray = deviation("m/s", "fix")
     course_deg: FloatArray = column(
         "degree", "Compass course; nan where the source is read as still.", "fix"
     )
-    course_std_deg: FloatArray = column("degree", "Its standard deviation.", "fix")
+    course_std_deg: FloatArray = deviation("degree", "fix")
     sensors: TextArray = column(
         "", "Sensors that contributed, comma separated.", "fix", dtype="U"
     )

@@ -14,6 +14,7 @@ from uwtrack_cli.data.base import (
     IntArray,
     TextArray,
     column,
+    deviation,
     scalar,
 )
 
@@ -40,17 +41,17 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
         "ns", "The same since 1970-01-01 UTC; -1 if unknown.", "motion", dtype=np.int64
     )
     range_m: FloatArray = column("m", "Horizontal range from own ship.", "motion")
-    range_std_m: FloatArray = column("m", "Its standard deviation.", "motion")
+    range_std_m: FloatArray = deviation("m", "motion")
     range_low_m: FloatArray = column("m", "Lower end of its interval.", "motion")
     range_high_m: FloatArray = column("m", "Upper end of its interval.", "motion")
     bearing_deg: FloatArray = column("degree", "Bearing from own ship.", "motion")
-    bearing_std_deg: FloatArray = column("degree", "Its standard deviation.", "motion")
+    bearing_std_deg: FloatArray = deviation("degree", "motion")
     speed_mps: FloatArray = column("m/s", "Speed.", "motion")
-    speed_std_mps: FloatArray = column("m/s", "Its standard deviation.", "motion")
+    speed_std_mps: FloatArray = deviation("m/s", "motion")
     speed_low_mps: FloatArray = column("m/s", "Lower end of its interval.", "motion")
     speed_high_mps: FloatArray = column("m/s", "Upper end of its interval.", "motion")
     course_deg: FloatArray = column("degree", "Compass course.", "motion")
-    course_std_deg: FloatArray = column("degree", "Its standard deviation.", "motion")
+    course_std_deg: FloatArray = deviation("degree", "motion")
     course_low_deg: FloatArray = column(
         "degree", "Start of its interval, clockwise; 0 to 360 is any course.", "motion"
     )
@@ -61,24 +62,18 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     )  # fmt: skip
     now_time_s: FloatArray = column("s", "Time of the last measurement.", "motion")
     now_range_m: FloatArray = column("m", "Range at that time.", "motion")
-    now_range_std_m: FloatArray = column("m", "Its standard deviation.", "motion")
+    now_range_std_m: FloatArray = deviation("m", "motion")
     now_bearing_deg: FloatArray = column("degree", "Bearing at that time.", "motion")
-    now_bearing_std_deg: FloatArray = column(
-        "degree", "Its standard deviation.", "motion"
-    )
+    now_bearing_std_deg: FloatArray = deviation("degree", "motion")
     now_speed_mps: FloatArray | None = column(
         "m/s", "Speed at that time; of the last leg where the target changed its "
         "velocity.", "motion", optional=True,
     )  # fmt: skip
-    now_speed_std_mps: FloatArray | None = column(
-        "m/s", "Its standard deviation.", "motion", optional=True
-    )
+    now_speed_std_mps: FloatArray | None = deviation("m/s", "motion", optional=True)
     now_course_deg: FloatArray | None = column(
         "degree", "Compass course at that time.", "motion", optional=True
     )
-    now_course_std_deg: FloatArray | None = column(
-        "degree", "Its standard deviation.", "motion", optional=True
-    )
+    now_course_std_deg: FloatArray | None = deviation("degree", "motion", optional=True)
     observable: BoolArray = column(
         "1", "Whether the range is observable.", "motion", dtype=np.bool_
     )
@@ -193,19 +188,13 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
         "s", "Time of the newest measurement used.", "update"
     )
     update_range_m: FloatArray = column("m", "Range at the start.", "update")
-    update_range_std_m: FloatArray = column("m", "Its standard deviation.", "update")
+    update_range_std_m: FloatArray = deviation("m", "update")
     update_bearing_deg: FloatArray = column("degree", "Initial bearing.", "update")
-    update_bearing_std_deg: FloatArray = column(
-        "degree", "Its standard deviation.", "update"
-    )
+    update_bearing_std_deg: FloatArray = deviation("degree", "update")
     update_speed_mps: FloatArray = column("m/s", "Speed.", "update")
-    update_speed_std_mps: FloatArray = column(
-        "m/s", "Its standard deviation.", "update"
-    )
+    update_speed_std_mps: FloatArray = deviation("m/s", "update")
     update_course_deg: FloatArray = column("degree", "Compass course.", "update")
-    update_course_std_deg: FloatArray = column(
-        "degree", "Its standard deviation.", "update"
-    )
+    update_course_std_deg: FloatArray = deviation("degree", "update")
     solver: str = scalar("", "Solver: mle, recursive, genetic or annealing.")
     loss: str = scalar("", "Loss: auto, squares, huber, student or tukey.")
     doppler: str = scalar("", "Doppler: instantaneous or interval.")

@@ -11,6 +11,7 @@ from uwtrack_cli.data.base import (
     IntArray,
     TextArray,
     column,
+    deviation,
     scalar,
 )
 
@@ -64,7 +65,7 @@ class Presence(HasReasons):
         "Hz", "Distance of the lines of a family: its shaft rate, or a part of it.",
         "stretch",
     )  # fmt: skip
-    spacing_std_hz: FloatArray = column("Hz", "Its standard deviation.", "stretch")
+    spacing_std_hz: FloatArray = deviation("Hz", "stretch")
     blade_rate_hz: FloatArray = column(
         "Hz", "Multiple of the spacing, or of the lowest rate, that stands out.",
         "stretch",

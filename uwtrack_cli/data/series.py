@@ -13,6 +13,7 @@ from uwtrack_cli.data.base import (
     IntArray,
     TextArray,
     column,
+    deviation,
     scalar,
 )
 
@@ -32,13 +33,11 @@ class Series(Container):
     contact: IntArray = column("1", "Contact, from 1.", "row", dtype=np.int64)
     time_s: FloatArray = column("s", "Time of the row.", "row")
     bearing_deg: FloatArray = column("degree", "Compass bearing.", "row")
-    bearing_std_deg: FloatArray = column("degree", "Its standard deviation.", "row")
+    bearing_std_deg: FloatArray = deviation("degree", "row")
     frequency_hz: FloatArray = column("Hz", "Frequency.", "row", "series_line")
-    frequency_std_hz: FloatArray = column(
-        "Hz", "Its standard deviation.", "row", "series_line"
-    )
+    frequency_std_hz: FloatArray = deviation("Hz", "row", "series_line")
     level_db: FloatArray = column("dB", "Level.", "row")
-    level_std_db: FloatArray = column("dB", "Its standard deviation.", "row")
+    level_std_db: FloatArray = deviation("dB", "row")
     mirrored_bearing_deg: FloatArray | None = column(
         "degree", "Other bearing that a line array cannot tell from the first; nan where "
         "the side is resolved.", "row", optional=True,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 
@@ -36,8 +36,6 @@ from uwtrack_cli.flow.sources import open_with_options
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-C = TypeVar("C", bound=Container)
 
 ANSWERS = ("encounters", "motions", "fixes", "target", "decision", "lines", "levels")
 """Containers that a table is made of when none is named: the first that is there."""

@@ -184,11 +184,6 @@ class Stage:
         """Ending of the output file: ``.lines.h5``, or ``.trace.h5`` for `trace`."""
         return f".{PRODUCTS.get(self.name, self.output.NAME)}.h5"
 
-    @property
-    def summary(self) -> str:
-        """First line of the docstring."""
-        return (getdoc(self.function) or "").split("\n", 1)[0]
-
     def bind(self, given: Mapping[str, Any], step: str = "") -> dict[str, Any]:
         """Return keyword arguments for the options given, nested for groups.
 

@@ -88,11 +88,11 @@ def new_figure(width_in: float, height_in: float) -> "Figure":
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
-def halo(width: float = 1.4) -> list[Any]:
+def halo() -> list[Any]:
     """Return the white edge that marks have on the dark of a lofargram."""
     from matplotlib.patheffects import Normal, Stroke
 
-    return [Stroke(linewidth=width, foreground="white", alpha=0.9), Normal()]
+    return [Stroke(linewidth=1.4, foreground="white", alpha=0.9), Normal()]
 
 
 def calm(ax: "Axes") -> "Axes":

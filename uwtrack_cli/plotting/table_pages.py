@@ -164,12 +164,12 @@ def draw_odds(decision: Decision, ax: "Axes") -> "Axes":
     return calm(ax)
 
 
-def draw_terms(decision: Decision, ax: "Axes", pair: int = 0) -> "Axes":
-    """Draw the four log likelihoods of a pair over time."""
-    rows = decision.scan_pair == pair
+def draw_terms(decision: Decision, ax: "Axes") -> "Axes":
+    """Draw the four log likelihoods of the first pair over time."""
+    rows = decision.scan_pair == 0
     for index, name in enumerate(FILTERS):
         style = "-" if index < 2 else "--"
-        fit = decision.consistency[pair, index]
+        fit = decision.consistency[0, index]
         ax.plot(
             decision.scan_time_s[rows], decision.log_likelihood[rows, index], style,
             color=contact_color(index + 1), label=f"{name} (p = {fit:.2g})",

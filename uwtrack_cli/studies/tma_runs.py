@@ -84,10 +84,10 @@ def motion_errors(q: FloatArray, scenario: TmaScenario) -> FloatArray:
     return errors
 
 
-def succeeded(errors: FloatArray, range_m: float = 20_000.0) -> BoolArray:
+def succeeded(errors: FloatArray) -> BoolArray:
     """Tell which runs meet the criterion."""
     return np.asarray(
-        (np.abs(errors[..., 0]) < 0.1 * range_m)
+        (np.abs(errors[..., 0]) < 0.1 * 20_000.0)
         & (np.abs(errors[..., 2]) < 3.0 * KNOT_MPS)
         & (np.abs(errors[..., 3]) < np.radians(7.0))
     )
@@ -153,9 +153,7 @@ def _squared_sigmas(problem: Problem, q: FloatArray, errors: FloatArray) -> Floa
     ])  # fmt: skip
 
 
-def follow(
-    name: str, noise: float, runs: int, seed: int, step: int = 10
-) -> tuple[IntArray, BoolArray]:
+def follow(name: str, noise: float, runs: int, seed: int) -> tuple[IntArray, BoolArray]:
     """Estimate sequentially; tell after which rows which run meets the criterion.
 
     Warm descents of three steps follow the record; at 20, 80 and 320 rows every run
@@ -163,7 +161,7 @@ def follow(
     """
     scenario = make_scenario(name)
     problem = make_problem(scenario, noise=noise, runs=runs, seed=seed)
-    ends = np.arange(2 * step, 1001, step)
+    ends = np.arange(20, 1001, 10)
     member = np.arange(runs)
     again = 20
     q: FloatArray = np.zeros((runs, 4))

@@ -83,17 +83,15 @@ class TmaScenario:
         ])  # fmt: skip
 
 
-def make_scenario(name: str, *, jitter: bool = True) -> TmaScenario:
+def make_scenario(name: str) -> TmaScenario:
     """Make a scenario by name.
 
     Parameters
     ----------
     name
         S1-T1 ... S1-T4, S2 or S3.
-    jitter
-        Whether own speed in S2 varies by a knot from one interval to the next.
     """
-    speed_kn, heading_deg = _own_ship(name, jitter=jitter)
+    speed_kn, heading_deg = _own_ship(name)
     step = speed_kn * KNOT_MPS * STEP_S
     east = step * np.sin(np.radians(heading_deg))
     north = step * np.cos(np.radians(heading_deg))
@@ -106,14 +104,15 @@ def make_scenario(name: str, *, jitter: bool = True) -> TmaScenario:
     )
 
 
-def _own_ship(name: str, *, jitter: bool) -> tuple[FloatArray, FloatArray]:
+def _own_ship(name: str) -> tuple[FloatArray, FloatArray]:
     k = np.arange(COUNT)
     if name.startswith("S1"):
         outer = (k < 250) | (k >= 750)
         return np.where(outer, 5.0, 8.0), np.where(outer, 300.0, 240.0)
     if name == "S2":
-        noise = np.random.default_rng(JITTER_SEED).standard_normal(COUNT)
-        return 6.0 + noise * jitter, 0.3 * k
+        # own speed varies by a knot from one interval to the next
+        jitter = np.random.default_rng(JITTER_SEED).standard_normal(COUNT)
+        return 6.0 + jitter, 0.3 * k
     return np.full(COUNT, 6.0), np.full(COUNT, 90.0)
 
 

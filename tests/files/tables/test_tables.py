@@ -73,17 +73,16 @@ def test_header_is_read_however_it_is_written(text, table):
 
 def test_utc_times_are_exact_and_count_from_the_first_row(table):
     text = (
-        "index,doppler_offset,timestamp,measured_freq\n"
+        "index,doppler_offset,timestamp,frequency_hz\n"
         "0,2239.9,2018-01-13T16:12:01.862011Z,145882239.9675292969\n"
         "1,2232.4,2018-01-13T16:12:01.962011Z,145882232.4924316406\n"
     )
-    rename = {"measured_freq": "frequency_hz"}
     with pytest.warns(UwtrackWarning, match="not used: index, doppler_offset"):
-        series = read_series(table(text), columns=rename, frequency_std_hz=10.0)
+        series = read_series(table(text))
     assert series.start_utc_ns == 1_515_859_921_862_011_000
     np.testing.assert_allclose(series.time_s, [0.0, 0.1], atol=1e-15)
     assert series.frequency_hz[0, 0] == 145882239.9675292969
-    assert (series.frequency_std_hz == 10.0).all()
+    assert np.isnan(series.frequency_std_hz).all()
 
 
 def test_time_zero_of_two_time_columns_is_that_of_seconds(table):
@@ -95,15 +94,9 @@ def test_time_zero_of_two_time_columns_is_that_of_seconds(table):
         read_series(table(head + rows.replace("11Z", "12Z")))
 
 
-def test_deviations_come_from_the_table_or_the_option(table):
+def test_a_deviation_that_the_table_does_not_state_is_none(table):
     text = "time_s,bearing_deg,bearing_std_deg\n0,1,2\n1,2,\n"
-    with pytest.warns(UwtrackWarning, match="only empty cells"):
-        series = read_series(table(text), bearing_std_deg=5.0)
-    assert series.bearing_std_deg.tolist() == [2.0, 5.0]
-    assert np.isnan(read_series(table(text)).bearing_std_deg[1])
-    for bad in (0.0, -1.0, float("nan")):
-        with pytest.raises(OptionError, match="must be positive"):
-            read_series(table(text), bearing_std_deg=bad)
+    np.testing.assert_array_equal(read_series(table(text)).bearing_std_deg, [2, np.nan])
 
 
 BAD = {

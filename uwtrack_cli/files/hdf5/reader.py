@@ -226,7 +226,7 @@ def read_product(path: Path | str) -> Product:
     return _opened(Path(path), str(path))
 
 
-def read_product_bytes(data: bytes, name: str = "standard input") -> Product:
+def read_product_bytes(data: bytes) -> Product:
     """Open a product that was read from a pipe.
 
     Raises
@@ -235,9 +235,9 @@ def read_product_bytes(data: bytes, name: str = "standard input") -> Product:
         The bytes are no product, or a damaged, incomplete or too new one.
     """
     if not data:
-        msg = f"{name} is empty."
+        msg = "standard input is empty."
         raise DataError(msg)
-    return _opened(data, name)
+    return _opened(data, "standard input")
 
 
 def _opened(source: Path | bytes, name: str) -> Product:

@@ -187,7 +187,6 @@ class Table:
 
 def read_table(
     path: Path,
-    rename: Mapping[str, str] | None = None,
     heading: str = "",
     *,
     may_be_damaged: bool = False,
@@ -198,8 +197,6 @@ def read_table(
     ----------
     path
         The file, UTF-8, with or without a byte-order mark.
-    rename
-        Names for the columns of the file, by their own names.
     heading
         Begin of a first line that names the columns, though it looks like a comment.
     may_be_damaged
@@ -218,7 +215,7 @@ def read_table(
     try:
         with as_input(path).open(encoding="utf-8-sig", newline="") as file:
             rows = _rows(path, file, heading, is_strict=not may_be_damaged)
-            return _table(path, rows, rename or {}, is_strict=not may_be_damaged)
+            return _table(path, rows, is_strict=not may_be_damaged)
     except (UnicodeDecodeError, csv.Error) as error:
         is_text = not isinstance(error, UnicodeDecodeError)
         why = f"{error}" if is_text else "it is no text in UTF-8"
@@ -227,18 +224,14 @@ def read_table(
 
 
 def _table(
-    path: Path,
-    rows: Iterator[tuple[int, list[str]]],
-    rename: Mapping[str, str],
-    *,
-    is_strict: bool,
+    path: Path, rows: Iterator[tuple[int, list[str]]], *, is_strict: bool
 ) -> Table:
     """Gather rows by column; a cell that occurs often is kept once."""
     _, header = next(rows, (0, None))
     if header is None:
         msg = f"{path} holds no table: there is no line with column names."
         raise DataError(msg)
-    columns: dict[str, list[str]] = {name: [] for name in _names(path, header, rename)}
+    columns: dict[str, list[str]] = {name: [] for name in _names(path, header)}
     lists, lines, known = list(columns.values()), list[int](), dict[str, str]()
     damaged = dict[int, str]()
     for line, cells in rows:
@@ -310,9 +303,8 @@ def _rows(
         yield line, [cell.strip() for cell in cells]
 
 
-def _names(path: Path, header: list[str], rename: Mapping[str, str]) -> list[str]:
-    plain = [rename.get(name, name) for name in header]
-    plain = ["_".join(name.strip().lower().split()) for name in plain]
+def _names(path: Path, header: list[str]) -> list[str]:
+    plain = ["_".join(name.strip().lower().split()) for name in header]
     names = [ALIASES.get(name, name) for name in plain]
     for name, times in Counter(names).items():
         if not name or times > 1:

@@ -4,7 +4,6 @@
 """
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,15 +22,13 @@ _CONTACT_QUANTITIES = (
 )  # fmt: skip
 
 
-def read_scans(path: Path | str, *, columns: Mapping[str, str] | None = None) -> Scans:
+def read_scans(path: Path | str) -> Scans:
     """Read scans of measurements: scan, time_s, z_1 ... z_m, amplitude, std_1 ...
 
     Parameters
     ----------
     path
         CSV table; the unit of a component stands in its header, as in ``z_1 [m]``.
-    columns
-        Names of ours by the names that the table uses.
 
     Returns
     -------
@@ -43,7 +40,7 @@ def read_scans(path: Path | str, *, columns: Mapping[str, str] | None = None) ->
     DataError
         A column is missing, or a cell is no number; the message names the line.
     """
-    table = read_table(Path(path), columns)
+    table = read_table(Path(path))
     found = {name: _COMPONENT.match(name) for name in table.cells}
     named = {int(m[1]): (name, m[2] or m[3] or "") for name, m in found.items() if m}
     numbers = range(1, len(named) + 1)
@@ -71,17 +68,13 @@ def read_scans(path: Path | str, *, columns: Mapping[str, str] | None = None) ->
     )
 
 
-def read_contacts(
-    path: Path | str, *, columns: Mapping[str, str] | None = None
-) -> Contacts:
+def read_contacts(path: Path | str) -> Contacts:
     """Read contacts: contact, time_s, range_m, bearing_deg, range_rate_mps and _std.
 
     Parameters
     ----------
     path
         CSV table; deviations are columns such as ``range_std_m``.
-    columns
-        Names of ours by the names that the table uses.
 
     Returns
     -------
@@ -93,7 +86,7 @@ def read_contacts(
     DataError
         A column is missing, or a cell is no number; the message names the line.
     """
-    table = read_table(Path(path), columns)
+    table = read_table(Path(path))
     table.need("contact", "range_m", "bearing_deg", "range_rate_mps")
     table.check_known(_CONTACT_QUANTITIES)
     time_s, start_utc_ns = table_times(table)

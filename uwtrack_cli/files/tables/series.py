@@ -21,7 +21,7 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import shown
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.errors import DataError, OptionError, UwtrackNote, UwtrackWarning
+from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.tables.csv_table import (
     Table,
     check_increasing,
@@ -41,15 +41,7 @@ FULL_TURN = 2.0 * np.pi
 ENOUGH_ROWS = 8
 
 
-def read_series(
-    path: Path | str,
-    *,
-    bearing_std_deg: float | None = None,
-    frequency_std_hz: float | None = None,
-    level_std_db: float | None = None,
-    columns: Mapping[str, str] | None = None,
-    sensors: Sequence[Sensor] | None = None,
-) -> Series:
+def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) -> Series:
     """Read measurements over time.
 
     Parameters
@@ -59,14 +51,6 @@ def read_series(
         lines frequency_hz_2 ...) and level_db, with _std columns, and contact; sensor
         with its place if several heard it; mirrored_bearing_deg or array_heading_deg
         where a line array does not tell left from right.
-    bearing_std_deg
-        Deviation of the bearings, degrees, where the table has none.
-    frequency_std_hz
-        Deviation of the frequencies, Hz, where the table has none.
-    level_std_db
-        Deviation of the levels, dB, where the table has none.
-    columns
-        Names of ours by the names that the table uses.
     sensors
         The sensors that the table names, where its rows do not place them.
 
@@ -75,10 +59,8 @@ def read_series(
     DataError
         No measurement, a cell that is no number or out of range, or times that do
         not increase within a contact.
-    OptionError
-        A deviation that is not positive.
     """
-    table = read_table(Path(path), columns)
+    table = read_table(Path(path))
     n_lines = _n_lines(table)
     table.check_known([*QUANTITIES, *_line_names(n_lines)])
     if not {"bearing_deg", "frequency_hz", "level_db"} & set(table.cells):
@@ -101,11 +83,11 @@ def read_series(
         contact=contact,
         time_s=time_s,
         bearing_deg=_bearing(table),
-        bearing_std_deg=_std(table, "bearing_std_deg", bearing_std_deg),
+        bearing_std_deg=_values(table, "bearing_std_deg", TINY, 1e9),
         frequency_hz=_frequencies(table, n_lines),
-        frequency_std_hz=_frequency_stds(table, n_lines, frequency_std_hz),
+        frequency_std_hz=_frequency_stds(table, n_lines),
         level_db=_values(table, "level_db", -1e3, 1e3),
-        level_std_db=_std(table, "level_std_db", level_std_db),
+        level_std_db=_values(table, "level_std_db", TINY, 1e9),
         mirrored_bearing_deg=_mirrored(table),
         start_utc_ns=start_utc_ns,
         where=table.where,
@@ -406,9 +388,9 @@ def _frequencies(table: Table, n_lines: int) -> FloatArray:
     return _stack(table, [_values(table, name, TINY, 1e15) for name in names])
 
 
-def _frequency_stds(table: Table, n_lines: int, default: float | None) -> FloatArray:
+def _frequency_stds(table: Table, n_lines: int) -> FloatArray:
     names = _line_names(n_lines)[1::2]
-    return _stack(table, [_std(table, name, default) for name in names])
+    return _stack(table, [_values(table, name, TINY, 1e9) for name in names])
 
 
 def _stack(table: Table, lines: list[FloatArray]) -> FloatArray:
@@ -421,16 +403,3 @@ def _values(table: Table, name: str, low: float, high: float) -> FloatArray:
     if name not in table:
         return np.full(len(table.lines), np.nan)
     return table.numbers(name, low, high, may_miss=True)
-
-
-def _std(table: Table, name: str, default: float | None) -> FloatArray:
-    if default is not None and not (np.isfinite(default) and default > 0.0):
-        msg = f"{name} must be positive, got {default}."
-        raise OptionError(msg)
-    values = _values(table, name, TINY, 1e9)
-    if default is None:
-        return values
-    if name in table and np.isfinite(values).any():
-        msg = f"{table.path} has {name} itself; the option fills only empty cells."
-        warn(msg, UwtrackWarning, stacklevel=3)
-    return np.where(np.isnan(values), default, values)

@@ -156,7 +156,6 @@ def fit_passage(
     turn: FloatArray,
     medium: Medium,
     *,
-    rounds: int = 1,
     with_coloured_noise: bool = True,
     change: Change | None = None,
 ) -> PassageFit:
@@ -173,8 +172,6 @@ def fit_passage(
     medium
         Sound speed and depth difference. A depth difference with a deviation is an
         unknown with that prior.
-    rounds
-        Rounds with full weights, after the rough ones.
     with_coloured_noise
         Whether coloured noise is looked for.
     change
@@ -190,17 +187,16 @@ def fit_passage(
         data = weigh(state, weight, blocks, fixed)
         theta, normal = _descend(theta, data, medium, state.law, 8, ROUGH_TOLERANCE)
         state = passage_state(theta, fixed, blocks, medium, weight, normal)
-    for _ in range(rounds):
-        correlation_time = (
-            _longest_correlation_time_s(theta, blocks, medium)
-            if with_coloured_noise
-            else None
-        )
-        noises = block_noises(state.residual, blocks, correlation_time)
-        weight = weight_of(noises)
-        data = weigh(state, weight, blocks, fixed)
-        theta, normal = _descend(theta, data, medium, state.law, 25)
-        state = passage_state(theta, fixed, blocks, medium, weight, normal)
+    correlation_time = (
+        _longest_correlation_time_s(theta, blocks, medium)
+        if with_coloured_noise
+        else None
+    )
+    noises = block_noises(state.residual, blocks, correlation_time)
+    weight = weight_of(noises)
+    data = weigh(state, weight, blocks, fixed)
+    theta, normal = _descend(theta, data, medium, state.law, 25)
+    state = passage_state(theta, fixed, blocks, medium, weight, normal)
     if normal is None:
         normal = normal_equations(theta, data, medium, state.law)
     return _result(theta, data, (blocks, medium), (state, noises, normal))

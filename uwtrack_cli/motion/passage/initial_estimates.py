@@ -22,6 +22,9 @@ from uwtrack_cli.motion.passage.law import SLOWEST_MPS
 from uwtrack_cli.motion.passage.measurements import Blocks
 from uwtrack_cli.motion.passage.unknowns import STEP, Change
 
+MOST_CELLS = 400
+"""Cells of time to which longer data are condensed."""
+
 FLOORS = (-9.0, -6.0, -3.5, -1.5)
 """Natural logarithms of the floor relative to the level at closest approach."""
 
@@ -75,7 +78,7 @@ class _Coarse:
 
 
 def find_initial_estimates(
-    blocks: Blocks, medium: Medium, *, n_starts: int = 3, n_cells: int = 400
+    blocks: Blocks, medium: Medium, *, n_starts: int = 3
 ) -> InitialEstimates:
     """Find starts for a fit of one data set.
 
@@ -87,10 +90,8 @@ def find_initial_estimates(
         Sound speed and depth difference.
     n_starts
         Initial estimates of each kind.
-    n_cells
-        Cells of time to which longer data are condensed.
     """
-    coarse = _condense(blocks, n_cells)
+    coarse = _condense(blocks)
     grid = _grid(coarse.time)
     doppler, speed = _doppler_gain(grid, coarse, medium.sound_speed_mps)
     turns = _bearing_gain(grid, coarse)
@@ -257,9 +258,7 @@ class PassageSearch:
     """Sound speed, m/s."""
 
     @classmethod
-    def of(
-        cls, blocks: Blocks, medium: Medium, turn: float, n_cells: int = 400
-    ) -> "PassageSearch":
+    def of(cls, blocks: Blocks, medium: Medium, turn: float) -> "PassageSearch":
         """Prepare the search in one data set.
 
         Parameters
@@ -270,10 +269,8 @@ class PassageSearch:
             Sound speed.
         turn
             Sign of the bearing trend.
-        n_cells
-            Cells of time to which longer data are condensed.
         """
-        data = _condense(blocks, n_cells)
+        data = _condense(blocks)
         grid = _grid(data.time)
         level, floor = _level_gain(grid, data)
         bearing = _bearing_gain(grid, data)[0 if turn > 0 else 1]
@@ -382,9 +379,9 @@ def _slow(speed: FloatArray) -> float:
     return float(np.median(positive)) if positive.size else 1e-3
 
 
-def _condense(blocks: Blocks, n_cells: int) -> _Coarse:
+def _condense(blocks: Blocks) -> _Coarse:
     time = blocks.time_s
-    starts = _cell_starts(time, n_cells)
+    starts = _cell_starts(time)
     shift, shift_weight = _scaled(blocks.shift.value[0], blocks.shift.weight[0])
     level, level_weight = _scaled(blocks.level.value[0], blocks.level.weight[0])
     bearing, bearing_weight = blocks.bearing.value[0], blocks.bearing.weight[0]
@@ -404,10 +401,10 @@ def _condense(blocks: Blocks, n_cells: int) -> _Coarse:
     )
 
 
-def _cell_starts(time: FloatArray, n_cells: int) -> IntArray:
-    if time.size <= n_cells:
+def _cell_starts(time: FloatArray) -> IntArray:
+    if time.size <= MOST_CELLS:
         return np.arange(time.size)
-    cell = (time - time[0]) / (time[-1] - time[0]) * n_cells
+    cell = (time - time[0]) / (time[-1] - time[0]) * MOST_CELLS
     _, starts = np.unique(np.floor(cell).astype(np.int64), return_index=True)
     return starts
 

@@ -19,6 +19,7 @@ Objective = Callable[[FloatArray, IntArray], FloatArray]
 
 EXPANSION, CONTRACTION, SHRINKAGE = 2.0, 0.5, 0.5
 COLLAPSED = 1e-10
+MOST_STEPS = 10_000
 """Share of its first size below which a simplex rests."""
 
 
@@ -53,11 +54,7 @@ def simplex_about(
 
 
 def nelder_mead(
-    objective: Objective,
-    simplex: FloatArray,
-    *,
-    tolerance: float = 1e-10,
-    iterations: int = 10_000,
+    objective: Objective, simplex: FloatArray, *, tolerance: float = 1e-10
 ) -> Minima:
     """Descend with one simplex per problem.
 
@@ -71,8 +68,6 @@ def nelder_mead(
         Relative spread of the values at the vertices at which a simplex rests; it
         also rests when it has shrunk to 1e-10 of its first size, for then values
         differ by rounding alone.
-    iterations
-        Largest number of steps.
     """
     count, vertices, size = simplex.shape
     member = np.repeat(np.arange(count), vertices)
@@ -80,7 +75,7 @@ def nelder_mead(
     walk = _Walk(objective, simplex.copy(), value, np.full(count, vertices))
     active = np.arange(count)
     first_size = np.abs(simplex[:, 1:] - simplex[:, :1]).max(1)
-    for _ in range(iterations):
+    for _ in range(MOST_STEPS):
         walk.order(active)
         best, worst = walk.value[active, 0], walk.value[active, -1]
         spread = 2.0 * np.abs(worst - best)

@@ -92,9 +92,7 @@ COARSE_RAD = np.radians(3.0)
 KEPT_DRAWS = 10
 
 
-def subset_starts(
-    problem: Problem, limits: SearchBounds, *, seed: int = 1, kept: int = KEPT_DRAWS
-) -> FloatArray:
+def subset_starts(problem: Problem, limits: SearchBounds) -> FloatArray:
     """Return starts from bearings that cross, best first, in solver coordinates.
 
     Parameters
@@ -103,15 +101,11 @@ def subset_starts(
         One record; each row has at most one bearing.
     limits
         Bounds of the search.
-    seed
-        Seed of the draws.
-    kept
-        Number of starts.
     """
     stream, row = np.nonzero(problem.bearing_weight)
     if row.size < 2:
         return start_grid(problem, limits)
-    draw = np.random.default_rng(seed)
+    draw = np.random.default_rng(1)
     node = problem.track.now[row]
     time = problem.track.time_s[node]
     place = np.stack([problem.track.east_m[node], problem.track.north_m[node]], -1)
@@ -157,7 +151,7 @@ def subset_starts(
         apart[:, 1] = wrap_rad(apart[:, 1])
         if not np.any(np.all(np.abs(apart) < 5.0 * SAME, axis=1)):
             chosen.append(int(index))
-        if len(chosen) == kept:
+        if len(chosen) == KEPT_DRAWS:
             break
     return np.asarray(q[chosen])
 
@@ -190,7 +184,7 @@ def _crossings(
     return state
 
 
-def block_averages(problem: Problem, blocks: int = BLOCKS) -> Problem:
+def block_averages(problem: Problem) -> Problem:
     """Gather consecutive rows of one record into blocks.
 
     The value of a block is placed on its central row: bearings and frequencies
@@ -199,9 +193,9 @@ def block_averages(problem: Problem, blocks: int = BLOCKS) -> Problem:
     n = problem.n_rows
     heading = problem.array_heading_rad
     is_mixed = heading is not None and bool(np.isnan(heading).any())
-    if n <= 2 * blocks or is_mixed:
+    if n <= 2 * BLOCKS or is_mixed:
         return problem
-    edges = np.linspace(0, n, blocks + 1).astype(np.int64)
+    edges = np.linspace(0, n, BLOCKS + 1).astype(np.int64)
     centre = (edges[:-1] + edges[1:]) // 2
     reduced = problem.rows(centre)
     robust = problem.loss != "squares"
