@@ -267,9 +267,8 @@ class Engine:
         progress
             Called after each whole stage, with the share of them that is done.
         """
-        for name, stream in self._streams.items():
-            for rest in stream.finish():
-                self.push(name, rest, stream.node.step)
+        for name in list(self._streams):
+            self._end_stream(name)
         last = [node for node in self.graph.nodes if node.step.stage.kind == "whole"]
         for number, node in enumerate(last, 1):
             made = self._whole(node)
@@ -282,6 +281,13 @@ class Engine:
                 self._revised[node.step.name] = made
             if progress is not None:
                 progress(number / len(last))
+
+    def _end_stream(self, name: str) -> None:
+        """Take what a stream still holds, and let go of it: the fits need its memory."""
+        stream = self._streams[name]
+        for rest in stream.finish():
+            self.push(name, rest, stream.node.step)
+        del self._streams[name]
 
     def _keep(self, step: Step, block: Container) -> None:
         if step.name in self.graph.outputs:
