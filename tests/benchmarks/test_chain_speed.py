@@ -155,7 +155,7 @@ def peak_memory_mb(n_seconds, target):
     [(600, 3600), pytest.param(3600, 6 * 3600, marks=pytest.mark.long)],
     ids=["ten minutes and an hour", "one hour and six"],
 )
-def test_memory_stays_under_300_mb_and_grows_by_the_results_alone(
+def test_memory_stays_under_275_mb_and_grows_by_the_results_alone(
     capsys, tmp_path, short_s, long_s
 ):
     short = peak_memory_mb(short_s, tmp_path / "short.h5")
@@ -163,10 +163,10 @@ def test_memory_stays_under_300_mb_and_grows_by_the_results_alone(
     growth = (long - short) / ((long_s - short_s) / 3600.0)
     with capsys.disabled():
         print(f"\npeak memory: {short:.0f} MB and {long:.0f} MB, {growth:.0f} MB/h")
-    assert long < 300.0
+    assert long < 275.0
     # five lines without a pause are 36,000 points an hour of about 100 bytes each,
     # held as blocks, joined and in order
-    assert growth < 30.0
+    assert growth < 22.0
 
 
 def test_help_takes_under_three_times_the_import_of_typer_and_rich(capsys):
