@@ -11,7 +11,11 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.candidates import examine_contacts
 from uwtrack_cli.motion.passage.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.same_machine import is_next_gear, is_of_comb
+from uwtrack_cli.motion.passage.same_machine import (
+    contact_ends,
+    is_next_gear,
+    is_of_comb,
+)
 
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0, compass_std_deg=0.0)
 FIRST_GEAR = np.array([30.25, 60.5, 90.75])
@@ -77,8 +81,9 @@ def test_lines_go_on_in_another_gear_by_one_ratio_and_at_once(
     after_hz, pause_s, is_next
 ):
     lines = two_gears(after_hz, pause_s)
-    assert is_next_gear(lines, (1,), (2,)) == is_next
-    assert not is_next_gear(lines, (2,), (1,))
+    ends = contact_ends(lines, (1, 2))
+    assert is_next_gear(ends[1], ends[2], lines.frames.window_s) == is_next
+    assert not is_next_gear(ends[2], ends[1], lines.frames.window_s)
 
 
 def test_strangers_are_hardly_ever_teeth_of_a_comb():

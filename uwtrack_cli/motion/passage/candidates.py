@@ -59,7 +59,11 @@ from uwtrack_cli.motion.passage.readings import (
     may_hide_passage,
     read_passage,
 )
-from uwtrack_cli.motion.passage.same_machine import is_next_gear, is_of_comb
+from uwtrack_cli.motion.passage.same_machine import (
+    contact_ends,
+    is_next_gear,
+    is_of_comb,
+)
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""
@@ -311,12 +315,16 @@ def _of_gears(
     if not times.size:
         return []
     limits = RecordingSpan(lines.frames.window_s, float(times[0]), float(times[-1]))
+    silent = [
+        contact for contact, item in alone.items()
+        if not item or not_a_passage(item.fit, item.blocks, limits) is not None
+    ]  # fmt: skip
+    ends = contact_ends(lines, silent)
     chains: list[tuple[int, ...]] = []
-    for contact, item in alone.items():
-        if item and not_a_passage(item.fit, item.blocks, limits) is None:
-            continue
+    for contact in silent:
+        own = ends[contact]
         last = next(
-            (c for c in chains if is_next_gear(lines, c[-1:], (contact,))), None
+            (c for c in chains if is_next_gear(ends[c[-1]], own, limits.window_s)), None
         )
         if last is None:
             chains.append((contact,))

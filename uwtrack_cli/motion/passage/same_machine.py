@@ -16,6 +16,7 @@ both show together says whether they are.
 for the number of false alarms.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -107,7 +108,7 @@ def _reach(frequency_hz: FloatArray, std_hz: FloatArray) -> FloatArray:
     return reach
 
 
-class _Ends(NamedTuple):
+class ContactEnds(NamedTuple):
     """Where the lines of a contact begin and end; arrays of shape (line,)."""
 
     first_s: FloatArray
@@ -120,29 +121,55 @@ class _Ends(NamedTuple):
     """Frequency at the end, Hz."""
 
 
-def is_next_gear(lines: Lines, before: tuple[int, ...], after: tuple[int, ...]) -> bool:
-    """Tell whether the lines of a contact go on as another's, all by one ratio.
+def contact_ends(lines: Lines, contacts: Sequence[int]) -> dict[int, ContactEnds]:
+    """Return where the lines of contacts begin and end, but for the shortest.
 
     Parameters
     ----------
     lines
         Tracked lines.
-    before, after
-        Contact numbers of the one and of the other.
+    contacts
+        Contact numbers.
     """
-    one, other = _ends(lines, before), _ends(lines, after)
-    if min(one.last_s.size, other.last_s.size) < FEWEST_PAIRS:
+    order = np.argsort(lines.line, kind="stable")
+    number = lines.line[order]
+    found = {}
+    for contact in contacts:
+        ends = []
+        for line in lines_of(lines, (contact,)):
+            points = order[slice(*np.searchsorted(number, (line, line + 1)))]
+            frequency = np.asarray(lines.measured_frequency_hz[points], float)
+            known = np.isfinite(frequency)
+            if np.count_nonzero(known) < END_POINTS:
+                continue
+            time, frequency = np.asarray(lines.time_s[points])[known], frequency[known]
+            begin, end = frequency[:END_POINTS], frequency[-END_POINTS:]
+            ends.append((time[0], time[-1], np.median(begin), np.median(end)))
+        found[contact] = ContactEnds(*np.array(ends, float).reshape(-1, 4).T)
+    return found
+
+
+def is_next_gear(before: ContactEnds, after: ContactEnds, window_s: float) -> bool:
+    """Tell whether the lines of a contact go on as another's, all by one ratio.
+
+    Parameters
+    ----------
+    before, after
+        The ends of the one's lines, and of the other's.
+    window_s
+        Length of the frames that they were tracked in, s.
+    """
+    if min(before.last_s.size, after.last_s.size) < FEWEST_PAIRS:
         return False
-    wait_s = float(np.median(other.first_s) - np.median(one.last_s))
-    overlap_s = LARGEST_OVERLAP * lines.frames.window_s
-    if not -overlap_s < wait_s < LONGEST_PAUSE_S + overlap_s:
+    last_s, first_s = np.median(before.last_s), np.median(after.first_s)
+    overlap_s = LARGEST_OVERLAP * window_s
+    if not -overlap_s < first_s - last_s < LONGEST_PAUSE_S + overlap_s:
         return False
-    ends = np.abs(one.last_s - np.median(one.last_s)) < LONGEST_PAUSE_S
-    begins = np.abs(other.first_s - np.median(other.first_s)) < LONGEST_PAUSE_S
-    old_hz, new_hz = one.last_hz[ends], other.first_hz[begins]
+    old_hz = before.last_hz[np.abs(before.last_s - last_s) < LONGEST_PAUSE_S]
+    new_hz = after.first_hz[np.abs(after.first_s - first_s) < LONGEST_PAUSE_S]
     if min(old_hz.size, new_hz.size) < FEWEST_PAIRS:
         return False
-    reach_hz = LINE_REACH / lines.frames.window_s + SMALLEST_REACH * new_hz
+    reach_hz = LINE_REACH / window_s + SMALLEST_REACH * new_hz
     ratios = np.unique(new_hz / old_hz[:, None])
     tried = ratios[(ratios < GREATEST_RATIO) & (ratios > 1 / GREATEST_RATIO)]
     needed = max(FEWEST_PAIRS, LEAST_SHARE * min(old_hz.size, new_hz.size))
@@ -152,21 +179,3 @@ def is_next_gear(lines: Lines, before: tuple[int, ...], after: tuple[int, ...]) 
         ) >= needed
         for ratio in tried
     )  # fmt: skip
-
-
-def _ends(lines: Lines, contacts: tuple[int, ...]) -> _Ends:
-    """Return when, and at which frequencies, the lines of some contacts begin and end."""
-    ends = []
-    for line in lines_of(lines, contacts):
-        points = np.flatnonzero(lines.line == line)
-        frequency = np.asarray(lines.measured_frequency_hz[points], float)
-        known = np.isfinite(frequency)
-        if np.count_nonzero(known) < END_POINTS:
-            continue
-        time, frequency = np.asarray(lines.time_s[points])[known], frequency[known]
-        first, last = (
-            np.median(frequency[:END_POINTS]),
-            np.median(frequency[-END_POINTS:]),
-        )
-        ends.append((time[0], time[-1], first, last))
-    return _Ends(*np.array(ends, float).reshape(-1, 4).T)
