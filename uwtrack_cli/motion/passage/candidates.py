@@ -740,6 +740,7 @@ def _of_rows(
 ) -> CandidatePassage | None:
     """Fit some of the lines of a contact by themselves."""
     is_each_heard = data.bearing_deg.shape[-2] == data.frequency_hz.shape[-2]
+    level = data.line_level_db
     heard = rows if is_each_heard else rows[:0]
     some = replace(
         data,
@@ -748,6 +749,7 @@ def _of_rows(
         bearing_deg=data.bearing_deg[heard],
         bearing_std_deg=data.bearing_std_deg[heard],
         level_db=np.full_like(data.level_db, np.nan),
+        line_level_db=None if level is None else level[rows],
     )
     return examine(some, owner[0], owner[1][rows], medium, probability)
 

@@ -6,7 +6,8 @@ coloured noise. All rows of the batch go at once: starts of one data set, or dat
 of a study. A single data set with coloured noise is then fitted again with the
 covariance of that noise (`fit_with_coloured_noise`): each kind is condensed to one
 residual per instant (the lines of a shaft jitter together), and strength and
-correlation time come from the restricted likelihood.
+correlation time come from the restricted likelihood. Last, the levels of the lines join
+(`fit_with_line_levels`): in every reading, once the readings have been weighed.
 
 **Conventions.** Unknowns as in `unknowns`. The first axis is the batch; the rows of the
 three kinds are under one another as in `Blocks`.
@@ -36,6 +37,7 @@ from uwtrack_cli.motion.passage.law import (
     Passage,
     slant_over_speed_s,
 )
+from uwtrack_cli.motion.passage.line_levels import line_levels
 from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
 from uwtrack_cli.motion.passage.normal_equations import (
     NO_LOSS,
@@ -126,6 +128,8 @@ class PassageFit:
     """Coloured noise of each kind; empty if it is white."""
     change: Change | None = None
     """What changed beside the passage; None for a straight one of steady frequencies."""
+    before_levels: "PassageFit | None" = None
+    """The fit without the levels of the lines; None where they are not in it."""
 
     @property
     def height_m(self) -> FloatArray:
@@ -345,6 +349,37 @@ def fit_with_coloured_noise(
     if normal is None:
         normal = normal_equations(theta, data, medium, state.law)
     return _result(theta, data, (blocks, medium), (state, noises, normal), slow)
+
+
+def fit_with_line_levels(fit: PassageFit, blocks: Blocks) -> PassageFit:
+    """Fit one data set again with the levels of its lines.
+
+    Returned as it is where there are too few.
+
+    Parameters
+    ----------
+    fit
+        Fit of one row.
+    blocks
+        Measurements in fit units, one row.
+    """
+    theta, medium = fit.theta, fit.medium
+    levels = line_levels(theta, blocks, medium, fit.change)
+    if levels is None:
+        return fit
+    free = free_unknowns(theta, blocks, medium)
+    fixed = FitConstants(fit.turn, theta[:, FLOOR], free, fit.change)
+    weight = weight_of(fit.noises)
+    state = passage_state(theta, fixed, blocks, medium, weight)
+    data = weigh(state, weight, blocks, fixed, fit.losses)
+    data = replace(data, line_levels=levels)
+    theta, normal = _descend(theta, data, medium, state.law, 15)
+    state = passage_state(theta, fixed, blocks, medium, weight, normal)
+    if normal is None:
+        normal = normal_equations(theta, data, medium, state.law)
+    found = (state, fit.noises, normal)
+    made = _result(theta, data, (blocks, medium), found, fit.slow)
+    return replace(made, before_levels=fit)
 
 
 def level_misfit(fit: PassageFit, blocks: Blocks) -> float:

@@ -255,7 +255,7 @@ def level_slope(candidate: CandidatePassage, lines: Lines) -> tuple[float, float
         Decibels for each decibel of the passage's spherical spreading, one for a true
         one, and its standard deviation; infinite where the levels cannot tell.
     """
-    fit = candidate.fit
+    fit = candidate.fit.before_levels or candidate.fit  # the levels have not bent it
     own, law = [], []
     for line in candidate.line_ids:
         points = np.flatnonzero(lines.line == line)

@@ -21,6 +21,12 @@ from uwtrack_cli.motion.correlation import Kind, overlap_correlation
 MOST_SEARCHED = 6000
 """Instants among which a closest approach is sought; longer series are averaged."""
 
+NEPER_DB = 10 / np.log(10)
+"""Decibels in a natural-logarithm unit of power."""
+
+WEAKEST_LEVEL_DB = 5.0
+"""Signal over noise in its cell from which a line's level is used, dB."""
+
 WINDOW_WIDTHS = 25.0
 """Of a long series, so many d/v on either side of the closest approach are kept."""
 
@@ -49,6 +55,9 @@ class PassageData:
     """Correlation of neighbouring bearings' errors."""
     level_correlation: float = 0.0
     """Correlation of neighbouring levels' errors."""
+    line_level_db: FloatArray | None = None
+    """Levels of the lines without the noise in them, dB, shape (..., lines, n); nan is
+    missing or weak; None: none were measured."""
 
     @property
     def step_s(self) -> float:
@@ -123,11 +132,15 @@ def _averaged(data: PassageData, kept: IntArray | slice, most: int) -> PassageDa
         return np.where(size > 0, angle, np.nan), 1 / np.sqrt(some)
 
     count = np.diff(np.append(starts, time.size))
+    heard = data.line_level_db
+    if heard is not None:
+        heard = mean(heard, np.broadcast_to(1.0, heard.shape))[0]
     return PassageData(
         np.add.reduceat(time, starts) / count,
         *mean(data.frequency_hz, data.frequency_std_hz),
         *mean(data.bearing_deg, data.bearing_std_deg, 360.0),
         *mean(data.level_db, data.level_std_db),
+        line_level_db=heard,
     )
 
 
@@ -175,7 +188,7 @@ def contact_data(
     if lines is not None and levels is not None and ids.size:
         levels = _around(levels, lines.time_s[np.isin(lines.line, ids)])
     time = _time_axis(lines, levels, ids)
-    frequency, frequency_std, bearing, bearing_std = _line_rows(lines, ids, time)
+    frequency, frequency_std, bearing, bearing_std, heard = _line_rows(lines, ids, time)
     level, level_std = np.full((2, 1, time.size), np.nan)
     if levels is not None:
         place = np.searchsorted(time, levels.frames.time_s)
@@ -193,6 +206,7 @@ def contact_data(
         _neighbour("frequency", frames),
         _neighbour("bearing", frames),
         _neighbour("level", frames),
+        heard,
     )  # fmt: skip
 
 
@@ -269,11 +283,11 @@ def _time_axis(lines: Lines | None, levels: Levels | None, ids: IntArray) -> Flo
 
 def _line_rows(
     lines: Lines | None, ids: IntArray, time: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray | None]:
     shape = ids.size, time.size
     if lines is None or not ids.size:
         none = _unknown(shape)
-        return none, none, none, none
+        return none, none, none, none, None
     points = np.flatnonzero(np.isin(lines.line, ids))
     order = np.argsort(ids)
     row = order[np.searchsorted(ids, lines.line[points], sorter=order)]
@@ -290,7 +304,25 @@ def _line_rows(
     return (
         rows(lines.measured_frequency_hz), rows(lines.measured_frequency_std_hz),
         rows(lines.measured_bearing_deg), rows(lines.measured_bearing_std_deg),
+        _line_levels(lines, points, (row, place), shape),
     )  # fmt: skip
+
+
+def _line_levels(
+    lines: Lines,
+    points: IntArray,
+    at: tuple[IntArray, IntArray],
+    shape: tuple[int, int],
+) -> FloatArray | None:
+    """Return the levels of some points, freed of the noise in their cells."""
+    snr_db, level = lines.measured_snr_db[points], lines.measured_level_db[points]
+    known = np.isfinite(level) & (snr_db > WEAKEST_LEVEL_DB)
+    if not known.any():
+        return None
+    full = np.full(shape, np.nan, np.float32)
+    noise = NEPER_DB * np.log1p(np.exp(-snr_db[known] / NEPER_DB))
+    full[at[0][known], at[1][known]] = level[known] - noise
+    return full
 
 
 def _unknown(shape: tuple[int, int]) -> FloatArray:
@@ -312,10 +344,6 @@ def _neighbour(kind: Kind, frames: Frames | None) -> float:
     overlap = 1 - frames.hop_samples / frames.window_samples
     values = overlap_correlation(kind, overlap)
     return float(values[0]) if values.size else 0.0
-
-
-NEPER_DB = 10 / np.log(10)
-"""Decibels in a natural-logarithm unit of power."""
 
 
 @dataclass(frozen=True)
@@ -351,6 +379,8 @@ class Blocks:
     """One where a row is of a kind, shape (3, rows)."""
     mean_hz: FloatArray
     """Mean frequency of every line, Hz, shape (batch, lines)."""
+    line_level: FloatArray | None = None
+    """Levels of the lines, ln of power, shape (batch, lines, n); nan is missing."""
 
     @property
     def parts(self) -> tuple[slice, slice, slice]:
@@ -402,6 +432,7 @@ def make_blocks(data: PassageData) -> Blocks:
     )
     known = np.isfinite(value) & (std > 0) & (std < np.inf)
     count = (pairs[0][0].shape[1], pairs[1][0].shape[1], pairs[2][0].shape[1])
+    heard = data.line_level_db
     given = (
         data.frequency_correlation,
         data.bearing_correlation,
@@ -415,6 +446,7 @@ def make_blocks(data: PassageData) -> Blocks:
         count,
         np.repeat(np.eye(3), count, axis=1),
         mean,
+        None if heard is None else _batched(heard) / NEPER_DB,
     )
 
 

@@ -25,6 +25,7 @@ from uwtrack_cli.motion.passage.doppler import (
     line_sums,
 )
 from uwtrack_cli.motion.passage.law import Passage
+from uwtrack_cli.motion.passage.line_levels import LineLevels
 from uwtrack_cli.motion.passage.measurements import Blocks
 from uwtrack_cli.motion.passage.unknowns import (
     CHANGED,
@@ -85,6 +86,8 @@ class WeightedData:
     """Information that coloured noise takes from frequencies, bearings and levels."""
     change: Change | None = None
     """What changed beside the passage."""
+    line_levels: LineLevels | None = None
+    """Levels of the lines, for a batch of one; None: they are not used."""
 
 
 @dataclass(frozen=True)
@@ -296,6 +299,9 @@ def normal_equations(
         cost = cost + 0.5 * offset**2
         gradient[:, place] += offset / std
         matrix[:, place, place] += std**-2
+    if data.line_levels is not None:
+        own = data.line_levels.normal(theta, medium, data.change)
+        cost, gradient, matrix = cost + own[0], gradient + own[1], matrix + own[2]
     free = data.is_free
     if not free.all():
         both = free[:, :, None] & free[:, None, :]

@@ -37,6 +37,7 @@ from uwtrack_cli.motion.passage.estimator import (
     PassageFit,
     fit_passage,
     fit_with_coloured_noise,
+    fit_with_line_levels,
     join_rows,
     take_rows,
 )
@@ -50,7 +51,7 @@ from uwtrack_cli.motion.passage.likelihood_ratio import (
     passage_residuals,
 )
 from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.reading_mixture import mixed
+from uwtrack_cli.motion.passage.reading_mixture import SMALLEST_WEIGHT, mixed
 from uwtrack_cli.motion.passage.unknowns import (
     CHANGED,
     FREE_INSTANTS,
@@ -239,7 +240,11 @@ def weigh_readings(tried: Tried, blocks: Blocks) -> tuple[PassageFit, Reading]:
         _time_std_s(tried, kinds == kinds[best], best, chance),
     )
     weighed = list(zip(left.tolist(), unseen, strict=True))
-    return mixed(fits, best, chance, weighed), reading
+    whole = [
+        fit_with_line_levels(one, blocks) if share > SMALLEST_WEIGHT else one
+        for one, share in zip(fits, chance, strict=True)
+    ]
+    return mixed(whole, best, chance, weighed), reading
 
 
 def _evidences(
