@@ -1,5 +1,7 @@
 """Passages beside which something changed: the law, the reading and what is given."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -23,6 +25,13 @@ from uwtrack_cli.plotting.passage_fit import ReportedPassage
 
 CLOSEST_S, FLAT_M, HEIGHT_M, SPEED_MPS = 300.0, 180.0, 19.0, 6.0
 STRAIGHT = np.array([[CLOSEST_S, np.log(FLAT_M / SPEED_MPS), SPEED_MPS]])
+
+
+@cache
+def analysed(kind, seed):
+    """Return a drawn passage and its encounters; several tests ask the same ones."""
+    drawn = draw(kind, seed)
+    return drawn, analyse(drawn)
 
 
 @pytest.mark.parametrize("at", [265.0, 350.0])
@@ -73,8 +82,7 @@ def test_the_partials_of_two_legs_are_those_of_differences():
      ("turn", 952002), ("turn", 97003)],
 )  # fmt: skip
 def test_a_passage_is_read_as_it_was_drawn(kind, seed):
-    drawn = draw(kind, seed)
-    found = analyse(drawn)
+    drawn, found = analysed(kind, seed)
     error, std = errors(drawn, found)
     assert found.reading[0] == READ_AS.get(kind, kind)
     assert np.nanmax(np.abs(error / std)) < 4.0
@@ -90,8 +98,7 @@ def test_a_passage_is_read_as_it_was_drawn(kind, seed):
     ("kind", "seed"), [("turn", 2), ("frequency-step", 4), ("frequency-ramp", 1)]
 )
 def test_the_curve_of_a_page_follows_what_changed(kind, seed):
-    drawn = draw(kind, seed)
-    found = analyse(drawn)
+    drawn, found = analysed(kind, seed)
     shift, _ = ReportedPassage(found, 0).shift(drawn.series.time_s)
     curve = found.rest_frequency_hz[0] * (1 + shift)
     off = (drawn.series.frequency_hz - curve[:, None])[:, 0]
@@ -103,8 +110,7 @@ def test_the_curve_of_a_page_follows_what_changed(kind, seed):
     ("kind", "seed"), [("turn", 2), ("turn", 7), ("speed-change", 4)]
 )
 def test_the_other_leg_has_its_own_speed_and_course(kind, seed):
-    drawn = draw(kind, seed)
-    found = analyse(drawn)
+    drawn, found = analysed(kind, seed)
     other = 1.0 if drawn.change_s > CLOSEST_S else -1.0
     near, far = (place(drawn, drawn.change_s + other * s) for s in (50.0, 51.0))
     velocity = other * (np.array(far) - near)
@@ -117,11 +123,11 @@ def test_the_other_leg_has_its_own_speed_and_course(kind, seed):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_positions_follow_both_legs_of_a_manoeuvre(seed):
-    drawn = draw("turn", seed)
+    drawn, found = analysed("turn", seed)
     other = 1.0 if drawn.change_s > CLOSEST_S else -1.0
     times = [CLOSEST_S, drawn.change_s + 40.0 * other, drawn.change_s + 150.0 * other]
     at = [f"{time:.3f}" for time in times]
-    fixes = locate_vessels([analyse(drawn)], [SENSOR], at=at)
+    fixes = locate_vessels([found], [SENSOR], at=at)
     for row in np.flatnonzero(fixes.mode == 1):
         east, north = place(drawn, fixes.time_s[row])
         off = np.array([fixes.east_m[row] - east, fixes.north_m[row] - north])
@@ -163,8 +169,8 @@ def test_the_instant_of_a_ramp_is_one_of_its_unknowns():
 def test_stated_deviations_are_near_the_bound():
     """Bounds by another law, with the same unknowns; half of them would be wrong."""
     for kind, seed in (("straight", 1), ("frequency-ramp", 1), ("speed-change", 4)):
-        drawn = draw(kind, seed)
-        _, std = errors(drawn, analyse(drawn))
+        drawn, found = analysed(kind, seed)
+        _, std = errors(drawn, found)
         share = (std / bounds(drawn))[:4]
         assert share.min() > 0.8
         assert share.max() < 2.0
