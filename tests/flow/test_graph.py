@@ -124,7 +124,7 @@ def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, 
     own = samples / f"{name}.wav"  # of the recipes for arrays
     sound = own if own.exists() else short_pass
     sensor = find_sensor(sound)
-    recording = open_recording(sound, sensor=sensor, start_s=45.0, stop_s=80.0)
+    recording = open_recording(sound, sensor=sensor, start_s=45.0, stop_s=65.0)
     if name == "auto":  # what passes within a second
         recording = in_memory(car())
     elif name == "towed-array":  # a vessel of lines, and one without

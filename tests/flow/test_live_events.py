@@ -32,7 +32,7 @@ def scenario():
     }  # fmt: skip
     sensor = {"id": "h1", "kind": "omni", "depth_m": 10.0, "full_scale_db": 155.0}
     return make_scenario(
-        {"seed": 3, "duration_s": 140.0, "sample_rate_hz": float(RATE),
+        {"seed": 3, "duration_s": 110.0, "sample_rate_hz": float(RATE),
          "sensor": [sensor], "vessel": [vessel],
          "noise": {"density_db": 70.0, "slope_db_per_decade": -17.0}}
     )  # fmt: skip

@@ -358,7 +358,9 @@ def score(kind, seed):
     from tests.motion.drawn_bounds import bounds
 
     if kind == TWO_TARGETS:
-        return score_pair(draw_pair(seed))
+        pair = draw_pair(seed)
+        found = find_encounters(series=pair.series, sensor=SENSOR)
+        return score_pair(pair, found)
     number = seed
     drawn = draw(kind, number)
     while not is_clear(drawn):
@@ -376,9 +378,8 @@ def score(kind, seed):
     return [Scored(reading, error, std, is_wrong, bound, slant, weight)]
 
 
-def score_pair(pair):
+def score_pair(pair, found):
     """Return what came of both vessels of a pair, each by the row that is nearest."""
-    found = find_encounters(series=pair.series, sensor=SENSOR)
     left, scored = list(range(found.n_encounters)), []
     for truth in pair.truths:
         drawn = Drawn("straight", truth, "", pair.series, 0.0, 0.0)

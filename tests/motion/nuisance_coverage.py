@@ -13,7 +13,7 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta
+from scipy.stats import beta, chi2
 
 from tests.motion.passage_truth import Scene, measure
 from uwtrack_cli.data.sensor import Sensor
@@ -134,6 +134,17 @@ def score(kind, seed):
     return Draw(
         error, np.array([v[std] for _, std, _ in pairs]), row.side not in ("", side)
     )
+
+
+def holds_on_both_sides(deviations):
+    """Whether errors are as large as stated, neither more nor less, by quantity.
+
+    The mean square of errors over their deviations, shape (draws, quantities), is a
+    chi-square's over its degrees of freedom; a quantity in 5000 is beyond by chance.
+    """
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], len(deviations)) / len(deviations)
+    square = np.mean(np.square(deviations), axis=0)
+    return bool(np.all((low < square) & (square < high)))
 
 
 def interval(hits, count):

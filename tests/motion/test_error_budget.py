@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.motion.motion_coverage import CASES, KINDS, ar1, score
-from tests.motion.nuisance_coverage import interval
+from tests.motion.nuisance_coverage import holds_on_both_sides, interval
 from tests.motion.sonar_tables import heard, own_ship
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.motion.options import MotionModel, Nuisances
@@ -25,11 +25,10 @@ def analyse(nuisances, name="S1-T1"):
 
 @pytest.mark.parametrize("kind", ["AR(1) 0.9", "all"])
 def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
-    """Coverage by simulation, 20 records; the long form is in the baselines."""
-    scores = [score("S1-T1", kind, seed) for seed in range(1, 21)]
+    """Errors of 14 drawn records; coverage of many is in the baselines."""
+    scores = [score("S1-T1", kind, seed) for seed in range(1, 15)]
     values = np.array([s.deviations for s in scores])
-    hits = (values <= 1.96).sum(axis=0)
-    assert all(interval(int(n), len(scores))[1] >= 0.95 for n in hits)
+    assert holds_on_both_sides(values)
     assert values.max() < 5
     holds = np.array([s.holds for s in scores]).sum(axis=0)
     assert all(interval(int(n), len(scores))[1] >= 0.95 for n in holds)

@@ -7,6 +7,7 @@ from tests.motion.nuisance_coverage import (
     CLASSES,
     QUANTITIES,
     analyse,
+    holds_on_both_sides,
     interval,
     score,
     told,
@@ -25,13 +26,12 @@ def deviations(draws):
 
 @pytest.mark.parametrize("kind", ["overhead", "near, no line"])
 def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
-    """Coverage by simulation, 25 passages; the long form is in the baselines."""
-    draws = [score(kind, seed) for seed in range(1, 26)]
+    """Errors of 15 drawn passages; coverage of many is in the baselines."""
+    draws = [score(kind, seed) for seed in range(1, 16)]
     values = deviations(draws)
     values = values[:, np.isfinite(values).all(axis=0)]
     assert values.shape[1] >= 4
-    hits = (values <= 1.96).sum(axis=0)
-    assert all(interval(int(n), len(draws))[1] >= 0.95 for n in hits)
+    assert holds_on_both_sides(values)
     assert values.max() < 5
     assert not any(draw.wrong_side for draw in draws)
 

@@ -30,7 +30,7 @@ def errors(fixes, place, velocity):
 def test_four_drifting_buoys_with_offsets_and_outliers_give_one_place(told, count):
     square, size = [], []
     for seed in range(count):
-        series, place, velocity, _ = buoys(seed)
+        series, place, velocity, _ = buoys(seed, rows=36)
         fixes = locate_vessels(series=series if told else untold(series), at=MIDDLE)
         assert np.unique(fixes.contact).tolist() == [1]
         far, chance = errors(fixes, place, velocity)
