@@ -1,6 +1,7 @@
 """The study of frequency lines in its short form, inside the stated bands."""
 
 from dataclasses import astuple, fields
+from functools import cache
 
 import numpy as np
 import pytest
@@ -55,8 +56,12 @@ RATES = {
 }
 
 
+one_run = cache(run_figures)
+"""Several tests ask the same runs."""
+
+
 def figures(setting: str, rule: SceneRule, runs: int) -> dict[str, np.ndarray]:
-    table = np.array([astuple(run_figures(setting, rule, k)) for k in range(runs)])
+    table = np.array([astuple(one_run(setting, rule, k)) for k in range(runs)])
     return {f.name: table[:, k] for k, f in enumerate(fields(RunFigures))}
 
 
