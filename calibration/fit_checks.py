@@ -60,7 +60,7 @@ def candidates(
     made = run_recipe(recording, load_recipe(recipe))
     lines = next(item for item in made if isinstance(item, Lines))
     medium = nuisance_priors(recording.sensor, None, None, 3.0, 2.0).medium
-    for item in examine_contacts(lines, medium, 1e-3):
+    for item in examine_contacts(lines, medium, 1e-3)[0]:
         yield ask_the_sound(item, recording), lines
 
 

@@ -24,7 +24,7 @@ from tests.motion.drawn_readings import BEND, KINDS, SENSOR, draw, is_clear
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage import readings
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine
-from uwtrack_cli.motion.passage.change_priors import ODDS
+from uwtrack_cli.motion.passage.change_priors import ODDS, STRAIGHT
 from uwtrack_cli.motion.passage.measurements import Blocks, series_data
 from uwtrack_cli.motion.passage.nuisances import marginalise, nuisance_priors
 
@@ -85,7 +85,7 @@ def main(count: int, kinds: tuple[str, ...]) -> None:
         ]
         for odds in TRIED:
             made = [outcome(*item, odds) for item in items]
-            straight = np.mean([one.name == readings.STRAIGHT for one in made])
+            straight = np.mean([one.name == STRAIGHT for one in made])
             values = np.abs([one.deviations for one in made])
             values = values[np.isfinite(values)]
             print(

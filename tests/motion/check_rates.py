@@ -150,7 +150,7 @@ def check(kind, spoilt, seed):
     )
     nothing = np.full(3, np.nan)
     found = [
-        one for one in map(read, examine_contacts(lines, PRIORS.medium, 1e-3))
+        one for one in map(read, examine_contacts(lines, PRIORS.medium, 1e-3)[0])
         if not_a_passage(one.fit, one.blocks, SPAN) is None
     ]  # fmt: skip
     if not found:

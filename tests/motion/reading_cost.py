@@ -1,7 +1,7 @@
 """What all readings of a passage cost over the straight one alone, in CPU time.
 
 Each drawn passage is analysed twice; without readings neither changes are tried nor
-passages sought beside them. Two of each kind take a minute:
+passages sought beside them, and what stays is not read. Two of each kind take a minute:
 python -m tests.motion.reading_cost 2 960001
 """
 
@@ -31,6 +31,7 @@ def straight_alone(drawn):
             candidates, "read_passage", lambda fit, *_: (fit, STRAIGHT_READING)
         ),
         patch.object(candidates, "may_hide_passage", lambda *_: False),
+        patch.object(candidates, "read_still", lambda *_: STRAIGHT_READING),
     ):
         return seconds(drawn)
 

@@ -36,7 +36,7 @@ def lines_of(*scenes, seed=2):
 
 
 def candidate_of(lines):
-    (one,) = examine_contacts(lines, MEDIUM, 1e-3)
+    (one,) = examine_contacts(lines, MEDIUM, 1e-3)[0]
     return one
 
 

@@ -88,7 +88,7 @@ def test_a_passage_beside_a_ramp_must_be_steadier_than_the_ramp_alone(passes):
     the whole stretch, nor a step: all of them are blurred, and the passage less."""
     slope, at_s = 2e-4, SCENE.closest_s
     lines = lines_of_scenes([SCENE], np.random.default_rng(1))
-    (item,) = examine_contacts(
+    (item,), _ = examine_contacts(
         lines, nuisance_priors(DIFAR, None, None, 22.0, 2.0).medium, 1e-3
     )
 
@@ -117,7 +117,7 @@ def test_a_drift_like_the_passage_says_nothing_against_bearings_that_turn():
     """A slow vessel far off: within 60 degrees of its course its lines fall straight."""
     slow = replace(SCENE, speed_mps=1.6, range_m=620.0, closest_s=190.0, length_s=480.0)
     lines = lines_of_scenes([slow], np.random.default_rng(1))
-    (item,) = examine_contacts(
+    (item,), _ = examine_contacts(
         lines, nuisance_priors(DIFAR, None, None, 22.0, 2.0).medium, 1e-3
     )
     time = np.arange(int(slow.length_s * RATE_HZ)) / RATE_HZ
@@ -160,7 +160,7 @@ def test_a_passage_of_less_than_some_samples_is_not_asked():
     lines = lines_of_scenes([SCENE], np.random.default_rng(1))
     found = find_encounters(lines, None, DIFAR)
     assert found.n_encounters == 1
-    (item,) = examine_contacts(
+    (item,), _ = examine_contacts(
         lines, nuisance_priors(DIFAR, None, None, 22.0, 2.0).medium, 1e-3
     )
     theta = item.fit.theta.copy()

@@ -125,6 +125,6 @@ def test_lines_of_its_comb_are_the_vessels_though_they_agree_less(is_tooth):
         measured_bearing_std_deg=lines.measured_bearing_std_deg + noise_deg,
     )
     medium = nuisance_priors(DIFAR, None, None, 3.0, 2.0).medium
-    found = examine_contacts(lines, medium, 1e-3)
+    found = examine_contacts(lines, medium, 1e-3)[0]
     assert len(found) == (1 if is_tooth else 2)
     assert abs(found[0].fit.theta[0, 0] - whole.closest_s) < 0.3

@@ -7,7 +7,11 @@ import pytest
 
 from tests.flow.made_encounters import encounters_of
 from uwtrack_cli.presence.line_summary import LineSummary
-from uwtrack_cli.presence.passage_stretches import add_refusals, mark_passages
+from uwtrack_cli.presence.passage_stretches import (
+    add_readings,
+    add_refusals,
+    mark_passages,
+)
 from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
 
 SOUND_MPS = 343.0
@@ -61,7 +65,15 @@ def passage(*refused):
         refused_from_s=np.array(begin, float),
         refused_to_s=np.array(end, float),
         refused_reason=np.array(reason, np.str_),
+        refused_reading=np.array([STILL.get(one, "") for one in reason], np.str_),
+        refused_reading_weight=np.array([WEIGHT.get(one, np.nan) for one in contact]),
+        refused_rival=np.full(len(refused), "constant"),
+        refused_rival_weight=np.full(len(refused), 0.1),
     )
+
+
+STILL, WEIGHT = {"a machine": "machinery", "a pair": "joined"}, {2: 0.9, 3: 0.7}
+"""Readings by reason, and their weights by contact."""
 
 
 def pieces(from_s, to_s, rest_hz=REST_HZ):
@@ -136,3 +148,26 @@ def test_a_rise_that_was_refused_keeps_its_row_and_gets_the_reason():
     found = [Stretch("broadband", 210.0, 250.0, reason="a rise")]
     add_refusals(table, found)
     assert [(one.kind, one.reason) for one in found] == [("broadband", LEVELS_REFUSED)]
+
+
+@pytest.mark.parametrize(
+    ("reasons", "read"),
+    [(("a machine", "a machine"), ("machinery", 0.7)), (("a machine", "a pair"), ("", None)),
+     (("a machine",), ("", None))],
+)  # fmt: skip
+def test_a_stretch_is_read_as_all_of_its_contacts_are(reasons, read):
+    """By the least certain; what stays neither refuses a rise nor gets a row."""
+    table = passage(*((k + 2, 200.0, 260.0, one) for k, one in enumerate(reasons)))
+    found = [
+        told("lines", [(80.0, 200.0, 260.0), (90.0, 200.0, 260.0)]),
+        Stretch("broadband", 210.0, 250.0, reason="a rise"),
+    ]
+    found[0].tones.contact[:] = [2, 3]
+    add_refusals(table, found)
+    add_readings(table, found)
+    assert [one.reason for one in found] == ["a test", "a rise"]
+    assert (found[0].reading, found[1].reading) == (read[0], "")
+    if read[1] is None:
+        assert "reading" in found[0].reasons()
+    else:
+        assert (found[0].reading_weight, found[0].rival) == (read[1], "constant")

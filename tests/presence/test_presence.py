@@ -213,7 +213,7 @@ def test_what_cpa_refuses_is_in_presence_with_its_reason():
 def test_every_missing_value_has_its_reason():
     rows = [Stretch("unknown", 1.0, 2.0, reason="a test")]
     presence = make_presence({"h1": rows}, {"h1": None}, "full scale")
-    assert set(presence.reasons(0)) == {"encounter", *MISSING}
+    assert set(presence.reasons(0)) == {"encounter", "reading", *MISSING}
 
 
 def test_there_must_be_something_to_work_on():

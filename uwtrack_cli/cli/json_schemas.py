@@ -67,6 +67,29 @@ _NUISANCES: Schema = {
     "standard deviation, share of the variance.",
 }
 
+_READING: Schema = {
+    "enum": [
+        "straight",
+        "frequency-step",
+        "frequency-ramp",
+        "manoeuvre",
+        "two-targets",
+        "constant",
+        "machinery",
+        "joined",
+        None,
+    ],
+    "description": "How the measurements are read; nothing passes in the last three, "
+    "which no closest approach is. Null in older files, and where nothing was read.",
+}
+
+_RIVAL: Schema = {
+    "type": ["object", "null"],
+    "properties": {"reading": _TEXT, "weight": {"type": "number"}},
+    "required": ["reading", "weight"],
+    "description": "Next reading with its weight; null if none has 5 %.",
+}
+
 _DERIVED: dict[str, dict[str, Schema]] = {
     "encounters": {
         "side": {
@@ -92,23 +115,8 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "required": ["name", "mmsi", "probability"],
             "description": "Vessel by AIS, and the probability that it was that one.",
         },
-        "reading": {
-            "enum": [
-                "straight",
-                "frequency-step",
-                "frequency-ramp",
-                "manoeuvre",
-                "two-targets",
-                None,
-            ],
-            "description": "How the measurements are read; null in older files.",
-        },
-        "rival": {
-            "type": ["object", "null"],
-            "properties": {"reading": _TEXT, "weight": {"type": "number"}},
-            "required": ["reading", "weight"],
-            "description": "Next reading with its weight; null if none has 5 %.",
-        },
+        "reading": _READING,
+        "rival": _RIVAL,
         "change": {
             "type": ["object", "null"],
             "properties": {
@@ -178,6 +186,8 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "type": ["integer", "null"],
             "description": "Contact of the closest approach within it; null for none.",
         },
+        "reading": _READING,
+        "rival": _RIVAL,
         "kind": {
             "enum": list(KINDS),
             "description": "What was heard, as far as it can be told.",

@@ -1,7 +1,7 @@
 """Closest approaches, and the positions that follow from them."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -18,6 +18,23 @@ from uwtrack_cli.data.base import (
     deviation,
     scalar,
 )
+
+
+class StillContact(NamedTuple):
+    """A contact that is not told to pass, and what it is read as."""
+
+    contact: int
+    """Contact number, from 1."""
+    reason: str
+    """Why it is no passage."""
+    reading: str
+    """What it is read as."""
+    weight: float
+    """Probability of that reading."""
+    rival: str
+    """The next reading; empty if it has less than 5 %."""
+    rival_weight: float
+    """Its probability; 0 without one."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -154,10 +171,12 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "encounter", dtype=np.str_, optional=True,
     )  # fmt: skip
     reading_weight: FloatArray | None = column(
-        "1", "Probability of that reading.", "encounter", optional=True
-    )
+        "1", "Probability of that reading, among those in which nothing passes, too.",
+        "encounter", optional=True,
+    )  # fmt: skip
     rival: TextArray | None = column(
-        "", "Next reading; empty if it has less than 5 %.", "encounter",
+        "", "Next reading, also 'constant', 'machinery' or 'joined', in which nothing "
+        "passes; empty if it has less than 5 %.", "encounter",
         dtype=np.str_, optional=True,
     )  # fmt: skip
     rival_weight: FloatArray | None = column(
@@ -244,6 +263,21 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_reason: TextArray | None = column(
         "", "Why it is no passage.", "refusal", dtype=np.str_, optional=True
     )
+    refused_reading: TextArray | None = column(
+        "", "What it is read as where nothing passes: 'constant', 'machinery' or 'joined', "
+        "or a passage that noise alone gives, too; empty for one that was refused.",
+        "refusal", dtype=np.str_, optional=True,
+    )  # fmt: skip
+    refused_reading_weight: FloatArray | None = column(
+        "1", "Probability of that reading.", "refusal", optional=True
+    )
+    refused_rival: TextArray | None = column(
+        "", "Next reading; empty if it has less than 5 %.", "refusal",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    refused_rival_weight: FloatArray | None = column(
+        "1", "Its probability; 0 without one.", "refusal", optional=True
+    )
     reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
     band_low_hz: float | None = scalar("Hz", "Lower edge of the levels' band.", None)
     band_high_hz: float | None = scalar("Hz", "Upper edge of the levels' band.", None)
@@ -259,13 +293,42 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         return own.take("refusal", np.flatnonzero(self.refused_sensor == sensor))
 
     def refusals(self) -> list[tuple[int, float, float, str]]:
-        """Return contact, begin and end in s, and reason of all that is no passage."""
+        """Return contact, begin and end in s, and reason of what was taken for a passage."""
         columns = (
             self.refused_contact, self.refused_from_s, self.refused_to_s,
             self.refused_reason,
         )  # fmt: skip
         known = [values.tolist() for values in columns if values is not None]
-        return list(zip(*known, strict=True)) if len(known) == len(columns) else []
+        if len(known) != len(columns):
+            return []
+        every = list(zip(*known, strict=True))
+        if self.refused_reading is None:
+            return every
+        return [
+            one
+            for one, name in zip(every, self.refused_reading, strict=True)
+            if not name
+        ]
+
+    def still(self) -> list[StillContact]:
+        """Return the contacts that are not told to pass, with what they are read as."""
+        columns = (
+            self.refused_contact, self.refused_reason, self.refused_reading,
+            self.refused_reading_weight, self.refused_rival, self.refused_rival_weight,
+        )  # fmt: skip
+        known = [values.tolist() for values in columns if values is not None]
+        every = zip(*known, strict=True) if len(known) == len(columns) else ()
+        return [StillContact(*one) for one in every if one[2]]
+
+    def reading_of(self, row: int) -> tuple[str, float, str, float]:
+        """Return reading, its weight, the rival and its weight of a closest approach."""
+        names, weights = (
+            (self.reading, self.rival),
+            (self.reading_weight, self.rival_weight),
+        )
+        name, rival = ("" if one is None else str(one[row]) for one in names)
+        weight, other = (np.nan if one is None else float(one[row]) for one in weights)
+        return name, weight, rival, other
 
     def ambiguities(self, row: int) -> list[dict[str, str | float]]:
         """Return the other solutions of an encounter, with their weights."""

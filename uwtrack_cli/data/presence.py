@@ -84,6 +84,22 @@ class Presence(HasReasons):
     probability_of_chance: FloatArray = column(
         "1", "Probability that noise alone gives as much.", "stretch"
     )
+    reading: TextArray | None = column(
+        "", "What its contacts are read as: that of its closest approach; else 'constant', "
+        "'machinery' or 'joined' where nothing passes, or a passage that noise alone gives, "
+        "too; empty if they are not read as one.", "stretch", dtype=np.str_, optional=True,
+    )  # fmt: skip
+    reading_weight: FloatArray | None = column(
+        "1", "Probability of that reading, of the least certain contact.", "stretch",
+        optional=True,
+    )  # fmt: skip
+    rival: TextArray | None = column(
+        "", "Next reading of that contact; empty if it has less than 5 %.", "stretch",
+        dtype=np.str_, optional=True,
+    )  # fmt: skip
+    rival_weight: FloatArray | None = column(
+        "1", "Its probability; 0 without one.", "stretch", optional=True
+    )
     frequency_stretch: IntArray = column(
         "1", "Row of the stretch that a line belongs to.", "frequency",
         dtype=np.int64, owner="stretch",

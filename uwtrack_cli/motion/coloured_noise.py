@@ -27,6 +27,9 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 
 N_CORRELATION_TIMES = 7
 FEWEST_CELLS, MOST_CELLS = 60, 160
+FEWEST_MORE = 8
+"""Measurements beyond what is free without which nothing can be told."""
+
 CELLS_PER_WIDTH = 12.0
 """Noise that forgets within such a share of d/v acts as white noise."""
 
@@ -197,19 +200,109 @@ def coloured_likelihoods(
     width_s
         Range over speed in seconds: the time that matters to a passage.
     """
+    return np.asarray(
+        likelihoods_by_noise(series, precision, time_s, width_s).max(axis=0)
+    )
+
+
+def likelihoods_by_noise(
+    series: list[tuple[FloatArray, FloatArray]],
+    precision: FloatArray,
+    time_s: FloatArray,
+    width_s: float,
+) -> FloatArray:
+    """Return the best log-likelihoods with white noise and with coloured noise beside it.
+
+    Parameters
+    ----------
+    series
+        For each reading the residuals (n,) and the columns (n, p) that are free.
+    precision
+        Inverse variances of the white part.
+    time_s
+        Times in seconds.
+    width_s
+        Range over speed in seconds: the time that matters to a passage.
+
+    Returns
+    -------
+    FloatArray
+        White noise first, shape (2, readings); zeros where there is too little to tell.
+    """
     cells = [_condense(e, precision, time_s, x, width_s) for e, x in series]
     if any(cell is None for cell in cells):
-        return np.zeros(len(series))
+        return np.zeros((2, len(series)))
     known = [cell for cell in cells if cell is not None]
     root, time = known[0][2], known[0][3]
     rivals = [(value, _orthonormal(columns)) for value, columns, _, _ in known]
-    best = np.array([_white_likelihood(e, x, None)[1] for e, x in rivals])
+    white = np.array([_white_likelihood(e, x, None)[1] for e, x in rivals])
+    best = np.full(white.size, -np.inf)
     for correlation_time in _correlation_times(time):
         values, vectors = _spectrum(root, time, correlation_time)
         for row, (value, columns) in enumerate(rivals):
             found = _best_variance(vectors.T @ value, vectors.T @ columns, values, root)
-            best[row] = max(best[row], found)
-    return best
+            best[row] = max(best[row], found[0])
+    return np.stack([white, best])
+
+
+def gains_of_shapes(
+    residual: FloatArray,
+    columns: FloatArray,
+    shapes: FloatArray,
+    precision: FloatArray,
+    time_s: FloatArray,
+    width_s: float,
+    *,
+    with_coloured_noise: bool,
+) -> FloatArray:
+    """Return what shapes of given sizes gain beside a reading, in its own noise.
+
+    Parameters
+    ----------
+    residual
+        Residuals of the reading, shape (n,).
+    columns
+        What is free in it, shape (n, p).
+    shapes
+        What is tried beside it, shape (n, shapes).
+    precision
+        Inverse variances of the white part.
+    time_s
+        Times in seconds.
+    width_s
+        Range over speed in seconds: the time that matters to a passage.
+    with_coloured_noise
+        Whether the noise of the reading is its best coloured one; else it is white.
+
+    Returns
+    -------
+    FloatArray
+        Gains in log-likelihood, shape (shapes,); zeros where there is too little to tell.
+    """
+    if np.count_nonzero(precision) < columns.shape[1] + FEWEST_MORE:
+        return np.zeros(shapes.shape[1])
+    both = np.concatenate([columns, shapes], axis=1)
+    value, both, root, time = _cells(residual, precision, time_s, both, width_s)
+    free, more = both[:, : columns.shape[1]], both[:, columns.shape[1] :]
+    free = _orthonormal(free)
+    weight = np.ones(value.size)
+    if with_coloured_noise:
+        best = -np.inf
+        chosen = value, free, more, weight
+        for correlation_time in _correlation_times(time):
+            values, vectors = _spectrum(root, time, correlation_time)
+            turned = vectors.T @ value, vectors.T @ free, vectors.T @ more
+            found, variance = _best_variance(turned[0], turned[1], values, root)
+            if found > best:
+                best, chosen = found, (*turned, 1 / (1 + variance * values))
+        value, free, more, weight = chosen
+    scale = np.sqrt(weight)
+    free = _orthonormal(free * scale[:, None])
+    value, more = value * scale, more * scale[:, None]
+    value = value - free @ (free.T @ value)
+    more = more - free @ (free.T @ more)
+    inflation = max(float(value @ value) / value.size, 1.0)
+    return np.asarray((value @ more - 0.5 * (more**2).sum(axis=0)) / inflation)
 
 
 def _condense(
@@ -219,10 +312,21 @@ def _condense(
     design: FloatArray,
     width_s: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
+    """Whitened means of cells, as `_cells`; None if the design leaves too little."""
+    if np.count_nonzero(precision > 0) < design.shape[1] + FEWEST_MORE:
+        return None
+    return _cells(residual, precision, time_s, design, width_s)
+
+
+def _cells(
+    residual: FloatArray,
+    precision: FloatArray,
+    time_s: FloatArray,
+    design: FloatArray,
+    width_s: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Whitened means of cells of measurements: value, design, root size, time."""
     used = np.flatnonzero(precision > 0)
-    if used.size < design.shape[1] + 8:
-        return None
     wanted = CELLS_PER_WIDTH * float(np.ptp(time_s)) / width_s
     count = int(np.clip(wanted, FEWEST_CELLS, MOST_CELLS))
     starts = np.unique(np.linspace(0, used.size, count, endpoint=False).astype(int))
@@ -277,13 +381,15 @@ def _spectrum(
 
 def _best_variance(
     turned: FloatArray, design: FloatArray, values: FloatArray, root: FloatArray
-) -> float:
-    """Maximise the likelihood over the variances, for one correlation time."""
+) -> tuple[float, float]:
+    """Maximise the likelihood over the variances, for one correlation time; and where."""
     variances = _variances(root)
     likelihood = _likelihood(turned, design, values, variances, None)[0]
     middle = int(np.argmax(likelihood))
     fine = variances[middle] * FINE_STRENGTHS
-    return float(_likelihood(turned, design, values, fine, None)[0].max())
+    likelihood = _likelihood(turned, design, values, fine, None)[0]
+    best = int(np.argmax(likelihood))
+    return float(likelihood[best]), float(fine[best])
 
 
 def _likelihood(

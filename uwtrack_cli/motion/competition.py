@@ -141,7 +141,8 @@ def _exchanged(
 ) -> Encounters:
     """Put winners into the place of losers, with contact numbers of their own."""
     highest = max(highest, int(kept.contact.max(initial=0)))
-    highest = max([highest, *(contact for contact, *_ in kept.refusals())])
+    if kept.refused_contact is not None:
+        highest = max(highest, int(kept.refused_contact.max(initial=0)))
     stay = np.setdiff1d(np.arange(kept.n_encounters), list(losers))
     told = [k for k, reason in losers.items() if reason]
     numbers: IntArray = highest + 1 + np.arange(winners.n_encounters)
@@ -153,5 +154,9 @@ def _exchanged(
         refused_from_s=(kept.time_s - kept.range_over_speed_s)[told],
         refused_to_s=(kept.time_s + kept.range_over_speed_s)[told],
         refused_reason=np.array([losers[k] for k in told], np.str_),
+        refused_reading=np.full(len(told), ""),
+        refused_reading_weight=np.full(len(told), np.nan),
+        refused_rival=np.full(len(told), ""),
+        refused_rival_weight=np.full(len(told), np.nan),
     )
     return Encounters.join([winners, kept.take("encounter", stay)])

@@ -35,7 +35,8 @@ from uwtrack_cli.motion.options import Probability, Spreading
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
-    examine,
+    Still,
+    fit_contact,
     not_a_passage,
     read,
     split,
@@ -57,12 +58,13 @@ from uwtrack_cli.motion.passage.encounter_rows import (
     advise_frames,
     make_encounters,
     passage_row,
+    still_contact,
     widen_for_others,
 )
 from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.measurements import series_data
 from uwtrack_cli.motion.passage.nuisances import NuisancePriors, nuisance_priors
-from uwtrack_cli.motion.passage.readings import TWO_TARGETS
+from uwtrack_cli.motion.passage.readings import TWO_TARGETS, read_passage
 from uwtrack_cli.motion.passage.recording_passages import examine_recording
 from uwtrack_cli.motion.passage.sub_bands import ask_the_parts
 
@@ -169,9 +171,9 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     medium = priors.medium
     limits = _limits(lines, levels, series)
     if series is not None:
-        found = _from_series(series, medium, false_alarm_probability)
+        found, still = _from_series(series, medium, false_alarm_probability)
     else:
-        found = examine_recording(
+        found, still = examine_recording(
             lines, levels, medium, false_alarm_probability, limits, sound, directions
         )
     has_sound = sound is not None and sound.can_be_read_again
@@ -195,6 +197,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         else:
             refusals.append(_refused(item, turned))
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
+    refusals += [still_contact(one) for one in still]
     return make_encounters(rows, refusals, context)
 
 
@@ -260,23 +263,23 @@ def _check_one_sensor(series: Series | None) -> None:
 
 def _from_series(
     series: Series, medium: Medium, probability: float
-) -> list[CandidatePassage]:
-    found: list[CandidatePassage] = []
+) -> tuple[list[CandidatePassage], list[Still]]:
+    found, still = list[CandidatePassage](), list[Still]()
     number = int(series.contact.max(initial=0))
     for contact in np.unique(series.contact):
         columns = np.arange(1, series.frequency_hz.shape[1] + 1)
         data, owner = series_data(series, int(contact)), ((int(contact),), columns)
-        one = examine(data, *owner, medium, probability)
-        apart = (
-            split(one, medium, probability)
-            if one
-            else take_apart(data, owner, medium, probability)
-        )
+        one = fit_contact(data, *owner, medium, probability)
+        if isinstance(one, CandidatePassage):
+            apart = split(one, medium, probability)
+        else:
+            apart = take_apart(data, owner, medium, probability)
+            still += [one.read()] if one and not apart else []
         if len(apart) > 1:
             number += 1
             apart[1] = replace(apart[1], contacts=(number,))
         found += [check_fit(read(item), None) for item in apart]
-    return found
+    return found, still
 
 
 def _limits(
@@ -316,6 +319,9 @@ def _row(
         reason = reason or ask_the_parts(candidate, levels).doubt or None
     if reason is not None:
         return _refused(candidate, reason)
+    if candidate.blocks.shift.is_empty:  # it was not read with any lines
+        reading = read_passage(fit, candidate.blocks)[1]
+        candidate = replace(candidate, reading=reading)
     add_checks(row, candidate, has_sound=has_sound)
     if row.side and candidate.other_turn > 1e-3:
         other = "port" if row.side == "starboard" else "starboard"

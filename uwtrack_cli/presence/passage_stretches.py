@@ -135,6 +135,7 @@ def mark_passages(table: Encounters, found: list[Stretch]) -> None:
             found += own
         for one in own:
             one.encounter = one.contact = passage.contact
+            one.read_as(*table.reading_of(row))
 
 
 def _has_lines(stretch: Stretch, passage: _Passage) -> bool:
@@ -204,6 +205,28 @@ def add_refusals(table: Encounters, found: list[Stretch]) -> None:
         is_explained = bool(lines) or _passes(table, from_s, to_s)
         if not own and not is_explained:
             found.append(Stretch(kind=UNKNOWN, from_s=from_s, to_s=to_s, reason=reason))
+
+
+def add_readings(table: Encounters, found: list[Stretch]) -> None:
+    """Give the stretches without a passage what all of their contacts are read as.
+
+    Parameters
+    ----------
+    table
+        Closest approaches of one sensor, with what the other contacts are read as.
+    found
+        What was heard by it, with its passages marked; changed in place.
+    """
+    read = {one.contact: one for one in table.still()}
+    for stretch in found:
+        own = [read[contact] for contact in stretch.contacts if contact in read]
+        is_whole = (
+            len(own) == len(stretch.contacts) and len({o.reading for o in own}) == 1
+        )
+        if stretch.encounter or not is_whole:
+            continue
+        least = min(own, key=lambda one: one.weight)
+        stretch.read_as(least.reading, least.weight, least.rival, least.rival_weight)
 
 
 def _passes(table: Encounters, from_s: float, to_s: float) -> bool:

@@ -24,7 +24,11 @@ from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.lines.contacts import MAINS_HZ
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.line_summary import LineSummary, common_bearing, summarise
-from uwtrack_cli.presence.passage_stretches import add_refusals, mark_passages
+from uwtrack_cli.presence.passage_stretches import (
+    add_readings,
+    add_refusals,
+    mark_passages,
+)
 from uwtrack_cli.presence.rate_families import LOWEST_RATE_HZ, rate_families
 from uwtrack_cli.presence.stretch import Stretch, make_presence
 from uwtrack_cli.presence.tonal_stretches import tonal_stretches
@@ -119,6 +123,7 @@ def _of_sensor(
     for table in encounters:
         mark_passages(table, found)
         add_refusals(table, found)
+        add_readings(table, found)
     for stretch in found:  # a passage is longer than what was heard of it
         stretch.from_s = float(np.clip(stretch.from_s, begins, ends))
         stretch.to_s = float(np.clip(stretch.to_s, begins, ends))

@@ -12,7 +12,8 @@ from uwtrack_cli.presence.line_summary import LineSummary, common_bearing
 
 NUMBERS = (
     "from_s", "to_s", "spacing_hz", "spacing_std_hz", "blade_rate_hz", "level_db",
-    "bearing_deg", "bearing_std_deg", "probability_of_chance",
+    "bearing_deg", "bearing_std_deg", "probability_of_chance", "reading_weight",
+    "rival_weight",
 )  # fmt: skip
 """Columns of `Presence` that are numbers of a stretch."""
 
@@ -22,6 +23,7 @@ MISSING: Mapping[str, str] = {
     "level_db": "the rates of an envelope have no level",
     "bearing_deg": "no bearing channel, or no bearing that stands out",
     "probability_of_chance": "it was not tested against noise",
+    "reading_weight": "its lines were not read as those of one contact",
 }
 """Why a number is missing where nothing more is known."""
 
@@ -58,6 +60,14 @@ class Stretch:
     """Its lines; None where no line tells of it."""
     rates_hz: list[float] = field(default_factory=list)
     """Modulation rates, Hz."""
+    reading: str = ""
+    """What its contacts are read as; empty if they are not read as one."""
+    reading_weight: float = np.nan
+    """Probability of that reading."""
+    rival: str = ""
+    """The next reading; empty if it has less than 5 %."""
+    rival_weight: float = np.nan
+    """Probability of that one."""
     reason: str = ""
     """Why it is no closest approach; empty where it is one."""
 
@@ -82,6 +92,13 @@ class Stretch:
         given = tones.contact[tones.contact > 0].tolist()
         self.contact = max(set(given), key=given.count) if given else 0
 
+    def read_as(
+        self, reading: str, weight: float, rival: str, rival_weight: float
+    ) -> None:
+        """Take a reading, its probability, and the same of its rival."""
+        self.reading, self.reading_weight = reading, weight
+        self.rival, self.rival_weight = rival, rival_weight
+
     def overlaps(self, from_s: float, to_s: float) -> bool:
         """Tell whether it shares time with another stretch."""
         return self.from_s <= to_s and from_s <= self.to_s
@@ -89,11 +106,14 @@ class Stretch:
     def reasons(self) -> dict[str, str]:
         """Return why values are missing, by key."""
         found = {} if self.encounter else {"encounter": self.reason}
-        return found | {
+        found |= {
             name: text
             for name, text in MISSING.items()
             if not np.isfinite(getattr(self, name))
         }
+        if "reading_weight" in found:
+            found["reading"] = found["reading_weight"]
+        return found
 
 
 def stretch_of_lines(
@@ -152,6 +172,8 @@ def make_presence(
         encounter=np.array([one.encounter for one in rows], np.int64),
         sensor=np.array([sensor for sensor, _ in pairs], np.str_),
         kind=np.array([one.kind for one in rows], np.str_),
+        reading=np.array([one.reading for one in rows], np.str_),
+        rival=np.array([one.rival for one in rows], np.str_),
         from_utc_ns=np.array(utc([one.from_s for one in rows]), np.int64),
         to_utc_ns=np.array(utc([one.to_s for one in rows]), np.int64),
         n_lines=np.array([len(one.frequencies_hz) for one in rows], np.int64),

@@ -55,7 +55,8 @@ PRESENCE_KEYS = (
     "contact", "sensor", "kind", "from_utc", "to_utc", "from_s", "to_s", "spacing_hz",
     "spacing_std_hz", "blade_rate_hz", "frequencies_hz", "rates_hz", "n_lines",
     "level_db", "level_reference", "bearing_deg", "bearing_std_deg",
-    "probability_of_chance", "encounter", "reasons",
+    "probability_of_chance", "encounter", "reading", "reading_weight", "rival",
+    "reasons",
 )  # fmt: skip
 NO_START = "the start time of the recording is not known"
 NO_COURSE = "the source is read as still"
@@ -266,8 +267,10 @@ def _presence_rows(container: Container) -> Iterator[Row]:
         values["level_reference"] = container.reference
         values["encounter"] = values["encounter"] or None
         values["contact"] = values["contact"] or None
+        values["reading"] = values.get("reading") or None
+        values["rival"] = _rival(values)
         values["reasons"] = reasons
-        yield {key: values[key] for key in PRESENCE_KEYS}
+        yield {key: values.get(key) for key in PRESENCE_KEYS}
 
 
 SPECIAL: dict[str, tuple[tuple[str, ...], Callable[[Container], Iterator[Row]]]] = {

@@ -100,6 +100,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("level dB", "level_db", 1),
         Head("bearing deg", "bearing_deg", 0, "bearing_std_deg"),
         Head("passage", "encounter"),
+        Head("reading", "reading", usual="straight"),
     ),
     "motions": (
         Head("contact", "contact"),
@@ -127,7 +128,14 @@ SPARE: dict[str, tuple[str, ...]] = {
     ),
     "fixes": ("east m", "north m", "weight", "mode", "speed m/s", "course deg"),
     "motions": ("weight", "mode", "observable"),
-    "presence": ("sensor", "level dB", "rates Hz", "blade Hz", "bearing deg"),
+    "presence": (
+        "sensor",
+        "level dB",
+        "rates Hz",
+        "blade Hz",
+        "reading",
+        "bearing deg",
+    ),
 }
 """Columns that a narrow screen can do without, by the name of the container."""
 

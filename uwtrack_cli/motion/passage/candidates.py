@@ -20,6 +20,7 @@ noise; see `likelihood_ratio`. The strongest vessel keeps the contact number.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.angles import wrap_deg, wrap_rad
+from uwtrack_cli.motion.passage.change_priors import VESSEL_MPS
 from uwtrack_cli.motion.passage.estimator import (
     PassageFit,
     fit_passage,
@@ -56,14 +58,19 @@ from uwtrack_cli.motion.passage.readings import (
     STRAIGHT_READING,
     TWO_TARGETS,
     Reading,
+    Tried,
     may_hide_passage,
     read_passage,
+    read_still,
+    try_readings,
+    weigh_readings,
 )
 from uwtrack_cli.motion.passage.same_machine import (
     contact_ends,
     is_next_gear,
     is_of_comb,
 )
+from uwtrack_cli.motion.passage.still_readings import STILL
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""
@@ -71,6 +78,10 @@ FEWEST_MEASUREMENTS = 8
 LARGEST_LEVEL_MISFIT = 4.0
 """Variance of level residuals, slow changes included, over what is expected: beyond it
 the levels are left out where lines or bearings determine the passage."""
+
+MOST_NOTHING = 0.5
+"""Probability that nothing passes from which a passage is refused: it is likelier than
+not. None of 197 drawn ones that were told had 0.02 (calibration/still_readings.py)."""
 
 AGREEMENT = 9.2
 """Loss of log-likelihood that another contact's motion may cost: 99.9 % of the true
@@ -105,6 +116,39 @@ class CandidatePassage:
     """How its measurements are read."""
 
 
+class Still(NamedTuple):
+    """A contact that is not told to pass, and what it is read as."""
+
+    contact: int
+    """Contact number, from 1."""
+    from_s: float
+    """Time of its first measurement, s."""
+    to_s: float
+    """Time of its last measurement, s."""
+    reading: Reading
+    """Its likeliest reading; a passage that is not significant may be it."""
+
+
+class Unclaimed(NamedTuple):
+    """What was fitted and is no significant passage."""
+
+    contacts: tuple[int, ...]
+    """Contact numbers that the measurements came from."""
+    fit: PassageFit
+    """Straight fit of one row."""
+    blocks: Blocks
+    """The measurements."""
+    tried: Tried | None
+    """What it was read as beside a change; None if none could hide a passage."""
+
+    def read(self) -> Still:
+        """Return what it is read as."""
+        reading = read_still(self.fit, self.blocks, self.tried)
+        used = (self.blocks.weight[0] > 0).any(axis=0)
+        time_s = self.blocks.time_s[used]
+        return Still(self.contacts[0], float(time_s[0]), float(time_s[-1]), reading)
+
+
 def examine(
     data: PassageData,
     contacts: tuple[int, ...],
@@ -113,6 +157,32 @@ def examine(
     false_alarm_probability: float,
 ) -> CandidatePassage | None:
     """Fit one contact and keep it if it is significant.
+
+    Parameters
+    ----------
+    data
+        Its measurements.
+    contacts
+        Contact numbers that they came from.
+    line_ids
+        Lines in the order of the rows of frequencies.
+    medium
+        Sound speed and depth difference.
+    false_alarm_probability
+        Probability of a passage in noise alone.
+    """
+    found = fit_contact(data, contacts, line_ids, medium, false_alarm_probability)
+    return found if isinstance(found, CandidatePassage) else None
+
+
+def fit_contact(
+    data: PassageData,
+    contacts: tuple[int, ...],
+    line_ids: IntArray,
+    medium: Medium,
+    false_alarm_probability: float,
+) -> CandidatePassage | Unclaimed | None:
+    """Fit one contact; None if too little of it was measured.
 
     Parameters
     ----------
@@ -136,11 +206,24 @@ def examine(
         return None
     rough, other = best_start(blocks, medium)
     if rough is None:
-        return None
-    return examine_from(
+        return _nowhere(contacts, blocks, medium)
+    return _fit_from(
         thinned, (contacts, line_ids), (rough.theta, rough.turn), medium,
         false_alarm_probability, other,
     )  # fmt: skip
+
+
+def _nowhere(
+    contacts: tuple[int, ...], blocks: Blocks, medium: Medium
+) -> Unclaimed | None:
+    """Fit what has no start of a passage at all, for the noise in which it is read."""
+    span_s = float(np.ptp(blocks.time_s))
+    speed_mps = 0.0 if blocks.shift.is_empty else VESSEL_MPS
+    middle_s = float(blocks.time_s[0]) + 0.5 * span_s
+    theta = np.array([[middle_s, np.log(0.1 * span_s), speed_mps, 0.0]])
+    fit = fit_passage(blocks, theta, np.ones(1), medium)
+    is_sane = bool(np.isfinite(fit.theta).all() and np.isfinite(fit.cost).all())
+    return Unclaimed(contacts, fit, blocks, None) if is_sane else None
 
 
 def examine_from(
@@ -168,6 +251,19 @@ def examine_from(
     other_turn
         Weight of the opposite turn.
     """
+    found = _fit_from(data, owner, start, medium, false_alarm_probability, other_turn)
+    return found if isinstance(found, CandidatePassage) else None
+
+
+def _fit_from(
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    start: tuple[FloatArray, FloatArray],
+    medium: Medium,
+    false_alarm_probability: float,
+    other_turn: float,
+) -> CandidatePassage | Unclaimed:
+    """Fit measurements from a known start."""
     theta, turn = start
     height = medium.height_m if theta[0, 2] else 0.0
     width = slant_over_speed_s(np.exp(theta[0, 1]), theta[0, 2], height)
@@ -188,15 +284,16 @@ def examine_from(
     if not (moves_on and is_passage):
         # a change of all frequencies larger than their Doppler shift hides a passage
         if not may_hide_passage(fit, blocks, likelihood_ratio.threshold):
-            return None
-        fit, reading = read_passage(fit, blocks, FREQUENCY_CHANGES)
+            return Unclaimed(owner[0], fit, blocks, None)
+        straight, tried = fit, try_readings(fit, blocks, FREQUENCY_CHANGES)
+        fit, reading = weigh_readings(tried, blocks)
         if fit.change is None:
-            return None
+            return Unclaimed(owner[0], straight, blocks, tried)
         likelihood_ratio = passage_likelihood_ratio(
             fit, blocks, false_alarm_probability
         )
         if not (likelihood_ratio.is_passage and _is_resolved(fit, blocks, data)):
-            return None
+            return Unclaimed(owner[0], straight, blocks, tried)
     return CandidatePassage(
         *owner, short, blocks, fit, likelihood_ratio, other_turn, reading=reading
     )
@@ -214,7 +311,7 @@ def _is_resolved(fit: PassageFit, blocks: Blocks, data: PassageData) -> bool:
 
 
 def read(candidate: CandidatePassage) -> CandidatePassage:
-    """Return a candidate by its likeliest reading.
+    """Return a candidate by its likeliest reading; doubted if it is that nothing passes.
 
     Parameters
     ----------
@@ -223,11 +320,29 @@ def read(candidate: CandidatePassage) -> CandidatePassage:
         targets may have changed something, too.
     """
     if candidate.fit.change is not None:
-        return candidate
+        doubt = candidate.doubt or _doubt_of_reading(candidate.reading)
+        return replace(candidate, doubt=doubt)
     fit, reading = read_passage(candidate.fit, candidate.blocks)
     if candidate.reading.name == TWO_TARGETS and fit.change is None:
-        reading = candidate.reading
-    return replace(candidate, fit=fit, reading=reading)
+        both, has_rival = candidate.reading, reading.rival in STILL
+        reading = reading._replace(
+            name=TWO_TARGETS,
+            weight=both.weight * (1.0 - reading.nothing),
+            rival=reading.rival if has_rival else "",
+            rival_weight=reading.rival_weight if has_rival else 0.0,
+        )
+    doubt = candidate.doubt or _doubt_of_reading(reading)
+    return replace(candidate, fit=fit, reading=reading, doubt=doubt)
+
+
+def _doubt_of_reading(reading: Reading) -> str:
+    """Return what speaks against a passage that is likelier to be none."""
+    if reading.nothing <= MOST_NOTHING:
+        return ""
+    return (
+        f"its measurements are read as {reading.rival}: nothing passes with a "
+        f"probability of {reading.nothing:.2f}"
+    )
 
 
 def _is_misfit(fit: PassageFit, blocks: Blocks) -> bool:
@@ -274,7 +389,7 @@ def best_start(blocks: Blocks, medium: Medium) -> tuple[PassageFit | None, float
 
 def examine_contacts(
     lines: Lines, medium: Medium, false_alarm_probability: float
-) -> list[CandidatePassage]:
+) -> tuple[list[CandidatePassage], list[Still]]:
     """Examine the lines of every contact; contacts that are one vessel are joined.
 
     Parameters
@@ -285,21 +400,37 @@ def examine_contacts(
         Sound speed and depth difference.
     false_alarm_probability
         Probability of a passage in noise alone.
+
+    Returns
+    -------
+    list[CandidatePassage]
+        Those that pass.
+    list[Still]
+        What the others are read as; too little was measured of what is in neither.
     """
 
-    def of(contacts: tuple[int, ...]) -> CandidatePassage | None:
-        return examine(
+    def fitted(contacts: tuple[int, ...]) -> CandidatePassage | Unclaimed | None:
+        return fit_contact(
             contact_data(lines, None, contacts), contacts, lines_of(lines, contacts),
             medium, false_alarm_probability,
         )  # fmt: skip
 
-    alone = {contact: of((contact,)) for contact in contact_ids(lines)}
+    def of(contacts: tuple[int, ...]) -> CandidatePassage | None:
+        found = fitted(contacts)
+        return found if isinstance(found, CandidatePassage) else None
+
+    alone, still = dict[int, CandidatePassage | None](), list[Still]()
+    for contact in contact_ids(lines):
+        one = fitted((contact,))
+        alone[contact] = one if isinstance(one, CandidatePassage) else None
+        still += [one.read()] if isinstance(one, Unclaimed) else []
     of_gears = _of_gears(alone, lines, of)
     told = {contact for item in of_gears for contact in item.contacts}
     found = [
         item for contact, item in alone.items() if item and contact not in told
     ]  # fmt: skip
-    return _merge(found + of_gears, of)
+    still = [one for one in still if one.contact not in told]
+    return _merge(found + of_gears, of), still
 
 
 def _of_gears(

@@ -34,6 +34,9 @@ from uwtrack_cli.motion.passage.unknowns import (
     TURN,
 )
 
+STRAIGHT = "straight"
+"""Reading of a passage beside which nothing changes."""
+
 VESSEL_MPS, VESSEL_STD_MPS = 5.5, 3.5
 """Speed of vessels before it is measured, m/s, and its deviation."""
 

@@ -45,8 +45,12 @@ from uwtrack_cli.data.spectra import MICROPASCAL, Levels
 from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.motion.correlation import long_run_excess
-from uwtrack_cli.motion.passage.candidates import CandidatePassage
-from uwtrack_cli.motion.passage.change_priors import VESSEL_MPS, VESSEL_STD_MPS
+from uwtrack_cli.motion.passage.candidates import CandidatePassage, Still
+from uwtrack_cli.motion.passage.change_priors import (
+    STRAIGHT,
+    VESSEL_MPS,
+    VESSEL_STD_MPS,
+)
 from uwtrack_cli.motion.passage.estimator import PassageFit
 from uwtrack_cli.motion.passage.moving_sensor import (
     AT_REST_MPS,
@@ -61,7 +65,7 @@ from uwtrack_cli.motion.passage.nuisances import (
     NuisancePriors,
     marginalise,
 )
-from uwtrack_cli.motion.passage.readings import STRAIGHT
+from uwtrack_cli.motion.passage.still_readings import CONSTANT, JOINED, MACHINERY
 from uwtrack_cli.motion.passage.unknowns import CHANGED, RAMP, STEP, TURN
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
@@ -78,6 +82,16 @@ LAW_SHARE = 0.3
 
 WATER_MPS = (1300.0, 1700.0)
 """Sound speeds of water."""
+
+STILL_REASONS = {
+    CONSTANT: "its frequencies stay: nothing passes",
+    MACHINERY: "its frequencies change as those of a machine that keeps its place",
+    JOINED: "a line that ends where another begins: nothing passes",
+}
+"""Why a contact is no passage, by what it is read as."""
+
+WEAK = "noise alone looks like this passage too often for one to be told"
+"""Why one is none that is read as a passage."""
 
 NO_SOUND = "the sound is not at hand"
 NOTHING_TO_CHECK = "the lines show too little of a passage to be checked"
@@ -133,6 +147,14 @@ class Refusal(NamedTuple):
     """Time of its last measurement, s."""
     reason: str
     """Why it is no passage."""
+    reading: str = ""
+    """What it is read as; empty for one that was taken for a passage and refused."""
+    weight: float = np.nan
+    """Probability of that reading."""
+    rival: str = ""
+    """The next reading; empty if it has less than 5 %."""
+    rival_weight: float = np.nan
+    """Its probability; 0 without one."""
 
 
 @dataclass
@@ -481,6 +503,21 @@ def _place_and_velocity(row: Row) -> FloatArray:
     return np.concatenate([row.sensor.place_m, row.sensor.velocity_mps])
 
 
+def still_contact(still: Still) -> Refusal:
+    """Return what is said of a contact that is not told to pass.
+
+    Parameters
+    ----------
+    still
+        The contact, with its reading.
+    """
+    one = still.reading
+    return Refusal(
+        still.contact, still.from_s, still.to_s, STILL_REASONS.get(one.name, WEAK),
+        one.name, one.weight, one.rival, one.rival_weight,
+    )  # fmt: skip
+
+
 def make_encounters(
     rows: list[Row], refusals: list[Refusal], context: CpaContext
 ) -> Encounters:
@@ -549,6 +586,10 @@ def make_encounters(
         refused_from_s=np.array([one.from_s for one in refusals], float),
         refused_to_s=np.array([one.to_s for one in refusals], float),
         refused_reason=np.array([one.reason for one in refusals], dtype=np.str_),
+        refused_reading=np.array([one.reading for one in refusals], dtype=np.str_),
+        refused_reading_weight=np.array([one.weight for one in refusals], float),
+        refused_rival=np.array([one.rival for one in refusals], dtype=np.str_),
+        refused_rival_weight=np.array([one.rival_weight for one in refusals], float),
         reference=context.reference,
         band_low_hz=low,
         band_high_hz=high,

@@ -90,14 +90,7 @@ def passage_likelihood_ratio(
     breaks_s, bends_s = _instants(fit, blocks.time_s)
     nowhere = breaks_s[:0], breaks_s[:0]
     passing = passage_residuals(fit, blocks)
-    resting = (
-        blocks.shift.value[0],
-        wrap_rad(
-            blocks.bearing.value[0]
-            - _mean_direction(blocks.bearing.value[0], blocks.bearing.weight[0])
-        ),
-        blocks.level.value[0],
-    )
+    resting = resting_values(blocks)
     gains = [
         _gains(
             measured_series(one, block.weight[0], noise.scale[0]),
@@ -115,7 +108,7 @@ def passage_likelihood_ratio(
             strict=True,
         )
     ]
-    if _is_wrapped(passing[1], blocks.bearing.weight[0]):
+    if is_wrapped(passing[1], blocks.bearing.weight[0]):
         gains[1] = (0.0, 0.0, 0.0)
     places = _independent_places(blocks)
     return LikelihoodRatio(
@@ -182,11 +175,26 @@ def passage_residuals(
     )
 
 
+def resting_values(blocks: Blocks) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the measurements as those of what stays, but for its constants.
+
+    Parameters
+    ----------
+    blocks
+        Frequencies, bearings and levels.
+    """
+    bearing = blocks.bearing
+    mean = _mean_direction(bearing.value[0], bearing.weight[0])
+    return (
+        blocks.shift.value[0], wrap_rad(bearing.value[0] - mean), blocks.level.value[0],
+    )  # fmt: skip
+
+
 def _mean_direction(bearing: FloatArray, weight: FloatArray) -> float:
     return float(np.angle((weight * np.exp(1j * bearing)).sum()))
 
 
-def _is_wrapped(residual: FloatArray, weight: FloatArray) -> bool:
+def is_wrapped(residual: FloatArray, weight: FloatArray) -> bool:
     """Return whether bearings scatter all round: then they carry no information."""
     scatter = median_scale(residual, weight)
     return float(np.min(scatter, initial=np.inf)) > WIDEST_SCATTER_RAD

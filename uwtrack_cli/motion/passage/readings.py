@@ -1,4 +1,4 @@
-"""Readings that compete: a straight passage, or one beside which something changed.
+"""Readings that compete: a straight passage, one with a change, or none at all.
 
 **Method.** A line's frequency also changes when a shaft is run faster or slower, or
 when the vessel turns; a straight passage of a steady source is then bent to fit, and is
@@ -13,6 +13,8 @@ with coloured noise of their own best strength, less what their search is worth:
 of the instants fit, and what the prior of the change costs (`change_priors`). What the
 weights leave to the rivals widens the deviations of the winner by how far the rivals'
 answers are from its own, and so do changes that were not seen (`reading_mixture`).
+What does not pass competes with all of them (`still_readings`); whether a passage is told
+is not asked here, but by the likelihood ratio and its false-alarm probability.
 
 **Conventions.** Log-likelihoods in nepers. One data set, the fit's one row.
 
@@ -27,7 +29,11 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
-from uwtrack_cli.motion.passage.change_priors import cost_of_change, speed_prior
+from uwtrack_cli.motion.passage.change_priors import (
+    STRAIGHT,
+    cost_of_change,
+    speed_prior,
+)
 from uwtrack_cli.motion.passage.change_scores import (
     Scores,
     instants,
@@ -52,6 +58,12 @@ from uwtrack_cli.motion.passage.likelihood_ratio import (
 )
 from uwtrack_cli.motion.passage.measurements import Blocks
 from uwtrack_cli.motion.passage.reading_mixture import SMALLEST_WEIGHT, mixed
+from uwtrack_cli.motion.passage.still_readings import (
+    STILL,
+    cost_of_motion,
+    still_evidences,
+    still_frequencies,
+)
 from uwtrack_cli.motion.passage.unknowns import (
     CHANGED,
     FREE_INSTANTS,
@@ -63,8 +75,9 @@ from uwtrack_cli.motion.passage.unknowns import (
     Change,
 )
 from uwtrack_cli.motion.passage.unseen_changes import unseen_change
+from uwtrack_cli.motion.passage.unseen_passages import unseen_passages
 
-STRAIGHT, TWO_TARGETS = "straight", "two-targets"
+TWO_TARGETS = "two-targets"
 
 FREQUENCY_CHANGES = (STEP, RAMP)
 CHANGES = (*FREQUENCY_CHANGES, MANOEUVRE, TURN)
@@ -114,7 +127,7 @@ class Reading(NamedTuple):
     """How a passage is read."""
 
     name: str = STRAIGHT
-    """The likeliest reading."""
+    """The likeliest reading of what passes, or of all where nothing is told to pass."""
     weight: float = 1.0
     """Its probability."""
     rival: str = ""
@@ -123,6 +136,8 @@ class Reading(NamedTuple):
     """The probability of that one."""
     change_time_std_s: float = np.nan
     """Deviation of the instant of the change, s."""
+    nothing: float = 0.0
+    """Probability that nothing passes, in whatever way."""
 
 
 STRAIGHT_READING = Reading()
@@ -154,10 +169,10 @@ def read_passage(
     blocks
         The measurements that it was made from.
     kinds
-        The changes that are tried.
+        The changes that are tried; none beside bearings and levels alone.
     """
     if blocks.shift.is_empty:
-        return fit, STRAIGHT_READING
+        kinds = ()
     return weigh_readings(try_readings(fit, blocks, kinds), blocks)
 
 
@@ -200,6 +215,50 @@ def try_readings(
     return tried
 
 
+def read_still(fit: PassageFit, blocks: Blocks, tried: Tried | None = None) -> Reading:
+    """Return the likeliest reading of what is not told to pass, be it a passage or none.
+
+    Parameters
+    ----------
+    fit
+        Straight fit of one row.
+    blocks
+        The measurements that it was made from.
+    tried
+        What it was read as beside a change; None if that was not tried.
+    """
+    tried = tried or Tried([fit], [float("nan")], [None], [])
+    value = _evidences(tried.fits, tried.searches, blocks)
+    value = value - cost_of_motion(fit, blocks)
+    frequencies = still_frequencies(fit, blocks)
+    log_weight = still_evidences(fit, blocks, frequencies)
+    log_weight |= unseen_passages(fit, blocks, frequencies)
+    for name, own in zip(_names(tried.fits), value.tolist(), strict=True):
+        # both are the same evidence, by the peak of the likelihood and by its mean
+        log_weight[name] = max(log_weight.get(name, -np.inf), own)
+    most = float(np.logaddexp.reduce(list(log_weight.values())))
+    return _named({name: float(np.exp(one - most)) for name, one in log_weight.items()})
+
+
+def _named(weight: dict[str, float], told: set[str] | None = None) -> Reading:
+    """Return the likeliest reading, of those that may be told, and its rival."""
+    ranked = sorted(weight, key=lambda name: -weight[name])
+    name = next(one for one in ranked if told is None or one in told)
+    rival = next((one for one in ranked if one != name), "")
+    has_rival = weight.get(rival, 0.0) > SMALLEST_RIVAL
+    return Reading(
+        name, weight[name], rival if has_rival else "",
+        weight[rival] if has_rival else 0.0,
+        nothing=sum(weight.get(name, 0.0) for name in STILL),
+    )  # fmt: skip
+
+
+def _names(fits: list[PassageFit]) -> list[str]:
+    """Return what each fit is read as."""
+    kinds = [one.change.kind if one.change else STRAIGHT for one in fits]
+    return [READ_AS.get(kind, kind) for kind in kinds]
+
+
 def weigh_readings(tried: Tried, blocks: Blocks) -> tuple[PassageFit, Reading]:
     """Return the fit of the likeliest of the readings that were tried.
 
@@ -211,48 +270,55 @@ def weigh_readings(tried: Tried, blocks: Blocks) -> tuple[PassageFit, Reading]:
         The measurements.
     """
     fits = tried.fits
-    unseen = [unseen_change(scores, fits[0], blocks) for scores in tried.unseen]
-    value = _evidences(fits, tried.searches, blocks) if len(fits) > 1 else np.zeros(1)
+    value = _evidences(fits, tried.searches, blocks)
     if not np.isfinite(value.max()):  # no reading is a passage at all
         return fits[0], STRAIGHT_READING
+    unseen = [unseen_change(scores, fits[0], blocks) for scores in tried.unseen]
     hidden = [float(value[0]) + one.log_evidence for one in unseen]
+    passing = float(np.logaddexp.reduce([*value, *hidden]))
+    still = still_evidences(fits[0], blocks, still_frequencies(fits[0], blocks))
+    passing -= cost_of_motion(fits[int(np.argmax(value))], blocks)
+    most = float(np.logaddexp.reduce([passing, *still.values()]))
+    weight = {name: float(np.exp(one - most)) for name, one in still.items()}
+    passes = float(np.exp(passing - most))
     every = np.exp(np.append(value, hidden) - max([*value, *hidden]))
     every /= every.sum()
     chance, left = every[: value.size], every[value.size :]
     kinds = np.array([one.change.kind if one.change else STRAIGHT for one in fits])
-    names = np.array([READ_AS.get(kind, kind) for kind in kinds.tolist()])
-    weight = {str(name): float(chance[names == name].sum()) for name in names}
-    for one, share in zip(unseen, left, strict=True):
+    names = np.array(_names(fits))
+    weight |= {str(name): passes * float(chance[names == name].sum()) for name in names}
+    for one, share in zip(unseen, passes * left, strict=True):
         # what moves nothing is straight in all that is told
         hidden_as = READ_AS.get(one.kind, one.kind)
         weight[hidden_as] = weight.get(hidden_as, 0.0) + float(share) * one.share
         weight[STRAIGHT] += float(share) * (1.0 - one.share)
-    fitted, ranked = set(names), sorted(weight, key=lambda name: -weight[name])
-    name = next(one for one in ranked if one in fitted)
-    best = int(np.argmax(np.where(names == name, chance, -1.0)))
-    rival = next((one for one in ranked if one != name), "")
-    has_rival = weight.get(rival, 0.0) > SMALLEST_RIVAL
-    reading = Reading(
-        name,
-        weight[name],
-        rival if has_rival else "",
-        weight[rival] if has_rival else 0.0,
-        _time_std_s(tried, kinds == kinds[best], best, chance),
-    )
+    reading = _named(weight, set(names.tolist()))
+    best = int(np.argmax(np.where(names == reading.name, chance, -1.0)))
+    time_std_s = _time_std_s(tried, kinds == kinds[best], best, chance)
     weighed = list(zip(left.tolist(), unseen, strict=True))
     whole = [
         fit_with_line_levels(one, blocks) if share > SMALLEST_WEIGHT else one
         for one, share in zip(fits, chance, strict=True)
     ]
-    return mixed(whole, best, chance, weighed), reading
+    fit = mixed(whole, best, chance, weighed)
+    return fit, reading._replace(change_time_std_s=time_std_s)
 
 
 def _evidences(
     fits: list[PassageFit], searches: list[Scores | None], blocks: Blocks
 ) -> FloatArray:
-    """Return the logarithm of the evidence of each reading, the straight one first."""
-    value = _log_likelihoods(fits, blocks)
-    gain = value - value[0]
+    """Return the logarithm of the evidence of each reading, the straight one first.
+
+    They count from the likelihood of the straight one. What bearings and levels tell has
+    no speed.
+    """
+    gain: FloatArray = np.zeros(1)
+    if len(fits) > 1:
+        gain = _log_likelihoods(fits, blocks)
+        gain -= gain[0]
+    value = gain.copy()
+    if blocks.shift.is_empty:
+        return value
     if fits[0].theta[0, 2] <= 0:
         value[0] = -np.inf
     for place, searched in enumerate(searches):

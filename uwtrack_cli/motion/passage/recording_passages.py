@@ -23,6 +23,7 @@ from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
+    Still,
     agrees,
     examine,
     examine_contacts,
@@ -71,7 +72,7 @@ def examine_recording(
     limits: RecordingSpan,
     sound: Recording | None = None,
     directions: Directions | None = None,
-) -> list[CandidatePassage]:
+) -> tuple[list[CandidatePassage], list[Still]]:
     """Examine every contact of a recording, and its broadband.
 
     Parameters
@@ -90,11 +91,18 @@ def examine_recording(
         The recording, whose sound may contradict a passage of lines.
     directions
         What an array heard: a contact with lines has the source beside its lines.
+
+    Returns
+    -------
+    list[CandidatePassage]
+        Candidates, doubted ones included.
+    list[Still]
+        What the contacts of lines are read as that are none.
     """
     terms = SearchTerms(medium, false_alarm_probability, limits, sound, directions)
-    every = _of_lines(lines, terms) if lines is not None else []
+    every, still = _of_lines(lines, terms) if lines is not None else ([], [])
     if levels is None:
-        return every
+        return every, still
     found = [item for item in every if not item.doubt]
     doubted = [item for item in every if item.doubt]
     if len(found) == 1:
@@ -111,9 +119,8 @@ def examine_recording(
         if found and not all(_is_passage(item, limits) for item in passing):
             passing = []
     used = {number for item in passing for number in item.contacts}
-    return passing + [
-        item for item in (*found, *doubted) if used.isdisjoint(item.contacts)
-    ]
+    others = [item for item in (*found, *doubted) if used.isdisjoint(item.contacts)]
+    return passing + others, [one for one in still if one.contact not in used]
 
 
 def _is_passage(item: CandidatePassage, limits: RecordingSpan) -> bool:
@@ -126,12 +133,15 @@ def _checked(
     return check_fit(ask_the_sound(read(item), terms.sound), lines)
 
 
-def _of_lines(lines: Lines, terms: SearchTerms) -> list[CandidatePassage]:
+def _of_lines(
+    lines: Lines, terms: SearchTerms
+) -> tuple[list[CandidatePassage], list[Still]]:
     """Examine the contacts; one that is two vessels gives a new contact."""
     medium, probability = terms.medium, terms.probability
     found: list[CandidatePassage] = []
     number = int(lines.line_contact.max(initial=0))
-    for contact in examine_contacts(lines, medium, probability):
+    examined, still = examine_contacts(lines, medium, probability)
+    for contact in examined:
         first, *others = split(contact, medium, probability)
         found.append(first)
         for other in others:
@@ -148,7 +158,8 @@ def _of_lines(lines: Lines, terms: SearchTerms) -> list[CandidatePassage]:
         )  # fmt: skip
         return _checked(joint, lines, terms) if joint else None
 
-    return tell_once([_checked(item, lines, terms) for item in found], join)
+    checked = [_checked(item, lines, terms) for item in found]
+    return tell_once(checked, join), still
 
 
 def _apart(
