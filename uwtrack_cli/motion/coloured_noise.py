@@ -20,6 +20,7 @@ missing; time in seconds.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,6 +28,9 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 
 N_CORRELATION_TIMES = 7
 FEWEST_CELLS, MOST_CELLS = 60, 160
+MOST_SPECTRA = 3 * N_CORRELATION_TIMES
+"""Spectra of coloured noise that are kept: those of the three kinds of one contact."""
+
 FEWEST_MORE = 8
 """Measurements beyond what is free without which nothing can be told."""
 
@@ -374,6 +378,15 @@ def _spectrum(
     root: FloatArray, time: FloatArray, correlation_time_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """Eigenvalues and vectors of the coloured noise, relative to the white noise."""
+    return _kept_spectrum(root.tobytes(), time.tobytes(), correlation_time_s)
+
+
+@lru_cache(maxsize=MOST_SPECTRA)
+def _kept_spectrum(
+    root_bytes: bytes, time_bytes: bytes, correlation_time_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the spectrum once for all readings of a series: it takes most of the time."""
+    root, time = np.frombuffer(root_bytes), np.frombuffer(time_bytes)
     kernel = np.exp(-np.abs(time[:, None] - time[None, :]) / correlation_time_s)
     values, vectors = np.linalg.eigh(root[:, None] * kernel * root[None, :])
     return np.maximum(values, 0.0), vectors

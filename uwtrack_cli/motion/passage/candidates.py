@@ -81,7 +81,7 @@ the levels are left out where lines or bearings determine the passage."""
 
 MOST_NOTHING = 0.5
 """Probability that nothing passes from which a passage is refused: it is likelier than
-not. None of 197 drawn ones that were told had 0.02 (calibration/still_readings.py)."""
+not. None of 201 drawn ones that were told had 0.02 (calibration/still_readings.py)."""
 
 AGREEMENT = 9.2
 """Loss of log-likelihood that another contact's motion may cost: 99.9 % of the true
