@@ -30,7 +30,7 @@ MEDIUM = nuisance_priors(OMNI, None, None, SOURCE_M, 2.0).medium
 
 
 def candidate_of(lines):
-    (one,) = examine_contacts(lines, MEDIUM, 1e-3)
+    (one,), _ = examine_contacts(lines, MEDIUM, 1e-3)
     return one
 
 
