@@ -279,12 +279,12 @@ def _means(
     for line, row in enumerate(level):
         heard = np.isfinite(row)
         at, own = number[heard], time[heard]
-        if not at.size:
+        if at.size < 2:  # too few for a block, and of no spacing
             continue
         size[line] = np.bincount(at, minlength=count)
         total[line] = np.bincount(at, row[heard], count)
         when[line] = np.bincount(at, own, count)
-        spacing = float(np.median(np.diff(own))) if own.size > 1 else np.inf
+        spacing = float(np.median(np.diff(own)))
         size[line, size[line] * spacing < LEAST_PRESENT * BLOCK * width_s] = 0.0
     size[np.count_nonzero(size, axis=1) < FEWEST_BLOCKS] = 0.0
     heard = size > 0
