@@ -11,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+AIR_MPS = (250.0, 450.0)
+"""Sound speeds of air."""
+
 
 @dataclass(frozen=True)
 class Medium:
@@ -31,6 +34,11 @@ class Medium:
     def slowness_spm(self) -> float:
         """Inverse sound speed, s/m; 0 for sound that arrives at once."""
         return 1.0 / self.sound_speed_mps if self.is_delayed else 0.0
+
+    @property
+    def is_air(self) -> bool:
+        """Whether this is air: there vehicles pass, whose engines are no steady ones."""
+        return AIR_MPS[0] < self.sound_speed_mps < AIR_MPS[1]
 
 
 def spreading_loss_db(

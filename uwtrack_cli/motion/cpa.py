@@ -46,6 +46,7 @@ from uwtrack_cli.motion.passage.direction_bearings import (
     bearing_series,
     with_directions,
 )
+from uwtrack_cli.motion.passage.directivity import consider_directivity
 from uwtrack_cli.motion.passage.encounter_rows import (
     EXTRAPOLATED,
     LEVEL_ONLY,
@@ -308,7 +309,8 @@ def _row(
     contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
     reason = not_a_passage(fit, candidate.blocks, limits) or candidate.doubt or None
-    row = passage_row(contact, fit, context, candidate.line_ids)
+    wider = consider_directivity(fit, candidate.blocks)
+    row = passage_row(contact, wider, context, candidate.line_ids)
     if candidate.reading.name == TWO_TARGETS and not candidate.data.bearing_deg.size:
         row.reasons.update(dict.fromkeys(("bearing_deg", "course_deg", "side"), MIXED))
     if not time[0] <= fit.theta[0, 0] <= time[-1]:

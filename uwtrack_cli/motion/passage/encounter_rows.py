@@ -237,7 +237,8 @@ def passage_row(
     _add_direction(row, fit)
     if not fit.rest_hz.shape[1]:
         _without_speed(row, fit, context)
-    if not (np.isfinite(row.values["speed_mps"]) or row.side):
+    told_by_level = not (np.isfinite(row.values["speed_mps"]) or row.side)
+    if told_by_level and not fit.medium.is_air:  # in air `directivity` holds it
         _add_law(row)
     _add_change(row, fit)
     return row

@@ -5,7 +5,7 @@ passage, as a constant and as a straight line in time, each with white noise and
 coloured noise of its own best strength and correlation time; frequencies are read as
 two constants with a break, too. Hum has no gain over a constant, a slow drift none over
 a line, a line with frequency jitter none over its coloured noise, and two steady lines
-that were joined none over a break.
+that were joined none over a break. In air a break may take as long as a change of gear (`gear_changes`).
 The threshold follows from the false-alarm probability and the number of places that
 the search could have hit.
 
@@ -15,6 +15,7 @@ the search could have hit.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,11 @@ from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.robust import median_scale
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.estimator import PassageFit
+from uwtrack_cli.motion.passage.gear_changes import (
+    frequency_steps,
+    shift_lengths_s,
+    step_speeds,
+)
 from uwtrack_cli.motion.passage.measurements import Blocks
 from uwtrack_cli.motion.passage.residual_noise import clip_wild
 from uwtrack_cli.motion.passage.unknowns import FLOOR, RAMP
@@ -38,6 +44,19 @@ N_BREAKS = 17
 
 N_ANYWHERE = 25
 """Instants of the whole record at which a change that is claimed may be all there is."""
+
+
+class _Changes(NamedTuple):
+    """When and how frequencies may change without a passage."""
+
+    breaks_s: FloatArray
+    """Instants at which they may break, s."""
+    bends_s: FloatArray
+    """Instants at which they may begin or end to drift, s."""
+    shifts_s: FloatArray
+    """Instants at which all may step together, and take their time for it, s."""
+    shift_lengths_s: tuple[float, ...]
+    """How long that may take, s."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +86,11 @@ class LikelihoodRatio:
         return self.doppler + self.bearing + self.level
 
     @property
+    def doppler_over_break(self) -> float:
+        """Gain of the frequencies over constants with one break."""
+        return self.over_break - self.bearing - self.level
+
+    @property
     def is_passage(self) -> bool:
         """Whether something passes, at the stated false-alarm probability."""
         return min(self.total, self.over_line, self.over_break) > self.threshold
@@ -87,8 +111,8 @@ def passage_likelihood_ratio(
         Probability of a passage in noise alone.
     """
     width_s = float(fit.range_over_speed_s[0])
-    breaks_s, bends_s = _instants(fit, blocks.time_s)
-    nowhere = breaks_s[:0], breaks_s[:0]
+    changes = _changes(fit, blocks.time_s)
+    nowhere = _Changes(*(changes.breaks_s[:0],) * 3, ())
     passing = passage_residuals(fit, blocks)
     resting = resting_values(blocks)
     gains = [
@@ -97,14 +121,14 @@ def passage_likelihood_ratio(
             measured_series(other, block.weight[0], noise.scale[0])[0],
             blocks.time_s,
             width_s,
-            changes_s,
+            own,
         )
-        for one, other, block, noise, changes_s in zip(
+        for one, other, block, noise, own in zip(
             passing,
             resting,
             (blocks.shift, blocks.bearing, blocks.level),
             fit.noises,
-            ((breaks_s, bends_s), nowhere, nowhere),
+            (changes, nowhere, nowhere),
             strict=True,
         )
     ]
@@ -220,7 +244,7 @@ def _gains(
     still: FloatArray,
     time_s: FloatArray,
     width_s: float,
-    changes_s: tuple[FloatArray, FloatArray],
+    changes: _Changes,
 ) -> tuple[float, float, float]:
     """Compute the gain of "passes" over a constant per row, a line, and a change."""
     moving, constants, precision, used = passing
@@ -231,11 +255,20 @@ def _gains(
     lag = (time - time.mean()) / unit
     line = np.concatenate([constants, lag[:, None]], axis=1)
     rivals = [constants, line]
-    rivals += [_broken(constants, time > at) for at in changes_s[0]]
+    rivals += [_broken(constants, time > at) for at in changes.breaks_s]
     rivals += [
         np.column_stack([constants, np.maximum(sign * (time - at), 0.0) / unit])
-        for at in changes_s[1]
+        for at in changes.bends_s
         for sign in (1.0, -1.0)
+    ]
+    rivals += [
+        np.column_stack([constants, step, speed])
+        for length in changes.shift_lengths_s
+        for step, speed in zip(
+            frequency_steps(time, changes.shifts_s, length),
+            step_speeds(time, changes.shifts_s, length),
+            strict=True,
+        )
     ]
     likelihood = coloured_likelihoods(
         [(moving, constants), *((still, columns) for columns in rivals)],
@@ -247,7 +280,7 @@ def _gains(
     return float(gain[0]), float(gain[1]), float(gain[[0, *range(2, gain.size)]].min())
 
 
-def _instants(fit: PassageFit, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _changes(fit: PassageFit, time_s: FloatArray) -> _Changes:
     """Return when frequencies may break, and when they may bend, without a passage.
 
     They may break near the closest approach. Where a passage is claimed beside a change
@@ -256,14 +289,16 @@ def _instants(fit: PassageFit, time_s: FloatArray) -> tuple[FloatArray, FloatArr
     """
     width_s = float(fit.range_over_speed_s[0])
     near = float(fit.theta[0, 0]) + width_s * np.linspace(-1.0, 1.0, N_BREAKS)
+    lengths = shift_lengths_s(fit.medium, width_s)
     if fit.change is None:
-        return near, near[:0]
+        return _Changes(near, near[:0], near[::2], lengths)
     first, last = time_s[0], time_s[-1]
     own = float(fit.change.time_s[0]) + 0.5 * width_s * np.linspace(-1, 1, N_BREAKS)
     more = np.concatenate([own, np.linspace(first, last, N_ANYWHERE + 2)[1:-1]])
     more = more[(more > first) & (more < last)]
     is_ramp = fit.change.kind == RAMP
-    return np.concatenate([near, more]), more if is_ramp else more[:0]
+    every = np.concatenate([near, more])
+    return _Changes(every, more if is_ramp else more[:0], near[::2], lengths)
 
 
 def _broken(constants: FloatArray, is_late: BoolArray) -> FloatArray:

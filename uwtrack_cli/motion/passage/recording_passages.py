@@ -20,6 +20,7 @@ from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.motion.passage.air_checks import check_in_air
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
@@ -33,6 +34,7 @@ from uwtrack_cli.motion.passage.candidates import (
     tell_once,
 )
 from uwtrack_cli.motion.passage.direction_bearings import with_directions_of
+from uwtrack_cli.motion.passage.directivity import consider_directivity
 from uwtrack_cli.motion.passage.fit_checks import check_fit
 from uwtrack_cli.motion.passage.likelihood_ratio import motion_likelihood
 from uwtrack_cli.motion.passage.measurements import contact_data, contact_ids, lines_of
@@ -103,6 +105,7 @@ def examine_recording(
     every, still = _of_lines(lines, terms) if lines is not None else ([], [])
     if levels is None:
         return every, still
+    every = _checked_in_air(every, levels, terms)
     found = [item for item in every if not item.doubt]
     doubted = [item for item in every if item.doubt]
     if len(found) == 1:
@@ -131,6 +134,21 @@ def _checked(
     item: CandidatePassage, lines: Lines | None, terms: SearchTerms
 ) -> CandidatePassage:
     return check_fit(ask_the_sound(read(item), terms.sound), lines)
+
+
+def _checked_in_air(
+    every: list[CandidatePassage], levels: Levels, terms: SearchTerms
+) -> list[CandidatePassage]:
+    """Hold passages of lines in air against the broadband."""
+    if not terms.medium.is_air or all(item.doubt for item in every):
+        return every
+    data, no_line = contact_data(None, levels, ()), np.empty(0, np.int64)
+    level = examine(data, (1,), no_line, terms.medium, terms.probability)
+    # a rise may be shorter than the frames and still be where nothing else passes
+    limits = replace(terms.limits, window_s=0.0)
+    if level is not None and not_a_passage(level.fit, level.blocks, limits):
+        level = None
+    return [check_in_air(item, level) for item in every]
 
 
 def _of_lines(
@@ -228,9 +246,14 @@ def _with_lines(
             contact_data(lines, own, part), part, lines_of(lines, part),
             terms.medium, terms.probability,
         )  # fmt: skip
-        if joint is not None and joint.likelihood_ratio.doppler > gain:
-            best = _checked(joint, lines, terms)
-            gain = joint.likelihood_ratio.doppler
+        if joint is None:
+            continue
+        # a gear that is changed in the middle of the rise is no Doppler shift
+        ratio = joint.likelihood_ratio
+        own_gain = ratio.doppler_over_break if terms.medium.is_air else ratio.doppler
+        if own_gain > gain:
+            best = check_in_air(_checked(joint, lines, terms), alone)
+            gain = own_gain
     # a line that follows by chance must not spoil what the broadband has shown
     spoils = _is_passage(alone, terms.limits) and not _is_passage(best, terms.limits)
     return alone if spoils else best
@@ -253,4 +276,14 @@ def _with_broadband(
         contact_data(lines, levels, only.contacts), only.contacts, only.line_ids,
         medium, probability,
     )  # fmt: skip
-    return _checked(joint, lines, terms) if joint else only
+    if joint is None or _tells_less(joint, only):
+        return only
+    return _checked(joint, lines, terms)
+
+
+def _tells_less(joint: CandidatePassage, only: CandidatePassage) -> bool:
+    """Return whether lines tell more without a level that depends on direction."""
+    if not joint.fit.medium.is_air:
+        return False
+    wider = consider_directivity(joint.fit, joint.blocks)
+    return bool(wider.covariance[0, 1, 1] > only.fit.covariance[0, 1, 1])

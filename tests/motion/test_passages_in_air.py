@@ -1,0 +1,152 @@
+"""Vehicles: engines that change gear or wander, and levels that depend on direction."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.motion.passage_truth import Scene, received, true_motion
+from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.motion.passage.air_checks import check_in_air
+from uwtrack_cli.motion.passage.candidates import examine
+from uwtrack_cli.motion.passage.directivity import (
+    AHEAD_STD_DB,
+    ALONG_STD_DB,
+    SPREADING_STD,
+    consider_directivity,
+)
+from uwtrack_cli.motion.passage.estimator import fit_passage
+from uwtrack_cli.motion.passage.measurements import PassageData, make_blocks
+
+AIR, WATER = Medium(343.0), Medium(1500.0)
+CAR = Scene(speed_mps=20.0, range_m=10.0, closest_s=6.0, height_m=0.0,
+            sound_speed_mps=343.0)  # fmt: skip
+TIME = np.arange(0.05, 12.0, 0.05)
+RATIO, ANGLE, DISTANCE = received(CAR, TIME, true_motion(CAR))
+LEVEL_DB = 10 * np.log10((CAR.range_m / DISTANCE) ** 2 + 1e-2)
+REST_HZ = np.array([80.0, 160.0])
+LINES = np.arange(1, 3)
+NONE = np.full((1, TIME.size), np.nan)
+
+
+def measured(ratio, level_db=NONE[0], spread=2e-3, seed=3):
+    """Lines with a given ratio to their rest frequencies, and the broadband."""
+    rng = np.random.default_rng(seed)
+    lines = (
+        REST_HZ[:, None] * ratio * (1 + spread * rng.standard_normal((2, TIME.size)))
+    )
+    level = level_db + 0.3 * rng.standard_normal(TIME.size)
+    std_hz = np.broadcast_to(spread * REST_HZ[:, None], lines.shape)
+    return PassageData(TIME, lines, std_hz, NONE, NONE, level[None],
+                       np.full((1, TIME.size), 0.3))  # fmt: skip
+
+
+def passage_of(data, medium=AIR):
+    return examine(data, (1,), LINES, medium, 1e-3)
+
+
+def gear_change(lasts_s):
+    """An engine that runs a quarter slower after half a turn of a sine."""
+    turn = np.pi * np.clip((TIME - 6.0) / lasts_s, -0.5, 0.5)
+    return np.exp(-0.125 * (1 + np.sin(turn)))
+
+
+@pytest.fixture(scope="module")
+def car():
+    return passage_of(measured(RATIO))
+
+
+def test_a_change_of_gear_is_no_passage():
+    assert passage_of(measured(gear_change(0.4))) is None
+
+
+def test_a_car_is_a_passage_beside_all_changes_of_gear(car):
+    found = car
+    assert found.fit.theta[0, 2] == pytest.approx(
+        20.0, abs=3 * np.sqrt(found.fit.covariance[0, 2, 2])
+    )
+    assert found.fit.range_over_speed_s[0] == pytest.approx(0.5, abs=0.05)
+
+
+def fit_of(level_db, medium=AIR, *, is_one_sided=False):
+    """The optimum of lines with levels that have no noise."""
+    rng = np.random.default_rng(1)
+    data = measured(RATIO, level_db)
+    lines = REST_HZ[:, None] * RATIO * (1 + 2e-3 * rng.standard_normal((2, TIME.size)))
+    if is_one_sided:
+        lines[:, TIME < 6.2] = np.nan
+    blocks = make_blocks(replace(data, level_db=level_db[None], frequency_hz=lines))
+    start = np.array([[6.0, np.log(0.5), 20.0, np.log(1e-2)]])
+    fit = fit_passage(
+        blocks, start, np.ones(1), medium, with_coloured_noise=False, rounds=3
+    )
+    return fit, blocks
+
+
+@pytest.mark.parametrize("is_one_sided", [True, False])
+def test_what_is_considered_is_what_patterns_do_to_a_fit(is_one_sided):
+    """A little of each pattern, put into the levels, moves the answer by as little."""
+    share = 0.05
+    near = (CAR.range_m / DISTANCE) ** 2
+    patterns_db = (AHEAD_STD_DB * np.sin(ANGLE), ALONG_STD_DB * np.sin(ANGLE) ** 2,
+                   SPREADING_STD * 10 * np.log10(near))  # fmt: skip
+    fit, blocks = fit_of(LEVEL_DB, is_one_sided=is_one_sided)
+    moved = []
+    for pattern_db in patterns_db:
+        power = near * 10 ** (share * pattern_db / 10)
+        other, _ = fit_of(10 * np.log10(power + 1e-2), is_one_sided=is_one_sided)
+        moved.append([
+            other.theta[0, 0] - fit.theta[0, 0],
+            other.range_over_speed_s[0] - fit.range_over_speed_s[0],
+        ])  # fmt: skip
+    wider = consider_directivity(fit, blocks)
+    added = np.diag(wider.covariance[0] - fit.covariance[0])[:2]
+    due = (np.square(moved) / share**2).sum(axis=0)
+    np.testing.assert_allclose(np.sqrt(added), np.sqrt(due), rtol=0.1)
+    assert (np.sqrt(added) > 0.05).all()
+
+
+def test_in_water_nothing_is_considered():
+    fit, blocks = fit_of(LEVEL_DB)
+    in_water = replace(fit, medium=WATER)
+    assert consider_directivity(in_water, blocks) is in_water
+
+
+def level_of(width_s, at_s=6.0):
+    data = measured(
+        RATIO, 10 * np.log10(1 / (1 + ((TIME - at_s) / width_s) ** 2) + 0.01)
+    )
+    none = np.empty((0, TIME.size))
+    data = replace(data, frequency_hz=none, frequency_std_hz=none)
+    return examine(data, (1,), np.empty(0, np.int64), AIR, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("width_s", "at_s", "n_lines", "is_told"),
+    [
+        (0.5, 6.03, 2, True),
+        (0.9, 6.2, 2, True),  # hard ground, and louder behind
+        (0.15, 6.03, 2, False),
+        (0.5, 7.0, 2, False),
+        (0.5, 7.3, 4, True),  # another car
+        (0.5, 7.3, 2, False),
+        (0.5, 9.0, 2, True),
+    ],
+)
+def test_lines_and_level_tell_one_passage(car, width_s, at_s, n_lines, is_told):
+    level, car = level_of(width_s, at_s), replace(car, line_ids=np.arange(n_lines))
+    assert level.fit.range_over_speed_s[0] == pytest.approx(width_s, rel=0.05)
+    doubt = check_in_air(car, level).doubt
+    assert ("the level rises and falls otherwise" in doubt) is not is_told
+    assert bool(doubt) is not is_told
+
+
+def test_an_engine_that_wanders_is_no_passage(car):
+    """A fall by six parts in a thousand is what a still foot leaves."""
+    covariance = car.fit.covariance.copy()
+    covariance[0, 2, 2] = 0.2**2
+    theta = car.fit.theta.copy()
+    theta[0, 2] = 1.9
+    slow = replace(car, fit=replace(car.fit, theta=theta, covariance=covariance))
+    assert "engines in air wander" in check_in_air(slow, None).doubt
+    assert not check_in_air(car, None).doubt
