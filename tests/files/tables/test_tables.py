@@ -120,6 +120,7 @@ BAD = {
     "time_s,frequency_hz\n0,-5\n": "line 2: frequency_hz must be",
     "time_s,frequency_hz_2\n0,5\n": "lacks the column frequency_hz",
     "time_s,bearing_deg,bearing_std_deg\n0,5,0\n": "line 2: bearing_std_deg must be",
+    "time_s,time_utc,level_db\n9e9,1700-01-01T00:00:00Z,5\n": "centuries from time_utc",
     "time_utc,level_db\nyesterday,5\n": "line 2: time_utc: 'yesterday' is no time",
     "time_utc,level_db\n2020-02-30T00:00:00Z,5\n": "line 2: time_utc",
     'time_s,level_db\n0,"1\n': "no CSV table",

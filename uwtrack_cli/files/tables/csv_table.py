@@ -342,10 +342,13 @@ def table_times(table: Table) -> tuple[FloatArray, int | None]:
         start_ns = int(utc_ns.min())
         return (utc_ns - start_ns) / NANOSECONDS, start_ns
     time_s = table.numbers("time_s")
-    start_ns = int(utc_ns[0]) - round(float(time_s[0]) * NANOSECONDS)
-    apart = np.abs((utc_ns - start_ns) / NANOSECONDS - time_s)
+    utc_s = (utc_ns.astype(float) - float(utc_ns[0])) / NANOSECONDS
+    apart = np.abs(utc_s - (time_s - time_s[0]))
     for row in np.flatnonzero(apart > AGREEMENT_S)[:1]:
         table.fail(row, f"time_s and time_utc disagree by {apart[row]:g} s.")
+    start_ns = int(utc_ns[0]) - round(float(time_s[0]) * NANOSECONDS)
+    if abs(start_ns) > np.iinfo(np.int64).max:
+        table.fail(0, f"time_s = {time_s[0]:g} puts time zero centuries from time_utc.")
     return time_s, start_ns
 
 
