@@ -30,15 +30,18 @@ from uwtrack_cli.data.recording import HeldSamples
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine_contacts
-from uwtrack_cli.motion.passage.fit_checks import (
+from uwtrack_cli.motion.passage.checks.fit_checks import (
     LARGEST_MISFIT,
     SLOPE_DEVIATIONS,
     SMALLEST_SLOPE,
     doppler_misfit,
     level_slope,
 )
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.rest_frame import SMALLEST_EVIDENCE, ask_the_sound
+from uwtrack_cli.motion.passage.checks.rest_frame import (
+    SMALLEST_EVIDENCE,
+    ask_the_sound,
+)
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
 from uwtrack_cli.simulate import Scenario, simulate_recordings
 from uwtrack_cli.simulate.random_passages import draw_scenario
 

@@ -22,11 +22,11 @@ import numpy as np
 
 from tests.motion.drawn_readings import BEND, KINDS, SENSOR, draw, is_clear
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage import readings
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine
-from uwtrack_cli.motion.passage.change_priors import ODDS, STRAIGHT
-from uwtrack_cli.motion.passage.measurements import Blocks, series_data
-from uwtrack_cli.motion.passage.nuisances import marginalise, nuisance_priors
+from uwtrack_cli.motion.passage.fit.nuisances import marginalise, nuisance_priors
+from uwtrack_cli.motion.passage.model.measurements import Blocks, series_data
+from uwtrack_cli.motion.passage.readings import competing_readings as readings
+from uwtrack_cli.motion.passage.readings.change_priors import ODDS, STRAIGHT
 
 FIRST_SEED = 500_000
 """Seeds that no table and no test uses."""

@@ -18,8 +18,8 @@ from tests.motion.drawn_readings import SENSOR, draw, draw_pair
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, examine, is_one
-from uwtrack_cli.motion.passage.measurements import series_data
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.model.measurements import series_data
 
 MEDIUM = nuisance_priors(SENSOR, None, None, 3.0, 2.0).medium
 QUANTILES = (0.0, 0.5, 0.9, 0.95, 0.99, 1.0)

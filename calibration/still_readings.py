@@ -29,9 +29,9 @@ from tests.motion.drawn_readings import (
 from tests.motion.nuisance_coverage import interval
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, fit_contact, read
-from uwtrack_cli.motion.passage.measurements import series_data
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.readings import Reading
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.model.measurements import series_data
+from uwtrack_cli.motion.passage.readings.competing_readings import Reading
 
 FIRST_SEED = 640_000
 """Seeds that no table and no test uses."""

@@ -15,8 +15,8 @@ import pytest
 
 from tests.motion.passage_truth import Scene, received
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.motion.passage.estimator import fit_passage
-from uwtrack_cli.motion.passage.measurements import PassageData, make_blocks
+from uwtrack_cli.motion.passage.fit.estimator import fit_passage
+from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 
 REST = (63.0, 126.0, 189.0, 310.0, 400.0)
 SCENE = Scene(rest_hz=REST)

@@ -31,8 +31,8 @@ from uwtrack_cli.motion.passage.candidates import (
     not_a_passage,
     read,
 )
-from uwtrack_cli.motion.passage.fit_checks import check_fit
-from uwtrack_cli.motion.passage.nuisances import marginalise, nuisance_priors
+from uwtrack_cli.motion.passage.checks.fit_checks import check_fit
+from uwtrack_cli.motion.passage.fit.nuisances import marginalise, nuisance_priors
 
 TRUE = (*(kind for kind in KINDS if kind != "machinery"), BEND)
 SPOILT = ("a line leaves", "lines wander", "lines of others", "steady levels")

@@ -23,10 +23,10 @@ from tests.motion.passing_vessel import frames_of, lines_of_columns
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage import readings
-from uwtrack_cli.motion.passage.line_levels import line_levels
-from uwtrack_cli.motion.passage.measurements import contact_data, make_blocks
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.fit.line_levels import line_levels
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.model.measurements import contact_data, make_blocks
+from uwtrack_cli.motion.passage.readings import competing_readings as readings
 
 LENGTH_S, SENSOR_DEPTH_M = 600, 22.0
 QUANTITIES = ("time", "speed", "slant range", "range over speed", "course")

@@ -20,7 +20,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE
 from uwtrack_cli.motion.passage.candidates import examine
 from uwtrack_cli.motion.passage.encounter_rows import CpaContext, passage_row
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
 
 QUANTITIES = (
     "time", "speed", "slant range", "horizontal range", "slant over speed",

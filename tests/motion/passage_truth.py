@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.motion.passage.measurements import PassageData
+from uwtrack_cli.motion.passage.model.measurements import PassageData
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from tests.motion.drawn_readings import KINDS, analyse, draw
 from uwtrack_cli.motion.passage import candidates
-from uwtrack_cli.motion.passage.readings import STRAIGHT_READING
+from uwtrack_cli.motion.passage.readings.competing_readings import STRAIGHT_READING
 
 
 def seconds(drawn):

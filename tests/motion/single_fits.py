@@ -17,9 +17,9 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.motion.passage.estimator import PassageFit, fit_passage, take_rows
-from uwtrack_cli.motion.passage.initial_estimates import find_initial_estimates
-from uwtrack_cli.motion.passage.measurements import PassageData, make_blocks
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit, fit_passage, take_rows
+from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
+from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 
 
 @dataclass(frozen=True)

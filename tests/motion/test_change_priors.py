@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from uwtrack_cli.motion.passage.change_priors import (
+from uwtrack_cli.motion.passage.model.unknowns import MANOEUVRE, RAMP, STEP, Change
+from uwtrack_cli.motion.passage.readings.change_priors import (
     ODDS,
     SIZES,
     VESSEL_MPS,
@@ -14,7 +15,6 @@ from uwtrack_cli.motion.passage.change_priors import (
     cost_of_change,
     speed_prior,
 )
-from uwtrack_cli.motion.passage.unknowns import MANOEUVRE, RAMP, STEP, Change
 
 TIME = np.linspace(0.0, 600.0, 601)
 AT_S, SPEED_MPS = 200.0, 6.0

@@ -16,8 +16,8 @@ from uwtrack_cli.motion.coloured_noise import (
 )
 from uwtrack_cli.motion.correlation import long_run_excess, overlap_correlation
 from uwtrack_cli.motion.least_squares import damped_least_squares, inverse_or_nan
-from uwtrack_cli.motion.passage.doppler import doppler_sums, line_sums
-from uwtrack_cli.motion.passage.law import passage_law
+from uwtrack_cli.motion.passage.fit.doppler import doppler_sums, line_sums
+from uwtrack_cli.motion.passage.model.law import passage_law
 
 TIME = np.arange(600.0)
 

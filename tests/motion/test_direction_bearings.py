@@ -10,7 +10,7 @@ from tests.motion.passing_vessel import levels_of_scene, lines_of_scenes
 from tests.motion.test_cpa import DIFAR, SCENE, deviations
 from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage.direction_bearings import (
+from uwtrack_cli.motion.passage.model.direction_bearings import (
     bearing_series,
     sources_in_time,
     with_directions,

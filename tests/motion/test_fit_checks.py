@@ -11,20 +11,20 @@ from tests.motion.passage_truth import Scene, received, true_motion
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage import fit_checks
 from uwtrack_cli.motion.passage.candidates import (
     RecordingSpan,
     examine_contacts,
     not_a_passage,
     tell_once,
 )
-from uwtrack_cli.motion.passage.fit_checks import (
+from uwtrack_cli.motion.passage.checks import fit_checks
+from uwtrack_cli.motion.passage.checks.fit_checks import (
     check_fit,
     doppler_misfit,
     doubt_of_lines,
     level_slope,
 )
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
 
 SCENE = Scene(rest_hz=(120.0, 180.0))
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0)

@@ -9,18 +9,18 @@ from tests.motion.line_level_coverage import alone, draw, transmission
 from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.motion.passage import line_levels
 from uwtrack_cli.motion.passage.candidates import examine_contacts
-from uwtrack_cli.motion.passage.estimator import fit_with_line_levels
-from uwtrack_cli.motion.passage.fit_checks import level_slope
-from uwtrack_cli.motion.passage.line_levels import REFLECTIONS, SurfaceImage
-from uwtrack_cli.motion.passage.measurements import (
+from uwtrack_cli.motion.passage.checks.fit_checks import level_slope
+from uwtrack_cli.motion.passage.fit import line_levels
+from uwtrack_cli.motion.passage.fit.estimator import fit_with_line_levels
+from uwtrack_cli.motion.passage.fit.line_levels import REFLECTIONS, SurfaceImage
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.model.measurements import (
     condense,
     contact_data,
     make_blocks,
 )
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.readings import read_passage
+from uwtrack_cli.motion.passage.readings.competing_readings import read_passage
 
 SOURCE_M, SENSOR_M = 3.0, 22.0
 WAVE_NUMBER = 2 * np.pi * np.array([60.0, 150.0]) / 1500.0

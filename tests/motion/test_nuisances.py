@@ -17,7 +17,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.tables.sensors import load_sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
 
 
 def deviations(draws):

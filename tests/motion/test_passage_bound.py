@@ -6,8 +6,11 @@ import pytest
 from tests.motion.passage_truth import ROWS, Scene, bound, measure, true_motion
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.motion.passage.candidates import best_start
-from uwtrack_cli.motion.passage.estimator import fit_passage, fit_with_coloured_noise
-from uwtrack_cli.motion.passage.measurements import make_blocks
+from uwtrack_cli.motion.passage.fit.estimator import (
+    fit_passage,
+    fit_with_coloured_noise,
+)
+from uwtrack_cli.motion.passage.model.measurements import make_blocks
 
 NAMES = [
     f"{scene.speed_mps}-{scene.range_m:.0f}-{scene.carrier_to_noise_db:.0f}"

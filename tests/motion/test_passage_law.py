@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uwtrack_cli.motion.passage.law import (
+from uwtrack_cli.motion.passage.model.law import (
     passage_law,
     slant_over_speed_s,
 )

@@ -7,16 +7,16 @@ import pytest
 
 from tests.motion.passage_truth import Scene, received, true_motion
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.motion.passage.air_checks import check_in_air
 from uwtrack_cli.motion.passage.candidates import examine
-from uwtrack_cli.motion.passage.directivity import (
+from uwtrack_cli.motion.passage.checks.air_checks import check_in_air
+from uwtrack_cli.motion.passage.fit.directivity import (
     AHEAD_STD_DB,
     ALONG_STD_DB,
     SPREADING_STD,
     consider_directivity,
 )
-from uwtrack_cli.motion.passage.estimator import fit_passage
-from uwtrack_cli.motion.passage.measurements import PassageData, make_blocks
+from uwtrack_cli.motion.passage.fit.estimator import fit_passage
+from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 
 AIR, WATER = Medium(343.0), Medium(1500.0)
 CAR = Scene(speed_mps=20.0, range_m=10.0, closest_s=6.0, height_m=0.0,

@@ -19,8 +19,8 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.locate import locate_vessels
-from uwtrack_cli.motion.passage.law import passage_law, with_other_leg
-from uwtrack_cli.motion.passage.unknowns import RAMP, Change, law_of
+from uwtrack_cli.motion.passage.model.law import passage_law, with_other_leg
+from uwtrack_cli.motion.passage.model.unknowns import RAMP, Change, law_of
 from uwtrack_cli.plotting.passage_fit import ReportedPassage
 
 CLOSEST_S, FLAT_M, HEIGHT_M, SPEED_MPS = 300.0, 180.0, 19.0, 6.0

@@ -12,9 +12,9 @@ from uwtrack_cli.data.recording import HeldSamples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.candidates import examine_contacts
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
-from uwtrack_cli.motion.passage.rest_frame import rest_frame
-from uwtrack_cli.motion.passage.unknowns import RAMP, Change
+from uwtrack_cli.motion.passage.checks.rest_frame import rest_frame
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.model.unknowns import RAMP, Change
 
 RATE_HZ = 512.0
 SCENE = Scene(speed_mps=6.0, range_m=150.0, rest_hz=(120.0,), closest_s=150.0,

@@ -10,7 +10,7 @@ from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.candidates import examine_contacts
-from uwtrack_cli.motion.passage.nuisances import nuisance_priors
+from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
 from uwtrack_cli.motion.passage.same_machine import (
     contact_ends,
     is_next_gear,

@@ -16,8 +16,8 @@ from tests.motion.drawn_readings import (
     errors,
 )
 from uwtrack_cli.motion.locate import locate_vessels
-from uwtrack_cli.motion.passage.law import passage_law
-from uwtrack_cli.motion.passage.steady_turn import SteadyTurn, with_steady_turn
+from uwtrack_cli.motion.passage.model.law import passage_law
+from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
 from uwtrack_cli.plotting.passage_fit import ReportedPassage
 
 FLAT_M, HEIGHT_M, SPEED_MPS, SOUND_MPS = 180.0, 19.0, 6.0, 1500.0

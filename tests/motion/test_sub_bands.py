@@ -11,7 +11,7 @@ from tests.motion.passing_vessel import frames_of
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.passage.sub_bands import (
+from uwtrack_cli.motion.passage.checks.sub_bands import (
     FEWEST_PARTS,
     Rise,
     _exceeded,

@@ -12,7 +12,7 @@ were left out. What long or longer frames tell of a piece of a line that a bette
 explains is left out before (`motion/explained_lines.py`). A stretch is too short to
 tell swell from a passage by the level alone: there the level, and the parts of its band
 by themselves, must rise by more than the recording does all the time
-(`motion/passage/usual_rises.py`). In the end all
+(`motion/passage/checks/usual_rises.py`). In the end all
 answers, those of several lengths of long frames among them, compete for one row per
 passage (`motion/competition.py`).
 
@@ -39,7 +39,7 @@ from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.competition import LEVEL_ONLY, compete
 from uwtrack_cli.motion.explained_lines import unexplained
-from uwtrack_cli.motion.passage.usual_rises import stands_out
+from uwtrack_cli.motion.passage.checks.usual_rises import stands_out
 
 RECIPES = ("small-craft", "vehicle")
 """Recipes that look again: frames of a quarter and a tenth of a second."""

@@ -42,11 +42,8 @@ from uwtrack_cli.motion.passage.candidates import (
     split,
     take_apart,
 )
-from uwtrack_cli.motion.passage.direction_bearings import (
-    bearing_series,
-    with_directions,
-)
-from uwtrack_cli.motion.passage.directivity import consider_directivity
+from uwtrack_cli.motion.passage.checks.fit_checks import check_fit
+from uwtrack_cli.motion.passage.checks.sub_bands import ask_the_parts
 from uwtrack_cli.motion.passage.encounter_rows import (
     EXTRAPOLATED,
     LEVEL_ONLY,
@@ -62,12 +59,18 @@ from uwtrack_cli.motion.passage.encounter_rows import (
     still_contact,
     widen_for_others,
 )
-from uwtrack_cli.motion.passage.fit_checks import check_fit
-from uwtrack_cli.motion.passage.measurements import series_data
-from uwtrack_cli.motion.passage.nuisances import NuisancePriors, nuisance_priors
-from uwtrack_cli.motion.passage.readings import TWO_TARGETS, read_passage
+from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
+from uwtrack_cli.motion.passage.fit.nuisances import NuisancePriors, nuisance_priors
+from uwtrack_cli.motion.passage.model.direction_bearings import (
+    bearing_series,
+    with_directions,
+)
+from uwtrack_cli.motion.passage.model.measurements import series_data
+from uwtrack_cli.motion.passage.readings.competing_readings import (
+    TWO_TARGETS,
+    read_passage,
+)
 from uwtrack_cli.motion.passage.recording_passages import examine_recording
-from uwtrack_cli.motion.passage.sub_bands import ask_the_parts
 
 MIXED = "the bearings are those of two targets"
 UNSEEN = "the closest approach lies outside, and no Doppler shift shows it"

@@ -30,7 +30,7 @@ from uwtrack_cli.data.sensor import Navigation, Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
-from uwtrack_cli.motion.passage.nuisances import COMPASS_STD_DEG
+from uwtrack_cli.motion.passage.fit.nuisances import COMPASS_STD_DEG
 from uwtrack_cli.motion.sound_speed import sound_speed_std
 from uwtrack_cli.motion.target.contact import analyse_contacts
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations

@@ -14,8 +14,8 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
-from uwtrack_cli.motion.passage.law import Passage, passage_law, with_other_leg
-from uwtrack_cli.motion.passage.steady_turn import SteadyTurn, with_steady_turn
+from uwtrack_cli.motion.passage.model.law import Passage, passage_law, with_other_leg
+from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
 from uwtrack_cli.plotting.view import Scene, View
 
 REACH = 4.0

@@ -12,7 +12,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.fusion.sensor_table import EvenTurn, OtherLeg
 from uwtrack_cli.motion.fusion.track_to_track import Mode
-from uwtrack_cli.motion.passage.steady_turn import SteadyTurn, turned_way
+from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, turned_way
 
 TURN_STEPS = (1e-4, 1e-2, 1e-2)
 """Steps of the differences by the angle (rad), the duration and the middle (s)."""

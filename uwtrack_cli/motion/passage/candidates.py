@@ -28,22 +28,21 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.angles import wrap_deg, wrap_rad
-from uwtrack_cli.motion.passage.change_priors import VESSEL_MPS
-from uwtrack_cli.motion.passage.estimator import (
+from uwtrack_cli.motion.passage.fit.estimator import (
     PassageFit,
     fit_passage,
     fit_with_coloured_noise,
     level_misfit,
     take_rows,
 )
-from uwtrack_cli.motion.passage.initial_estimates import find_initial_estimates
-from uwtrack_cli.motion.passage.law import slant_over_speed_s
-from uwtrack_cli.motion.passage.likelihood_ratio import (
+from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
     LikelihoodRatio,
     motion_likelihood,
     passage_likelihood_ratio,
 )
-from uwtrack_cli.motion.passage.measurements import (
+from uwtrack_cli.motion.passage.model.law import slant_over_speed_s
+from uwtrack_cli.motion.passage.model.measurements import (
     Blocks,
     PassageData,
     condense,
@@ -53,7 +52,8 @@ from uwtrack_cli.motion.passage.measurements import (
     make_blocks,
     thin,
 )
-from uwtrack_cli.motion.passage.readings import (
+from uwtrack_cli.motion.passage.readings.change_priors import VESSEL_MPS
+from uwtrack_cli.motion.passage.readings.competing_readings import (
     FREQUENCY_CHANGES,
     STRAIGHT_READING,
     TWO_TARGETS,
@@ -65,12 +65,12 @@ from uwtrack_cli.motion.passage.readings import (
     try_readings,
     weigh_readings,
 )
+from uwtrack_cli.motion.passage.readings.still_readings import STILL
 from uwtrack_cli.motion.passage.same_machine import (
     contact_ends,
     is_next_gear,
     is_of_comb,
 )
-from uwtrack_cli.motion.passage.still_readings import STILL
 
 FEWEST_MEASUREMENTS = 8
 """Instants with a measurement below which nothing is fitted."""

@@ -46,13 +46,13 @@ from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.motion.correlation import long_run_excess
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, Still
-from uwtrack_cli.motion.passage.change_priors import (
-    STRAIGHT,
-    VESSEL_MPS,
-    VESSEL_STD_MPS,
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.fit.nuisances import (
+    NuisanceEstimate,
+    NuisancePriors,
+    marginalise,
 )
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.moving_sensor import (
+from uwtrack_cli.motion.passage.model.moving_sensor import (
     AT_REST_MPS,
     LARGEST_M,
     LARGEST_SHARE,
@@ -60,13 +60,17 @@ from uwtrack_cli.motion.passage.moving_sensor import (
     over_ground,
     sensor_motion,
 )
-from uwtrack_cli.motion.passage.nuisances import (
-    NuisanceEstimate,
-    NuisancePriors,
-    marginalise,
+from uwtrack_cli.motion.passage.model.unknowns import CHANGED, RAMP, STEP, TURN
+from uwtrack_cli.motion.passage.readings.change_priors import (
+    STRAIGHT,
+    VESSEL_MPS,
+    VESSEL_STD_MPS,
 )
-from uwtrack_cli.motion.passage.still_readings import CONSTANT, JOINED, MACHINERY
-from uwtrack_cli.motion.passage.unknowns import CHANGED, RAMP, STEP, TURN
+from uwtrack_cli.motion.passage.readings.still_readings import (
+    CONSTANT,
+    JOINED,
+    MACHINERY,
+)
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
 

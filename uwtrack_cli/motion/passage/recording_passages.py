@@ -20,7 +20,6 @@ from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.motion.passage.air_checks import check_in_air
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
@@ -33,18 +32,23 @@ from uwtrack_cli.motion.passage.candidates import (
     split,
     tell_once,
 )
-from uwtrack_cli.motion.passage.direction_bearings import with_directions_of
-from uwtrack_cli.motion.passage.directivity import consider_directivity
-from uwtrack_cli.motion.passage.fit_checks import check_fit
-from uwtrack_cli.motion.passage.likelihood_ratio import motion_likelihood
-from uwtrack_cli.motion.passage.measurements import contact_data, contact_ids, lines_of
-from uwtrack_cli.motion.passage.rest_frame import ask_the_sound
-from uwtrack_cli.motion.passage.source_separation import separate_sources
-from uwtrack_cli.motion.passage.sub_bands import (
+from uwtrack_cli.motion.passage.checks.air_checks import check_in_air
+from uwtrack_cli.motion.passage.checks.fit_checks import check_fit
+from uwtrack_cli.motion.passage.checks.rest_frame import ask_the_sound
+from uwtrack_cli.motion.passage.checks.sub_bands import (
     Rise,
     ask_the_parts,
     ask_the_parts_of_all,
 )
+from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import motion_likelihood
+from uwtrack_cli.motion.passage.model.direction_bearings import with_directions_of
+from uwtrack_cli.motion.passage.model.measurements import (
+    contact_data,
+    contact_ids,
+    lines_of,
+)
+from uwtrack_cli.motion.passage.source_separation import separate_sources
 
 SMALLEST_LINE_GAIN = 5.0
 """Gain in log-likelihood by which the lines of a contact must follow a passage that

@@ -23,7 +23,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.motion.passage.measurements import lines_of
+from uwtrack_cli.motion.passage.model.measurements import lines_of
 
 GREATEST_CHANCE = 1e-3
 """Expected number of combs as good by chance, beyond which there is none."""

@@ -35,8 +35,8 @@ from uwtrack_cli.motion.passage.candidates import (
     examine_from,
     not_a_passage,
 )
-from uwtrack_cli.motion.passage.initial_estimates import find_initial_estimates
-from uwtrack_cli.motion.passage.measurements import (
+from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
+from uwtrack_cli.motion.passage.model.measurements import (
     NEPER_DB,
     PassageData,
     contact_data,

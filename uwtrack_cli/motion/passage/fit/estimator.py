@@ -31,15 +31,9 @@ from uwtrack_cli.motion.coloured_noise import (
     information_loss,
 )
 from uwtrack_cli.motion.least_squares import Evaluation, damped_least_squares
-from uwtrack_cli.motion.passage.covariance import passage_covariance
-from uwtrack_cli.motion.passage.law import (
-    SLOWEST_MPS,
-    Passage,
-    slant_over_speed_s,
-)
-from uwtrack_cli.motion.passage.line_levels import line_levels
-from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
-from uwtrack_cli.motion.passage.normal_equations import (
+from uwtrack_cli.motion.passage.fit.covariance import passage_covariance
+from uwtrack_cli.motion.passage.fit.line_levels import line_levels
+from uwtrack_cli.motion.passage.fit.normal_equations import (
     NO_LOSS,
     FitConstants,
     JointNormalEquations,
@@ -53,13 +47,19 @@ from uwtrack_cli.motion.passage.normal_equations import (
     passage_state,
     weigh,
 )
-from uwtrack_cli.motion.passage.residual_noise import (
+from uwtrack_cli.motion.passage.fit.residual_noise import (
     BlockNoise,
     Noises,
     block_noises,
     rough_weight,
 )
-from uwtrack_cli.motion.passage.unknowns import (
+from uwtrack_cli.motion.passage.model.law import (
+    SLOWEST_MPS,
+    Passage,
+    slant_over_speed_s,
+)
+from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
+from uwtrack_cli.motion.passage.model.unknowns import (
     CHANGED,
     FLOOR,
     FREE_INSTANTS,

@@ -14,13 +14,13 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.least_squares import inverse_or_nan
-from uwtrack_cli.motion.passage.doppler import DopplerSums
-from uwtrack_cli.motion.passage.law import bounded_speed, slant_over_speed_s
-from uwtrack_cli.motion.passage.normal_equations import (
+from uwtrack_cli.motion.passage.fit.doppler import DopplerSums
+from uwtrack_cli.motion.passage.fit.normal_equations import (
     JointNormalEquations,
     WeightedData,
 )
-from uwtrack_cli.motion.passage.unknowns import heights_m, motion_places
+from uwtrack_cli.motion.passage.model.law import bounded_speed, slant_over_speed_s
+from uwtrack_cli.motion.passage.model.unknowns import heights_m, motion_places
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.motion.passage.law import Passage, passage_law, with_other_leg
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.steady_turn import SteadyTurn, with_steady_turn
+from uwtrack_cli.motion.passage.model.law import Passage, passage_law, with_other_leg
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
 
 FLOOR, HEIGHT, CHANGED = 3, 4, 5
 """Places of the floor, the depth difference and the changes among the unknowns."""

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage.law import (
+from uwtrack_cli.motion.passage.model.law import (
     SLOWEST_MPS,
     Emitted,
     Passage,

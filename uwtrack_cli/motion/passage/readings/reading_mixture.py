@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.unseen_changes import Unseen
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.readings.unseen_changes import Unseen
 
 SMALLEST_WEIGHT = 1e-3
 """Weight of a fit below which its answer is left out."""

@@ -18,9 +18,9 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.robust import median_scale, neighbour_scale
-from uwtrack_cli.motion.passage.law import SLOWEST_MPS
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.unknowns import STEP, Change
+from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import STEP, Change
 
 MOST_CELLS = 400
 """Cells of time to which longer data are condensed."""

@@ -29,17 +29,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
-from uwtrack_cli.motion.passage.change_priors import (
-    STRAIGHT,
-    cost_of_change,
-    speed_prior,
-)
-from uwtrack_cli.motion.passage.change_scores import (
-    Scores,
-    instants,
-    score_changes,
-)
-from uwtrack_cli.motion.passage.estimator import (
+from uwtrack_cli.motion.passage.fit.estimator import (
     PassageFit,
     fit_passage,
     fit_with_coloured_noise,
@@ -47,24 +37,17 @@ from uwtrack_cli.motion.passage.estimator import (
     join_rows,
     take_rows,
 )
-from uwtrack_cli.motion.passage.initial_estimates import (
+from uwtrack_cli.motion.passage.fit.initial_estimates import (
     PassageSearch,
     find_changed_estimates,
 )
-from uwtrack_cli.motion.passage.law import SLOWEST_MPS, slant_over_speed_s
-from uwtrack_cli.motion.passage.likelihood_ratio import (
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
     measured_series,
     passage_residuals,
 )
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.reading_mixture import SMALLEST_WEIGHT, mixed
-from uwtrack_cli.motion.passage.still_readings import (
-    STILL,
-    cost_of_motion,
-    still_evidences,
-    still_frequencies,
-)
-from uwtrack_cli.motion.passage.unknowns import (
+from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS, slant_over_speed_s
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import (
     CHANGED,
     FREE_INSTANTS,
     HEIGHT,
@@ -74,8 +57,25 @@ from uwtrack_cli.motion.passage.unknowns import (
     TURN,
     Change,
 )
-from uwtrack_cli.motion.passage.unseen_changes import unseen_change
-from uwtrack_cli.motion.passage.unseen_passages import unseen_passages
+from uwtrack_cli.motion.passage.readings.change_priors import (
+    STRAIGHT,
+    cost_of_change,
+    speed_prior,
+)
+from uwtrack_cli.motion.passage.readings.change_scores import (
+    Scores,
+    instants,
+    score_changes,
+)
+from uwtrack_cli.motion.passage.readings.reading_mixture import SMALLEST_WEIGHT, mixed
+from uwtrack_cli.motion.passage.readings.still_readings import (
+    STILL,
+    cost_of_motion,
+    still_evidences,
+    still_frequencies,
+)
+from uwtrack_cli.motion.passage.readings.unseen_changes import unseen_change
+from uwtrack_cli.motion.passage.readings.unseen_passages import unseen_passages
 
 TWO_TARGETS = "two-targets"
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.coloured_noise import InformationLoss
-from uwtrack_cli.motion.passage.law import Passage
+from uwtrack_cli.motion.passage.model.law import Passage
 
 
 @dataclass(frozen=True)

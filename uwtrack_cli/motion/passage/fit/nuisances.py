@@ -22,9 +22,9 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.motion.passage.covariance import slant_partials
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.unknowns import CHANGED, MANOEUVRE
+from uwtrack_cli.motion.passage.fit.covariance import slant_partials
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.model.unknowns import CHANGED, MANOEUVRE
 from uwtrack_cli.motion.sound_speed import sound_speed_std
 
 SENSOR_DEPTH_STD_M = 0.5

@@ -24,12 +24,21 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage.change_priors import ODDS, SIZES
-from uwtrack_cli.motion.passage.change_scores import FARTHEST_LOG, FARTHEST_S, Scores
-from uwtrack_cli.motion.passage.covariance import slant_partials
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.unknowns import CHANGE_STD, MANOEUVRE, N_SIZES, RAMP
+from uwtrack_cli.motion.passage.fit.covariance import slant_partials
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import (
+    CHANGE_STD,
+    MANOEUVRE,
+    N_SIZES,
+    RAMP,
+)
+from uwtrack_cli.motion.passage.readings.change_priors import ODDS, SIZES
+from uwtrack_cli.motion.passage.readings.change_scores import (
+    FARTHEST_LOG,
+    FARTHEST_S,
+    Scores,
+)
 
 N_INNER, N_RADII, N_DIRECTIONS = 6, 32, 16
 """Sizes of the grid below the lower bound and above it, and directions."""

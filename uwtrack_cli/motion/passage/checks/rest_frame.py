@@ -38,9 +38,9 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.unknowns import RAMP, STEP, Change
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP, Change
 
 REACH = 3.0
 """d/v on either side of the closest approach that are read."""

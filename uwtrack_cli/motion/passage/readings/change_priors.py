@@ -23,9 +23,9 @@ MacKay (2003), Information Theory, ch. 28 (Laplace's method, Occam factors); O'H
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.law import SLOWEST_MPS
-from uwtrack_cli.motion.passage.unknowns import (
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS
+from uwtrack_cli.motion.passage.model.unknowns import (
     CHANGED,
     MANOEUVRE,
     N_SIZES,

@@ -18,16 +18,16 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.robust import median_where
 from uwtrack_cli.motion.coloured_noise import InformationLoss
-from uwtrack_cli.motion.passage.doppler import (
+from uwtrack_cli.motion.passage.fit.doppler import (
     DopplerSums,
     LineSums,
     doppler_sums,
     line_sums,
 )
-from uwtrack_cli.motion.passage.law import Passage
-from uwtrack_cli.motion.passage.line_levels import LineLevels
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.unknowns import (
+from uwtrack_cli.motion.passage.fit.line_levels import LineLevels
+from uwtrack_cli.motion.passage.model.law import Passage
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import (
     CHANGED,
     FLOOR,
     HEIGHT,

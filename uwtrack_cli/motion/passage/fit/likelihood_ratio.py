@@ -23,15 +23,15 @@ from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.robust import median_scale
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.gear_changes import (
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.fit.gear_changes import (
     frequency_steps,
     shift_lengths_s,
     step_speeds,
 )
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.residual_noise import clip_wild
-from uwtrack_cli.motion.passage.unknowns import FLOOR, RAMP
+from uwtrack_cli.motion.passage.fit.residual_noise import clip_wild
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import FLOOR, RAMP
 
 WIDEST_SCATTER_RAD = 1.2
 """Bearings that scatter more than this (69 degrees) carry no information: they wrap."""

@@ -29,22 +29,22 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.coloured_noise import likelihoods_by_noise
-from uwtrack_cli.motion.passage.change_priors import (
-    SIZES,
-    TAIL_FREEDOM,
-    VESSEL_MPS,
-    VESSEL_STD_MPS,
-)
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.likelihood_ratio import (
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
     is_wrapped,
     measured_series,
     passage_residuals,
     resting_values,
 )
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.residual_noise import clip_wild
-from uwtrack_cli.motion.passage.unknowns import RAMP, STEP
+from uwtrack_cli.motion.passage.fit.residual_noise import clip_wild
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP
+from uwtrack_cli.motion.passage.readings.change_priors import (
+    SIZES,
+    TAIL_FREEDOM,
+    VESSEL_MPS,
+    VESSEL_STD_MPS,
+)
 
 CONSTANT, MACHINERY, JOINED = "constant", "machinery", "joined"
 

@@ -17,28 +17,28 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.coloured_noise import gains_of_shapes
-from uwtrack_cli.motion.passage.change_priors import (
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
+    is_wrapped,
+    measured_series,
+    passage_residuals,
+    resting_values,
+)
+from uwtrack_cli.motion.passage.model.law import Passage, passage_law
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP
+from uwtrack_cli.motion.passage.readings.change_priors import (
     ODDS,
     STRAIGHT,
     TAIL_FREEDOM,
     VESSEL_MPS,
     VESSEL_STD_MPS,
 )
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.law import Passage, passage_law
-from uwtrack_cli.motion.passage.likelihood_ratio import (
-    is_wrapped,
-    measured_series,
-    passage_residuals,
-    resting_values,
-)
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.still_readings import (
+from uwtrack_cli.motion.passage.readings.still_readings import (
     JOINED,
     StillFrequencies,
     still_others,
 )
-from uwtrack_cli.motion.passage.unknowns import RAMP, STEP
 
 N_PASSAGES = 400
 """Passages that are tried."""

@@ -34,9 +34,9 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.encounter_rows import LARGEST_BEARING_STD_DEG
-from uwtrack_cli.motion.passage.estimator import PassageFit, fit_passage
-from uwtrack_cli.motion.passage.likelihood_ratio import passage_residuals
-from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit, fit_passage
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import passage_residuals
+from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
 
 REACH = 3.0
 """d/v on either side of the closest approach that are checked."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.motion.passage.sub_bands import FEWEST_PARTS
+from uwtrack_cli.motion.passage.checks.sub_bands import FEWEST_PARTS
 
 FLANK = (3.0, 5.0)
 """Where the sides of a rise begin and end, in d/v from its middle."""

@@ -22,7 +22,7 @@ from uwtrack_cli.estimation.robust import (
     neighbour_scale,
 )
 from uwtrack_cli.motion.correlation import long_run_excess
-from uwtrack_cli.motion.passage.measurements import Blocks
+from uwtrack_cli.motion.passage.model.measurements import Blocks
 
 
 @dataclass(frozen=True)

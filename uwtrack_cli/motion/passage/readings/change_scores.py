@@ -17,15 +17,15 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.law import Passage
-from uwtrack_cli.motion.passage.likelihood_ratio import (
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
     measured_series,
     passage_residuals,
 )
-from uwtrack_cli.motion.passage.measurements import Blocks
-from uwtrack_cli.motion.passage.normal_equations import FLOOR_PRIOR_DEVIATION
-from uwtrack_cli.motion.passage.unknowns import (
+from uwtrack_cli.motion.passage.fit.normal_equations import FLOOR_PRIOR_DEVIATION
+from uwtrack_cli.motion.passage.model.law import Passage
+from uwtrack_cli.motion.passage.model.measurements import Blocks
+from uwtrack_cli.motion.passage.model.unknowns import (
     CHANGED,
     FLOOR,
     HEIGHT,

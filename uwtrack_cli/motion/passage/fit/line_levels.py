@@ -27,9 +27,9 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage.law import SLOWEST_MPS, Passage
-from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
-from uwtrack_cli.motion.passage.unknowns import (
+from uwtrack_cli.motion.passage.model.law import SLOWEST_MPS, Passage
+from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
+from uwtrack_cli.motion.passage.model.unknowns import (
     Change,
     heights_m,
     law_of,

@@ -21,10 +21,10 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.passage.covariance import slant_partials
-from uwtrack_cli.motion.passage.estimator import PassageFit
-from uwtrack_cli.motion.passage.measurements import NEPER_DB, Blocks
-from uwtrack_cli.motion.passage.unknowns import CHANGED, FLOOR, HEIGHT
+from uwtrack_cli.motion.passage.fit.covariance import slant_partials
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
+from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
+from uwtrack_cli.motion.passage.model.unknowns import CHANGED, FLOOR, HEIGHT
 
 AHEAD_STD_DB = 1.5
 """Deviation of half the difference of the levels ahead and behind, dB."""

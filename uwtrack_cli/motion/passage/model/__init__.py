@@ -1,0 +1,1 @@
+"""What a sensor receives from a vessel that passes: law, unknowns, measurements."""

@@ -1,0 +1,1 @@
+"""What a contact may be beside a straight passage, and how likely each of it is."""
