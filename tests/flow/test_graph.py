@@ -4,6 +4,7 @@ import shutil
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -26,9 +27,10 @@ from uwtrack_cli.files.hdf5.product import (
 from uwtrack_cli.files.tables.sensors import find_sensor
 from uwtrack_cli.flow.batch import Job, run_job
 from uwtrack_cli.flow.catalogue import STAGES
-from uwtrack_cli.flow.engine import run_recipe, shared_readers
+from uwtrack_cli.flow.engine import Engine, MemorySink, run_recipe, shared_readers
 from uwtrack_cli.flow.products import run_into_product
 from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.rerun_sources import _navigation_of
 from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
 from uwtrack_cli.flow.stage import plain
 from uwtrack_cli.simulate.recordings import simulate_recordings
@@ -249,6 +251,22 @@ def test_each_branch_is_what_it_is_alone():
     assert finer.line_id.size >= 3
 
 
+def test_the_first_source_begins_whatever_ends_earlier():
+    """A product's time base is that of the first source."""
+    text = (
+        "[spectrogram]\nwindow_s = 2.0\noutput = true\n"
+        "[short]\nstage = 'spectrogram'\nwindow_s = 0.05\noutput = true\n"
+    )
+    recipe = Recipe.from_toml("long and short", text)
+    made: list[str] = []
+    watch = Mock(made=lambda step, _: made.append(step.name))
+    engine = Engine(recipe.graph(), [], MemorySink(), watch)
+    engine.run_recording(recording_of(tones(30.0), RATE_HZ))
+    assert made[0] == "spectrogram"
+    # then the one whose next block ends first
+    assert made[1:4] == ["short"] * 3
+
+
 @pytest.mark.parametrize("block", [700, 65_536])
 def test_several_sources_read_the_sound_once_and_see_the_same(block):
     sound = tones(20.0)
@@ -404,6 +422,14 @@ def test_a_command_on_a_run_is_made_again_with_its_own_options(uwtrack, short_pa
     assert again.exit_code == 0, again.output
     assert uwtrack("diff", "c.h5", "again.h5").exit_code == 0
     assert uwtrack("diff", "c.h5", "p.run.h5").exit_code == 4
+
+
+def test_the_navigation_that_a_sensor_file_names_is_no_table_of_its_own(tmp_path):
+    sensor, nav = tmp_path / "a.sensor.toml", tmp_path / "nav.csv"
+    sensor.write_text('id = "a"\nkind = "array"\nnavigation = "nav.csv"\n')
+    nav.write_text("time_s,east_m,north_m\n0,0,0\n")
+    assert _navigation_of(sensor) == [nav]
+    assert _navigation_of(nav) == []
 
 
 def test_a_batch_resumes_a_recipe_with_branches(short_pass, tmp_path):

@@ -1,6 +1,7 @@
 """The estimators against the bound, each other, and published success rates."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from uwtrack_cli.motion.solvers.marquardt import minimise
 from uwtrack_cli.motion.solvers.recursive import estimate_recursively
 from uwtrack_cli.motion.solvers.simplex import nelder_mead, simplex_about
 from uwtrack_cli.motion.solvers.solvers import solve_mle
+from uwtrack_cli.motion.target import modes
 from uwtrack_cli.motion.target.joint_region import QUANTILE, ellipse_holds
 from uwtrack_cli.motion.target.model import to_motion, to_polar
 from uwtrack_cli.motion.target.modes import find_modes, profile_interval
@@ -365,3 +367,21 @@ def test_a_turning_array_rules_the_ghost_out_as_published(rows):
     best = found.value[ghosts].min() if ghosts.any() else np.inf
     assert best > 0.5 * published
     assert STEP_S == 6.0
+
+
+@pytest.mark.parametrize(
+    ("rise", "is_apart"), [(0.0, False), (0.9, False), (1.1, True)]
+)
+def test_minima_are_two_when_a_barrier_lies_between_them(monkeypatch, rise, is_apart):
+    """The misfit along the straight line is a cosine that rises by parts of the barrier."""
+    ends = np.array([[0.0, 0.1, 0.0, 0.0], [9.0, 0.1, 0.0, 0.0]])
+
+    def hill(_, q):
+        height = rise * modes.BARRIER * np.sin(np.pi * q[:, 0] / 9.0)
+        return SimpleNamespace(value=50.0 + height)
+
+    monkeypatch.setattr(modes, "misfit", hill)
+    fit = SimpleNamespace(
+        q=ends, value=np.full(2, 50.0), matrix=np.stack([np.eye(4)] * 2)
+    )
+    assert modes._apart(None, fit, 1, 0) is is_apart
