@@ -6,7 +6,10 @@ import pytest
 from tests.lines.line_scenes import line_peaks
 from tests.lines.line_scores import STEP_S, Scene, score, tracked
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.estimation.kalman import KalmanState
+from uwtrack_cli.lines.paths.path_ends import PathEnd, _is_there
 from uwtrack_cli.lines.track import track_lines
+from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
 
 N_BEFORE, N_AFTER = 160, 160
 TEETH = np.array([3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
@@ -109,3 +112,16 @@ def test_trace_gives_no_number_to_lines_without_a_common_ratio() -> None:
     lines = tracked(scene, 4, "trace")
     assert score(scene, lines).ids == 2.0
     assert lines.jump_time_s.size == 0
+
+
+def test_bearings_tell_which_ends_and_beginnings_may_be_one_vessel() -> None:
+    def at(bearing_deg, std_deg):
+        state = KalmanState(*np.zeros((5, 2)))
+        state.position[:], state.variance[:] = (300.0, bearing_deg), (0.01, std_deg**2)
+        return PathEnd(1, 0.0, state)
+
+    unknown = np.sqrt(UNKNOWN_BEARING_VARIANCE)
+    ends = [at(359.0, 2.0), at(90.0, unknown)]
+    begins = [at(2.0, 2.0), at(20.0, 2.0), at(20.0, 9.0)]
+    # 3 and 21 degrees apart: four deviations are 11 with two good bearings, 37 with one
+    assert _is_there(ends, begins).tolist() == [[True, False, True], [True] * 3]

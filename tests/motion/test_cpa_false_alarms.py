@@ -20,9 +20,9 @@ def noise_counts(runs, seed):
 
 
 def test_noise_is_hardly_ever_taken_for_a_passage():
-    counts = dict(zip(STATED, noise_counts(5, 1), strict=True))
+    counts = dict(zip(STATED, noise_counts(8, 1), strict=True))
     assert counts[0.001] == counts[0.01] == 0
-    assert counts[0.1] <= 3  # or more of five: once in 2000 such tests
+    assert counts[0.1] <= 4
 
 
 @pytest.mark.long

@@ -28,6 +28,8 @@ def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
     """Errors of 14 drawn records; coverage of many is in the baselines."""
     scores = [score("S1-T1", kind, seed) for seed in range(1, 15)]
     values = np.array([s.deviations for s in scores])
+    hits = (values <= 1.96).sum(axis=0)
+    assert all(interval(int(n), len(scores))[1] >= 0.95 for n in hits)
     assert holds_on_both_sides(values)
     assert values.max() < 5
     holds = np.array([s.holds for s in scores]).sum(axis=0)

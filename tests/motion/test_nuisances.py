@@ -31,6 +31,8 @@ def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
     values = deviations(draws)
     values = values[:, np.isfinite(values).all(axis=0)]
     assert values.shape[1] >= 4
+    hits = (values <= 1.96).sum(axis=0)
+    assert all(interval(int(n), len(draws))[1] >= 0.95 for n in hits)
     assert holds_on_both_sides(values)
     assert values.max() < 5
     assert not any(draw.wrong_side for draw in draws)

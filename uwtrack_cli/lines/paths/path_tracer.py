@@ -2,11 +2,10 @@
 
 **Method.** Windows overlap by one half. A path that runs beside the path of a line of
 the window before is that line; one that begins where a line that fell silent would be by
-now is that line, too, as in `lines.tracking.line_continuation`. Paths that begin
-where a machine's change of speed has put its lines go on with those (`path_ends`). Of
-each window the middle half is final, where a path is
-best determined; the first window's beginning, the last one's end and the whole of a
-line that appears or ends are added.
+now is that line, too, as in `lines.tracking.line_continuation`. Paths that begin where a
+machine's change of speed has put its lines go on with those (`path_ends`). Of each window
+the middle half is final, where a path is best determined; the first window's beginning,
+the last one's end and the whole of a line that appears or ends are added.
 
 **Conventions.** Windows are counted in frames from the first, so blocks do not matter.
 
@@ -322,7 +321,7 @@ class PathTracer:
         list of FoundPath
             The paths, those of lines that jumped cut where they did.
         """
-        held = {old.line for old in self.living if old.out_to <= old.frame[0]}
+        inside = {old.line for old in self.living if old.out_to <= old.frame[0]}
         silent, fresh = list(self.ended), []
         for k in sorted(range(len(paths)), key=lambda k: paths[k].first):
             if lines[k] == 0:
@@ -331,9 +330,9 @@ class PathTracer:
                 )
             if lines[k] == 0:
                 lines[k] = self.next_line
-                held.add(self.next_line)
+                inside.add(self.next_line)
                 self.next_line += 1
-            if lines[k] in held:
+            if lines[k] in inside:  # no point of it is out
                 fresh.append(k)
             silent = [end for end in silent if end.line != lines[k]]
             end = end_of(data, measured, states, int(lines[k]), k, paths[k].stop)
