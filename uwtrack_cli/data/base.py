@@ -3,8 +3,12 @@
 **Conventions.** A container is a frozen dataclass. A field made by `column` is an
 array whose axes have names; all columns that share an axis have the same length
 along it. A field made by `scalar` is one value. A field whose type is a container
-itself is a *part*: it is stored as a group of its own beside its owner. The unit
-is the last word of a field's name, and is also given to the field for the files.
+itself is a *part*: it is stored as a group of its own beside its owner.
+
+What a declaration says of itself is not said again: a column that names no axis lies
+on the class's `Container.ROW`; its elements are those of its annotation (64 bits, where
+it names no narrower ``dtype``), and it may be left out where the annotation has None;
+the unit is the last word of its name, as in ``bearing_deg``, where it gives no other.
 
 A *ragged table* holds what the rows of another axis have in any number: rest
 frequencies of an encounter, reasons. It is an axis of its own whose first column, the
@@ -14,7 +18,8 @@ one with an ``owner``, holds the row of that axis that each row belongs to.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from inspect import get_annotations
-from typing import Any, ClassVar, Self, TypeVar
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -26,6 +31,18 @@ IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
 TextArray = NDArray[np.str_]
 T = TypeVar("T")
+
+UNITS = {
+    "per_s": "1/s", "s": "s", "ns": "ns", "hz": "Hz", "hzps": "Hz/s", "db": "dB",
+    "m": "m", "m2": "m^2", "mps": "m/s", "deg": "degree", "degps": "degree/s",
+    "latitude": "degree", "longitude": "degree",
+}  # fmt: skip
+"""Unit as files give it, by the end of a field's name; the first that fits."""
+
+ELEMENTS: dict[Any, type[np.generic]] = {
+    FloatArray: np.float64, IntArray: np.int64, BoolArray: np.bool_, TextArray: np.str_
+}  # fmt: skip
+"""Elements of a column that names no narrower type, by its annotation."""
 
 
 @dataclass(frozen=True)
@@ -46,27 +63,61 @@ class Column:
     """Axis whose row numbers it holds, in a ragged table; else empty."""
 
 
+@dataclass(frozen=True)
+class _Declared:
+    """A field as its class declares it; `Container` completes it by its annotation."""
+
+    description: str
+    axes: tuple[str, ...] | None
+    unit: str | None
+    dtype: DTypeLike | None
+    owner: str
+    default: Any
+
+
 def column(
-    unit: str,
     description: str,
     *axes: str,
-    dtype: DTypeLike = np.float64,
-    optional: bool = False,
+    unit: str | None = None,
+    dtype: DTypeLike | None = None,
     owner: str = "",
 ) -> Any:
-    """Declare an array field: see `Column`."""
-    spec = Column(axes, unit, np.dtype(dtype), description, optional, owner)
-    return field(default=None if optional else MISSING, metadata={"column": spec})
+    """Declare an array field: see `Column`, and the conventions above."""
+    return _Declared(description, axes, unit, dtype, owner, MISSING)
 
 
-def deviation(unit: str, *axes: str, optional: bool = False) -> Any:
+def deviation(*axes: str) -> Any:
     """Declare the standard deviation of the column that stands before it."""
-    return column(unit, "Its standard deviation.", *axes, optional=optional)
+    return column("Its standard deviation.", *axes)
 
 
-def scalar(unit: str, description: str, default: Any = MISSING) -> Any:
+def scalar(description: str, default: Any = MISSING, *, unit: str | None = None) -> Any:
     """Declare a single value (int, float, str or bool; None means unknown)."""
-    return field(default=default, metadata={"unit": unit, "description": description})
+    return _Declared(description, None, unit, None, "", default)
+
+
+def _completed(name: str, hint: Any, declared: _Declared, row: str) -> Any:
+    """Return the field of a declaration, by its name and its annotation."""
+    kinds = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+    unit = declared.unit
+    if unit is None:
+        usual = "1" if kinds[0] in {int, float, bool, *ELEMENTS} - {TextArray} else ""
+        ends = (each for each in UNITS if f"_{name}".endswith(f"_{each}"))
+        unit = UNITS.get(next(ends, ""), usual)
+    text = declared.description
+    if declared.axes is None:
+        metadata = {"unit": unit, "description": text}
+        return field(default=declared.default, metadata=metadata)
+    spec = Column(
+        axes=declared.axes or (row,),
+        unit=unit,
+        dtype=np.dtype(declared.dtype or ELEMENTS[kinds[0]]),
+        description=text,
+        optional=NoneType in kinds,
+        owner=declared.owner,
+    )
+    default = None if spec.optional else MISSING
+    return field(default=default, metadata={"column": spec})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,6 +127,9 @@ class Container:
     NAME: ClassVar[str] = ""
     """The name of the container in files and on the command line."""
 
+    ROW: ClassVar[str] = ""
+    """The axis of its rows: that of the columns that name none."""
+
     FIXED_AXES: ClassVar[tuple[str, ...]] = ()
     """Axes that do not grow when blocks of a stream are joined."""
 
@@ -84,6 +138,13 @@ class Container:
 
     _known_columns: ClassVar[dict[str, Column]]
     """What `columns` returns, once it was asked of the class itself."""
+
+    def __init_subclass__(cls) -> None:
+        """Complete what the class declares, before it is made a dataclass."""
+        for name, hint in get_annotations(cls).items():
+            declared = cls.__dict__.get(name)
+            if isinstance(declared, _Declared):
+                setattr(cls, name, _completed(name, hint, declared, cls.ROW))
 
     def __post_init__(self) -> None:
         """Convert every column to its type, freeze it and check the axes."""
@@ -268,9 +329,9 @@ class HasReasons(Container):
     """
 
     reason_key: TextArray = column(
-        "", "Name of the value that is missing or limited.", "reason", dtype=np.str_
+        "Name of the value that is missing or limited.", "reason"
     )
-    reason_text: TextArray = column("", "Why it is.", "reason", dtype=np.str_)
+    reason_text: TextArray = column("Why it is.", "reason")
 
     def reasons(self, row: int) -> dict[str, str]:
         """Return what is missing in a row of the main axis, and why, by key."""
@@ -291,16 +352,15 @@ class HasNuisances(Container):
     """
 
     nuisance_name: TextArray | None = column(
-        "", "Fact that is not known exactly, with its unit.", "nuisance",
-        dtype=np.str_, optional=True,
-    )  # fmt: skip
-    nuisance_value: FloatArray | None = column(
-        "1", "Its estimate, or the value that was assumed.", "nuisance", optional=True
+        "Fact that is not known exactly, with its unit.", "nuisance"
     )
-    nuisance_std: FloatArray | None = deviation("1", "nuisance", optional=True)
+    nuisance_value: FloatArray | None = column(
+        "Its estimate, or the value that was assumed.", "nuisance"
+    )
+    nuisance_std: FloatArray | None = deviation("nuisance")
     nuisance_share: FloatArray | None = column(
-        "1", "Share of the variance of the speed (encounters) or of the range (motions) "
-        "that it causes; nan without one.", "nuisance", optional=True,
+        "Share of the variance of the speed (encounters) or of the range (motions) "
+        "that it causes; nan without one.", "nuisance",
     )  # fmt: skip
 
     def nuisances(self, row: int) -> dict[str, dict[str, float]]:
@@ -332,11 +392,9 @@ class HasRestFrequencies(Container):
     Beside these columns, it has one with the rows that the frequencies belong to.
     """
 
-    rest_line_id: IntArray = column(
-        "1", "Line that it was fitted to.", "rest_line", dtype=np.int64
-    )
-    rest_frequency_hz: FloatArray = column("Hz", "Rest frequency.", "rest_line")
-    rest_frequency_std_hz: FloatArray = deviation("Hz", "rest_line")
+    rest_line_id: IntArray = column("Line that it was fitted to.", "rest_line")
+    rest_frequency_hz: FloatArray = column("Rest frequency.", "rest_line")
+    rest_frequency_std_hz: FloatArray = deviation("rest_line")
 
 
 def flatten(lists: Iterable[Iterable[T]]) -> tuple[IntArray, list[T]]:

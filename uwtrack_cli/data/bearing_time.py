@@ -23,6 +23,7 @@ class BearingTime(Container):
     """
 
     NAME: ClassVar[str] = "bearing_time"
+    ROW: ClassVar[str] = "frame"
     STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("beam",)
     STANDS_FOR: ClassVar[str] = "peaks"
@@ -31,54 +32,47 @@ class BearingTime(Container):
     frames: Frames
     """Time base of the rows."""
     cos_angle: FloatArray | None = column(
-        "1", "Cosine of the angle from the array's head; beyond 1 in the last beams; "
-        "None: no line array.", "beam", optional=True,
+        "Cosine of the angle from the array's head; beyond 1 in the last beams; None: "
+        "no line array.", "beam",
     )  # fmt: skip
     azimuth_deg: FloatArray | None = column(
-        "degree", "Angle from the array's head, clockwise; the level is that of the "
-        "loudest elevation. None: a line array.", "beam", optional=True,
+        "Angle from the array's head, clockwise; the level is that of the loudest "
+        "elevation. None: a line array.", "beam",
     )  # fmt: skip
     diffuse_power: FloatArray | None = column(
-        "1", "Power that noise from all around would give over the median of all beams; "
-        "None: not known.", "beam", optional=True,
+        "Power that noise from all around would give over the median of all beams; "
+        "None: not known.", "beam",
     )  # fmt: skip
     level_db: FloatArray = column(
-        "dB", "Level of the beam in the band (re the reference).", "frame", "beam",
-        dtype=np.float32,
-    )  # fmt: skip
-    excess_db: FloatArray = column(
-        "dB", "Mean over the band of the power over the median of all beams' noise; a line "
-        "counts as much as strong noise.",
+        "Level of the beam in the band (re the reference).",
         "frame", "beam", dtype=np.float32,
     )  # fmt: skip
-    east_m: FloatArray = column(
-        "m", "East of the array's middle; nan if unknown.", "frame"
-    )
-    north_m: FloatArray = column(
-        "m", "North of the array's middle; nan if unknown.", "frame"
-    )
-    heading_deg: FloatArray = column(
-        "degree", "Compass heading of the array; nan if unknown.", "frame"
-    )
+    excess_db: FloatArray = column(
+        "Mean over the band of the power over the median of all beams' noise; a line "
+        "counts as much as strong noise.", "frame", "beam", dtype=np.float32,
+    )  # fmt: skip
+    east_m: FloatArray = column("East of the array's middle; nan if unknown.")
+    north_m: FloatArray = column("North of the array's middle; nan if unknown.")
+    heading_deg: FloatArray = column("Compass heading of the array; nan if unknown.")
     bend_deg: FloatArray = column(
-        "degree", "Change of heading from tail to head; nan if unknown.", "frame"
+        "Change of heading from tail to head; nan if unknown."
     )
-    band_low_hz: float = scalar("Hz", "Lower edge of the band.")
-    band_high_hz: float = scalar("Hz", "Upper edge of the band.")
+    band_low_hz: float = scalar("Lower edge of the band.")
+    band_high_hz: float = scalar("Upper edge of the band.")
     design_frequency_hz: float = scalar(
-        "Hz", "Frequency above which directions are not unique."
+        "Frequency above which directions are not unique."
     )
     sidelobe_db: float | None = scalar(
-        "dB", "Sidelobes of its beams below the main lobe; None: not known.", None
+        "Sidelobes of its beams below the main lobe; None: not known.", None
     )
-    shading: str = scalar("", "Weights of the hydrophones; empty: not known.", "")
-    beamformer: str = scalar("", "'conventional' or 'mvdr'.")
-    side: str = scalar("", "Side that bearings are written for, starboard or port.")
+    shading: str = scalar("Weights of the hydrophones; empty: not known.", "")
+    beamformer: str = scalar("'conventional' or 'mvdr'.")
+    side: str = scalar("Side that bearings are written for, starboard or port.")
     ambiguity: str = scalar(
-        "", "'mirror' if the side is open, 'elevation' or 'plane' as in directions, "
-        "else 'none'."
-    )  # fmt: skip
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+        "'mirror' if the side is open, 'elevation' or 'plane' as in directions, else "
+        "'none'."
+    )
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
     peaks: Peaks | None = None
     """Peaks in frequency and direction; None where they only passed by."""
     directions: Directions | None = None

@@ -22,22 +22,23 @@ class Decidecades(Container):
     """Sound pressure levels in decidecade bands, averaged over a second or so a row."""
 
     NAME: ClassVar[str] = "decidecades"
+    ROW: ClassVar[str] = "row"
     STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("band",)
 
-    time_s: FloatArray = column("s", "Middle of a row, from the first sample.", "row")
+    time_s: FloatArray = column("Middle of a row, from the first sample.")
     centre_hz: FloatArray = column(
-        "Hz", "Centre of a band: 1000 Hz times a power of 10^(1/10).", "band"
+        "Centre of a band: 1000 Hz times a power of 10^(1/10).", "band"
     )
     level_db: FloatArray = column(
-        "dB", "Mean square in the band (re the reference); nan where samples are missing.",
+        "Mean square in the band (re the reference); nan where samples are missing.",
         "row", "band", dtype=np.float32,
     )  # fmt: skip
-    average_s: float = scalar("s", "Time that a row is averaged over.")
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
-    sensor: str = scalar("", "Identifier of the sensor.")
+    average_s: float = scalar("Time that a row is averaged over.")
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
+    sensor: str = scalar("Identifier of the sensor.")
     start_utc_ns: int | None = scalar(
-        "ns", "First sample since 1970-01-01 UTC; None if unknown."
+        "First sample since 1970-01-01 UTC; None if unknown."
     )
 
 
@@ -50,27 +51,26 @@ class RadiatedLevels(HasReasons):
     """
 
     NAME: ClassVar[str] = "radiated"
+    ROW: ClassVar[str] = "level"
 
-    contact: IntArray = column("1", "Contact of the passage.", "level", dtype=np.int64)
-    sensor: TextArray = column("", "Identifier of the sensor.", "level", dtype="U")
+    contact: IntArray = column("Contact of the passage.")
+    sensor: TextArray = column("Identifier of the sensor.")
     time_utc_ns: IntArray = column(
-        "ns", "Closest approach since 1970-01-01 UTC; -1 if the start is unknown.",
-        "level", dtype=np.int64,
-    )  # fmt: skip
-    centre_hz: FloatArray = column("Hz", "Centre of the band.", "level")
-    radiated_noise_level_db: FloatArray = column(
-        "dB", "Radiated noise level, re 1 uPa at 1 m.", "level"
+        "Closest approach since 1970-01-01 UTC; -1 if the start is unknown."
     )
-    radiated_noise_level_std_db: FloatArray = deviation("dB", "level")
+    centre_hz: FloatArray = column("Centre of the band.")
+    radiated_noise_level_db: FloatArray = column(
+        "Radiated noise level, re 1 uPa at 1 m."
+    )
+    radiated_noise_level_std_db: FloatArray = deviation()
     received_level_db: FloatArray = column(
-        "dB", "Mean square in the band while the vessel was within 30 degrees.", "level"
+        "Mean square in the band while the vessel was within 30 degrees."
     )
     background_level_db: FloatArray = column(
-        "dB", "Mean square in the band without the vessel.", "level"
+        "Mean square in the band without the vessel."
     )
     reason_level: IntArray = column(
-        "1", "Row of the level that a reason belongs to.", "reason",
-        dtype=np.int64, owner="level",
-    )  # fmt: skip
-    spreading_db: float = scalar("dB", "Loss per decade of range that was assumed.")
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+        "Row of the level that a reason belongs to.", "reason", owner="level"
+    )
+    spreading_db: float = scalar("Loss per decade of range that was assumed.")
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")

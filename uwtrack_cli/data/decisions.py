@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from uwtrack_cli.data.base import (
     BoolArray,
     FloatArray,
@@ -30,77 +28,65 @@ class Decision(HasReasons):
     """
 
     NAME: ClassVar[str] = "decision"
+    ROW: ClassVar[str] = "pair"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("filter", "hypothesis")
 
-    first_contact: IntArray = column("1", "First contact.", "pair", dtype=np.int64)
-    second_contact: IntArray = column("1", "Second contact.", "pair", dtype=np.int64)
+    first_contact: IntArray = column("First contact.")
+    second_contact: IntArray = column("Second contact.")
     verdict: TextArray = column(
-        "",
-        "'first moves', 'second moves', 'undecided', 'both move' or 'neither reading'.",
-        "pair",
-        dtype=np.str_,
+        "'first moves', 'second moves', 'undecided', 'both move' or 'neither reading'."
     )
     probability: FloatArray = column(
-        "1",
         "Probability of the likelier hypothesis, both alike at first; nan where both "
-        "are rejected.",
-        "pair",
+        "are rejected."
     )
     final_log_odds: FloatArray = column(
-        "1", "Log odds at the decision, or at the last scan.", "pair"
+        "Log odds at the decision, or at the last scan."
     )
-    decision_time_s: FloatArray = column(
-        "s", "Time of the decision; nan without one.", "pair"
-    )
+    decision_time_s: FloatArray = column("Time of the decision; nan without one.")
     decision_scan: IntArray = column(
-        "1", "Scans taken for it, the first included; 0 without a decision.", "pair",
-        dtype=np.int64,
-    )  # fmt: skip
+        "Scans taken for it, the first included; 0 without a decision."
+    )
     expected_scans: FloatArray = column(
-        "1", "Mean number of scans to a decision at this growth of the odds.",
-        "pair",
-    )  # fmt: skip
+        "Mean number of scans to a decision at this growth of the odds."
+    )
     fixed_scans: FloatArray = column(
-        "1", "Scans that a test of fixed length needs for the same errors.", "pair"
+        "Scans that a test of fixed length needs for the same errors."
     )
     fixed_verdict: TextArray = column(
-        "", "What that test says; empty where the scans do not suffice.", "pair",
-        dtype=np.str_,
-    )  # fmt: skip
+        "What that test says; empty where the scans do not suffice."
+    )
     consistency: FloatArray = column(
-        "1", "Probability of an innovation as large as that of each filter.",
+        "Probability of an innovation as large as that of each filter.",
         "pair", "filter",
     )  # fmt: skip
     inverse_range_std: FloatArray = column(
-        "1", "Relative deviation of the drifting filter's range: second, first contact.",
+        "Relative deviation of the drifting filter's range: second, first contact.",
         "pair", "hypothesis",
     )  # fmt: skip
     observable: BoolArray = column(
-        "1", "Whether that range was observable: second, first contact.",
-        "pair", "hypothesis", dtype=np.bool_,
+        "Whether that range was observable: second, first contact.",
+        "pair", "hypothesis",
     )  # fmt: skip
     reason_pair: IntArray = column(
-        "1", "Row of the pair that a reason belongs to.", "reason",
-        dtype=np.int64, owner="pair",
-    )  # fmt: skip
-    scan_pair: IntArray = column(
-        "1", "Row of the pair.", "scan", dtype=np.int64, owner="pair"
+        "Row of the pair that a reason belongs to.", "reason", owner="pair"
     )
-    scan_time_s: FloatArray = column("s", "Time of the scan.", "scan")
-    log_odds: FloatArray = column("1", "Log odds after the scan.", "scan")
+    scan_pair: IntArray = column("Row of the pair.", "scan", owner="pair")
+    scan_time_s: FloatArray = column("Time of the scan.", "scan")
+    log_odds: FloatArray = column("Log odds after the scan.", "scan")
     log_likelihood: FloatArray = column(
-        "1", "Sum of the log likelihoods of each filter so far.", "scan", "filter"
+        "Sum of the log likelihoods of each filter so far.", "scan", "filter"
     )
-    lower_threshold: float = scalar("1", "Log odds that decide for 'first moves'.")
-    upper_threshold: float = scalar("1", "Log odds that decide for 'second moves'.")
-    miss_probability: float = scalar("1", "Miss probability allowed to each pair.")
+    lower_threshold: float = scalar("Log odds that decide for 'first moves'.")
+    upper_threshold: float = scalar("Log odds that decide for 'second moves'.")
+    miss_probability: float = scalar("Miss probability allowed to each pair.")
     false_alarm_probability: float = scalar(
-        "1", "False alarm probability allowed to each pair."
+        "False alarm probability allowed to each pair."
     )
     moving_contact: int = scalar(
-        "1", "The contact that was found moving against all others; 0 for none."
+        "The contact that was found moving against all others; 0 for none."
     )
-    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+    start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
 
     @property
     def statements(self) -> tuple[str, ...]:

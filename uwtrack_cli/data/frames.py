@@ -19,41 +19,36 @@ class Frames(Container):
     """
 
     NAME: ClassVar[str] = "frames"
+    ROW: ClassVar[str] = "frame"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("band",)
 
-    start_sample: IntArray = column(
-        "1", "First sample of the frame in the recording.", "frame", dtype=np.int64
-    )
-    time_s: FloatArray = column(
-        "s", "Centre of the frame, counted from the first sample.", "frame"
-    )
+    start_sample: IntArray = column("First sample of the frame in the recording.")
+    time_s: FloatArray = column("Centre of the frame, counted from the first sample.")
     valid_fraction: FloatArray = column(
-        "1", "Share of the frame's samples that are valid; 0 in a gap.", "frame",
-        dtype=np.float32,
-    )  # fmt: skip
-    band_low_hz: FloatArray = column("Hz", "Lower edge of a noise band.", "band")
-    band_high_hz: FloatArray = column("Hz", "Upper edge of a noise band.", "band")
+        "Share of the frame's samples that are valid; 0 in a gap.", dtype=np.float32
+    )
+    band_low_hz: FloatArray = column("Lower edge of a noise band.", "band")
+    band_high_hz: FloatArray = column("Upper edge of a noise band.", "band")
     noise_db: FloatArray = column(
-        "dB", "Noise density per band; nan before peaks were sought.", "frame", "band",
-        dtype=np.float32,
+        "Noise density per band; nan before peaks were sought.",
+        "frame", "band", dtype=np.float32,
     )  # fmt: skip
     threshold_db: FloatArray = column(
-        "dB", "Detection threshold above the noise; nan before peaks were sought.",
-        "frame", dtype=np.float32,
+        "Detection threshold above the noise; nan before peaks were sought.",
+        dtype=np.float32,
     )  # fmt: skip
     array_heading_deg: FloatArray | None = column(
-        "degree", "Heading of a line array that cannot tell port from starboard; nan "
-        "where its bearings are not given. None: bearings are of one side.",
-        "frame", optional=True,
-    )  # fmt: skip
-    sensor: str = scalar("", "Identifier of the sensor.")
-    sample_rate_hz: float = scalar("Hz", "Sample rate of the recording.")
-    window_samples: int = scalar("1", "Length of the analysis window.")
-    hop_samples: int = scalar("1", "Samples from one frame to the next.")
-    fft_length: int = scalar("1", "Length of the transform.")
-    first_frame: int = scalar("1", "Index of the first row.", 0)
+        "Heading of a line array that cannot tell port from starboard; nan where its "
+        "bearings are not given. None: bearings are of one side."
+    )
+    sensor: str = scalar("Identifier of the sensor.")
+    sample_rate_hz: float = scalar("Sample rate of the recording.")
+    window_samples: int = scalar("Length of the analysis window.")
+    hop_samples: int = scalar("Samples from one frame to the next.")
+    fft_length: int = scalar("Length of the transform.")
+    first_frame: int = scalar("Index of the first row.", 0)
     start_utc_ns: int | None = scalar(
-        "ns", "Time of the first sample since 1970-01-01 UTC.", None
+        "Time of the first sample since 1970-01-01 UTC.", None
     )
 
     @classmethod

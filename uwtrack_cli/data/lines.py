@@ -39,6 +39,7 @@ class Lines(Container):
     """
 
     NAME: ClassVar[str] = "lines"
+    ROW: ClassVar[str] = "point"
     STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("state", "state_too")
 
@@ -46,111 +47,78 @@ class Lines(Container):
     """Time base of the points, with the noise of each frame."""
     families: Families
     """Harmonic families of the lines."""
-    line: IntArray = column("1", "Line of the point.", "point", dtype=np.int32)
-    frame: IntArray = column("1", "Frame of the point.", "point", dtype=np.int32)
-    time_s: FloatArray = column(
-        "s", "Centre of the frame, counted from the first sample.", "point"
-    )
-    frequency_hz: FloatArray = column("Hz", "Smoothed frequency.", "point")
-    frequency_rate_hzps: FloatArray = column(
-        "Hz/s", "Its rate of change.", "point", dtype=np.float32
-    )
+    line: IntArray = column("Line of the point.", dtype=np.int32)
+    frame: IntArray = column("Frame of the point.", dtype=np.int32)
+    time_s: FloatArray = column("Centre of the frame, counted from the first sample.")
+    frequency_hz: FloatArray = column("Smoothed frequency.")
+    frequency_rate_hzps: FloatArray = column("Its rate of change.", dtype=np.float32)
     frequency_covariance: FloatArray = column(
-        "Hz^2",
         "Covariance of frequency and rate (Hz, Hz/s).",
-        "point",
-        "state",
-        "state_too",
-        dtype=np.float32,
-    )
+        "point", "state", "state_too", unit="Hz^2", dtype=np.float32,
+    )  # fmt: skip
     bearing_deg: FloatArray = column(
-        "degree",
-        "Smoothed compass bearing; nan without direction.",
-        "point",
-        dtype=np.float32,
+        "Smoothed compass bearing; nan without direction.", dtype=np.float32
     )
-    bearing_rate_degps: FloatArray = column(
-        "degree/s", "Its rate of change.", "point", dtype=np.float32
-    )
+    bearing_rate_degps: FloatArray = column("Its rate of change.", dtype=np.float32)
     bearing_covariance: FloatArray = column(
-        "degree^2",
         "Covariance of bearing and rate (degree, degree/s).",
-        "point",
-        "state",
-        "state_too",
-        dtype=np.float32,
-    )
+        "point", "state", "state_too", unit="degree^2", dtype=np.float32,
+    )  # fmt: skip
     association: IntArray = column(
-        "1", "2 detected, 1 below the threshold, 0 coasted.", "point", dtype=np.int8
+        "2 detected, 1 below the threshold, 0 coasted.", dtype=np.int8
     )
-    measured_frequency_hz: FloatArray = column("Hz", "Raw frequency.", "point")
+    measured_frequency_hz: FloatArray = column("Raw frequency.")
     measured_frequency_std_hz: FloatArray = column(
-        "Hz", "Standard deviation of the raw frequency.", "point", dtype=np.float32
+        "Standard deviation of the raw frequency.", dtype=np.float32
     )
-    measured_bearing_deg: FloatArray = column(
-        "degree", "Raw bearing.", "point", dtype=np.float32
-    )
+    measured_bearing_deg: FloatArray = column("Raw bearing.", dtype=np.float32)
     measured_bearing_std_deg: FloatArray = column(
-        "degree", "Standard deviation of the raw bearing.", "point", dtype=np.float32
+        "Standard deviation of the raw bearing.", dtype=np.float32
     )
-    measured_level_db: FloatArray = column(
-        "dB", "Raw level of the line.", "point", dtype=np.float32
-    )
+    measured_level_db: FloatArray = column("Raw level of the line.", dtype=np.float32)
     measured_snr_db: FloatArray = column(
-        "dB",
-        "Power of the line's cell over the noise in it.",
-        "point",
-        dtype=np.float32,
+        "Power of the line's cell over the noise in it.", dtype=np.float32
     )
     window_s: FloatArray | None = column(
-        "s", "Length of the point's own frame, where rungs of a ladder are joined; None: "
-        "that of the frames.", "point", optional=True,
-    )  # fmt: skip
-    line_id: IntArray = column("1", "Identifier of the line.", "line", dtype=np.int64)
-    line_contact: IntArray = column(
-        "1", "Contact that the line belongs to, from 1; 0 for none.", "line",
-        dtype=np.int64,
-    )  # fmt: skip
-    line_family: IntArray = column(
-        "1", "Harmonic family of the line; -1 for none.", "line", dtype=np.int64
+        "Length of the point's own frame, where rungs of a ladder are joined; None: "
+        "that of the frames."
     )
+    line_id: IntArray = column("Identifier of the line.", "line")
+    line_contact: IntArray = column(
+        "Contact that the line belongs to, from 1; 0 for none.", "line"
+    )
+    line_family: IntArray = column("Harmonic family of the line; -1 for none.", "line")
     line_status: TextArray = column(
-        "", "'moving', 'steady' or 'hum' (mains, no Doppler, no bearing change).",
-        "line", dtype=np.str_,
-    )  # fmt: skip
+        "'moving', 'steady' or 'hum' (mains, no Doppler, no bearing change).", "line"
+    )
     line_unresolved_share: FloatArray | None = column(
-        "1", "Share of its time in which another line is nearer than 1.75 natural bins, "
-        "and the two are not resolved.", "line", optional=True,
+        "Share of its time in which another line is nearer than 1.75 natural bins, and "
+        "the two are not resolved.", "line",
     )  # fmt: skip
     jump_time_s: FloatArray | None = column(
-        "s", "When a machine changed its speed at once, and its lines with it.",
-        "jump", optional=True,
-    )  # fmt: skip
+        "When a machine changed its speed at once, and its lines with it.", "jump"
+    )
     jump_ratio: FloatArray | None = column(
-        "1", "Its rate afterwards over the rate before.", "jump", optional=True
+        "Its rate afterwards over the rate before.", "jump"
     )
     jump_ratio_std: FloatArray | None = column(
-        "1", "Standard deviation of the ratio.", "jump", optional=True
+        "Standard deviation of the ratio.", "jump"
     )
-    jump_line_count: IntArray | None = column(
-        "1", "Lines that jumped together.", "jump", dtype=np.int64, optional=True
-    )
+    jump_line_count: IntArray | None = column("Lines that jumped together.", "jump")
     jump_contact: IntArray | None = column(
-        "1", "Contact of these lines; 0 for none.", "jump", dtype=np.int64,
-        optional=True,
-    )  # fmt: skip
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+        "Contact of these lines; 0 for none.", "jump"
+    )
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
     false_lines_per_khz_hour: float = scalar(
-        "1/(kHz h)", "Expected rate of lines in noise alone."
+        "Expected rate of lines in noise alone.", unit="1/(kHz h)"
     )
     weakest_line_snr_db: float = scalar(
-        "dB", "Cell SNR of the weakest steady line found with probability 0.5."
+        "Cell SNR of the weakest steady line found with probability 0.5."
     )
     measured_false_lines_per_khz_hour: float = scalar(
-        "1/(kHz h)",
         "The same rate as measured on the recording's own noise; nan if it was not.",
-        float("nan"),
-    )
+        float('nan'), unit="1/(kHz h)",
+    )  # fmt: skip
 
     @classmethod
     def join(cls, blocks: Sequence[Self]) -> Self:

@@ -25,59 +25,52 @@ class Peaks(Container):
     """
 
     NAME: ClassVar[str] = "peaks"
+    ROW: ClassVar[str] = "peak"
     STREAMS: ClassVar[bool] = True
 
     frames: Frames
     """Time base of the peaks, with the noise of each frame."""
-    frame: IntArray = column(
-        "1", "Index of the frame in the recording.", "peak", dtype=np.int64
-    )
-    frequency_hz: FloatArray = column("Hz", "Interpolated frequency.", "peak")
+    frame: IntArray = column("Index of the frame in the recording.")
+    frequency_hz: FloatArray = column("Interpolated frequency.")
     frequency_std_hz: FloatArray = column(
-        "Hz", "Standard deviation of the frequency.", "peak", dtype=np.float32
+        "Standard deviation of the frequency.", dtype=np.float32
     )
     level_db: FloatArray = column(
-        "dB", "Level of the line (re the reference).", "peak", dtype=np.float32
+        "Level of the line (re the reference).", dtype=np.float32
     )
     snr_db: FloatArray = column(
-        "dB", "Power of the peak's cell over the noise in it.", "peak",
-        dtype=np.float32,
-    )  # fmt: skip
+        "Power of the peak's cell over the noise in it.", dtype=np.float32
+    )
     bearing_deg: FloatArray = column(
-        "degree", "Compass bearing from the sensor; nan without direction.", "peak",
-        dtype=np.float32,
-    )  # fmt: skip
+        "Compass bearing from the sensor; nan without direction.", dtype=np.float32
+    )
     bearing_std_deg: FloatArray = column(
-        "degree", "Standard deviation of the bearing.", "peak", dtype=np.float32
+        "Standard deviation of the bearing.", dtype=np.float32
     )
     is_detection: BoolArray = column(
-        "1", "Whether the peak exceeds the detection threshold.", "peak", dtype=np.bool_
+        "Whether the peak exceeds the detection threshold."
     )
     cone_deg: FloatArray | None = column(
-        "degree", "Angle from the head of a line array, 0 to 180; None: no array.",
-        "peak", dtype=np.float32, optional=True,
+        "Angle from the head of a line array, 0 to 180; None: no array.",
+        dtype=np.float32,
     )  # fmt: skip
     cone_std_deg: FloatArray | None = column(
-        "degree", "Standard deviation of that angle.", "peak",
-        dtype=np.float32, optional=True,
-    )  # fmt: skip
+        "Standard deviation of that angle.", dtype=np.float32
+    )
     elevation_deg: FloatArray | None = column(
-        "degree", "Angle above the horizontal; None: no planar or volume array.",
-        "peak", dtype=np.float32, optional=True,
-    )  # fmt: skip
+        "Angle above the horizontal; None: no planar or volume array.", dtype=np.float32
+    )
     elevation_std_deg: FloatArray | None = column(
-        "degree", "Standard deviation of that angle.", "peak",
-        dtype=np.float32, optional=True,
-    )  # fmt: skip
+        "Standard deviation of that angle.", dtype=np.float32
+    )
     is_aliased: BoolArray | None = column(
-        "1", "Whether a grating lobe of the array may stand for the direction.", "peak",
-        dtype=np.bool_, optional=True,
-    )  # fmt: skip
-    false_alarm_probability: float = scalar("1", "Nominal exceedance rate per cell.")
-    kept_probability: float = scalar("1", "Exceedance rate of the peaks kept.")
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
-    lowest_hz: float = scalar("Hz", "Lower edge of the band searched.")
-    highest_hz: float = scalar("Hz", "Upper edge of the band searched.")
+        "Whether a grating lobe of the array may stand for the direction."
+    )
+    false_alarm_probability: float = scalar("Nominal exceedance rate per cell.")
+    kept_probability: float = scalar("Exceedance rate of the peaks kept.")
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
+    lowest_hz: float = scalar("Lower edge of the band searched.")
+    highest_hz: float = scalar("Upper edge of the band searched.")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,30 +83,19 @@ class Families(Container):
     """
 
     NAME: ClassVar[str] = "families"
+    ROW: ClassVar[str] = "family"
     STREAMS: ClassVar[bool] = True
 
-    family: IntArray = column(
-        "1", "Identifier of the family.", "family", dtype=np.int64
-    )
-    frame: IntArray = column(
-        "1", "Frame in which the family was found.", "family", dtype=np.int64
-    )
-    spacing_hz: FloatArray = column("Hz", "Distance of neighbouring teeth.", "family")
-    spacing_std_hz: FloatArray = column(
-        "Hz", "Standard deviation of the spacing.", "family"
-    )
-    offset_hz: FloatArray = column(
-        "Hz", "Frequency of the lowest tooth modulo the spacing.", "family"
-    )
-    is_harmonic: BoolArray = column(
-        "1", "Whether the teeth are multiples of the spacing.", "family", dtype=np.bool_
-    )
-    n_members: IntArray = column("1", "Number of members.", "family", dtype=np.int64)
+    family: IntArray = column("Identifier of the family.")
+    frame: IntArray = column("Frame in which the family was found.")
+    spacing_hz: FloatArray = column("Distance of neighbouring teeth.")
+    spacing_std_hz: FloatArray = column("Standard deviation of the spacing.")
+    offset_hz: FloatArray = column("Frequency of the lowest tooth modulo the spacing.")
+    is_harmonic: BoolArray = column("Whether the teeth are multiples of the spacing.")
+    n_members: IntArray = column("Number of members.")
     log10_chance: FloatArray = column(
-        "1", "Logarithm of the expected number of such families by chance.", "family"
+        "Logarithm of the expected number of such families by chance."
     )
-    peak_family: IntArray = column(
-        "1", "Family of each carried peak; -1 for none.", "peak", dtype=np.int64
-    )
+    peak_family: IntArray = column("Family of each carried peak; -1 for none.", "peak")
     peaks: Peaks | None = None
     """Peaks that the families were found in; None for families of lines."""

@@ -38,83 +38,64 @@ class Presence(HasReasons):
     """
 
     NAME: ClassVar[str] = "presence"
+    ROW: ClassVar[str] = "stretch"
 
-    contact: IntArray = column(
-        "1", "Contact of its lines, from 1; 0 for none.", "stretch", dtype=np.int64
-    )
+    contact: IntArray = column("Contact of its lines, from 1; 0 for none.")
     encounter: IntArray = column(
-        "1", "Contact of the closest approach within it; 0 for none.", "stretch",
-        dtype=np.int64,
-    )  # fmt: skip
-    sensor: TextArray = column("", "Identifier of the sensor.", "stretch", dtype="U")
+        "Contact of the closest approach within it; 0 for none."
+    )
+    sensor: TextArray = column("Identifier of the sensor.")
     kind: TextArray = column(
-        "", "'vessel', 'rates', 'lines', 'hum', 'broadband', 'rain' or 'unknown'.",
-        "stretch", dtype="U",
-    )  # fmt: skip
-    from_s: FloatArray = column("s", "Begin, from the first sample.", "stretch")
-    to_s: FloatArray = column("s", "End, from the first sample.", "stretch")
+        "'vessel', 'rates', 'lines', 'hum', 'broadband', 'rain' or 'unknown'."
+    )
+    from_s: FloatArray = column("Begin, from the first sample.")
+    to_s: FloatArray = column("End, from the first sample.")
     from_utc_ns: IntArray = column(
-        "ns", "Begin since 1970-01-01 UTC; -1 if the start is unknown.", "stretch",
-        dtype=np.int64,
-    )  # fmt: skip
+        "Begin since 1970-01-01 UTC; -1 if the start is unknown."
+    )
     to_utc_ns: IntArray = column(
-        "ns", "End since 1970-01-01 UTC; -1 if the start is unknown.", "stretch",
-        dtype=np.int64,
-    )  # fmt: skip
+        "End since 1970-01-01 UTC; -1 if the start is unknown."
+    )
     spacing_hz: FloatArray = column(
-        "Hz", "Distance of the lines of a family: its shaft rate, or a part of it.",
-        "stretch",
-    )  # fmt: skip
-    spacing_std_hz: FloatArray = deviation("Hz", "stretch")
+        "Distance of the lines of a family: its shaft rate, or a part of it."
+    )
+    spacing_std_hz: FloatArray = deviation()
     blade_rate_hz: FloatArray = column(
-        "Hz", "Multiple of the spacing, or of the lowest rate, that stands out.",
-        "stretch",
-    )  # fmt: skip
-    n_lines: IntArray = column("1", "Lines of the sound.", "stretch", dtype=np.int64)
+        "Multiple of the spacing, or of the lowest rate, that stands out."
+    )
+    n_lines: IntArray = column("Lines of the sound.")
     level_db: FloatArray = column(
-        "dB", "Level of all its lines, or greatest broadband level (re the reference).",
-        "stretch",
-    )  # fmt: skip
-    bearing_deg: FloatArray = column(
-        "degree", "Mean compass bearing; nan if unknown.", "stretch"
+        "Level of all its lines, or greatest broadband level (re the reference)."
     )
-    bearing_std_deg: FloatArray = column(
-        "degree", "Spread of its lines' bearings.", "stretch"
-    )
+    bearing_deg: FloatArray = column("Mean compass bearing; nan if unknown.")
+    bearing_std_deg: FloatArray = column("Spread of its lines' bearings.")
     probability_of_chance: FloatArray = column(
-        "1", "Probability that noise alone gives as much.", "stretch"
+        "Probability that noise alone gives as much."
     )
     reading: TextArray | None = column(
-        "", "What its contacts are read as: that of its closest approach; else 'constant', "
-        "'machinery' or 'joined' where nothing passes, or a passage that noise alone gives, "
-        "too; empty if they are not read as one.", "stretch", dtype=np.str_, optional=True,
-    )  # fmt: skip
-    reading_weight: FloatArray | None = column(
-        "1", "Probability of that reading, of the least certain contact.", "stretch",
-        optional=True,
-    )  # fmt: skip
-    rival: TextArray | None = column(
-        "", "Next reading of that contact; empty if it has less than 5 %.", "stretch",
-        dtype=np.str_, optional=True,
-    )  # fmt: skip
-    rival_weight: FloatArray | None = column(
-        "1", "Its probability; 0 without one.", "stretch", optional=True
+        "What its contacts are read as: that of its closest approach; else 'constant', "
+        "'machinery' or 'joined' where nothing passes, or a passage that noise alone "
+        "gives, too; empty if they are not read as one."
     )
+    reading_weight: FloatArray | None = column(
+        "Probability of that reading, of the least certain contact."
+    )
+    rival: TextArray | None = column(
+        "Next reading of that contact; empty if it has less than 5 %."
+    )
+    rival_weight: FloatArray | None = column("Its probability; 0 without one.")
     frequency_stretch: IntArray = column(
-        "1", "Row of the stretch that a line belongs to.", "frequency",
-        dtype=np.int64, owner="stretch",
-    )  # fmt: skip
-    frequency_hz: FloatArray = column("Hz", "Mean frequency of a line.", "frequency")
+        "Row of the stretch that a line belongs to.", "frequency", owner="stretch"
+    )
+    frequency_hz: FloatArray = column("Mean frequency of a line.", "frequency")
     rate_stretch: IntArray = column(
-        "1", "Row of the stretch that a modulation rate belongs to.", "rate",
-        dtype=np.int64, owner="stretch",
-    )  # fmt: skip
-    rate_hz: FloatArray = column("Hz", "Modulation rate.", "rate")
+        "Row of the stretch that a modulation rate belongs to.", "rate", owner="stretch"
+    )
+    rate_hz: FloatArray = column("Modulation rate.", "rate")
     reason_stretch: IntArray = column(
-        "1", "Row of the stretch that a reason belongs to.", "reason",
-        dtype=np.int64, owner="stretch",
-    )  # fmt: skip
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+        "Row of the stretch that a reason belongs to.", "reason", owner="stretch"
+    )
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
 
     def of_sensor(self, sensor: str) -> Self:
         """Return the stretches of one sensor."""

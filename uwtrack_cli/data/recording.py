@@ -57,19 +57,19 @@ class Recording(Container):
 
     sensor: Sensor
     """The sensor that recorded it."""
-    name: str = scalar("", "File name of the source.")
-    sample_rate_hz: float = scalar("Hz", "Sample rate.")
-    n_samples: int = scalar("1", "Number of samples per channel.")
-    n_channels: int = scalar("1", "Number of channels.")
+    name: str = scalar("File name of the source.")
+    sample_rate_hz: float = scalar("Sample rate.")
+    n_samples: int = scalar("Number of samples per channel.")
+    n_channels: int = scalar("Number of channels.")
     start_utc_ns: int | None = scalar(
-        "ns", "Time of the first sample since 1970-01-01 UTC.", None
+        "Time of the first sample since 1970-01-01 UTC.", None
     )
-    digest: str = scalar("", "SHA-256 of the source file.", "")
-    first_sample: int = scalar("1", "Sample of the file that is the first here.", 0)
+    digest: str = scalar("SHA-256 of the source file.", "")
+    first_sample: int = scalar("Sample of the file that is the first here.", 0)
     file_channels: str = scalar(
-        "", "Channels taken of the file, from 1, comma separated; empty if unknown.", ""
+        "Channels taken of the file, from 1, comma separated; empty if unknown.", ""
     )
-    reader: Reader | None = scalar("", "Opens the samples.", None)
+    reader: Reader | None = scalar("Opens the samples.", None)
 
     @property
     def duration_s(self) -> float:
@@ -176,28 +176,20 @@ class RecordedFiles(Container):
     """
 
     NAME: ClassVar[str] = "files"
+    ROW: ClassVar[str] = "file"
 
-    name: TextArray = column("", "File name.", "file", dtype=np.str_)
-    digest: TextArray = column("", "SHA-256 of the file.", "file", dtype=np.str_)
-    start_sample: IntArray = column(
-        "1", "First sample of the file in the joined recording.", "file", dtype=np.int64
-    )
-    n_samples: IntArray = column(
-        "1", "Its samples per channel.", "file", dtype=np.int64
-    )
-    start_utc_ns: IntArray = column(
-        "ns", "Time of its first sample since 1970-01-01 UTC.", "file", dtype=np.int64
-    )
-    first_sample: IntArray | None = column(
-        "1", "Sample of the file that is its first here.", "file", dtype=np.int64,
-        optional=True,
-    )  # fmt: skip
-    sensor: str = scalar("", "Identifier of the sensor.")
+    name: TextArray = column("File name.")
+    digest: TextArray = column("SHA-256 of the file.")
+    start_sample: IntArray = column("First sample of the file in the joined recording.")
+    n_samples: IntArray = column("Its samples per channel.")
+    start_utc_ns: IntArray = column("Time of its first sample since 1970-01-01 UTC.")
+    first_sample: IntArray | None = column("Sample of the file that is its first here.")
+    sensor: str = scalar("Identifier of the sensor.")
     own_start_utc_ns: int | None = scalar(
-        "ns", "Where a part's own span begins; None for a whole recording.", None
+        "Where a part's own span begins; None for a whole recording.", None
     )
     own_stop_utc_ns: int | None = scalar(
-        "ns", "Where a part's own span ends; None for a whole recording.", None
+        "Where a part's own span ends; None for a whole recording.", None
     )
 
     def kept_span_s(self, start_utc_ns: int | None) -> tuple[float, float] | None:

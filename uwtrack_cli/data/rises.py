@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from uwtrack_cli.data.base import Container, FloatArray, TextArray, column, scalar
 
 LEVEL = "level"
@@ -25,18 +23,17 @@ class Rises(Container):
     """One row for each rise of a length, in the order in which they were found."""
 
     NAME: ClassVar[str] = "rises"
+    ROW: ClassVar[str] = "rise"
     STREAMS: ClassVar[bool] = True
 
-    time_s: FloatArray = column("s", "Middle, from the first sample.", "rise")
-    half_length_s: FloatArray = column("s", "Half of its length.", "rise")
+    time_s: FloatArray = column("Middle, from the first sample.")
+    half_length_s: FloatArray = column("Half of its length.")
     kind: TextArray = column(
-        "",
-        "What rises: 'level'; or 'lines' that keep their frequencies, 'fall' or 'climb'.",
-        "rise",
-        dtype=np.str_,
+        "What rises: 'level'; or 'lines' that keep their frequencies, 'fall' or "
+        "'climb'."
     )
     spreads: FloatArray = column(
-        "1", "Height in spreads of what the recording does all the time.", "rise"
+        "Height in spreads of what the recording does all the time."
     )
-    least_spreads: float = scalar("1", "Height from which a rise is told.")
-    sensor: str = scalar("", "Identifier of the sensor.")
+    least_spreads: float = scalar("Height from which a rise is told.")
+    sensor: str = scalar("Identifier of the sensor.")

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from uwtrack_cli.data.base import (
     Container,
     FloatArray,
@@ -24,29 +22,27 @@ class Scans(Container):
     """
 
     NAME: ClassVar[str] = "scans"
+    ROW: ClassVar[str] = "row"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("dimension",)
 
-    scan: IntArray = column(
-        "1", "Number of the scan, ascending.", "row", dtype=np.int64
-    )
-    time_s: FloatArray = column("s", "Time of the scan.", "row")
+    scan: IntArray = column("Number of the scan, ascending.")
+    time_s: FloatArray = column("Time of the scan.")
     measured: FloatArray = column(
-        "", "Components of the measurement, in the units named; nan in an empty scan.",
-        "row", "dimension",
+        "Components of the measurement, in the units named; nan in an empty scan.",
+        "row", "dimension", unit="",
     )  # fmt: skip
     measured_std: FloatArray = column(
-        "", "Standard deviations, same units; nan if not given.", "row", "dimension"
-    )
+        "Standard deviations, same units; nan if not given.",
+        "row", "dimension", unit="",
+    )  # fmt: skip
     amplitude: FloatArray = column(
-        "1", "Amplitude over the noise deviation; nan if not given.", "row"
+        "Amplitude over the noise deviation; nan if not given."
     )
-    component: TextArray = column(
-        "", "Name of each component.", "dimension", dtype=np.str_
-    )
+    component: TextArray = column("Name of each component.", "dimension")
     component_unit: TextArray = column(
-        "", "Unit of each component; empty if not given.", "dimension", dtype=np.str_
+        "Unit of each component; empty if not given.", "dimension"
     )
-    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+    start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,13 +50,12 @@ class Roc(Container):
     """Measured operating curve of a detector, ordered by false alarm probability."""
 
     NAME: ClassVar[str] = "roc"
+    ROW: ClassVar[str] = "point"
 
     false_alarm_probability: FloatArray = column(
-        "1", "Probability of a false alarm per cell and scan.", "point"
+        "Probability of a false alarm per cell and scan."
     )
-    detection_probability: FloatArray = column(
-        "1", "Probability of detecting the target.", "point"
-    )
+    detection_probability: FloatArray = column("Probability of detecting the target.")
     threshold: FloatArray = column(
-        "1", "Threshold on the amplitude; nan where it is not known.", "point"
+        "Threshold on the amplitude; nan where it is not known."
     )

@@ -22,16 +22,17 @@ class Navigation(Container):
     """
 
     NAME: ClassVar[str] = "navigation"
+    ROW: ClassVar[str] = "row"
 
-    time_s: FloatArray = column("s", "Time of the row.", "row")
-    east_m: FloatArray = column("m", "Position east of the origin.", "row")
-    north_m: FloatArray = column("m", "Position north of the origin.", "row")
+    time_s: FloatArray = column("Time of the row.")
+    east_m: FloatArray = column("Position east of the origin.")
+    north_m: FloatArray = column("Position north of the origin.")
     heading_deg: FloatArray = column(
-        "degree", "Compass heading of the platform; nan if not given.", "row"
+        "Compass heading of the platform; nan if not given."
     )
-    origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
-    origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)
-    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+    origin_latitude: float | None = scalar("Latitude of the origin.", None)
+    origin_longitude: float | None = scalar("Longitude of the origin.", None)
+    start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,72 +45,61 @@ class Sensor(Container):
 
     NAME: ClassVar[str] = "sensor"
 
-    id: str = scalar("", "Identifier, unique in a deployment.")
-    kind: str = scalar("", "'omni', 'difar' or 'array'.", "omni")
-    channels: str = scalar("", "Channel names in file order, comma separated.", "omni")
-    latitude: float | None = scalar("degree", "Latitude.", None)
-    longitude: float | None = scalar("degree", "Longitude.", None)
-    east_m: float | None = scalar("m", "Position on a local grid.", None)
-    north_m: float | None = scalar("m", "Position on a local grid.", None)
-    position_std_m: float = scalar("m", "Deviation of each coordinate.", 0.0)
-    depth_m: float | None = scalar("m", "Depth below the surface.", None)
-    depth_std_m: float | None = scalar("m", "Deviation of the depth.", None)
-    heading_deg: float = scalar("degree", "Heading of housing-fixed axes.", 0.0)
-    sound_speed_mps: float = scalar("m/s", "Sound speed.", SOUND_SPEED_WATER_MPS)
-    sound_speed_std_mps: float | None = scalar(
-        "m/s", "Deviation of the sound speed.", None
-    )
-    compass_offset_deg: float = scalar("degree", "Added once to every bearing.", 0.0)
-    compass_std_deg: float | None = scalar("degree", "Deviation of the compass.", None)
-    clock_offset_s: float = scalar("s", "Added once to every time.", 0.0)
-    clock_std_s: float | None = scalar("s", "Deviation of the clock.", None)
-    sensitivity_db_re_v_per_upa: float | None = scalar("dB", "Sensitivity.", None)
-    gain_db: float | None = scalar("dB", "Gain of the amplifier.", None)
-    adc_peak_v: float | None = scalar("V", "Input voltage at full scale.", None)
+    id: str = scalar("Identifier, unique in a deployment.")
+    kind: str = scalar("'omni', 'difar' or 'array'.", "omni")
+    channels: str = scalar("Channel names in file order, comma separated.", "omni")
+    latitude: float | None = scalar("Latitude.", None)
+    longitude: float | None = scalar("Longitude.", None)
+    east_m: float | None = scalar("Position on a local grid.", None)
+    north_m: float | None = scalar("Position on a local grid.", None)
+    position_std_m: float = scalar("Deviation of each coordinate.", 0.0)
+    depth_m: float | None = scalar("Depth below the surface.", None)
+    depth_std_m: float | None = scalar("Deviation of the depth.", None)
+    heading_deg: float = scalar("Heading of housing-fixed axes.", 0.0)
+    sound_speed_mps: float = scalar("Sound speed.", SOUND_SPEED_WATER_MPS)
+    sound_speed_std_mps: float | None = scalar("Deviation of the sound speed.", None)
+    compass_offset_deg: float = scalar("Added once to every bearing.", 0.0)
+    compass_std_deg: float | None = scalar("Deviation of the compass.", None)
+    clock_offset_s: float = scalar("Added once to every time.", 0.0)
+    clock_std_s: float | None = scalar("Deviation of the clock.", None)
+    sensitivity_db_re_v_per_upa: float | None = scalar("Sensitivity.", None, unit="dB")
+    gain_db: float | None = scalar("Gain of the amplifier.", None)
+    adc_peak_v: float | None = scalar("Input voltage at full scale.", None, unit="V")
     full_scale_db: float | None = scalar(
-        "dB re 1 uPa", "Level of a full-scale peak.", None
+        "Level of a full-scale peak.", None, unit="dB re 1 uPa"
     )
     dipole_gains: str | None = scalar(
-        "1",
         "Output of the first and of the second dipole for sound along its axis, over "
-        "that of the omni channel, comma separated; None: both are 1.",
-        None,
-    )
+        "that of the omni channel, comma separated; None: both are 1.", None, unit="1",
+    )  # fmt: skip
     dipole_crosstalk: float = scalar(
-        "1", "Share of the other dipole that each dipole hears.", 0.0
+        "Share of the other dipole that each dipole hears.", 0.0
     )
     omni_crosstalk: str | None = scalar(
-        "1",
         "Share of the omni channel in the first and in the second dipole, comma "
-        "separated; None: neither hears it.",
-        None,
-    )
+        "separated; None: neither hears it.", None, unit="1",
+    )  # fmt: skip
     element_along_m: str | None = scalar(
-        "m",
         "Places of the hydrophones of a line array from its middle, positive to its "
-        "head, comma separated.",
-        None,
-    )
+        "head, comma separated.", None,
+    )  # fmt: skip
     element_positions_m: str | None = scalar(
-        "m",
         "Places of the hydrophones of a planar or volume array from its middle, x to "
         "starboard, y ahead and z up, comma separated, one after the other by "
-        "semicolons.",
-        None,
-    )
+        "semicolons.", None,
+    )  # fmt: skip
     tow_offset_m: float | None = scalar(
-        "m", "Way from the place that the navigation gives to the array's middle.", None
+        "Way from the place that the navigation gives to the array's middle.", None
     )
     heading_source: str | None = scalar(
-        "",
         "What tells an array's heading: 'way', 'compass' or 'fixed'; None: nothing.",
         None,
-    )
+    )  # fmt: skip
     navigation_position_std_m: float | None = scalar(
-        "m", "Deviation of each coordinate of the navigation.", None
+        "Deviation of each coordinate of the navigation.", None
     )
     navigation_velocity_std_mps: float | None = scalar(
-        "m/s", "Deviation of each component of its velocity.", None
+        "Deviation of each component of its velocity.", None
     )
     navigation: Navigation | None = None
     """Positions and headings of a moving platform; None if it does not move."""

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
-import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import (
@@ -28,46 +27,43 @@ class Series(Container):
     """
 
     NAME: ClassVar[str] = "series"
+    ROW: ClassVar[str] = "row"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("series_line",)
 
-    contact: IntArray = column("1", "Contact, from 1.", "row", dtype=np.int64)
-    time_s: FloatArray = column("s", "Time of the row.", "row")
-    bearing_deg: FloatArray = column("degree", "Compass bearing.", "row")
-    bearing_std_deg: FloatArray = deviation("degree", "row")
-    frequency_hz: FloatArray = column("Hz", "Frequency.", "row", "series_line")
-    frequency_std_hz: FloatArray = deviation("Hz", "row", "series_line")
-    level_db: FloatArray = column("dB", "Level.", "row")
-    level_std_db: FloatArray = deviation("dB", "row")
+    contact: IntArray = column("Contact, from 1.")
+    time_s: FloatArray = column("Time of the row.")
+    bearing_deg: FloatArray = column("Compass bearing.")
+    bearing_std_deg: FloatArray = deviation()
+    frequency_hz: FloatArray = column("Frequency.", "row", "series_line")
+    frequency_std_hz: FloatArray = deviation("row", "series_line")
+    level_db: FloatArray = column("Level.")
+    level_std_db: FloatArray = deviation()
     mirrored_bearing_deg: FloatArray | None = column(
-        "degree", "Other bearing that a line array cannot tell from the first; nan where "
-        "the side is resolved.", "row", optional=True,
-    )  # fmt: skip
-    sensor: TextArray | None = column(
-        "", "Sensor that heard the row.", "row", dtype=np.str_, optional=True
+        "Other bearing that a line array cannot tell from the first; nan where the "
+        "side is resolved."
     )
+    sensor: TextArray | None = column("Sensor that heard the row.")
     sensor_east_m: FloatArray | None = column(
-        "m", "Where the sensor was, east of the origin.", "row", optional=True
+        "Where the sensor was, east of the origin."
     )
     sensor_north_m: FloatArray | None = column(
-        "m", "Where the sensor was, north of the origin.", "row", optional=True
+        "Where the sensor was, north of the origin."
     )
     sensor_id: TextArray | None = column(
-        "", "Identifier of every sensor of the table.", "platform",
-        dtype=np.str_, optional=True,
-    )  # fmt: skip
-    sensor_compass_std_deg: FloatArray | None = column(
-        "degree", "Deviation of its compass; nan where it is not told.", "platform",
-        optional=True,
-    )  # fmt: skip
-    sensor_position_std_m: FloatArray | None = column(
-        "m", "Deviation of each coordinate of its place.", "platform", optional=True
+        "Identifier of every sensor of the table.", "platform"
     )
-    origin: str = scalar("", "What the grid is relative to: a sensor or 'grid'.", "")
-    origin_latitude: float | None = scalar("degree", "Latitude of the origin.", None)
-    origin_longitude: float | None = scalar("degree", "Longitude of the origin.", None)
-    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+    sensor_compass_std_deg: FloatArray | None = column(
+        "Deviation of its compass; nan where it is not told.", "platform"
+    )
+    sensor_position_std_m: FloatArray | None = column(
+        "Deviation of each coordinate of its place.", "platform"
+    )
+    origin: str = scalar("What the grid is relative to: a sensor or 'grid'.", "")
+    origin_latitude: float | None = scalar("Latitude of the origin.", None)
+    origin_longitude: float | None = scalar("Longitude of the origin.", None)
+    start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
     where: Callable[[int], str] | None = scalar(
-        "", "Names the file and line in which a row stood; not stored.", None
+        "Names the file and line in which a row stood; not stored.", None
     )
 
     def begin_of(self, row: int) -> str:

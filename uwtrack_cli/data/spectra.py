@@ -27,25 +27,26 @@ class Spectrogram(Container):
     """
 
     NAME: ClassVar[str] = "spectrogram"
+    ROW: ClassVar[str] = "frequency"
     STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("frequency",)
 
     frames: Frames
     """Time base of the rows."""
-    frequency_hz: FloatArray = column("Hz", "Centre of a bin.", "frequency")
+    frequency_hz: FloatArray = column("Centre of a bin.")
     power_density: FloatArray = column(
-        "reference^2/Hz", "One-sided power density.", "frame", "frequency",
-        dtype=np.float32,
+        "One-sided power density.",
+        "frame", "frequency", unit="reference^2/Hz", dtype=np.float32,
     )  # fmt: skip
     intensity_east: FloatArray | None = column(
-        "reference^2/Hz", "Real part of omni times conjugate east channel.",
-        "frame", "frequency", dtype=np.float32, optional=True,
+        "Real part of omni times conjugate east channel.",
+        "frame", "frequency", unit="reference^2/Hz", dtype=np.float32,
     )  # fmt: skip
     intensity_north: FloatArray | None = column(
-        "reference^2/Hz", "Real part of omni times conjugate north channel.",
-        "frame", "frequency", dtype=np.float32, optional=True,
+        "Real part of omni times conjugate north channel.",
+        "frame", "frequency", unit="reference^2/Hz", dtype=np.float32,
     )  # fmt: skip
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
 
     @property
     def has_bearing(self) -> bool:
@@ -58,19 +59,20 @@ class Overview(Container):
     """A small max-pooled picture of the spectrogram, for plots and reports."""
 
     NAME: ClassVar[str] = "overview"
+    ROW: ClassVar[str] = "row"
     STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("pixel_frequency",)
 
-    time_s: FloatArray = column("s", "Centre of a row.", "row")
-    frequency_hz: FloatArray = column("Hz", "Centre of a column.", "pixel_frequency")
+    time_s: FloatArray = column("Centre of a row.")
+    frequency_hz: FloatArray = column("Centre of a column.", "pixel_frequency")
     shade: IntArray = column(
-        "1", "Level in 256 steps from floor_db to ceiling_db.",
+        "Level in 256 steps from floor_db to ceiling_db.",
         "row", "pixel_frequency", dtype=np.uint8,
     )  # fmt: skip
-    floor_db: float = scalar("dB", "Level of shade 0.")
-    ceiling_db: float = scalar("dB", "Level of shade 255.")
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
-    sensor: str = scalar("", "Identifier of the sensor.")
+    floor_db: float = scalar("Level of shade 0.")
+    ceiling_db: float = scalar("Level of shade 255.")
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
+    sensor: str = scalar("Identifier of the sensor.")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,34 +80,26 @@ class Levels(Container):
     """Broadband level between the lines and broadband bearing, per frame."""
 
     NAME: ClassVar[str] = "levels"
+    ROW: ClassVar[str] = "frame"
     STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("part",)
 
     frames: Frames
     """Time base of the rows."""
-    level_db: FloatArray = column(
-        "dB", "Level in the band, for people (re the reference).", "frame"
-    )
-    excess_db: FloatArray = column(
-        "dB", "Level against the quiet-time density, for the fit.", "frame"
-    )
-    excess_std_db: FloatArray = column(
-        "dB", "Standard deviation of the excess.", "frame"
-    )
+    level_db: FloatArray = column("Level in the band, for people (re the reference).")
+    excess_db: FloatArray = column("Level against the quiet-time density, for the fit.")
+    excess_std_db: FloatArray = column("Standard deviation of the excess.")
     tilt_db: FloatArray | None = column(
-        "dB", "Excess of the upper half of the band over that of its lowest quarter.",
-        "frame", optional=True,
-    )  # fmt: skip
+        "Excess of the upper half of the band over that of its lowest quarter."
+    )
     bearing_deg: FloatArray = column(
-        "degree", "Compass bearing from the sensor; nan without direction.", "frame"
+        "Compass bearing from the sensor; nan without direction."
     )
-    bearing_std_deg: FloatArray = column(
-        "degree", "Standard deviation of the bearing.", "frame"
-    )
+    bearing_std_deg: FloatArray = column("Standard deviation of the bearing.")
     part_excess_db: FloatArray | None = column(
-        "dB", "Excess of equal parts of the band, lowest first.", "frame", "part",
-        dtype=np.float32, optional=True,
+        "Excess of equal parts of the band, lowest first.",
+        "frame", "part", dtype=np.float32,
     )  # fmt: skip
-    band_low_hz: float = scalar("Hz", "Lower edge of the band.")
-    band_high_hz: float = scalar("Hz", "Upper edge of the band.")
-    reference: str = scalar("", "Level reference: '1 uPa' or 'full scale'.")
+    band_low_hz: float = scalar("Lower edge of the band.")
+    band_high_hz: float = scalar("Upper edge of the band.")
+    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")

@@ -25,75 +25,65 @@ class Target(Container):
     """
 
     NAME: ClassVar[str] = "target"
+    ROW: ClassVar[str] = "scan"
     FIXED_AXES: ClassVar[tuple[str, ...]] = (
         "dimension", "state", "state_too", "model",
     )  # fmt: skip
 
-    scan: IntArray = column("1", "Number of the scan.", "scan", dtype=np.int64)
-    time_s: FloatArray = column("s", "Time of the scan.", "scan")
+    scan: IntArray = column("Number of the scan.")
+    time_s: FloatArray = column("Time of the scan.")
     state: FloatArray = column(
-        "", "Components and their rates per second.", "scan", "state"
+        "Components and their rates per second.", "scan", "state", unit=""
     )
     state_covariance: FloatArray = column(
-        "", "Covariance of the state.", "scan", "state", "state_too"
+        "Covariance of the state.", "scan", "state", "state_too", unit=""
     )
     model_probability: FloatArray = column(
-        "1", "Probability of each motion model, quiet first.", "scan", "model"
+        "Probability of each motion model, quiet first.", "scan", "model"
     )
     false_alarm_probability: FloatArray = column(
-        "1", "Operating point of the detector, per cell.", "scan"
+        "Operating point of the detector, per cell."
     )
     detection_probability: FloatArray = column(
-        "1", "Probability that the target crosses the threshold.", "scan"
+        "Probability that the target crosses the threshold."
     )
-    threshold: FloatArray = column("1", "Threshold used on the amplitude.", "scan")
-    gate: FloatArray = column(
-        "1", "Radius of the validation region in standard deviations.", "scan"
-    )
+    threshold: FloatArray = column("Threshold used on the amplitude.")
+    gate: FloatArray = column("Radius of the validation region in standard deviations.")
     gate_volume: FloatArray = column(
-        "", "Volume of the validation region, in the units of the components.", "scan"
+        "Volume of the validation region, in the units of the components.", unit=""
     )
     expected_clutter: FloatArray = column(
-        "1", "Mean number of false measurements in the region.", "scan"
+        "Mean number of false measurements in the region."
     )
-    validated: IntArray = column(
-        "1", "Measurements in the region and above the threshold.", "scan",
-        dtype=np.int64,
-    )  # fmt: skip
+    validated: IntArray = column("Measurements in the region and above the threshold.")
     miss_probability: FloatArray = column(
-        "1", "Probability that none of them was the target's.", "scan"
+        "Probability that none of them was the target's."
     )
     information_reduction: FloatArray = column(
-        "1", "Factor q2 that was expected of the scan.", "scan"
+        "Factor q2 that was expected of the scan."
     )
     score: FloatArray = column(
-        "1", "Log likelihood ratio of the track against clutter alone, so far.", "scan"
+        "Log likelihood ratio of the track against clutter alone, so far."
     )
     loss_cusum: FloatArray = column(
-        "1", "Cumulative sum (Page 1954) that detects the loss of the target.", "scan"
+        "Cumulative sum (Page 1954) that detects the loss of the target."
     )
-    lost: BoolArray = column(
-        "1", "Whether this sum is above its limit.", "scan",
-        dtype=np.bool_,
-    )  # fmt: skip
+    lost: BoolArray = column("Whether this sum is above its limit.")
     association_scan: IntArray = column(
-        "1", "Number of the scan of the association.", "association", dtype=np.int64
+        "Number of the scan of the association.", "association"
     )
     association_row: IntArray = column(
-        "1", "Row of its measurement in the table of scans, from 0.", "association",
-        dtype=np.int64,
-    )  # fmt: skip
+        "Row of its measurement in the table of scans, from 0.", "association"
+    )
     association_probability: FloatArray = column(
-        "1", "Probability that the measurement was the target's.", "association"
+        "Probability that the measurement was the target's.", "association"
     )
-    component: TextArray = column(
-        "", "Name of each component.", "dimension", dtype=np.str_
-    )
+    component: TextArray = column("Name of each component.", "dimension")
     component_unit: TextArray = column(
-        "", "Unit of each component; empty if not given.", "dimension", dtype=np.str_
+        "Unit of each component; empty if not given.", "dimension"
     )
-    threshold_rule: str = scalar("", "How the threshold was chosen.")
-    start_utc_ns: int | None = scalar("ns", "UTC epoch of time zero.", None)
+    threshold_rule: str = scalar("How the threshold was chosen.")
+    start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
 
     @property
     def state_std(self) -> FloatArray:

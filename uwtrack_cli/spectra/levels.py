@@ -299,19 +299,22 @@ def _rows(tile: int) -> slice:
 class _Bands(Container):
     """Means over the cells of each sub-band that are not lines."""
 
+    ROW = "band"
     FIXED_AXES = ("band",)
 
     frames: Frames
     """Time base."""
-    low_hz: FloatArray = column("Hz", "Lower edge.", "band")
-    high_hz: FloatArray = column("Hz", "Upper edge.", "band")
-    density: FloatArray = column("", "Mean power density.", "frame", "band")
-    n_cells: FloatArray = column("", "Independent cells.", "frame", "band")
-    intensity: FloatArray = column("", "Mean east, north.", "frame", "band", "axis")
-    square: FloatArray = column(
-        "", "Mean east^2, north^2, east north.", "frame", "band", "moment"
+    low_hz: FloatArray = column("Lower edge.")
+    high_hz: FloatArray = column("Upper edge.")
+    density: FloatArray = column("Mean power density.", "frame", "band", unit="")
+    n_cells: FloatArray = column("Independent cells.", "frame", "band", unit="")
+    intensity: FloatArray = column(
+        "Mean east, north.", "frame", "band", "axis", unit=""
     )
-    reference: str = scalar("", "Level reference.")
+    square: FloatArray = column(
+        "Mean east^2, north^2, east north.", "frame", "band", "moment", unit=""
+    )
+    reference: str = scalar("Level reference.")
 
 
 def _measure(block: Spectrogram, band_hz: tuple[float, float], n_bands: int) -> _Bands:
