@@ -150,8 +150,6 @@ def nest_rungs(stage: Stage, flat: Mapping[str, Any]) -> list[dict[str, Any]]:
 
     Parameters
     ----------
-    stage
-        The stage that is called.
     flat
         Options of the command, by their flat names.
     """
@@ -192,13 +190,6 @@ def spread_values(stage: Stage, words: Sequence[str]) -> list[str]:
     """Let an option that takes a list be followed by all its values.
 
     ``--start-velocity 50 -50`` becomes ``--start-velocity 50 --start-velocity -50``.
-
-    Parameters
-    ----------
-    stage
-        The stage that is called.
-    words
-        Words of the command line after its name.
     """
     flags = {
         f"--{option.flat_name.replace('_', '-')}"

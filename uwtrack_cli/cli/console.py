@@ -93,10 +93,6 @@ def show_table(
 
     Parameters
     ----------
-    heads
-        Titles of the columns.
-    rows
-        The cells.
     is_data
         Whether the table is what was asked for, and goes to standard output; else it
         goes to standard error, beside data, and is left out by ``--quiet``.

@@ -171,18 +171,8 @@ def run_live(
         Standard input, a pipe, or a file that is being written.
     live
         What it is, and when it ends.
-    source_options
-        Options of every command that reads sound.
-    recipe
-        What is run.
     keep
         Passing containers that are written, too.
-    target
-        The product.
-    overwrite
-        Whether it may replace a file.
-    as_json
-        Whether events are printed as soon as they are decided.
 
     Returns
     -------

@@ -33,8 +33,6 @@ def print_container(container: Container, form: str, axis: str | None) -> None:
 
     Parameters
     ----------
-    container
-        The container.
     form
         How it is written; a table of results has the columns that fit a screen.
     axis
@@ -62,10 +60,6 @@ def print_result(
 
     Parameters
     ----------
-    container
-        The result.
-    as_json
-        Whether programs read it.
     is_data
         Whether the summary is what was asked for, and goes to standard output.
     presence

@@ -133,10 +133,6 @@ class Inputs:
 
     Parameters
     ----------
-    stack
-        Closes the products.
-    branch
-        Step whose branch is read, where several steps made results of one kind.
     takes_asides
         Whether results that were made for `presence` alone are read, too.
     """
@@ -162,8 +158,6 @@ class Inputs:
 
         Parameters
         ----------
-        path
-            Sensor file.
         is_kept
             Whether the stage takes the sensors themselves, too.
         """

@@ -29,8 +29,6 @@ def usage_sentence(error: Any, words: Sequence[str]) -> str:
     ----------
     error
         What the parser raised: an error with a message, and often the parameter.
-    words
-        Words of the command line, without the name of the program.
     """
     name = words[0] if words and words[0] in COMMANDS else ""
     param = getattr(error, "param", None)

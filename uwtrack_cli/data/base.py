@@ -65,7 +65,11 @@ class Column:
 
 @dataclass(frozen=True)
 class _Declared:
-    """A field as its class declares it; `Container` completes it by its annotation."""
+    """A field as its class declares it; `Container` completes it by its annotation.
+
+    ``axes`` is None for a single value, which may have a ``default``; ``description``,
+    ``unit``, ``dtype`` and ``owner`` are those of `Column`, None where not told.
+    """
 
     description: str
     axes: tuple[str, ...] | None

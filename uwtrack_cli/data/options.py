@@ -213,12 +213,8 @@ def convert(where: str, hint: Any, value: Any) -> Any:
 
     Parameters
     ----------
-    where
-        What the value is called in messages.
     hint
         The annotation, with the ranges among its ``Annotated`` arguments.
-    value
-        The value as it was given.
 
     Raises
     ------
@@ -249,8 +245,6 @@ def from_table(kind: type[T], table: object, where: str) -> T:
         within the table, a tuple of dataclasses an array of tables.
     table
         The table, as TOML or JSON gives it.
-    where
-        What the table is called in messages.
 
     Raises
     ------
@@ -285,13 +279,6 @@ def from_table(kind: type[T], table: object, where: str) -> T:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return a question for the nearest of the known names; nothing if none is near.
-
-    Parameters
-    ----------
-    name
-        What was typed.
-    known
-        What there is.
 
     Examples
     --------

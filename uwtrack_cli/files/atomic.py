@@ -26,15 +26,6 @@ def atomic_target(
 ) -> Iterator[Path]:
     """Give a temporary path to write to; put it in place when all went well.
 
-    Parameters
-    ----------
-    path
-        Where the result shall appear.
-    overwrite
-        Whether an existing file may be replaced.
-    inputs
-        Files that are being read: none of them may be the target.
-
     Raises
     ------
     OutputError

@@ -86,11 +86,6 @@ def read_standard_input() -> bytes:
 def refuse_input(target: Path) -> None:
     """Refuse an output that would replace a file that was read.
 
-    Parameters
-    ----------
-    target
-        Where the output shall appear.
-
     Raises
     ------
     OutputError
@@ -102,13 +97,7 @@ def refuse_input(target: Path) -> None:
 
 
 def refusal(target: Path) -> str:
-    """Say that an input is not overwritten.
-
-    Parameters
-    ----------
-    target
-        The output that was asked for.
-    """
+    """Say that an input is not overwritten."""
     return (
         f"{target} is read by this command and is not overwritten; "
         f"name another file with --output."

@@ -46,12 +46,8 @@ def run_limited(
     function
         Its module and name, ``package.module:name``; it takes the arguments and the
         data, and returns what JSON can hold.
-    arguments
-        Texts.
     seconds
         Processor time that the child may take.
-    data
-        Bytes that go to the child.
 
     Raises
     ------

@@ -96,13 +96,7 @@ class Outcome:
 
 
 def run_job(job: Job) -> Outcome:
-    """Make a product, and tell how it went.
-
-    Parameters
-    ----------
-    job
-        What to make.
-    """
+    """Make a product, and tell how it went."""
     begin = time.process_time()
     blank = Outcome(
         str(job.sources[0]), str(job.target), FAILED, n_sources=len(job.sources)
@@ -192,8 +186,6 @@ def count_once(
 
     Parameters
     ----------
-    jobs
-        What was made.
     outcomes
         What became of the jobs, by their numbers.
     """
@@ -221,11 +213,6 @@ def finished(job: Job) -> Outcome | None:
     """Return the outcome of a job whose product is complete, though none was told.
 
     A process can be lost between placing its product and saying so.
-
-    Parameters
-    ----------
-    job
-        What was to be made.
     """
     try:
         with warnings.catch_warnings(), input_ledger(), not_an_input():

@@ -63,8 +63,6 @@ def write_report(outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, Path]
 
     Parameters
     ----------
-    outcomes
-        What became of the jobs.
     folder
         Folder of the products; made if it does not exist.
 

@@ -122,10 +122,6 @@ def describe_recorders(
 
     Parameters
     ----------
-    found
-        The recordings.
-    options
-        How they are opened.
     joining
         How they are joined; None if they are not.
     """

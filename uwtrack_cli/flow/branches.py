@@ -53,8 +53,6 @@ def keys_of_branch(product: Product, step: str | None) -> list[ContainerKey]:
 
     Parameters
     ----------
-    product
-        The product.
     step
         A step of the branch; everything is returned if it is None, or if the product
         was made without such a step.
@@ -85,8 +83,6 @@ def sole_keys(
 
     Parameters
     ----------
-    product
-        The product.
     step
         A step of the branch; None if none was named.
     kinds
@@ -124,8 +120,6 @@ def without_asides(
 
     Parameters
     ----------
-    product
-        The product.
     keys
         Some of what it holds.
     """
@@ -228,8 +222,6 @@ def read_of_branch(
 
     Parameters
     ----------
-    product
-        The product.
     kind
         Class of the container.
     sensor

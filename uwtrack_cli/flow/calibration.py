@@ -101,8 +101,6 @@ def calibrate_sensor(
     ----------
     recording
         A recording in which the vessel passes, opened for reading.
-    truth
-        Tracks of vessels.
     vessel
         Name, or a part of it; the vessel that comes nearest unless given.
     band_hz

@@ -82,10 +82,6 @@ def compare_products(
 
     Parameters
     ----------
-    first
-        One product, open for reading.
-    second
-        The other one.
     rtol
         Allowed difference relative to the larger magnitude, 0 or more.
     atol
@@ -136,15 +132,7 @@ def _keys(product: Product) -> Iterator[ContainerKey]:
 
 
 def is_streamed(product: Product, key: ContainerKey) -> bool:
-    """Tell whether a container passes by in blocks of frames, and is no small table.
-
-    Parameters
-    ----------
-    product
-        The product that holds it.
-    key
-        The container.
-    """
+    """Tell whether a container passes by in blocks of frames, and is no small table."""
     kind = CONTAINERS[key.name]
     if kind is not Families:
         return kind in PASSING

@@ -51,8 +51,6 @@ def read_deployment(sources: Sequence[Path], table: PassageTable) -> Deployment:
 
     Parameters
     ----------
-    sources
-        Products, or folders with them.
     table
         Their passages, as `collect_passages` gives them.
 

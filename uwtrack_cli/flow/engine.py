@@ -115,8 +115,6 @@ class Engine:
         The steps, joined.
     given
         Containers from outside, which steps find by their kind.
-    sink
-        Takes the results of the graph's outputs.
     watch
         Sees the blocks that pass, if anybody wants to.
     revise
@@ -150,8 +148,6 @@ class Engine:
 
         Parameters
         ----------
-        recording
-            The recording, opened for reading.
         progress
             Called after each block, and after each of the fits that follow.
         """
@@ -214,8 +210,6 @@ class Engine:
         ----------
         origin
             The step that made it; None if it was given from outside.
-        block
-            The block.
         step
             The step that made it, if its result may stay.
         """
@@ -236,26 +230,12 @@ class Engine:
                     self._watch.made(stream.node.step, made[name])
 
     def feed(self, name: str, block: Container) -> None:
-        """Give a map or scan a block of its input, and push on what follows.
-
-        Parameters
-        ----------
-        name
-            Name of the step.
-        block
-            The block.
-        """
+        """Give a map or scan a block of its input, and push on what follows."""
         stream = self._streams[name]
         self.push(name, stream.push(block), stream.node.step)
 
     def open_scan(self, name: str) -> OpenScan | None:
-        """Return what a scan can be asked while it runs; None if it cannot.
-
-        Parameters
-        ----------
-        name
-            Name of the step.
-        """
+        """Return what a scan can be asked while it runs; None if it cannot."""
         results: object = self._streams[name].results
         return results if isinstance(results, OpenScan) else None
 

@@ -36,8 +36,6 @@ def run_jobs(
 
     Parameters
     ----------
-    jobs
-        What to make.
     n_workers
         Local processes, 1 or more; one means in this process.
     scheduler

@@ -71,17 +71,7 @@ class Fusion:
 def plan_fusion(
     recipe: Recipe, sources: Sequence[Path], recordings: Sequence[Recording]
 ) -> Fusion | None:
-    """Return how recordings are to be fused, None if they do not belong together.
-
-    Parameters
-    ----------
-    recipe
-        The recipe that the recordings are run with.
-    sources
-        Files of the recordings; the first one names the result.
-    recordings
-        The recordings, opened.
-    """
+    """Return how recordings are to be fused, None if they do not belong together."""
     step = next((s for s in recipe.steps if s.stage_name == "locate"), None)
     sensors = {recording.sensor.id for recording in recordings}
     if step is None or len(sensors) < 2 or not _overlap(recordings):

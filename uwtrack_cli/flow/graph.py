@@ -79,10 +79,6 @@ class Graph:
 
         Parameters
         ----------
-        steps
-            The steps.
-        name
-            What they are called in messages.
         keep
             Containers that are kept although they only pass by.
 
@@ -112,10 +108,6 @@ class Graph:
 
         Parameters
         ----------
-        steps
-            The steps.
-        name
-            What they are called in messages.
         given
             Containers that come from outside.
         keep
@@ -161,11 +153,6 @@ class Graph:
         the recording holds, the bands that reach higher than it are lowered and their
         windows lengthened, by one factor. A band that a person has set is meant as it
         stands, for the stage to refuse.
-
-        Parameters
-        ----------
-        recording
-            The recording.
         """
         highest_hz = 0.5 * recording.sample_rate_hz
         slower = self._slowness(highest_hz)
@@ -206,13 +193,7 @@ class Graph:
         return min(for_passages or beyond) / highest_hz
 
     def part(self, wanted: Collection[str]) -> Self:
-        """Return the part of the graph that some steps need.
-
-        Parameters
-        ----------
-        wanted
-            Names of the steps.
-        """
+        """Return the part of the graph that some steps need."""
         by_name = {node.step.name: node for node in self.nodes}
         names, waiting = set(wanted), list(wanted)
         while waiting:
@@ -223,13 +204,7 @@ class Graph:
         return replace(self, nodes=nodes, outputs=self.outputs & names)
 
     def without(self, absent: Collection[str]) -> Self:
-        """Return the graph without some steps, and without what needs their results.
-
-        Parameters
-        ----------
-        absent
-            Names of the steps.
-        """
+        """Return the graph without some steps, and without what needs their results."""
         gone, nodes = set(absent), []
         for node in self.nodes:
             left = {
@@ -312,8 +287,6 @@ def taken(container: Container, kinds: Sequence[type[Container]]) -> Container:
 
     Parameters
     ----------
-    container
-        What a step made.
     kinds
         Containers that the stage accepts.
     """
@@ -336,8 +309,6 @@ def without_passing(
 
     Parameters
     ----------
-    container
-        A container that may stand for one of its parts.
     keep
         Containers that are kept all the same.
     """

@@ -29,13 +29,7 @@ MOST_NAMES = 6
 
 
 def product_lines(product: Product) -> Iterator[str]:
-    """Yield what a product is and what was found.
-
-    Parameters
-    ----------
-    product
-        The product, open for reading.
-    """
+    """Yield what a product is and what was found."""
     yield (
         f"{Path(product.name).name}: product of uwtrack {product.program_version}, made "
         f"{product.created_utc}, schema {product.schema_version}"
@@ -80,11 +74,6 @@ def recording_lines(path: Path) -> Iterator[str]:
 
 def folder_lines(folder: Path) -> Iterator[str]:
     """Yield what the recordings in a folder have to do with each other.
-
-    Parameters
-    ----------
-    folder
-        The folder.
 
     Raises
     ------

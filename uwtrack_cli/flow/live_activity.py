@@ -108,8 +108,6 @@ class ToldPassage(NamedTuple):
 
         Parameters
         ----------
-        span
-            The span.
         now_s
             Where the sound ends, s.
         last_s

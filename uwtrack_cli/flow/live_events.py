@@ -81,10 +81,6 @@ class LiveWatch:
     ----------
     graph
         The graph of the run, its options resolved.
-    recording
-        The live recording.
-    tell
-        Takes the events.
     """
 
     def __init__(self, graph: Graph, recording: Recording, tell: Tell) -> None:

@@ -180,8 +180,6 @@ def with_told_encounter(row: Event, contacts: Mapping[int, int]) -> Event:
 
     Parameters
     ----------
-    row
-        A row of presence.
     contacts
         Contact that was told, for each one of the table that the row came with.
     """

@@ -212,10 +212,6 @@ def collect_passages(
 
     Parameters
     ----------
-    sources
-        Products, or folders with them.
-    ais
-        Table of AIS messages that gives passages the names of vessels.
     within_m
         Largest range at which an AIS vessel is expected to be detected, m.
     cache
@@ -274,8 +270,6 @@ def count_passages(passages: Iterable[PassageRow], per: Group) -> list[dict[str,
 
     Parameters
     ----------
-    passages
-        The passages.
     per
         What they are counted by; what is not known is counted as unknown.
     """

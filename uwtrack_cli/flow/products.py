@@ -53,8 +53,6 @@ class ProductSink:
 
     Parameters
     ----------
-    writer
-        The product that is being made.
     graph
         The graph of the run: it says under which name each result is kept.
     """
@@ -121,18 +119,10 @@ def run_into_product(  # noqa: PLR0913 (what a run may be given)
 
     Parameters
     ----------
-    recording
-        The recording, opened for reading.
-    recipe
-        The steps.
-    writer
-        The product, open; it gets the history, too.
     sources
         Files that the recording was read from; the recording itself if not given.
     keep
         Passing containers that are written all the same.
-    progress
-        Called after each block.
     tell
         Takes events as soon as they are decided; None if nobody waits for them.
     files
@@ -196,12 +186,6 @@ def source_into_product(
     ----------
     steps
         The step, or those of the rungs of a ladder with their overviews.
-    recording
-        The recording, opened for reading.
-    writer
-        The product that is being made.
-    progress
-        Called after each block.
     """
     first = steps[0]
     if len(steps) == 1:
@@ -218,17 +202,6 @@ def stream_into_product(
     """Apply a map or scan to every sensor of a product; return the last blocks of each.
 
     Of a sensor these are the last block with frames and the one that ends the stream.
-
-    Parameters
-    ----------
-    step
-        The step that is applied.
-    product
-        The product that it reads.
-    writer
-        The product that is being made.
-    branch
-        Step whose branch is read, where several steps made what the stage takes.
 
     Raises
     ------
@@ -348,15 +321,6 @@ def with_sound_at_hand(
 ) -> tuple[Step, list[Held]]:
     """Give a stage that reads the recording its sound, if it lies beside a product.
 
-    Parameters
-    ----------
-    step
-        The step.
-    available
-        What it may read.
-    products
-        The products that this came from.
-
     Returns
     -------
     tuple[Step, list[Held]]
@@ -396,10 +360,6 @@ def small_containers(
 
     Parameters
     ----------
-    product
-        The product.
-    branch
-        Step whose branch is meant, where several steps made results of one kind.
     keys
         What is meant, where that is known; the branch does not matter then.
     """
@@ -433,10 +393,6 @@ def extended_history(
 
     Parameters
     ----------
-    products
-        What it read.
-    step
-        The step.
     sources
         Names and digests of what it read.
     branch

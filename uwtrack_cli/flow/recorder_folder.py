@@ -98,8 +98,6 @@ def find_span(path: Path, options: Mapping[str, Any]) -> Span | None:
 
     Parameters
     ----------
-    path
-        The recording.
     options
         How it is opened: sensor, time_pattern and time_zone.
     """
@@ -127,8 +125,6 @@ def group_spans(
 
     Parameters
     ----------
-    spans
-        When each file was recorded.
     max_gap_s
         Longest gap within a group, s.
     slack_s
@@ -159,8 +155,6 @@ def plan_parts(spans: Sequence[Span], joining: Joining) -> list[Part]:
 
     Parameters
     ----------
-    spans
-        When each file was recorded.
     joining
         How they are joined and cut.
     """
@@ -183,12 +177,6 @@ def remarks(
 
     Parameters
     ----------
-    paths
-        The files.
-    spans
-        When each of them was recorded.
-    joining
-        How they are joined.
     is_joined
         Whether they are; else the option that does so is named.
     """
@@ -243,8 +231,6 @@ def distinct_passages(
 
     Parameters
     ----------
-    parts
-        Passages by part.
     owns
         What each part counts; None is a whole recording.
     time_of

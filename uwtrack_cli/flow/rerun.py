@@ -52,14 +52,8 @@ def rerun_product(
 
     Parameters
     ----------
-    path
-        The product.
-    target
-        Where the new one shall appear.
     sources
         Files that it was made of, or folders with them; else they lie beside it.
-    overwrite
-        Whether an existing file may be replaced.
 
     Raises
     ------

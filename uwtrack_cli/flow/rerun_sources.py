@@ -135,15 +135,7 @@ def _own_ns(files: RecordedFiles) -> tuple[int, int] | None:
 
 
 def with_sound(stored: Recording, products: Sequence[Product]) -> Recording:
-    """Return a recording with its sound, if its files lie unchanged beside a product.
-
-    Parameters
-    ----------
-    stored
-        A recording that was read from a product.
-    products
-        The products that it may have come from.
-    """
+    """Return a recording with its sound, if its files lie unchanged beside a product."""
     for product in products:
         for step in product.history:
             named = {source.name for source in step.sources}

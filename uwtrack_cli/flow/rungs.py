@@ -87,8 +87,6 @@ def rung_steps(steps: Sequence[Step], recording: Recording) -> list[Step]:
     ----------
     steps
         A step for each length of frames; a single one is no ladder.
-    recording
-        The recording.
 
     Raises
     ------
@@ -151,10 +149,6 @@ def rungs_of(
 
     Parameters
     ----------
-    product
-        The product that it reads.
-    step
-        The step.
     branch
         Step whose branch alone is read, if one is named.
     """
@@ -194,14 +188,8 @@ def rungs_into_product(
 
     Parameters
     ----------
-    step
-        The step that is applied.
     rungs
         The rungs, by sensor.
-    product
-        The product that holds them.
-    writer
-        The product that is being made.
 
     Raises
     ------

@@ -41,12 +41,8 @@ def write_simulation(
 
     Parameters
     ----------
-    scenario
-        What is in the water.
     path
         The WAV file; with several sensors, ``-ID`` is put before its suffix.
-    overwrite
-        Whether existing files may be replaced.
     subtype
         Sample format of the WAV file, as soundfile names it.
 

@@ -29,11 +29,6 @@ SEED = 2003
 def write_sample_tables(folder: Path) -> tuple[Path, ...]:
     """Write all sample tables with their truth; existing files are replaced.
 
-    Parameters
-    ----------
-    folder
-        Where to write.
-
     Returns
     -------
     tuple of Path

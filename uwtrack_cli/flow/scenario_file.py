@@ -14,11 +14,6 @@ from uwtrack_cli.simulate.scenario import Scenario, make_scenario
 def read_scenario(path: Path) -> Scenario:
     """Read a scenario from a TOML file.
 
-    Parameters
-    ----------
-    path
-        The TOML file.
-
     Returns
     -------
     Scenario

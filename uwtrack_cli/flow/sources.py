@@ -34,8 +34,6 @@ def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
 
     Parameters
     ----------
-    path
-        The recording.
     options
         Those of ``NO_OPTIONS``; what is not there keeps its value from there.
 

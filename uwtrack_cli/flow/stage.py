@@ -110,13 +110,6 @@ class Stage:
 
         A module may define ``condense`` for its stage, with the stage's own options,
         where the block itself is too large to be kept.
-
-        Parameters
-        ----------
-        block
-            A block that the stage takes.
-        options
-            Options of the step.
         """
         module = import_module(self.target.partition(":")[0])
         condense = getattr(module, "condense", None)

@@ -95,15 +95,6 @@ class AisVessels:
     ) -> Encounters:
         """Return encounters with the names of their vessels.
 
-        Parameters
-        ----------
-        encounters
-            What was found.
-        sensors
-            Their sensors.
-        recordings
-            Their recordings.
-
         Raises
         ------
         DataError
@@ -142,12 +133,8 @@ def tracks_past(
 
     Parameters
     ----------
-    vessels
-        The vessels.
     sensor
         The sensor, of known latitude and longitude.
-    recording
-        Its recording.
 
     Returns
     -------
@@ -202,8 +189,6 @@ def revision(
 
     Parameters
     ----------
-    recording
-        The recording.
     files
         How it was joined, if it was.
     vessels
@@ -233,8 +218,6 @@ def read_vessels(path: Path, within_m: float = WITHIN_M) -> AisVessels:
 
     Parameters
     ----------
-    path
-        The table.
     within_m
         Largest range at which a vessel is expected to be detected, m.
 

@@ -86,10 +86,6 @@ class Journal:
 
         Parameters
         ----------
-        row
-            The row of the report.
-        source
-            The recording.
         stamp
             Size and time of change of the recording when it was run.
         """
@@ -138,8 +134,6 @@ def watch_folder(
         Folder with recordings, in folders of its own, too.
     output
         Folder of the products and of the journal.
-    recipe
-        What is run.
     options
         How recordings are opened: the options of `open_with_options`.
     times

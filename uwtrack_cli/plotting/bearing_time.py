@@ -45,10 +45,6 @@ def draw_bearing_time(
 
     Parameters
     ----------
-    record
-        The record.
-    ax
-        Where to draw.
     span_s
         Begin and end of what is drawn, s; None is everything.
     """
@@ -142,12 +138,8 @@ def draw_frequency_azimuth(
 
     Parameters
     ----------
-    record
-        The record of the array.
     peaks
         What was found in its beams.
-    ax
-        Where to draw.
     span_s
         Begin and end, s.
     """
@@ -183,8 +175,6 @@ def draw_beam_pattern(record: BearingTime, array: LineArray, ax: "Axes") -> "Axe
     ----------
     record
         Record of the array, which knows its shading.
-    array
-        The hydrophones.
     ax
         Where to draw; its angles are those of the panel beside.
     """

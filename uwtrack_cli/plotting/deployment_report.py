@@ -64,15 +64,7 @@ HEADS = (
 
 
 def deployment_html(deployment: Deployment, title: str) -> str:
-    """Return the report of a folder as HTML.
-
-    Parameters
-    ----------
-    deployment
-        What its results say.
-    title
-        Name of the folder.
-    """
+    """Return the report of a folder as HTML."""
     n = len(deployment.passages)
     count = f"{n or 'no'} passage{'' if n == 1 else 's'}"
     hours = sum(one.duration_s for one in deployment.listened) / 3600
@@ -128,8 +120,6 @@ def calendar_figure(deployment: Deployment, width_in: float) -> "Figure":
 
     Parameters
     ----------
-    deployment
-        What is drawn.
     width_in
         Width of the picture, inches.
     """

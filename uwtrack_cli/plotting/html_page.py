@@ -26,8 +26,6 @@ def page_html(title: str, body: Sequence[str], footer: str) -> str:
     ----------
     title
         Its title, any text.
-    body
-        Parts of HTML.
     footer
         Its last line, any text.
     """

@@ -110,8 +110,6 @@ def choose_axis(
 
     Parameters
     ----------
-    overview
-        The picture.
     lines
         Lines that were tracked in it; None without.
     band_hz
@@ -151,8 +149,6 @@ def check_axes(container: Container, *names: str) -> None:
 
     Parameters
     ----------
-    container
-        What is drawn.
     names
         Its columns that are axes.
 
@@ -266,14 +262,8 @@ def draw_lofargram(
 
     Parameters
     ----------
-    overview
-        The picture.
-    axis
-        Its frequencies.
     span_s
         Its times, s.
-    ax
-        Where to draw.
     """
     check_axes(overview, "time_s", "frequency_hz")
     relative = over_floor(overview)

@@ -152,15 +152,6 @@ def choose_pages(
 ) -> list[Page]:
     """Return the pages of a contact and sensor; without them, every one.
 
-    Parameters
-    ----------
-    pages
-        All pages.
-    contact
-        Contact that is asked for.
-    sensor
-        Sensor that is asked for.
-
     Raises
     ------
     DataError
@@ -215,10 +206,6 @@ def write_pages(
         What is drawn: of a PNG or SVG, the first of them.
     output
         Picture to write: PNG, PDF or SVG.
-    view
-        How it is drawn.
-    overwrite
-        Whether an existing file may be replaced.
 
     Raises
     ------

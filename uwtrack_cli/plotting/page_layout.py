@@ -48,10 +48,6 @@ def titled_figure(
 
     Parameters
     ----------
-    heads
-        Title and the lines below it.
-    view
-        How wide the page is.
     body_in
         Height of the part below the title, inches.
     """
@@ -105,12 +101,6 @@ def draw_parts(
 
     Parameters
     ----------
-    parts
-        The panels; there may be none.
-    figure
-        Where to draw them.
-    clock
-        Clock of the time axis.
     span_s
         Begin and end of the axis, s.
     ticks

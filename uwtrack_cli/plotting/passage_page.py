@@ -66,10 +66,6 @@ def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
     ----------
     scene
         The recording, with its closest approaches.
-    row
-        Which of them.
-    view
-        What of it is drawn.
 
     Raises
     ------

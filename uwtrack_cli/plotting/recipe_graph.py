@@ -28,12 +28,6 @@ def draw_recipe_graph(
     ----------
     edges
         Source, reader and the container that passes, in the order of the graph.
-    title
-        Name of the recipe.
-    output
-        Picture: PNG, PDF or SVG.
-    overwrite
-        Whether an existing file may be replaced.
 
     Raises
     ------

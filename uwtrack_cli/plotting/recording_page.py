@@ -108,13 +108,6 @@ LEVEL_BLOCKS = 500
 def recording_figure(scenes: Sequence[Scene], view: View) -> "Figure":
     """Return the page of a recording, or of several sensors that heard the same.
 
-    Parameters
-    ----------
-    scenes
-        One for each sensor.
-    view
-        What is drawn.
-
     Raises
     ------
     DataError

@@ -74,15 +74,7 @@ class Report:
 
 
 def report_html(product: Product, report: Report) -> str:
-    """Return the report of a product as HTML.
-
-    Parameters
-    ----------
-    product
-        The product, for its history.
-    report
-        What it shows.
-    """
+    """Return the report of a product as HTML."""
     body = [*_summary(report), *_pictures(report), *_tables(report)]
     steps = "\n".join(map(_step, product.history))
     body.append(folded_html(f"History: {len(product.history)} steps", steps))

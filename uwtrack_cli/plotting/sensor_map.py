@@ -45,10 +45,6 @@ def draw_sensor_map(scenes: Sequence[Scene], ax: "Axes", ratio: float) -> "Axes"
 
     Parameters
     ----------
-    scenes
-        What each sensor heard.
-    ax
-        Where to draw.
     ratio
         Width of the panel over its height.
     """

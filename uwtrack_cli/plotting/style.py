@@ -181,14 +181,10 @@ def draw_ellipse(
 
     Parameters
     ----------
-    ax
-        Where to draw.
     place
         Its middle, m, shape (2,).
     covariance
         Covariance of both coordinates, m^2, shape (2, 2); without one nothing is drawn.
-    color
-        Colour of edge and filling.
     alpha
         Share of the filling that is seen.
     """

@@ -208,13 +208,9 @@ def draw_motion_map(
 
     Parameters
     ----------
-    motions
-        The motions.
     ways
         Name and way of own ship, or of every sensor, the one first from which the
         ranges count; none is a platform that stands still.
-    ax
-        Where to draw.
     ratio
         Width of the panel over its height.
     """
@@ -340,10 +336,6 @@ def motion_residuals(
     ----------
     scene
         Where own ship was, and how deep the sensor lies.
-    motions
-        The motions.
-    data
-        What was measured of the contact.
 
     Returns
     -------

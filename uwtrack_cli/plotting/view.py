@@ -65,8 +65,6 @@ class View:
         ----------
         usual
             Begin and end where none is asked for, s.
-        clock
-            Clock of the recording.
 
         Raises
         ------
@@ -105,8 +103,6 @@ def to_seconds(text: str, clock: Clock) -> float:
     ----------
     text
         Seconds, a time of day (the first after the start), or a time in UTC.
-    clock
-        Clock of the recording.
 
     Raises
     ------

@@ -46,10 +46,6 @@ class ArrayNoise:
 
     Parameters
     ----------
-    scenario
-        What is in the water.
-    noise
-        Its noise.
     number
         Number of the array among the sensors.
 

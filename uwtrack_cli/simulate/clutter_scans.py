@@ -67,12 +67,8 @@ def simulate_scan(
 
     Parameters
     ----------
-    rng
-        Source of randomness.
     position
         True components of the target, ``(run, m)``.
-    scene
-        Detector and window.
 
     Returns
     -------
@@ -129,8 +125,6 @@ def constant_velocity_truth(
 
     Parameters
     ----------
-    rng
-        Source of randomness.
     start
         States before the first scan, ``(run, n)``: z_1, v_1, z_2, v_2 ...
     scans

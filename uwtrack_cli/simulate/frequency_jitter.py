@@ -99,8 +99,6 @@ def draw_jitter(
 
     Parameters
     ----------
-    seed
-        Seed of the series.
     fraction
         Standard deviation of the relative frequency.
     correlation_s

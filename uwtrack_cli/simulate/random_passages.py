@@ -38,8 +38,6 @@ def draw_scenario(
 
     Parameters
     ----------
-    seed
-        Seed of everything.
     n_vessels
         Number of passages, 0 or more; drawn from one to four unless given.
     kinds

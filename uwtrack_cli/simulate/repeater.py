@@ -89,10 +89,6 @@ def simulate_repeater(
 
     Parameters
     ----------
-    rng
-        Source of randomness.
-    scene
-        Geometry and noise.
     runs
         Number of runs, from 1.
     """

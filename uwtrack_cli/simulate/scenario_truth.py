@@ -39,8 +39,6 @@ def truth(scenario: Scenario, sensor: str | None = None) -> dict[str, Any]:
 
     Parameters
     ----------
-    scenario
-        What is in the water.
     sensor
         Name of the one sensor to describe; by default all of them.
 

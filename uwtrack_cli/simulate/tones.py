@@ -26,8 +26,6 @@ def simulate_tones(
 
     Parameters
     ----------
-    rng
-        Source of randomness.
     frequency_hz
         Frequency of every tone at every sample, ``(tone, sample)``; nan is silence.
     snr_db

@@ -111,8 +111,6 @@ def array_place(plan: SensorPlan, place_m: tuple[float, float, float]) -> Trajec
 
     Parameters
     ----------
-    plan
-        The array.
     place_m
         The place from the array's middle: starboard, ahead and up, m.
 

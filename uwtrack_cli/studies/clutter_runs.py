@@ -194,12 +194,8 @@ def run_scene(
 
     Parameters
     ----------
-    scene
-        The experiment.
     runs
         Number of independent runs, from 1.
-    seed
-        Seed of all random numbers.
 
     Returns
     -------

@@ -61,8 +61,6 @@ def study_clutter(*, runs: int = 1000, seed: int = 1) -> Study:
     ----------
     runs
         Number of tracks in each scene; the one-scan test takes 20 times as many.
-    seed
-        Seed of all random numbers.
 
     Returns
     -------
@@ -261,14 +259,10 @@ def one_step(
 
     Parameters
     ----------
-    scene
-        The detector.
     innovation_variance
         Variance S of each component of the innovation in m^2, above 5.
     runs
         Number of independent scans, from 1.
-    seed
-        Seed of all random numbers.
 
     Returns
     -------

@@ -54,8 +54,6 @@ def study_demon(runs: int = 20, seed: int = 1) -> Study:
     ----------
     runs
         Recordings of each kind.
-    seed
-        Seed of all random numbers.
     """
     rows: list[StudyRow] = []
     for snr_db, depth in SCENES:
@@ -100,8 +98,6 @@ def cavitation(
 
     Parameters
     ----------
-    generator
-        Source of all random numbers.
     snr_db
         Power over the ambient noise in the band, dB.
     depth

@@ -67,8 +67,6 @@ def study_discriminate(*, runs: int = 2000, seed: int = 1) -> Study:
     ----------
     runs
         Number of runs in each case; the textbook test takes 25 times as many.
-    seed
-        Seed of all random numbers.
 
     Returns
     -------
@@ -120,8 +118,6 @@ def run_scenario(
         What the filters assume.
     runs
         Number of runs, from 1.
-    seed
-        Seed of all random numbers.
     """
     scene = RepeaterScene(
         aspect_deg=aspect_deg, range_m=400.0 if scenario == 3 else 1000.0,
@@ -209,8 +205,6 @@ def textbook_test(
         Distance of the two means in standard deviations, above 0.
     runs
         Number of tests, from 1.
-    seed
-        Seed of all random numbers.
 
     Returns
     -------

@@ -62,8 +62,6 @@ def study_line_association(*, runs: int = 4, seed: int = 1) -> Study:
     ----------
     runs
         Number of simulated recordings of each kind, 300 s long.
-    seed
-        Seed of all random numbers.
 
     Returns
     -------
@@ -112,8 +110,6 @@ def passage(snr_db: float, kept: float, seed: int) -> dict[Tracker, PassageFigur
         Power of each tone over the noise in its cell, in dB.
     kept
         Exceedance probability of the weakest peaks kept.
-    seed
-        Seed of the recording.
     """
     time_s = np.arange(round(_LENGTH_S * _RATE_HZ)) / _RATE_HZ
     samples = simulate_tones(
@@ -142,8 +138,6 @@ def crossing(kept: float, seed: int) -> dict[Tracker, float]:
     ----------
     kept
         Exceedance probability of the weakest peaks kept.
-    seed
-        Seed of the recording.
     """
     time_s = np.arange(round(_LENGTH_S * _RATE_HZ)) / _RATE_HZ
     slide = 0.05 * (time_s - 0.5 * _LENGTH_S)
@@ -171,8 +165,6 @@ def noise_lines(kept: float, seed: int) -> dict[Tracker, float]:
     ----------
     kept
         Exceedance probability of the weakest peaks kept.
-    seed
-        Seed of the recording.
     """
     silence = np.full((1, round(_LENGTH_S * _RATE_HZ)), np.nan)
     samples = simulate_tones(

@@ -90,12 +90,8 @@ def comb_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[Study
 
     Parameters
     ----------
-    reference
-        Reference figures of the study.
     runs
         50 sets of noise and 10 with a family come to a run.
-    seed
-        Seed of all random numbers.
     """
     noise = _Noise(max(50 * runs, _FEWEST_SETS), seed)
     families = _Families(max(10 * runs, _FEWEST_SETS // 3), seed)
@@ -187,10 +183,6 @@ def family_chances(
         Teeth of the family.
     density
         Mean number of peaks at random.
-    sets
-        Number of sets.
-    rng
-        Generator.
     jitter_hz
         Deviation of a tooth's frequency in Hz.
     seen

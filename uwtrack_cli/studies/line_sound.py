@@ -95,12 +95,8 @@ def sound_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[Stud
 
     Parameters
     ----------
-    reference
-        Reference figures of the study.
     runs
         Four minutes at an SNR come to a run, and two of the smoothed frequency.
-    seed
-        Seed of all random numbers.
     """
     trials, traced = _TRIALS_PER_RUN * runs, _TRACED_PER_RUN * runs
     for method, grid in SNR_GRIDS.items():
@@ -259,12 +255,8 @@ def frequency_rows(
 
     Parameters
     ----------
-    reference
-        Reference figures of the study.
     runs
         A hundred tones come to a run.
-    seed
-        Seed of all random numbers.
     """
     for snr, known in reference["frame_error"].items():
         rng = np.random.default_rng([seed, int(snr)])
@@ -287,10 +279,6 @@ def frame_errors(
     ----------
     snr_db
         Power of the tone over the noise in 1 Hz, dB.
-    trials
-        Number of tones.
-    rng
-        Generator.
     """
     errors, stated = [], []
     amplitude = np.sqrt(2.0 * 10.0 ** (snr_db / 10.0))
@@ -331,8 +319,6 @@ def detection_row(
 
     Parameters
     ----------
-    case
-        Case of the row.
     known
         Reference figure, dB.
     grid_db
@@ -341,8 +327,6 @@ def detection_row(
         Whether the line was detected, ``(SNR, trial)``.
     level
         The share, 0 to 1.
-    rng
-        Generator of the resampling.
     """
     ours = detection_snr_db(grid_db, detected.mean(axis=1), level)
     draws = rng.integers(0, detected.shape[1], (_N_RESAMPLES, detected.shape[1]))

@@ -258,10 +258,6 @@ def run_figures(setting: str, rule: SceneRule, seed: int) -> RunFigures:
 
     Parameters
     ----------
-    setting
-        Name of one of `VARIANTS`.
-    rule
-        Variant of the scene.
     seed
         Seed of the scene; the same for all settings, so that they are compared.
     """
@@ -312,8 +308,6 @@ def tracking_rows(
         Scenes with their settings and known figures.
     runs
         Runs of a scene; some scenes take a stated share of them.
-    seed
-        Seed of all random numbers.
     """
     names = [field.name for field in fields(RunFigures)]
     for case in cases:

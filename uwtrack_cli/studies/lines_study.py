@@ -41,8 +41,6 @@ def study_lines(*, runs: int = 6, seed: int = 1) -> Study:
     runs
         Runs of each setting of the tracker; the other experiments scale with it. 100
         are the long form.
-    seed
-        Seed of all random numbers.
     """
     reference = load_reference("lines")
     rows = [

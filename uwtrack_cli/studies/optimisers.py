@@ -141,10 +141,6 @@ def hybrid(search: str, runs: int, seed: int, share: float, counts: int = 1) -> 
     ----------
     search
         genetic or annealing.
-    runs
-        Number of runs.
-    seed
-        Seed of the search.
     share
         First step of the simplex as a share of the box.
     counts
@@ -171,8 +167,6 @@ def study_optimisers(*, runs: int = 10_000, seed: int = 1) -> Study:
     ----------
     runs
         Number of simplex runs; the hybrids get a tenth, scipy a two-thousandth.
-    seed
-        Seed of all random numbers.
 
     Returns
     -------

@@ -57,8 +57,6 @@ def study_proximity(*, runs: int = 10_000, seed: int = 1) -> Study:
     ----------
     runs
         Monte Carlo runs per speed.
-    seed
-        Seed of the random numbers.
     """
     reference = load_reference("proximity")
     rng = np.random.default_rng(seed)

@@ -41,8 +41,6 @@ def study_seatrial(*, runs: int = 6, seed: int = 1) -> Study:
     ----------
     runs
         Recordings per case.
-    seed
-        Seed of the random numbers.
     """
     reference = load_reference("seatrial")
     rows: list[StudyRow] = []
@@ -82,8 +80,6 @@ def trial_scenario(case: dict[str, Any], seed: int) -> Scenario:
     ----------
     case
         C/N0, in-band ratio, surface image and frequency jitter.
-    seed
-        Seed of the random numbers.
     """
     vessel = {
         "source_depth_m": SOURCE_DEPTH_M,
@@ -116,15 +112,7 @@ def trial_scenario(case: dict[str, Any], seed: int) -> Scenario:
 
 
 def analyse(scenario: Scenario, recipe: str = "vessel") -> list[Encounters]:
-    """Run the chain over every recording of a scenario.
-
-    Parameters
-    ----------
-    scenario
-        What is in the water.
-    recipe
-        Name of a shipped recipe.
-    """
+    """Run the chain over every recording of a scenario."""
     chain = load_recipe(recipe)
     return [
         made
@@ -135,15 +123,7 @@ def analyse(scenario: Scenario, recipe: str = "vessel") -> list[Encounters]:
 
 
 def trial_errors(case: dict[str, Any], seed: int) -> FloatArray:
-    """Return errors of speed, slant range, time and course; nan if nothing passed.
-
-    Parameters
-    ----------
-    case
-        As for `trial_scenario`.
-    seed
-        Seed of the random numbers.
-    """
+    """Return errors of speed, slant range, time and course; nan if nothing passed."""
     found = analyse(trial_scenario(case, seed))[0]
     near = np.flatnonzero(np.isfinite(found.speed_mps))
     if near.size != 1:

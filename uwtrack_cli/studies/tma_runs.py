@@ -109,16 +109,8 @@ def accuracy(name: str, noise: float, rows: int, runs: int, seed: int) -> Accura
 
     Parameters
     ----------
-    name
-        Scenario.
     noise
         Multiple of the deviations.
-    rows
-        Number of measurements used.
-    runs
-        Number of records.
-    seed
-        Seed of the noise.
     """
     scenario = make_scenario(name)
     truth = scenario.solution()

@@ -123,14 +123,10 @@ def make_problem(
 
     Parameters
     ----------
-    scenario
-        The scenario.
     noise
         Multiple of the deviations 1 degree and 0.25 Hz; 1 or 5 in the paper.
     runs
         Number of independent records.
-    seed
-        Seed of the noise.
     """
     bearing, _, frequency = scenario.truth()
     draw = np.random.default_rng(seed).standard_normal((runs, 2, 1, COUNT))

@@ -89,8 +89,6 @@ def study_tma(*, runs: int = 1000, seed: int = 1) -> Study:
     runs
         Number of records for the errors; the solvers beside solvers get a
         twentieth or less of them, for they are slow.
-    seed
-        Seed of all random numbers.
 
     Returns
     -------
@@ -252,10 +250,6 @@ def robust_fits(
         Scenario, at one sigma.
     loss
         Loss of a residual.
-    runs
-        Number of records.
-    seed
-        Seed of noise and outliers.
     clean
         Whether the outliers are left out.
     """

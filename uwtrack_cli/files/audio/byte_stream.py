@@ -49,8 +49,6 @@ class ByteStream(abc.ABC):
 
     Parameters
     ----------
-    name
-        What it is called in messages.
     idle_s
         The stream ends when nothing came for so long, s; None waits for ever.
     """
@@ -97,8 +95,6 @@ class ByteStream(abc.ABC):
         ----------
         position
             Bytes before them in the stream.
-        count
-            How many.
         """
 
     @abc.abstractmethod
@@ -129,8 +125,6 @@ class PipeStream(ByteStream):
 
     Parameters
     ----------
-    name
-        What it is called in messages.
     opener
         Opens it, unbuffered.
     idle_s
@@ -224,8 +218,6 @@ class GrowingFile(ByteStream):
 
     Parameters
     ----------
-    path
-        The file.
     idle_s
         It is complete when it has not grown for so long, s; None waits for ever.
     stated_end

@@ -48,11 +48,6 @@ class SoundFacts:
 def open_sound(path: Path) -> Iterator[soundfile.SoundFile]:
     """Open a sound file for reading.
 
-    Parameters
-    ----------
-    path
-        The file.
-
     Raises
     ------
     SoundFileError
@@ -108,15 +103,7 @@ def sound_facts(path: Path) -> SoundFacts:
 
 
 def why_no_recording(path: Path, error: Exception) -> str:
-    """Return a sentence about a file that is no recording.
-
-    Parameters
-    ----------
-    path
-        The file.
-    error
-        Why it could not be opened as one.
-    """
+    """Return a sentence about a file that is no recording."""
     with as_input(path).open("rb") as file:
         is_hdf5 = file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
     if is_hdf5:

@@ -169,10 +169,6 @@ def select_channels(
 
     Parameters
     ----------
-    path
-        The recording, as it is named in messages.
-    n_channels
-        Channels of the recording.
     sensor
         The sensor; without one an omni hydrophone of which nothing is known.
     channel

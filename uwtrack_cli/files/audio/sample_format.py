@@ -36,8 +36,6 @@ class SampleFormat:
         ----------
         content
             Interleaved samples; its length is a multiple of a frame.
-        n_channels
-            Number of channels.
 
         Returns
         -------

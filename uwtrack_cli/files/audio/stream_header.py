@@ -58,13 +58,6 @@ class StreamHeader:
 def read_stream_header(take: Take, name: str) -> StreamHeader:
     """Read the header of a WAV or RF64 stream, up to its first sample.
 
-    Parameters
-    ----------
-    take
-        Takes bytes of the stream.
-    name
-        What the stream is called in messages.
-
     Raises
     ------
     DataError

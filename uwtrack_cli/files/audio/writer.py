@@ -37,8 +37,6 @@ def write_wav(
         Sample rate, whole Hz.
     subtype
         Sample format, as libsndfile names it (PCM_16, PCM_24, FLOAT, ...).
-    overwrite
-        Whether an existing file may be replaced.
 
     Returns
     -------

@@ -49,13 +49,7 @@ LINE_BYTES = len(checksum_line("0" * 64))
 
 
 def append_checksum(file: Any) -> str:
-    """Write the line behind a complete product, and return its SHA-256.
-
-    Parameters
-    ----------
-    file
-        The file, open for reading and writing.
-    """
+    """Write the line behind a complete product, and return its SHA-256."""
     file.seek(0)
     sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     file.seek(0, 2)

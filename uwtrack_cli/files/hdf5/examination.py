@@ -63,13 +63,6 @@ def reading(name: str) -> Iterator[None]:
 def open_examined(source: Path | bytes, name: str) -> tuple[h5py.File, Checksum]:
     """Open a product for reading, and return its checksum, too.
 
-    Parameters
-    ----------
-    source
-        The file, or its bytes.
-    name
-        What it is called in messages.
-
     Raises
     ------
     DataError

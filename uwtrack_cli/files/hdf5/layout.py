@@ -175,8 +175,6 @@ def group_path(sensor: str | None, name: str, step: str = "") -> str:
     ----------
     sensor
         Its sensor; None for a container of the whole file.
-    name
-        Name of the container.
     step
         Name of the step that made it, where that is not the name of its stage.
     """

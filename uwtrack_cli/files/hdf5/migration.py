@@ -106,8 +106,6 @@ def migrate(
     ----------
     version
         Version of the layout of the file that was read.
-    container
-        Name of the container.
     column
         Name of the column today.
     values

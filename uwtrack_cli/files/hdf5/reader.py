@@ -295,12 +295,6 @@ def read_whole(file: h5py.File, path: str, kind: type[C], hold: Hold = np.asarra
 
     Parameters
     ----------
-    file
-        The file.
-    path
-        Path of the container's group.
-    kind
-        Its class.
     hold
         Takes each column that was read and returns the array that is kept of it.
     """

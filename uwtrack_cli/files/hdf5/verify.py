@@ -35,11 +35,6 @@ def verify_product(path: Path | str) -> list[str]:
     """Return what is wrong with a product file; an empty list if nothing is.
 
     This finds damage. It cannot find forgery: see `checksum`.
-
-    Parameters
-    ----------
-    path
-        The product file.
     """
     path = Path(path)
     try:
@@ -66,10 +61,6 @@ def content_problems(path: str, name: str, data: bytes) -> list[str]:
 
     Parameters
     ----------
-    path
-        The file.
-    name
-        What it is called in messages.
     data
         Nothing: the file is read by its path.
     """

@@ -171,14 +171,8 @@ class ProductWriter:
 
     Parameters
     ----------
-    path
-        Where the product shall appear.
     history
         What was done, the last step included.
-    overwrite
-        Whether an existing file may be replaced.
-    inputs
-        Files being read: none of them may be the target.
     """
 
     def __init__(

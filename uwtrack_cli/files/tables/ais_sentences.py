@@ -66,13 +66,7 @@ class AisMessages:
 
 
 def is_sentence_log(path: Path) -> bool:
-    """Tell whether a file begins as a log of AIS sentences does.
-
-    Parameters
-    ----------
-    path
-        The file.
-    """
+    """Tell whether a file begins as a log of AIS sentences does."""
     with as_input(path).open("rb") as file:
         return SENTENCE.search(file.read(1 << 16)) is not None
 

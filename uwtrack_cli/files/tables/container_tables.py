@@ -43,8 +43,6 @@ def write_table(
 
     Parameters
     ----------
-    container
-        What is written.
     form
         ``table`` for people, ``csv``, ``json`` (encounters, fixes, motions and
         presence: an array of rows; others: an object with the rows of every axis), or ``jsonl``.

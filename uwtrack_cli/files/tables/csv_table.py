@@ -136,8 +136,6 @@ class Table:
 
         Parameters
         ----------
-        name
-            The column.
         low
             Least value accepted.
         high

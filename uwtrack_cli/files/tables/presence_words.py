@@ -45,8 +45,6 @@ def presence_sentences(rows: Sequence[Row], *, is_passed: bool) -> list[str]:
 
     Parameters
     ----------
-    rows
-        Rows of a presence.
     is_passed
         Whether there are closest approaches, which are told elsewhere.
     """
@@ -70,11 +68,6 @@ def presence_sentences(rows: Sequence[Row], *, is_passed: bool) -> list[str]:
 
 def why_no_passage(rows: Sequence[Row]) -> list[str]:
     """Say of each stretch that is no closest approach why it is none.
-
-    Parameters
-    ----------
-    rows
-        Rows of a presence.
 
     Examples
     --------

@@ -235,8 +235,6 @@ def read_replay_track(
 
     Parameters
     ----------
-    path
-        The file.
     name
         Name of the ship; None where the file has one ship alone.
     flag
@@ -431,10 +429,6 @@ def replay_lines(
 
     Parameters
     ----------
-    series
-        Tables of bearings and frequencies.
-    fixes
-        Positions of vessels.
     with_tracks
         Whether tracks of sensors and vessels are written.
 

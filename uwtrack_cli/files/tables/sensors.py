@@ -405,8 +405,6 @@ def sensor_files(recording: Path, sensor_file: Path | None = None) -> list[Path]
 
     Parameters
     ----------
-    recording
-        The recording.
     sensor_file
         A sensor or deployment file, as for `find_sensor`.
     """

@@ -159,8 +159,6 @@ def summary_of(name: str, rows: Sequence[Row]) -> Summary:
     ----------
     name
         Name of the container, a key of ``SUMMARIES``.
-    rows
-        Its rows, as plain values.
     """
     columns = {head.title: [head.text(r) for r in rows] for head in SUMMARIES[name]}
     titles = {title: title for title in columns}

@@ -61,24 +61,12 @@ def export_product(
 
     Parameters
     ----------
-    product
-        The product, open for reading.
-    form
-        The format.
-    target
-        File to write.
     container
         Container that a CSV holds.
     sensor
         Sensor, where there are several.
-    step
-        Step whose branch is meant, where several steps made results of one kind.
     axis
         Axis of the container whose rows a CSV holds; the main one unless given.
-    overwrite
-        Whether an existing file may be replaced.
-    inputs
-        Files being read: none of them may be the target.
 
     Raises
     ------

@@ -51,13 +51,6 @@ class Feature:
 def geographic_features(containers: Sequence[Container], name: str) -> list[Feature]:
     """Return everything in a product that has a place on Earth.
 
-    Parameters
-    ----------
-    containers
-        Small containers of a product.
-    name
-        Name of the product, for messages.
-
     Raises
     ------
     DataError

@@ -20,13 +20,7 @@ from uwtrack_cli.flow.exports.features import Feature
 
 
 def geojson_text(features: Sequence[Feature]) -> str:
-    """Return features as a GeoJSON feature collection.
-
-    Parameters
-    ----------
-    features
-        What is on the map.
-    """
+    """Return features as a GeoJSON feature collection."""
     collection = {
         "type": "FeatureCollection",
         "features": [_feature(feature) for feature in features],

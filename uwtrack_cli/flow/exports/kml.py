@@ -23,15 +23,7 @@ SHOWN = (
 
 
 def kml_text(features: Sequence[Feature], name: str) -> str:
-    """Return features as a KML document with a folder for each kind.
-
-    Parameters
-    ----------
-    features
-        What is on the map.
-    name
-        Name of the document.
-    """
+    """Return features as a KML document with a folder for each kind."""
     root = ET.Element("kml", xmlns=NAMESPACE)
     document = ET.SubElement(root, "Document")
     _text(document, "name", name)

@@ -91,8 +91,6 @@ def query_passages(table: PassageTable, query: str) -> list[Row]:
 
     Parameters
     ----------
-    table
-        The passages and their levels.
     query
         One SELECT statement.
 

@@ -72,13 +72,6 @@ class FileClock:
 def raven_text(containers: Sequence[Container], name: str) -> str:
     """Return the lines of a product as a selection table.
 
-    Parameters
-    ----------
-    containers
-        Small containers of a product.
-    name
-        Name of the product, for messages.
-
     Raises
     ------
     DataError

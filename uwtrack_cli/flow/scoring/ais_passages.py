@@ -41,8 +41,6 @@ def ais_passages(
 
     Parameters
     ----------
-    truth
-        AIS tracks.
     sensor
         The sensor; its latitude and longitude must be known.
     span_s

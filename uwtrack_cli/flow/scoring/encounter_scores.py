@@ -122,10 +122,6 @@ def score_encounters(
 
     Parameters
     ----------
-    encounters
-        What was found.
-    truth
-        What happened.
     recorded
         Sensors and recordings of the result.
     within_m

@@ -72,14 +72,6 @@ def score_product(
 
     Parameters
     ----------
-    product
-        The result, open for reading.
-    truth
-        What happened.
-    wanted
-        Limits that the result must meet.
-    step
-        Step whose branch is scored, where several steps made results of one kind.
     within_m
         Largest range at which AIS vessels are expected to be detected, m.
     cutoff_m

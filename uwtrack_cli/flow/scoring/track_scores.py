@@ -54,8 +54,6 @@ def score_fixes(
     ----------
     fixes
         Positions found.
-    truth
-        Tracks of all vessels.
     start_utc_ns
         UTC of time zero of the fixes, None if unknown.
     cutoff_m
