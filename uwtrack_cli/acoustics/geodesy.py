@@ -25,16 +25,7 @@ class Origin(NamedTuple):
 
 
 def to_grid(latitude: float, longitude: float, origin: Origin) -> tuple[float, float]:
-    """Return east and north in metres of a position.
-
-    Parameters
-    ----------
-    latitude
-        Latitude in degrees, -90 to 90.
-    longitude
-        Longitude in degrees.
-    origin
-        Origin of the grid.
+    """Return east and north in metres of a position in degrees.
 
     Examples
     --------
@@ -54,16 +45,7 @@ def to_grid(latitude: float, longitude: float, origin: Origin) -> tuple[float, f
 def to_latitude_longitude(
     east_m: FloatArray, north_m: FloatArray, origin: Origin
 ) -> tuple[FloatArray, FloatArray]:
-    """Return latitudes and longitudes of grid positions.
-
-    Parameters
-    ----------
-    east_m
-        Positions east of the origin in metres.
-    north_m
-        Positions north of the origin in metres.
-    origin
-        Origin of the grid.
+    """Return latitudes and longitudes of grid positions in metres.
 
     Examples
     --------

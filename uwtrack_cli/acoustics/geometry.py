@@ -36,14 +36,7 @@ def compass_unit(bearing_deg: Any) -> FloatArray:
 
 
 def course_deg(bearing_deg: Any, turn: Any) -> FloatArray:
-    """Return the course of a vessel from its bearing at closest approach.
-
-    Parameters
-    ----------
-    bearing_deg
-        Compass bearing from the sensor to the vessel at closest approach, degrees.
-    turn
-        Sign of the bearing trend: +1 clockwise, -1 counter-clockwise.
+    """Return the course of a vessel from its bearing at closest approach, degrees.
 
     Examples
     --------
@@ -59,11 +52,5 @@ def course_deg(bearing_deg: Any, turn: Any) -> FloatArray:
 
 
 def side_of_vessel(turn: int) -> str:
-    """Name the side of the vessel on which the sensor lies.
-
-    Parameters
-    ----------
-    turn
-        Sign of the bearing trend: +1 clockwise, -1 counter-clockwise.
-    """
+    """Name the side of the vessel on which the sensor lies, by the bearing's turn."""
     return STARBOARD if turn > 0 else PORT

@@ -44,16 +44,9 @@ class Medium:
 def spreading_loss_db(
     range_m: float, range_std_m: float, spreading_db: float
 ) -> tuple[float, float]:
-    """Return the loss from 1 m to a range, and its deviation, in dB.
+    """Return the loss from 1 m to a slant range, and its deviation, in dB.
 
-    Parameters
-    ----------
-    range_m
-        Slant range in metres.
-    range_std_m
-        Its standard deviation in metres.
-    spreading_db
-        Loss per decade of range in dB: the law.
+    The law is the loss per decade of range.
 
     Examples
     --------

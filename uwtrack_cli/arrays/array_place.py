@@ -47,13 +47,6 @@ class ArrayPlace:
 def check_place(recording: Recording, *, needs_heading: bool) -> None:
     """Refuse a recording whose array has no heading, or no clock for its navigation.
 
-    Parameters
-    ----------
-    recording
-        The recording.
-    needs_heading
-        Whether compass bearings are wanted.
-
     Raises
     ------
     DataError
@@ -117,15 +110,7 @@ def _check_cover(recording: Recording, navigation: Navigation) -> None:
 
 
 def place_of_array(sensor: Sensor, frames: Frames) -> ArrayPlace:
-    """Return where an array is and how it points at the times of frames.
-
-    Parameters
-    ----------
-    sensor
-        The array, with what is known of its tow.
-    frames
-        Time base.
-    """
+    """Return where an array is and how it points at the times of frames."""
     n = frames.n_frames
     navigation = sensor.navigation
     if navigation is None:

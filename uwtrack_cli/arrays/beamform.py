@@ -407,17 +407,9 @@ class _BeamFormer(ABC):
     ) -> BearingTime:
         """Return the record of a part of a block with what was found in it.
 
-        Parameters
-        ----------
-        directions
-            Directions of broadband sound in these frames.
-        weights
-            Weights of the hydrophones, 0 for one that is not used.
-        power, shown
-            Power density of the conventional beams, and of those of the record, shape
-            (beam, frame, cell).
-        frames, place
-            Time base, and where the array was.
+        ``power`` is the density of the conventional beams, ``shown`` that of those of
+        the record, shape (beam, frame, cell); weights are 0 for a hydrophone that is
+        not used.
         """
 
     def _spectra(self, samples: FloatArray, n_frames: int) -> NDArray[np.complex64]:

@@ -139,16 +139,7 @@ class SpatialArray:
     ) -> NDArray[np.complex64]:
         """Return exp(-j 2 pi f p.u / c), to be summed with the spectra.
 
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies, Hz, shape (cell,).
-        toward
-            Directions u, shape (beam, 3).
-
-        Returns
-        -------
-        array, shape (cell, beam, element)
+        Of directions u, shape (beam, 3): shape (cell, beam, element).
         """
         lead_s = toward @ self.centred_m.T / self.sound_speed_mps
         return np.asarray(
@@ -156,13 +147,7 @@ class SpatialArray:
         )
 
     def beams_needed(self, highest_hz: FloatArray) -> FloatArray:
-        """Return how many beams fill all directions up to each of some frequencies.
-
-        Parameters
-        ----------
-        highest_hz
-            Highest frequencies, Hz, shape (n,).
-        """
+        """Return how many beams fill all directions up to frequencies, Hz."""
         step = self._step(highest_hz)
         area = np.pi * (DISC + RIM_STEPS * step) ** 2 if self.is_planar else 4.0 * np.pi
         return np.asarray(area / step**2)
@@ -173,12 +158,9 @@ class SpatialArray:
         return np.asarray(np.minimum(WIDTH_SHARE * width, 0.25))
 
     def grid(self, highest_hz: float) -> "DirectionGrid":
-        """Return the beams for frequencies up to a highest one.
+        """Return the beams for frequencies up to a highest one, Hz.
 
-        Parameters
-        ----------
-        highest_hz
-            The highest frequency, Hz; the number of beams grows with its square.
+        Their number grows with its square.
         """
         step = float(self._step(np.array(highest_hz)))
         if self.is_planar:
@@ -201,17 +183,9 @@ class SpatialArray:
     ) -> Bearing:
         """Return compass bearings and elevations of directions.
 
-        Parameters
-        ----------
-        toward
-            Directions u as heard, shape (n, 3): within the plane of a planar array, of
-            length 1 for a volume array.
-        covariance
-            Their covariance, shape (n, 3, 3).
-        heading_deg
-            Compass heading of the array, degrees, shape (n,).
-        below
-            Of a planar array the source below its plane is taken, not the one above.
+        Directions u as heard, shape (n, 3), lie within the plane of a planar array, and
+        have length 1 for a volume array; the heading is the array's. Of a planar array
+        the source above is taken, unless ``below`` its plane.
         """
         length = np.linalg.norm(toward, axis=1)
         full, spread = toward, covariance
@@ -251,16 +225,8 @@ class SpatialArray:
         """Return the covariance of the direction of tones, shape (n, 3, 3).
 
         The inverse of 2 rho (2 pi f / c)^2 sum dp dp^T, rho the ratio at one
-        hydrophone, on what the array hears; of a volume array it is across u.
-
-        Parameters
-        ----------
-        snr
-            Power of the tone over the noise in the beam, shape (n,).
-        frequency_hz
-            Frequency, Hz, shape (n,).
-        weights
-            Weights of the hydrophones; 0 is not used.
+        hydrophone, on what the array hears; of a volume array it is across u. SNR is
+        that in the beam; a hydrophone of weight 0 is not used.
         """
         wave = 2.0 * np.pi * frequency_hz / self.sound_speed_mps
         rho = np.maximum(snr, 1e-6) / np.count_nonzero(weights)
@@ -329,12 +295,8 @@ class DirectionGrid:
     ) -> tuple[FloatArray, FloatArray]:
         """Return directions and heights of maxima by paraboloids.
 
-        Parameters
-        ----------
-        beam
-            Beams that are maxima, shape (n,).
-        around
-            Values there and at the neighbours, shape (n, 1 + neighbour).
+        Of beams, shape (n,), and values there and at the neighbours, (n, 1 +
+        neighbour).
         """
         part = np.einsum("nij,nj->ni", self._fits[beam], around)
         _, bx, by, axx, axy, ayy = part.T
@@ -358,17 +320,7 @@ class DirectionGrid:
 def highest_lobe(
     array: SpatialArray, grid: DirectionGrid, frequency_hz: float
 ) -> float:
-    """Return the highest lobe beside the main one, as a share of its power.
-
-    Parameters
-    ----------
-    array
-        The hydrophones.
-    grid
-        Beams over its directions.
-    frequency_hz
-        Frequency, Hz.
-    """
+    """Return the highest lobe beside the main one, as a share of its power."""
     inner = np.flatnonzero(~grid.is_rim)
     some = inner[:: max(1, inner.size // 24)]
     turns = array.steering(np.array([frequency_hz]), grid.toward)[0]

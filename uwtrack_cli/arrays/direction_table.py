@@ -58,19 +58,7 @@ def direction_table(
     facts: TableFacts,
     level_db: FloatArray,
 ) -> Directions:
-    """Return the directions of a block.
-
-    Parameters
-    ----------
-    found
-        What was found, one row per frame that has a direction.
-    array, sensor
-        The hydrophones, and what is known of them.
-    facts
-        Time base and circumstances.
-    level_db
-        Level of every direction.
-    """
+    """Return the directions of a block, one row per frame that has one."""
     heading = facts.heading_deg[found.frame]
     stated = array.bearings(found.toward, found.covariance, heading)
     length = np.linalg.norm(found.toward, axis=1)
@@ -124,12 +112,7 @@ def surface_range(
 ) -> tuple[FloatArray, FloatArray]:
     """Return horizontal ranges of sources near the surface, and their deviations, m.
 
-    Parameters
-    ----------
-    elevation_deg, elevation_std_deg
-        Elevations of the sources and their deviations.
-    sensor
-        The array; without its depth nothing is known.
+    Without the depth of the array nothing is known.
     """
     unknown = np.full(elevation_deg.shape, np.nan)
     if sensor.depth_m is None:
@@ -150,19 +133,9 @@ def surface_place(
 ) -> dict[str, FloatArray]:
     """Return where sources near the surface are, by one array at rest.
 
-    Parameters
-    ----------
-    bearing_deg
-        Bearings and their deviations, shape (2, n).
-    range_m
-        Horizontal ranges and their deviations, m, shape (2, n); nan if unknown.
-    sensor
-        The array; its compass and its own place add to the deviations.
-
-    Returns
-    -------
-    dict
-        Columns of `Directions`; nan for an array that moves.
+    Bearings, degrees, and ranges, m, with their deviations, shape (2, n) each; compass
+    and place of the array add to these. Columns of `Directions`; nan for an array that
+    moves.
     """
     (bearing, bearing_std), (far, far_std) = np.radians(bearing_deg), range_m
     if sensor.navigation is not None:

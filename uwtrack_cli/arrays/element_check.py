@@ -45,16 +45,9 @@ class ElementCheck:
         frequency_hz: FloatArray,
         time_s: float,
     ) -> BoolArray:
-        """Return which hydrophones are used in a block.
+        """Return which hydrophones are used in a block that begins at a time, s.
 
-        Parameters
-        ----------
-        spectra
-            Spectra, shape (cell, element, frame).
-        frequency_hz
-            Frequency of the cells, Hz.
-        time_s
-            Time at which the block begins, s.
+        Spectra have the shape (cell, element, frame).
 
         Raises
         ------
@@ -121,16 +114,8 @@ class ElementCheck:
 def with_silent_elements(samples: FloatArray) -> FloatArray:
     """Return samples in which a channel that holds no number at all is silent.
 
-    Parameters
-    ----------
-    samples
-        Samples of a block, shape (sample, element), nan where there is none.
-
-    Returns
-    -------
-    array, same shape
-        Such a channel is a dead hydrophone, which is left out. Samples that are missing
-        for a time, or from all channels, stay a gap.
+    Such a channel, nan throughout, is a dead hydrophone, which is left out. Samples
+    that are missing for a time, or from all channels, stay a gap.
     """
     lost = np.isnan(samples).all(axis=0)
     if not lost.any() or lost.all():

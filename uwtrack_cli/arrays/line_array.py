@@ -65,26 +65,13 @@ class LineArray:
         return round(self.aperture_m / self.spacing_m) + 1
 
     def beam_cosines(self, n_beams: int) -> FloatArray:
-        """Return the cosines of the beams, from astern to ahead and a little beyond.
-
-        Parameters
-        ----------
-        n_beams
-            Beams from u = -1 to 1, both included.
-        """
+        """Return the cosines of beams from u = -1 to 1, and a little beyond."""
         step = 2.0 / (n_beams - 1)
         number = np.arange(-STEPS_BEYOND, n_beams + STEPS_BEYOND)
         return -1.0 + step * number
 
     def weights(self, shading: Shading, sidelobe_db: float) -> FloatArray:
         """Return the weight of every hydrophone; their sum is 1.
-
-        Parameters
-        ----------
-        shading
-            Equal weights, a Hann window, or Chebyshev's.
-        sidelobe_db
-            Sidelobes of Chebyshev's weights below the main lobe, dB.
 
         Notes
         -----
@@ -104,21 +91,9 @@ class LineArray:
     def steering(
         self, frequency_hz: FloatArray, cos_angle: FloatArray, weights: FloatArray
     ) -> NDArray[np.complex64]:
-        """Return the weights that steer every beam at every frequency.
+        """Return w_n exp(-j 2 pi f x_n u / c), to be summed with the spectra.
 
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies, Hz, shape (cell,).
-        cos_angle
-            Cosines of the beams, shape (beam,).
-        weights
-            Weights of the hydrophones, shape (element,).
-
-        Returns
-        -------
-        array, shape (cell, beam, element)
-            w_n exp(-j 2 pi f x_n u / c), to be summed with the spectra.
+        Of frequencies, Hz, and cosines of the beams: shape (cell, beam, element).
         """
         turns = np.multiply.outer(cos_angle, self.along_m) / self.sound_speed_mps
         phase = -2j * np.pi * frequency_hz[:, None, None] * turns
@@ -129,14 +104,7 @@ class LineArray:
     ) -> FloatArray:
         """Return what isotropic noise gives in each beam, over the median of all beams.
 
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies over which it is averaged, Hz, shape (cell,).
-        cos_angle
-            Cosines of the beams, shape (beam,).
-        weights
-            Weights of the hydrophones, shape (element,).
+        It is averaged over the frequencies, Hz.
 
         Notes
         -----
@@ -161,14 +129,8 @@ class LineArray:
     ) -> FloatArray:
         """Return the standard deviation of a peak's cosine.
 
-        Parameters
-        ----------
-        snr
-            Power of the tone over the noise, both in the beam's cell.
-        frequency_hz
-            Frequency, Hz.
-        weights
-            Weights of the hydrophones, 0 for one that is not used.
+        SNR is that of the tone in the beam's cell; a hydrophone of weight 0 is not
+        used.
 
         Notes
         -----
@@ -184,14 +146,7 @@ class LineArray:
 
 
 def chebyshev_window(n: int, sidelobe_db: float) -> FloatArray:
-    """Return the weights whose sidelobes are all equal and the main lobe narrowest.
-
-    Parameters
-    ----------
-    n
-        Number of weights.
-    sidelobe_db
-        Sidelobes below the main lobe, dB.
+    """Return n weights whose sidelobes are all equal and the main lobe narrowest.
 
     Notes
     -----

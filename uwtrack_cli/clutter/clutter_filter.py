@@ -133,28 +133,7 @@ def step(
     noise: FloatArray,
     switching: FloatArray,
 ) -> ScanUpdate:
-    """Carry the filters over one scan.
-
-    Parameters
-    ----------
-    belief
-        The filters after the last scan.
-    scan
-        Measurements of the scan.
-    setting
-        Detector, clutter and gate.
-    transition
-        F of the time step.
-    noise
-        Q of each model.
-    switching
-        Probabilities of changing the model in the time step.
-
-    Returns
-    -------
-    ScanUpdate
-        The filters after this scan with the association's probabilities.
-    """
+    """Carry the filters over one scan by F, and Q and switching of the models."""
     predicted = advance(mix(belief, switching), transition, noise)
     each = innovate(
         predicted.mean, predicted.covariance, scan.measured, scan.present, scan.noise,

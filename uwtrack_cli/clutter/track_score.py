@@ -22,16 +22,9 @@ def track_score(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the score after each scan and the statistic of the test for a loss.
 
-    Parameters
-    ----------
-    log_likelihood_ratio
-        ln p(scan | target) - ln p(scan | clutter alone), ``(scan, ...)``.
-
-    Returns
-    -------
-    tuple of FloatArray
-        The score, and the cumulative sum of its shortfall, 0 or more; 10 flags most
-        lost tracks within twenty scans and few others.
+    Of ln p(scan | target) - ln p(scan | clutter alone), ``(scan, ...)``. The statistic
+    is the cumulative sum of the score's shortfall, 0 or more; 10 flags most lost tracks
+    within twenty scans and few others.
 
     Notes
     -----

@@ -10,7 +10,8 @@ factors of 2 pi.
 **Conventions.** Metres, seconds; bearings are mathematical, atan2(north, east), in
 radians. A moving state is east, north and their rates on a fixed grid, which equals the
 published relative state with own ship's accelerations as an input. Leading axes are
-anything stepped together; the models of `uwtrack_cli.estimation.imm` come first. A
+anything stepped together; the models of `uwtrack_cli.estimation.imm` come first, with
+their intensities of white acceleration, sigma_v^2, and chances of switching. A
 measurement that is nan is left out.
 
 **References.** Jeong and Hong (1996), equations 5-18 as corrected; Aidala and Hammel
@@ -54,14 +55,7 @@ class InnovationFit:
 
 
 def velocity_noise(interval_s: float, intensity: FloatArray) -> FloatArray:
-    """Return Q for states east, north and their rates.
-
-    Parameters
-    ----------
-    interval_s
-        Time step in s.
-    intensity
-        Intensity of the white acceleration, sigma_v^2, of each model.
+    """Return Q for states east, north and their rates over a step, of each intensity.
 
     Notes
     -----
@@ -78,21 +72,9 @@ def velocity_noise(interval_s: float, intensity: FloatArray) -> FloatArray:
 def start_moving(
     observation: Observation, speed_std_mps: float, n_models: int
 ) -> Belief:
-    """Begin a moving filter at a measurement.
+    """Begin a moving filter at a measurement that is complete in range and bearing.
 
-    Parameters
-    ----------
-    observation
-        The measurement, complete in range and bearing.
-    speed_std_mps
-        Standard deviation of each velocity component in m/s.
-    n_models
-        Number of interacting models.
-
-    Returns
-    -------
-    Belief
-        Position as measured; velocity zero but for the measured range rate.
+    Velocity is zero but for the measured range rate, each component with a deviation.
     """
     distance, bearing, rate = np.moveaxis(observation.measured, -1, 0)
     along = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
@@ -126,19 +108,7 @@ def start_moving(
 def predict_moving(
     belief: Belief, interval_s: float, intensity: FloatArray, switching: FloatArray
 ) -> Belief:
-    """Carry a moving filter forward.
-
-    Parameters
-    ----------
-    belief
-        The filter after the last scan.
-    interval_s
-        Time step in s.
-    intensity
-        Intensity of the white acceleration of each model, m^2/s^3.
-    switching
-        Probabilities of changing from one model to another in the step.
-    """
+    """Carry a moving filter over a step by each model's intensity, m^2/s^3."""
     return advance(
         mix(belief, switching),
         np.kron(transition(interval_s), np.eye(2)),
@@ -149,20 +119,7 @@ def predict_moving(
 def update_moving(
     belief: Belief, observation: Observation
 ) -> tuple[Belief, InnovationFit]:
-    """Correct a moving filter by range, bearing and range rate.
-
-    Parameters
-    ----------
-    belief
-        The filter, predicted.
-    observation
-        The measurement.
-
-    Returns
-    -------
-    tuple of Belief and InnovationFit
-        The filter after the scan, and the agreement with its prediction.
-    """
+    """Correct a predicted filter by a scan; say how it agrees with the prediction."""
     expected, slope = _observe(belief.mean, observation)
     known = np.isfinite(observation.measured)
     residual = np.where(known, observation.measured - expected, 0.0)
@@ -224,14 +181,9 @@ class DriftState:
 
 
 def start_drift(observation: Observation, relative_std: float = 0.5) -> DriftState:
-    """Begin a drifting filter at a measurement.
+    """Begin a drifting filter at a measurement, whose range is only a first guess.
 
-    Parameters
-    ----------
-    observation
-        The measurement; its range is only a first guess.
-    relative_std
-        Standard deviation of the inverse range over the inverse of the range measured.
+    ``relative_std`` is the deviation of the inverse range over that measured.
 
     Notes
     -----
@@ -248,18 +200,9 @@ def start_drift(observation: Observation, relative_std: float = 0.5) -> DriftSta
 def predict_drift(
     drift: DriftState, interval_s: float, displacement: FloatArray, speed_std_mps: float
 ) -> DriftState:
-    """Carry a drifting filter over own ship's displacement.
+    """Carry a drifting filter over own ship's displacement, east and north, m.
 
-    Parameters
-    ----------
-    drift
-        The filter after the last scan.
-    interval_s
-        Time step in s.
-    displacement
-        Own ship's displacement east and north in the step, ``(..., 2)`` in m.
-    speed_std_mps
-        Root intensity of the drift in m/s^(1/2).
+    The drift has a root intensity in m/s^(1/2).
 
     Notes
     -----
@@ -299,20 +242,7 @@ def predict_drift(
 def update_drift(
     drift: DriftState, observation: Observation
 ) -> tuple[DriftState, InnovationFit]:
-    """Correct a drifting filter by a bearing.
-
-    Parameters
-    ----------
-    drift
-        The filter, predicted.
-    observation
-        The measurement; range and range rate are not used.
-
-    Returns
-    -------
-    tuple of Belief and InnovationFit
-        The filter after the scan, and the agreement with its prediction.
-    """
+    """Correct a predicted drifting filter by a bearing alone; say how it agrees."""
     bearing = observation.measured[..., 1]
     known = np.isfinite(bearing)
     residual = np.where(known, wrap_rad(bearing - drift.mean[..., 0]), 0.0)

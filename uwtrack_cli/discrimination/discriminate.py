@@ -204,16 +204,7 @@ def judge_pair(
 ) -> PairVerdict:
     """Run the test on a pair and describe its outcome.
 
-    Parameters
-    ----------
-    pair
-        Measurements of two contacts.
-    noise
-        Process noise and first deviations of the filters.
-    thresholds
-        Log odds that decide.
-    level
-        Probability of its innovations below which a filter is rejected.
+    A filter is rejected where its innovations are less probable than ``level``.
     """
     history = follow(pair.history, pair.history_times_s, noise)
     found = run_pair(*pair.observations, pair.times_s, noise, history=history)

@@ -83,19 +83,7 @@ def follow(
 ) -> "EarlierTrack | None":
     """Track the one contact that is there before the second one.
 
-    Parameters
-    ----------
-    scans
-        Its measurements; the first that is complete starts the filter.
-    times_s
-        Their times in s.
-    noise
-        Assumptions of the filters.
-
-    Returns
-    -------
-    EarlierTrack or None
-        The filter after the last of them; None without a complete measurement.
+    The first complete measurement starts the filter; None without one.
     """
     belief: Belief | None = None
     before = 0.0
@@ -123,23 +111,9 @@ def run_pair(
 ) -> PairTest:
     """Run the four filters through the scans of two contacts.
 
-    Parameters
-    ----------
-    first
-        Measurements of the first contact; nan where a scan lacks it.
-    second
-        Measurements of the second contact.
-    times_s
-        Times of the scans in s; the first scan must be complete.
-    noise
-        Assumptions of the filters.
-    history
-        Track of the one contact before there were two; None starts both filters anew.
-
-    Returns
-    -------
-    PairTest
-        Log likelihoods from the second scan on; the first only starts the filters.
+    Measurements are nan where a scan lacks a contact; the first scan must be complete,
+    and only starts the filters, which go on from ``history`` if there was one contact
+    before.
     """
     moving = [
         _start(observation, noise, history, float(times_s[0]))
@@ -176,12 +150,8 @@ def run_pair(
 def consistency(distance2: FloatArray, degrees: FloatArray) -> FloatArray:
     """Return the probability of innovations as large as those found.
 
-    Parameters
-    ----------
-    distance2
-        Normalised squared innovations, ``(scan, ...)``.
-    degrees
-        Their degrees of freedom; 0 where a scan does not count.
+    Normalised squared innovations and their degrees of freedom, 0 where a scan does not
+    count, have the shape ``(scan, ...)``.
 
     Notes
     -----

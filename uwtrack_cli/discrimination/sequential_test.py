@@ -44,14 +44,7 @@ class Crossing(NamedTuple):
 
 
 def wald_thresholds(miss: float, false_alarm: float) -> Thresholds:
-    """Return the thresholds for two error probabilities.
-
-    Parameters
-    ----------
-    miss
-        Probability of a miss, in (0, 1).
-    false_alarm
-        Probability of a false alarm, in (0, 1); their sum below 1.
+    """Return the thresholds for two error probabilities in (0, 1), their sum below 1.
 
     Notes
     -----
@@ -68,20 +61,7 @@ def wald_thresholds(miss: float, false_alarm: float) -> Thresholds:
 
 
 def first_crossing(log_odds: FloatArray, thresholds: Thresholds) -> "Crossing":
-    """Find where a walk of log odds leaves the interval for the first time.
-
-    Parameters
-    ----------
-    log_odds
-        Log odds after every scan, ``(scan, ...)``.
-    thresholds
-        Ends of the interval.
-
-    Returns
-    -------
-    Crossing
-        Scan and decision of every test.
-    """
+    """Find where walks of log odds, ``(scan, ...)``, first leave the interval."""
     above = log_odds >= thresholds.upper
     outside = above | (log_odds <= thresholds.lower)
     decided = outside.any(axis=0)
@@ -94,18 +74,10 @@ def first_crossing(log_odds: FloatArray, thresholds: Thresholds) -> "Crossing":
 def expected_scans(
     mean: float, deviation: float, thresholds: Thresholds, error: float
 ) -> float:
-    """Return the mean number of scans until a decision.
+    """Return the mean number of scans until a decision, wrong with a probability.
 
-    Parameters
-    ----------
-    mean
-        Mean of the log likelihood ratio per scan towards the truth, above 0.
-    deviation
-        Its standard deviation.
-    thresholds
-        Ends of the interval.
-    error
-        Probability of the wrong decision.
+    Mean, above 0, and deviation are those of the log likelihood ratio per scan towards
+    the truth.
 
     Notes
     -----
@@ -125,12 +97,7 @@ def expected_scans(
 def overshoot_error(thresholds: Thresholds, deviation: float) -> float:
     """Return the error rate of a symmetric test, which its overshoot makes smaller.
 
-    Parameters
-    ----------
-    thresholds
-        Ends of the interval, symmetric.
-    deviation
-        Standard deviation of the log likelihood ratio per scan.
+    The deviation is that of the log likelihood ratio per scan.
 
     Examples
     --------
@@ -142,16 +109,9 @@ def overshoot_error(thresholds: Thresholds, deviation: float) -> float:
 
 
 def fixed_scans(mean: float, deviation: float, error: float) -> float:
-    """Return the length of a test of fixed length with the same error.
+    """Return the length of a test of fixed length with the same error, below 0.5.
 
-    Parameters
-    ----------
-    mean
-        Mean of the log likelihood ratio per scan towards the truth, above 0.
-    deviation
-        Its standard deviation.
-    error
-        Probability of the wrong decision, from 0 to below 0.5.
+    Mean and deviation are those of `expected_scans`.
 
     Notes
     -----

@@ -10,11 +10,6 @@ from uwtrack_cli.data.base import FloatArray
 def wrap_deg(angle_deg: Any) -> FloatArray:
     """Wrap angles to [-180, 180) degrees.
 
-    Parameters
-    ----------
-    angle_deg
-        Angles in degrees, any value, of any shape.
-
     Examples
     --------
     >>> wrap_deg(np.array([190.0, -190.0, 720.0])).tolist()
@@ -26,11 +21,6 @@ def wrap_deg(angle_deg: Any) -> FloatArray:
 
 def wrap_rad(angle_rad: FloatArray) -> FloatArray:
     """Wrap angles to [-pi, pi] radians.
-
-    Parameters
-    ----------
-    angle_rad
-        Angles in radians, any value, of any shape.
 
     Examples
     --------

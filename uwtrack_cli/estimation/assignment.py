@@ -25,19 +25,8 @@ def candidate_pairs(
 ) -> tuple[IntArray, IntArray]:
     """List (line, measurement) pairs closer than the half width of the line's gate.
 
-    Parameters
-    ----------
-    centres
-        Predicted frequency of each line in Hz.
-    half_widths
-        Half width of each gate in Hz; the edge itself is outside.
-    measured
-        Measured frequencies in Hz, ascending.
-
-    Returns
-    -------
-    tuple of arrays
-        Line and measurement index of every pair, ordered by line.
+    Frequencies in Hz, measured ones ascending; the edge itself is outside. Pairs are
+    ordered by line.
     """
     if not measured.size:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
@@ -62,19 +51,8 @@ def candidate_pairs(
 def assign(lines: IntArray, measurements: IntArray, costs: FloatArray) -> IntArray:
     """Choose pairs so that each line and each measurement occurs at most once.
 
-    Parameters
-    ----------
-    lines
-        Line of each candidate pair.
-    measurements
-        Measurement of each candidate pair.
-    costs
-        Cost of each pair, any finite numbers.
-
-    Returns
-    -------
-    IntArray
-        Positions of the chosen pairs, ascending.
+    Candidate pairs have any finite costs. Returns the positions of the chosen ones,
+    ascending.
     """
     if lines.size == 0:
         return np.zeros(0, dtype=np.int64)

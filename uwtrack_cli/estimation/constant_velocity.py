@@ -30,12 +30,7 @@ class WhiteNoise(NamedTuple):
 
 
 def white_acceleration(step_s: float | FloatArray) -> WhiteNoise:
-    """Return the process noise of white acceleration of unit density.
-
-    Parameters
-    ----------
-    step_s
-        Time step in s, 0 or more.
+    """Return the process noise of white acceleration of unit density over a step, s.
 
     Examples
     --------
@@ -46,13 +41,7 @@ def white_acceleration(step_s: float | FloatArray) -> WhiteNoise:
 
 
 def transition(step_s: float) -> FloatArray:
-    """Return F = [[1, T], [0, 1]].
-
-    Parameters
-    ----------
-    step_s
-        Time step in s, 0 or more.
-    """
+    """Return F = [[1, T], [0, 1]] of a time step in s."""
     return np.array([[1.0, step_s], [0.0, 1.0]])
 
 
@@ -61,19 +50,8 @@ def constant_velocity(
 ) -> tuple[FloatArray, FloatArray]:
     """Return F and Q of components alike whose acceleration is constant over the step.
 
-    Parameters
-    ----------
-    interval_s
-        Time step in s, 0 or more.
-    acceleration_variance
-        Variance of the acceleration, constant over the step, in unit^2/s^4.
-    dimension
-        Number of measured components, from 1.
-
-    Returns
-    -------
-    tuple of FloatArray
-        F and Q with the state in the order z_1, v_1, z_2, v_2 ...
+    The variance of the acceleration is in unit^2/s^4; the state is in the order z_1,
+    v_1, z_2, v_2 ...
 
     Examples
     --------

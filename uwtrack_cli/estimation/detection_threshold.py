@@ -127,14 +127,7 @@ def background_extrema(
 ) -> FloatArray:
     """Return the thresholds at which the background b has a local extremum.
 
-    Parameters
-    ----------
-    curve
-        The detector.
-    limits
-        Least and greatest false alarm probability to consider.
-    inside
-        Probability P_G that the target's measurement lies in the gate.
+    The target's measurement lies in the gate with the probability ``inside``, P_G.
     """
     probability = np.geomspace(*limits, 1500)
     detection = curve.detection(probability)

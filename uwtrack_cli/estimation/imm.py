@@ -30,19 +30,10 @@ class Belief:
 
 
 def mix(belief: Belief, switching: FloatArray) -> Belief:
-    """Let the target change its behaviour before a step.
+    """Let the target change its behaviour before a step: mix the filters.
 
-    Parameters
-    ----------
-    belief
-        The filters after the last scan.
-    switching
-        Probability of changing from the model of the row to that of the column.
-
-    Returns
-    -------
-    Belief
-        The filters mixed, with the probabilities predicted.
+    ``switching`` is the probability of changing from the model of the row to that of
+    the column; probabilities are then predicted ones.
     """
     if belief.probability.shape[0] == 1:
         return belief
@@ -57,22 +48,7 @@ def mix(belief: Belief, switching: FloatArray) -> Belief:
 
 
 def advance(belief: Belief, transition: FloatArray, noise: FloatArray) -> Belief:
-    """Predict every filter by its own model.
-
-    Parameters
-    ----------
-    belief
-        The filters, mixed.
-    transition
-        F, common to the models, ``(n, n)``.
-    noise
-        Q of each model, ``(model, n, n)``.
-
-    Returns
-    -------
-    Belief
-        The filters before the next scan.
-    """
+    """Predict every filter by a common F, ``(n, n)``, and its Q, ``(model, n, n)``."""
     between = belief.mean.ndim - 2
     spread = noise.reshape(noise.shape[0], *(1,) * between, *noise.shape[1:])
     covariance = transition @ belief.covariance @ transition.T + spread
@@ -80,15 +56,7 @@ def advance(belief: Belief, transition: FloatArray, noise: FloatArray) -> Belief
 
 
 def reweigh(belief: Belief, log_likelihood: FloatArray) -> FloatArray:
-    """Return the probabilities of the models after a scan.
-
-    Parameters
-    ----------
-    belief
-        The filters with the predicted probabilities.
-    log_likelihood
-        Logarithm of each model's likelihood of the scan, ``(model, ...)``.
-    """
+    """Return the models' probabilities after a scan, by its log likelihood in each."""
     if belief.probability.shape[0] == 1:
         return belief.probability
     scaled = np.exp(log_likelihood - log_likelihood.max(axis=0))

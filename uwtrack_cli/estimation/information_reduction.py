@@ -29,12 +29,7 @@ _POINTS_AT_ONCE = 1024
 
 
 def unit_ball_volume(dimension: int) -> float:
-    """Return the volume of the unit ball, c_M.
-
-    Parameters
-    ----------
-    dimension
-        Number of measured components, from 1.
+    """Return the volume of the unit ball of so many dimensions, c_M.
 
     Examples
     --------
@@ -47,13 +42,6 @@ def unit_ball_volume(dimension: int) -> float:
 @lru_cache(maxsize=32)
 def gate_probability(gate: float, dimension: int) -> float:
     """Return the probability that the target's own measurement lies in the gate.
-
-    Parameters
-    ----------
-    gate
-        Radius of the gate in standard deviations, above 0.
-    dimension
-        Number of measured components, from 1.
 
     Examples
     --------

@@ -40,16 +40,9 @@ class KalmanState(NamedTuple):
 def predict(
     state: KalmanState, step_s: float | FloatArray, noise_density: FloatArray
 ) -> KalmanState:
-    """Carry the states over a time step with white acceleration.
+    """Carry the states over a time step, s, with white acceleration.
 
-    Parameters
-    ----------
-    state
-        Filtered states.
-    step_s
-        Length of the step in s.
-    noise_density
-        Spectral density of the acceleration, unit^2/s^3 (not a variance).
+    Its spectral density is in unit^2/s^3, and no variance.
 
     Notes
     -----
@@ -87,14 +80,8 @@ def update(
 ) -> KalmanState:
     """Improve predicted states by one measurement of each position.
 
-    Parameters
-    ----------
-    state
-        Predicted states.
-    innovation
-        Measured minus predicted position (bearings wrapped by the caller).
-    noise_variance
-        Variance of the measurement; ``inf`` where there is none.
+    The innovation is measured minus predicted position, bearings wrapped by the caller;
+    the variance is ``inf`` where there is none.
 
     Notes
     -----

@@ -97,20 +97,10 @@ def noise_floor(
 ) -> FloatArray:
     """Estimate the noise density in every cell.
 
-    Parameters
-    ----------
-    power_density
-        Power density, shape (frame, frequency), or (beam, frame, frequency) for beams of
-        their own floors; the first frame starts a tile.
-    valid_fraction
-        Share of valid samples per frame; frames below one half are left out.
-    zero_padding
-        Cells per natural bin.
-
-    Returns
-    -------
-    FloatArray
-        Noise density, same shape, float32; nan where a tile has no valid frame.
+    Power density has the shape (frame, frequency), or (beam, frame, frequency) for
+    beams of their own floors, and so has the result, float32; the first frame starts a
+    tile. Frames whose share of valid samples is below one half are left out; nan where
+    a tile has none other.
     """
     floor = np.full(power_density.shape, np.nan, np.float32)
     n_frames, n_cells = power_density.shape[-2:]
@@ -362,14 +352,8 @@ def independent_cells(
 ) -> float:
     """Return how many independent cells a tile's floor is worth.
 
-    Parameters
-    ----------
-    n_frames, n_cells
-        Frames in the tile and cells in the whole spectrum.
-    zero_padding
-        Cells per natural bin.
-    hop_windows
-        Distance of two frames in window lengths.
+    Of so many frames in the tile and cells in the whole spectrum, the zero padding, and
+    the distance of two frames in window lengths.
 
     Notes
     -----
@@ -417,14 +401,8 @@ def threshold_factor(
 ) -> float:
     """Return the power over the estimated floor that noise exceeds so often.
 
-    Parameters
-    ----------
-    probability
-        Exceedance rate per cell, between 0 and 1.
-    n_independent
-        Independent cells behind the floor, from `independent_cells`.
-    own_share
-        Share of the cells behind the floor that are high when the tested one is.
+    Behind the floor are so many independent cells (`independent_cells`), of which a
+    share is high when the tested one is.
 
     Notes
     -----

@@ -40,19 +40,7 @@ class OperatingCurve:
 
 @lru_cache(maxsize=16)
 def model_curve(model: TargetModel, signal_to_noise: float) -> OperatingCurve:
-    """Return the operating curve of a target model.
-
-    Parameters
-    ----------
-    model
-        Behaviour of the target's amplitude.
-    signal_to_noise
-        Power ratio A^2 / (2 sigma^2), above 0.
-
-    Returns
-    -------
-    OperatingCurve
-        The curve for false alarm probabilities in (0, 1).
+    """Return the curve of a target model at a power ratio d = A^2 / (2 sigma^2).
 
     Notes
     -----
@@ -89,21 +77,10 @@ def model_curve(model: TargetModel, signal_to_noise: float) -> OperatingCurve:
 def measured_curve(
     false_alarm: FloatArray, detection: FloatArray, threshold: FloatArray
 ) -> OperatingCurve:
-    """Return the operating curve of a measured table.
+    """Return the curve of a table, linear over the logarithm of the false alarm rate.
 
-    Parameters
-    ----------
-    false_alarm
-        False alarm probabilities, strictly ascending, in (0, 1).
-    detection
-        Detection probabilities, not descending, in (0, 1].
-    threshold
-        Thresholds, strictly descending; all nan for Rayleigh noise amplitudes.
-
-    Returns
-    -------
-    OperatingCurve
-        Linear between the points over the logarithm of the false alarm probability.
+    False alarm probabilities ascend strictly, detection probabilities do not descend,
+    thresholds descend strictly; all nan for Rayleigh noise amplitudes.
     """
     logarithm = np.log(false_alarm)
 

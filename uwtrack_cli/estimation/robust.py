@@ -33,13 +33,6 @@ PRIOR_COUNT = 8.0
 def median_scale(residual: FloatArray, weight: FloatArray) -> FloatArray:
     """Return 1.4826 times the median of |residual| where the weight is positive.
 
-    Parameters
-    ----------
-    residual
-        Residuals, shape (..., n).
-    weight
-        Weights; zero marks a missing value.
-
     Examples
     --------
     >>> z = np.array([-1.0, 1.0, 1.0, 300.0, 0.0])
@@ -52,15 +45,7 @@ def median_scale(residual: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def median_where(value: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the median where the weight is positive; inf where it nowhere is.
-
-    Parameters
-    ----------
-    value
-        Values, shape (..., n).
-    weight
-        Weights; zero marks a missing value.
-    """
+    """Return the median where the weight is positive; inf where it nowhere is."""
     if weight.all():
         ordered, size = np.sort(value, axis=-1), value.shape[-1]
         both: FloatArray = ordered[..., (size - 1) // 2] + ordered[..., size // 2]
@@ -79,17 +64,10 @@ def neighbour_scale(
 ) -> FloatArray:
     """Return the scale of the part of the residuals that changes at every step.
 
-    Slow variation does not move it: it looks at differences of neighbours only. It
-    leans on the expected scale of one with the say of a few measurements.
-
-    Parameters
-    ----------
-    residual
-        Residuals in order of time, shape (..., n).
-    weight
-        Inverse variances expected; zero marks a missing value.
-    correlation
-        Known correlation of neighbouring measurements, of all rows or of each.
+    Slow variation does not move it: it looks at differences of neighbours in time only,
+    whose ``correlation`` may be known, of all rows or of each. It leans on the expected
+    scale of one, that of the weights' inverse variances, with the say of a few
+    measurements.
 
     Notes
     -----
@@ -124,11 +102,6 @@ def neighbour_scale(
 def bisquare_weight(deviation: FloatArray) -> FloatArray:
     """Return Tukey's weights of deviations that are given in scales.
 
-    Parameters
-    ----------
-    deviation
-        Residuals divided by their scale.
-
     Examples
     --------
     >>> bisquare_weight(np.array([0.0, 8.0])).tolist()
@@ -143,14 +116,9 @@ def bisquare_weight(deviation: FloatArray) -> FloatArray:
 
 
 def white_scatter(values: FloatArray, *, circular: bool = False) -> float:
-    """Estimate the deviation of white noise on a smooth course of values.
+    """Estimate the deviation of white noise on a smooth course of values in time.
 
-    Parameters
-    ----------
-    values
-        Values in the order of time; nan where there is none; rad if circular.
-    circular
-        Whether the values are angles.
+    Missing ones are nan; angles are in rad.
 
     Notes
     -----

@@ -61,13 +61,7 @@ class JumpCandidates:
         return np.log(np.where(ratio > 0.0, ratio, np.nan))
 
     def common(self) -> list[tuple[int, int]]:
-        """Return the pairs of the ratio that most lines have; none if chance explains it.
-
-        Returns
-        -------
-        list of tuple
-            Indices of a silent line and of a new one.
-        """
+        """Return pairs (silent, new) of the ratio of most lines; none by chance."""
         from scipy.special import bdtrc
 
         log_ratio = self.log_ratio
@@ -102,12 +96,7 @@ class JumpCandidates:
     def paired(self, place_hz: FloatArray, may_be: BoolArray) -> list[tuple[int, int]]:
         """Pair silent lines, moved to their places, with the nearest new ones in reach.
 
-        Parameters
-        ----------
-        place_hz
-            Where each silent line is looked for, Hz, shape (silent,).
-        may_be
-            Which pairs are allowed, shape (silent, new).
+        Places in Hz have the shape (silent,), the pairs that are allowed (silent, new).
         """
         away = np.abs(self.now_hz - place_hz[:, None])
         away = np.where(may_be, away, np.inf)
@@ -120,16 +109,10 @@ class JumpCandidates:
 
 
 def told_jump(time_s: float, log_ratio: FloatArray, variance: FloatArray) -> FamilyJump:
-    """Return the common ratio of some lines by their weights, as it is told.
+    """Return the common ratio of some lines, as it is told of a jump at a time, s.
 
-    Parameters
-    ----------
-    time_s
-        Time of the jump, s.
-    log_ratio
-        Logarithm of the ratio of each line, shape (line,).
-    variance
-        Variances of these, shape (line,).
+    ``log_ratio`` holds the logarithm of the ratio of each line and ``variance`` its
+    variance, shape (line,).
     """
     weight = 1.0 / variance
     mean = float((weight * log_ratio).sum() / weight.sum())

@@ -113,17 +113,8 @@ class ContactSamples:
 def unresolved_share(samples: LineSamples, reach_hz: float) -> FloatArray:
     """Return in what share of its samples each line has another one beside it.
 
-    Parameters
-    ----------
-    samples
-        Histories of the lines.
-    reach_hz
-        Distance within which the peaks of two lines are not told apart, Hz.
-
-    Returns
-    -------
-    array, shape (line,)
-        0 to 1; 0 for lines too short for the grid.
+    Peaks of two lines within ``reach_hz`` are not told apart. 0 to 1, shape (line,); 0
+    for lines too short for the grid.
     """
     line = np.repeat(np.arange(samples.n_points.size), samples.n_points)
     order = np.lexsort((samples.frequency_hz, samples.frame))
@@ -137,19 +128,9 @@ def unresolved_share(samples: LineSamples, reach_hz: float) -> FloatArray:
 
 
 def group_lines(samples: LineSamples, family: IntArray) -> tuple[IntArray, TextArray]:
-    """Give each line its contact and its status.
+    """Return contact (0 for none) and 'moving', 'steady' or 'hum' of each line.
 
-    Parameters
-    ----------
-    samples
-        Histories of the lines.
-    family
-        Lasting family of each line, -1 for none, shape (line,).
-
-    Returns
-    -------
-    tuple of arrays
-        Contact (0 for none) and 'moving', 'steady' or 'hum' per line.
+    ``family`` is the lasting family of each, -1 for none, shape (line,).
     """
     if family.size == 0:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype="U6")
@@ -235,19 +216,8 @@ def _ratio(total: FloatArray, count: FloatArray | IntArray) -> FloatArray:
 def group(evidence: PairEvidence, n_lines: int, least: float) -> IntArray:
     """Join lines into groups by the sum of the evidence between groups.
 
-    Parameters
-    ----------
-    evidence
-        Evidence of pairs of lines.
-    n_lines
-        Number of lines.
-    least
-        Evidence that a pair needs to start a union.
-
-    Returns
-    -------
-    IntArray
-        Number of the group of each line, from 0, in the order of their first line.
+    A pair needs ``least`` evidence to start a union. Returns the number of the group of
+    each line, from 0, in the order of their first line.
     """
     label = np.arange(n_lines)
     between: dict[int, dict[int, tuple[float, float]]] = {}

@@ -147,16 +147,7 @@ def to_lines(
 ) -> Lines:
     """Make the container of a block from final points and the table of lines.
 
-    Parameters
-    ----------
-    frames
-        Frames of the block.
-    points
-        Points that have become final.
-    table
-        What is known of whole lines; without rows before the end.
-    scalars
-        Values of the scalar fields of `Lines`.
+    The table has no rows before the end; ``scalars`` are the single values of `Lines`.
     """
     frequency, bearing = points.state[:, :, 0], points.state[:, :, 1]
     measured = points.measured

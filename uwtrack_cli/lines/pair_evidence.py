@@ -119,13 +119,7 @@ class _Stretch:
 
 
 def pair_evidence(samples: LineSamples) -> PairEvidence:
-    """Return the evidence that two lines have one source, for pairs heard together.
-
-    Parameters
-    ----------
-    samples
-        Histories of the lines.
-    """
+    """Return the evidence that two lines have one source, for pairs heard together."""
     pair, common = _in_common(samples)
     if not pair.size:
         return PairEvidence(pair, pair, np.zeros(0))
@@ -194,12 +188,9 @@ def _stretches(samples: LineSamples) -> Iterator[_Stretch]:
 def _in_common(samples: LineSamples) -> tuple[IntArray, FloatArray]:
     """Return the pairs of lines that are heard together, and sums over their times.
 
-    Returns
-    -------
-    tuple of arrays
-        Number of the pair (row of the first line times the lines, plus that of the
-        second), ascending, shape (pair,); times in common, sum of the shifts of either
-        line in them, and of their squares, shape (5, pair).
+    The number of a pair is the row of its first line times the lines, plus that of the
+    second; ascending, shape (pair,). The sums are times in common, shifts of either
+    line in them, and their squares, shape (5, pair).
     """
     n_lines = samples.first.size - 1
     pair: IntArray = np.zeros(0, dtype=np.int64)
@@ -250,10 +241,7 @@ def _portions(stretch: _Stretch) -> Iterator[slice]:
 def _pair_numbers(stretch: _Stretch, rows: slice, n_lines: int) -> IntArray:
     """Return the numbers of the pairs of some lines with those after them.
 
-    Returns
-    -------
-    IntArray
-        Shape (line, other); -1 where the other is not the later line.
+    Shape (line, other); -1 where the other is not the later line.
     """
     own, others = stretch.rows[rows], stretch.rows[rows.start :]
     numbers = own[:, None] * n_lines + others

@@ -33,13 +33,6 @@ def amplitude_log_ratio(
 ) -> FloatArray:
     """Logarithm of the amplitude's likelihood, steady line against noise.
 
-    Parameters
-    ----------
-    power_ratio
-        Power of the cell over the noise in it, linear.
-    design_snr
-        Power of the line looked for over the noise in its cell, linear.
-
     Notes
     -----
     ln I0(2 sqrt(d y)) - d for a line of power ratio d and a cell of ratio y.
@@ -132,14 +125,7 @@ def false_lines_by_count(
 def weakest_by_path(least_score: float, n_frames: int, path_gain: float) -> float:
     """Return the SNR in dB at which the expected score of a path comes up.
 
-    Parameters
-    ----------
-    least_score
-        Score that a path must exceed, in nepers.
-    n_frames
-        Frames of the path.
-    path_gain
-        What a path gains per frame by its choice among cells, in nepers.
+    ``path_gain`` is what it gains per frame by its choice among cells, in nepers.
     """
     power = np.linspace(1e-3, 80.0, 4000)
     density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)

@@ -13,8 +13,9 @@ covariance of white and coloured noise. Differences within a cell are left out:
 coloured noise is rough, so that a slope within a cell has little information. Sums
 over cells and one small matrix stand for a matrix as large as the series is long.
 
-**Conventions.** One series; precision is an inverse variance, zero where a value is
-missing; time in seconds.
+**Conventions.** One series; residuals, shape (n,), have the precision of the white part,
+an inverse variance, zero where a value is missing; time in seconds. The width is range
+over speed in seconds: the time that matters to a passage.
 
 **References.** Patterson and Thompson (1971), Biometrika 58, 545 (REML).
 """
@@ -90,24 +91,9 @@ def fit_coloured_noise(
 ) -> ColouredNoise:
     """Find strength and correlation time of coloured noise in the residuals of a fit.
 
-    What other measurements hold in place, the fit cannot absorb: their information
-    enters as measurements of the unknowns themselves.
-
-    Parameters
-    ----------
-    residual
-        Residuals, shape (n,).
-    precision
-        Inverse variances of the white part.
-    time_s
-        Times in seconds.
-    design
-        Partials of the model that was fitted, shape (n, p): what it could absorb.
-    width_s
-        Range over speed in seconds: the time that matters to a passage.
-    others
-        What other measurements say of the columns of the design: values and rows
-        (unit variance).
+    ``design`` are the partials of the model that was fitted, shape (n, p): what it
+    could absorb. What other measurements hold in place, it cannot: their information
+    enters as ``others``, values and rows of the design (unit variance).
 
     Notes
     -----
@@ -190,19 +176,8 @@ def coloured_likelihoods(
 ) -> FloatArray:
     """Return the best log-likelihood of rival readings of one series.
 
-    Every reading may have coloured noise of its own strength and correlation time: a
-    drift is not taken for a signal.
-
-    Parameters
-    ----------
-    series
-        For each reading the residuals (n,) and the columns (n, p) that are free.
-    precision
-        Inverse variances of the white part.
-    time_s
-        Times in seconds.
-    width_s
-        Range over speed in seconds: the time that matters to a passage.
+    As `likelihoods_by_noise`: every reading may have coloured noise of its own strength
+    and correlation time, so that a drift is not taken for a signal.
     """
     return np.asarray(
         likelihoods_by_noise(series, precision, time_s, width_s).max(axis=0)
@@ -215,23 +190,10 @@ def likelihoods_by_noise(
     time_s: FloatArray,
     width_s: float,
 ) -> FloatArray:
-    """Return the best log-likelihoods with white noise and with coloured noise beside it.
+    """Return the best log-likelihoods with white noise, and with coloured noise, too.
 
-    Parameters
-    ----------
-    series
-        For each reading the residuals (n,) and the columns (n, p) that are free.
-    precision
-        Inverse variances of the white part.
-    time_s
-        Times in seconds.
-    width_s
-        Range over speed in seconds: the time that matters to a passage.
-
-    Returns
-    -------
-    FloatArray
-        White noise first, shape (2, readings); zeros where there is too little to tell.
+    For each reading the residuals (n,) and the columns (n, p) that are free. White
+    noise first, shape (2, readings); zeros where there is too little to tell.
     """
     cells = [_condense(e, precision, time_s, x, width_s) for e, x in series]
     if any(cell is None for cell in cells):
@@ -261,27 +223,9 @@ def gains_of_shapes(
 ) -> FloatArray:
     """Return what shapes of given sizes gain beside a reading, in its own noise.
 
-    Parameters
-    ----------
-    residual
-        Residuals of the reading, shape (n,).
-    columns
-        What is free in it, shape (n, p).
-    shapes
-        What is tried beside it, shape (n, shapes).
-    precision
-        Inverse variances of the white part.
-    time_s
-        Times in seconds.
-    width_s
-        Range over speed in seconds: the time that matters to a passage.
-    with_coloured_noise
-        Whether the noise of the reading is its best coloured one; else it is white.
-
-    Returns
-    -------
-    FloatArray
-        Gains in log-likelihood, shape (shapes,); zeros where there is too little to tell.
+    Beside residuals and free columns (n, p), shapes (n, shapes) are tried; the noise is
+    white, or the reading's best coloured one. Gains in log-likelihood, shape (shapes,);
+    zeros where there is too little to tell.
     """
     if np.count_nonzero(precision) < columns.shape[1] + FEWEST_MORE:
         return np.zeros(shapes.shape[1])
@@ -452,18 +396,7 @@ class InformationLoss:
     """Factor on the whole covariance."""
 
     def times(self, rows: FloatArray) -> FloatArray:
-        """Multiply rows by the loss.
-
-        Parameters
-        ----------
-        rows
-            Shape (..., n).
-
-        Returns
-        -------
-        FloatArray
-            Of the same shape.
-        """
+        """Multiply rows, shape (..., n), by the loss."""
         weighted = rows * self.weight
         sums = np.add.reduceat(weighted, self.starts, axis=-1)
         kept = (sums / self.size - self._coloured(sums)) / self.inflation
@@ -488,14 +421,7 @@ def information_loss(
 ) -> InformationLoss:
     """Find what coloured noise takes from the information of a series.
 
-    Parameters
-    ----------
-    weight
-        Inverse variances of the white part, shape (n,); zero is missing.
-    time_s
-        Times in seconds.
-    noise
-        Strength and correlation time of the coloured part.
+    Weights are inverse variances of the white part, shape (n,); zero is missing.
 
     Notes
     -----

@@ -80,15 +80,7 @@ def compete(
 
 
 def meet(one: Encounters, k: int, two: Encounters, n: int) -> bool:
-    """Tell whether two rows claim the same time.
-
-    Parameters
-    ----------
-    one, k
-        A table and its row.
-    two, n
-        Another one.
-    """
+    """Tell whether row k of one table and row n of another claim the same time."""
     widths = (one.range_over_speed_s[k], two.range_over_speed_s[n])
     known = [width for width in widths if np.isfinite(width)]
     reach = WIDTHS * min(known, default=0.0)

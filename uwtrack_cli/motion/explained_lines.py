@@ -43,21 +43,10 @@ FEWEST_POINTS = 4
 def unexplained(
     table: Encounters, lines: Lines, known: Sequence[Encounters]
 ) -> BoolArray:
-    """Tell which rows have a line that no better passage explains.
+    """Tell which rows have a line that no better passage explains, shape (row,).
 
-    Parameters
-    ----------
-    table
-        Closest approaches.
-    lines
-        The lines of the tracker that the table's rows are made of.
-    known
-        Tables of closest approaches that may explain them; the table itself, too.
-
-    Returns
-    -------
-    BoolArray
-        False for rows that are explained, shape (row,); rows without lines are not.
+    ``lines`` are those that the table's rows are made of; rows without any are not
+    explained. The tables that may explain them include the table itself.
     """
     kept = np.ones(table.n_encounters, np.bool_)
     for row in range(table.n_encounters):

@@ -71,17 +71,7 @@ def damped_least_squares(
 def solve_step(
     matrix: FloatArray, gradient: FloatArray, damping: FloatArray
 ) -> FloatArray:
-    """Solve the damped normal equations of every row.
-
-    Parameters
-    ----------
-    matrix
-        Gauss-Newton matrices, shape (batch, p, p).
-    gradient
-        Gradients of the cost, shape (batch, p).
-    damping
-        Marquardt's damping of each row.
-    """
+    """Solve the damped normal equations of every row, (batch, p, p)."""
     number = np.arange(matrix.shape[-1])
     diagonal = matrix[..., number, number]
     damped = matrix.copy()
@@ -93,26 +83,14 @@ def solve_step(
 
 
 def unit_scale(matrix: FloatArray) -> FloatArray:
-    """Return the root of the diagonal, one where it is zero.
-
-    Parameters
-    ----------
-    matrix
-        Symmetric matrices, shape (..., p, p).
-    """
+    """Return the root of the diagonal of symmetric matrices, one where it is zero."""
     number = np.arange(matrix.shape[-1])
     diagonal = matrix[..., number, number]
     return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
 
 
 def inverse_or_nan(matrix: FloatArray) -> FloatArray:
-    """Invert symmetric positive matrices; nan where they are singular or not finite.
-
-    Parameters
-    ----------
-    matrix
-        Symmetric matrices, shape (..., p, p).
-    """
+    """Invert symmetric positive matrices; nan where they are singular or not finite."""
     finite = np.isfinite(matrix).all(axis=(-2, -1), keepdims=True)
     if not finite.all():  # a fit that has left the numbers: the others have theirs
         usable = np.where(finite, matrix, np.eye(matrix.shape[-1]))

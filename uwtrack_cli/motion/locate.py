@@ -344,20 +344,7 @@ def fix_times(
     every_s: float | None,
     until: str | None,
 ) -> FloatArray:
-    """Return the times of the positions, in order.
-
-    Parameters
-    ----------
-    approach_s
-        Times of the closest approaches in seconds.
-    start_utc_ns
-        Time of the first sample, or None.
-    at
-        Single times.
-    every_s
-        Interval of regular times in seconds.
-    until
-        End of the regular times.
+    """Return the times of the positions, s, in order: single and regular ones.
 
     Examples
     --------
@@ -381,14 +368,7 @@ def fix_times(
 
 
 def parse_time(text: str, start_utc_ns: int | None) -> float:
-    """Return seconds from the first sample of a time given as text.
-
-    Parameters
-    ----------
-    text
-        UTC such as 2026-01-31T12:00:00Z, or seconds from the first sample.
-    start_utc_ns
-        Time of the first sample, or None.
+    """Return seconds from the first sample of a time, UTC or such seconds, as text.
 
     Examples
     --------
@@ -428,15 +408,7 @@ def parse_time(text: str, start_utc_ns: int | None) -> float:
 
 
 def to_utc_ns(time_s: FloatArray, start_utc_ns: int | None) -> IntArray:
-    """Return epochs of times, -1 without a start time.
-
-    Parameters
-    ----------
-    time_s
-        Seconds from the first sample.
-    start_utc_ns
-        Time of the first sample, or None.
-    """
+    """Return epochs of times in s, -1 without a start time."""
     if start_utc_ns is None:
         return np.full(time_s.shape, -1, np.int64)
     return start_utc_ns + np.rint(time_s * NANOSECONDS).astype(np.int64)

@@ -8,14 +8,9 @@ GIVEN_SHARE, NOMINAL_SHARE = 0.005, 0.01
 
 
 def sound_speed_std(sensor: Sensor, option_mps: float | None) -> float:
-    """Return the deviation of the sound speed, m/s.
+    """Return the deviation of the sound speed, m/s, of an option or of the sensor.
 
-    Parameters
-    ----------
-    sensor
-        The sensor; its own deviation belongs to its own sound speed.
-    option_mps
-        Sound speed of the options, m/s; None takes that of the sensor.
+    The sensor's own deviation belongs to its own sound speed.
 
     Examples
     --------

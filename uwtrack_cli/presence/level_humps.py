@@ -55,13 +55,7 @@ IS_RAIN = "a rise above the middle of the band alone, as of rain"
 
 
 def level_humps(levels: Levels) -> list[Stretch]:
-    """Return the rises of the broadband level of one sensor.
-
-    Parameters
-    ----------
-    levels
-        Levels of every frame.
-    """
+    """Return the rises of the broadband level of one sensor."""
     bins = _bins(levels)
     if bins is None:
         return []

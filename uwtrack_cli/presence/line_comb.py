@@ -85,18 +85,9 @@ def fit_comb(
 ) -> LineComb:
     """Fit a comb to the lines of a family, and to the free ones on its teeth.
 
-    Parameters
-    ----------
-    lines
-        All lines.
-    own
-        Rows of the family's lines, at least three.
-    free
-        Lines that belong to no other family, shape (line,).
-    spacing_hz
-        Spacing as the family's tracker told it, Hz.
-    offset_hz
-        Frequency of tooth 0 in Hz; 0 for a harmonic family.
+    ``own`` are at least three rows; ``free`` are lines of no other family, shape
+    (line,). The spacing is as the family's tracker told it; tooth 0 of a harmonic
+    family is at 0 Hz.
     """
     there = free & (lines.status != "hum")
     begin, end = lines.from_s[own].min(), lines.to_s[own].max()
@@ -209,14 +200,7 @@ def _least_squares(
 
 
 def standing_multiple(tooth: IntArray, level_db: FloatArray) -> int:
-    """Return the greatest multiple that has nearly all of the power; 0 for none.
-
-    Parameters
-    ----------
-    tooth
-        Teeth of the lines of a harmonic family.
-    level_db
-        Their levels, dB.
+    """Return the greatest multiple of teeth with nearly all of the power; 0 for none.
 
     Examples
     --------

@@ -76,13 +76,7 @@ def _columns() -> list[str]:
 
 
 def summarise(lines: Lines) -> LineSummary:
-    """Return one row per line that has a measurement.
-
-    Parameters
-    ----------
-    lines
-        Lines of one tracker.
-    """
+    """Return one row per line of a tracker that has a measurement."""
     overlap = lines.overlap_frames
     window_s = lines.point_window_s
     measured = np.isfinite(lines.measured_frequency_hz)

@@ -92,15 +92,7 @@ class _Passage(NamedTuple):
 
 
 def mark_passages(table: Encounters, found: list[Stretch]) -> None:
-    """Mark what passed; a passage that nothing else tells of gets its own row.
-
-    Parameters
-    ----------
-    table
-        Closest approaches of one sensor.
-    found
-        What was heard by it; changed in place.
-    """
+    """Mark what passed; a passage that nothing else tells of gets a row."""
     for row in range(table.n_encounters):
         passage = _Passage.of_row(table, row)
         reach_s = PASSAGE_WIDTHS * passage.width_s
@@ -180,14 +172,8 @@ def _loose_lines(
 def add_refusals(table: Encounters, found: list[Stretch]) -> None:
     """Give every refused candidate's reason to its stretch, or a row of its own.
 
-    A candidate whose lines, or whose time without any, a passage explains has none.
-
-    Parameters
-    ----------
-    table
-        Closest approaches of one sensor, with what was refused.
-    found
-        What was heard by it, with its passages marked; changed in place.
+    A candidate whose lines, or whose time without any, a passage explains has none:
+    passages are marked before.
     """
     for contact, from_s, to_s, reason in table.refusals():
         lines = [one for one in found if contact in one.contacts and one.kind != HUM]
@@ -208,15 +194,7 @@ def add_refusals(table: Encounters, found: list[Stretch]) -> None:
 
 
 def add_readings(table: Encounters, found: list[Stretch]) -> None:
-    """Give the stretches without a passage what all of their contacts are read as.
-
-    Parameters
-    ----------
-    table
-        Closest approaches of one sensor, with what the other contacts are read as.
-    found
-        What was heard by it, with its passages marked; changed in place.
-    """
+    """Give the stretches without a passage what all of their contacts are read as."""
     read = {one.contact: one for one in table.still()}
     for stretch in found:
         own = [read[contact] for contact in stretch.contacts if contact in read]

@@ -61,16 +61,8 @@ def rate_families(
 ) -> list[RateFamily]:
     """Group modulation rates by their shafts, most certain first.
 
-    Parameters
-    ----------
-    rate_hz
-        Mean rate of each line of the envelope, Hz, shape (line,).
-    std_hz
-        Its standard deviation, Hz.
-    level_db
-        Its level, dB.
-    resolution_hz
-        Reciprocal of the length of its frames, Hz, shape (line,).
+    Of each line of the envelope: rate and deviation, Hz, level, dB, and the reciprocal
+    of the length of its frames, Hz.
 
     Examples
     --------

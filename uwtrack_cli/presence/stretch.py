@@ -119,19 +119,7 @@ class Stretch:
 def stretch_of_lines(
     kind: str, tones: LineSummary, chance: float, reason: str
 ) -> Stretch:
-    """Return the stretch of some lines.
-
-    Parameters
-    ----------
-    kind
-        Its kind.
-    tones
-        The lines, at least one.
-    chance
-        Probability that noise gives as much.
-    reason
-        Why it is no closest approach.
-    """
+    """Return the stretch of lines, its chance in noise and why it is no passage."""
     made = Stretch(kind, np.nan, np.nan, probability_of_chance=chance, reason=reason)
     made.hold(tones)
     return made
@@ -142,16 +130,9 @@ def make_presence(
     start_utc_ns: Mapping[str, int | None],
     reference: str,
 ) -> Presence:
-    """Gather stretches into the container, in the order of time.
+    """Gather the stretches of every sensor into the container, in the order of time.
 
-    Parameters
-    ----------
-    stretches
-        Stretches of every sensor.
-    start_utc_ns
-        UTC epoch of the first sample of every sensor, ns; None if unknown.
-    reference
-        Reference of the levels.
+    The first sample of a sensor may have an UTC epoch, ns.
     """
     pairs = [(sensor, one) for sensor, own in stretches.items() for one in own]
     pairs.sort(key=lambda pair: (pair[1].from_s, pair[1].to_s))

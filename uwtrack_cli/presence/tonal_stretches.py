@@ -81,13 +81,7 @@ class _Family:
 
 
 def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
-    """Return what the lines of one sensor tell.
-
-    Parameters
-    ----------
-    trackers
-        Lines of the sound, from one tracker each; contacts are those of the first.
-    """
+    """Return what the lines of one sensor tell; contacts are the first tracker's."""
     used = [lines for lines in trackers if lines.line_id.size]
     if not used:
         return []
@@ -128,14 +122,7 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
 
 
 def chance_together(n_joined: int, n_lines: int) -> float:
-    """Return a bound on how many groups of so many lines are joined by chance.
-
-    Parameters
-    ----------
-    n_joined
-        Lines that are joined.
-    n_lines
-        Lines that could have been.
+    """Return a bound on how many groups of so many lines of all are joined by chance.
 
     Notes
     -----
@@ -196,13 +183,7 @@ def _on_mains(frequency: FloatArray, std: FloatArray, nominal: float) -> BoolArr
 
 
 def is_mains_comb(found: LineComb) -> bool:
-    """Tell whether a harmonic family has the spacing of mains, or twice that.
-
-    Parameters
-    ----------
-    found
-        The family's comb.
-    """
+    """Tell whether a harmonic family has the spacing of mains, or twice that."""
     spacing = np.array([found.spacing_hz])
     orders = [round(found.spacing_hz / nominal) for nominal in MAINS_HZ]
     on = [_on_mains(spacing, np.zeros(1), nominal)[0] for nominal in MAINS_HZ]

@@ -78,11 +78,6 @@ def measure_decidecades(
 def band_edges(block: Spectrogram) -> FloatArray:
     """Return the edges of the bands that a spectrogram holds, shape (band, 2), Hz.
 
-    Parameters
-    ----------
-    block
-        The spectrogram.
-
     Raises
     ------
     DataError

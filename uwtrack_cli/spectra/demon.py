@@ -72,15 +72,9 @@ FEWEST_SAMPLES = 16
 def resolve_demon(recording: Recording, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return band and window as they follow from a recording.
 
-    What does not fit is left open: a window in too short a recording, and a band at a
-    sample rate too low for the rates that are wanted.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    options
-        Every option of `demodulate`; None is open.
+    Of every option of `demodulate`, None is open. What does not fit is left open: a
+    window in too short a recording, and a band at a sample rate too low for the rates
+    that are wanted.
     """
     found: dict[str, Any] = {}
     fs = recording.sample_rate_hz

@@ -114,10 +114,7 @@ class DipoleFit:
 def fit_dipoles(known: KnownPassage) -> DipoleFit:
     """Fit the response of two dipoles to a passage of known bearings.
 
-    Parameters
-    ----------
-    known
-        The passage; frames that are not finite, or too quiet, are left out.
+    Frames that are not finite, or too quiet, are left out.
 
     Raises
     ------

@@ -20,13 +20,7 @@ from uwtrack_cli.estimation.angles import interpolate_deg
 
 
 def directional_channels(sensor: Sensor) -> tuple[int, ...]:
-    """Return the columns of the omni channel and, of a vector sensor, both dipoles.
-
-    Parameters
-    ----------
-    sensor
-        The sensor; its channels are named in the order of the columns.
-    """
+    """Return the columns of the omni channel and, of a vector sensor, both dipoles."""
     names = sensor.channel_names
     omni = names.index("omni") if "omni" in names else 0
     if not sensor.has_direction:
@@ -44,17 +38,8 @@ def true_components(
 ) -> tuple[FloatArray, FloatArray]:
     """Return intensities to the east and to the north, shape (frame, frequency).
 
-    Parameters
-    ----------
-    sensor
-        The sensor.
-    frames
-        Time base of the rows.
-    power
-        Power of the omni channel, shape (frame, frequency).
-    first, second
-        Real part of omni times conjugate dipole, for both dipoles in the order of the
-        channels' meaning (east or x, north or y), same shape.
+    Of the power of the omni channel and the real parts of omni times conjugate dipole,
+    for both in the order of the channels' meaning (east or x, north or y), same shape.
     """
     first, second = _ideal(sensor.dipole_response, power, first, second)
     turns = "x" in sensor.channel_names
@@ -79,16 +64,9 @@ def _ideal(
 
 
 def turn_deg(sensor: Sensor, turns: bool, frames: Frames) -> FloatArray:
-    """Return the angle from the sensor's own axes to east and north, degrees.
+    """Return the angle of frames from the sensor's own axes to east and north, degrees.
 
-    Parameters
-    ----------
-    sensor
-        The sensor.
-    turns
-        Whether its axes turn with its housing.
-    frames
-        Frames for which it is wanted; the result has their shape (frame,).
+    The axes of some sensors turn with their housing.
     """
     offset = np.full(frames.n_frames, sensor.compass_offset_deg)
     if not turns:

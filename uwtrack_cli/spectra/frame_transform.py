@@ -64,12 +64,7 @@ class FrameTransform:
     def intensity(self, channels: FloatArray, n_frames: int) -> DirectionalDensity:
         """Return power density and the real cross densities of omni and dipoles.
 
-        Parameters
-        ----------
-        channels
-            Samples of omni and two dipoles, shape (sample, 3).
-        n_frames
-            Frames to make.
+        Samples of these have the shape (sample, 3).
         """
         shape = (n_frames, self.frequency_hz.size)
         out = [np.empty(shape, np.float32) for _ in range(3)]
@@ -85,15 +80,7 @@ class FrameTransform:
     def spectra(
         self, channel: FloatArray, n_frames: int
     ) -> Iterator[tuple[slice, NDArray[np.complex64]]]:
-        """Yield rows of frames and their spectra, scaled to the root of density.
-
-        Parameters
-        ----------
-        channel
-            Samples of one channel, enough for the frames.
-        n_frames
-            Frames to make.
-        """
+        """Yield rows of frames and their spectra, scaled to the root of density."""
         from scipy.fft import rfft
 
         window = self._scaled_window()

@@ -69,21 +69,9 @@ def background_pull(
 ) -> FloatArray:
     """Return how the background leads the dipoles at some cells: b.
 
-    Parameters
-    ----------
-    parts
-        Intensity to the east and to the north, shape (frame, frequency).
-    power, floor
-        Power density and noise density, same shape; the first frame starts a tile.
-    row, cell
-        Where it is wanted, shape (n,).
-    zero_padding
-        Cells per natural bin.
-
-    Returns
-    -------
-    FloatArray
-        East and north, shape (2, n): intensity over power.
+    Intensities to the east and to the north, power and noise density have the shape
+    (frame, frequency); the first frame starts a tile. The result is intensity over
+    power, east and north, shape (2, n).
     """
     step = max(1, zero_padding)
     n_bins = power.shape[1] // step
@@ -337,14 +325,8 @@ def angle_by_whitened(
 ) -> tuple[FloatArray, FloatArray]:
     """Return first and second derivative of a line's angle by that in white noise.
 
-    Parameters
-    ----------
-    angle
-        Direction of the line from that of the background, rad.
-    size
-        Length of b.
-    ratio
-        Dipole noise ratio of isotropic noise.
+    The angle, rad, counts from the direction of the background; ``size`` is the length
+    of b, ``ratio`` the dipole noise ratio of isotropic noise.
 
     Notes
     -----

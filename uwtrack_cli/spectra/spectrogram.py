@@ -47,15 +47,7 @@ told of it is late by as much."""
 def resolve_spectrogram(
     recording: Recording, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the window as it follows from a recording.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    options
-        Every option of `compute_spectrogram`.
-    """
+    """Return the window as it follows from a recording and all options."""
     if options["largest_share"] is None:
         return {}
     longest_s = options["largest_share"] * recording.duration_s
@@ -139,12 +131,7 @@ def plan_frames(
 ) -> FrameTransform:
     """Return how a recording is cut into frames, after checking that it can be.
 
-    Parameters
-    ----------
-    recording
-        The recording, opened for reading.
-    window_s, overlap, zero_padding, band_hz, decimation
-        As for `compute_spectrogram`.
+    Options as those of `compute_spectrogram`.
 
     Raises
     ------
@@ -207,14 +194,7 @@ def frame_blocks(
 ) -> Iterator[tuple[FloatArray, int, int]]:
     """Yield the samples of so many frames at a time, reading the recording once.
 
-    Parameters
-    ----------
-    recording
-        The recording, opened for reading.
-    layout
-        How it is cut into frames.
-    block_frames
-        Frames in a block; the last one may have fewer.
+    The last block may have fewer.
 
     Yields
     ------
@@ -294,18 +274,9 @@ def describe_frames(
     first_frame: int,
     n_frames: int,
 ) -> Frames:
-    """Return the time base of a block of frames.
+    """Return the time base of a block of so many frames from one on.
 
-    Parameters
-    ----------
-    recording
-        The recording.
-    layout
-        How it is cut into frames.
-    samples
-        Samples of the block, shape (sample, channel); nan where there is none.
-    first_frame, n_frames
-        Index of the first frame, and how many there are.
+    Samples, shape (sample, channel), are nan where there is none.
     """
     return time_base(
         recording,
@@ -329,18 +300,7 @@ def time_base(
 ) -> Frames:
     """Return the frames of a recording, without noise floor.
 
-    Parameters
-    ----------
-    recording
-        The recording.
-    first_frame
-        Index of the first frame.
-    valid_fraction
-        Share of valid samples of each frame, shape (frame,).
-    window_samples, hop_samples, fft_length
-        Lengths of window, hop and transform in samples of the recording.
-    offset_samples
-        Sample at which frame 0 begins.
+    Frame 0 begins at the offset; lengths are in samples of the recording.
     """
     count = valid_fraction.size
     index = np.arange(first_frame, first_frame + count, dtype=np.int64)

@@ -61,21 +61,10 @@ class Window:
 def zoom(
     recording: Recording, span_s: tuple[float, float], windows: Sequence[Window]
 ) -> list[Zoom]:
-    """Return fine spectrograms of narrow bands of a stretch of sound.
+    """Return fine spectrograms of narrow bands of a stretch of sound, s.
 
-    Parameters
-    ----------
-    recording
-        The recording; of several channels the first one is taken.
-    span_s
-        Begin and end of the stretch, s from the first sample.
-    windows
-        The bands.
-
-    Returns
-    -------
-    list of Zoom
-        One for each band; without frames where the stretch is shorter than one.
+    Of several channels the first one is taken. One for each band; without frames where
+    the stretch is shorter than one.
 
     Raises
     ------
@@ -109,15 +98,7 @@ def _decimated_sound(
 
 
 def decimate(sound: NDArray[np.number], factor: int) -> NDArray[np.number]:
-    """Return every so many-th value of three moving means in a row.
-
-    Parameters
-    ----------
-    sound
-        Samples, real or complex, shape (n,).
-    factor
-        Samples for each one that is kept.
-    """
+    """Return every so many-th value of three moving means in a row, shape (n,)."""
     if factor == 1:
         return sound
     kernel = np.ones(1)

@@ -89,16 +89,9 @@ def comb_tests(
 ) -> CombTests:
     """Test every pair of peaks and number of spacings as the ends of a comb.
 
-    Parameters
-    ----------
-    frequency_hz, bearing_deg
-        Peaks, ascending in frequency; bearings are nan where unknown.
-    rule
-        What counts as a comb.
-    greatest_chance
-        Tests that a rough count shows to be above this are left out, which saves most
-        of the work; they count as tests all the same.
-
+    Peaks ascend in frequency; bearings are nan where unknown. Tests that a rough count
+    shows to be above ``greatest_chance`` are left out, which saves most of the work;
+    they count as tests all the same.
     """
     lower, upper, spacings = _hypotheses(frequency_hz, bearing_deg, rule)
     n_tests = max(lower.size, 1)

@@ -67,22 +67,10 @@ def find_combs(
 ) -> tuple[list[Comb], FloatArray]:
     """Find the families among the peaks of one instant.
 
-    Parameters
-    ----------
-    frequency_hz
-        Frequencies in Hz, ascending.
-    bearing_deg
-        Bearings in degrees, nan where unknown.
-    rule
-        What counts as a comb.
-    greatest_chance
-        Families with a greater expected number by chance are not reported.
-
-    Returns
-    -------
-    tuple
-        The families, least likely by chance first and disjoint, and for every
-        peak log10 of the least chance of any comb that contains it.
+    Peaks ascend in frequency, Hz; bearings, degrees, are nan where unknown. Returns the
+    families whose expected number by chance is not above the greatest, least likely
+    ones first and disjoint, and for every peak log10 of the least chance of any comb
+    that contains it.
     """
     score = np.full(frequency_hz.size, np.inf)
     if frequency_hz.size < 3:
@@ -191,14 +179,7 @@ def _members(
 def comb_fit(frequency_hz: FloatArray, teeth: IntArray, sigma_hz: float) -> CombFit:
     """Fit spacing and offset to the members of a comb by least squares.
 
-    Parameters
-    ----------
-    frequency_hz
-        Frequencies of the members in Hz.
-    teeth
-        Number of the tooth of each, counted from any of them.
-    sigma_hz
-        Standard deviation of a frequency in Hz.
+    Teeth are counted from any of them; ``sigma_hz`` is the deviation of a frequency.
 
     Examples
     --------

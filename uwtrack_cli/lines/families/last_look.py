@@ -38,26 +38,10 @@ class LastLook:
         rule: CombRule,
         greatest_chance: float,
     ) -> tuple[list[Comb], FloatArray]:
-        """Find the families among the lines of one instant, or remember them.
+        """Find families as `harmonics.find_combs` does, or remember them.
 
-        Parameters
-        ----------
-        lines
-            Numbers of the lines, shape (line,).
-        frequency_hz
-            Their frequencies in Hz, ascending, shape (line,).
-        bearing_deg
-            Their bearings in degrees, nan where unknown, shape (line,); where any is
-            known, families are always sought.
-        rule
-            What counts as a comb.
-        greatest_chance
-            Families with a greater expected number by chance are not reported.
-
-        Returns
-        -------
-        tuple
-            As of `harmonics.find_combs`.
+        ``lines`` are the numbers of the lines that the frequencies and bearings are of;
+        where any bearing is known, families are always sought.
         """
         if not (
             self._is_same(lines, frequency_hz, rule) and np.isnan(bearing_deg).all()

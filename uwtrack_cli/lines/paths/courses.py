@@ -54,23 +54,10 @@ class Course:
 def fit_course(
     time_s: FloatArray, frequency_hz: FloatArray, variance: FloatArray, at_s: float
 ) -> Course | None:
-    """Fit a straight course to the frames nearest to a time.
+    """Fit a straight course to the frames nearest to a time; None if too few are.
 
-    Parameters
-    ----------
-    time_s
-        Times of the frames, s, all on one side of ``at_s``, nearest first.
-    frequency_hz
-        Measured frequencies, Hz.
-    variance
-        Their variances, Hz^2; inf where nothing was measured.
-    at_s
-        Time for which the course is given, s.
-
-    Returns
-    -------
-    Course or None
-        None if too few frames were measured.
+    Times, s, lie all on one side of ``at_s``, nearest first; the variance, Hz^2, is inf
+    where nothing was measured.
     """
     known = np.flatnonzero(np.isfinite(variance) & np.isfinite(frequency_hz))
     n_used = min(known.size, COURSE_FRAMES)
@@ -104,15 +91,7 @@ def _robust_fit(
 
 
 def disagreement(one: Course, two: Course, bin_hz: float) -> float:
-    """Return how unlikely two courses are the same one, nepers but for a constant.
-
-    Parameters
-    ----------
-    one, two
-        Courses at the same time.
-    bin_hz
-        Natural bin in Hz.
-    """
+    """Return how unlikely two courses at a time are one, nepers but for a constant."""
     floor = (LEAST_STD_BINS * bin_hz) ** 2, (LEAST_RATE_STD_BINS * bin_hz**2) ** 2
     off = one.value - two.value
     total = one.covariance + two.covariance + np.diag(floor)

@@ -104,12 +104,8 @@ class Meetings:
     def push(self, points: LinePoints, complete_to: int) -> LinePoints:
         """Take final points; return those that are decided, by line, then by frame.
 
-        Parameters
-        ----------
-        points
-            Points with the numbers of the paths' lines.
-        complete_to
-            Frame up to which the points of every line are there.
+        Points have the numbers of the paths' lines; up to ``complete_to`` those of
+        every line are there.
         """
         line = np.array([self.name(int(k)) for k in points.line], dtype=np.int64)
         named = replace(points, line=line)
@@ -218,11 +214,7 @@ class Meetings:
     ) -> tuple[dict[int, Course], float]:
         """Fit courses to the points of lines, from the first (1) or the last (-1).
 
-        Returns
-        -------
-        tuple
-            The courses by the numbers of the lines that have one, and the SNR of the
-            faintest of these, dB.
+        Returns those that lines have, by number, and the SNR of their faintest, dB.
         """
         courses, snr_db = {}, [np.inf]
         for line in sorted(lines):
@@ -311,16 +303,9 @@ class Meetings:
         begin_s: float,
         end_s: float,
     ) -> LinePoints:
-        """Give the points of a meeting to its lines, as near to their courses as it goes.
+        """Give the points of a meeting to its lines, near to their courses.
 
-        Parameters
-        ----------
-        points
-            Points between the two times.
-        courses
-            By number the course before and the one after.
-        begin_s, end_s
-            Times of the courses, s.
+        Every line has a course at either time.
         """
         placed = []
         for frame in np.unique(points.frame):

@@ -58,25 +58,8 @@ def state_at(
 ) -> KalmanState | None:
     """Return straight course and bearing of a path at the first of some rows.
 
-    Parameters
-    ----------
-    data
-        The frames of the window.
-    measured
-        Measurements along its paths.
-    states
-        Smoothed states of these, shape (frame, 5, 2, path).
-    column
-        Index of the path.
-    rows
-        Frames of the course, nearest first.
-    at_s
-        Time of the first of them, s.
-
-    Returns
-    -------
-    KalmanState or None
-        Entries of shape (2,); None if too few frames were measured.
+    Rows are nearest first, ``states`` those smoothed along all paths, shape (frame, 5,
+    2, path). Entries of shape (2,); None if too few frames were measured.
     """
     course = fit_course(
         data.time_s[rows], measured.position[0, rows, column],
@@ -115,26 +98,10 @@ def find_jumped(
 ) -> tuple[FamilyJump, list[tuple[int, int]]] | None:
     """Find lines that have ended and begun again where a jump has put them.
 
-    Parameters
-    ----------
-    ends
-        Ends of lines that fell silent.
-    begins
-        Beginnings of lines that continue none, by time.
-    known
-        The jumps so far; one that is found is added.
-    data
-        The frames of the window.
-    measured
-        Measurements along all its paths.
-    lines
-        Number of the line of each path, shape (path,).
-
-    Returns
-    -------
-    tuple or None
-        The jump, and pairs of the indices of an end and of the beginning that goes on
-        with its line. None if chance explains every ratio.
+    Beginnings are by time; a jump that is found is added to those known. Returns it
+    with pairs of the indices of an end and of the beginning that goes on with its line;
+    None if chance explains every ratio. ``lines`` is the line of each path, shape
+    (path,).
     """
     if not (ends and begins):
         return None

@@ -106,12 +106,7 @@ class PathSearch:
 def best_scores(score: FloatArray, move_penalty: float) -> tuple[FloatArray, Steps]:
     """Return the score of the best path into each last cell, and the moves.
 
-    Parameters
-    ----------
-    score
-        Score of each cell, shape (frame, cell).
-    move_penalty
-        Cost of moving by one cell from frame to frame, in nepers.
+    Scores have the shape (frame, cell); a move by one cell costs the penalty, nepers.
     """
     n_frames, n_cells = score.shape
     moves = np.zeros((n_frames, n_cells), dtype=np.int8)
@@ -135,13 +130,7 @@ def best_scores(score: FloatArray, move_penalty: float) -> tuple[FloatArray, Ste
 
 
 def trace_back(moves: Steps, last_cells: IntArray) -> IntArray:
-    """Return the cells of the best paths that end in ``last_cells``.
-
-    Returns
-    -------
-    IntArray
-        Shape (path, frame).
-    """
+    """Return the cells of the best paths to last cells, shape (path, frame)."""
     cells = np.asarray(last_cells, dtype=np.int64)
     path = np.empty((cells.size, moves.shape[0]), dtype=np.int64)
     for k in range(moves.shape[0] - 1, -1, -1):
@@ -188,23 +177,10 @@ def beyond_outer_tiles(
 ) -> FloatArray:
     """Return by how much noise exceeds its floor beyond the middle of the outer tiles.
 
-    The floor is constant there. Noise that rises towards the end of the band is taken to
-    rise on by the power law of the two tiles next to the end; where it falls, and where
-    the step between the tiles is an edge, nothing is known.
-
-    Parameters
-    ----------
-    floor
-        Noise density, nan in a gap, shape (frame, cell).
-    frequency_hz
-        Frequency of each cell, above zero, shape (cell,).
-    cells_per_bin
-        Cells per natural bin.
-
-    Returns
-    -------
-    FloatArray
-        Factors from one on, shape (cell,).
+    The floor, shape (frame, cell), nan in a gap, is constant there. Noise that rises
+    towards the end of the band is taken to rise on by the power law of the two tiles
+    next to the end; where it falls, and where the step between the tiles is an edge,
+    nothing is known. Factors from one on, shape (cell,).
     """
     width = TILE_BINS * cells_per_bin
     n_tiles = frequency_hz.size // width
@@ -237,18 +213,8 @@ def find_paths(
 ) -> PathSearch:
     """Find the paths that noise does not explain.
 
-    Parameters
-    ----------
-    scores
-        Score of each cell.
-    power_ratio
-        Power over noise of each cell, same shape.
-    least
-        Scores that paths must exceed, and what a common bearing adds to them.
-    expected
-        Cells in the first frame where lines are expected, from the window before.
-    cells_per_bin
-        Cells per natural bin.
+    Scores and power over noise have one shape; ``expected`` are cells in the first
+    frame where lines are expected, from the window before.
     """
     left = scores.copy()
     found: list[FoundPath] = []
@@ -379,17 +345,8 @@ def _mask(
 def line_intervals(power_ratio: FloatArray, cells: IntArray) -> list[tuple[int, int]]:
     """Return the frames [first, stop) in which a path holds a line.
 
-    Parameters
-    ----------
-    power_ratio
-        Power over noise along the path; nan in a gap.
-    cells
-        Its cells.
-
-    Returns
-    -------
-    list of tuple
-        One interval, or one for each line if the path goes from one to another.
+    Of the power over noise along the path, nan in a gap, and its cells: one interval,
+    or one for each line if the path goes from one to another.
 
     Notes
     -----

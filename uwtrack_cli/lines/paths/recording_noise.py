@@ -47,19 +47,7 @@ PRIOR_WINDOWS = 5.0
 def surrogate_scores(search: PathSearch, cells_per_bin: int, seed: int) -> FloatArray:
     """Return the best scores of paths that no line can take, one for each block.
 
-    Parameters
-    ----------
-    search
-        What was found in a window, and the scores of its cells.
-    cells_per_bin
-        Cells per natural bin.
-    seed
-        Seed of the shifts.
-
-    Returns
-    -------
-    FloatArray
-        Shape (block,); cells beyond the last whole block are in none.
+    Cells beyond the last whole block are in none. The seed is that of the shifts.
     """
     rng = np.random.default_rng([seed])
     n_frames, n_cells = search.scores.shape
@@ -127,21 +115,11 @@ class RecordingNoise:
         self.slope = 1.0
 
     def note(self, scores: FloatArray, white: float, slope: float) -> FloatArray:
-        """Enter the scores of a window; return by what to raise its thresholds.
+        """Enter the scores of a window; return what its thresholds are raised by.
 
-        Parameters
-        ----------
-        scores
-            Of the paths that no line can take, nepers, shape (block,).
-        white
-            Their mean in white noise.
-        slope
-            Nepers by which noise paths become rarer by e.
-
-        Returns
-        -------
-        FloatArray
-            Excess of each cell, nepers, shape (cell,).
+        Scores, nepers, are those of the paths that no line can take, shape (block,),
+        ``white`` their mean in white noise, and ``slope`` the nepers by which noise
+        paths become rarer by e. The excess has the shape (cell,).
         """
         self.total += scores - white
         self.windows += 1

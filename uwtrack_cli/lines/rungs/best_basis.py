@@ -9,7 +9,7 @@ noise of a cell decides nothing; the cheapest course is found by dynamic program
 
 **Conventions.** Evidence is in nepers against noise: s - ln(1 + s) for an independent
 frame at a power ratio s, less what choosing the strongest cell gives. A cell of time is
-as long as the longest frame.
+as long as the longest frame. Rungs are given with the finest in frequency first.
 
 **References.** Coifman & Wickerhauser, IEEE Trans. IT 38(2), 713-718 (1992); Viterbi
 (1967); Kass & Raftery, JASA 90, 773-795 (1995) for what is strong.
@@ -96,17 +96,7 @@ class Beside:
 
 
 def beside(rungs: Sequence[RungLines], coarser: int, line: int) -> Beside:
-    """Return the points of finer rungs within the resolution of a line.
-
-    Parameters
-    ----------
-    rungs
-        The rungs, the finest in frequency first.
-    coarser
-        Rung of the line.
-    line
-        Its row there.
-    """
+    """Return the points of finer rungs within the resolution of a line of another."""
     own = rungs[coarser]
     points = slice(int(own.first[line]), int(own.first[line + 1]))
     time_s, frequency_hz = own.time_s[points], own.frequency_hz[points]
@@ -128,13 +118,7 @@ def beside(rungs: Sequence[RungLines], coarser: int, line: int) -> Beside:
 
 
 def best_basis(rungs: Sequence[RungLines]) -> list[BoolArray]:
-    """Return which points stand, shape (point,) for each rung.
-
-    Parameters
-    ----------
-    rungs
-        The rungs, the finest in frequency first.
-    """
+    """Return which points stand, shape (point,) for each rung."""
     stands = [np.ones(rung.time_s.size, np.bool_) for rung in rungs]
     cell_s = max((rung.window_s for rung in rungs), default=1.0)
     for number, rung in enumerate(rungs):
@@ -219,14 +203,9 @@ def _covering(time_s: FloatArray, finer_s: FloatArray, hop_s: FloatArray) -> Int
 def is_finer_best(gain: FloatArray, steps: IntArray) -> BoolArray:
     """Tell in which cells finer lines are told, so that the evidence is greatest.
 
-    Parameters
-    ----------
-    gain
-        Evidence of the finer lines less that of the coarser one in each cell, nepers,
-        shape (cell,).
-    steps
-        Distance of each cell to the next one; a change costs nothing where it is more
-        than one; shape (cell - 1,).
+    The gain is the evidence of the finer lines less that of the coarser one in each
+    cell, nepers; a change costs nothing where the step to the next cell is more than
+    one.
 
     Examples
     --------

@@ -28,19 +28,7 @@ def joined_families(
     rungs: Sequence[RungLines],
     numbers: Sequence[IntArray],
 ) -> tuple[Families, IntArray]:
-    """Return the families of joined lines, and each line's one (-1: none).
-
-    Parameters
-    ----------
-    names
-        Numbers of the joined lines, ascending, shape (line,).
-    tables
-        Families of each rung.
-    rungs
-        The rungs.
-    numbers
-        Number of each rung's lines among the joined ones, 0 for none.
-    """
+    """Return the families of joined lines, and each line's one (-1: none)."""
     family = np.full(names.size, -1, np.int64)
     rows: list[Families] = []
     hop_s = min((rung.hop_s for rung in rungs), default=1.0)

@@ -6,6 +6,7 @@ told as the rung with the most lines of it does. The share of its time in which 
 not resolved is that of the lines of its rungs, each for the time that it tells.
 
 **Conventions.** Ratios agree within three standard deviations of their difference.
+Lines have the numbers of `rung_links`.
 """
 
 from collections.abc import Sequence
@@ -50,16 +51,7 @@ def joined_jumps(
 ) -> dict[str, Any]:
     """Return the columns of the jumps of joined lines, in the order of time.
 
-    Parameters
-    ----------
-    lines
-        Lines of each rung, with its jumps.
-    rungs
-        The rungs.
-    numbers
-        Number of each rung's lines among the joined ones, 0 for none.
-    contact
-        Contact of each joined line, by its number less one, shape (line,).
+    ``contact`` is that of each joined line, by its number less one.
     """
     reach_s = max(rung.window_s for rung in rungs)
     told = [
@@ -112,16 +104,7 @@ def joined_share(
 ) -> FloatArray:
     """Return the share of its time in which each joined line is not resolved.
 
-    Parameters
-    ----------
-    lines
-        Lines of each rung; those of older versions count as resolved.
-    rungs
-        The rungs.
-    kept
-        Which points are told, shape (point,) for each rung.
-    numbers
-        Number of each rung's lines among the joined ones, 0 for none.
+    Lines of older versions count as resolved; ``kept`` says which points are told.
     """
     n_lines = max((int(names.max(initial=0)) for names in numbers), default=0)
     beside_s, told_s = np.zeros((2, n_lines + 1))

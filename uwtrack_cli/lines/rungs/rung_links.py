@@ -6,6 +6,7 @@ same time are not: a coarse line beside two fine ones goes with the one that it
 accompanies longer. A line that is alone, and mostly told by others, is none of its own.
 
 **Conventions.** Numbers count from 1 in the order of the first point; 0 is no line.
+Rungs are given with the finest in frequency first.
 """
 
 from collections.abc import Sequence
@@ -33,15 +34,7 @@ Place = tuple[int, int]
 def numbers_of_lines(
     rungs: Sequence[RungLines], stands: Sequence[BoolArray]
 ) -> list[IntArray]:
-    """Return the number of each line, shape (line,) for each rung.
-
-    Parameters
-    ----------
-    rungs
-        The rungs, the finest in frequency first.
-    stands
-        Which points are told, shape (point,) for each rung.
-    """
+    """Return the number of each line, shape (line,) for each rung."""
     told, heard = (
         {
             (number, line): _Told.of(rung, points[number], line)

@@ -26,14 +26,8 @@ def line_evidence(
 ) -> FloatArray:
     """Return the evidence of a line against noise, nepers; none is less than zero.
 
-    Parameters
-    ----------
-    n_frames
-        Independent frames that it lasts.
-    ratio
-        Power over noise in its cell, on average.
-    choice
-        Evidence that comes of choosing where the line is in each frame, nepers.
+    Of independent frames that it lasts, its mean power over noise in its cell, and the
+    evidence in each frame that comes of choosing where the line is.
 
     Notes
     -----
@@ -47,14 +41,7 @@ def line_evidence(
 def is_one_family(
     spacings_hz: tuple[float, float], one: IntArray, two: IntArray
 ) -> bool:
-    """Tell whether two families are one: they share lines, and their spacings agree.
-
-    Parameters
-    ----------
-    spacings_hz
-        Their spacings, Hz.
-    one, two
-        Numbers of their lines, each once.
+    """Tell whether families are one: they share lines, and their spacings agree.
 
     Examples
     --------

@@ -93,15 +93,7 @@ class FamilyJumps:
         return self._serials.size == 0
 
     def find(self, silent: SilentLines, time_s: float) -> list[Renamed]:
-        """Return the new lines that are old ones after a jump.
-
-        Parameters
-        ----------
-        silent
-            The lines that fell silent, each with its last settled state.
-        time_s
-            Time of the frame, s.
-        """
+        """Return the new lines that are old, silent ones after a jump."""
         store = self.store
         confirmed = store.confirmed
         # its first points are not out yet

@@ -162,15 +162,7 @@ class LineContinuation:
         return SilentLines.recalled(store, slots, rows, is_waited_for=True)
 
     def numbers(self, slots: IntArray, time_s: float) -> IntArray:
-        """Return for lines to be confirmed the numbers that they continue, 0 for none.
-
-        Parameters
-        ----------
-        slots
-            Lines that are about to be confirmed.
-        time_s
-            Time of the frame, s.
-        """
+        """Return the numbers that lines to be confirmed continue, 0 for none."""
         numbers = np.zeros(slots.size, dtype=np.int64)
         if not slots.size or not self.silence_s:
             return numbers
@@ -194,15 +186,7 @@ class LineContinuation:
         return self.ended.joined(self._waited_for()) if self.may_turn else self.ended
 
     def go_on(self, slots: IntArray, old: SilentLines) -> None:
-        """Let lines go on with others that are not looked for any more.
-
-        Parameters
-        ----------
-        slots
-            The lines, shape (line,).
-        old
-            The silent line that each continues.
-        """
+        """Let lines go on each with a silent one that is not looked for any more."""
         self.store.begin_after(slots, old.row)
         self.store.release(old.slot[old.slot >= 0])
         self.store.take_ended()  # they go on
@@ -230,19 +214,8 @@ class LineContinuation:
     def _turned(self, old: SilentLines, slots: IntArray, density: float) -> FloatArray:
         """Logarithm of "the old line with another rate" over "a stranger".
 
-        Parameters
-        ----------
-        old
-            The silent lines, with a column for the new ones: shape (silent, 1).
-        slots
-            The new lines, shape (new,).
-        density
-            Density along frequency in which strangers begin, 1/Hz.
-
-        Returns
-        -------
-        FloatArray
-            Shape (silent, new).
+        The silent lines have a column for the new ones, and so has the result: (silent,
+        new). Strangers begin with a density along frequency, 1/Hz.
         """
         store = self.store
         rows = np.maximum(store.born[slots], old.row + 1)

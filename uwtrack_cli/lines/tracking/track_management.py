@@ -208,17 +208,7 @@ def _count_bits(words: IntArray) -> IntArray:
 
 
 def merge_lines(store: TrackStore, gates: Gates, resolution_hz: float) -> None:
-    """End the lesser of two lines that have become one; due every `MERGE_EVERY` frames.
-
-    Parameters
-    ----------
-    store
-        The lines.
-    gates
-        When two lines are one.
-    resolution_hz
-        Resolution of a frame in Hz.
-    """
+    """End the lesser of two lines that are one; due every `MERGE_EVERY` frames."""
     near_hz = gates.merge_hz or 0.5 * resolution_hz
     slots, state = store.active(), store.state
     # two up in a frame together, one down in every frame

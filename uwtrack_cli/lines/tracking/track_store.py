@@ -181,17 +181,7 @@ class TrackStore:
     def note_peaks(
         self, slots: IntArray, measured: FloatArray, is_detection: BoolArray
     ) -> None:
-        """Note the peaks that some lines take.
-
-        Parameters
-        ----------
-        slots
-            The lines.
-        measured
-            Rows of `LinePoints.measured`, shape (6, line).
-        is_detection
-            Whether the peaks exceed the detection threshold.
-        """
+        """Note the peaks that lines take: `LinePoints.measured`, and if detections."""
         self._table[_MEASURED:_ASSOCIATION, slots] = measured
         self.association[slots] = np.where(is_detection, DETECTED, SUB_THRESHOLD)
 
@@ -242,20 +232,9 @@ class TrackStore:
     ) -> None:
         """Start tentative lines, a peak each.
 
-        Parameters
-        ----------
-        state
-            Their states, entries of shape (2, line).
-        noise_density
-            Spectral densities of their accelerations, shape (2, line).
-        measured
-            Rows of `LinePoints.measured`, shape (6, line).
-        is_detection
-            Whether the peaks exceed the detection threshold.
-        score
-            Log-likelihood ratio of each in nepers.
-        precision
-            Reciprocal variance of a measured frequency of each, 1/Hz^2.
+        Entries of states and densities have the shape (2, line), the rows of
+        `LinePoints.measured` (6, line). Scores are in nepers, the precision is the
+        reciprocal variance of a measured frequency, 1/Hz^2.
         """
         count = score.size
         slots = self._free_slots(count)
@@ -274,15 +253,7 @@ class TrackStore:
         self._active = None
 
     def confirm(self, slots: IntArray, numbers: IntArray) -> None:
-        """Make confirmed lines of tentative ones.
-
-        Parameters
-        ----------
-        slots
-            The lines.
-        numbers
-            The numbers of the lines that they continue; 0 for a line that is new.
-        """
+        """Confirm tentative lines by the numbers that they continue, 0 for none."""
         if slots.size:
             self.stage[slots] = CONFIRMED
             is_new = numbers == 0
@@ -307,13 +278,7 @@ class TrackStore:
                 self._confirmed = None
 
     def take_ended(self) -> IntArray:
-        """Return slots and last settled rows of lines that ended since the last call.
-
-        Returns
-        -------
-        IntArray
-            Shape (2, line).
-        """
+        """Return slots and last settled rows of lines that ended since called last."""
         ended, self._ended = self._ended, []
         return np.concatenate([np.zeros((2, 0), dtype=np.int64), *ended], axis=1)
 
@@ -326,19 +291,9 @@ class TrackStore:
     ) -> tuple[FloatArray, KalmanState, FloatArray]:
         """Return times, states and noise densities that lines had at kept rows.
 
-        Parameters
-        ----------
-        slots
-            The lines.
-        rows
-            Frames counted from the start, among the last that are kept; of a shape that
-            broadcasts with that of the lines.
-
-        Returns
-        -------
-        tuple
-            Times in s, of the rows' shape (...), states with entries of shape (2, ...),
-            and densities, shape (2, ...).
+        Rows are frames counted from the start, of a shape that broadcasts with that of
+        the lines. Times in s have theirs, entries of states and densities the shape (2,
+        ...).
         """
         at = self._kept(rows)
         kept = np.moveaxis(self._ring[at, :_MEASURED, slots], -1, 0)
@@ -350,15 +305,7 @@ class TrackStore:
         return np.clip(rows, self.rows - self._size, self.rows - 1) % self._size
 
     def is_near_another(self, slots: IntArray, near_hz: float) -> BoolArray:
-        """Tell which lines are confirmed, and nearer to another such line than so much.
-
-        Parameters
-        ----------
-        slots
-            The lines.
-        near_hz
-            Distance in frequency, Hz.
-        """
+        """Tell which lines are confirmed, and so near, Hz, to another such line."""
         confirmed = self.confirmed
         is_near = np.zeros(self.stage.size, dtype=bool)
         if confirmed.size > 1:
@@ -414,12 +361,9 @@ class TrackStore:
         return points
 
     def pending(self, start_s: float) -> LinePoints:
-        """Smooth and return the points that are not out, as if all lines ended now.
+        """Smooth and return the points that are not out, as if all lines ended.
 
-        Parameters
-        ----------
-        start_s
-            Time of the first points that are wanted, s.
+        From a time on, s.
         """
         slots = np.flatnonzero((self.stage == CONFIRMED) | (self.stage == ENDED))
         slots = slots[np.argsort(self.line[slots])]

@@ -180,23 +180,11 @@ class LineTracker:
         return self._table(self.samples)
 
     def pending(self, start_s: float) -> LinePoints:
-        """Return the points still held as `finish` would, and change nothing.
-
-        Parameters
-        ----------
-        start_s
-            Time from which points are wanted, s.
-        """
+        """Return the points since a time, s, as `finish` would; change nothing."""
         return self.store.pending(start_s)
 
     def table_of(self, points: LinePoints) -> LineTable:
-        """Return what is known of the lines of some points alone.
-
-        Parameters
-        ----------
-        points
-            Points by line, then by time.
-        """
+        """Return what is known of the lines of some points alone, by line and time."""
         samples = ContactSamples(grid_frames(self.window_frames))
         samples.add(points)
         return self._table(samples)
@@ -435,13 +423,7 @@ class LineTracker:
 
 
 def grid_frames(window_frames: float) -> int:
-    """Return the step of the grid on which lines are compared, frames.
-
-    Parameters
-    ----------
-    window_frames
-        Length of a window in steps from one frame to the next.
-    """
+    """Return the step on which lines are compared: a window, in frames."""
     return max(1, round(window_frames))
 
 
@@ -485,17 +467,10 @@ class FollowedLines:
         self._memory_s = last_s
 
     def so_far(self, start_s: float) -> Lines | None:
-        """Return the lines as they would be if the peaks ended here.
+        """Return the lines and their table as they would be if the peaks ended here.
 
-        Parameters
-        ----------
-        start_s
-            Where they begin, s: with the first block that reaches beyond it.
-
-        Returns
-        -------
-        Lines or None
-            With the table of lines; None before the first peaks.
+        They begin with the first block that reaches beyond a time, s; None before the
+        first peaks.
         """
         past = [each for each in self._past if each[0].time_s[-1] >= start_s]
         if self._tracker is None or not past:

@@ -95,17 +95,7 @@ class MotionFit:
 def fit_motion(
     approaches: Approaches, start: FloatArray, reference_s: float
 ) -> MotionFit:
-    """Fit a straight motion from every start.
-
-    Parameters
-    ----------
-    approaches
-        Closest approaches of one vessel.
-    start
-        States to start from, shape (batch, 4).
-    reference_s
-        Time of the state in seconds.
-    """
+    """Fit a straight motion, shape (4,) at the reference time, from every start."""
 
     def evaluate(state: FloatArray) -> Evaluation:
         predicted, slope = predict_approaches(state, approaches, reference_s)
@@ -135,17 +125,7 @@ def fit_motion(
 def predict_approaches(
     state: FloatArray, approaches: Approaches, reference_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the measurements of every approach, and their partials.
-
-    Parameters
-    ----------
-    state
-        Motions, shape (batch, 4).
-    approaches
-        Sensors and depth differences.
-    reference_s
-        Time of the state in seconds.
-    """
+    """Return the measurements of every approach by motions (batch, 4), and partials."""
     rel = state[:, None, :2] - approaches.place_at(reference_s)
     own = 0.0 if approaches.velocity_mps is None else approaches.velocity_mps
     vel = np.broadcast_to(state[:, None, 2:] - own, rel.shape)
@@ -220,16 +200,8 @@ def clock_errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Estimate the clock error of every row from a fitted motion, with its covariance.
 
-    Parameters
-    ----------
-    approaches
-        Closest approaches of one vessel; their covariance holds the clocks.
-    state
-        Fitted motion, shape (4,).
-    reference_s
-        Time of the state in seconds.
-    clock_std_s
-        Prior deviation of the clock of every row, s, shape (rows,).
+    The covariance of the approaches holds the clocks, whose prior deviations are given,
+    s.
 
     Notes
     -----
@@ -258,15 +230,8 @@ def speed_from_two(
 ) -> FloatArray:
     """Return the speed from two closest approaches without Doppler, nan if none.
 
-    Parameters
-    ----------
-    sensor
-        Positions in metres, shape (..., 2, 2).
-    time_s
-        Times of the closest approaches in seconds, shape (..., 2).
-    miss
-        Range over speed times the unit vector of the bearing, seconds, shape
-        (..., 2, 2).
+    Of positions of the sensors, m, and range over speed times the unit vector of the
+    bearing, s, shape (..., 2, 2), and the times, s, shape (..., 2).
 
     Notes
     -----
@@ -298,15 +263,7 @@ N_COURSES = 36
 
 
 def motion_starts(approaches: Approaches, reference_s: float) -> FloatArray:
-    """Return states to start a motion fit from, shape (starts, 4).
-
-    Parameters
-    ----------
-    approaches
-        Closest approaches of one vessel.
-    reference_s
-        Time of the states in seconds.
-    """
+    """Return states to start a motion fit from, shape (starts, 4)."""
     speeds = _speeds(approaches)
     found: list[FloatArray] = []
     for row in range(approaches.turn.size):

@@ -4,7 +4,8 @@
 other leg of a manoeuvre, or along an even turn (`steady_turn`). The covariance follows
 the way; what is not certain of the manoeuvre widens it, by differences in a turn.
 
-**Conventions.** States are east, north (m) and their rates (m/s).
+**Conventions.** States are east, north (m) and their rates (m/s), shape (n, 4), of n times
+in s, with covariances of shape (n, 4, 4).
 """
 
 import numpy as np
@@ -19,21 +20,7 @@ TURN_STEPS = (1e-4, 1e-2, 1e-2)
 
 
 def straight_way(mode: Mode, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return state and covariance of a mode on its straight leg.
-
-    Parameters
-    ----------
-    mode
-        State and covariance of a vessel at a time.
-    times
-        Times, s, shape (n,).
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray]
-        East, north (m) and their rates (m/s), shape (n, 4), and covariance, shape
-        (n, 4, 4).
-    """
+    """Return states and covariances of a mode on its straight leg."""
     transition = np.tile(np.eye(4), (times.size, 1, 1))
     transition[:, 0, 2] = transition[:, 1, 3] = times - mode.reference_s
     covariance = transition @ mode.covariance @ np.swapaxes(transition, 1, 2)
@@ -43,23 +30,7 @@ def straight_way(mode: Mode, times: FloatArray) -> tuple[FloatArray, FloatArray]
 def turned_way_of(
     mode: Mode, bend: EvenTurn, times: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return state and covariance of a mode that turns evenly.
-
-    Parameters
-    ----------
-    mode
-        State and covariance of a vessel at a time.
-    bend
-        The turn.
-    times
-        Times, s, shape (n,).
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray]
-        East, north (m) and their rates (m/s), shape (n, 4), and covariance, shape
-        (n, 4, 4).
-    """
+    """Return states and covariances of a mode that turns evenly."""
     (at,), (spread,) = straight_way(mode, np.array([bend.closest_s]))
     course = np.radians(bend.course_deg)
     # in a mode of the opposite side the vessel goes the opposite way
@@ -84,23 +55,7 @@ def turned_way_of(
 def other_leg_way(
     mode: Mode, leg: OtherLeg, times: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return state and covariance of a mode on the other side of its manoeuvre.
-
-    Parameters
-    ----------
-    mode
-        State and covariance of a vessel at a time.
-    leg
-        How it moves there.
-    times
-        Times, s, shape (n,).
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray]
-        East, north (m) and their rates (m/s), shape (n, 4), and covariance, shape
-        (n, 4, 4).
-    """
+    """Return states and covariances of a mode on the other side of its manoeuvre."""
     (at,), (spread,) = straight_way(mode, np.array([leg.time_s]))
     along = mode.state[2:] / np.hypot(*mode.state[2:])
     course = np.radians(leg.course_deg)

@@ -100,15 +100,7 @@ class Passages:
 
 
 def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
-    """Lay one grid under the sensors.
-
-    Parameters
-    ----------
-    sensors
-        Sensors known.
-    wanted
-        Identifiers of those with encounters.
-    """
+    """Lay one grid under the sensors with encounters, whose identifiers are wanted."""
     used = [_at_origin(sensor) for sensor in sensors if sensor.id in wanted]
     missing = wanted - {sensor.id for sensor in used}
     if len(wanted) <= 1 and not (used and _is_placed(used)):
@@ -153,15 +145,7 @@ def _is_placed(sensors: list[Sensor]) -> bool:
 
 
 def gather_passages(encounters: list[Encounters], sensors: list[Sensor]) -> Passages:
-    """Bring the usable encounters together.
-
-    Parameters
-    ----------
-    encounters
-        Encounters of any number of sensors.
-    sensors
-        The sensors, found by their identifiers.
-    """
+    """Bring the usable encounters of any number of sensors together."""
     names = {str(name) for item in encounters for name in item.sensor}
     known = {sensor.id: sensor for sensor in sensors}
     grid = make_grid(sensors, names)

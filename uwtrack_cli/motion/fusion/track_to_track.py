@@ -4,7 +4,8 @@
 the joint motion passes a chi-square gate on time, course and speed and the rest
 frequencies agree. A partition's rivals that pass the gate too are kept as modes.
 
-**Conventions.** Weights of the modes of a vessel sum to one.
+**Conventions.** Weights of the modes of a vessel sum to one. Groups are rows of all
+encounters.
 
 **References.** Bar-Shalom, Willett and Tian (2011), section 8.4 (track association).
 """
@@ -45,15 +46,7 @@ class Mode:
 
 
 def find_modes(passages: Passages, members: tuple[int, ...]) -> list[Mode]:
-    """Fit the motions of a group of encounters, best first.
-
-    Parameters
-    ----------
-    passages
-        All encounters.
-    members
-        Rows of the group.
-    """
+    """Fit the motions of a group of encounters, given by their rows, best first."""
     group = passages.approaches.take(list(members))
     if int(np.isfinite(group.measured).sum()) < 4:
         return []
@@ -97,15 +90,7 @@ def _is_apart(state: FloatArray, other: FloatArray, covariance: FloatArray) -> b
 def group_encounters(
     passages: Passages, gate_probability: float
 ) -> list[tuple[int, ...]]:
-    """Join the encounters that belong to one vessel.
-
-    Parameters
-    ----------
-    passages
-        All encounters.
-    gate_probability
-        Probability that encounters of one vessel pass the gate.
-    """
+    """Join the encounters of one vessel, which pass the gate with a probability."""
     groups: list[tuple[int, ...]] = [(row,) for row in range(len(passages.contact))]
     while True:
         best: tuple[float, tuple[int, ...], tuple[int, ...]] | None = None
@@ -124,17 +109,7 @@ def group_encounters(
 def list_modes(
     passages: Passages, groups: list[tuple[int, ...]], gate_probability: float
 ) -> list[list[Mode]]:
-    """List the modes of every vessel: its motions, and rival pairings.
-
-    Parameters
-    ----------
-    passages
-        All encounters.
-    groups
-        Encounters of each vessel, as joined.
-    gate_probability
-        Probability that encounters of one vessel pass the gate.
-    """
+    """List the modes of every vessel: its motions, and rival pairings."""
     own = {group: find_modes(passages, group) for group in groups}
     listed: list[list[Mode]] = []
     for group in groups:
@@ -192,17 +167,7 @@ def _mix(
 def joint_probability(
     passages: Passages, first: tuple[int, ...], second: tuple[int, ...]
 ) -> float:
-    """Return the tail probability that two groups are one vessel; 0 if impossible.
-
-    Parameters
-    ----------
-    passages
-        All encounters.
-    first
-        Rows of one group.
-    second
-        Rows of the other.
-    """
+    """Return the tail probability that two groups are one vessel; 0 if impossible."""
     from scipy.stats import chi2
 
     members = tuple(sorted(first + second))

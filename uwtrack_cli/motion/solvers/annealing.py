@@ -46,24 +46,10 @@ def annealing_search(
     periodic: BoolArray | None = None,
     feedback: FloatArray | None = None,
 ) -> Minima:
-    """Search a box for the minima of several problems.
+    """Search a box for the minima of ``count`` problems.
 
-    Parameters
-    ----------
-    objective
-        Function to minimise.
-    box
-        Lower and upper bounds of the parameters.
-    count
-        Number of problems.
-    rng
-        Source of randomness.
-    policy
-        How to cool.
-    periodic
-        Parameters that the box does not bound; none by default.
-    feedback
-        Earlier solutions (problem, parameter) to start from, one per problem.
+    The box does not bound ``periodic`` parameters; ``feedback`` are earlier solutions
+    (problem, parameter) to start from.
     """
     lower, upper = box
     size, rows = lower.size, np.arange(count)

@@ -50,22 +50,9 @@ def genetic_search(
     policy: GeneticPolicy,
     feedback: FloatArray | None = None,
 ) -> Minima:
-    """Search a box for the minima of several problems.
+    """Search a box for the minima of ``count`` problems.
 
-    Parameters
-    ----------
-    objective
-        Function to minimise.
-    box
-        Lower and upper bounds of the parameters.
-    count
-        Number of problems.
-    rng
-        Source of randomness.
-    policy
-        How to breed.
-    feedback
-        Earlier solutions (problem, parameter), one per problem.
+    ``feedback`` are earlier solutions (problem, parameter).
     """
     lower, upper = box
     shape = (count, policy.members, lower.size * policy.bits)

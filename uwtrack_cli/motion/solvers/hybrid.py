@@ -112,23 +112,10 @@ def hybrid_search(
     search: Global,
     feedback: FloatArray | None = None,
 ) -> Minima:
-    """Invert records once: global search, then the simplex from the best point.
+    """Invert ``count`` records: global search, then the simplex from the best point.
 
-    Parameters
-    ----------
-    problem
-        The data, ``count`` records.
-    box
-        Bounds of the search.
-    count
-        Number of records.
-    rng
-        Source of randomness.
-    search
-        The global search; none starts the simplex at a random point, or at the
-        solution that is fed back.
-    feedback
-        Solutions of a shorter record (record, parameter).
+    Without a global search the simplex starts at a random point, or at the solutions of
+    a shorter record (record, parameter) that are fed back.
     """
     objective = PenalisedMisfit(problem, box)
     bounds = (box.lower, box.upper)

@@ -80,24 +80,9 @@ def minimise(
 ) -> DescentResult:
     """Descend from every start to a minimum of the misfit.
 
-    Parameters
-    ----------
-    problem
-        The data.
-    start
-        Starting motions in solver coordinates, one per row.
-    limits
-        Bounds of the coordinates.
-    member
-        Record of each start; None if there is only one record.
-    held
-        Coordinates that stay at their start, by index.
-    polar
-        Whether the velocity is given as speed and course.
-    iterations
-        Largest number of steps.
-    tolerance
-        Relative decrease of the misfit below which a trial has arrived.
+    Coordinates ``held``, by index, stay at their start. A trial has arrived when the
+    relative decrease of its misfit is below the tolerance. As for `residuals`,
+    ``member`` is the record of each start, and ``polar`` the kind of velocity.
     """
     q = np.clip(start, limits.lower, limits.upper)
     member = np.zeros(len(q), dtype=np.int64) if member is None else member

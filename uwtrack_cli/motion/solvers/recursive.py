@@ -51,15 +51,7 @@ class RecursiveEstimates:
 
 
 def estimate_recursively(problem: Problem, limits: SearchBounds) -> RecursiveEstimates:
-    """Estimate the motion after every row of one record.
-
-    Parameters
-    ----------
-    problem
-        One record.
-    limits
-        Bounds of the search.
-    """
+    """Estimate the motion after every row of one record."""
     count = min(FIRST_ROWS, problem.n_rows)
     doubling = count
     found: list[FloatArray] = []

@@ -38,17 +38,7 @@ class Minima:
 def simplex_about(
     point: FloatArray, spans: FloatArray, share: float = 0.05
 ) -> FloatArray:
-    """Build a simplex from points and steps along each axis.
-
-    Parameters
-    ----------
-    point
-        Points (problem, parameter).
-    spans
-        Width of the search along each parameter.
-    share
-        Step as a share of the width, 0 to 1.
-    """
+    """Build simplices from points (problem, parameter) and a share of the spans."""
     steps = np.vstack([np.zeros_like(spans), share * np.diag(spans)])
     return point[:, np.newaxis] + steps
 
@@ -56,18 +46,10 @@ def simplex_about(
 def nelder_mead(
     objective: Objective, simplex: FloatArray, *, tolerance: float = 1e-10
 ) -> Minima:
-    """Descend with one simplex per problem.
+    """Descend with one simplex (problem, vertex, parameter) per problem.
 
-    Parameters
-    ----------
-    objective
-        Function to minimise.
-    simplex
-        Starting simplices (problem, vertex, parameter).
-    tolerance
-        Relative spread of the values at the vertices at which a simplex rests; it
-        also rests when it has shrunk to 1e-10 of its first size, for then values
-        differ by rounding alone.
+    A simplex rests at a relative spread of the values at its vertices; also when it has
+    shrunk to 1e-10 of its first size, for then values differ by rounding alone.
     """
     count, vertices, size = simplex.shape
     member = np.repeat(np.arange(count), vertices)

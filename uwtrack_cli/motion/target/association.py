@@ -99,14 +99,7 @@ def associate(
 ) -> list[BearingSource] | None:
     """Take a record apart into its sources; None where every row may be one source's.
 
-    Parameters
-    ----------
-    problem
-        One record.
-    limits
-        Bounds of the search.
-    is_told
-        Whether the deviations of the bearings were stated.
+    The deviations of the bearings were stated (``is_told``), or are sought.
     """
     heard: BoolArray = np.asarray((problem.bearing_weight > 0).any(0))
     if np.count_nonzero(heard) < FEWEST_ROWS:

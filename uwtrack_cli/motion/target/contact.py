@@ -102,15 +102,7 @@ class ContactAnswer:
 def analyse_contacts(
     contacts: list[Measurements], options: TmaOptions
 ) -> list[ContactAnswer]:
-    """Estimate the motions of all contacts; further sources get numbers of their own.
-
-    Parameters
-    ----------
-    contacts
-        Measurements of each contact.
-    options
-        Options.
-    """
+    """Estimate the motions of all contacts; further sources get new numbers."""
     found: list[ContactAnswer] = []
     number = max((data.contact for data in contacts), default=0)
     for data in contacts:

@@ -68,14 +68,7 @@ def other_convention(
 ) -> Convention | None:
     """Return the sensor whose bearings seem to count otherwise; None if there is none.
 
-    Parameters
-    ----------
-    problem
-        One record of several sensors, every row with its full weight.
-    limits
-        Bounds of the search.
-    q
-        The motion found in solver coordinates, shape (4,).
+    Every row of the problem, of several sensors, has its full weight.
     """
     count = np.count_nonzero(problem.bearing_weight, axis=1)
     if (

@@ -61,16 +61,9 @@ def fixes_of_answers(
     series: Series,
     unplaced: Sequence[str] = (),
 ) -> Fixes:
-    """Return the places of all contacts and modes at their times.
+    """Return the places of all contacts and modes at their times, s.
 
-    Parameters
-    ----------
-    answers
-        Answer of each contact, with the times wanted in seconds.
-    series
-        The table that they came from.
-    unplaced
-        Why other contacts have no position, in sentences.
+    ``unplaced`` says why other contacts of the table have no position, in sentences.
     """
     statements = list(unplaced)
     parts: list[dict[str, NDArray[Any]]] = []

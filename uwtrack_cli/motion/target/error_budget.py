@@ -84,21 +84,7 @@ def error_budget(
     *,
     with_coloured_noise: bool,
 ) -> ErrorBudget:
-    """Add nuisances and coloured noise to the covariance of a motion.
-
-    Parameters
-    ----------
-    problem
-        One record.
-    q
-        The motion in solver coordinates, shape (4,).
-    found
-        Information at the motion.
-    deviations
-        Standard deviations of the nuisances.
-    with_coloured_noise
-        Whether the residuals are searched for coloured noise.
-    """
+    """Add nuisances and coloured noise to the covariance of a motion."""
     r = residuals(problem, q[np.newaxis])
     chain = np.eye(len(found.bread))
     chain[:4, :4] = state_jacobian(q[np.newaxis])[0]
@@ -206,14 +192,7 @@ def markov_covariance(
 ) -> FloatArray:
     """Sum g_i g_j' exp(-|t_i - t_j| / tau) over all pairs, in one pass.
 
-    Parameters
-    ----------
-    time_s
-        Times in seconds, shape (m,), in any order.
-    gradient
-        One gradient per time, shape (m, p).
-    correlation_time_s
-        Correlation time tau, s.
+    One gradient, shape (m, p), per time, s, in any order.
 
     Examples
     --------
@@ -234,12 +213,7 @@ def markov_covariance(
 
 
 def looks_white(deviation: FloatArray) -> bool:
-    """Return whether unit residuals show neither colour nor a larger variance.
-
-    Parameters
-    ----------
-    deviation
-        Residuals over their stated deviations, in the order of time.
+    """Return whether unit residuals in time show neither colour nor a larger variance.
 
     Notes
     -----

@@ -81,10 +81,7 @@ class Measurements:
     def begin_of(self, meant: BoolArray) -> str:
         """Return how a sentence about some rows begins: file and line of the first.
 
-        Parameters
-        ----------
-        meant
-            Whether a row is meant, shape (rows,) or (streams or lines, rows).
+        ``meant`` has the shape (rows,) or (streams or lines, rows).
         """
         if self.table_row is None or self.begin_of_table_row is None:
             return ""
@@ -191,11 +188,6 @@ def _streams(
 
 def measurements_from_lines(lines: Lines) -> list[Measurements]:
     """Take lines apart into contacts, without unassigned and stationary ones.
-
-    Parameters
-    ----------
-    lines
-        Tracked lines, from frames of one length.
 
     Raises
     ------
@@ -429,11 +421,6 @@ MOST_DECIMALS = 6
 def rounding_std(values: FloatArray) -> float:
     """Return the deviation that rounding gives to values; 0 if they are not rounded.
 
-    Parameters
-    ----------
-    values
-        Values, with nan where there is none.
-
     Notes
     -----
     The step over the root of 12, the step being the largest power of ten that all
@@ -454,17 +441,9 @@ def rounding_std(values: FloatArray) -> float:
 def correlation_inflation(z: FloatArray, heard: FloatArray, fewest_lags: int) -> float:
     """Return the variance factor that correlated measurements need, at least 1.
 
-    Measurements of overlapping windows share samples, and all lines of a vessel
-    vary with the speed of its shaft: neither is independent.
-
-    Parameters
-    ----------
-    z
-        Whitened residuals (stream, row).
-    heard
-        Weights; zero where nothing was measured.
-    fewest_lags
-        Distance in rows at which measurements still overlap.
+    Measurements of overlapping windows share samples for ``fewest_lags`` rows, and all
+    lines of a vessel vary with the speed of its shaft: neither is independent. Whitened
+    residuals and weights have the shape (stream, row); zero where nothing was measured.
 
     Notes
     -----

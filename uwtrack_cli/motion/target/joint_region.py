@@ -44,17 +44,8 @@ def ellipse_holds(
 ) -> bool:
     """Return whether the joint ellipse of 95 % holds what it should.
 
-    Parameters
-    ----------
-    problem
-        One record.
-    q
-        The minimum in solver coordinates, shape (4,).
-    covariance
-        Of range (m), bearing (rad), speed (m/s) and course (rad) by white noise, shape
-        (4, 4).
-    scale
-        Scale of likelihood ratios under the loss, 1 for least squares.
+    The covariance is that of range (m), bearing (rad), speed (m/s) and course (rad) by
+    white noise, shape (4, 4); ``scale`` that of likelihood ratios under the loss.
     """
     centre = to_motion(q)
     std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))

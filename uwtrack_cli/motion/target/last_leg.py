@@ -69,12 +69,7 @@ class _Trial:
 def bent(problem: Problem, change: FloatArray) -> Problem:
     """Return the problem in which the last leg is a straight motion.
 
-    Parameters
-    ----------
-    problem
-        One record.
-    change
-        Change of velocity, east and north, m/s, and its instant, s, shape (3,).
+    The change of velocity is east and north, m/s, and its instant, s, shape (3,).
     """
     track = problem.track
     early = np.maximum(change[2] - track.time_s, 0.0)
@@ -97,18 +92,7 @@ def find_last_leg(
 ) -> ModeAnswer | None:
     """Fit both legs; None where they do not tell the state now.
 
-    Parameters
-    ----------
-    problem
-        One record.
-    q
-        The best straight motion in solver coordinates, shape (4,).
-    limits
-        Bounds of the search.
-    found
-        The change of velocity that the straight motion asks for.
-    options
-        Options.
+    The best straight motion asks for a change of velocity, ``found``.
     """
     span = float(problem.row_time_s[-1])
     straight = _value(problem, _Trial(q, np.array([0.0, 0.0, found.time_s])))
@@ -263,13 +247,7 @@ def _inverse(matrix: FloatArray) -> FloatArray | None:
 
 
 def state_now(mode: ModeAnswer) -> tuple[FloatArray, FloatArray]:
-    """Return range, bearing, speed and course at the last measurement, SI.
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray]
-        The state and its deviations, shape (4,) each.
-    """
+    """Return range, bearing, speed and course now, SI, and their deviations."""
     std = np.sqrt(np.maximum(np.diagonal(mode.covariance)[2:4], 0.0))
     state = np.concatenate([mode.now, to_motion(mode.q)[2:4]])
     return state, np.concatenate([mode.now_std, std])

@@ -75,16 +75,7 @@ def find_manoeuvre(
 ) -> Manoeuvre:
     """Seek one change of the target's velocity in a record.
 
-    Parameters
-    ----------
-    problem
-        One record.
-    q
-        The best straight motion in solver coordinates, shape (4,).
-    nuisances
-        Deviations of sound speed and compass.
-    overlap_rows
-        Rows at which measurements still share samples; 0 for independent ones.
+    Measurements still share samples at ``overlap_rows``; 0 for independent ones.
     """
     if problem.n_rows < FEWEST_ROWS:
         return Manoeuvre(float("nan"), 0.0)

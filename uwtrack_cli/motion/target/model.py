@@ -140,14 +140,7 @@ class _Sight:
 def predict(track: ObserverTrack, state: FloatArray, medium: Medium) -> Prediction:
     """Predict bearings and range rates with their derivatives.
 
-    Parameters
-    ----------
-    track
-        Own ship at the nodes.
-    state
-        Trial states (x, y, vx, vy), one per row, m and m/s.
-    medium
-        Sound speed and depth.
+    Own ship is at the nodes, the trial states (x, y, vx, vy), m and m/s, one per row.
 
     Notes
     -----

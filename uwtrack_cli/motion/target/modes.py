@@ -84,20 +84,8 @@ def profile_interval(
 ) -> Interval:
     """Find where the profile likelihood of one coordinate has fallen by ``rise``.
 
-    Parameters
-    ----------
-    problem
-        One record.
-    q
-        The minimum in solver coordinates.
-    coordinate
-        0 for ln R, 1 bearing, 2 speed, 3 course.
-    deviation
-        Its Laplace deviation, the first guess of the width.
-    limits
-        Bounds of the search.
-    rise
-        Rise of the misfit at the ends of the interval.
+    Coordinate 0 is ln R, 1 bearing, 2 speed, 3 course; its Laplace deviation is the
+    first guess of the width.
     """
     polar = coordinate >= 2
     centre = to_polar(q) if polar else q.copy()
@@ -221,19 +209,10 @@ class Modes:
 def find_modes(
     problem: Problem, fit: DescentResult, threshold: float, *, singular: bool = False
 ) -> Modes:
-    """Pick the distinct minima within a rise of the misfit.
+    """Pick the distinct minima, best first, within a threshold over the best.
 
-    Parameters
-    ----------
-    problem
-        One record.
-    fit
-        Minima, best first.
-    threshold
-        Largest rise over the best.
-    singular
-        Whether a whole line of motions fits alike: then one of them stands for all
-        on its side of the array.
+    ``singular``: a whole line of motions fits alike, and one of them stands for all on
+    its side of the array.
     """
     kept = [0]
     for index in range(1, len(fit.q)):
@@ -366,22 +345,9 @@ def describe_mode(
     *,
     scale: float,
 ) -> ModeAnswer:
-    """Work out what one mode says of the target.
+    """Work out what one of the modes says of the target.
 
-    Parameters
-    ----------
-    problem
-        The measurements.
-    limits
-        Bounds of the search.
-    modes
-        All modes.
-    index
-        Which of them.
-    options
-        Options.
-    scale
-        Scale of likelihood ratios under the loss, 1 for least squares.
+    ``scale`` is that of likelihood ratios under the loss, 1 for least squares.
     """
     from scipy.special import chdtri
 
@@ -441,14 +407,7 @@ def last_position(
 ) -> tuple[FloatArray, FloatArray]:
     """Return range (m) and bearing (rad) at the last measurement, with deviations.
 
-    Parameters
-    ----------
-    problem
-        The measurements.
-    q
-        Motion in solver coordinates, shape (4,).
-    covariance
-        Of the solver coordinates, shape (4 or more, same).
+    The covariance is that of the solver coordinates, shape (4 or more, same).
     """
     track = problem.track
     time = track.time_s[track.now[-1]]

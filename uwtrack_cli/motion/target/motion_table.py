@@ -345,12 +345,7 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
 
 
 def course_ends(span: Interval) -> dict[str, float]:
-    """Return the interval of the course, clockwise; the whole circle is 0 to 360.
-
-    Parameters
-    ----------
-    span
-        Interval in radians, not wrapped.
+    """Return an interval in rad clockwise, in degrees; the whole circle is 0 to 360.
 
     Examples
     --------

@@ -20,20 +20,7 @@ NEAR = 0.1
 
 
 def near_rows(problem: Problem, q: FloatArray) -> BoolArray:
-    """Return the rows whose range is not known to be more than its own deviation.
-
-    Parameters
-    ----------
-    problem
-        One record of several sensors.
-    q
-        The motion in solver coordinates, shape (4,).
-
-    Returns
-    -------
-    BoolArray
-        Shape (rows,).
-    """
+    """Return the rows whose range is not known to be more than its own deviation."""
     track = problem.track
     own = np.stack([track.east_m, track.north_m])[:, track.now]
     state, time = to_state(q), problem.row_time_s

@@ -33,15 +33,7 @@ HUBER, TUKEY, STUDENT = 1.345, 4.685, 4.0
 
 
 def loss_value(z: FloatArray, loss: Loss) -> FloatArray:
-    """Return the loss of standardised residuals, element by element.
-
-    Parameters
-    ----------
-    z
-        Residuals divided by their standard deviations.
-    loss
-        Which loss.
-    """
+    """Return the loss of standardised residuals, element by element."""
     if loss == "huber":
         size = np.abs(z)
         return np.where(size <= HUBER, z * z, HUBER * (2.0 * size - HUBER))
@@ -129,20 +121,10 @@ def residuals(
     polar: bool = False,
     rest_hz: FloatArray | None = None,
 ) -> Residuals:
-    """Compare trial motions with the data.
+    """Compare trial motions, one per row, with the data.
 
-    Parameters
-    ----------
-    problem
-        The data.
-    q
-        Trial motions in solver coordinates, one per row.
-    member
-        Record of each trial; None if there is only one record.
-    polar
-        Whether the velocity is given as speed and course.
-    rest_hz
-        Rest frequencies (trial, line), Hz; None for the best ones.
+    The rest frequencies (trial, line), Hz, are the best ones unless given; ``polar``:
+    the velocity is given as speed and course.
     """
     state = to_state(q, polar=polar)
     prediction = predict(problem.track, state, medium_of(problem))
@@ -171,16 +153,9 @@ def bearing_errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Return model less data, (trials, streams, rows), and the sign of folded bearings.
 
-    Where the array's heading is nan, the row's bearing resolves the side.
-
-    Parameters
-    ----------
-    problem
-        The record, which has the heading of the array.
-    model_rad
-        Bearings of the model, rad, shape (trials, rows).
-    data_rad
-        Bearings measured, rad, shape (trials or 1, streams, rows).
+    Where the array's heading is nan, the row's bearing resolves the side. Bearings of
+    the model have the shape (trials, rows), measured ones (trials or 1, streams, rows),
+    rad.
     """
     off = wrap_rad(model_rad[:, np.newaxis] - data_rad)
     heading = problem.array_heading_rad
@@ -279,17 +254,6 @@ def misfit(
 ) -> ProfiledMisfit:
     """Return misfit, half gradient and Gauss-Newton matrix of trial motions.
 
-    Parameters
-    ----------
-    problem
-        The data.
-    q
-        Trial motions in solver coordinates, one per row.
-    member
-        Record of each trial; None if there is only one record.
-    polar
-        Whether the velocity is given as speed and course.
-
     Notes
     -----
     With A, b, d the blocks of the normal equations of motion and rest
@@ -379,19 +343,7 @@ def normal_blocks(problem: Problem, r: Residuals) -> NormalBlocks:
 def misfit_value(
     problem: Problem, state: FloatArray, rest_hz: FloatArray, member: IntArray
 ) -> FloatArray:
-    """Return the misfit of states and rest frequencies that are given.
-
-    Parameters
-    ----------
-    problem
-        The data.
-    state
-        Trial states (x, y, vx, vy).
-    rest_hz
-        Rest frequencies (trial, line), Hz.
-    member
-        Record of each trial.
-    """
+    """Return the misfit of given states (x, y, vx, vy) and rest frequencies."""
     bearing, rate = predict_values(problem.track, state, medium_of(problem))
     chosen = member if problem.bearing_rad.shape[0] > 1 else np.zeros(1, dtype=np.int64)
     off, _ = bearing_errors(problem, bearing, problem.bearing_rad[chosen])

@@ -81,15 +81,7 @@ class Information:
 
 
 def information(problem: Problem, q: FloatArray) -> Information:
-    """Return the information of the data about a motion.
-
-    Parameters
-    ----------
-    problem
-        One record.
-    q
-        The motion in solver coordinates.
-    """
+    """Return the information of the data about a motion."""
     trial = q[np.newaxis]
     r = residuals(problem, trial)
     bread, meat = _bread_and_meat(problem, r)
@@ -147,15 +139,7 @@ def misfit_scale(problem: Problem, q: FloatArray) -> float:
 
 
 def series_slopes(problem: Problem, r: Residuals) -> FloatArray:
-    """Return the mean curvature of the loss of every series, shape (series,).
-
-    Parameters
-    ----------
-    problem
-        One record.
-    r
-        Residuals of one motion.
-    """
+    """Return the mean curvature of the loss of every series, shape (series,)."""
     z = np.concatenate([r.bearing[0], r.frequency[0]])
     measured = np.concatenate([problem.bearing_weight, problem.frequency_weight]) > 0
     # means per series: the curvature of a single residual can be negative
@@ -202,15 +186,6 @@ def criterion_probability(
     covariance: FloatArray, half_widths: FloatArray, order: int = 48
 ) -> float:
     """Return the probability that three Gaussian errors stay within bounds at once.
-
-    Parameters
-    ----------
-    covariance
-        Covariance of the three errors.
-    half_widths
-        Largest error of each that is accepted.
-    order
-        Nodes of the quadrature per dimension.
 
     Notes
     -----
@@ -267,15 +242,7 @@ class Observability:
 
 
 def assess(found: Information, motion: FloatArray) -> Observability:
-    """Assess the observability of a motion from its information.
-
-    Parameters
-    ----------
-    found
-        Information at the motion.
-    motion
-        Range (m), bearing (rad), speed (m/s), course (rad).
-    """
+    """Assess the observability of a motion (R, bearing, speed, course), SI."""
     unit, scale = found.unit_diagonal()
     values, vectors = np.linalg.eigh(unit)
     lost = values <= RANK_THRESHOLD * values[-1]

@@ -117,23 +117,10 @@ BEND_STEPS = 16
 def bend_rad(path: OwnPath, time_s: FloatArray, length_m: float) -> FloatArray:
     """Return by how much own ship turned on the way that its array lies on, rad.
 
-    An array follows own ship's way: until it has passed a turn, its heading lies
-    between the course before and the course after.
-
-    Parameters
-    ----------
-    path
-        Own ship's path.
-    time_s
-        Times wanted, s, in order, shape (n,).
-    length_m
-        Way from own ship back to the array's end, m.
-
-    Returns
-    -------
-    FloatArray
-        Largest difference between the course at each time and on the way behind,
-        shape (n,); 0 for a platform that stands still.
+    An array follows own ship's way for its length, m: until it has passed a turn, its
+    heading lies between the course before and the course after. The largest difference
+    between the course at each time, s, in order, and on the way behind; 0 for a
+    platform that stands still.
     """
     if path.time_s.size < 2 or length_m == 0.0 or time_s.size == 0:
         return np.zeros(time_s.size)
@@ -181,20 +168,10 @@ def make_sensors_track(
     doppler: Doppler,
     interval_s: float,
 ) -> ObserverTrack:
-    """Sample several sensors, each at the rows that it heard.
+    """Sample several sensors on one grid, each at the rows that it heard.
 
-    Parameters
-    ----------
-    paths
-        Path of every sensor, on one grid.
-    sensor
-        Sensor of every row; the first row's is the origin.
-    time_s
-        Times of the rows in order, equal ones allowed, s.
-    doppler
-        As for one platform.
-    interval_s
-        As for one platform.
+    The first row's sensor is the origin; times are in order, equal ones allowed. The
+    rest is as for one platform.
     """
     origin = paths[sensor[0]].at(time_s[:1])
     place = float(origin[0][0]), float(origin[1][0])

@@ -153,20 +153,11 @@ def moving_region(
     stds: tuple[float, ...] = VELOCITY_STDS_MPS,
     mixture: RowMixture | None = None,
 ) -> Region:
-    """Sample the posterior of a source that moves.
+    """Sample the posterior of a source that moves about its best state, shape (4,).
 
-    Parameters
-    ----------
-    problem
-        One record of bearings.
-    state
-        Best state, shape (4,).
-    covariance
-        Its covariance by Laplace's approximation, with a prior on the velocity.
-    stds
-        Deviations of each component of the velocity that are equally likely, m/s.
-    mixture
-        What the rows say where some are another's; None where all are the source's.
+    Its covariance is that of Laplace's approximation, with a prior on the velocity,
+    each component of which has one of ``stds``, m/s. ``mixture``: some rows are
+    another's.
     """
     places = _places(problem)
 
@@ -178,15 +169,7 @@ def moving_region(
 
 
 def still_region(problem: Problem, mixture: RowMixture | None = None) -> Region:
-    """Sample the posterior of the place of a source at rest.
-
-    Parameters
-    ----------
-    problem
-        One record of bearings.
-    mixture
-        What the rows say where some are another's; None where all are the source's.
-    """
+    """Sample the posterior of the place of a source at rest."""
     places = _places(problem)
 
     def log_target(place: FloatArray) -> FloatArray:
@@ -232,17 +215,7 @@ def compete(still: Region, moving: Region) -> PlaceReading:
 
 
 def mixture(reading: PlaceReading, still: Region, moving: Region) -> Region:
-    """Return mean and covariance of the state over both readings.
-
-    Parameters
-    ----------
-    reading
-        How likely they are.
-    still
-        Posterior of the place of a source at rest.
-    moving
-        Posterior of the state of one that moves.
-    """
+    """Return mean and covariance of the state over both readings."""
     if not still.is_sampled:
         return moving
     share = reading.weight if reading.name == STILL else 1.0 - reading.weight
@@ -269,14 +242,8 @@ def sample_density(
 ) -> Region:
     """Sample a density by rounds of draws, each about the moments of the last.
 
-    Parameters
-    ----------
-    log_target
-        Logarithm of the density at points (trials, n), up to a constant.
-    mean
-        Where the first draws lie, shape (n,).
-    first
-        Their covariance, shape (n, n).
+    Its logarithm at points (trials, n) is known up to a constant; the first draws lie
+    about a mean, shape (n,), with a covariance.
     """
     draw = np.random.default_rng(1)
     size = mean.size

@@ -5,7 +5,8 @@ everything else SI. Times and positions are relative to own ship at the first
 measurement. The last axis of every array is the measurement row; a leading axis of
 the data counts independent records of one geometry (Monte Carlo runs), normally
 one. A weight is the inverse of a standard deviation and zero where nothing was
-measured.
+measured. Throughout the room ``problem`` is one record unless said, ``q`` a motion in
+solver coordinates, shape (4,), or one per row, and ``limits`` the bounds of the search.
 """
 
 from dataclasses import dataclass, replace
@@ -111,13 +112,5 @@ class Problem:
 
 
 def without_rows(problem: Problem, left_out: BoolArray) -> Problem:
-    """Return a problem in which the bearings of some rows count nothing.
-
-    Parameters
-    ----------
-    problem
-        Any problem.
-    left_out
-        Whether a row is left out, shape (rows,).
-    """
+    """Return a problem in which the bearings of some rows count nothing."""
     return replace(problem, bearing_weight=problem.bearing_weight * ~left_out)

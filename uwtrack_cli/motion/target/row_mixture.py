@@ -42,18 +42,7 @@ class RowMixture:
     """Constant errors at the motion that was found, rad, shape (streams,)."""
 
     def log_likelihood(self, state: FloatArray) -> FloatArray:
-        """Return the logarithm of the likelihood of motions, up to a constant.
-
-        Parameters
-        ----------
-        state
-            Motions (x, y, vx, vy) in the problem's coordinates, shape (trials, 4).
-
-        Returns
-        -------
-        FloatArray
-            Shape (trials,).
-        """
+        """Return the log likelihood of motions (x, y, vx, vy) up to a constant."""
         problem = self.problem
         stream = problem.bearing_weight.argmax(axis=0)
         rows = np.arange(stream.size)

@@ -51,16 +51,7 @@ def multistart(
 ) -> DescentResult:
     """Find the minima of the misfit of one record, best first.
 
-    Parameters
-    ----------
-    problem
-        One record.
-    limits
-        Bounds of the search.
-    counts
-        How many starts descend.
-    extra
-        Further starts on all data, for instance the previous solution.
+    ``extra`` are further starts on all data, for instance the previous solution.
     """
     counts = StartCounts() if counts is None else counts
     if problem.sensor is not None and len(problem.bearing_weight) > 1:
@@ -95,12 +86,7 @@ KEPT_DRAWS = 10
 def subset_starts(problem: Problem, limits: SearchBounds) -> FloatArray:
     """Return starts from bearings that cross, best first, in solver coordinates.
 
-    Parameters
-    ----------
-    problem
-        One record; each row has at most one bearing.
-    limits
-        Bounds of the search.
+    Each row has at most one bearing.
     """
     stream, row = np.nonzero(problem.bearing_weight)
     if row.size < 2:
