@@ -113,6 +113,16 @@ def test_the_number_goes_on_where_another_rung_hears_the_line_better():
     assert np.abs(nearest - lines.time_s).max() <= 0.5 * lines.frames.hop_s + 1e-9
 
 
+def test_a_short_rise_of_a_line_is_that_line():
+    """Two seconds that short frames tell, of a line that long ones follow."""
+    lines = join_rungs([
+        drawn(8.0, (at(100.0), power(20.0))),
+        drawn(0.1, (at(100.0), power(500.0, 40.0, 42.0))),
+    ])  # fmt: skip
+    assert set(lines.window_s) == {8.0, 0.1}
+    assert np.unique(lines.line).tolist() == [1]
+
+
 def test_two_lines_that_short_frames_do_not_resolve_stay_two():
     pair = (at(100.0), power(10.0)), (at(100.4), power(10.0))
     lines = join_rungs([

@@ -69,17 +69,18 @@ def owner(lines: Lines, frequency: np.ndarray) -> dict[int, int]:
     }
 
 
-@pytest.mark.parametrize("block", [1, 37, 256, 600])
 @pytest.mark.parametrize("initiation", ["score", "count"])
-def test_the_cut_into_blocks_changes_no_bit(block: int, initiation: str) -> None:
+def test_the_cut_into_blocks_changes_no_bit(initiation: str) -> None:
     frequency, bearing = vessel()
     peaks = line_peaks(frequency, bearing)
-    blocks = [cut(peaks, k, min(k + block, 600)) for k in range(0, 600, block)]
-    out = list(track_lines(iter(blocks), initiation=initiation))
-    assert [b.frames.n_frames for b in out[: len(blocks)]] == [
-        b.frames.n_frames for b in blocks
-    ]
-    assert Lines.join(out).equals(track(peaks, initiation=initiation))
+    whole = track(peaks, initiation=initiation)
+    for block in (1, 37, 256):
+        blocks = [cut(peaks, k, min(k + block, 600)) for k in range(0, 600, block)]
+        out = list(track_lines(iter(blocks), initiation=initiation))
+        assert [b.frames.n_frames for b in out[: len(blocks)]] == [
+            b.frames.n_frames for b in blocks
+        ]
+        assert Lines.join(out).equals(whole), block
 
 
 def test_what_is_known_so_far_is_what_the_end_would_give() -> None:
@@ -194,6 +195,23 @@ def test_a_line_that_falls_silent_goes_on_under_its_number(initiation) -> None:
     assert lines.line_id.size == 1
     assert not np.isin(np.arange(110, 125), lines.frame).any()
     assert np.isin(np.arange(140, 290), lines.frame).all()
+
+
+def test_a_sweep_that_falls_silent_is_found_again_on_its_course() -> None:
+    """In 15 s without sound it moves by three resolutions."""
+    frequency = (200.0 + 0.1 * np.arange(300.0))[:, None]
+    frequency[140:170] = np.nan
+    assert track(line_peaks(frequency, clutter=1.0)).line_id.size == 1
+
+
+@pytest.mark.parametrize("rate_hz", [0.3, 0.8])
+def test_a_line_that_turns_at_once_keeps_its_number(rate_hz) -> None:
+    """By so much in each frame, after a minute and a quarter at one frequency."""
+    frequency = (200.0 + rate_hz * np.maximum(np.arange(300.0) - 150.0, 0.0))[:, None]
+    frequency[148:152] = np.nan
+    lines = track(line_peaks(frequency, clutter=1.0))
+    assert lines.line_id.size == 1
+    assert lines.line.size >= 290
 
 
 @pytest.mark.parametrize("initiation", ["count", "score"])
