@@ -40,7 +40,35 @@ REPORTS: dict[str, tuple[str, bool]] = {
 }
 """Outputs of commands: the dataclass of an object, and whether there is a list."""
 
+
+def _maybe(kind: str, text: str = "") -> Schema:
+    """Return the schema of a value that may be null."""
+    return _told({"type": [kind, "null"]}, text)
+
+
+def _told(schema: Schema, text: str) -> Schema:
+    return {**schema, "description": text} if text else schema
+
+
+def _list(items: Schema, text: str = "", kind: Any = "array") -> Schema:
+    return _told({"type": kind, "items": items}, text)
+
+
+def _object(
+    properties: Mapping[str, Schema],
+    text: str = "",
+    kind: Any = "object",
+    required: Sequence[str] | None = None,
+) -> Schema:
+    """Return the schema of an object; it has all of its keys unless told."""
+    needed = list(properties if required is None else required)
+    body = {"type": kind, "properties": dict(properties), "required": needed}
+    return _told(body, text)
+
+
 _TEXT: Schema = {"type": "string"}
+_NUMBER: Schema = {"type": "number"}
+_INTEGER: Schema = {"type": "integer"}
 _TIME: Schema = {
     "type": ["string", "null"],
     "format": "date-time",
@@ -51,44 +79,28 @@ _REASONS: Schema = {
     "additionalProperties": _TEXT,
     "description": "Why a value is null, by its key.",
 }
-
 _NUISANCES: Schema = {
     "type": "object",
-    "additionalProperties": {
-        "type": "object",
-        "properties": {
-            "value": {"type": ["number", "null"]},
-            "std": {"type": ["number", "null"]},
-            "share": {"type": ["number", "null"]},
-        },
-        "required": ["value", "std", "share"],
-    },
+    "additionalProperties": _object(
+        {name: _maybe("number") for name in ("value", "std", "share")}
+    ),
     "description": "What is not known exactly, by name with its unit: estimate, "
     "standard deviation, share of the variance.",
 }
-
 _READING: Schema = {
     "enum": [
-        "straight",
-        "frequency-step",
-        "frequency-ramp",
-        "manoeuvre",
-        "two-targets",
-        "constant",
-        "machinery",
-        "joined",
-        None,
+        "straight", "frequency-step", "frequency-ramp", "manoeuvre", "two-targets",
+        "constant", "machinery", "joined", None,
     ],
     "description": "How the measurements are read; nothing passes in the last three, "
     "which no closest approach is. Null in older files, and where nothing was read.",
-}
-
-_RIVAL: Schema = {
-    "type": ["object", "null"],
-    "properties": {"reading": _TEXT, "weight": {"type": "number"}},
-    "required": ["reading", "weight"],
-    "description": "Next reading with its weight; null if none has 5 %.",
-}
+}  # fmt: skip
+_RIVAL = _object(
+    {"reading": _TEXT, "weight": _NUMBER},
+    "Next reading with its weight; null if none has 5 %.",
+    ["object", "null"],
+)
+_REFERENCE = _told(_TEXT, "'1 uPa' or 'full scale'.")
 
 _DERIVED: dict[str, dict[str, Schema]] = {
     "encounters": {
@@ -96,96 +108,61 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "enum": ["port", "starboard", None],
             "description": "Side of the vessel on which the sensor lies.",
         },
-        "ambiguities": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "properties": {"side": _TEXT, "weight": {"type": "number"}},
-                "required": ["side", "weight"],
-            },
-            "description": "Other solutions with their weights.",
-        },
-        "vessel": {
-            "type": ["object", "null"],
-            "properties": {
-                "name": _TEXT,
-                "mmsi": {"type": ["string", "null"]},
-                "probability": {"type": ["number", "null"]},
-            },
-            "required": ["name", "mmsi", "probability"],
-            "description": "Vessel by AIS, and the probability that it was that one.",
-        },
+        "ambiguities": _list(
+            _object({"side": _TEXT, "weight": _NUMBER}),
+            "Other solutions with their weights.",
+        ),
+        "vessel": _object(
+            {"name": _TEXT, "mmsi": _maybe("string"), "probability": _maybe("number")},
+            "Vessel by AIS, and the probability that it was that one.",
+            ["object", "null"],
+        ),
         "reading": _READING,
         "rival": _RIVAL,
-        "change": {
-            "type": ["object", "null"],
-            "properties": {
-                name: {"type": ["number", "null"]}
-                for name in ("time_s", "time_std_s", *CHANGE_KEYS)
-            }
+        "change": _object(
+            {name: _maybe("number") for name in ("time_s", "time_std_s", *CHANGE_KEYS)}
             | {"follows": {"type": "boolean"}},
-            "required": ["time_s", "time_std_s", "follows", *CHANGE_KEYS],
-            "description": "What changed beside a passage, and when; null if nothing.",
-        },
-        "level_reference": {**_TEXT, "description": "'1 uPa' or 'full scale'."},
-        "level_band_hz": {
-            "type": ["array", "null"],
-            "items": {"type": "number"},
-            "description": "Lower and upper edge of the levels' band. [Hz]",
-        },
+            "What changed beside a passage, and when; null if nothing.",
+            ["object", "null"],
+            ["time_s", "time_std_s", "follows", *CHANGE_KEYS],
+        ),
+        "level_reference": _REFERENCE,
+        "level_band_hz": _list(
+            _NUMBER, "Lower and upper edge of the levels' band. [Hz]", ["array", "null"]
+        ),
     },
     "fixes": {
-        "sensors": {
-            "type": "array",
-            "items": _TEXT,
-            "description": "Identifiers of the sensors that contributed.",
-        },
-        "east_std_m": {
-            "type": ["number", "null"],
-            "description": "Standard deviation of east_m. [m]",
-        },
-        "north_std_m": {
-            "type": ["number", "null"],
-            "description": "Standard deviation of north_m. [m]",
-        },
+        "sensors": _list(_TEXT, "Identifiers of the sensors that contributed."),
+        "east_std_m": _maybe("number", "Standard deviation of east_m. [m]"),
+        "north_std_m": _maybe("number", "Standard deviation of north_m. [m]"),
         "reading": {
             "enum": ["still", "moving", None],
             "description": "How bearings that cross are read; null where not asked.",
         },
-        "rival": {
-            "type": ["object", "null"],
-            "properties": {"reading": _TEXT, "weight": {"type": "number"}},
-            "required": ["reading", "weight"],
-            "description": "The other reading; null if it has less than 5 %.",
-        },
+        "rival": _told(_RIVAL, "The other reading; null if it has less than 5 %."),
     },
     "motions": {
-        "reference": {
-            "type": ["string", "null"],
-            "description": "Sensor from which range and bearing count; null: own ship.",
-        },
+        "reference": _maybe(
+            "string", "Sensor from which range and bearing count; null: own ship."
+        ),
         "offsets_deg": {
             "type": "object",
-            "additionalProperties": {"type": ["number", "null"]},
+            "additionalProperties": _maybe("number"),
             "description": "What the bearings of each sensor of a table must be turned "
             "by, by its name. [degree]",
         },
-        "probability_of_rows": {
-            "type": ["array", "null"],
-            "items": {"type": ["number", "null"]},
-            "description": "Probability that each bearing is this contact's, in the "
-            "order of time; null where all are.",
-        },
+        "probability_of_rows": _list(
+            _maybe("number"),
+            "Probability that each bearing is this contact's, in the order of time; null "
+            "where all are.",
+            ["array", "null"],
+        ),
     },
     "presence": {
-        "contact": {
-            "type": ["integer", "null"],
-            "description": "Contact of its lines, from 1; null for none.",
-        },
-        "encounter": {
-            "type": ["integer", "null"],
-            "description": "Contact of the closest approach within it; null for none.",
-        },
+        "contact": _maybe("integer", "Contact of its lines, from 1; null for none."),
+        "encounter": _maybe(
+            "integer", "Contact of the closest approach within it; null for none."
+        ),
         "reading": _READING,
         "rival": _RIVAL,
         "kind": {
@@ -194,7 +171,7 @@ _DERIVED: dict[str, dict[str, Schema]] = {
         },
         "from_utc": _TIME,
         "to_utc": _TIME,
-        "level_reference": {**_TEXT, "description": "'1 uPa' or 'full scale'."},
+        "level_reference": _REFERENCE,
     },
 }
 """Keys of documented objects that are not columns of their own."""
@@ -204,32 +181,29 @@ _LISTS = {"rest_frequencies_hz": "rest_frequency_hz",
           "frequencies_hz": "frequency_hz", "rates_hz": "rate_hz"}  # fmt: skip
 """Keys that hold the rows of a ragged table, with its column."""
 
-
-_NUMBER: Schema = {"type": "number"}
-
 _EVENT: dict[str, Schema] = {
     "event": {"enum": ["line", "presence", "encounter", "gap"]},
     "sensor": _TEXT,
-    "time_s": {**_NUMBER, "description": "Where it begins, or the approach. [s]"},
+    "time_s": _told(_NUMBER, "Where it begins, or the approach. [s]"),
     "time_utc": _TIME,
-    "revision": {"type": "integer", "description": "How often it was told before."},
+    "revision": _told(_INTEGER, "How often it was told before."),
     "final": {"type": "boolean", "description": "Whether it is decided."},
-    "decided_s": {**_NUMBER, "description": "Sound that had come when told. [s]"},
+    "decided_s": _told(_NUMBER, "Sound that had come when told. [s]"),
 }
 """Keys of every event of live sound."""
 
 _OF_LINES_AND_GAPS: dict[str, Schema] = {
-    "step": {**_TEXT, "description": "Step that tracked the line."},
-    "line": {"type": "integer", "description": "Identifier of the line."},
-    "end_time_s": {**_NUMBER, "description": "Last point of the line so far. [s]"},
-    "frequency_hz": {**_NUMBER, "description": "Frequency at its last point. [Hz]"},
-    "frequency_low_hz": {**_NUMBER, "description": "Lowest frequency so far. [Hz]"},
-    "frequency_high_hz": {**_NUMBER, "description": "Highest frequency so far. [Hz]"},
-    "snr_db": {"type": ["number", "null"], "description": "Median SNR. [dB]"},
-    "n_points": {"type": "integer", "description": "Points of the line so far."},
-    "stretch": {"type": "integer", "description": "Number of a stretch of presence."},
-    "duration_s": {**_NUMBER, "description": "Length of the gap so far. [s]"},
-    "reason": {**_TEXT, "description": "What disturbs the sound."},
+    "step": _told(_TEXT, "Step that tracked the line."),
+    "line": _told(_INTEGER, "Identifier of the line."),
+    "end_time_s": _told(_NUMBER, "Last point of the line so far. [s]"),
+    "frequency_hz": _told(_NUMBER, "Frequency at its last point. [Hz]"),
+    "frequency_low_hz": _told(_NUMBER, "Lowest frequency so far. [Hz]"),
+    "frequency_high_hz": _told(_NUMBER, "Highest frequency so far. [Hz]"),
+    "snr_db": _maybe("number", "Median SNR. [dB]"),
+    "n_points": _told(_INTEGER, "Points of the line so far."),
+    "stretch": _told(_INTEGER, "Number of a stretch of presence."),
+    "duration_s": _told(_NUMBER, "Length of the gap so far. [s]"),
+    "reason": _told(_TEXT, "What disturbs the sound."),
 }
 
 
@@ -242,12 +216,9 @@ def _events() -> Schema:
         _container(CONTAINERS[name])["items"]["properties"]
         for name in ("encounters", "presence")
     )
-    return {
-        "title": "An event of live sound: one JSON object per line.",
-        "type": "object",
-        "properties": {**presence, **encounter, **_OF_LINES_AND_GAPS, **_EVENT},
-        "required": list(_EVENT),
-    }
+    keys = {**presence, **encounter, **_OF_LINES_AND_GAPS, **_EVENT}
+    title = {"title": "An event of live sound: one JSON object per line."}
+    return title | _object(keys, required=list(_EVENT))
 
 
 def schema_names() -> list[str]:
@@ -282,7 +253,7 @@ def json_schema(name: str) -> Schema:
         if name == "batch":
             body["properties"]["n_encounters"] = {"type": "integer"}
         if REPORTS[name][1]:
-            body = {"title": body["title"], "type": "array", "items": body}
+            body = {"title": body["title"], **_list(body)}
     return {"$schema": DIALECT, "$id": f"urn:uwtrack:{name}:{VERSION}", **body}
 
 
@@ -291,37 +262,30 @@ def _container(kind: type[Container]) -> Schema:
     if kind.NAME in SPECIAL:
         keys = SPECIAL[kind.NAME][0]
         properties = {key: _documented(kind, key) for key in keys}
-        row = {"type": "object", "properties": properties, "required": list(keys)}
-        return {"title": title, "type": "array", "items": row}
+        return {"title": title, **_list(_object(properties))}
     facts = {
         name: _scalar(plain, kind.scalars()[name].metadata)
         for name, plain in scalar_types(kind).items()
     }
     properties = {"container": {"const": kind.NAME}, **facts}
-    required = ["container", *facts]
     axes = dict.fromkeys(spec.axes[0] for spec in kind.columns().values())
     for axis in (a for a in axes if a != "reason"):
         key = f"{axis}_rows" if axis in properties else axis
-        properties[key] = {"type": "array", "items": _row(kind, axis)}
-        required.append(key)
-    return {"title": title, "type": "object", "properties": properties,
-            "required": required}  # fmt: skip
+        properties[key] = _list(_row(kind, axis))
+    return {"title": title, **_object(properties)}
 
 
 def _row(kind: type[Container], axis: str) -> Schema:
     columns = {n: s for n, s in kind.columns().items() if s.axes[0] == axis}
-    return {
-        "type": "object",
-        "properties": {name: _cell(spec) for name, spec in columns.items()},
-        "required": [name for name, spec in columns.items() if not spec.optional],
-    }
+    needed = [name for name, spec in columns.items() if not spec.optional]
+    return _object({n: _cell(s) for n, s in columns.items()}, required=needed)
 
 
 def _cell(spec: Column) -> Schema:
     names: Schema = {"f": ["number", "null"], "b": "boolean", "U": "string"}
     schema: Schema = {"type": names.get(spec.dtype.kind, "integer")}
     for _ in spec.axes[1:]:
-        schema = {"type": "array", "items": schema}
+        schema = _list(schema)
     return {**schema, "description": _described(spec.description, spec.unit)}
 
 
@@ -333,7 +297,7 @@ def _documented(kind: type[Container], key: str) -> Schema:
     if key in known:
         return known[key]
     if key in _LISTS:
-        return {"type": "array", "items": _cell(columns[_LISTS[key]])}
+        return _list(_cell(columns[_LISTS[key]]))
     if key in columns:
         return _cell(columns[key])
     return _scalar(scalar_types(kind)[key], kind.scalars()[key].metadata)
@@ -351,13 +315,9 @@ def _described(text: str, unit: str) -> str:
 
 def _of_dataclass(kind: Any) -> Schema:
     hints = get_type_hints(kind)
-    names = [f.name for f in fields(kind)]
-    return {
-        "title": (getdoc(kind) or "").split("\n", 1)[0],
-        "type": "object",
-        "properties": {name: _of_hint(hints[name]) for name in names},
-        "required": names,
-    }
+    title = (getdoc(kind) or "").split("\n", 1)[0]
+    body = _object({f.name: _of_hint(hints[f.name]) for f in fields(kind)})
+    return {"title": title, **body}
 
 
 def _of_hint(hint: Any) -> Schema:
@@ -371,7 +331,7 @@ def _of_hint(hint: Any) -> Schema:
     if origin in {list, tuple, Sequence, frozenset}:
         inner = [a for a in arguments if a is not Ellipsis]
         same = len(set(map(str, inner))) == 1
-        return {"type": "array", "items": _of_hint(inner[0]) if same else {}}
+        return _list(_of_hint(inner[0]) if same else {})
     if origin in {dict, Mapping}:
         return {"type": "object", "additionalProperties": _of_hint(arguments[1])}
     return _PLAIN.get(hint, dict[str, Any])()
@@ -385,64 +345,25 @@ _PLAIN: dict[Any, Callable[[], Schema]] = {
     type(None): lambda: {"type": "null"},
 }
 
-_INFO: Schema = {
-    "title": "What is inside a product.",
-    "type": "object",
-    "properties": {
-        "file": _TEXT,
-        "schema_version": {"type": "integer"},
-        "program_version": _TEXT,
-        "created_utc": {"type": "string", "format": "date-time"},
-        "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
-        "containers": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "properties": {
-                    "container": _TEXT,
-                    "sensor": {"type": ["string", "null"]},
-                    "step": _TEXT,
-                    "columns": {
-                        "type": "array",
-                        "items": {
-                            "type": "object",
-                            "properties": {
-                                "name": _TEXT,
-                                "shape": {"type": "array", "items": {"type": "integer"}},
-                                "units": _TEXT,
-                            },
-                            "required": ["name", "shape", "units"],
-                        },
-                    },
-                },
-                "required": ["container", "sensor", "step", "columns"],
-            },
-        },
-        "history": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "properties": {
-                    "stage": _TEXT,
-                    "name": _TEXT,
-                    "inputs": {"type": "array", "items": _TEXT},
-                    "options": {"type": "object"},
-                    "versions": {"type": "object", "additionalProperties": _TEXT},
-                    "sources": {
-                        "type": "array",
-                        "items": {
-                            "type": "object",
-                            "properties": {"name": _TEXT, "digest": _TEXT},
-                            "required": ["name", "digest"],
-                        },
-                    },
-                },
-                "required": ["stage", "options", "versions", "sources"],
-            },
-        },
-    },
-    "required": [
-        "file", "schema_version", "program_version", "created_utc", "sha256",
-        "containers", "history",
-    ],
-}  # fmt: skip
+_COLUMN = _object({"name": _TEXT, "shape": _list(_INTEGER), "units": _TEXT})
+_INFO: Schema = {"title": "What is inside a product."} | _object({
+    "file": _TEXT,
+    "schema_version": _INTEGER,
+    "program_version": _TEXT,
+    "created_utc": {"type": "string", "format": "date-time"},
+    "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+    "containers": _list(_object({
+        "container": _TEXT,
+        "sensor": _maybe("string"),
+        "step": _TEXT,
+        "columns": _list(_COLUMN),
+    })),
+    "history": _list(_object({
+        "stage": _TEXT,
+        "name": _TEXT,
+        "inputs": _list(_TEXT),
+        "options": {"type": "object"},
+        "versions": {"type": "object", "additionalProperties": _TEXT},
+        "sources": _list(_object({"name": _TEXT, "digest": _TEXT})),
+    }, required=["stage", "options", "versions", "sources"])),
+})  # fmt: skip
