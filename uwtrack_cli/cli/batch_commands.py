@@ -1,6 +1,5 @@
 """`batch` and `rerun`: many recordings at once, and a product once more."""
 
-import inspect
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,7 +23,11 @@ from uwtrack_cli.cli.console import (
     say,
     show_table,
 )
-from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, with_parameters
+from uwtrack_cli.cli.recording_arguments import (
+    SOURCE_PARAMETERS,
+    parameters_of,
+    with_parameters,
+)
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
 from uwtrack_cli.errors import OptionError, OutputError
 from uwtrack_cli.flow.shipped_recipes import DEFAULT_RECIPE
@@ -36,7 +39,7 @@ if TYPE_CHECKING:
 PER_FILE = ("start_utc", "start_s", "stop_s")
 """Options of one recording, which mean nothing for many."""
 
-OWN: dict[str, tuple[Any, Any, str]] = {
+OWN_PARAMETERS = parameters_of({
     "jobs": (int | None, None, "Processes; as many as processors if not given."),
     "scheduler": (str | None, None, "Dask scheduler to run on: tcp://HOST:PORT."),
     "join": (bool, False, "Join consecutive files of a recorder by their UTC times."),
@@ -54,18 +57,7 @@ OWN: dict[str, tuple[Any, Any, str]] = {
         float | None, None,
         "Sound in s that a part reads beside its own span; 900 if unset.",
     ),
-}  # fmt: skip
-OWN_PARAMETERS = [
-    inspect.Parameter(
-        name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=default,
-        annotation=Annotated[
-            hint, typer.Option(f"--{name.replace('_', '-')}", help=text)
-        ],
-    )
-    for name, (hint, default, text) in OWN.items()
-]
+})  # fmt: skip
 """Options of running many: where, and what belongs together."""
 
 BATCH_PARAMETERS = [

@@ -70,7 +70,7 @@ def calibrate(
     Measures gains, crosstalk and orientation, and writes a new sensor file with them,
     never over an existing one. The deviation of the compass is what the passage leaves.
     """
-    from uwtrack_cli.files.atomic import atomic_target, check_target
+    from uwtrack_cli.files.atomic import check_target, write_text
     from uwtrack_cli.flow.calibration import calibrate_sensor
     from uwtrack_cli.flow.sample_recordings import sensor_text
     from uwtrack_cli.flow.scoring.score_product import read_any_truth
@@ -94,8 +94,7 @@ def calibrate(
         f"# Gains, crosstalk and compass measured with {source.name} and "
         f"{known.name}: {found.vessel} at {found.least_range_m:.0f} m.\n"
     )
-    with atomic_target(target) as temporary:
-        temporary.write_text(heading + sensor_text(sensor), encoding="utf-8")
+    write_text(target, heading + sensor_text(sensor))
     if json_output:
         put([json.dumps(asdict(found), ensure_ascii=False)])
     else:

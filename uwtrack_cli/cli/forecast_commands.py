@@ -43,7 +43,7 @@ def forecast(
 
     Prints a table of bearings and frequencies over time; --json adds ranges.
     """
-    from uwtrack_cli.files.atomic import atomic_target, check_target
+    from uwtrack_cli.files.atomic import check_target, write_text
     from uwtrack_cli.flow.forecast import forecast_tracks, table_lines
 
     tones = rest_frequency_hz or []
@@ -55,8 +55,7 @@ def forecast(
         sound_speed_mps=sound_speed_mps,
     )  # fmt: skip
     if output is not None:
-        with atomic_target(output, overwrite=overwrite) as temporary:
-            temporary.write_text("\n".join(table_lines(rows)) + "\n", encoding="utf-8")
+        write_text(output, "\n".join(table_lines(rows)) + "\n", overwrite=overwrite)
     if json_output:
         put([json.dumps([asdict(row) for row in rows])])
     elif output is None:

@@ -4,19 +4,17 @@
 open is finished, and the file is written. A second signal ends the run without a file.
 """
 
-import inspect
 import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 from warnings import warn
 
-import typer
-
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
+from uwtrack_cli.cli.recording_arguments import parameters_of
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.targets import (
     PIPE,
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
 IDLE_S = 60.0
 """A file that did not grow for so long is complete, unless --idle-s says otherwise."""
 
-HINTS: dict[str, tuple[Any, Any, str]] = {
+LIVE_PARAMETERS = parameters_of({
     "raw": (
         str | None, None,
         "Sample format of sound without a header: s16le, s24le, f32le, ... (as ffmpeg).",
@@ -50,18 +48,7 @@ HINTS: dict[str, tuple[Any, Any, str]] = {
         float | None, None,
         "End when no sound came for so long, s; 60 with --follow, else never.",
     ),
-}  # fmt: skip
-LIVE_PARAMETERS = [
-    inspect.Parameter(
-        name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=default,
-        annotation=Annotated[
-            hint, typer.Option(f"--{name.replace('_', '-')}", help=text)
-        ],
-    )
-    for name, (hint, default, text) in HINTS.items()
-]
+})  # fmt: skip
 """Options of `run` for sound that is still coming."""
 
 

@@ -239,13 +239,12 @@ def _write_rows(
 
 
 def _place(lines: Any, output: Path | None, overwrite: bool) -> None:
-    from uwtrack_cli.files.atomic import atomic_target
+    from uwtrack_cli.files.atomic import write_text
 
     if output is None:
         put(lines)
         return
-    with atomic_target(output, overwrite=overwrite) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    write_text(output, "".join(f"{line}\n" for line in lines), overwrite=overwrite)
 
 
 def _show_passages(rows: "Sequence[PassageRow]") -> None:

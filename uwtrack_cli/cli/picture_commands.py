@@ -268,7 +268,7 @@ def report(
     Everything is in one file: a card for every passage, with its page. Of a folder, the
     deployment at a glance: when there was sound, when vessels were heard and passed.
     """
-    from uwtrack_cli.files.atomic import atomic_target, check_target
+    from uwtrack_cli.files.atomic import check_target, write_text
 
     try:
         from uwtrack_cli.plotting import deployment_report
@@ -290,8 +290,7 @@ def report(
             containers, tracks = _reported(product, step, ais, within_m)
             made = product_report.Report(containers, tracks)
             text = product_report.report_html(product, made)
-    with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(target, text, overwrite=overwrite, inputs=inputs)
     say(f"wrote {target}")
 
 

@@ -11,47 +11,52 @@ from uwtrack_cli.cli.console import say
 from uwtrack_cli.data.recording import Recording
 
 
-def _option(hint: Any, flag: str, text: str) -> Any:
-    return Annotated[hint, typer.Option(flag, help=text)]
+def parameters_of(
+    options: Mapping[str, tuple[Any, Any, str]], flags: Mapping[str, str] | None = None
+) -> list[inspect.Parameter]:
+    """Return options that several commands have as parameters of their functions.
 
-
-HINTS: dict[str, Any] = {
-    "sensor": _option(
-        Path | None, "--sensor", "Sensor or deployment file; pass.sensor.toml is found."
-    ),
-    "sensor_sound_speed_mps": _option(
-        float | None, "--sound-speed-mps", "Sound speed in m/s, instead of the sensor's."
-    ),
-    "own_ship": _option(
-        Path | None, "--own-ship", "CSV table of the platform's way, instead of the sensor's."
-    ),
-    "start_utc": _option(
-        str | None, "--start-utc", "Time of the first sample, ISO 8601."
-    ),
-    "time_zone": _option(
-        str, "--time-zone", "Zone of times that name none: UTC, Asia/Seoul, +09:00."
-    ),
-    "time_pattern": _option(
-        str | None, "--time-pattern", "How the file name tells the start."
-    ),
-    "channel": _option(int | None, "--channel", "Channel to take, counted from 1."),
-    "start_s": _option(float | None, "--start-s", "Begin here, s from the first sample."),
-    "stop_s": _option(float | None, "--stop-s", "End here, s from the first sample."),
-    "allow_truncated": _option(
-        bool, "--allow-truncated", "Take what is there of a file that ends too early."
-    ),
-}  # fmt: skip
-DEFAULTS: dict[str, Any] = {"time_zone": "UTC", "allow_truncated": False}
-
-SOURCE_PARAMETERS = [
-    inspect.Parameter(
-        name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=DEFAULTS.get(name),
-        annotation=hint,
+    Parameters
+    ----------
+    options
+        Type, default and help by name.
+    flags
+        Flags that are not called like their options.
+    """
+    named = {name: f"--{name.replace('_', '-')}" for name in options} | dict(
+        flags or {}
     )
-    for name, hint in HINTS.items()
-]
+    return [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=default,
+            annotation=Annotated[hint, typer.Option(named[name], help=text)],
+        )
+        for name, (hint, default, text) in options.items()
+    ]
+
+
+SOURCE_PARAMETERS = parameters_of({
+    "sensor": (
+        Path | None, None, "Sensor or deployment file; pass.sensor.toml is found."
+    ),
+    "sensor_sound_speed_mps": (
+        float | None, None, "Sound speed in m/s, instead of the sensor's."
+    ),
+    "own_ship": (
+        Path | None, None, "CSV table of the platform's way, instead of the sensor's."
+    ),
+    "start_utc": (str | None, None, "Time of the first sample, ISO 8601."),
+    "time_zone": (str, "UTC", "Zone of times that name none: UTC, Asia/Seoul, +09:00."),
+    "time_pattern": (str | None, None, "How the file name tells the start."),
+    "channel": (int | None, None, "Channel to take, counted from 1."),
+    "start_s": (float | None, None, "Begin here, s from the first sample."),
+    "stop_s": (float | None, None, "End here, s from the first sample."),
+    "allow_truncated": (
+        bool, False, "Take what is there of a file that ends too early."
+    ),
+}, {"sensor_sound_speed_mps": "--sound-speed-mps"})  # fmt: skip
 """Options of every command that reads sound."""
 
 

@@ -17,12 +17,14 @@ import inspect
 import itertools
 import math
 import numbers
+import operator
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import (
     Annotated,
     Any,
+    ClassVar,
     Literal,
     ParamSpec,
     TypeVar,
@@ -50,67 +52,48 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Above:
+class Bound:
+    """A limit of numbers; its kinds say on which side of it they lie."""
+
+    limit: float
+    """Where numbers end to be accepted, or begin."""
+
+    WORDS: ClassVar[str]
+    """What is said before the limit."""
+    HOLDS: ClassVar[Callable[[Any, Any], bool]]
+    """Whether a number and the limit are in this order."""
+
+    def accepts(self, value: float) -> bool:
+        """Tell whether the number lies inside."""
+        return type(self).HOLDS(value, self.limit)
+
+    def __str__(self) -> str:
+        """Return the range in words."""
+        return f"{self.WORDS} {self.limit:g}"
+
+
+class Above(Bound):
     """A number greater than a limit."""
 
-    limit: float
-    """The number must be greater than this."""
-
-    def accepts(self, value: float) -> bool:
-        """Tell whether the number lies inside."""
-        return value > self.limit
-
-    def __str__(self) -> str:
-        """Return the range in words."""
-        return f"above {self.limit:g}"
+    WORDS, HOLDS = "above", operator.gt
 
 
-@dataclass(frozen=True)
-class AtLeast:
+class AtLeast(Bound):
     """A number not less than a limit."""
 
-    limit: float
-    """The number must not be less than this."""
-
-    def accepts(self, value: float) -> bool:
-        """Tell whether the number lies inside."""
-        return value >= self.limit
-
-    def __str__(self) -> str:
-        """Return the range in words."""
-        return f"at least {self.limit:g}"
+    WORDS, HOLDS = "at least", operator.ge
 
 
-@dataclass(frozen=True)
-class Below:
+class Below(Bound):
     """A number less than a limit."""
 
-    limit: float
-    """The number must be less than this."""
-
-    def accepts(self, value: float) -> bool:
-        """Tell whether the number lies inside."""
-        return value < self.limit
-
-    def __str__(self) -> str:
-        """Return the range in words."""
-        return f"below {self.limit:g}"
+    WORDS, HOLDS = "below", operator.lt
 
 
-@dataclass(frozen=True)
-class AtMost:
+class AtMost(Bound):
     """A number not greater than a limit."""
 
-    limit: float
-    """The number must not be greater than this."""
-
-    def accepts(self, value: float) -> bool:
-        """Tell whether the number lies inside."""
-        return value <= self.limit
-
-    def __str__(self) -> str:
-        """Return the range in words."""
-        return f"at most {self.limit:g}"
+    WORDS, HOLDS = "at most", operator.le
 
 
 @dataclass(frozen=True)
@@ -133,9 +116,6 @@ class Key:
 
     name: str
     """The key in the table."""
-
-
-_BOUNDS = (Above, AtLeast, Below, AtMost)
 
 
 class OptionGroup:
@@ -319,7 +299,7 @@ def range_of(hint: Any) -> str:
     >>> range_of(Annotated[float, Unit("Hz"), Above(0), AtMost(1e6)])
     'above 0, at most 1e+06'
     """
-    rules = [r for r in _rules(hint) if isinstance(r, (*_BOUNDS, Increasing))]
+    rules = [r for r in _rules(hint) if isinstance(r, Bound | Increasing)]
     return ", ".join(map(str, rules))
 
 
@@ -466,7 +446,7 @@ def _number(where: str, plain: Any, rules: tuple[Any, ...], value: Any) -> float
     outside = (
         not math.isfinite(number) if plain is float else abs(number) > _LARGEST_WHOLE
     )
-    if outside or not all(r.accepts(number) for r in rules if isinstance(r, _BOUNDS)):
+    if outside or not all(r.accepts(number) for r in rules if isinstance(r, Bound)):
         raise OptionError(_refusal(where, plain, rules, value))
     return number  # type: ignore[no-any-return]
 
@@ -475,7 +455,7 @@ def _refusal(where: str, plain: Any, rules: tuple[Any, ...], value: Any) -> str:
     noun = "a whole number" if plain is int else "a number"
     if isinstance(value, float) and not math.isfinite(value):
         noun = "a finite number"
-    facts = [str(r) for r in rules if isinstance(r, _BOUNDS)]
+    facts = [str(r) for r in rules if isinstance(r, Bound)]
     facts = [*(r.name for r in rules if isinstance(r, Unit)), *facts]
     limits = f" ({', '.join(facts)})" if facts else ""
     return f"{where} must be {noun}{limits}, got {shown(value)}."

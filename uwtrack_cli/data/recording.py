@@ -192,6 +192,13 @@ class RecordedFiles(Container):
         "Where a part's own span ends; None for a whole recording.", None
     )
 
+    @property
+    def own_ns(self) -> tuple[int, int] | None:
+        """Begin and end of a part's own span, ns since 1970; None of a whole recording."""
+        if self.own_start_utc_ns is None or self.own_stop_utc_ns is None:
+            return None
+        return self.own_start_utc_ns, self.own_stop_utc_ns
+
     def kept_span_s(self, start_utc_ns: int | None) -> tuple[float, float] | None:
         """Return where closest approaches are kept, s of a recording; None: everywhere.
 
@@ -200,8 +207,8 @@ class RecordedFiles(Container):
         start_utc_ns
             Time of the first sample of the recording, ns since 1970-01-01 UTC.
         """
-        own = (self.own_start_utc_ns, self.own_stop_utc_ns)
-        if start_utc_ns is None or own[0] is None or own[1] is None:
+        own = self.own_ns
+        if start_utc_ns is None or own is None:
             return None
         return (
             (own[0] - start_utc_ns) / NANOSECONDS - GUARD_S,

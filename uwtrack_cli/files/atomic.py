@@ -51,6 +51,14 @@ def atomic_target(
         raise OutputError(msg) from error
 
 
+def write_text(
+    path: Path, text: str, *, overwrite: bool = False, inputs: Sequence[Path] = ()
+) -> None:
+    """Write a file of text, whole or not at all, as `atomic_target` does."""
+    with atomic_target(path, overwrite=overwrite, inputs=inputs) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def check_target(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -> Path:
     """Return the real path of a target that may be written, before work begins.
 

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from uwtrack_cli.files.atomic import atomic_target
+from uwtrack_cli.files.atomic import write_text
 from uwtrack_cli.files.input_ledger import refuse_input
 from uwtrack_cli.files.text_escaping import csv_cell, plain_text
 from uwtrack_cli.flow.batch import Outcome
@@ -82,6 +82,5 @@ def write_report(outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, Path]
     )
     written = folder / NAMES[0], folder / NAMES[1]
     for path, content in zip(written, (text.getvalue(), lines), strict=True):
-        with atomic_target(path, overwrite=True) as temporary:
-            temporary.write_text(content, encoding="utf-8")
+        write_text(path, content, overwrite=True)
     return written

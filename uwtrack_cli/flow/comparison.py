@@ -159,15 +159,12 @@ def _compare_streams(
 
 
 def _sum(one: Difference, other: Difference) -> Difference:
-    return Difference(
-        one.container,
-        one.sensor,
-        one.quantity,
-        one.reason,
-        one.n_values + other.n_values,
-        one.n_different + other.n_different,
-        max(one.largest, other.largest),
-        max(one.largest_relative, other.largest_relative),
+    return replace(
+        one,
+        n_values=one.n_values + other.n_values,
+        n_different=one.n_different + other.n_different,
+        largest=max(one.largest, other.largest),
+        largest_relative=max(one.largest_relative, other.largest_relative),
     )
 
 
@@ -223,18 +220,12 @@ def _compare_numbers(
     one_sided = int(np.count_nonzero(np.isnan(x) != np.isnan(y)))
     reason = f"differs, {one_sided} known in one only" if one_sided else "differs"
     finite = different & np.isfinite(apart)
+    share = np.divide(apart, size, where=size > 0.0, out=np.zeros_like(size))
     yield Difference(
-        *key,
-        reason,
-        int(x.size - np.count_nonzero(unknown)),
-        int(np.count_nonzero(different)),
-        float(apart[finite].max(initial=0.0)),
-        float(
-            np.divide(apart, size, where=size > 0.0, out=np.zeros_like(size))[
-                finite
-            ].max(initial=0.0)
-        ),
-    )
+        *key, reason, int(x.size - np.count_nonzero(unknown)),
+        int(np.count_nonzero(different)), float(apart[finite].max(initial=0.0)),
+        float(share[finite].max(initial=0.0)),
+    )  # fmt: skip
 
 
 def _around(angle_deg: NDArray[Any]) -> NDArray[Any]:

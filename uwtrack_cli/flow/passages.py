@@ -49,16 +49,20 @@ SAME_PLACE_M = 50.0
 
 @dataclass(frozen=True, kw_only=True)
 class PassageRow:
-    """A closest approach, with where it was found."""
+    """A closest approach, with where it was found.
+
+    As in `Encounters`, with their units, None where not known: sensor, contact, status,
+    time_s, speed_mps, slant_range_m, horizontal_range_m, range_over_speed_s, course_deg,
+    bearing_deg, side and received_level_db, with the deviations time_std_s,
+    speed_std_mps, slant_range_std_m, range_over_speed_std_s, course_std_deg,
+    bearing_std_deg and received_level_std_db.
+    """
 
     time_utc: str | None = None
     """Closest approach, UTC; None where the start of the recording is not known."""
     sensor: str
-    """Identifier of the sensor."""
     contact: int
-    """Number of the contact in its result."""
     status: str
-    """'ok', 'extrapolated' or 'level-only'."""
     vessel: str | None = None
     """Name of the vessel by AIS."""
     mmsi: str | None = None
@@ -66,37 +70,21 @@ class PassageRow:
     vessel_probability: float | None = None
     """Probability that it is that vessel."""
     time_s: float | None = None
-    """Closest approach, s from the first sample."""
     time_std_s: float | None = None
-    """Standard deviation of the time, s."""
     speed_mps: float | None = None
-    """Speed, m/s."""
     speed_std_mps: float | None = None
-    """Standard deviation of the speed, m/s."""
     slant_range_m: float | None = None
-    """Range at closest approach, m."""
     slant_range_std_m: float | None = None
-    """Standard deviation of the range, m."""
     horizontal_range_m: float | None = None
-    """Horizontal range at closest approach, m."""
     range_over_speed_s: float | None = None
-    """Slant range divided by speed, s."""
     range_over_speed_std_s: float | None = None
-    """Standard deviation of the range over speed, s."""
     course_deg: float | None = None
-    """Compass course, degrees."""
     course_std_deg: float | None = None
-    """Standard deviation of the course, degrees."""
     bearing_deg: float | None = None
-    """Compass bearing, sensor to vessel, at closest approach, degrees."""
     bearing_std_deg: float | None = None
-    """Standard deviation of the bearing, degrees."""
     side: str | None = None
-    """Side of the vessel on which the sensor lies."""
     received_level_db: float | None = None
-    """Received level at closest approach, dB re the reference."""
     received_level_std_db: float | None = None
-    """Standard deviation of the received level, dB."""
     level_reference: str | None = None
     """'1 uPa' or 'full scale'."""
     latitude: float | None = None
@@ -111,30 +99,25 @@ class PassageRow:
 
 @dataclass(frozen=True, kw_only=True)
 class PassageLevel:
-    """Radiated noise level of a passage in one decidecade band; not ISO 17208."""
+    """Radiated noise level of a passage in one decidecade band; not ISO 17208.
+
+    As in `PassageRow`: time_utc, sensor, contact, vessel, mmsi and file; as in
+    `RadiatedLevels`, with their units, None where the vessel is not heard over the
+    background: centre_hz, radiated_noise_level_db with radiated_noise_level_std_db,
+    received_level_db and background_level_db.
+    """
 
     time_utc: str | None = None
-    """Closest approach, UTC; None where the start of the recording is not known."""
     sensor: str
-    """Identifier of the sensor."""
     contact: int
-    """Number of the contact in its result."""
     vessel: str | None = None
-    """Name of the vessel by AIS."""
     mmsi: str | None = None
-    """Its MMSI."""
     centre_hz: float
-    """Centre of the band, Hz."""
     radiated_noise_level_db: float | None = None
-    """Level re 1 uPa at 1 m; None where the vessel is not heard over the background."""
     radiated_noise_level_std_db: float | None = None
-    """Standard deviation of the level, dB."""
     received_level_db: float | None = None
-    """Mean square in the band while the vessel was within 30 degrees, dB re 1 uPa."""
     background_level_db: float | None = None
-    """Mean square in the band without the vessel, dB re 1 uPa."""
     file: str
-    """Product that the row was read from."""
 
 
 @dataclass(frozen=True)
@@ -311,7 +294,7 @@ def _read_result(path: Path, vessels: AisVessels | None) -> Result:
             {s.id: place for s in sensors if (place := _place(s)) is not None},
             tuple(rows),
             tuple(_levels(path, product)),
-            next(map(_own_span, joined), None),
+            next((files.own_ns for files in joined), None),
             tuple(str(digest) for files in joined for digest in files.digest),
             tuple(sorted(unnamed)),
         )  # fmt: skip
@@ -323,12 +306,6 @@ def _levels(path: Path, product: Product) -> Iterator[PassageLevel]:
         for row in json_rows(table):
             own = {name: row[name] for name in names if name in row}
             yield PassageLevel(**own, file=str(path))
-
-
-def _own_span(files: RecordedFiles) -> tuple[int, int] | None:
-    if files.own_start_utc_ns is None or files.own_stop_utc_ns is None:
-        return None
-    return files.own_start_utc_ns, files.own_stop_utc_ns
 
 
 def _distinct(product: Product) -> list[Encounters]:

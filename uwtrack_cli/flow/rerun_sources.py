@@ -117,7 +117,7 @@ def reopen(
         )
     ]
     slack_s = _slack_s(files, stored.sample_rate_hz)
-    recording, again = join_recordings(opened, slack_s=slack_s, own_ns=_own_ns(files))
+    recording, again = join_recordings(opened, slack_s=slack_s, own_ns=files.own_ns)
     return recording, [again]
 
 
@@ -126,12 +126,6 @@ def _first_samples(files: RecordedFiles) -> IntArray:
     if files.first_sample is None:
         return np.zeros(files.name.size, np.int64)
     return files.first_sample
-
-
-def _own_ns(files: RecordedFiles) -> tuple[int, int] | None:
-    if files.own_start_utc_ns is None or files.own_stop_utc_ns is None:
-        return None
-    return files.own_start_utc_ns, files.own_stop_utc_ns
 
 
 def with_sound(stored: Recording, products: Sequence[Product]) -> Recording:

@@ -16,7 +16,7 @@ import numpy as np
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError, UwtrackWarning
-from uwtrack_cli.files.atomic import atomic_target, check_target
+from uwtrack_cli.files.atomic import check_target, write_text
 from uwtrack_cli.files.audio.recording_file import write_wav
 from uwtrack_cli.flow.scenario_file import read_scenario
 from uwtrack_cli.simulate.recordings import simulate_recordings
@@ -83,7 +83,7 @@ def write_simulation(
         facts = json.dumps(truth(scenario, recording.sensor.id))
         others += _write_beside(sound, recording.sensor, facts, overwrite=overwrite)
     if several:
-        _write_text(whole, json.dumps(truth(scenario)) + "\n", overwrite=overwrite)
+        write_text(whole, json.dumps(truth(scenario)) + "\n", overwrite=overwrite)
         others.append(whole)
     return (*sounds, *others)
 
@@ -202,9 +202,9 @@ def _write_beside(
     if sensor.navigation is not None:
         navigation_name = written[2].name
         navigation = _navigation_text(sensor.navigation)
-        _write_text(written[2], navigation, overwrite=overwrite)
-    _write_text(written[0], sensor_text(sensor, navigation_name), overwrite=overwrite)
-    _write_text(written[1], facts + "\n", overwrite=overwrite)
+        write_text(written[2], navigation, overwrite=overwrite)
+    write_text(written[0], sensor_text(sensor, navigation_name), overwrite=overwrite)
+    write_text(written[1], facts + "\n", overwrite=overwrite)
     return written
 
 
@@ -217,19 +217,7 @@ def _names_beside(sound: Path, sensor: Sensor) -> list[Path]:
 
 
 def _navigation_text(navigation: Navigation) -> str:
-    rows = np.stack(
-        [
-            navigation.time_s,
-            navigation.east_m,
-            navigation.north_m,
-            navigation.heading_deg,
-        ],
-        axis=1,
-    )
+    columns = (navigation.time_s, navigation.east_m, navigation.north_m)
+    rows = zip(*columns, navigation.heading_deg, strict=True)
     lines = [f"{t:.3f},{e:.4f},{n:.4f},{h:.5f}" for t, e, n, h in rows]
     return "\n".join(["time_s,east_m,north_m,heading_deg", *lines]) + "\n"
-
-
-def _write_text(path: Path, text: str, *, overwrite: bool) -> None:
-    with atomic_target(path, overwrite=overwrite) as temporary:
-        temporary.write_text(text, encoding="utf-8")

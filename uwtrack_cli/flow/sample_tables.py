@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.files.atomic import atomic_target
+from uwtrack_cli.files.atomic import write_text
 from uwtrack_cli.simulate.clutter_scans import (
     ClutterScene,
     constant_velocity_truth,
@@ -22,7 +23,6 @@ from uwtrack_cli.simulate.clutter_scans import (
 )
 from uwtrack_cli.simulate.repeater import RepeaterScene, simulate_repeater
 
-KNOT_MPS = 1852.0 / 3600.0
 SEED = 2003
 
 
@@ -38,8 +38,7 @@ def write_sample_tables(folder: Path) -> tuple[Path, ...]:
     for make in (_bearings, _scans, _contacts):
         for name, text in make(np.random.default_rng(SEED)).items():
             path = folder / name
-            with atomic_target(path, overwrite=True) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+            write_text(path, text, overwrite=True)
             written.append(path)
     return tuple(written)
 

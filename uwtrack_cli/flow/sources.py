@@ -8,7 +8,7 @@ from warnings import warn
 
 from uwtrack_cli.data.options import convert
 from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.data.sensor import SoundSpeed
+from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.audio.live_recording import (
     NOW,
@@ -63,8 +63,7 @@ def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
         stop_s=chosen["stop_s"],
         allow_truncated=chosen["allow_truncated"],
     )
-    recording = _with_own_ship(recording, chosen["own_ship"])
-    return _with_sound_speed(recording, chosen["sensor_sound_speed_mps"])
+    return _as_told(recording, chosen)
 
 
 def open_live_with_options(
@@ -116,14 +115,23 @@ def open_live_with_options(
         raw=raw,
         idle_s=idle_s,
     )
-    recording = _with_own_ship(recording, chosen["own_ship"])
-    return _with_sound_speed(recording, chosen["sensor_sound_speed_mps"])
+    return _as_told(recording, chosen)
 
 
-def _with_own_ship(recording: Recording, path: Path | None) -> Recording:
-    if path is None:
-        return recording
+def _as_told(recording: Recording, chosen: Mapping[str, Any]) -> Recording:
+    """Put in what is told of the sensor beside its file."""
     sensor = recording.sensor
+    if chosen["own_ship"] is not None:
+        sensor = _with_own_ship(sensor, chosen["own_ship"])
+    if chosen["sensor_sound_speed_mps"] is not None:
+        speed = convert(
+            "--sound-speed-mps", SoundSpeed, chosen["sensor_sound_speed_mps"]
+        )
+        sensor = replace(sensor, sound_speed_mps=speed)
+    return replace(recording, sensor=sensor)
+
+
+def _with_own_ship(sensor: Sensor, path: Path) -> Sensor:
     if sensor.heading_source == "fixed":
         msg = (
             f"array {sensor.id!r} has heading_deg in its sensor file, so it is fixed, "
@@ -132,14 +140,5 @@ def _with_own_ship(recording: Recording, path: Path | None) -> Recording:
         raise DataError(msg)
     if sensor.navigation is not None:
         msg = f"{path} is taken instead of the navigation of sensor {sensor.id!r}."
-        warn(msg, UwtrackWarning, stacklevel=3)
-    placed = replace(sensor, navigation=read_navigation(path))
-    return replace(recording, sensor=placed)
-
-
-def _with_sound_speed(recording: Recording, speed_mps: float | None) -> Recording:
-    if speed_mps is None:
-        return recording
-    speed_mps = convert("--sound-speed-mps", SoundSpeed, speed_mps)
-    sensor = replace(recording.sensor, sound_speed_mps=speed_mps)
-    return replace(recording, sensor=sensor)
+        warn(msg, UwtrackWarning, stacklevel=4)
+    return replace(sensor, navigation=read_navigation(path))

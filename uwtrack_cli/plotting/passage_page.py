@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.series import Series
@@ -46,8 +47,6 @@ if TYPE_CHECKING:
 
 MARKED_MISFIT = 0.2
 """Misfit from which a page warns: half of what refuses a passage."""
-
-KNOT_MPS = 1852.0 / 3600.0
 
 BLOCKS = 0.25
 """Length over which residuals are averaged, in d/v."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.constants import SOURCE_DEPTH_M
+from uwtrack_cli.constants import KNOT_MPS, SOURCE_DEPTH_M
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.lines import Lines
@@ -68,8 +68,6 @@ WIDEST = 1.0
 
 LIKELY = 0.3
 """How visible a mode of no weight is."""
-
-KNOT_MPS = 1852.0 / 3600.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, UwtrackWarning
-from uwtrack_cli.files.atomic import atomic_target, check_target
+from uwtrack_cli.files.atomic import atomic_target, check_target, write_text
 from uwtrack_cli.files.hdf5.layout import container_class
 from uwtrack_cli.files.hdf5.netcdf import write_netcdf
 from uwtrack_cli.files.hdf5.product import Product
@@ -89,8 +89,7 @@ def export_product(
         keys = sole_keys(product, step, TAKEN[form])
         containers = [held.container for held in small_containers(product, step, keys)]
         text = TEXTS[form](containers, product.name)
-    with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(target, text, overwrite=overwrite, inputs=inputs)
 
 
 def _geojson(containers: list[Container], name: str) -> str:

@@ -12,6 +12,7 @@ adds the sensor's depth, where it is known, over a source at ``SOURCE_DEPTH_M``.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -117,13 +118,8 @@ def _approaches(
         return
     if np.abs(track.first[near] - origin.latitude).min() > FAR_DEG:
         return
-    part = VesselTrack(
-        vessel=track.vessel,
-        **{
-            key: getattr(track, key)[near]
-            for key in ("time_s", "first", "second", "speed_mps", "course_deg")
-        },
-    )
+    columns = ("time_s", "first", "second", "speed_mps", "course_deg")
+    part = replace(track, **{name: getattr(track, name)[near] for name in columns})
     places = [
         to_grid(float(lat), float(lon), origin)
         for lat, lon in zip(part.first, part.second, strict=True)
@@ -147,15 +143,12 @@ def _refined(
     below, here, above = np.hypot(x, y)[dip - 1 : dip + 2] ** 2
     bend = below - 2.0 * here + above
     shift = 0.5 * (below - above) / bend if bend > 0.0 else 0.0
-    velocity = (
-        float((x[dip + 1] - x[dip - 1]) / (2.0 * STEP_S)),
-        float((y[dip + 1] - y[dip - 1]) / (2.0 * STEP_S)),
-    )
-    place = (
-        float(x[dip] + shift * STEP_S * velocity[0]),
-        float(y[dip] + shift * STEP_S * velocity[1]),
-    )
-    return float(time_s[dip] + shift * STEP_S), place, velocity
+    both = np.array([x, y])
+    velocity = (both[:, dip + 1] - both[:, dip - 1]) / (2.0 * STEP_S)
+    place = both[:, dip] + shift * STEP_S * velocity
+    (east, north), (east_rate, north_rate) = place.tolist(), velocity.tolist()
+    at = float(time_s[dip] + shift * STEP_S)
+    return at, (east, north), (east_rate, north_rate)
 
 
 def _passage(
