@@ -60,12 +60,8 @@ class CommandList(TyperGroup):
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the program; what is wrong with a command line is one sentence.
 
-        Parameters
-        ----------
-        args
-            Words of the command line; those of the process if not given.
-        options
-            Options of Typer's own function of this name.
+        ``args``: words of the command line; those of the process if not given.
+        ``options``: options of Typer's own function of this name.
         """
         given = args[0] if args else options.pop("args", None)
         words = sys.argv[1:] if given is None else list(given)

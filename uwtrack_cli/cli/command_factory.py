@@ -124,15 +124,10 @@ def stage_function(
 ) -> Callable[..., None]:
     """Return the function that is the command of a stage.
 
-    Parameters
-    ----------
-    stage
-        The stage; its options become the command's.
-    body
-        Called with the command's own parameters and the bound options: one set, or
-        one for each value of an option that makes rungs.
-    own
-        Parameters of the command beside the stage's options.
+    ``stage``: the stage; its options become the command's. ``body``: called with the
+    command's own parameters and the bound options: one set, or one for each value of an
+    option that makes rungs. ``own``: parameters of the command beside the stage's
+    options.
     """
     flat = [_parameter(option) for option in stage.options]
 
@@ -148,10 +143,7 @@ def stage_function(
 def nest_rungs(stage: Stage, flat: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the stage's options for each value of the option that makes rungs.
 
-    Parameters
-    ----------
-    flat
-        Options of the command, by their flat names.
+    ``flat``: options of the command, by their flat names.
     """
     several = [o.flat_name for o in stage.options if makes_rungs(o.hint)]
     if not several:

@@ -91,13 +91,10 @@ def show_table(
 ) -> None:
     """Draw a table for people, with fewer columns where all of them do not fit.
 
-    Parameters
-    ----------
-    is_data
-        Whether the table is what was asked for, and goes to standard output; else it
-        goes to standard error, beside data, and is left out by ``--quiet``.
-    spare
-        Titles of the columns that are left out of a narrow table, the first one first.
+    ``is_data``: whether the table is what was asked for, and goes to standard output;
+    else it goes to standard error, beside data, and is left out by ``--quiet``.
+    ``spare``: titles of the columns that are left out of a narrow table, the first one
+    first.
     """
     if _verbosity < 0 and not is_data:
         return
@@ -223,10 +220,7 @@ def _ending_in_order() -> Iterator[None]:
 def signals_end(end: Callable[[], None]) -> Iterator[None]:
     """Let the first signal to end call a function; the next one ends the command.
 
-    Parameters
-    ----------
-    end
-        Ends what is waited for, so that the command goes on to its own end.
+    ``end``: ends what is waited for, so that the command goes on to its own end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

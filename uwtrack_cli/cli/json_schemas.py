@@ -229,11 +229,8 @@ def schema_names() -> list[str]:
 def json_schema(name: str) -> Schema:
     """Return the JSON Schema of an output.
 
-    Parameters
-    ----------
-    name
-        A container (``show --format json``, ``--json``), or a command that prints a
-        report: info, batch, diff, score, study.
+    ``name``: a container (``show --format json``, ``--json``), or a command that prints
+    a report: info, batch, diff, score, study.
 
     Raises
     ------

@@ -152,19 +152,10 @@ def run_live(
 ) -> "list[Held]":
     """Run a recipe over sound until it ends or a signal ends it.
 
-    Parameters
-    ----------
-    source
-        Standard input, a pipe, or a file that is being written.
-    live
-        What it is, and when it ends.
-    keep
-        Passing containers that are written, too.
+    ``source``: standard input, a pipe, or a file that is being written. ``live``: what
+    it is, and when it ends. ``keep``: passing containers that are written, too.
 
-    Returns
-    -------
-    list[Held]
-        The small containers of the product.
+    Returned: the small containers of the product.
     """
     from uwtrack_cli.flow.products import run_into_product
     from uwtrack_cli.flow.sources import open_live_with_options

@@ -16,12 +16,8 @@ def parameters_of(
 ) -> list[inspect.Parameter]:
     """Return options that several commands have as parameters of their functions.
 
-    Parameters
-    ----------
-    options
-        Type, default and help by name.
-    flags
-        Flags that are not called like their options.
+    ``options``: type, default and help by name. ``flags``: flags that are not called
+    like their options.
     """
     named = {name: f"--{name.replace('_', '-')}" for name in options} | dict(
         flags or {}

@@ -31,12 +31,8 @@ def is_shown(container: Container) -> bool:
 def print_container(container: Container, form: str, axis: str | None) -> None:
     """Print a container that was asked for on standard output.
 
-    Parameters
-    ----------
-    form
-        How it is written; a table of results has the columns that fit a screen.
-    axis
-        The axis whose rows are written; None for those of the container itself.
+    ``form``: how it is written; a table of results has the columns that fit a screen.
+    ``axis``: the axis whose rows are written; None for those of the container itself.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
     from uwtrack_cli.files.tables.json_rows import main_axis
@@ -58,14 +54,9 @@ def print_result(
 ) -> None:
     """Print a result as JSON on standard output, or as a summary for people.
 
-    Parameters
-    ----------
-    is_data
-        Whether the summary is what was asked for, and goes to standard output.
-    presence
-        What was heard, which is told beside closest approaches.
-    unsought
-        What was not looked for, which is told where no vessel was found.
+    ``is_data``: whether the summary is what was asked for, and goes to standard output.
+    ``presence``: what was heard, which is told beside closest approaches. ``unsought``:
+    what was not looked for, which is told where no vessel was found.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
 

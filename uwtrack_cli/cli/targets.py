@@ -131,10 +131,7 @@ def write_containers(
 class Inputs:
     """What a whole stage reads: containers of products and of tables.
 
-    Parameters
-    ----------
-    takes_asides
-        Whether results that were made for `presence` alone are read, too.
+    ``takes_asides``: whether results that were made for `presence` alone are read, too.
     """
 
     def __init__(
@@ -156,10 +153,7 @@ class Inputs:
     def add_sensors(self, path: Path, *, is_kept: bool) -> None:
         """Read the sensors that a table names, before the table.
 
-        Parameters
-        ----------
-        is_kept
-            Whether the stage takes the sensors themselves, too.
+        ``is_kept``: whether the stage takes the sensors themselves, too.
         """
         from uwtrack_cli.files.hdf5.product import source_of
         from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files

@@ -25,10 +25,7 @@ COUNTS = {2: "two", 3: "three", 4: "four"}
 def usage_sentence(error: Any, words: Sequence[str]) -> str:
     """Return what is wrong with a command line, in one sentence.
 
-    Parameters
-    ----------
-    error
-        What the parser raised: an error with a message, and often the parameter.
+    ``error``: what the parser raised: an error with a message, and often the parameter.
     """
     name = words[0] if words and words[0] in COMMANDS else ""
     param = getattr(error, "param", None)

@@ -216,12 +216,8 @@ class Container:
     def owned_rows(self, name: str, row: int) -> IntArray:
         """Return the rows of a ragged table that belong to one row of its owner.
 
-        Parameters
-        ----------
-        name
-            The column with the row numbers, such as ``rest_encounter``.
-        row
-            Row of the owner.
+        ``name``: the column with the row numbers, such as ``rest_encounter``. ``row``:
+        row of the owner.
         """
         return np.flatnonzero(getattr(self, name) == row)
 
@@ -419,12 +415,8 @@ def reason_columns(
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of a table of reasons.
 
-    Parameters
-    ----------
-    owner
-        Name of the column with the rows that the reasons belong to.
-    reasons
-        Reasons by key, for each of these rows.
+    ``owner``: name of the column with the rows that the reasons belong to. ``reasons``:
+    reasons by key, for each of these rows.
     """
     rows, items = flatten(each.items() for each in reasons)
     return {

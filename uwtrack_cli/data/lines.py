@@ -155,10 +155,7 @@ class Lines(Container):
     def of_window(self, window_s: float) -> Self:
         """Return the points of frames of one length; all if they are not told apart.
 
-        Parameters
-        ----------
-        window_s
-            Length of the frames, s.
+        ``window_s``: length of the frames, s.
         """
         if self.window_s is None:
             return self
@@ -170,9 +167,6 @@ class Lines(Container):
 def point_order(line: IntArray, frame: IntArray) -> IntArray:
     """Return the order of points by line, then by frame.
 
-    Parameters
-    ----------
-    line, frame
-        Line and frame of each point, shape (point,).
+    ``line``, ``frame``: line and frame of each point, shape (point,).
     """
     return np.lexsort((frame, line))

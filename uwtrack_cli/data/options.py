@@ -145,10 +145,8 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
     The checks run at the call itself, also where the function is a generator.
 
-    Parameters
-    ----------
-    function
-        A function whose keyword-only parameters are annotated with their ranges.
+    ``function``: a function whose keyword-only parameters are annotated with their
+    ranges.
     """
 
     @functools.wraps(function)
@@ -167,11 +165,8 @@ def resolved_by(
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Name the function that derives open options from the recording.
 
-    Parameters
-    ----------
-    resolver
-        Takes the recording and all options; returns those that it decides. What it
-        returns is used, and written into history.
+    ``resolver``: takes the recording and all options; returns those that it decides.
+    What it returns is used, and written into history.
     """
 
     def mark(function: Callable[P, R]) -> Callable[P, R]:
@@ -191,10 +186,7 @@ def _option_hints(function: Callable[..., Any]) -> dict[str, Any]:
 def convert(where: str, hint: Any, value: Any) -> Any:
     """Check a value against an annotation, and return it in that type.
 
-    Parameters
-    ----------
-    hint
-        The annotation, with the ranges among its ``Annotated`` arguments.
+    ``hint``: the annotation, with the ranges among its ``Annotated`` arguments.
 
     Raises
     ------
@@ -218,13 +210,9 @@ def convert(where: str, hint: Any, value: Any) -> Any:
 def from_table(kind: type[T], table: object, where: str) -> T:
     """Make a dataclass of a table, refusing unknown and missing keys.
 
-    Parameters
-    ----------
-    kind
-        Dataclass whose fields are the keys; a field that is a dataclass is a table
-        within the table, a tuple of dataclasses an array of tables.
-    table
-        The table, as TOML or JSON gives it.
+    ``kind``: dataclass whose fields are the keys; a field that is a dataclass is a
+    table within the table, a tuple of dataclasses an array of tables. ``table``: the
+    table, as TOML or JSON gives it.
 
     Raises
     ------

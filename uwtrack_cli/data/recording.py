@@ -98,26 +98,17 @@ class Recording(Container):
     def block_samples(self, usual: int) -> int:
         """Return how many samples to read at once: of live sound at most a second.
 
-        Parameters
-        ----------
-        usual
-            Samples per channel that are read at once when nobody waits for them.
+        ``usual``: samples per channel that are read at once when nobody waits for them.
         """
         return min(usual, max(1, round(self.sample_rate_hz))) if self.is_live else usual
 
     def stretch(self, start_s: float, stop_s: float) -> Samples:
         """Read a stretch of the sound again.
 
-        Parameters
-        ----------
-        start_s, stop_s
-            Where it begins and ends, s from the first sample; what lies outside the
-            recording is left out.
+        ``start_s``, ``stop_s``: where it begins and ends, s from the first sample; what
+        lies outside the recording is left out.
 
-        Returns
-        -------
-        array, shape (sample, channel)
-            Samples in full-scale units.
+        Returned: array, shape (sample, channel); samples in full-scale units.
 
         Raises
         ------
@@ -202,10 +193,8 @@ class RecordedFiles(Container):
     def kept_span_s(self, start_utc_ns: int | None) -> tuple[float, float] | None:
         """Return where closest approaches are kept, s of a recording; None: everywhere.
 
-        Parameters
-        ----------
-        start_utc_ns
-            Time of the first sample of the recording, ns since 1970-01-01 UTC.
+        ``start_utc_ns``: time of the first sample of the recording, ns since 1970-01-01
+        UTC.
         """
         own = self.own_ns
         if start_utc_ns is None or own is None:

@@ -69,10 +69,7 @@ class Series(Container):
     def begin_of(self, row: int) -> str:
         """Return how a sentence about a row begins: its file and line, if known.
 
-        Parameters
-        ----------
-        row
-            Row of the series, from 0.
+        ``row``: row of the series, from 0.
         """
         return "" if self.where is None else f"{self.where(row)}: "
 

@@ -54,10 +54,7 @@ def not_an_input() -> Iterator[None]:
 def as_input(source: P) -> P:
     """Note a file that is about to be read, and return it.
 
-    Parameters
-    ----------
-    source
-        The file; what lies in memory needs no protection.
+    ``source``: the file; what lies in memory needs no protection.
     """
     noted = _ledger.get()
     if noted is not None and isinstance(source, Path):

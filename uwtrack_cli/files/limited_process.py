@@ -41,13 +41,9 @@ def run_limited(
 ) -> Any:
     """Return what a function returns, run in a child process with limits.
 
-    Parameters
-    ----------
-    function
-        Its module and name, ``package.module:name``; it takes the arguments and the
-        data, and returns what JSON can hold.
-    seconds
-        Processor time that the child may take.
+    ``function``: its module and name, ``package.module:name``; it takes the arguments
+    and the data, and returns what JSON can hold. ``seconds``: processor time that the
+    child may take.
 
     Raises
     ------

@@ -21,10 +21,7 @@ def on_disk(values: NDArray[Any]) -> NDArray[Any]:
 
     On a disk that is full it stays in memory, too.
 
-    Parameters
-    ----------
-    values
-        An array of any shape.
+    ``values``: an array of any shape.
     """
     if values.nbytes < LEAST_BYTES:
         return values

@@ -19,12 +19,8 @@ ISO = re.compile(
 def parse_utc(text: str, zone: tzinfo = UTC) -> int:
     """Return an ISO 8601 time as ns since 1970-01-01 UTC, exact to the ns.
 
-    Parameters
-    ----------
-    text
-        Such as ``2018-01-13T16:12:01.862011Z``.
-    zone
-        What a time without zone is in.
+    ``text``: such as ``2018-01-13T16:12:01.862011Z``. ``zone``: what a time without
+    zone is in.
 
     Raises
     ------
@@ -74,10 +70,7 @@ def epoch_ns(local: datetime, zone: tzinfo) -> int:
 def named_zone(name: str) -> tzinfo:
     """Return a time zone by its name or offset from UTC.
 
-    Parameters
-    ----------
-    name
-        Such as ``UTC``, ``Asia/Seoul`` or ``+09:00``.
+    ``name``: such as ``UTC``, ``Asia/Seoul`` or ``+09:00``.
 
     Raises
     ------

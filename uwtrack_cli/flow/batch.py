@@ -184,10 +184,7 @@ def count_once(
 ) -> dict[int, Outcome]:
     """Return outcomes in which a passage of two parts of a recording stands once.
 
-    Parameters
-    ----------
-    outcomes
-        What became of the jobs, by their numbers.
+    ``outcomes``: what became of the jobs, by their numbers.
     """
     numbers = sorted(outcomes)
     owns = [

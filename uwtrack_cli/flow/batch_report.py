@@ -61,10 +61,7 @@ def check_report(folder: Path) -> None:
 def write_report(outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, Path]:
     """Write the report into the folder of the products.
 
-    Parameters
-    ----------
-    folder
-        Folder of the products; made if it does not exist.
+    ``folder``: folder of the products; made if it does not exist.
 
     Raises
     ------

@@ -120,10 +120,7 @@ def describe_recorders(
 ) -> list[str]:
     """Return what recordings have to do with each other, in words.
 
-    Parameters
-    ----------
-    joining
-        How they are joined; None if they are not.
+    ``joining``: how they are joined; None if they are not.
     """
     spans = {k: find_span(item.path, options) for k, item in enumerate(found)}
     known = {k: span for k, span in spans.items() if span is not None}

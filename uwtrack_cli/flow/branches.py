@@ -51,11 +51,8 @@ def output_names(past: HistoryStep) -> tuple[str, ...]:
 def keys_of_branch(product: Product, step: str | None) -> list[ContainerKey]:
     """Return what a product holds; of several results of a kind those of a branch.
 
-    Parameters
-    ----------
-    step
-        A step of the branch; everything is returned if it is None, or if the product
-        was made without such a step.
+    ``step``: a step of the branch; everything is returned if it is None, or if the
+    product was made without such a step.
     """
     keys = list(product.paths)
     if step is None or step not in step_names(product):
@@ -81,12 +78,8 @@ def sole_keys(
 ) -> list[ContainerKey]:
     """Return `keys_of_branch` after checking that some kinds are there but once.
 
-    Parameters
-    ----------
-    step
-        A step of the branch; None if none was named.
-    kinds
-        Names of the containers of which one for each sensor can be used.
+    ``step``: a step of the branch; None if none was named. ``kinds``: names of the
+    containers of which one for each sensor can be used.
 
     Raises
     ------
@@ -118,10 +111,7 @@ def without_asides(
 
     That is what is gathered by `presence` or `ladder`, and the picture of an envelope.
 
-    Parameters
-    ----------
-    keys
-        Some of what it holds.
+    ``keys``: some of what it holds.
     """
     aside = [key for key in keys if _is_aside(product, key)]
     return [
@@ -150,10 +140,7 @@ def rung_windows_s(history: Sequence[HistoryStep]) -> dict[str, float]:
 
     Rungs of a ladder are spectrograms that differ in nothing but this length.
 
-    Parameters
-    ----------
-    history
-        The history of a product.
+    ``history``: the history of a product.
     """
     sources = [past for past in history if past.stage == Spectrogram.NAME]
     alike = [
@@ -176,14 +163,9 @@ def rung_windows_s(history: Sequence[HistoryStep]) -> dict[str, float]:
 def of_rung(container: C, history: Sequence[HistoryStep], step: str | None) -> C:
     """Return joined lines with the points of one rung alone, where one is named.
 
-    Parameters
-    ----------
-    container
-        What was read of a product; only joined lines are changed.
-    history
-        The history of the product.
-    step
-        A step that follows from one rung, or that it follows from; None for all.
+    ``container``: what was read of a product; only joined lines are changed.
+    ``history``: the history of the product. ``step``: a step that follows from one
+    rung, or that it follows from; None for all.
     """
     if step is None or not isinstance(container, Lines):
         return container
@@ -220,14 +202,9 @@ def read_of_branch(
 ) -> C:
     """Read a container, of several results of its kind that of a branch.
 
-    Parameters
-    ----------
-    kind
-        Class of the container.
-    sensor
-        Its sensor; not needed where only one has such a container.
-    step
-        A step of the branch; not needed where only one step made such a container.
+    ``kind``: class of the container. ``sensor``: its sensor; not needed where only one
+    has such a container. ``step``: a step of the branch; not needed where only one step
+    made such a container.
 
     Raises
     ------

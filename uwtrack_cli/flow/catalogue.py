@@ -62,10 +62,7 @@ def find_stage(name: str) -> "Stage":
 def summary_of(target: str) -> str:
     """Return the first line of a function's docstring without importing it.
 
-    Parameters
-    ----------
-    target
-        Module and function as ``package.module:function``.
+    ``target``: module and function as ``package.module:function``.
 
     Examples
     --------

@@ -80,14 +80,9 @@ def compare_products(
 ) -> list[Difference]:
     """List every quantity in which two products differ by more than is allowed.
 
-    Parameters
-    ----------
-    rtol
-        Allowed difference relative to the larger magnitude, 0 or more.
-    atol
-        Allowed absolute difference in the unit of each quantity, 0 or more.
-    tolerances
-        Tolerances of single quantities, by container and quantity.
+    ``rtol``: allowed difference relative to the larger magnitude, 0 or more. ``atol``:
+    allowed absolute difference in the unit of each quantity, 0 or more. ``tolerances``:
+    tolerances of single quantities, by container and quantity.
     """
     wanted = Comparison(Closeness(rtol, atol), tolerances or {})
     found: list[Difference] = []

@@ -103,20 +103,11 @@ def join_recordings(
 ) -> tuple[Recording, RecordedFiles]:
     """Join recordings of one sensor by their UTC times.
 
-    Parameters
-    ----------
-    recordings
-        Recordings in order of time.
-    slack_s
-        Difference from UTC up to which a file directly follows the one before it, s.
-    own_ns
-        Begin and end of the span whose closest approaches are kept, ns since 1970-01-01
-        UTC; None keeps all.
+    ``recordings``: recordings in order of time. ``slack_s``: difference from UTC up to
+    which a file directly follows the one before it, s. ``own_ns``: begin and end of the
+    span whose closest approaches are kept, ns since 1970-01-01 UTC; None keeps all.
 
-    Returns
-    -------
-    tuple
-        The joined recording, and which file lies where in it.
+    Returned: the joined recording, and which file lies where in it.
 
     Raises
     ------
@@ -170,12 +161,8 @@ def clip_recording(
 ) -> Recording | None:
     """Return what of a recording lies in a span of time, None if nothing does.
 
-    Parameters
-    ----------
-    recording
-        A recording of one file; one whose start is not known is returned whole.
-    begin_ns, end_ns
-        The span, ns since 1970-01-01 UTC.
+    ``recording``: a recording of one file; one whose start is not known is returned
+    whole. ``begin_ns``, ``end_ns``: the span, ns since 1970-01-01 UTC.
     """
     start_ns, reader = recording.start_utc_ns, recording.reader
     if start_ns is None or not isinstance(reader, AudioReader):

@@ -49,10 +49,7 @@ class Deployment:
 def read_deployment(sources: Sequence[Path], table: PassageTable) -> Deployment:
     """Read what results say of a deployment.
 
-    Parameters
-    ----------
-    table
-        Their passages, as `collect_passages` gives them.
+    ``table``: their passages, as `collect_passages` gives them.
 
     Raises
     ------

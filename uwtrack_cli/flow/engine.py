@@ -146,10 +146,7 @@ class Engine:
     ) -> None:
         """Run every step over a recording, reading it once.
 
-        Parameters
-        ----------
-        progress
-            Called after each block, and after each of the fits that follow.
+        ``progress``: called after each block, and after each of the fits that follow.
         """
         sources = [n.step for n in self.graph.nodes if n.step.stage.kind == "source"]
         shared = shared_readers(recording, len(sources))
@@ -206,12 +203,8 @@ class Engine:
     def push(self, origin: str | None, block: Container, step: Step | None) -> None:
         """Push a block through all that follows from it.
 
-        Parameters
-        ----------
-        origin
-            The step that made it; None if it was given from outside.
-        step
-            The step that made it, if its result may stay.
+        ``origin``: the step that made it; None if it was given from outside. ``step``:
+        the step that made it, if its result may stay.
         """
         if step is not None:
             self._keep(step, block)
@@ -242,10 +235,8 @@ class Engine:
     def finish(self, progress: Progress | None = None) -> None:
         """End the streams in order, then run the whole stages.
 
-        Parameters
-        ----------
-        progress
-            Called after each whole stage, with the share of them that is done.
+        ``progress``: called after each whole stage, with the share of them that is
+        done.
         """
         for name in list(self._streams):
             self._end_stream(name)

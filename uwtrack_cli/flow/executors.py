@@ -34,12 +34,8 @@ def run_jobs(
 ) -> Iterator[tuple[int, Outcome]]:
     """Run jobs and yield their outcomes as they are ready.
 
-    Parameters
-    ----------
-    n_workers
-        Local processes, 1 or more; one means in this process.
-    scheduler
-        Address of a Dask scheduler to run on instead.
+    ``n_workers``: local processes, 1 or more; one means in this process. ``scheduler``:
+    address of a Dask scheduler to run on instead.
 
     Raises
     ------

@@ -39,14 +39,10 @@ def forecast_tracks(
 ) -> list[ForecastRow]:
     """Return what the ship of one track hears of the other.
 
-    Parameters
-    ----------
-    paths
-        Files of own track and the target's: CSV tables, or REP files.
-    names
-        Names of the tracks in REP files; None where each has one alone.
-    rest_frequencies_hz, every_s, sound_speed_mps
-        As for `forecast_contact`.
+    ``paths``: files of own track and the target's: CSV tables, or REP files. ``names``:
+    names of the tracks in REP files; None where each has one alone.
+    ``rest_frequencies_hz``, ``every_s``, ``sound_speed_mps``: as for
+    `forecast_contact`.
 
     Raises
     ------
@@ -77,10 +73,7 @@ def forecast_tracks(
 def table_lines(rows: Sequence[ForecastRow]) -> Iterator[str]:
     """Yield the lines of a table of bearings and frequencies, as `tma` reads it.
 
-    Parameters
-    ----------
-    rows
-        What is heard, at least one row.
+    ``rows``: what is heard, at least one row.
     """
     count = len(rows[0].frequencies_hz)
     tones = ["frequency_hz", *(f"frequency_hz_{k}" for k in range(2, count + 1))]

@@ -77,10 +77,7 @@ class Graph:
     ) -> Self:
         """Join the steps of a recipe, which begin with a recording.
 
-        Parameters
-        ----------
-        keep
-            Containers that are kept although they only pass by.
+        ``keep``: containers that are kept although they only pass by.
 
         Raises
         ------
@@ -106,12 +103,8 @@ class Graph:
     ) -> Self:
         """Join steps of which some read what is given from outside.
 
-        Parameters
-        ----------
-        given
-            Containers that come from outside.
-        keep
-            Containers that are kept although they only pass by.
+        ``given``: containers that come from outside. ``keep``: containers that are kept
+        although they only pass by.
 
         Raises
         ------
@@ -285,10 +278,7 @@ def _slowed(step: Step, factor: float, highest_hz: float) -> dict[str, Any]:
 def taken(container: Container, kinds: Sequence[type[Container]]) -> Container:
     """Return what a stage takes of a container: itself, or the part it stands for.
 
-    Parameters
-    ----------
-    kinds
-        Containers that the stage accepts.
+    ``kinds``: containers that the stage accepts.
     """
     if isinstance(container, tuple(kinds)):
         return container
@@ -307,10 +297,7 @@ def without_passing(
 ) -> Container:
     """Return a container without parts that only pass by.
 
-    Parameters
-    ----------
-    keep
-        Containers that are kept all the same.
+    ``keep``: containers that are kept all the same.
     """
     part = getattr(container, "STANDS_FOR", "")
     if not part or isinstance(getattr(container, part), tuple(keep)):

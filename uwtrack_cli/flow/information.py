@@ -50,10 +50,7 @@ def product_lines(product: Product) -> Iterator[str]:
 def recording_lines(path: Path) -> Iterator[str]:
     """Yield what a recording is.
 
-    Parameters
-    ----------
-    path
-        The recording; its sensor file lies beside it, its name tells the start.
+    ``path``: the recording; its sensor file lies beside it, its name tells the start.
 
     Raises
     ------

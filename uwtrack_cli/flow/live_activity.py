@@ -106,14 +106,8 @@ class ToldPassage(NamedTuple):
     ) -> bool:
         """Tell whether a span that it explains is not worth a look now.
 
-        Parameters
-        ----------
-        now_s
-            Where the sound ends, s.
-        last_s
-            Where it ended when this stretch was looked at last, s.
-        from_s
-            Where the stretch begins, s.
+        ``now_s``: where the sound ends, s. ``last_s``: where it ended when this stretch
+        was looked at last, s. ``from_s``: where the stretch begins, s.
         """
         if not span.is_explained(self):
             return False
@@ -129,10 +123,7 @@ ALWAYS = HeardSpan(-np.inf, np.inf)
 def spans_of(known: Iterable[Container]) -> list[HeardSpan]:
     """Return where something may be found.
 
-    Parameters
-    ----------
-    known
-        What the steps before the fits have made of a stretch of sound.
+    ``known``: what the steps before the fits have made of a stretch of sound.
     """
     found: list[HeardSpan] = []
     for one in known:

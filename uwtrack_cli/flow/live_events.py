@@ -77,10 +77,7 @@ WITHDRAWN = "not-a-passage"
 class LiveWatch:
     """Watches an engine that runs over live sound, and tells what is decided.
 
-    Parameters
-    ----------
-    graph
-        The graph of the run, its options resolved.
+    ``graph``: the graph of the run, its options resolved.
     """
 
     def __init__(self, graph: Graph, recording: Recording, tell: Tell) -> None:
@@ -131,10 +128,7 @@ class LiveWatch:
     def advanced(self, now_s: float) -> None:
         """Tell what the sound up to now decides.
 
-        Parameters
-        ----------
-        now_s
-            How much sound was taken, s from the first sample.
+        ``now_s``: how much sound was taken, s from the first sample.
         """
         self._now_s = now_s
         self._tell_gaps()
@@ -156,10 +150,7 @@ class LiveWatch:
     def finish(self, found: Sequence[Container]) -> None:
         """Tell what the whole sound has decided.
 
-        Parameters
-        ----------
-        found
-            The results of the run, its encounters and presence among them.
+        ``found``: the results of the run, its encounters and presence among them.
         """
         self._tell_gaps()
         for lines in self._lines.values():

@@ -75,11 +75,8 @@ class _Told:
 class LivePresence:
     """The stretches that were told, each with its last values.
 
-    Parameters
-    ----------
-    say
-        Takes the kind of an event, its time, its facts, its revision, and whether it
-        is final.
+    ``say``: takes the kind of an event, its time, its facts, its revision, and whether
+    it is final.
     """
 
     def __init__(self, say: Callable[..., None]) -> None:
@@ -91,14 +88,9 @@ class LivePresence:
     ) -> None:
         """Take the rows of a look.
 
-        Parameters
-        ----------
-        rows
-            Rows of its presence, their closest approaches named as they were told.
-        span_s
-            Where its sound begins and ends, s from the first sample.
-        stretch_s
-            How long it is at most, s: longer looks know more.
+        ``rows``: rows of its presence, their closest approaches named as they were
+        told. ``span_s``: where its sound begins and ends, s from the first sample.
+        ``stretch_s``: how long it is at most, s: longer looks know more.
         """
         wanted = [row for row in rows if _is_certain(row) and _is_inside(row, span_s)]
         found = _paired(wanted, self._open())
@@ -178,10 +170,8 @@ class LivePresence:
 def with_told_encounter(row: Event, contacts: Mapping[int, int]) -> Event:
     """Return a row whose closest approach is named as it was told.
 
-    Parameters
-    ----------
-    contacts
-        Contact that was told, for each one of the table that the row came with.
+    ``contacts``: contact that was told, for each one of the table that the row came
+    with.
     """
     own = row["encounter"]
     told = None if own is None else contacts.get(own)

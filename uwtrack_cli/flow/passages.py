@@ -193,12 +193,8 @@ def collect_passages(
 ) -> PassageTable:
     """Read the passages of files and folders.
 
-    Parameters
-    ----------
-    within_m
-        Largest range at which an AIS vessel is expected to be detected, m.
-    cache
-        File that remembers what products gave; None reads every one.
+    ``within_m``: largest range at which an AIS vessel is expected to be detected, m.
+    ``cache``: file that remembers what products gave; None reads every one.
 
     Raises
     ------
@@ -251,10 +247,7 @@ def collect_passages(
 def count_passages(passages: Iterable[PassageRow], per: Group) -> list[dict[str, Any]]:
     """Return the number of passages per day, month, vessel or sensor.
 
-    Parameters
-    ----------
-    per
-        What they are counted by; what is not known is counted as unknown.
+    ``per``: what they are counted by; what is not known is counted as unknown.
     """
     keys: dict[str, Callable[[PassageRow], str]] = {
         "day": lambda row: (row.time_utc or UNKNOWN)[:10],

@@ -51,10 +51,7 @@ BLOCK_FRAMES = 256
 class ProductSink:
     """Writes results into a product, and reads them back from there.
 
-    Parameters
-    ----------
-    graph
-        The graph of the run: it says under which name each result is kept.
+    ``graph``: the graph of the run: it says under which name each result is kept.
     """
 
     def __init__(self, writer: ProductWriter, graph: Graph) -> None:
@@ -182,10 +179,7 @@ def source_into_product(
 ) -> None:
     """Run a source stage over a recording; a spectrogram gets its overview, too.
 
-    Parameters
-    ----------
-    steps
-        The step, or those of the rungs of a ladder with their overviews.
+    ``steps``: the step, or those of the rungs of a ladder with their overviews.
     """
     first = steps[0]
     if len(steps) == 1:
@@ -321,11 +315,8 @@ def with_sound_at_hand(
 ) -> tuple[Step, list[Held]]:
     """Give a stage that reads the recording its sound, if it lies beside a product.
 
-    Returns
-    -------
-    tuple[Step, list[Held]]
-        The step, which says so where there is no sound, so that it can be made again;
-        and what it reads.
+    Returned: the step, which says so where there is no sound, so that it can be made
+    again; and what it reads.
     """
     if not any(Recording in wanted.kinds for wanted in step.stage.inputs):
         return step, list(available)
@@ -358,10 +349,7 @@ def small_containers(
 ) -> Iterator[Held]:
     """Read what later files carry: everything that does not only pass by.
 
-    Parameters
-    ----------
-    keys
-        What is meant, where that is known; the branch does not matter then.
+    ``keys``: what is meant, where that is known; the branch does not matter then.
     """
     left_out = {"frames", "navigation", *(kind.NAME for kind in PASSING)}
     for key in keys_of_branch(product, branch) if keys is None else keys:
@@ -391,12 +379,8 @@ def extended_history(
 ) -> list[HistoryStep]:
     """Return the histories of several products, extended by a step that read them.
 
-    Parameters
-    ----------
-    sources
-        Names and digests of what it read.
-    branch
-        Step whose branch it read, where several steps made results of one kind.
+    ``sources``: names and digests of what it read. ``branch``: step whose branch it
+    read, where several steps made results of one kind.
     """
     before: list[HistoryStep] = []
     inputs: list[str] = []

@@ -70,10 +70,7 @@ class Recipe:
     def graph(self, keep: Collection[type[Container]] = ()) -> Graph:
         """Return the graph of the steps over a recording.
 
-        Parameters
-        ----------
-        keep
-            Containers that are kept although they only pass by.
+        ``keep``: containers that are kept although they only pass by.
 
         Raises
         ------

@@ -96,10 +96,7 @@ class Part:
 def find_span(path: Path, options: Mapping[str, Any]) -> Span | None:
     """Return when a file was recorded, None where nothing tells.
 
-    Parameters
-    ----------
-    options
-        How it is opened: sensor, time_pattern and time_zone.
+    ``options``: how it is opened: sensor, time_pattern and time_zone.
     """
     try:
         facts = sound_facts(path)
@@ -123,17 +120,10 @@ def group_spans(
 ) -> list[tuple[int, ...]]:
     """Group files that follow each other on the same recorder.
 
-    Parameters
-    ----------
-    max_gap_s
-        Longest gap within a group, s.
-    slack_s
-        Difference from UTC up to which a file directly follows another, s.
+    ``max_gap_s``: longest gap within a group, s. ``slack_s``: difference from UTC up to
+    which a file directly follows another, s.
 
-    Returns
-    -------
-    list of tuples
-        Indices of the files of each group, in order of time.
+    Returned: indices of the files of each group, in order of time.
     """
     order = sorted(range(len(spans)), key=lambda k: spans[k].start_utc_ns)
     groups: list[list[int]] = []
@@ -153,10 +143,7 @@ def group_spans(
 def plan_parts(spans: Sequence[Span], joining: Joining) -> list[Part]:
     """Return the products that files of recorders are made into.
 
-    Parameters
-    ----------
-    joining
-        How they are joined and cut.
+    ``joining``: how they are joined and cut.
     """
     groups = group_spans(spans, joining.max_gap_s, joining.slack_s)
     if joining.per is None:
@@ -175,10 +162,7 @@ def remarks(
 ) -> Iterator[str]:
     """Yield what a folder holds, in words: what follows, gaps, clocks and rates.
 
-    Parameters
-    ----------
-    is_joined
-        Whether they are; else the option that does so is named.
+    ``is_joined``: whether they are; else the option that does so is named.
     """
     max_gap_s = joining.max_gap_s
     if is_joined and joining.per == "day":  # a gap does not part a day
@@ -229,12 +213,8 @@ def distinct_passages(
     Of two that are the same, that one stays which lies in its part's own span; if both
     do, or none, that of the earlier part.
 
-    Parameters
-    ----------
-    owns
-        What each part counts; None is a whole recording.
-    time_of
-        Time of a passage, ns, and its standard deviation, s; None if it is unknown.
+    ``owns``: what each part counts; None is a whole recording. ``time_of``: time of a
+    passage, ns, and its standard deviation, s; None if it is unknown.
     """
     kept: list[list[T]] = [list(part) for part in parts]
     for chain in _chains(owns):

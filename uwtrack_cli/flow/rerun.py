@@ -50,10 +50,8 @@ def rerun_product(
 ) -> None:
     """Make a product again.
 
-    Parameters
-    ----------
-    sources
-        Files that it was made of, or folders with them; else they lie beside it.
+    ``sources``: files that it was made of, or folders with them; else they lie beside
+    it.
 
     Raises
     ------

@@ -83,10 +83,7 @@ def rung_steps(steps: Sequence[Step], recording: Recording) -> list[Step]:
 
     Rungs that are longer than the recording are left out, and it is said.
 
-    Parameters
-    ----------
-    steps
-        A step for each length of frames; a single one is no ladder.
+    ``steps``: a step for each length of frames; a single one is no ladder.
 
     Raises
     ------
@@ -147,10 +144,7 @@ def rungs_of(
 ) -> dict[str | None, list[HeldRung]]:
     """Return the rungs of a ladder that a stage takes, by sensor; none if there is none.
 
-    Parameters
-    ----------
-    branch
-        Step whose branch alone is read, if one is named.
+    ``branch``: step whose branch alone is read, if one is named.
     """
     if branch is not None or step.stage.output not in CLIMBING:
         return {}
@@ -186,10 +180,7 @@ def rungs_into_product(
 
     Lines are joined to one table for each sensor.
 
-    Parameters
-    ----------
-    rungs
-        The rungs, by sensor.
+    ``rungs``: the rungs, by sensor.
 
     Raises
     ------

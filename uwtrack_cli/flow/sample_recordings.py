@@ -39,17 +39,10 @@ def write_simulation(
 ) -> tuple[Path, ...]:
     """Write every recording of a scenario, with sensor files and truth.
 
-    Parameters
-    ----------
-    path
-        The WAV file; with several sensors, ``-ID`` is put before its suffix.
-    subtype
-        Sample format of the WAV file, as soundfile names it.
+    ``path``: the WAV file; with several sensors, ``-ID`` is put before its suffix.
+    ``subtype``: sample format of the WAV file, as soundfile names it.
 
-    Returns
-    -------
-    tuple of Path
-        The files written, the recordings first.
+    Returned: the files written, the recordings first.
 
     Raises
     ------
@@ -91,17 +84,10 @@ def write_simulation(
 def remake_samples(directory: Path, into: Path | None = None) -> tuple[Path, ...]:
     """Make all sample recordings again from the scenario files of a folder.
 
-    Parameters
-    ----------
-    directory
-        Folder with ``NAME.scenario.toml`` files.
-    into
-        Folder for the results; by default the same folder.
+    ``directory``: folder with ``NAME.scenario.toml`` files. ``into``: folder for the
+    results; by default the same folder.
 
-    Returns
-    -------
-    tuple of Path
-        The files written.
+    Returned: the files written.
 
     Raises
     ------

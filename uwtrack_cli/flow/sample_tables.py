@@ -29,10 +29,7 @@ SEED = 2003
 def write_sample_tables(folder: Path) -> tuple[Path, ...]:
     """Write all sample tables with their truth; existing files are replaced.
 
-    Returns
-    -------
-    tuple of Path
-        The files written.
+    Returned: the files written.
     """
     written: list[Path] = []
     for make in (_bearings, _scans, _contacts):

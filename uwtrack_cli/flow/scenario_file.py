@@ -14,10 +14,7 @@ from uwtrack_cli.simulate.scenario import Scenario, make_scenario
 def read_scenario(path: Path) -> Scenario:
     """Read a scenario from a TOML file.
 
-    Returns
-    -------
-    Scenario
-        The scenario, with every key and value checked.
+    Returned: the scenario, with every key and value checked.
 
     Raises
     ------

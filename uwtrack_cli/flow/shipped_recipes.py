@@ -33,10 +33,7 @@ def shipped_folder(name: str) -> Path:
 
     An installed package carries it inside; in a checkout it lies beside the package.
 
-    Parameters
-    ----------
-    name
-        ``pipelines`` or ``sample_data``.
+    ``name``: ``pipelines`` or ``sample_data``.
 
     Raises
     ------
@@ -57,10 +54,7 @@ def shipped_folder(name: str) -> Path:
 def usual_recipe(sensors: Sequence[Sensor | None]) -> str:
     """Return the recipe for the kind of sensor that made the recordings.
 
-    Parameters
-    ----------
-    sensors
-        The sensor of each recording, None where nothing is known.
+    ``sensors``: the sensor of each recording, None where nothing is known.
 
     Raises
     ------

@@ -32,10 +32,7 @@ NO_OPTIONS: dict[str, Any] = {
 def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
     """Open a recording with its sensor and start time.
 
-    Parameters
-    ----------
-    options
-        Those of ``NO_OPTIONS``; what is not there keeps its value from there.
+    ``options``: those of ``NO_OPTIONS``; what is not there keeps its value from there.
 
     Raises
     ------

@@ -180,12 +180,8 @@ class Stage:
     def bind(self, given: Mapping[str, Any], step: str = "") -> dict[str, Any]:
         """Return keyword arguments for the options given, nested for groups.
 
-        Parameters
-        ----------
-        given
-            Options by name, a table for a group.
-        step
-            Name of the step that is bound, for messages; empty: the stage's.
+        ``given``: options by name, a table for a group. ``step``: name of the step that
+        is bound, for messages; empty: the stage's.
 
         Raises
         ------

@@ -131,15 +131,9 @@ def tracks_past(
 ) -> list[VesselTrack]:
     """Return where vessels were while a sensor recorded.
 
-    Parameters
-    ----------
-    sensor
-        The sensor, of known latitude and longitude.
+    ``sensor``: the sensor, of known latitude and longitude.
 
-    Returns
-    -------
-    list of VesselTrack
-        Times in s from the first sample, east and north of the sensor in m.
+    Returned: times in s from the first sample, east and north of the sensor in m.
 
     Raises
     ------
@@ -187,12 +181,8 @@ def revision(
 
     Those of another part of it are left out, and vessels get their names.
 
-    Parameters
-    ----------
-    files
-        How it was joined, if it was.
-    vessels
-        Vessels that may have passed, if they are known.
+    ``files``: how it was joined, if it was. ``vessels``: vessels that may have passed,
+    if they are known.
     """
     span_s = None if files is None else files.kept_span_s(recording.start_utc_ns)
 
@@ -216,10 +206,7 @@ def _within(encounters: Encounters, span_s: tuple[float, float]) -> Encounters:
 def read_vessels(path: Path, within_m: float = WITHIN_M) -> AisVessels:
     """Read an AIS table as vessels that may have passed.
 
-    Parameters
-    ----------
-    within_m
-        Largest range at which a vessel is expected to be detected, m.
+    ``within_m``: largest range at which a vessel is expected to be detected, m.
 
     Raises
     ------

@@ -53,10 +53,7 @@ class WatchTimes:
 class Journal:
     """What became of every recording, one line of JSON each; written by one program.
 
-    Parameters
-    ----------
-    folder
-        Folder of the products.
+    ``folder``: folder of the products.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -84,10 +81,7 @@ class Journal:
     def note(self, row: Mapping[str, Any], source: Path, stamp: Stamp) -> None:
         """Add what became of a recording, safe from a kill or a loss of power.
 
-        Parameters
-        ----------
-        stamp
-            Size and time of change of the recording when it was run.
+        ``stamp``: size and time of change of the recording when it was run.
         """
         self._done[str(source)] = stamp
         facts = {**row, "size_bytes": stamp[0], "modified_ns": stamp[1]}

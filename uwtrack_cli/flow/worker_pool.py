@@ -49,12 +49,7 @@ def run_in_processes(
 ) -> Iterator[tuple[int, Outcome]]:
     """Run jobs in local processes and yield their outcomes as they are ready.
 
-    Parameters
-    ----------
-    jobs
-        What to make, by number.
-    n_workers
-        How many processes, 1 or more.
+    ``jobs``: what to make, by number. ``n_workers``: how many processes, 1 or more.
     """
     waiting = list(jobs)[::-1]
     workers = [_start() for _ in range(min(n_workers, len(waiting)))]

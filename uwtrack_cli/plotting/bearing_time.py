@@ -43,10 +43,7 @@ def draw_bearing_time(
     The shade is the level over the background of all beams, whitened over the band, so
     that a few loud frequencies do not hide the rest.
 
-    Parameters
-    ----------
-    span_s
-        Begin and end of what is drawn, s; None is everything.
+    ``span_s``: begin and end of what is drawn, s; None is everything.
     """
     check_axes(record.frames, "time_s")
     time_s = record.frames.time_s
@@ -136,12 +133,7 @@ def draw_frequency_azimuth(
 
     Vertical rows of one frequency are lines; rows of one angle are a vessel.
 
-    Parameters
-    ----------
-    peaks
-        What was found in its beams.
-    span_s
-        Begin and end, s.
+    ``peaks``: what was found in its beams. ``span_s``: begin and end, s.
     """
     time_s = record.frames.time_s[peaks.frame - record.frames.first_frame]
     at = np.flatnonzero(
@@ -171,12 +163,8 @@ def draw_frequency_azimuth(
 def draw_beam_pattern(record: BearingTime, array: LineArray, ax: "Axes") -> "Axes":
     """Draw what a beam at the side of a line array hears from other angles.
 
-    Parameters
-    ----------
-    record
-        Record of the array, which knows its shading.
-    ax
-        Where to draw; its angles are those of the panel beside.
+    ``record``: record of the array, which knows its shading. ``ax``: where to draw; its
+    angles are those of the panel beside.
     """
     weights = array.weights(record.shading or "uniform", record.sidelobe_db or 30.0)  # type: ignore[arg-type]
     angle_deg = np.linspace(0.0, 180.0, PATTERN_POINTS)

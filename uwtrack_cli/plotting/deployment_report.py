@@ -118,10 +118,7 @@ def _days(deployment: Deployment) -> list[int]:
 def calendar_figure(deployment: Deployment, width_in: float) -> "Figure":
     """Return the calendar: a row per day, hours to the right.
 
-    Parameters
-    ----------
-    width_in
-        Width of the picture, inches.
+    ``width_in``: width of the picture, inches.
     """
     days = _days(deployment)[-MOST_ROWS:]
     sensors = sorted({one.sensor for one in deployment.listened if one.span_ns})

@@ -22,12 +22,7 @@ if TYPE_CHECKING:
 def page_html(title: str, body: Sequence[str], footer: str) -> str:
     """Return a whole page.
 
-    Parameters
-    ----------
-    title
-        Its title, any text.
-    footer
-        Its last line, any text.
+    ``title``: its title, any text. ``footer``: its last line, any text.
     """
     source = resources.files("uwtrack_cli.plotting") / "report.html"
     return Template(source.read_text(encoding="utf-8")).substitute(

@@ -108,14 +108,9 @@ def choose_axis(
 ) -> FrequencyAxis:
     """Choose the frequency axis of a lofargram.
 
-    Parameters
-    ----------
-    lines
-        Lines that were tracked in it; None without.
-    band_hz
-        Band that is asked for, Hz; None is everything.
-    is_log
-        Whether the axis shall be logarithmic; None: where most lines are low.
+    ``lines``: lines that were tracked in it; None without. ``band_hz``: band that is
+    asked for, Hz; None is everything. ``is_log``: whether the axis shall be
+    logarithmic; None: where most lines are low.
 
     Raises
     ------
@@ -147,10 +142,7 @@ def choose_axis(
 def check_axes(container: Container, *names: str) -> None:
     """Refuse axes of a picture that are not numbers, as only a forged file has them.
 
-    Parameters
-    ----------
-    names
-        Its columns that are axes.
+    ``names``: its columns that are axes.
 
     Raises
     ------
@@ -179,10 +171,7 @@ def _most_are_low(lines: Lines | None, low_hz: float, high_hz: float) -> bool:
 def over_floor(overview: Overview) -> FloatArray:
     """Return the levels over the noise floor of their band, dB; nan in gaps.
 
-    Parameters
-    ----------
-    overview
-        The picture, of shape (row, column).
+    ``overview``: the picture, of shape (row, column).
     """
     step_db = (overview.ceiling_db - overview.floor_db) / 255.0
     level: FloatArray = overview.floor_db + step_db * overview.shade.astype(float)
@@ -260,10 +249,7 @@ def draw_lofargram(
 ) -> "QuadMesh":
     """Draw a part of the lofargram, as many rows and columns as there is room for.
 
-    Parameters
-    ----------
-    span_s
-        Its times, s.
+    ``span_s``: its times, s.
     """
     check_axes(overview, "time_s", "frequency_hz")
     relative = over_floor(overview)
@@ -300,13 +286,8 @@ def cell_edges(
 ) -> FloatArray:
     """Return the edges of cells whose middles are known.
 
-    Parameters
-    ----------
-    middle
-        Middles of the cells, in order.
-    span
-        What is shown: a cell that ends less than its own width before the end of it
-        reaches to the end.
+    ``middle``: middles of the cells, in order. ``span``: what is shown: a cell that
+    ends less than its own width before the end of it reaches to the end.
     """
     if middle.size == 1:
         return np.array([middle[0] - 0.5, middle[0] + 0.5])

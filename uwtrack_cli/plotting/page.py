@@ -62,12 +62,8 @@ def scenes_of(
 ) -> list[Scene]:
     """Return what belongs to each sensor; everything, where there are no sensors.
 
-    Parameters
-    ----------
-    containers
-        Containers of one recording, or of several sensors.
-    tracks
-        Ways of vessels by AIS, where there is one sensor.
+    ``containers``: containers of one recording, or of several sensors. ``tracks``: ways
+    of vessels by AIS, where there is one sensor.
     """
     heard = {
         sensor_of(c)
@@ -85,12 +81,8 @@ def pages_of(
 ) -> list[Page]:
     """Return the pages that containers have, that of the whole first.
 
-    Parameters
-    ----------
-    containers
-        Containers of one recording or table.
-    tracks
-        Ways of vessels by AIS: s from the first sample, east and north of the sensor.
+    ``containers``: containers of one recording or table. ``tracks``: ways of vessels by
+    AIS: s from the first sample, east and north of the sensor.
 
     Raises
     ------
@@ -200,12 +192,8 @@ def write_pages(
 ) -> None:
     """Write pages into one file.
 
-    Parameters
-    ----------
-    pages
-        What is drawn: of a PNG or SVG, the first of them.
-    output
-        Picture to write: PNG, PDF or SVG.
+    ``pages``: what is drawn: of a PNG or SVG, the first of them. ``output``: picture to
+    write: PNG, PDF or SVG.
 
     Raises
     ------

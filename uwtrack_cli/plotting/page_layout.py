@@ -46,10 +46,7 @@ def titled_figure(
 ) -> tuple["Figure", "SubFigure"]:
     """Return a page with its title, and the part of it below the title.
 
-    Parameters
-    ----------
-    body_in
-        Height of the part below the title, inches.
+    ``body_in``: height of the part below the title, inches.
     """
     if not view.stands_alone:
         figure = new_figure(view.width_in, body_in)
@@ -99,12 +96,7 @@ def draw_parts(
 ) -> "list[Axes]":  # fmt: skip
     """Draw panels below each other with one time axis, named at the last one.
 
-    Parameters
-    ----------
-    span_s
-        Begin and end of the axis, s.
-    ticks
-        Ticks that it has room for.
+    ``span_s``: begin and end of the axis, s. ``ticks``: ticks that it has room for.
     """
     if not parts:
         return []

@@ -61,10 +61,7 @@ MAP_IN = 3.8
 def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
     """Return the page of a passage.
 
-    Parameters
-    ----------
-    scene
-        The recording, with its closest approaches.
+    ``scene``: the recording, with its closest approaches.
 
     Raises
     ------
@@ -126,10 +123,7 @@ def title_lines(page: PassagePage) -> list[HeadLine]:
 def passage_title(row: Row) -> str:
     """Return when, how fast, how near and who, with deviations.
 
-    Parameters
-    ----------
-    row
-        The passage, as `json_rows` gives it.
+    ``row``: the passage, as `json_rows` gives it.
     """
     return f"{_when(row)}{_speed(row)}{_range(row)}{_vessel(row)}"
 
@@ -428,10 +422,7 @@ FACTS = (
 def fact_lines(row: Row) -> list[tuple[str, str]]:
     """Return what is known of a passage, by name, as text with units.
 
-    Parameters
-    ----------
-    row
-        The passage, as `json_rows` gives it.
+    ``row``: the passage, as `json_rows` gives it.
     """
     found = [
         (name, f"{head.text(row)} {unit.format(row['level_reference'])}")

@@ -194,14 +194,8 @@ def _draw_part(
 def measured_line(scene: Scene, contact: int, line: int) -> MeasuredLine:
     """Return what was measured of a line: tracked in sound, or given in a table.
 
-    Parameters
-    ----------
-    scene
-        The recording or table.
-    contact
-        Contact of the line.
-    line
-        Identifier of the line; of a table, the number of its column.
+    ``scene``: the recording or table. ``contact``: contact of the line. ``line``:
+    identifier of the line; of a table, the number of its column.
     """
     lines, series = scene.first(Lines), scene.first(Series)
     if lines is not None:

@@ -24,10 +24,7 @@ def draw_recipe_graph(
 ) -> None:
     """Draw which step of a recipe reads which.
 
-    Parameters
-    ----------
-    edges
-        Source, reader and the container that passes, in the order of the graph.
+    ``edges``: source, reader and the container that passes, in the order of the graph.
 
     Raises
     ------

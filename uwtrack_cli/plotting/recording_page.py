@@ -392,12 +392,8 @@ def _shown_rows(
 def _crowded(share: FloatArray, ends_s: FloatArray) -> BoolArray:
     """Tell which lines lie closer to one of the same time than their edges.
 
-    Parameters
-    ----------
-    share
-        Their heights, as shares of the axis, shape (line,).
-    ends_s
-        Their begins and ends, s, shape (line, 2).
+    ``share``: their heights, as shares of the axis, shape (line,). ``ends_s``: their
+    begins and ends, s, shape (line, 2).
     """
     least = 3.0 * EDGE_PT / (72 * LOFARGRAM_IN)
     near = np.abs(share[:, None] - share) < least

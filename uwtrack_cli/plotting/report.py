@@ -150,10 +150,7 @@ def _unknown(recording: Recording) -> Iterator[str]:
 def reasons_once(rows: Sequence[Row]) -> list[str]:
     """Return why values are not known: each reason once, with the passages it is of.
 
-    Parameters
-    ----------
-    rows
-        Passages, as `json_rows` gives them.
+    ``rows``: passages, as `json_rows` gives them.
     """
     known: dict[tuple[str, str], list[str]] = {}
     for row in rows:

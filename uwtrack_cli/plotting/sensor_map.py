@@ -43,10 +43,7 @@ def draw_sensor_map(scenes: Sequence[Scene], ax: "Axes", ratio: float) -> "Axes"
 
     The grid is that of the positions; without positions, metres from the first sensor.
 
-    Parameters
-    ----------
-    ratio
-        Width of the panel over its height.
+    ``ratio``: width of the panel over its height.
     """
     fixes = scenes[0].first(Fixes)
     every = {c.id: c for s in scenes for c in s.containers if isinstance(c, Sensor)}
@@ -71,12 +68,8 @@ def sensor_places(
 ) -> dict[str, tuple[float, float]]:
     """Return the positions of sensors on the grid of the fixes, m.
 
-    Parameters
-    ----------
-    sensors
-        The sensors; without latitude and longitude their own grid is taken.
-    fixes
-        Positions; None without.
+    ``sensors``: the sensors; without latitude and longitude their own grid is taken.
+    ``fixes``: positions; None without.
     """
     known = [
         Origin(s.latitude, s.longitude)

@@ -179,14 +179,9 @@ def draw_ellipse(
 ) -> None:
     """Draw the 95 % ellipse of a position.
 
-    Parameters
-    ----------
-    place
-        Its middle, m, shape (2,).
-    covariance
-        Covariance of both coordinates, m^2, shape (2, 2); without one nothing is drawn.
-    alpha
-        Share of the filling that is seen.
+    ``place``: its middle, m, shape (2,). ``covariance``: covariance of both
+    coordinates, m^2, shape (2, 2); without one nothing is drawn. ``alpha``: share of
+    the filling that is seen.
     """
     from matplotlib.patches import Ellipse
 

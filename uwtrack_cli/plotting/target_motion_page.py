@@ -85,14 +85,8 @@ class PlottedResiduals:
 def target_motion_figure(scene: Scene, contact: int | None, view: View) -> "Figure":
     """Return the page of a target's motion.
 
-    Parameters
-    ----------
-    scene
-        Motions, and what they were estimated from.
-    contact
-        The contact; None is all of them.
-    view
-        How wide the page is, and which time it shows.
+    ``scene``: motions, and what they were estimated from. ``contact``: the contact;
+    None is all of them. ``view``: how wide the page is, and which time it shows.
 
     Raises
     ------
@@ -204,13 +198,9 @@ def draw_motion_map(
 ) -> "Axes":
     """Draw the ways of what measured, and every mode's way and regions.
 
-    Parameters
-    ----------
-    ways
-        Name and way of own ship, or of every sensor, the one first from which the
-        ranges count; none is a platform that stands still.
-    ratio
-        Width of the panel over its height.
+    ``ways``: name and way of own ship, or of every sensor, the one first from which the
+    ranges count; none is a platform that stands still. ``ratio``: width of the panel
+    over its height.
     """
     known = motions.range_m[np.isfinite(motions.range_m)]
     ray_m = float(known.max()) if known.size else 1000.0
@@ -330,15 +320,10 @@ def motion_residuals(
 ) -> PlottedResiduals | None:
     """Return what the best mode of a contact leaves of its measurements.
 
-    Parameters
-    ----------
-    scene
-        Where own ship was, and how deep the sensor lies.
+    ``scene``: where own ship was, and how deep the sensor lies.
 
-    Returns
-    -------
-    PlottedResiduals | None
-        None where the range is not observable, or own ship's way is not known.
+    Returned: None where the range is not observable, or own
+    ship's way is not known.
     """
     rows = np.flatnonzero((motions.contact == data.contact) & (motions.mode == 1))
     if not rows.size or not motions.observable[rows[0]]:

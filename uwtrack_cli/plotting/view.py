@@ -61,10 +61,7 @@ class View:
     def span_s(self, usual: tuple[float, float], clock: Clock) -> tuple[float, float]:
         """Return begin and end of what is drawn, s from the first sample.
 
-        Parameters
-        ----------
-        usual
-            Begin and end where none is asked for, s.
+        ``usual``: begin and end where none is asked for, s.
 
         Raises
         ------
@@ -99,10 +96,7 @@ class View:
 def to_seconds(text: str, clock: Clock) -> float:
     """Return a time as seconds from the first sample.
 
-    Parameters
-    ----------
-    text
-        Seconds, a time of day (the first after the start), or a time in UTC.
+    ``text``: seconds, a time of day (the first after the start), or a time in UTC.
 
     Raises
     ------

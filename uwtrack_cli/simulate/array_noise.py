@@ -44,10 +44,7 @@ LONGEST_DELAY = TAIL // 8
 class ArrayNoise:
     """The ambient noise at all hydrophones of an array, tile by tile in sequence.
 
-    Parameters
-    ----------
-    number
-        Number of the array among the sensors.
+    ``number``: number of the array among the sensors.
 
     Raises
     ------

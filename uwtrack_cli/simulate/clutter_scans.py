@@ -65,15 +65,9 @@ def simulate_scan(
 ) -> SimulatedScan:
     """Draw one scan for each run.
 
-    Parameters
-    ----------
-    position
-        True components of the target, ``(run, m)``.
+    ``position``: true components of the target, ``(run, m)``.
 
-    Returns
-    -------
-    SimulatedScan
-        Measurements by falling amplitude.
+    Returned: measurements by falling amplitude.
     """
     runs = position.shape[0]
     width = 2.0 * scene.half_width

@@ -290,12 +290,8 @@ class MachineSound:
 def running_share(switches_s: Array, time_s: Array) -> Array:
     """Return the share of full amplitude of a machine that is switched.
 
-    Parameters
-    ----------
-    switches_s
-        Times of switching on, off, on ... in s; empty is always on.
-    time_s
-        Times in s.
+    ``switches_s``: times of switching on, off, on ... in s; empty is always on.
+    ``time_s``: times in s.
     """
     if not switches_s.size:
         return np.ones(time_s.size)

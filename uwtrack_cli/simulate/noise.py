@@ -68,19 +68,12 @@ def delayed_filters(
 ) -> NDArray[np.complex128]:
     """Return spectra of the filter of `shaping_filter` with delays of its middle.
 
-    Parameters
-    ----------
-    density
-        One-sided density, uPa^2/Hz, at frequencies in Hz.
-    sample_rate_hz
-        Sample rate, Hz.
-    delays_s
-        Delays, s, shape (delay,), small against the length of the filter.
+    ``density``: one-sided density, uPa^2/Hz, at frequencies in Hz. ``sample_rate_hz``:
+    sample rate, Hz. ``delays_s``: delays, s, shape (delay,), small against the length
+    of the filter.
 
-    Returns
-    -------
-    array, shape (delay, frequency)
-        One spectrum per delay, ``TAIL + 1`` taps each.
+    Returned: array, shape (delay, frequency); one spectrum per delay, ``TAIL + 1`` taps
+    each.
     """
     frequency = sample_rate_hz / TRANSFORM * np.arange(TRANSFORM // 2 + 1.0)
     gain = np.sqrt(0.5 * sample_rate_hz * density(frequency))

@@ -87,10 +87,7 @@ def simulate_repeater(
 ) -> RepeaterRuns:
     """Draw the measurements of a number of runs.
 
-    Parameters
-    ----------
-    runs
-        Number of runs, from 1.
+    ``runs``: number of runs, from 1.
     """
     clock = np.arange(0.0, _END_S + 0.5 * _STEP_S, _STEP_S)
     aspect = np.deg2rad(scene.aspect_deg)

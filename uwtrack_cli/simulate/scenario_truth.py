@@ -37,16 +37,10 @@ VERSION = 1
 def truth(scenario: Scenario, sensor: str | None = None) -> dict[str, Any]:
     """Return the truth of a scenario, ready for JSON.
 
-    Parameters
-    ----------
-    sensor
-        Name of the one sensor to describe; by default all of them.
+    ``sensor``: name of the one sensor to describe; by default all of them.
 
-    Returns
-    -------
-    dict
-        Facts of the recording, ``sensors`` with their hidden errors, ``vessels`` with
-        their tracks, ``encounters``, and ``noise`` (None without noise).
+    Returned: facts of the recording, ``sensors`` with their hidden errors, ``vessels``
+    with their tracks, ``encounters``, and ``noise`` (None without noise).
     """
     plans = [plan for plan in scenario.sensors if sensor in (None, plan.id)]
     return {

@@ -224,12 +224,8 @@ def sound_at_elements(sound: VesselSound, plan: SensorPlan) -> list[VesselSound]
 def blade_envelope(plan: Cavitation, time_s: Array) -> Array:
     """Return the amplitude of blade-modulated cavitation, of unit mean square.
 
-    Parameters
-    ----------
-    plan
-        Blade rate, depth and harmonics.
-    time_s
-        Times in s, stretched by the variation of the shaft speed.
+    ``plan``: blade rate, depth and harmonics. ``time_s``: times in s, stretched by the
+    variation of the shaft speed.
     """
     turns = plan.blade_rate_hz * time_s
     envelope = np.ones(time_s.size)

@@ -24,14 +24,9 @@ def simulate_tones(
 ) -> FloatArray:
     """Draw the samples of some tones in white noise.
 
-    Parameters
-    ----------
-    frequency_hz
-        Frequency of every tone at every sample, ``(tone, sample)``; nan is silence.
-    snr_db
-        Power of each tone over the noise in 1.5 Hz, in dB.
-    sample_rate_hz
-        Sample rate in Hz.
+    ``frequency_hz``: frequency of every tone at every sample, ``(tone, sample)``; nan
+    is silence. ``snr_db``: power of each tone over the noise in 1.5 Hz, in dB.
+    ``sample_rate_hz``: sample rate in Hz.
     """
     n_tones, n_samples = frequency_hz.shape
     sounding = np.isfinite(frequency_hz)

@@ -109,10 +109,7 @@ def array_place(plan: SensorPlan, place_m: tuple[float, float, float]) -> Trajec
     A towed array lies on the way of its ship: each place comes where the ship was, as
     much later as it is behind. A fixed one points where its compass says.
 
-    Parameters
-    ----------
-    place_m
-        The place from the array's middle: starboard, ahead and up, m.
+    ``place_m``: the place from the array's middle: starboard, ahead and up, m.
 
     Raises
     ------

@@ -192,15 +192,9 @@ def run_scene(
 ) -> dict[str, TrackTally]:
     """Run every method through a scene's scans.
 
-    Parameters
-    ----------
-    runs
-        Number of independent runs, from 1.
+    ``runs``: number of independent runs, from 1.
 
-    Returns
-    -------
-    dict
-        A tally per method, named as in the reference tables.
+    Returned: a tally per method, named as in the reference tables.
     """
     rng = np.random.default_rng(seed)
     start = np.tile(_START, (runs, 1))

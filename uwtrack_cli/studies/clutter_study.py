@@ -57,15 +57,9 @@ _COMPARED = (
 def study_clutter(*, runs: int = 1000, seed: int = 1) -> Study:
     """Compare the clutter tracker with the published experiment.
 
-    Parameters
-    ----------
-    runs
-        Number of tracks in each scene; the one-scan test takes 20 times as many.
+    ``runs``: number of tracks in each scene; the one-scan test takes 20 times as many.
 
-    Returns
-    -------
-    Study
-        Information factors, recorded tracks, single scans and whole tracks.
+    Returned: information factors, recorded tracks, single scans and whole tracks.
     """
     reference = load_reference("clutter")
     rows = [
@@ -257,17 +251,10 @@ def one_step(
 ) -> dict[str, OneStep]:
     """Take one scan under every rule.
 
-    Parameters
-    ----------
-    innovation_variance
-        Variance S of each component of the innovation in m^2, above 5.
-    runs
-        Number of independent scans, from 1.
+    ``innovation_variance``: variance S of each component of the innovation in m^2,
+    above 5. ``runs``: number of independent scans, from 1.
 
-    Returns
-    -------
-    dict
-        Reported and true factor per rule, named as in the reference table.
+    Returned: reported and true factor per rule, named as in the reference table.
     """
     rng = np.random.default_rng(seed)
     spread = innovation_variance - _NOISE_M2

@@ -50,10 +50,7 @@ SHAFT_BAND_HZ = 0.02
 def study_demon(runs: int = 20, seed: int = 1) -> Study:
     """Shafts and blades under the ambient noise, and false rates in noise alone.
 
-    Parameters
-    ----------
-    runs
-        Recordings of each kind.
+    ``runs``: recordings of each kind.
     """
     rows: list[StudyRow] = []
     for snr_db, depth in SCENES:
@@ -96,12 +93,8 @@ def cavitation(
 ) -> FloatArray:
     """Return a cavitating vessel in white ambient noise of unit variance.
 
-    Parameters
-    ----------
-    snr_db
-        Power over the ambient noise in the band, dB.
-    depth
-        Modulation of the amplitude at the blade rate.
+    ``snr_db``: power over the ambient noise in the band, dB. ``depth``: modulation of
+    the amplitude at the blade rate.
     """
     n = round(SCENE_S * RATE_HZ)
     turns = np.arange(n) / RATE_HZ * SHAFT_HZ

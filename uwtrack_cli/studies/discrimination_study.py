@@ -63,15 +63,9 @@ _REMARKS = (
 def study_discriminate(*, runs: int = 2000, seed: int = 1) -> Study:
     """Compare the sequential test of two contacts with the published experiments.
 
-    Parameters
-    ----------
-    runs
-        Number of runs in each case; the textbook test takes 25 times as many.
+    ``runs``: number of runs in each case; the textbook test takes 25 times as many.
 
-    Returns
-    -------
-    Study
-        Shares of right, wrong and undecided runs, and mean numbers of scans.
+    Returned: shares of right, wrong and undecided runs, and mean numbers of scans.
     """
     reference = load_reference("discriminate")
     known = {(row[0], row[1]): row[2:] for row in reference["scenarios"]}
@@ -197,19 +191,10 @@ def textbook_test(
 ) -> tuple[BoolArray, FloatArray]:
     """Run the symmetric test on Gaussian samples N(+mean/2, 1) or N(-mean/2, 1).
 
-    Parameters
-    ----------
-    error
-        Error probability that sets both thresholds.
-    mean
-        Distance of the two means in standard deviations, above 0.
-    runs
-        Number of tests, from 1.
+    ``error``: error probability that sets both thresholds. ``mean``: distance of the
+    two means in standard deviations, above 0. ``runs``: number of tests, from 1.
 
-    Returns
-    -------
-    tuple
-        Whether each test erred, and the scans it took.
+    Returned: whether each test erred, and the scans it took.
     """
     rng = np.random.default_rng(seed)
     thresholds: Thresholds = wald_thresholds(error, error)

@@ -58,15 +58,10 @@ _REMARKS = (
 def study_line_association(*, runs: int = 4, seed: int = 1) -> Study:
     """Compare line tracking by assignment and by probabilistic association.
 
-    Parameters
-    ----------
-    runs
-        Number of simulated recordings of each kind, 300 s long.
+    ``runs``: number of simulated recordings of each kind, 300 s long.
 
-    Returns
-    -------
-    Study
-        Coverage, pieces and errors of both trackers; there is no published reference.
+    Returned: coverage, pieces and errors of both trackers; there is no published
+    reference.
     """
     rows = list(_depth_rows())
     for kept in _KEPT:
@@ -104,12 +99,8 @@ class PassageFigures:
 def passage(snr_db: float, kept: float, seed: int) -> dict[Tracker, PassageFigures]:
     """Track six tones with a Doppler swing.
 
-    Parameters
-    ----------
-    snr_db
-        Power of each tone over the noise in its cell, in dB.
-    kept
-        Exceedance probability of the weakest peaks kept.
+    ``snr_db``: power of each tone over the noise in its cell, in dB. ``kept``:
+    exceedance probability of the weakest peaks kept.
     """
     time_s = np.arange(round(_LENGTH_S * _RATE_HZ)) / _RATE_HZ
     samples = simulate_tones(
@@ -134,10 +125,7 @@ def passage(snr_db: float, kept: float, seed: int) -> dict[Tracker, PassageFigur
 def crossing(kept: float, seed: int) -> dict[Tracker, float]:
     """Track two tones that cross; return the share followed from end to end.
 
-    Parameters
-    ----------
-    kept
-        Exceedance probability of the weakest peaks kept.
+    ``kept``: exceedance probability of the weakest peaks kept.
     """
     time_s = np.arange(round(_LENGTH_S * _RATE_HZ)) / _RATE_HZ
     slide = 0.05 * (time_s - 0.5 * _LENGTH_S)
@@ -161,10 +149,7 @@ def crossing(kept: float, seed: int) -> dict[Tracker, float]:
 def noise_lines(kept: float, seed: int) -> dict[Tracker, float]:
     """Count the lines that are found in noise alone at a raised rate.
 
-    Parameters
-    ----------
-    kept
-        Exceedance probability of the weakest peaks kept.
+    ``kept``: exceedance probability of the weakest peaks kept.
     """
     silence = np.full((1, round(_LENGTH_S * _RATE_HZ)), np.nan)
     samples = simulate_tones(

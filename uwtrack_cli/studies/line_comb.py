@@ -88,10 +88,7 @@ class _Families:
 def comb_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[StudyRow]:
     """Repeat the comb test: false families, families found.
 
-    Parameters
-    ----------
-    runs
-        50 sets of noise and 10 with a family come to a run.
+    ``runs``: 50 sets of noise and 10 with a family come to a run.
     """
     noise = _Noise(max(50 * runs, _FEWEST_SETS), seed)
     families = _Families(max(10 * runs, _FEWEST_SETS // 3), seed)

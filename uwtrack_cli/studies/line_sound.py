@@ -93,10 +93,7 @@ class LineTrial:
 def sound_rows(reference: dict[str, Any], runs: int, seed: int) -> Iterator[StudyRow]:
     """Repeat the minutes of sound: which lines are detected, and how exactly they are followed.
 
-    Parameters
-    ----------
-    runs
-        Four minutes at an SNR come to a run, and two of the smoothed frequency.
+    ``runs``: four minutes at an SNR come to a run, and two of the smoothed frequency.
     """
     trials, traced = _TRIALS_PER_RUN * runs, _TRACED_PER_RUN * runs
     for method, grid in SNR_GRIDS.items():
@@ -253,10 +250,7 @@ def frequency_rows(
 ) -> Iterator[StudyRow]:
     """Repeat the single frames: error over the bound, and over what is stated.
 
-    Parameters
-    ----------
-    runs
-        A hundred tones come to a run.
+    ``runs``: a hundred tones come to a run.
     """
     for snr, known in reference["frame_error"].items():
         rng = np.random.default_rng([seed, int(snr)])
@@ -275,10 +269,7 @@ def frame_errors(
 ) -> tuple[FloatArray, FloatArray]:
     """Return errors and stated deviations of tones in single frames, Hz.
 
-    Parameters
-    ----------
-    snr_db
-        Power of the tone over the noise in 1 Hz, dB.
+    ``snr_db``: power of the tone over the noise in 1 Hz, dB.
     """
     errors, stated = [], []
     amplitude = np.sqrt(2.0 * 10.0 ** (snr_db / 10.0))

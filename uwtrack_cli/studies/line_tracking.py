@@ -256,10 +256,7 @@ def paper_options(variant: TrackerVariant) -> TrackerOptions:
 def run_figures(setting: str, rule: SceneRule, seed: int) -> RunFigures:
     """Simulate one scene, track it and take its figures.
 
-    Parameters
-    ----------
-    seed
-        Seed of the scene; the same for all settings, so that they are compared.
+    ``seed``: seed of the scene; the same for all settings, so that they are compared.
     """
     scene = simulate_scene(rule, np.random.default_rng(seed))
     chosen = VARIANTS[setting]
@@ -302,12 +299,8 @@ def tracking_rows(
 ) -> Iterator[StudyRow]:
     """Run the trackers over all scenes of the reference.
 
-    Parameters
-    ----------
-    cases
-        Scenes with their settings and known figures.
-    runs
-        Runs of a scene; some scenes take a stated share of them.
+    ``cases``: scenes with their settings and known figures. ``runs``: runs of a scene;
+    some scenes take a stated share of them.
     """
     names = [field.name for field in fields(RunFigures)]
     for case in cases:

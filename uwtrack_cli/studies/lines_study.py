@@ -36,11 +36,8 @@ SCORE_REMARK = (
 def study_lines(*, runs: int = 6, seed: int = 1) -> Study:
     """Repeat the experiments on frequency lines and set them beside the reference.
 
-    Parameters
-    ----------
-    runs
-        Runs of each setting of the tracker; the other experiments scale with it. 100
-        are the long form.
+    ``runs``: runs of each setting of the tracker; the other experiments scale with it.
+    100 are the long form.
     """
     reference = load_reference("lines")
     rows = [

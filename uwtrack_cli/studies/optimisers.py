@@ -57,12 +57,8 @@ REMARK = (
 def paper_function(points: FloatArray, member: IntArray | None = None) -> FloatArray:
     """Return the paper's test function at points (point, parameter).
 
-    Parameters
-    ----------
-    points
-        Points of six parameters.
-    member
-        Not used: every problem has the same function.
+    ``points``: points of six parameters. ``member``: not used: every problem has the
+    same function.
 
     Examples
     --------
@@ -137,14 +133,8 @@ def random_simplices(runs: int, seed: int) -> Minima:
 def hybrid(search: str, runs: int, seed: int, share: float, counts: int = 1) -> Minima:
     """Run a global search of 500 evaluations (times the counts), then Nelder-Mead.
 
-    Parameters
-    ----------
-    search
-        genetic or annealing.
-    share
-        First step of the simplex as a share of the box.
-    counts
-        Factor on generations or temperatures.
+    ``search``: genetic or annealing. ``share``: first step of the simplex as a share of
+    the box. ``counts``: factor on generations or temperatures.
     """
     rng = np.random.default_rng(seed)
     if search == "genetic":
@@ -163,15 +153,9 @@ def hybrid(search: str, runs: int, seed: int, share: float, counts: int = 1) -> 
 def study_optimisers(*, runs: int = 10_000, seed: int = 1) -> Study:
     """Run simplex, hybrids and scipy's optimisers on the paper's test function.
 
-    Parameters
-    ----------
-    runs
-        Number of simplex runs; the hybrids get a tenth, scipy a two-thousandth.
+    ``runs``: number of simplex runs; the hybrids get a tenth, scipy a two-thousandth.
 
-    Returns
-    -------
-    Study
-        Minima, success, median ends and evaluations beside the published ones.
+    Returned: minima, success, median ends and evaluations beside the published ones.
     """
     reference = load_reference("optimisers")
     zero = float(paper_function(np.zeros((1, 6)))[0])

@@ -53,10 +53,7 @@ class _Draw:
 def study_proximity(*, runs: int = 10_000, seed: int = 1) -> Study:
     """Compare position errors of one and of two proximity sensors over 30 minutes.
 
-    Parameters
-    ----------
-    runs
-        Monte Carlo runs per speed.
+    ``runs``: monte Carlo runs per speed.
     """
     reference = load_reference("proximity")
     rng = np.random.default_rng(seed)

@@ -37,10 +37,7 @@ LINES_HZ = (63.0, 126.0, 189.0, 310.0)
 def study_seatrial(*, runs: int = 6, seed: int = 1) -> Study:
     """Set the errors of the whole chain beside those of the paper's sea trial.
 
-    Parameters
-    ----------
-    runs
-        Recordings per case.
+    ``runs``: recordings per case.
     """
     reference = load_reference("seatrial")
     rows: list[StudyRow] = []
@@ -76,10 +73,7 @@ def study_seatrial(*, runs: int = 6, seed: int = 1) -> Study:
 def trial_scenario(case: dict[str, Any], seed: int) -> Scenario:
     """Describe a recording like the trial's.
 
-    Parameters
-    ----------
-    case
-        C/N0, in-band ratio, surface image and frequency jitter.
+    ``case``: C/N0, in-band ratio, surface image and frequency jitter.
     """
     vessel = {
         "source_depth_m": SOURCE_DEPTH_M,

@@ -61,10 +61,7 @@ class Study:
 def load_reference(name: str) -> Any:
     """Return the reference figures of a study from its JSON file.
 
-    Parameters
-    ----------
-    name
-        Name of the study, for instance ``lines``.
+    ``name``: name of the study, for instance ``lines``.
     """
     text = (files("uwtrack_cli.studies") / "reference" / f"{name}.json").read_text(
         encoding="utf-8"

@@ -107,10 +107,7 @@ def fit_from_truth(problem: Problem, truth: FloatArray) -> DescentResult:
 def accuracy(name: str, noise: float, rows: int, runs: int, seed: int) -> Accuracy:
     """Run the maximum-likelihood estimator many times.
 
-    Parameters
-    ----------
-    noise
-        Multiple of the deviations.
+    ``noise``: multiple of the deviations.
     """
     scenario = make_scenario(name)
     truth = scenario.solution()

@@ -121,12 +121,8 @@ def make_problem(
 ) -> Problem:
     """Draw noisy measurements of a scenario.
 
-    Parameters
-    ----------
-    noise
-        Multiple of the deviations 1 degree and 0.25 Hz; 1 or 5 in the paper.
-    runs
-        Number of independent records.
+    ``noise``: multiple of the deviations 1 degree and 0.25 Hz; 1 or 5 in the paper.
+    ``runs``: number of independent records.
     """
     bearing, _, frequency = scenario.truth()
     draw = np.random.default_rng(seed).standard_normal((runs, 2, 1, COUNT))

@@ -84,16 +84,10 @@ REMARKS = (
 def study_tma(*, runs: int = 1000, seed: int = 1) -> Study:
     """Repeat the target-motion experiment: errors, success, solvers, outliers.
 
-    Parameters
-    ----------
-    runs
-        Number of records for the errors; the solvers beside solvers get a
-        twentieth or less of them, for they are slow.
+    ``runs``: number of records for the errors; the solvers beside solvers get a
+    twentieth or less of them, for they are slow.
 
-    Returns
-    -------
-    Study
-        Published figures beside ours, scenario by scenario.
+    Returned: published figures beside ours, scenario by scenario.
     """
     reference = load_reference("tma")
     rows: list[StudyRow] = []
@@ -244,14 +238,8 @@ def robust_fits(
 ) -> tuple[float, BoolArray]:
     """Fit records with outliers; the error of the range over the clean bound.
 
-    Parameters
-    ----------
-    name
-        Scenario, at one sigma.
-    loss
-        Loss of a residual.
-    clean
-        Whether the outliers are left out.
+    ``name``: scenario, at one sigma. ``loss``: loss of a residual. ``clean``: whether
+    the outliers are left out.
     """
     scenario = make_scenario(name)
     plain = make_problem(scenario, noise=1.0, runs=runs, seed=seed)

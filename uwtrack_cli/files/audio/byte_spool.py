@@ -16,10 +16,7 @@ SPOOL_BYTES = 1 << 31
 class ByteSpool:
     """Keeps the last bytes of a stream on disk.
 
-    Parameters
-    ----------
-    most_bytes
-        Most bytes that are kept; at least half of them are.
+    ``most_bytes``: most bytes that are kept; at least half of them are.
     """
 
     def __init__(self, most_bytes: int = SPOOL_BYTES) -> None:

@@ -47,10 +47,7 @@ JUMP_S = 1.0
 class ByteStream(abc.ABC):
     """Bytes taken in order, as many as asked for unless the stream ends.
 
-    Parameters
-    ----------
-    idle_s
-        The stream ends when nothing came for so long, s; None waits for ever.
+    ``idle_s``: the stream ends when nothing came for so long, s; None waits for ever.
     """
 
     def __init__(self, name: str, idle_s: float | None = None) -> None:
@@ -91,10 +88,7 @@ class ByteStream(abc.ABC):
     def again(self, position: int, count: int) -> bytes | None:
         """Return bytes again that were taken; None if they are no longer at hand.
 
-        Parameters
-        ----------
-        position
-            Bytes before them in the stream.
+        ``position``: bytes before them in the stream.
         """
 
     @abc.abstractmethod
@@ -123,12 +117,8 @@ class ByteStream(abc.ABC):
 class PipeStream(ByteStream):
     """Standard input, a named pipe, or another file that cannot be read twice.
 
-    Parameters
-    ----------
-    opener
-        Opens it, unbuffered.
-    idle_s
-        It ends when nothing came for so long, s; None waits for ever.
+    ``opener``: opens it, unbuffered. ``idle_s``: it ends when nothing came for so long,
+    s; None waits for ever.
     """
 
     def __init__(
@@ -216,13 +206,9 @@ class GrowingFile(ByteStream):
     written into it is there to the end. One that becomes shorter ends where it was read
     to. Both are told.
 
-    Parameters
-    ----------
-    idle_s
-        It is complete when it has not grown for so long, s; None waits for ever.
-    stated_end
-        Tells of the open file where the sound ends as it says by now; None if it does
-        not.
+    ``idle_s``: it is complete when it has not grown for so long, s; None waits for
+    ever. ``stated_end``: tells of the open file where the sound ends as it says by now;
+    None if it does not.
     """
 
     def __init__(

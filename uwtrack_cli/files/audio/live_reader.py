@@ -99,10 +99,7 @@ class LiveReader:
     def __call__(self, block_samples: int) -> Iterator[Samples]:
         """Yield blocks of so many samples, the last one shorter.
 
-        Parameters
-        ----------
-        block_samples
-            Samples per channel of a block, 1 or more.
+        ``block_samples``: samples per channel of a block, 1 or more.
 
         Yields
         ------

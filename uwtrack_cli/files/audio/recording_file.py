@@ -167,13 +167,9 @@ def select_channels(
 ) -> tuple[Sensor, tuple[int, ...]]:
     """Return the sensor as the recording has it, and its channels' columns.
 
-    Parameters
-    ----------
-    sensor
-        The sensor; without one an omni hydrophone of which nothing is known.
-    channel
-        Channel to take, counted from 1; None takes those of the sensor, and the first
-        without one.
+    ``sensor``: the sensor; without one an omni hydrophone of which nothing is known.
+    ``channel``: channel to take, counted from 1; None takes those of the sensor, and
+    the first without one.
 
     Raises
     ------

@@ -32,15 +32,10 @@ class SampleFormat:
     def decode(self, content: bytes, n_channels: int) -> Samples:
         """Turn whole frames into samples.
 
-        Parameters
-        ----------
-        content
-            Interleaved samples; its length is a multiple of a frame.
+        ``content``: interleaved samples; its length is a multiple of a frame.
 
-        Returns
-        -------
-        array, shape (sample, channel)
-            Float32 in full-scale units; what is no number is nan.
+        Returned: array, shape (sample, channel); float32 in full-scale units; what is
+        no number is nan.
         """
         values = self._values(content)
         if not np.isfinite(values).all():

@@ -103,12 +103,8 @@ def check_clock_options(
 ) -> None:
     """Refuse what no recording could be read with, before the first one is read.
 
-    Parameters
-    ----------
-    time_pattern
-        Name of a preset, or a pattern, as for `find_start_utc_ns`.
-    time_zone
-        Name of a zone, or an offset.
+    ``time_pattern``: name of a preset, or a pattern, as for `find_start_utc_ns`.
+    ``time_zone``: name of a zone, or an offset.
 
     Raises
     ------

@@ -97,15 +97,10 @@ class ContainerHolder(ABC):
     ) -> Container:
         """Return a container.
 
-        Parameters
-        ----------
-        kind
-            Its class, such as `Lines`, or its name, such as ``"lines"``.
-        sensor
-            Its sensor; not needed where only one has such a container.
-        step
-            The step that made it, empty for the usual one; not needed where only one
-            step made such a container.
+        ``kind``: its class, such as `Lines`, or its name, such as ``"lines"``.
+        ``sensor``: its sensor; not needed where only one has such a container.
+        ``step``: the step that made it, empty for the usual one; not needed where only
+        one step made such a container.
 
         Raises
         ------

@@ -171,12 +171,8 @@ def sensor_of(container: Container) -> str | None:
 def group_path(sensor: str | None, name: str, step: str = "") -> str:
     """Return the path of a container's group.
 
-    Parameters
-    ----------
-    sensor
-        Its sensor; None for a container of the whole file.
-    step
-        Name of the step that made it, where that is not the name of its stage.
+    ``sensor``: its sensor; None for a container of the whole file. ``step``: name of
+    the step that made it, where that is not the name of its stage.
     """
     inside = f"{safe_name(step)}/{name}" if step else name
     if sensor is not None:
@@ -260,14 +256,9 @@ def decode(array: NDArray[Any], spec: Column) -> NDArray[Any]:
 def chunk_shape(shape: tuple[int, ...], itemsize: int, final: bool) -> tuple[int, ...]:
     """Return the chunk of a dataset: whole rows, about 128 kB of them.
 
-    Parameters
-    ----------
-    shape
-        Shape of the rows known so far.
-    itemsize
-        Bytes of an element.
-    final
-        Whether no further rows will come, so that a small table gets a small chunk.
+    ``shape``: shape of the rows known so far. ``itemsize``: bytes of an element.
+    ``final``: whether no further rows will come, so that a small table gets a small
+    chunk.
     """
     row = max(1, int(np.prod(shape[1:], dtype=np.int64)) * itemsize)
     rows = max(1, CHUNK_BYTES // row)

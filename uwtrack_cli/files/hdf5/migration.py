@@ -102,14 +102,8 @@ def migrate(
 ) -> NDArray[Any]:
     """Turn elements of a column as a version stores them into those of today's.
 
-    Parameters
-    ----------
-    version
-        Version of the layout of the file that was read.
-    column
-        Name of the column today.
-    values
-        Elements as they are stored.
+    ``version``: version of the layout of the file that was read. ``column``: name of
+    the column today. ``values``: elements as they are stored.
     """
     if version > 1 or container != Lines.NAME or column not in Lines.columns():
         return values

@@ -36,15 +36,9 @@ def write_netcdf(
 ) -> None:
     """Write containers as a NetCDF file.
 
-    Parameters
-    ----------
-    path
-        File to write; it is replaced.
-    containers
-        What it shall hold, each with the name of the step that made it, empty for the
-        usual one.
-    history
-        What was done, one line per step.
+    ``path``: file to write; it is replaced. ``containers``: what it shall hold, each
+    with the name of the step that made it, empty for the usual one. ``history``: what
+    was done, one line per step.
     """
     start_ns = _start_ns([container for container, _ in containers])
     with path.open("w+b") as raw, h5py.File(raw, "w", libver=("v110", "v110")) as file:

@@ -293,10 +293,7 @@ def _history(file: h5py.File) -> list[HistoryStep]:
 def read_whole(file: h5py.File, path: str, kind: type[C], hold: Hold = np.asarray) -> C:
     """Read a container in the order that `Container.join` gives its rows.
 
-    Parameters
-    ----------
-    hold
-        Takes each column that was read and returns the array that is kept of it.
+    ``hold``: takes each column that was read and returns the array that is kept of it.
     """
     orders: Orders = {}
     if kind is Lines:

@@ -59,10 +59,7 @@ def verify_product(path: Path | str) -> list[str]:
 def content_problems(path: str, name: str, data: bytes) -> list[str]:
     """Read everything that a product holds; return what cannot be read.
 
-    Parameters
-    ----------
-    data
-        Nothing: the file is read by its path.
+    ``data``: nothing: the file is read by its path.
     """
     structure_problem(path, name, data)
     examined.add(check_bytes(Path(path), name).sha256)

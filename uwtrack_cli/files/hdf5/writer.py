@@ -169,10 +169,7 @@ class ProductWriter:
     The file appears under its name when the block is left without an error, and
     not at all otherwise.
 
-    Parameters
-    ----------
-    history
-        What was done, the last step included.
+    ``history``: what was done, the last step included.
     """
 
     def __init__(

@@ -61,11 +61,8 @@ POSITION_STD_M = 10.0
 def read_ais(path: Path) -> Truth:
     """Read an AIS table as the truth of where vessels were.
 
-    Parameters
-    ----------
-    path
-        CSV with time, MMSI, latitude, longitude, speed and course over ground, or a
-        log of NMEA 0183 sentences.
+    ``path``: CSV with time, MMSI, latitude, longitude, speed and course over ground, or
+    a log of NMEA 0183 sentences.
 
     Raises
     ------

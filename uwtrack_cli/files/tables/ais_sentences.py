@@ -74,10 +74,7 @@ def is_sentence_log(path: Path) -> bool:
 def read_sentences(path: Path) -> AisMessages:
     """Read the position reports of a log.
 
-    Parameters
-    ----------
-    path
-        Text with one sentence in a line.
+    ``path``: text with one sentence in a line.
 
     Raises
     ------

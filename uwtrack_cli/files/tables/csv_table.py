@@ -134,14 +134,8 @@ class Table:
     ) -> FloatArray:
         """Return a column of finite numbers within limits.
 
-        Parameters
-        ----------
-        low
-            Least value accepted.
-        high
-            Greatest value accepted.
-        may_miss
-            Whether a cell may be empty or nan.
+        ``low``: least value accepted. ``high``: greatest value accepted. ``may_miss``:
+        whether a cell may be empty or nan.
         """
         values = np.full(len(self.lines), np.nan)
         for row, cell in enumerate(self.cells[name]):
@@ -191,15 +185,10 @@ def read_table(
 ) -> Table:
     """Read the cells of a CSV file.
 
-    Parameters
-    ----------
-    path
-        The file, UTF-8, with or without a byte-order mark.
-    heading
-        Begin of a first line that names the columns, though it looks like a comment.
-    may_be_damaged
-        Whether single rows may be damaged: what is wrong with them is noted, see
-        `Table.undamaged`.
+    ``path``: the file, UTF-8, with or without a byte-order mark. ``heading``: begin of
+    a first line that names the columns, though it looks like a comment.
+    ``may_be_damaged``: whether single rows may be damaged: what is wrong with them is
+    noted, see `Table.undamaged`.
 
     Raises
     ------

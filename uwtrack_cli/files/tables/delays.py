@@ -13,11 +13,8 @@ NAMES = ("channel_a", "channel_b", "delay_s", "delay_std_s")
 def read_delays(path: Path) -> Delays:
     """Read a table of delays.
 
-    Parameters
-    ----------
-    path
-        CSV with time_s or time_utc, channel_a, channel_b, delay_s (arrival at the
-        second less arrival at the first) and delay_std_s; one row per pair and time.
+    ``path``: CSV with time_s or time_utc, channel_a, channel_b, delay_s (arrival at the
+    second less arrival at the first) and delay_std_s; one row per pair and time.
 
     Raises
     ------

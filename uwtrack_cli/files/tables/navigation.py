@@ -34,11 +34,8 @@ FASTEST_MPS = 100.0
 def read_navigation(path: Path | str) -> Navigation:
     """Read positions of a platform over time.
 
-    Parameters
-    ----------
-    path
-        CSV with time_s or time_utc; east_m and north_m, or latitude and longitude, or
-        speed_mps (or speed_kn) and course_deg; heading_deg if known.
+    ``path``: CSV with time_s or time_utc; east_m and north_m, or latitude and
+    longitude, or speed_mps (or speed_kn) and course_deg; heading_deg if known.
 
     Raises
     ------

@@ -43,10 +43,7 @@ NO_PASSAGE = "no closest approach"
 def presence_sentences(rows: Sequence[Row], *, is_passed: bool) -> list[str]:
     """Say what was heard beside the closest approaches.
 
-    Parameters
-    ----------
-    is_passed
-        Whether there are closest approaches, which are told elsewhere.
+    ``is_passed``: whether there are closest approaches, which are told elsewhere.
     """
     rest = [row for row in rows if row["encounter"] is None]
     rest.sort(key=lambda row: (KINDS.index(row["kind"]), row["from_s"]))

@@ -183,10 +183,7 @@ class _Line:
 def read_replay(paths: Sequence[Path]) -> Series:
     """Read the cuts of sensors from REP and DSF files, and where they were made.
 
-    Parameters
-    ----------
-    paths
-        The files; tracks of one serve the cuts of another.
+    ``paths``: the files; tracks of one serve the cuts of another.
 
     Raises
     ------
@@ -233,12 +230,8 @@ def read_replay_track(
 ) -> Navigation:
     """Read the track of a ship of a REP file.
 
-    Parameters
-    ----------
-    name
-        Name of the ship; None where the file has one ship alone.
-    flag
-        Option that gives the name, for the message; None if there is none.
+    ``name``: name of the ship; None where the file has one ship alone. ``flag``: option
+    that gives the name, for the message; None if there is none.
 
     Raises
     ------
@@ -427,10 +420,7 @@ def replay_lines(
 ) -> Iterator[str]:
     """Yield the lines of a REP file, or of a DSF file: cuts alone.
 
-    Parameters
-    ----------
-    with_tracks
-        Whether tracks of sensors and vessels are written.
+    ``with_tracks``: whether tracks of sensors and vessels are written.
 
     Raises
     ------

@@ -25,15 +25,10 @@ _CONTACT_QUANTITIES = (
 def read_scans(path: Path | str) -> Scans:
     """Read scans of measurements: scan, time_s, z_1 ... z_m, amplitude, std_1 ...
 
-    Parameters
-    ----------
-    path
-        CSV table; the unit of a component stands in its header, as in ``z_1 [m]``.
+    ``path``: CSV table; the unit of a component stands in its header, as in ``z_1
+    [m]``.
 
-    Returns
-    -------
-    Scans
-        One row per measurement; an empty scan is a row with the time alone.
+    Returned: one row per measurement; an empty scan is a row with the time alone.
 
     Raises
     ------
@@ -71,15 +66,9 @@ def read_scans(path: Path | str) -> Scans:
 def read_contacts(path: Path | str) -> Contacts:
     """Read contacts: contact, time_s, range_m, bearing_deg, range_rate_mps and _std.
 
-    Parameters
-    ----------
-    path
-        CSV table; deviations are columns such as ``range_std_m``.
+    ``path``: CSV table; deviations are columns such as ``range_std_m``.
 
-    Returns
-    -------
-    Contacts
-        One row per contact and scan, ordered by time.
+    Returned: one row per contact and scan, ordered by time.
 
     Raises
     ------
@@ -107,15 +96,9 @@ def read_contacts(path: Path | str) -> Contacts:
 def read_roc(path: Path | str) -> Roc:
     """Read an operating curve: false_alarm_probability, detection_probability.
 
-    Parameters
-    ----------
-    path
-        CSV table; a third column, ``threshold``, may hold the detector's setting.
+    ``path``: CSV table; a third column, ``threshold``, may hold the detector's setting.
 
-    Returns
-    -------
-    Roc
-        The curve, ordered by false alarm probability.
+    Returned: the curve, ordered by false alarm probability.
 
     Raises
     ------

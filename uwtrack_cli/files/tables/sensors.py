@@ -403,10 +403,7 @@ def find_sensor(
 def sensor_files(recording: Path, sensor_file: Path | None = None) -> list[Path]:
     """Return the files that `find_sensor` reads for a recording, as far as they tell.
 
-    Parameters
-    ----------
-    sensor_file
-        A sensor or deployment file, as for `find_sensor`.
+    ``sensor_file``: a sensor or deployment file, as for `find_sensor`.
     """
     sensor_file = sensor_file or _beside(recording)
     try:

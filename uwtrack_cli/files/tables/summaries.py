@@ -155,10 +155,7 @@ class Summary:
 def summary_of(name: str, rows: Sequence[Row]) -> Summary:
     """Return the summary of a container.
 
-    Parameters
-    ----------
-    name
-        Name of the container, a key of ``SUMMARIES``.
+    ``name``: name of the container, a key of ``SUMMARIES``.
     """
     columns = {head.title: [head.text(r) for r in rows] for head in SUMMARIES[name]}
     titles = {title: title for title in columns}

@@ -24,10 +24,7 @@ QUANTITIES = (
 def read_truth(path: Path) -> Truth:
     """Read a truth file.
 
-    Parameters
-    ----------
-    path
-        A JSON file as `uwtrack simulate` writes it beside a recording.
+    ``path``: a JSON file as `uwtrack simulate` writes it beside a recording.
 
     Raises
     ------

@@ -59,14 +59,9 @@ def export_product(
 ) -> None:
     """Write what a product found in the format of another program.
 
-    Parameters
-    ----------
-    container
-        Container that a CSV holds.
-    sensor
-        Sensor, where there are several.
-    axis
-        Axis of the container whose rows a CSV holds; the main one unless given.
+    ``container``: container that a CSV holds. ``sensor``: sensor, where there are
+    several. ``axis``: axis of the container whose rows a CSV holds; the main one unless
+    given.
 
     Raises
     ------

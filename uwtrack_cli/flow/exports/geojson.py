@@ -61,10 +61,7 @@ Place = tuple[float, float]
 def cut_at_antimeridian(places: Sequence[Place]) -> list[list[Place]]:
     """Return the parts of a line or convex ring, each on its own side of the map.
 
-    Parameters
-    ----------
-    places
-        Corners in order; the last one of a ring is its first.
+    ``places``: corners in order; the last one of a ring is its first.
 
     Examples
     --------

@@ -48,10 +48,7 @@ def json_lines(rows: Iterable[Row]) -> Iterator[str]:
 def passages_geojson(passages: Sequence[PassageRow]) -> str:
     """Return the passages with a position as a GeoJSON feature collection.
 
-    Parameters
-    ----------
-    passages
-        The passages; those without a position are left out.
+    ``passages``: the passages; those without a position are left out.
     """
     features = [
         {
@@ -89,10 +86,7 @@ def query_passages(table: PassageTable, query: str) -> list[Row]:
 
     The query sees those tables alone: files and networks are closed to it.
 
-    Parameters
-    ----------
-    query
-        One SELECT statement.
+    ``query``: one SELECT statement.
 
     Raises
     ------

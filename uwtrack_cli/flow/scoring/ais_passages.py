@@ -40,14 +40,9 @@ def ais_passages(
 ) -> Iterator[TruePassage]:
     """Yield the closest approaches to a sensor within a span of time.
 
-    Parameters
-    ----------
-    sensor
-        The sensor; its latitude and longitude must be known.
-    span_s
-        Begin and end of the recording on the clock of the truth, s.
-    within_m
-        Largest range of a passage that counts, m.
+    ``sensor``: the sensor; its latitude and longitude must be known. ``span_s``: begin
+    and end of the recording on the clock of the truth, s. ``within_m``: largest range
+    of a passage that counts, m.
 
     Raises
     ------

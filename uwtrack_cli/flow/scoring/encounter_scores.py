@@ -120,12 +120,8 @@ def score_encounters(
 ) -> EncounterScores:
     """Match encounters to the passages of the truth and compare them.
 
-    Parameters
-    ----------
-    recorded
-        Sensors and recordings of the result.
-    within_m
-        Largest range at which AIS vessels are expected to be detected, m.
+    ``recorded``: sensors and recordings of the result. ``within_m``: largest range at
+    which AIS vessels are expected to be detected, m.
     """
     scores: list[Score] = []
     identities: list[Identity] = []

@@ -36,12 +36,9 @@ class Matching:
 def match_encounters(log_ratio: FloatArray) -> Matching:
     """Match encounters and passages one to one.
 
-    Parameters
-    ----------
-    log_ratio
-        Logarithm of how much likelier an encounter (row) is of a passage (column)
-        than of an unlisted vessel while the passage went unheard; -inf if it cannot
-        be.
+    ``log_ratio``: logarithm of how much likelier an encounter (row) is of a passage
+    (column) than of an unlisted vessel while the passage went unheard; -inf if it
+    cannot be.
 
     Examples
     --------

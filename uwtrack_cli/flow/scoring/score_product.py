@@ -70,12 +70,8 @@ def score_product(
 ) -> ProductScore:
     """Score the encounters and positions of a product.
 
-    Parameters
-    ----------
-    within_m
-        Largest range at which AIS vessels are expected to be detected, m.
-    cutoff_m
-        Cut-off of GOSPA and OSPA, m.
+    ``within_m``: largest range at which AIS vessels are expected to be detected, m.
+    ``cutoff_m``: cut-off of GOSPA and OSPA, m.
 
     Raises
     ------

@@ -50,14 +50,9 @@ def score_fixes(
 ) -> TrackScores:
     """Compare positions with the tracks of the truth.
 
-    Parameters
-    ----------
-    fixes
-        Positions found.
-    start_utc_ns
-        UTC of time zero of the fixes, None if unknown.
-    cutoff_m
-        Distance from which a position and a vessel do not belong together, m.
+    ``fixes``: positions found. ``start_utc_ns``: UTC of time zero of the fixes, None if
+    unknown. ``cutoff_m``: distance from which a position and a vessel do not belong
+    together, m.
 
     Raises
     ------
