@@ -13,6 +13,7 @@ from uwtrack_cli.cli.command_factory import AsJson, Branch, ProductFile
 from uwtrack_cli.cli.console import OUTSIDE, put, say, show_table
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.errors import OptionError
+from uwtrack_cli.files.tables.json_rows import plain
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.comparison import Difference
@@ -58,7 +59,7 @@ def diff(
             one, other, rtol=rtol, atol=atol, tolerances=tolerances
         )
     if json_output:
-        put([json.dumps([_plain(asdict(item)) for item in found])])
+        put([json.dumps([plain(asdict(item)) for item in found])])
     else:
         put(map(_difference_line, found))
     if found:
@@ -110,7 +111,7 @@ def score(
             product, known, wanted, step=step, within_m=within_m, cutoff_m=cutoff_m
         )
     if json_output:
-        put([json.dumps(_plain(asdict(found)), ensure_ascii=False)])
+        put([json.dumps(plain(asdict(found)), ensure_ascii=False)])
     else:
         _show(found)
     for problem in found.problems:
@@ -167,13 +168,3 @@ def _number(value: float | str) -> str:
     if isinstance(value, str):
         return value
     return "-" if math.isnan(value) else f"{value:.4g}"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

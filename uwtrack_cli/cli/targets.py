@@ -3,7 +3,7 @@
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -215,6 +215,7 @@ class Inputs:
             wanted of several steps.
         """
         from uwtrack_cli.files.hdf5.product import read_product_bytes, source_of
+        from uwtrack_cli.files.tables.table_readers import TABLES
         from uwtrack_cli.flow.branches import sole_keys
         from uwtrack_cli.flow.products import (
             Held,
@@ -225,7 +226,7 @@ class Inputs:
         content = read_standard_input() if path == PIPE else b""
         if content and b"\0" not in content:
             path = self._kept(content)
-        if path.suffix.lower() in {".csv", ".txt", ".tsv"}:
+        if path.suffix.lower() in TABLES:
             self.held.append(Held(_read_table(path, wanted, self._sensors)))
             self.sources.append(source_of(path))
             return
@@ -261,24 +262,13 @@ def _read_table(
     sensors: "Sequence[Sensor]" = (),
 ) -> Container:
     """Read a CSV table as the first container that has a table and is wanted."""
-    from functools import partial
-
-    from uwtrack_cli.files.tables.delays import read_delays
-    from uwtrack_cli.files.tables.navigation import read_navigation
     from uwtrack_cli.files.tables.replay import SUFFIXES, read_replay_track
-    from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
     from uwtrack_cli.files.tables.sensors import load_sensor
-    from uwtrack_cli.files.tables.series import read_series
+    from uwtrack_cli.files.tables.table_readers import table_readers
 
-    is_replay = path.suffix.lower() in SUFFIXES
-    readers: dict[str, Callable[[Path], Container]] = {
-        "delays": read_delays,
-        "series": partial(read_series, sensors=sensors),
-        "scans": read_scans,
-        "contacts": read_contacts,
-        "navigation": read_replay_track if is_replay else read_navigation,
-        "roc": read_roc,
-    }
+    readers = table_readers(sensors)
+    if path.suffix.lower() in SUFFIXES:
+        readers["navigation"] = read_replay_track
     if [kind.NAME for kind in wanted] == ["sensor"]:  # an option of its own
         return load_sensor(path)
     for name, reader in readers.items():

@@ -9,7 +9,10 @@ back. Then each kind of output has its own marks that must not take effect.
 directional formatting; XML 1.0 (2008), section 2.2; OWASP, "CSV Injection".
 """
 
+import csv
+import io
 import re
+from collections.abc import Iterable
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -50,6 +53,13 @@ def csv_cell(value: Any) -> Any:
     text = plain_text(value)
     may_be_formula = len(text) > 1 and FORMULA.match(text) and not _is_number(text)
     return f"'{text}" if may_be_formula else text
+
+
+def csv_line(cells: Iterable[Any]) -> str:
+    """Return cells as a line of a CSV table, without its end."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="").writerow(map(csv_cell, cells))
+    return text.getvalue()
 
 
 def file_name(path: Path) -> str:

@@ -1,6 +1,6 @@
 """The sources that a history names: found, checked, opened as they were."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,24 +14,13 @@ from uwtrack_cli.errors import DataError, UwtrackError
 from uwtrack_cli.files.audio.opening import sound_facts
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.hdf5.product import HistoryStep, Product, Source, source_of
-from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.replay import SUFFIXES as REPLAYS
 from uwtrack_cli.files.tables.replay import read_replay
-from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
 from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
-from uwtrack_cli.files.tables.series import read_series
+from uwtrack_cli.files.tables.table_readers import TABLES, table_readers
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.concatenate import join_recordings
-
-TABLES = (".csv", ".txt", ".tsv")
-READERS: dict[str, Callable[[Path], Container]] = {
-    "series": read_series,
-    "scans": read_scans,
-    "contacts": read_contacts,
-    "navigation": read_navigation,
-    "roc": read_roc,
-}
 
 
 @dataclass
@@ -150,7 +139,7 @@ def read_tables(
     tables: list[Container] = []
     for step in history:
         stage = find_stage(step.stage)
-        left = [k.NAME for i in stage.inputs for k in i.kinds if k.NAME in READERS]
+        left = [kind.NAME for i in stage.inputs for kind in i.kinds]
         found = [finder.find(source) for source in step.sources]
         sensors = [
             one.sensor
@@ -167,7 +156,7 @@ def read_tables(
         replays = [path for path in found if path.suffix.lower() in REPLAYS]
         if replays and "series" in left:
             tables.append(read_replay(replays))
-        if any(i.is_list and Sensor in i.kinds for i in stage.inputs):
+        if any(Sensor in i.kinds for i in stage.inputs):
             tables += sensors
     return tables
 
@@ -180,12 +169,10 @@ def _navigation_of(path: Path) -> list[Path]:
 def _read_table(path: Path, left: list[str], sensors: Sequence[Sensor]) -> Container:
     """Read a table as the first kind that it can be and that is still missing."""
     reason = "the stage reads no table"
-    for name in left:
+    readers = table_readers(sensors)
+    for name in [name for name in left if name in readers]:
         try:
-            if name == "series":
-                table: Container = read_series(path, sensors=sensors)
-            else:
-                table = READERS[name](path)
+            table = readers[name](path)
         except UwtrackError as error:
             reason = str(error)
         else:

@@ -322,8 +322,7 @@ def motion_residuals(
 
     ``scene``: where own ship was, and how deep the sensor lies.
 
-    Returned: None where the range is not observable, or own
-    ship's way is not known.
+    None where the range is not observable, or own ship's way is not known.
     """
     rows = np.flatnonzero((motions.contact == data.contact) & (motions.mode == 1))
     if not rows.size or not motions.observable[rows[0]]:

@@ -6,8 +6,6 @@ columns ``name_0_1`` in CSV, lists in JSON; a series has the columns that its ow
 reader takes, ``frequency_hz``, ``frequency_hz_2`` and so on.
 """
 
-import csv
-import io
 import itertools
 import json
 import re
@@ -26,7 +24,7 @@ from uwtrack_cli.files.tables.json_rows import (
     json_rows,
     main_axis,
 )
-from uwtrack_cli.files.text_escaping import csv_cell, plain_text
+from uwtrack_cli.files.text_escaping import csv_line, plain_text
 
 FORMATS = ("table", "csv", "json", "jsonl")
 SERIES_LINE = re.compile(r"(frequency(?:_std)?_hz)_(\d+)")
@@ -145,9 +143,9 @@ VARYING = frozenset({"rest_frequencies_hz", "rest_frequencies_std_hz", "sensors"
 def _csv(container: Container, rows: Iterable[Row], axis: str | None) -> Iterator[str]:
     first, rows = _peek(rows)
     names = [name for name, _ in _flat(first)] if first else _names(container, axis)
-    yield _csv_line([_column_name(container, name) for name in names])
+    yield csv_line([_column_name(container, name) for name in names])
     for row in rows:
-        yield _csv_line([value for _, value in _flat(row)])
+        yield csv_line([value for _, value in _flat(row)])
 
 
 def _column_name(container: Container, name: str) -> str:
@@ -157,12 +155,6 @@ def _column_name(container: Container, name: str) -> str:
         return name
     number = int(line[2]) + 1
     return line[1] if number == 1 else f"{line[1]}_{number}"
-
-
-def _csv_line(cells: list[Any]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="").writerow(map(csv_cell, cells))
-    return text.getvalue()
 
 
 def _names(container: Container, axis: str | None) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from uwtrack_cli.data.base import Container, HasNuisances, HasReasons
+from uwtrack_cli.data.base import Container, HasReasons
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
@@ -64,8 +64,10 @@ NO_LATITUDE = "the positions are on a local grid"
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON has it: nan and infinity are None."""
-    if isinstance(value, np.ndarray):
+    """Return a value as JSON has it: nan and infinity are None, within it, too."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
@@ -137,16 +139,13 @@ def _encounter_rows(container: Container) -> Iterator[Row]:
         values["side"] = values["side"] or None
         values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
         values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
-        values["ambiguities"] = [
-            {key: plain(value) for key, value in other.items()}
-            for other in container.ambiguities(i)
-        ]
+        values["ambiguities"] = plain(container.ambiguities(i))
         values["reasons"] = _reasons(container, i, values)
         values["spreading_db"] = container.spreading_db
         values["level_reference"] = container.reference
         band = (container.band_low_hz, container.band_high_hz)
         values["level_band_hz"] = None if None in band else list(band)
-        values["nuisances"] = _nuisances(container, i)
+        values["nuisances"] = plain(container.nuisances(i))
         values["rival"] = _rival(values)
         values["change"] = _change(values)
         values["vessel"] = _vessel(values)
@@ -226,7 +225,7 @@ def _motion_rows(container: Container) -> Iterator[Row]:
         values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
         values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
         values["reasons"] = _reasons(container, i, values)
-        values["nuisances"] = _nuisances(container, i)
+        values["nuisances"] = plain(container.nuisances(i))
         values["reference"] = values.get("reference") or None
         values["offsets_deg"] = _offsets(container, i)
         values["probability_of_rows"] = _probabilities(container, values["contact"])
@@ -285,13 +284,6 @@ SPECIAL: dict[str, tuple[tuple[str, ...], Callable[[Container], Iterator[Row]]]]
 def _utc(time_ns: int) -> str | None:
     """Return a time to the millisecond, finer than any clock at sea."""
     return None if time_ns < 0 else format_utc((time_ns + 500_000) // 10**6 * 10**6)
-
-
-def _nuisances(container: HasNuisances, row: int) -> dict[str, Any]:
-    return {
-        name: {key: plain(value) for key, value in facts_of.items()}
-        for name, facts_of in container.nuisances(row).items()
-    }
 
 
 def _reasons(container: HasReasons, row: int, values: Row) -> dict[str, str]:

@@ -10,7 +10,7 @@ Sutherland & Hodgman (1974), Reentrant polygon clipping, CACM 17, 32-42.
 
 import itertools
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,12 @@ from uwtrack_cli.flow.exports.features import Feature
 
 def geojson_text(features: Sequence[Feature]) -> str:
     """Return features as a GeoJSON feature collection."""
-    collection = {
-        "type": "FeatureCollection",
-        "features": [_feature(feature) for feature in features],
-    }
+    return collection_text(map(_feature, features))
+
+
+def collection_text(features: Iterable[dict[str, Any]]) -> str:
+    """Return GeoJSON features as the text of a collection."""
+    collection = {"type": "FeatureCollection", "features": list(features)}
     return (
         plain_text(json.dumps(collection, ensure_ascii=False, allow_nan=False)) + "\n"
     )

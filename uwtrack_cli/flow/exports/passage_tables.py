@@ -7,8 +7,6 @@ What is not known is an empty cell in CSV, null elsewhere. Parquet and SQL need 
 **References.** RFC 7946 (2016), The GeoJSON Format.
 """
 
-import csv
-import io
 import itertools
 import json
 import tempfile
@@ -18,7 +16,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.files.text_escaping import csv_cell, plain_text
+from uwtrack_cli.files.text_escaping import csv_line
+from uwtrack_cli.flow.exports.geojson import collection_text
 from uwtrack_cli.flow.passages import PassageLevel, PassageRow, PassageTable
 
 Row = dict[str, Any]
@@ -35,9 +34,7 @@ _SQL_TYPES = {str: "VARCHAR", int: "BIGINT", float: "DOUBLE"}
 def csv_lines(rows: Iterable[Row], heads: Sequence[str]) -> Iterator[str]:
     """Yield the lines of a CSV table, its heads first."""
     for cells in itertools.chain([heads], ([row[n] for n in heads] for row in rows)):
-        text = io.StringIO()
-        csv.writer(text, lineterminator="").writerow(map(csv_cell, cells))
-        yield text.getvalue()
+        yield csv_line(cells)
 
 
 def json_lines(rows: Iterable[Row]) -> Iterator[str]:
@@ -50,7 +47,7 @@ def passages_geojson(passages: Sequence[PassageRow]) -> str:
 
     ``passages``: the passages; those without a position are left out.
     """
-    features = [
+    return collection_text(
         {
             "type": "Feature",
             "geometry": {"type": "Point", "coordinates": [row.longitude, row.latitude]},
@@ -58,10 +55,6 @@ def passages_geojson(passages: Sequence[PassageRow]) -> str:
         }
         for row in passages
         if row.latitude is not None and row.longitude is not None
-    ]
-    collection = {"type": "FeatureCollection", "features": features}
-    return (
-        plain_text(json.dumps(collection, ensure_ascii=False, allow_nan=False)) + "\n"
     )
 
 
