@@ -109,16 +109,9 @@ class MemorySink:
 class Engine:
     """One run of a graph.
 
-    Parameters
-    ----------
-    graph
-        The steps, joined.
-    given
-        Containers from outside, which steps find by their kind.
-    watch
-        Sees the blocks that pass, if anybody wants to.
-    revise
-        Last change to the encounters of a run; None leaves them.
+    ``graph``: the steps, joined. ``given``: containers from outside, which steps find
+    by their kind. ``watch``: sees the blocks that pass, if anybody wants to.
+    ``revise``: last change to the encounters of a run; None leaves them.
     """
 
     def __init__(

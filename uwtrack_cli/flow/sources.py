@@ -72,16 +72,10 @@ def open_live_with_options(
 ) -> Recording:
     """Open sound that is still coming, with its sensor and start time.
 
-    Parameters
-    ----------
-    path
-        ``-`` for standard input, a named pipe, or a file that is being written.
-    options
-        Those of ``NO_OPTIONS``; ``start_utc`` may be ``now``.
-    raw
-        What the samples are, where there is no header.
-    idle_s
-        The sound has ended when nothing came for so long, s; None waits for ever.
+    ``path``: ``-`` for standard input, a named pipe, or a file that is being written.
+    ``options``: those of ``NO_OPTIONS``; ``start_utc`` may be ``now``. ``raw``: what
+    the samples are, where there is no header. ``idle_s``: the sound has ended when
+    nothing came for so long, s; None waits for ever.
 
     Raises
     ------

@@ -200,17 +200,10 @@ def finer_overview(
 ) -> Overview:
     """Return the picture of a stretch from its sound, where the product's is too coarse.
 
-    Parameters
-    ----------
-    overview
-        What the product carries.
-    recording
-        The recording; one whose sound is not at hand changes nothing, nor is the
-        envelope taken anew.
-    window_s
-        Length of a frame, s.
-    span_s
-        Begin and end of the stretch, s from the first sample.
+    ``overview``: what the product carries. ``recording``: the recording; one whose
+    sound is not at hand changes nothing, nor is the envelope taken anew. ``window_s``:
+    length of a frame, s. ``span_s``: begin and end of the stretch, s from the first
+    sample.
     """
     shown = (overview.time_s >= span_s[0]) & (overview.time_s <= span_s[1])
     if recording is None or recording.reader is None or shown.sum() >= ENOUGH_ROWS:

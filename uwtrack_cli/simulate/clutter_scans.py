@@ -117,16 +117,10 @@ def constant_velocity_truth(
 ) -> FloatArray:
     """Draw true states under random acceleration, ``(scan, run, n)``.
 
-    Parameters
-    ----------
-    start
-        States before the first scan, ``(run, n)``: z_1, v_1, z_2, v_2 ...
-    scans
-        Number of scans, from 1.
-    interval_s
-        Time between scans in s.
-    acceleration_std
-        Deviation of the acceleration, constant between scans, per component.
+    ``start``: states before the first scan, ``(run, n)``: z_1, v_1, z_2, v_2 ...
+    ``scans``: number of scans, from 1. ``interval_s``: time between scans in s.
+    ``acceleration_std``: deviation of the acceleration, constant between scans, per
+    component.
     """
     state = np.array(start, dtype=np.float64)
     states = np.empty((scans, *state.shape))

@@ -97,16 +97,8 @@ def draw_jitter(
 ) -> JitterSeries:
     """Draw a series that covers the times from first to last.
 
-    Parameters
-    ----------
-    fraction
-        Standard deviation of the relative frequency.
-    correlation_s
-        Correlation time, s.
-    first_s
-        First time, s.
-    last_s
-        Last time, s.
+    ``fraction``: standard deviation of the relative frequency. ``correlation_s``:
+    correlation time, s. ``first_s``: first time, s. ``last_s``: last time, s.
     """
     step = correlation_s / 16.0
     count = int(np.ceil((last_s - first_s) / step)) + 2

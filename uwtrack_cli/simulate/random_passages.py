@@ -36,17 +36,10 @@ def draw_scenario(
 ) -> Scenario:
     """Draw a recording of one sensor with vessels and disturbances.
 
-    Parameters
-    ----------
-    n_vessels
-        Number of passages, 0 or more; drawn from one to four unless given.
-    kinds
-        Disturbances, among the keys of `DISTURBANCES`; each with an even chance unless
-        given.
-    sample_rate_hz
-        Sample rate, Hz; drawn from `SAMPLE_RATES_HZ` unless given.
-    duration_s
-        Length of the recording, s.
+    ``n_vessels``: number of passages, 0 or more; drawn from one to four unless given.
+    ``kinds``: disturbances, among the keys of `DISTURBANCES`; each with an even chance
+    unless given. ``sample_rate_hz``: sample rate, Hz; drawn from `SAMPLE_RATES_HZ`
+    unless given. ``duration_s``: length of the recording, s.
 
     Raises
     ------

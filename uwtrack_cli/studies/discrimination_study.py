@@ -102,16 +102,9 @@ def run_scenario(
 ) -> ScenarioResult:
     """Run one published experiment at one aspect.
 
-    Parameters
-    ----------
-    scenario
-        1: no turn; 2: both turn, 1000 m; 3: both turn, 400 m.
-    aspect_deg
-        Angle between the source's course and the line of sight, degrees.
-    filters
-        What the filters assume.
-    runs
-        Number of runs, from 1.
+    ``scenario``: 1: no turn; 2: both turn, 1000 m; 3: both turn, 400 m. ``aspect_deg``:
+    angle between the source's course and the line of sight, degrees. ``filters``: what
+    the filters assume. ``runs``: number of runs, from 1.
     """
     scene = RepeaterScene(
         aspect_deg=aspect_deg, range_m=400.0 if scenario == 3 else 1000.0,

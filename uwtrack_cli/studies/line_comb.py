@@ -174,16 +174,9 @@ def family_chances(
 ) -> FloatArray:
     """Least chances of sets that hold a family among peaks at random.
 
-    Parameters
-    ----------
-    n_teeth
-        Teeth of the family.
-    density
-        Mean number of peaks at random.
-    jitter_hz
-        Deviation of a tooth's frequency in Hz.
-    seen
-        Probability that a tooth is seen.
+    ``n_teeth``: teeth of the family. ``density``: mean number of peaks at random.
+    ``jitter_hz``: deviation of a tooth's frequency in Hz. ``seen``: probability that a
+    tooth is seen.
     """
     return np.array([
         least_chance(

@@ -308,16 +308,9 @@ def detection_row(
 ) -> StudyRow:
     """Return the row of the SNR at which a share of the lines is detected.
 
-    Parameters
-    ----------
-    known
-        Reference figure, dB.
-    grid_db
-        SNRs of the trials, ascending.
-    detected
-        Whether the line was detected, ``(SNR, trial)``.
-    level
-        The share, 0 to 1.
+    ``known``: reference figure, dB. ``grid_db``: SNRs of the trials, ascending.
+    ``detected``: whether the line was detected, ``(SNR, trial)``. ``level``: the share,
+    0 to 1.
     """
     ours = detection_snr_db(grid_db, detected.mean(axis=1), level)
     draws = rng.integers(0, detected.shape[1], (_N_RESAMPLES, detected.shape[1]))

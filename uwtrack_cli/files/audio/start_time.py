@@ -49,16 +49,10 @@ def find_start_utc_ns(
 ) -> int | None:
     """Return the time of the first sample, ns since 1970-01-01 UTC.
 
-    Parameters
-    ----------
-    path
-        The recording; only its name is looked at.
-    start_utc
-        The time itself, ISO 8601.
-    time_pattern
-        Name of a preset, or a pattern such as ``H1_%Y%m%d-%H%M%S``.
-    time_zone
-        Time zone of the name (and of a time without zone): a name or an offset.
+    ``path``: the recording; only its name is looked at. ``start_utc``: the time itself,
+    ISO 8601. ``time_pattern``: name of a preset, or a pattern such as
+    ``H1_%Y%m%d-%H%M%S``. ``time_zone``: time zone of the name (and of a time without
+    zone): a name or an offset.
 
     Returns
     -------

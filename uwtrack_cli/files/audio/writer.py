@@ -27,16 +27,10 @@ def write_wav(
 ) -> int:
     """Write blocks of samples as a recording; the suffix decides its format.
 
-    Parameters
-    ----------
-    path
-        Target: .wav, .rf64, .w64, .flac, .aif or .aiff.
-    blocks
-        Float32 blocks in full-scale units, shape (sample, channel).
-    sample_rate_hz
-        Sample rate, whole Hz.
-    subtype
-        Sample format, as libsndfile names it (PCM_16, PCM_24, FLOAT, ...).
+    ``path``: target: .wav, .rf64, .w64, .flac, .aif or .aiff. ``blocks``: float32
+    blocks in full-scale units, shape (sample, channel). ``sample_rate_hz``: sample
+    rate, whole Hz. ``subtype``: sample format, as libsndfile names it (PCM_16, PCM_24,
+    FLOAT, ...).
 
     Returns
     -------

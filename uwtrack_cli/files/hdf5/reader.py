@@ -177,16 +177,9 @@ class Product(ContainerHolder):
     ) -> Iterator[C]:
         """Read a container in blocks of frames.
 
-        Parameters
-        ----------
-        kind
-            Its class: `Spectrogram`, `Levels`, `Peaks` or `Families`.
-        sensor
-            Its sensor; not needed where only one has such a container.
-        block_rows
-            Frames in a block, 1 or more.
-        step
-            The step that made it, as for `read`.
+        ``kind``: its class: `Spectrogram`, `Levels`, `Peaks` or `Families`. ``sensor``:
+        its sensor; not needed where only one has such a container. ``block_rows``:
+        frames in a block, 1 or more. ``step``: the step that made it, as for `read`.
 
         Raises
         ------

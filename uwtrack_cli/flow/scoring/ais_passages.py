@@ -67,16 +67,9 @@ def interpolate_track(
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions of a vessel between its messages, nan in gaps.
 
-    Parameters
-    ----------
-    track
-        The vessel; its speeds and courses are the slopes, where they are known.
-    east_m
-        Its positions on a grid, m.
-    north_m
-        Its positions on a grid, m.
-    time_s
-        Times wanted, s.
+    ``track``: the vessel; its speeds and courses are the slopes, where they are known.
+    ``east_m``: its positions on a grid, m. ``north_m``: its positions on a grid, m.
+    ``time_s``: times wanted, s.
     """
     at = np.clip(
         np.searchsorted(track.time_s, time_s, side="right") - 1, 0, len(east_m) - 2

@@ -35,16 +35,9 @@ def gospa(
 ) -> Gospa:
     """Return the generalised optimal sub-pattern assignment distance.
 
-    Parameters
-    ----------
-    estimated
-        Positions found, shape (n, 2), m.
-    true
-        Positions that were there, shape (m, 2), m.
-    cutoff_m
-        Distance from which two positions do not belong together, m, positive.
-    order
-        Power in which distances count, 1 or more.
+    ``estimated``: positions found, shape (n, 2), m. ``true``: positions that were
+    there, shape (m, 2), m. ``cutoff_m``: distance from which two positions do not
+    belong together, m, positive. ``order``: power in which distances count, 1 or more.
 
     Examples
     --------
@@ -65,16 +58,9 @@ def ospa(
 ) -> float:
     """Return the optimal sub-pattern assignment distance, m.
 
-    Parameters
-    ----------
-    estimated
-        Positions found, shape (n, 2), m.
-    true
-        Positions that were there, shape (m, 2), m.
-    cutoff_m
-        Distance from which two positions do not belong together, m, positive.
-    order
-        Power in which distances count, 1 or more.
+    ``estimated``: positions found, shape (n, 2), m. ``true``: positions that were
+    there, shape (m, 2), m. ``cutoff_m``: distance from which two positions do not
+    belong together, m, positive. ``order``: power in which distances count, 1 or more.
 
     Examples
     --------
