@@ -13,15 +13,19 @@ from tests.arrays.test_array_chain import scene
 from tests.flow.auto_scores import car, in_memory
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.directions import Delays
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels, Spectrogram
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.hdf5.product import (
+    HistoryStep,
     ProductWriter,
     read_product,
+    source_of,
     verify_product,
 )
 from uwtrack_cli.files.tables.sensors import find_sensor
@@ -30,7 +34,11 @@ from uwtrack_cli.flow.catalogue import STAGES
 from uwtrack_cli.flow.engine import Engine, MemorySink, run_recipe, shared_readers
 from uwtrack_cli.flow.products import run_into_product
 from uwtrack_cli.flow.recipe import Recipe
-from uwtrack_cli.flow.rerun_sources import _navigation_of
+from uwtrack_cli.flow.rerun_sources import (
+    SourceFinder,
+    _navigation_of,
+    read_tables,
+)
 from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
 from uwtrack_cli.flow.stage import plain
 from uwtrack_cli.simulate.recordings import simulate_recordings
@@ -430,6 +438,20 @@ def test_the_navigation_that_a_sensor_file_names_is_no_table_of_its_own(tmp_path
     nav.write_text("time_s,east_m,north_m\n0,0,0\n")
     assert _navigation_of(sensor) == [nav]
     assert _navigation_of(nav) == []
+
+
+def test_a_table_of_delays_is_read_again_with_its_sensor(tmp_path):
+    table, sensor = tmp_path / "d.csv", tmp_path / "a.sensor.toml"
+    table.write_text(
+        "time_s,channel_a,channel_b,delay_s,delay_std_s\n0,a,b,0.001,1e-5\n"
+    )
+    sensor.write_text('id = "tripod"\n')
+    sources = tuple(map(source_of, (sensor, table)))
+    past = HistoryStep(stage="directions", sources=sources)
+    finder = SourceFinder(tmp_path / "x.directions.h5", ())
+    made = {type(one): one for one in read_tables([past], finder)}
+    assert made[Delays].delay_s.tolist() == [0.001]
+    assert made[Sensor].id == "tripod"
 
 
 def test_a_batch_resumes_a_recipe_with_branches(short_pass, tmp_path):

@@ -20,7 +20,6 @@ from uwtrack_cli import (
 )  # fmt: skip
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
-from uwtrack_cli.files.tables.json_rows import main_axis
 
 START = np.datetime64("2024-05-01T12:00:00", "ns")
 ROOT = Path(uwtrack_cli.__file__).parent
@@ -134,7 +133,7 @@ def test_every_container_of_a_run_becomes_both_kinds_of_table(results):
         container = results[name]
         table, grid = results.to_pandas(name), results.to_xarray(name)
         if container.columns():
-            assert len(table) == container.sizes()[main_axis(container)]
+            assert len(table) == container.sizes()[container.ROW]
         for column, spec in container.columns().items():
             values = getattr(container, column)
             if values is not None and column in grid.variables:

@@ -35,10 +35,9 @@ def print_container(container: Container, form: str, axis: str | None) -> None:
     ``axis``: the axis whose rows are written; None for those of the container itself.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
-    from uwtrack_cli.files.tables.json_rows import main_axis
 
     has_summary = form == "table" and axis is None and container.NAME in SUMMARIES
-    if has_summary and container.sizes()[main_axis(container)]:
+    if has_summary and container.sizes()[container.ROW]:
         print_result(container, as_json=False, is_data=True)
     else:
         put(write_table(container, form, axis=axis))

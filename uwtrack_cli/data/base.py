@@ -132,7 +132,7 @@ class Container:
     """The name of the container in files and on the command line."""
 
     ROW: ClassVar[str] = ""
-    """The axis of its rows: that of the columns that name none."""
+    """The axis of its rows, which is that of the columns that name none."""
 
     FIXED_AXES: ClassVar[tuple[str, ...]] = ()
     """Axes that do not grow when blocks of a stream are joined."""

@@ -27,13 +27,13 @@ class Spectrogram(Container):
     """
 
     NAME: ClassVar[str] = "spectrogram"
-    ROW: ClassVar[str] = "frequency"
+    ROW: ClassVar[str] = "frame"
     STREAMS: ClassVar[bool] = True
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("frequency",)
 
     frames: Frames
     """Time base of the rows."""
-    frequency_hz: FloatArray = column("Centre of a bin.")
+    frequency_hz: FloatArray = column("Centre of a bin.", "frequency")
     power_density: FloatArray = column(
         "One-sided power density.",
         "frame", "frequency", unit="reference^2/Hz", dtype=np.float32,

@@ -22,7 +22,6 @@ from uwtrack_cli.files.tables.json_rows import (
     axis_rows,
     facts,
     json_rows,
-    main_axis,
 )
 from uwtrack_cli.files.text_escaping import csv_line, plain_text
 
@@ -79,10 +78,10 @@ def write_table(
 
 
 def _rows(container: Container, axis: str | None) -> Iterable[Row]:
-    is_special = container.NAME in SPECIAL and axis in {None, main_axis(container)}
+    is_special = container.NAME in SPECIAL and axis in {None, container.ROW}
     if is_special or not container.columns():
         return json_rows(container)
-    return axis_rows(container, axis or main_axis(container))
+    return axis_rows(container, axis or container.ROW)
 
 
 def _json(value: Any) -> str:
@@ -160,9 +159,9 @@ def _column_name(container: Container, name: str) -> str:
 def _names(container: Container, axis: str | None) -> list[str]:
     """Return the names of the columns where there is no row to take them from."""
     columns, sizes = container.columns(), container.sizes()
-    axis = axis or main_axis(container)
+    axis = axis or container.ROW
     keys = [name for name, spec in columns.items() if spec.axes[0] == axis]
-    if container.NAME in SPECIAL and axis == main_axis(container):
+    if container.NAME in SPECIAL and axis == container.ROW:
         keys = list(SPECIAL[container.NAME][0])
     names: list[str] = []
     for key in keys:

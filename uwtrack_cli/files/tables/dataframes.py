@@ -16,7 +16,7 @@ from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.tables.json_rows import SPECIAL, facts, json_rows, main_axis
+from uwtrack_cli.files.tables.json_rows import SPECIAL, facts, json_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -153,7 +153,7 @@ def _columns(container: Container) -> Columns:
 def _table(container: Container) -> dict[str, Any]:
     """Return the columns of the main axis, with the times of the rows' frames."""
     columns = _columns(container)
-    axis = main_axis(container)
+    axis = container.ROW
     table: dict[str, Any] = {}
     for name, (spec, values) in columns.items():
         if spec.axes[0] == axis:

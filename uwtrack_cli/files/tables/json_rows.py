@@ -82,25 +82,24 @@ def json_rows(container: Container) -> list[Row]:
     Encounters, fixes, motions and presence have their documented keys; any other container
     has its columns, and one without columns is a single row of its single values.
     """
-    if container.NAME in SPECIAL:
-        return list(SPECIAL[container.NAME][1](container))
     if not container.columns():
         return [facts(container)]
-    return list(axis_rows(container, main_axis(container)))
-
-
-def main_axis(container: Container) -> str:
-    """Return the axis of a container's first column that blocks add rows to."""
-    axes = [spec.axes[0] for spec in container.columns().values()]
-    rows = [axis for axis in axes if axis not in container.FIXED_AXES]
-    return (rows or axes)[0]
+    rows = list(axis_rows(container, container.ROW))
+    if container.NAME not in SPECIAL:
+        return rows
+    keys, complete = SPECIAL[container.NAME]
+    for i, values in enumerate(rows):
+        if "time_utc_ns" in values:
+            values["time_utc"] = _utc(values["time_utc_ns"])
+        values["rival"] = _rival(values)
+        complete(container, i, values)
+    return [{key: values.get(key) for key in keys} for values in rows]
 
 
 def axes_of(container: Container) -> list[str]:
     """Return the axes that have rows of their own, the main one first."""
     first = [spec.axes[0] for spec in container.columns().values()]
-    main = main_axis(container) if first else ""
-    return sorted(dict.fromkeys(first), key=lambda axis: axis != main)
+    return sorted(dict.fromkeys(first), key=lambda axis: axis != container.ROW)
 
 
 def axis_rows(container: Container, axis: str) -> Iterator[Row]:
@@ -113,7 +112,7 @@ def axis_rows(container: Container, axis: str) -> Iterator[Row]:
         for name, spec in container.columns().items()
         if spec.axes[0] == axis and getattr(container, name) is not None
     }
-    is_main = axis == main_axis(container)
+    is_main = axis == container.ROW
     for row in range(container.sizes().get(axis, 0)):
         values = {name: plain(values[row]) for name, values in columns.items()}
         if is_main and isinstance(container, HasReasons):
@@ -130,28 +129,22 @@ def facts(container: Container) -> Row:
     }
 
 
-def _encounter_rows(container: Container) -> Iterator[Row]:
-    if not isinstance(container, Encounters):
-        return
-    for i, values in enumerate(axis_rows(container, "encounter")):
-        own = container.rest_encounter == i
-        values["time_utc"] = _utc(values["time_utc_ns"])
-        values["side"] = values["side"] or None
-        values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
-        values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
-        values["ambiguities"] = plain(container.ambiguities(i))
-        values["reasons"] = _reasons(container, i, values)
-        values["spreading_db"] = container.spreading_db
-        values["level_reference"] = container.reference
-        band = (container.band_low_hz, container.band_high_hz)
-        values["level_band_hz"] = None if None in band else list(band)
-        values["nuisances"] = plain(container.nuisances(i))
-        values["rival"] = _rival(values)
-        values["change"] = _change(values)
-        values["vessel"] = _vessel(values)
-        if values["vessel"] is None:
-            values["reasons"].setdefault("vessel", _why_no_vessel(container))
-        yield {key: values.get(key) for key in ENCOUNTER_KEYS}
+def _encounter(container: Encounters, i: int, values: Row) -> None:
+    own = container.rest_encounter == i
+    values["side"] = values["side"] or None
+    values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
+    values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
+    values["ambiguities"] = plain(container.ambiguities(i))
+    values["spreading_db"] = container.spreading_db
+    values["level_reference"] = container.reference
+    band = (container.band_low_hz, container.band_high_hz)
+    values["level_band_hz"] = None if None in band else list(band)
+    values["nuisances"] = plain(container.nuisances(i))
+    values["change"] = _change(values)
+    values["vessel"] = _vessel(values)
+    values["reasons"] = _reasons(container, i, values)
+    if values["vessel"] is None:
+        values["reasons"].setdefault("vessel", _why_no_vessel(container))
 
 
 CHANGE_KEYS = (
@@ -197,39 +190,28 @@ def _why_no_vessel(encounters: Encounters) -> str:
     )
 
 
-def _fix_rows(container: Container) -> Iterator[Row]:
-    if not isinstance(container, Fixes):
-        return
+def _fix(container: Fixes, i: int, values: Row) -> None:
     with np.errstate(invalid="ignore"):
-        std = np.sqrt(np.diagonal(container.covariance_m2, axis1=1, axis2=2))
-    for i, values in enumerate(axis_rows(container, "fix")):
-        values["time_utc"] = _utc(values["time_utc_ns"])
-        values["east_std_m"], values["north_std_m"] = plain(std[i, :2])
-        values["sensors"] = [name for name in values["sensors"].split(",") if name]
-        values["reading"] = values.get("reading") or None
-        values["rival"] = _rival(values)
-        why = {
-            "time_utc": NO_START, "course_deg": NO_COURSE, "latitude": NO_LATITUDE,
-            "longitude": NO_LATITUDE,
-        }  # fmt: skip
-        values["reasons"] = {key: why[key] for key in why if values[key] is None}
-        yield {key: values.get(key) for key in FIX_KEYS}
+        std = np.sqrt(np.diagonal(container.covariance_m2[i]))
+    values["east_std_m"], values["north_std_m"] = plain(std[:2])
+    values["sensors"] = [name for name in values["sensors"].split(",") if name]
+    values["reading"] = values.get("reading") or None
+    why = {
+        "time_utc": NO_START, "course_deg": NO_COURSE, "latitude": NO_LATITUDE,
+        "longitude": NO_LATITUDE,
+    }  # fmt: skip
+    values["reasons"] = {key: why[key] for key in why if values[key] is None}
 
 
-def _motion_rows(container: Container) -> Iterator[Row]:
-    if not isinstance(container, Motions):
-        return
-    for i, values in enumerate(axis_rows(container, "motion")):
-        own = container.rest_motion == i
-        values["time_utc"] = _utc(values["time_utc_ns"])
-        values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
-        values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
-        values["reasons"] = _reasons(container, i, values)
-        values["nuisances"] = plain(container.nuisances(i))
-        values["reference"] = values.get("reference") or None
-        values["offsets_deg"] = _offsets(container, i)
-        values["probability_of_rows"] = _probabilities(container, values["contact"])
-        yield {key: values.get(key) for key in MOTION_KEYS}
+def _motion(container: Motions, i: int, values: Row) -> None:
+    own = container.rest_motion == i
+    values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
+    values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
+    values["reasons"] = _reasons(container, i, values)
+    values["nuisances"] = plain(container.nuisances(i))
+    values["reference"] = values.get("reference") or None
+    values["offsets_deg"] = _offsets(container, i)
+    values["probability_of_rows"] = _probabilities(container, values["contact"])
 
 
 def _offsets(motions: Motions, row: int) -> Row:
@@ -250,35 +232,33 @@ def _probabilities(motions: Motions, contact: int) -> Any:
     return plain(chosen) if np.any(chosen < 1.0) else None
 
 
-def _presence_rows(container: Container) -> Iterator[Row]:
-    if not isinstance(container, Presence):
-        return
-    for i, values in enumerate(axis_rows(container, "stretch")):
-        lines = container.owned_rows("frequency_stretch", i)
-        rates = container.owned_rows("rate_stretch", i)
-        reasons = container.reasons(i)
-        for key in ("from", "to"):
-            values[f"{key}_utc"] = _utc(values[f"{key}_utc_ns"])
-            if values[f"{key}_utc"] is None:
-                reasons.setdefault(f"{key}_utc", NO_START)
-        values["frequencies_hz"] = plain(container.frequency_hz[lines])
-        values["rates_hz"] = plain(container.rate_hz[rates])
-        values["level_reference"] = container.reference
-        values["encounter"] = values["encounter"] or None
-        values["contact"] = values["contact"] or None
-        values["reading"] = values.get("reading") or None
-        values["rival"] = _rival(values)
-        values["reasons"] = reasons
-        yield {key: values.get(key) for key in PRESENCE_KEYS}
+def _presence(container: Presence, i: int, values: Row) -> None:
+    lines = container.owned_rows("frequency_stretch", i)
+    rates = container.owned_rows("rate_stretch", i)
+    reasons = container.reasons(i)
+    for key in ("from", "to"):
+        values[f"{key}_utc"] = _utc(values[f"{key}_utc_ns"])
+        if values[f"{key}_utc"] is None:
+            reasons.setdefault(f"{key}_utc", NO_START)
+    values["frequencies_hz"] = plain(container.frequency_hz[lines])
+    values["rates_hz"] = plain(container.rate_hz[rates])
+    values["level_reference"] = container.reference
+    values["encounter"] = values["encounter"] or None
+    values["contact"] = values["contact"] or None
+    values["reading"] = values.get("reading") or None
+    values["reasons"] = reasons
 
 
-SPECIAL: dict[str, tuple[tuple[str, ...], Callable[[Container], Iterator[Row]]]] = {
-    "encounters": (ENCOUNTER_KEYS, _encounter_rows),
-    "fixes": (FIX_KEYS, _fix_rows),
-    "motions": (MOTION_KEYS, _motion_rows),
-    "presence": (PRESENCE_KEYS, _presence_rows),
+Complete = Callable[[Any, int, Row], None]
+"""Adds what a row of a container has beside its columns: container, row, its values."""
+
+SPECIAL: dict[str, tuple[tuple[str, ...], Complete]] = {
+    "encounters": (ENCOUNTER_KEYS, _encounter),
+    "fixes": (FIX_KEYS, _fix),
+    "motions": (MOTION_KEYS, _motion),
+    "presence": (PRESENCE_KEYS, _presence),
 }
-"""Containers whose objects have documented keys, with how the rows are made."""
+"""Containers whose objects have documented keys, with how the rows are completed."""
 
 
 def _utc(time_ns: int) -> str | None:

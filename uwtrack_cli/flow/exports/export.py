@@ -14,7 +14,6 @@ from uwtrack_cli.files.hdf5.layout import container_class
 from uwtrack_cli.files.hdf5.netcdf import write_netcdf
 from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.container_tables import write_table
-from uwtrack_cli.files.tables.json_rows import main_axis
 from uwtrack_cli.files.tables.replay import replay_lines
 from uwtrack_cli.flow.branches import (
     read_of_branch,
@@ -149,7 +148,7 @@ def _chosen(
 
 def _n_rows(container: Container) -> int:
     """Return the rows of a table; a container without any is one row of facts."""
-    return container.sizes().get(main_axis(container), 0) if container.columns() else 1
+    return container.sizes().get(container.ROW, 0) if container.columns() else 1
 
 
 def _remarked(container: Container, name: str) -> Container:
