@@ -193,7 +193,7 @@ def exceedances(recording, probability):
         for _ in form_beams(recording):
             beams, floor = seen.pop()
             yield beams, floor, threshold_factors(
-                beams.frames, beams.frequency_hz.size, beams.padding, probability
+                beams.frames, beams.frequency_hz.size, probability
             )  # fmt: skip
 
 

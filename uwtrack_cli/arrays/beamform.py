@@ -44,7 +44,6 @@ from uwtrack_cli.arrays.line_array import (
     LineArray,
     Shading,
 )
-from uwtrack_cli.arrays.mvdr import mvdr_power
 from uwtrack_cli.arrays.spatial_peaks import (
     Lobes,
     SharedFloor,
@@ -59,6 +58,7 @@ from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.frame_transform import FrameTransform
 from uwtrack_cli.spectra.spectrogram import (
@@ -361,7 +361,7 @@ class _BeamFormer(ABC):
 
     def _block(self, samples: FloatArray, frames: Frames) -> Iterator[BearingTime]:
         """Yield the record of a block, as many frames at once as memory holds."""
-        spectra = self._spectra(samples, frames.n_frames)
+        spectra = self.layout.spectra_of_all(samples, frames.n_frames)
         alive = self._check.alive(spectra, self._frequency_hz, float(frames.time_s[0]))
         weights = np.where(alive, self.weights, 0.0)
         weights = weights / weights.sum()
@@ -411,15 +411,6 @@ class _BeamFormer(ABC):
         the record, shape (beam, frame, cell); weights are 0 for a hydrophone that is
         not used.
         """
-
-    def _spectra(self, samples: FloatArray, n_frames: int) -> NDArray[np.complex64]:
-        """Spectra of all hydrophones, shape (cell, element, frame)."""
-        shape = (self._frequency_hz.size, self.weights.size, n_frames)
-        found = np.empty(shape, np.complex64)
-        for element, channel in enumerate(_transposed(samples, 256)):
-            for rows, part in self.layout.spectra(channel, n_frames):
-                found[:, element, rows] = part[:, self.layout.kept].T
-        return found
 
     def _power(self, spectra: NDArray[np.complex64], weights: FloatArray) -> FloatArray:
         """Power density of every beam, shape (beam, frame, cell)."""
@@ -650,7 +641,7 @@ class _SpatialFormer(_BeamFormer):
         level = np.hypot(toward[:, 0], toward[:, 1])
         found = np.zeros((self._azimuth_deg.size, *power.shape[1:]), power.dtype)
         for row, azimuth in enumerate(self._azimuth_deg):
-            apart = np.abs((own - azimuth + 180.0) % 360.0 - 180.0)
+            apart = np.abs(wrap_deg(own - azimuth))
             near = (apart <= step) & (level > 0.3) & (level <= 1.0 + self._grid.step)
             chosen = np.flatnonzero(near) if near.any() else [int(np.argmin(apart))]
             found[row] = power[chosen].max(axis=0)
@@ -674,9 +665,25 @@ def _strips(n_cells: int) -> Iterator[slice]:
         yield slice(first, first + STRIP_CELLS)
 
 
-def _transposed(values: NDArray[Any], strip: int) -> NDArray[Any]:
-    """Copy the transpose of a matrix a strip of rows at a time, which stay in the cache."""
-    found = np.empty(values.shape[::-1], values.dtype)
-    for first in range(0, len(values), strip):
-        found[:, first : first + strip] = values[first : first + strip].T
-    return found
+def mvdr_power(
+    spectra: NDArray[np.complex64],
+    steering: NDArray[np.complex64],
+    loading: float,
+) -> FloatArray:
+    """Return 1 / (v^H (R + e I)^-1 v) of every cell and beam, shape (cell, beam).
+
+    Minimum-variance beams (Capon 1969) pass a direction unchanged and let the least of
+    all else through. R is the mean over the frames of spectra (cell, element, frame); a
+    share of the mean power of a hydrophone is added to its diagonal, so that a source
+    between two beams is not suppressed as if it were noise (Carlson 1988, IEEE Trans.
+    Aerosp. Electron. Syst. 24). Steering has the shape (cell, beam, element).
+    """
+    wide = spectra.astype(np.complex128)
+    n_elements, n_frames = wide.shape[1:]
+    covariance = wide @ wide.conj().transpose(0, 2, 1) / n_frames
+    trace = np.trace(covariance, axis1=1, axis2=2).real / n_elements
+    floor = np.maximum(loading * trace, np.finfo(np.float32).tiny)
+    inverse = np.linalg.inv(covariance + floor[:, None, None] * np.eye(n_elements))
+    turned = steering.astype(np.complex128)
+    denominator = ((turned @ inverse) * turned.conj()).sum(axis=2).real
+    return np.asarray(1.0 / denominator)

@@ -29,6 +29,7 @@ R. R. Blandford, Geophysics 39 (1974): its use on arrays in the ground.
 """
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -38,15 +39,13 @@ from numpy.typing import NDArray
 from uwtrack_cli.arrays.direction_grid import DirectionGrid, SpatialArray
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.errors import OptionError
+from uwtrack_cli.estimation.window import BIN_CORRELATION
 
 BAND_BINS = 16
 """Natural bins over which a hydrophone's level, and the noise's share, are taken."""
 
 FEWEST_BINS = 8
 """Natural bins that a direction needs."""
-
-BIN_CORRELATION = 1.944
-"""Correlation sum of natural bins under a Hann window, 1 + 2 (4/9 + 1/36)."""
 
 SCORING_STEPS = 5
 """Newton steps from a beam's maximum to that of the likelihood."""
@@ -239,6 +238,11 @@ class DirectionSearch:
             )
             raise OptionError(msg)
 
+    @cached_property
+    def _bands(self) -> list[slice]:
+        """Stretches of bins of which noise and levels are taken together."""
+        return bands_of(self.frequency_hz.size)
+
     def find(
         self,
         spectra: NDArray[np.complex64],
@@ -246,18 +250,10 @@ class DirectionSearch:
         alive: BoolArray,
         is_whole: BoolArray,
     ) -> FoundDirections:
-        """Find the directions of a block.
+        """Find the directions of a block, in the frames that are whole.
 
-        Parameters
-        ----------
-        spectra
-            Spectra in the natural bins, shape (bin, element, frame).
-        turns
-            Steering of the grid's beams in these bins, shape (bin, beam, element).
-        alive
-            Hydrophones that are used.
-        is_whole
-            Frames that are searched.
+        Spectra in the natural bins have the shape (bin, element, frame), the steering
+        of the grid's beams (bin, beam, element).
         """
         height, parts, share = self._heights(spectra, turns, alive)
         limit = self._threshold(turns, alive, share)
@@ -325,9 +321,7 @@ class DirectionSearch:
         apart_s /= self.array.sound_speed_mps
         plain = np.eye(len(places), dtype=np.complex64)[None]
         whole = np.zeros((2, 3))
-        for bins, (heard, root) in zip(
-            _bands(self.frequency_hz.size), parts, strict=True
-        ):
+        for bins, (heard, root) in zip(self._bands, parts, strict=True):
             waves = 2.0 * np.multiply.outer(self.frequency_hz[bins], apart_s)
             equal = np.linalg.inv(root) @ heard
             fitted = np.zeros((2, 3))
@@ -356,7 +350,7 @@ class DirectionSearch:
         parts: list[Whitened] = []
         height = np.zeros((self.grid.n_beams, spectra.shape[2]))
         fitted = []
-        for bins in _bands(self.frequency_hz.size):
+        for bins in self._bands:
             coherence = self.array.isotropic_coherence(self.frequency_hz[bins])
             coherence = coherence[:, alive][:, :, alive]
             heard, root, match = _whitened(equal[bins], coherence)
@@ -449,9 +443,7 @@ class DirectionSearch:
         height = np.zeros((self.grid.n_beams, known.frame.size))
         share = np.zeros(height.shape)
         n_left = len(places) - known.n_sources
-        for bins, (heard, root) in zip(
-            _bands(self.frequency_hz.size), parts, strict=True
-        ):
+        for bins, (heard, root) in zip(self._bands, parts, strict=True):
             leads = self._leads(bins, known.toward, places)
             sound = heard[:, :, known.frame].transpose(0, 2, 1)
             for source in range(known.n_sources):
@@ -594,9 +586,7 @@ class DirectionSearch:
         score = np.zeros((frame.size, 3))
         information, curvature = np.zeros((2, frame.size, 3, 3))
         total = np.zeros(frame.size)
-        for bins, (heard, root) in zip(
-            _bands(self.frequency_hz.size), parts, strict=True
-        ):
+        for bins, (heard, root) in zip(self._bands, parts, strict=True):
             wave = 2.0 * np.pi * self.frequency_hz[bins]
             turned = self._leads(bins, toward, places)  # bin, row, element
             basis = _basis(self._leads(bins, others.toward, places), root)
@@ -718,7 +708,7 @@ def _inverse(
     return np.asarray(across @ np.linalg.inv(filled) @ across)
 
 
-def _bands(n_bins: int) -> list[slice]:
+def bands_of(n_bins: int) -> list[slice]:
     """Cut the bins into stretches of sixteen or a little more."""
     count = max(1, n_bins // BAND_BINS)
     edges = np.linspace(0, n_bins, count + 1).astype(int)
@@ -734,7 +724,7 @@ def _equalised(spectra: NDArray[np.complex64]) -> NDArray[np.complex64]:
     """
     power = spectra.real**2 + spectra.imag**2
     tiny = np.finfo(np.float32).tiny
-    for bins in _bands(len(power)):
+    for bins in bands_of(len(power)):
         level = np.maximum(power[bins].mean(axis=(0, 2)), tiny)
         power[bins] /= level[:, None]
         spectra[bins] /= np.sqrt(level)[:, None]
@@ -791,13 +781,7 @@ def _noise_products(
 
 
 def _isotropic_share(products: FloatArray) -> float:
-    """Return the share of isotropic noise by least squares.
-
-    Parameters
-    ----------
-    products
-        As `_noise_products` returns them, their sum over many frames.
-    """
+    """Return the share of isotropic noise by least squares of `_noise_products`."""
     square, seen = products[:, :2], products[:, 2]
     ridge = 1e-9 * np.trace(square) * np.eye(2)
     alone, around = np.maximum(np.linalg.solve(square + ridge, seen), 0.0)

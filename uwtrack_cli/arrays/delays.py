@@ -15,13 +15,13 @@ the bound; G. C. Carter et al., Proc. IEEE 61 (1973): SCOT; G. C. Carter, Proc. 
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uwtrack_cli.arrays.broadband_directions import BAND_BINS, BIN_CORRELATION
+from uwtrack_cli.arrays.broadband_directions import BAND_BINS, bands_of
 from uwtrack_cli.arrays.element_check import ElementCheck, with_silent_elements
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.directions import Delays
@@ -29,6 +29,7 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.estimation.window import BIN_CORRELATION, parabola_offset
 from uwtrack_cli.spectra.frame_transform import FrameTransform
 from uwtrack_cli.spectra.spectrogram import describe_frames, frame_blocks, plan_frames
 
@@ -148,6 +149,7 @@ class _Correlator:
         self._places = sensor.element_xyz_m
         self._names = np.array(sensor.channel_names)
         self._frequency_hz = self.layout.frequency_hz
+        self._stretches = bands_of(self._frequency_hz.size)
         self._pairs = list(combinations(range(len(self._places)), 2))
         distance = np.array(
             [np.linalg.norm(self._places[a] - self._places[b]) for a, b in self._pairs]
@@ -185,20 +187,11 @@ class _Correlator:
             frames = describe_frames(self.recording, self.layout, samples, first, count)
             whole = frames.valid_fraction == 1.0
             clean = samples if whole.all() else np.nan_to_num(samples)
-            spectra = self._spectra(clean, count)
+            spectra = self.layout.spectra_of_all(clean, count)
             alive = self._check.alive(
                 spectra, self._frequency_hz, float(frames.time_s[0])
             )
             yield self._delays(spectra, alive, whole, frames)
-
-    def _spectra(self, samples: FloatArray, n_frames: int) -> NDArray[np.complex64]:
-        shape = (self._frequency_hz.size, len(self._places), n_frames)
-        found = np.empty(shape, np.complex64)
-        for element in range(len(self._places)):
-            channel = np.ascontiguousarray(samples[:, element])
-            for rows, part in self.layout.spectra(channel, n_frames):
-                found[:, element, rows] = part[:, self.layout.kept].T
-        return found
 
     def _delays(
         self,
@@ -240,17 +233,15 @@ class _Correlator:
         lag_s = self._step_s * np.arange(-reach, reach + 1)
         turn = np.exp(2j * np.pi * np.multiply.outer(lag_s, self._frequency_hz))
         spread = np.concatenate(
-            [w * cross[bins] for w, bins in zip(weight, self._stretches(), strict=True)]
+            [w * cross[bins] for w, bins in zip(weight, self._stretches, strict=True)]
         )
         height = (turn.astype(np.complex64) @ spread.astype(np.complex64)).real
         best = height.argmax(axis=0)
         is_found = (best > 0) & (best < lag_s.size - 1)
         is_found &= height.max(axis=0) > self._threshold(spread, float(lag_s[-1]))
         at, row = np.clip(best, 1, lag_s.size - 2), np.arange(best.size)
-        left, top, right = (height[at + k, row].astype(float) for k in (-1, 0, 1))
-        curve = np.minimum(left + right - 2.0 * top, -1e-30)
-        part = np.clip(0.5 * (left - right) / curve, -0.5, 0.5)
-        delay_s = lag_s[at] + self._step_s * part
+        three = (height[at + k, row].astype(float) for k in (-1, 0, 1))
+        delay_s = lag_s[at] + self._step_s * parabola_offset(*three)
         variance, coherence = self._variance(other * one.conj(), level, weight, delay_s)
         is_known = is_found & np.isfinite(variance)
         std_s = np.sqrt(np.where(is_known, variance, 1.0))
@@ -281,7 +272,7 @@ class _Correlator:
         cross-spectrum is given over it.
         """
         cross = other * one.conj()
-        stretches = self._stretches()
+        stretches = self._stretches
         level, weight = np.ones((2, len(stretches), one.shape[1]))
         tiny = np.finfo(np.float32).tiny
         if self.weighting == "phat":
@@ -316,7 +307,7 @@ class _Correlator:
         turn = np.multiply.outer(self._frequency_hz, delay_s)
         aligned = (cross * np.exp(2j * np.pi * turn)).real
         upper, lower, total = np.zeros((3, delay_s.size))
-        for row, bins in enumerate(self._stretches()):
+        for row, bins in enumerate(self._stretches):
             n_bins = self._frequency_hz[bins].size
             seen = np.maximum(aligned[bins].mean(axis=0) / level[row], 0.0)
             squared = _unbiased(seen, n_bins, 0.5)
@@ -330,11 +321,6 @@ class _Correlator:
         if self.weighting == "phat":
             variance = variance * PHAT_LOSS
         return variance, total / self._frequency_hz.size
-
-    def _stretches(self) -> list[slice]:
-        n_bins = self._frequency_hz.size
-        edges = np.linspace(0, n_bins, n_bins // BAND_BINS + 1).astype(int).tolist()
-        return [slice(*pair) for pair in pairwise(edges)]
 
 
 def _unbiased(seen: Any, n_bins: int, share: float) -> FloatArray:

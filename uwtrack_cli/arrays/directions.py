@@ -199,7 +199,9 @@ def _fit(
 ) -> _Fit | None:
     """Fit a plane wave to the delays of one time; None if they are too few."""
     design = apart[rows] / array.sound_speed_mps
-    axes = np.eye(3) if not array.is_planar else _plane(array.normal)
+    axes = np.eye(3)
+    if array.is_planar:  # the two across its normal
+        axes = np.linalg.svd(array.normal[None])[2][1:]
     reduced = design @ axes.T / delays.delay_std_s[rows, None]
     if np.linalg.matrix_rank(reduced) < len(axes):
         return None
@@ -224,11 +226,6 @@ def _fit(
     widest = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
     is_sound = is_sound and widest < np.radians(LARGEST_STD_DEG)
     return _Fit(toward, covariance, bool(is_sound))
-
-
-def _plane(normal: FloatArray) -> FloatArray:
-    """Return two axes across a normal."""
-    return np.linalg.svd(normal[None])[2][1:]
 
 
 def _sharing(array: SpatialArray, delays: Delays, rows: IntArray) -> float:

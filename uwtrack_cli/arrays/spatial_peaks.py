@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwtrack_cli.arrays.array_place import ArrayPlace
 from uwtrack_cli.arrays.beam_peaks import (
-    BENT_DEG,
     SPARE_DB,
+    FormedBeams,
+    Maxima,
     PeakRules,
-    bin_offsets,
     cells_above,
 )
 from uwtrack_cli.arrays.direction_grid import (
@@ -28,10 +27,8 @@ from uwtrack_cli.arrays.direction_grid import (
     highest_lobe,
 )
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
-from uwtrack_cli.estimation.window import NOISE_BANDWIDTH_BINS, frequency_std_hz
-from uwtrack_cli.spectra.peaks import peak_power, threshold_factors, with_noise
+from uwtrack_cli.spectra.peaks import with_noise
 
 LOBE_POINTS = 12
 """Frequencies of the band at which the lobes are looked at."""
@@ -64,8 +61,8 @@ class Lobes:
 
 
 @dataclass(frozen=True, eq=False)
-class SpatialBeams:
-    """The beams of a block, and what is known of the array that made them."""
+class SpatialBeams(FormedBeams):
+    """The beams of a planar or volume array."""
 
     array: SpatialArray
     """The hydrophones."""
@@ -73,16 +70,6 @@ class SpatialBeams:
     """Directions of the beams."""
     lobes: Lobes
     """Their sidelobes."""
-    weights: FloatArray
-    """Weights of the hydrophones in this block."""
-    frequency_hz: FloatArray
-    """Frequency of every cell, Hz."""
-    power: FloatArray
-    """Power density, shape (beam, frame, cell)."""
-    frames: Frames
-    """Time base."""
-    place: ArrayPlace
-    """Where the array was."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +81,7 @@ class SharedFloor:
     owner: IntArray
     """Row of every beam's own, shape (beam,)."""
 
-    def at(self, place: tuple[IntArray, IntArray, IntArray]) -> FloatArray:
+    def at(self, place: Maxima) -> FloatArray:
         """Return the density at some beams, frames and cells."""
         beam, frame, cell = place
         return np.asarray(self.density[self.owner[beam], frame, cell])
@@ -103,81 +90,52 @@ class SharedFloor:
 def find_spatial_peaks(
     beams: SpatialBeams, floor: SharedFloor, noise: FloatArray, rules: PeakRules
 ) -> Peaks:
-    """Find the peaks of a block of beams.
+    """Find the peaks of a block of beams, in the order of frame and frequency.
 
-    Parameters
-    ----------
-    beams
-        The beams.
-    floor
-        Noise density of each of them.
-    noise
-        Its median over the beams, shape (frame, cell).
-    rules
-        What counts as a peak.
-
-    Returns
-    -------
-    Peaks
-        In the order of frame and frequency.
+    ``noise`` is the median of the floors over the beams, shape (frame, cell).
     """
-    frames = beams.frames
-    padding = max(1, round(frames.fft_length / frames.window_samples))
-    detect, keep = (
-        threshold_factors(frames, beams.frequency_hz.size, padding, probability)
-        for probability in (rules.false_alarm_probability, rules.kept_probability)
-    )
-    at = _maxima(beams, floor, keep, padding)
+    detect, keep = beams.thresholds(rules)
+    at = _maxima(beams, floor, keep)
     beam, frame, cell = at
-    offset, step_bins, bin_hz = bin_offsets(beams.power, frames, *at)
-    frequency_hz = beams.frequency_hz[cell] + offset * bin_hz
+    tones = beams.tones(at)
     around = np.concatenate([beam[:, None], beams.grid.neighbours[beam]], axis=1)
     values = beams.power[around, frame[:, None], cell[:, None]].astype(np.float64)
-    toward, height = beams.grid.refine(beam, np.log(np.maximum(values, 1e-37)))
-    peak = peak_power(np.exp(height), offset, step_bins)
-    ratio = peak / floor.at(at)
-    snr = np.maximum(ratio - 1.0, 0.1 * ratio)
+    toward, log_height = beams.grid.refine(beam, np.log(np.maximum(values, 1e-37)))
+    height = np.exp(log_height)
     speed = beams.place.speed_mps[frame] / beams.array.sound_speed_mps
-    scale = beams.frequency_hz[cell] / frequency_hz / (1.0 - speed * toward[:, 1])
     if beams.array.is_planar:
-        toward = toward * scale[:, None]
+        scale = beams.frequency_hz[cell] / tones.frequency_hz
+        toward = toward * (scale / (1.0 - speed * toward[:, 1]))[:, None]
     known = beams.array.bearings(
         toward,
-        beams.array.tone_covariance(snr, frequency_hz, beams.weights),
+        beams.array.tone_covariance(
+            tones.snr(height, floor.at(at)), tones.frequency_hz, beams.weights
+        ),
         np.nan_to_num(beams.place.heading_deg[frame]),
     )
-    is_known = rules.compass & ~(beams.place.bend_deg[frame] > BENT_DEG)
-    return Peaks(
-        frames=with_noise(frames, beams.frequency_hz, noise, detect),
-        frame=frame + frames.first_frame,
-        frequency_hz=frequency_hz,
-        frequency_std_hz=frequency_std_hz(snr, frames.window_s),
-        level_db=10 * np.log10(peak * NOISE_BANDWIDTH_BINS * bin_hz),
-        snr_db=10 * np.log10(snr),
-        bearing_deg=np.where(is_known, known.bearing_deg, np.nan),
-        bearing_std_deg=np.where(is_known, known.bearing_std_deg, np.nan),
+    return beams.peaks(
+        at,
+        rules,
+        (known.bearing_deg, known.bearing_std_deg),
+        frames=with_noise(beams.frames, beams.frequency_hz, noise, detect),
+        **tones.columns(height, floor.at(at)),
         is_detection=beams.power[at] > detect[frame] * floor.at(at),
         elevation_deg=known.elevation_deg,
         elevation_std_deg=known.elevation_std_deg,
-        is_aliased=beams.lobes.at(frequency_hz) > 10.0 ** (-LOBE_DB / 10.0),
-        false_alarm_probability=rules.false_alarm_probability,
-        kept_probability=rules.kept_probability,
-        reference=rules.reference,
-        lowest_hz=float(beams.frequency_hz[0]),
-        highest_hz=float(beams.frequency_hz[-1]),
+        is_aliased=beams.lobes.at(tones.frequency_hz) > 10.0 ** (-LOBE_DB / 10.0),
     )
 
 
-def _maxima(
-    beams: SpatialBeams, floor: SharedFloor, keep: FloatArray, padding: int
-) -> tuple[IntArray, IntArray, IntArray]:
+def _maxima(beams: SpatialBeams, floor: SharedFloor, keep: FloatArray) -> Maxima:
     """Beams, frames and cells of the maxima, in the order of frame and cell."""
     power = beams.power
     parts = []
     for first in range(0, len(power), BEAMS_AT_ONCE):
         some = slice(first, first + BEAMS_AT_ONCE)
         own = floor.density[floor.owner[some]]
-        beam, frame, cell = cells_above(power[some], own, keep, padding)
+        beam, frame, cell = cells_above(
+            power[some], own, keep, beams.frames.cells_per_bin
+        )
         parts.append((beam + first, frame, cell))
     beam, frame, cell = (np.concatenate(one) for one in zip(*parts, strict=True))
     heights = power[beam, frame, cell]

@@ -33,7 +33,7 @@ from uwtrack_cli.estimation.angles import interpolate_deg, wrap_deg
 from uwtrack_cli.estimation.assignment import assign
 from uwtrack_cli.estimation.kalman import KalmanState, predict, update
 from uwtrack_cli.estimation.robust import white_scatter
-from uwtrack_cli.estimation.window import cell_correlation
+from uwtrack_cli.estimation.window import cell_correlation, parabola_offset
 
 SURE_DEVIATIONS = 5.0
 """Deviations of the record's noise by which a direction must stand out: the first at which
@@ -239,9 +239,7 @@ def _standing_out(
 
     least = SURE_DEVIATIONS * np.sqrt(2.0) * noise
     top, facts = find_peaks(power, prominence=max(least, spare * float(np.ptp(power))))
-    left, centre, right = power[top - 1], power[top], power[top + 1]
-    curvature = np.minimum(left + right - 2.0 * centre, -1e-12)
-    part = np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)
+    part = parabola_offset(power[top - 1], power[top], power[top + 1])
     return top + part, facts["prominences"] / max(noise, 1e-12)
 
 

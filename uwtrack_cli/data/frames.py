@@ -84,3 +84,8 @@ class Frames(Container):
     def bin_hz(self) -> float:
         """Distance of two spectral bins, Hz."""
         return self.sample_rate_hz / self.fft_length
+
+    @property
+    def cells_per_bin(self) -> int:
+        """Spectral cells per natural bin: the zero padding."""
+        return max(1, round(self.fft_length / self.window_samples))

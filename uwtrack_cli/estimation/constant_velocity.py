@@ -28,6 +28,12 @@ class WhiteNoise(NamedTuple):
     rate: float | FloatArray
     """T, s."""
 
+    @property
+    def matrix(self) -> FloatArray:
+        """The covariance of one step, shape (2, 2)."""
+        both = self.covariance
+        return np.array([[self.position, both], [both, self.rate]])
+
 
 def white_acceleration(step_s: float | FloatArray) -> WhiteNoise:
     """Return the process noise of white acceleration of unit density over a step, s.
@@ -43,6 +49,15 @@ def white_acceleration(step_s: float | FloatArray) -> WhiteNoise:
 def transition(step_s: float) -> FloatArray:
     """Return F = [[1, T], [0, 1]] of a time step in s."""
     return np.array([[1.0, step_s], [0.0, 1.0]])
+
+
+def carried_on(
+    state: FloatArray, covariance: FloatArray, lag_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return a state (x, y and their rates) and its covariance after lags, s."""
+    forward = np.tile(np.eye(4), (lag_s.size, 1, 1))
+    forward[:, 0, 2] = forward[:, 1, 3] = lag_s
+    return forward @ state, forward @ covariance @ np.swapaxes(forward, 1, 2)
 
 
 def constant_velocity(

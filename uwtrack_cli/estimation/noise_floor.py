@@ -125,7 +125,8 @@ def _tile_floors(power: FloatArray, zero_padding: int) -> FloatArray:
     n_cells = power.shape[2]
     width = min(TILE_BINS * zero_padding, n_cells)
     n_blocks = n_cells // width
-    blocks = _blocks_of(power, n_blocks, width)
+    whole = power[..., : n_blocks * width]
+    blocks = whole.reshape(*power.shape[:2], n_blocks, width)
     gain, margin = _frame_gain(blocks)
     steady = blocks / gain[..., None]
     tiles = steady.transpose(0, 2, 1, 3).reshape(len(power), n_blocks, -1)
@@ -245,10 +246,6 @@ def _interpolated(level: FloatArray, centres: FloatArray, n_cells: int) -> Float
     left = np.clip(np.searchsorted(centres, cell, "right") - 1, 0, centres.size - 2)
     slope = np.diff(level, axis=1) / np.diff(centres)
     return slope[:, left] * (cell - centres[left]) + level[:, left]
-
-
-def _blocks_of(power: FloatArray, n_blocks: int, width: int) -> FloatArray:
-    return power[..., : n_blocks * width].reshape(*power.shape[:2], n_blocks, width)
 
 
 def _frame_gain(blocks: FloatArray) -> tuple[FloatArray, FloatArray]:

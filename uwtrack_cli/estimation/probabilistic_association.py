@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.errors import DataError
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -29,7 +30,7 @@ adjugate."""
 
 
 @dataclass(frozen=True)
-class Innovation:
+class Innovation(Rows):
     """What a scan brings against a prediction, before any association."""
 
     residual: FloatArray
@@ -51,7 +52,7 @@ class Innovation:
 
 
 @dataclass(frozen=True)
-class Association:
+class Association(Rows):
     """Probabilities of the hypotheses of one scan."""
 
     miss: FloatArray

@@ -16,6 +16,9 @@ from uwtrack_cli.data.base import FloatArray
 NOISE_BANDWIDTH_BINS = 1.5
 """Equivalent noise bandwidth of the Hann window in natural bins (Harris 1978)."""
 
+BIN_CORRELATION = 1.944
+"""Correlation sum of natural bins, 1 + 2 (4/9 + 1/36)."""
+
 
 @lru_cache(maxsize=16)
 def hann(n_samples: int) -> FloatArray:
@@ -26,12 +29,7 @@ def hann(n_samples: int) -> FloatArray:
 
 
 def response(offset_bins: FloatArray) -> FloatArray:
-    """Return the magnitude of the window's spectrum, 1 at its centre.
-
-    Parameters
-    ----------
-    offset_bins
-        Distance from the tone in natural bins, any shape, between -2 and 2.
+    """Return the magnitude of the window's spectrum -2 to 2 natural bins from a tone.
 
     Notes
     -----
@@ -42,15 +40,7 @@ def response(offset_bins: FloatArray) -> FloatArray:
 
 
 def cell_correlation(lag_bins: float, lag_windows: float) -> float:
-    """Return the squared correlation of the spectra of noise in two cells.
-
-    Parameters
-    ----------
-    lag_bins
-        Distance in frequency, natural bins.
-    lag_windows
-        Distance in time, window lengths.
-    """
+    """Return the squared correlation of noise in two cells, bins and windows apart."""
     grid = hann(512)
     shift = round(abs(lag_windows) * grid.size)
     if shift >= grid.size:
@@ -66,10 +56,13 @@ def _offset_table(step_bins: float) -> tuple[FloatArray, FloatArray]:
     left, centre, right = (
         np.log(response(truth - k * step_bins)) for k in (-1.0, 0.0, 1.0)
     )
-    return _parabola(left, centre, right), truth
+    return parabola_offset(left, centre, right), truth
 
 
-def _parabola(left: FloatArray, centre: FloatArray, right: FloatArray) -> FloatArray:
+def parabola_offset(
+    left: FloatArray, centre: FloatArray, right: FloatArray
+) -> FloatArray:
+    """Return where a parabola through three neighbours is largest, in their distance."""
     curvature = np.minimum(left + right - 2.0 * centre, -1e-12)
     return np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)
 
@@ -77,19 +70,9 @@ def _parabola(left: FloatArray, centre: FloatArray, right: FloatArray) -> FloatA
 def peak_offset_bins(
     left: FloatArray, centre: FloatArray, right: FloatArray, step_bins: float
 ) -> FloatArray:
-    """Interpolate the frequency of a tone from the three cells about its maximum.
+    """Interpolate a tone from the power in three cells, the largest in the middle.
 
-    Parameters
-    ----------
-    left, centre, right
-        Power in the three cells, same shape, positive, the centre the largest.
-    step_bins
-        Distance of two cells in natural bins.
-
-    Returns
-    -------
-    FloatArray
-        Offset of the tone from the centre cell in natural bins, same shape.
+    Returns its offset from that cell in natural bins, which lie ``step_bins`` apart.
 
     Notes
     -----
@@ -99,18 +82,13 @@ def peak_offset_bins(
     """
     logs = [0.5 * np.log(np.maximum(p, 1e-37)) for p in (left, centre, right)]
     estimate, truth = _offset_table(step_bins)
-    return np.interp(_parabola(*logs), estimate, truth)
+    return np.interp(parabola_offset(*logs), estimate, truth)
 
 
 def frequency_std_hz(snr: FloatArray, window_s: float) -> FloatArray:
     """Return the standard deviation of a tone's interpolated frequency.
 
-    Parameters
-    ----------
-    snr
-        Power of the tone over the noise, both in one cell at the tone's frequency.
-    window_s
-        Length of the window, s.
+    SNR is its power over the noise in one cell at its frequency.
 
     Notes
     -----

@@ -21,9 +21,11 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.window import hann
+from uwtrack_cli.spectra.frame_transform import lost_samples, windowed_spectra
 
 WINDOW_RATES = 0.8
 """Length of a short window times the highest rate wanted: its modulation is received
@@ -43,9 +45,6 @@ between them."""
 
 LARGEST_EXCESS = 6.0
 """Multiple of the mean above which an envelope is cut: snaps and knocks."""
-
-CACHED_SAMPLES = 1 << 16
-"""Samples transformed at once: they and their spectra stay in the cache."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class BandEnvelopes:
         """Transform whole steps, and note their means."""
         plan = self._plan
         used = self._sound[: (n_windows - 1) * plan.hop + plan.window]
-        is_valid = self._valid_windows(used, n_windows)
+        is_valid = lost_samples(used, plan.window, plan.hop, n_windows) == 0
         power = self._transformed(np.nan_to_num(used), n_windows)
         shape = (-1, plan.step)
         steps = power.reshape(*shape, *power.shape[1:])
@@ -149,14 +148,6 @@ class BandEnvelopes:
         self._weights = np.concatenate([self._weights, weight])
         self._power = np.concatenate([self._power, steps])
         self._valid = np.concatenate([self._valid, valid])
-
-    def _valid_windows(self, sound: FloatArray, n_windows: int) -> BoolArray:
-        if not np.isnan(np.min(sound)):  # quick, and nearly always so
-            return np.ones(n_windows, np.bool_)
-        lost = np.concatenate([[0], np.cumsum(np.isnan(sound).any(axis=1))])
-        first = np.arange(n_windows) * self._plan.hop
-        whole: BoolArray = lost[first + self._plan.window] == lost[first]
-        return whole
 
     def _transformed(self, sound: FloatArray, n_windows: int) -> FloatArray:
         """Return power and intensities, shape (window, component, cell), float32."""
@@ -170,19 +161,16 @@ class BandEnvelopes:
 
     def _spectra(
         self, channel: FloatArray, n_windows: int
-    ) -> Iterator[tuple[slice, FloatArray]]:
-        from scipy.fft import next_fast_len, rfft
+    ) -> Iterator[tuple[slice, NDArray[np.complex64]]]:
+        from scipy.fft import next_fast_len
 
         plan = self._plan
         window = np.asarray(hann(plan.window), np.float32)
         length = next_fast_len(plan.window, real=True)
-        view = np.lib.stride_tricks.sliding_window_view(channel, plan.window)
-        at_once = max(1, CACHED_SAMPLES // length)
-        for first in range(0, n_windows, at_once):
-            rows = slice(first, min(first + at_once, n_windows))
-            chosen = view[rows.start * plan.hop : rows.stop * plan.hop : plan.hop]
-            spectrum = rfft(chosen[: rows.stop - first] * window, length)
-            yield rows, np.asarray(spectrum[:, plan.cells], np.complex64)
+        for rows, spectrum in windowed_spectra(
+            channel, window, plan.hop, length, n_windows
+        ):
+            yield rows, spectrum[:, plan.cells]
 
     def _normalised(self, n_ready: int) -> tuple[FloatArray, BoolArray]:
         """Divide the first steps held by the running mean and average to bands."""

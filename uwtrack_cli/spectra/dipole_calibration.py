@@ -22,6 +22,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.angles import wrap_deg, wrap_rad
 
 NAMES = (
     "first_gain", "second_gain", "dipole_crosstalk", "first_omni_crosstalk",
@@ -148,7 +149,7 @@ def fit_dipoles(known: KnownPassage) -> DipoleFit:
     value, unit = fit.x[:6].copy(), np.ones(6)
     value[:2] = np.exp(value[:2])
     unit[:2], unit[5] = value[:2], np.degrees(1.0)
-    value[5] = (np.degrees(value[5]) + 180.0) % 360.0 - 180.0
+    value[5] = wrap_deg(np.degrees(value[5]))
     return DipoleFit(
         value=value,
         std=std[:6] * unit,
@@ -258,7 +259,7 @@ class _Problem:
         ideal = np.linalg.solve(matrix[:, :2], (self.ratio - matrix[:, 2]).T)
         # what the ambient and errors of the track do is no error of the response
         off = np.arctan2(*ideal) + x[5] - (self.angle + self.slope @ x[9:])
-        error = np.degrees((off + np.pi) % (2.0 * np.pi) - np.pi)
+        error = np.degrees(wrap_rad(off))
         return float(np.sqrt(np.average(error**2, weights=self.power)))
 
 
@@ -296,8 +297,8 @@ def _bearing_std_deg(x: FloatArray, covariance: FloatArray) -> float:
     for k in range(6):
         moved = np.tile(x[:6], (2, 1))
         moved[:, k] += [step, -step]
-        change = bearing(moved[0]) - bearing(moved[1])
-        slopes.append(((change + np.pi) % (2 * np.pi) - np.pi) / (2.0 * step))
+        change = wrap_rad(bearing(moved[0]) - bearing(moved[1]))
+        slopes.append(change / (2.0 * step))
     table = np.array(slopes)
     variance = np.einsum("in,ij,jn->n", table, covariance, table)
     return float(np.degrees(np.sqrt(variance.mean())))

@@ -13,11 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.window import hann
 
 CACHED_SAMPLES = 1 << 16
 """Samples transformed at once: they and their spectra stay in the cache."""
+
+STRIP_ROWS = 256
+"""Samples of all channels that are transposed at once."""
 
 
 class DirectionalDensity(NamedTuple):
@@ -80,22 +83,22 @@ class FrameTransform:
     def spectra(
         self, channel: FloatArray, n_frames: int
     ) -> Iterator[tuple[slice, NDArray[np.complex64]]]:
-        """Yield rows of frames and their spectra, scaled to the root of density."""
-        from scipy.fft import rfft
-
-        window = self._scaled_window()
-        view = np.lib.stride_tricks.sliding_window_view(channel, self.window)
-        step = max(1, CACHED_SAMPLES // self.fft_length)
-        for first in range(0, n_frames, step):
-            rows = slice(first, min(first + step, n_frames))
-            frames = view[rows.start * self.hop : rows.stop * self.hop : self.hop]
-            windowed = frames[: rows.stop - first] * window
-            yield rows, np.asarray(rfft(windowed, self.fft_length), np.complex64)
-
-    def _scaled_window(self) -> FloatArray:
+        """Return rows of frames and their spectra, scaled to the root of density."""
         window = hann(self.window)
         scale = 2.0 / (self.rate_hz * float(np.sum(window**2)))
-        return np.asarray(window * np.sqrt(scale), np.float32)
+        window = np.asarray(window * np.sqrt(scale), np.float32)
+        return windowed_spectra(channel, window, self.hop, self.fft_length, n_frames)
+
+    def spectra_of_all(
+        self, samples: FloatArray, n_frames: int
+    ) -> NDArray[np.complex64]:
+        """Return the cells kept of all channels, shape (cell, channel, frame)."""
+        shape = (self.frequency_hz.size, samples.shape[1], n_frames)
+        found = np.empty(shape, np.complex64)
+        for number, channel in enumerate(_transposed(samples)):
+            for rows, part in self.spectra(channel, n_frames):
+                found[:, number, rows] = part[:, self.kept].T
+        return found
 
     def _one_sided(self, density: FloatArray) -> FloatArray:
         """Halve what has no mirror image: zero and the Nyquist frequency."""
@@ -105,3 +108,39 @@ class FrameTransform:
         if self.kept.stop == last and self.fft_length % 2 == 0:
             density[:, -1] *= np.float32(0.5)
         return density
+
+
+def windowed_spectra(
+    channel: FloatArray, window: FloatArray, hop: int, fft_length: int, n_windows: int
+) -> Iterator[tuple[slice, NDArray[np.complex64]]]:
+    """Yield rows of windows and their spectra, as many at once as the cache holds."""
+    from scipy.fft import rfft
+
+    view = np.lib.stride_tricks.sliding_window_view(channel, window.size)
+    at_once = max(1, CACHED_SAMPLES // fft_length)
+    for first in range(0, n_windows, at_once):
+        rows = slice(first, min(first + at_once, n_windows))
+        chosen = view[rows.start * hop : rows.stop * hop : hop]
+        windowed = chosen[: rows.stop - first] * window
+        yield rows, np.asarray(rfft(windowed, fft_length), np.complex64)
+
+
+def lost_samples(
+    samples: FloatArray, window: int, hop: int, n_windows: int
+) -> IntArray:
+    """Return how many samples of each window are nan in any channel."""
+    if not np.isnan(np.min(samples)):  # quick, and nearly always so
+        return np.zeros(n_windows, np.int64)
+    before = np.concatenate([[0], np.cumsum(np.isnan(samples).any(axis=1))])
+    first = np.arange(n_windows) * hop
+    lost: IntArray = before[first + window] - before[first]
+    return lost
+
+
+def _transposed(values: FloatArray) -> FloatArray:
+    """Copy the transpose of a matrix a strip of rows at a time, which stay in the cache."""
+    found = np.empty(values.shape[::-1], values.dtype)
+    for first in range(0, len(values), STRIP_ROWS):
+        strip = slice(first, first + STRIP_ROWS)
+        found[:, strip] = values[strip].T
+    return found

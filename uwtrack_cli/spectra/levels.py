@@ -17,7 +17,6 @@ the whole band. Tiles count absolute frames, so blocks have no influence.
 1991 (active intensity).
 """
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -29,9 +28,11 @@ from uwtrack_cli.data.base import Container, FloatArray, column, scalar
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.spectra import Levels, Spectrogram
+from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.estimation.angles import compass_deg
 from uwtrack_cli.estimation.noise_floor import LN2
+from uwtrack_cli.estimation.window import BIN_CORRELATION
 
 TILE_FRAMES = 64
 """Frames whose median makes one quiet-time value."""
@@ -60,9 +61,6 @@ LINE_FACTOR = 5.0
 
 KEPT_MEAN = 1.0 - LINE_FACTOR / (np.exp(LINE_FACTOR) - 1.0)
 """Mean of exponential cells below the line factor, over the mean of all."""
-
-BIN_CORRELATION = 1.944
-"""Correlation sum of natural bins under a Hann window, 1 + 2 (4/9 + 1/36)."""
 
 
 @checked
@@ -103,7 +101,7 @@ def measure_levels(
     return MeasuredLevels(blocks, band_hz, n_bands)
 
 
-class MeasuredLevels:
+class MeasuredLevels(RememberedStream[Levels, Levels]):
     """The levels of a stream of spectrograms, measured while they come.
 
     Parameters
@@ -127,38 +125,17 @@ class MeasuredLevels:
         self._rest: _Bands | None = None
         # place of the first waiting tile among the quiet times that are held
         self._at = 0
-        self._memory_s = 0.0
-        self._past: deque[Levels] = deque()
-        self._results = self._follow(blocks, band_hz, n_bands)
-
-    def __iter__(self) -> Iterator[Levels]:
-        """Return the blocks of levels."""
-        return self
-
-    def __next__(self) -> Levels:
-        """Return the levels that have become final, and at last the rest."""
-        return next(self._results)
-
-    def remember(self, last_s: float) -> None:
-        """Keep what has left for so long, s, for `so_far`."""
-        self._memory_s = last_s
+        super().__init__(self._follow(blocks, band_hz, n_bands))
 
     def so_far(self, start_s: float) -> Levels | None:
         """Return the levels as they would be if the spectrogram ended here.
 
-        Parameters
-        ----------
-        start_s
-            Where they begin, s: with the first tile that reaches beyond it.
-
-        Returns
-        -------
-        Levels or None
-            None before the first block.
+        They begin with the first tile that reaches beyond a time, s; None before the
+        first block.
         """
         if self._rest is None:
             return None
-        past = [one for one in self._past if one.frames.time_s[-1] >= start_s]
+        past = self._since(start_s)
         held = [*self._waiting, self._rest]
         late = [
             k for k, tile in enumerate(held)
@@ -186,7 +163,9 @@ class MeasuredLevels:
             n_past = max(0, self._at + n_ready - REACH_TILES)
             self._at += n_ready - n_past
             self._quiet = self._quiet[n_past:]
-            self._keep(made)
+            if made.frames.n_frames:
+                now_s = float(made.frames.time_s[-1])
+                self._keep(now_s, made, now_s)
             yield made
         if self._rest is not None:
             yield self._held_levels(self._rest, 0)
@@ -201,31 +180,14 @@ class MeasuredLevels:
         tiles = [*self._waiting[first:], rest]
         return _levels(tiles, quiet, self._at + first, rest.take("frame", slice(0)))
 
-    def _keep(self, made: Levels) -> None:
-        if not (self._memory_s and made.frames.n_frames):
-            return
-        self._past.append(made)
-        oldest_s = float(made.frames.time_s[-1]) - self._memory_s
-        while self._past[0].frames.time_s[-1] < oldest_s:
-            self._past.popleft()
-
 
 def condense(
     block: Spectrogram, *, band_hz: tuple[float, float], n_bands: int
 ) -> Container:
-    """Return what `measure_levels` needs of a block; it takes this in its place.
+    """Return what `measure_levels` needs of a block, and takes in its place.
 
-    Parameters
-    ----------
-    block
-        A block of a spectrogram.
-    band_hz, n_bands
-        Options of `measure_levels`.
-
-    Returns
-    -------
-    Container
-        The means of the sub-bands, some hundred times smaller.
+    Means of sub-bands, some hundred times smaller. Options as those of
+    `measure_levels`.
     """
     return _measure(block, band_hz, n_bands)
 
@@ -249,12 +211,7 @@ def whiten_frames(
 ) -> WhitenedFrames:
     """Return power and intensity between the lines of a recording of a vector sensor.
 
-    Parameters
-    ----------
-    blocks
-        Blocks of its spectrogram.
-    band_hz, n_bands
-        Options of `measure_levels`.
+    Options as those of `measure_levels`.
 
     Raises
     ------
@@ -425,18 +382,9 @@ def _ambient(
 ) -> FloatArray:
     """Return the intensity to take off a tile, shape (band, 2); zero if not known.
 
-    Nothing is taken off a quiet tile: its bearing is that of what is heard then.
-
-    Parameters
-    ----------
-    near
-        The tiles around, and this one.
-    here
-        Number of this one among them.
-    noise
-        Density of the quiet time, shape (band,).
-    tile_s
-        Length of a tile, s.
+    Nothing is taken off a quiet tile: its bearing is that of what is heard then. It is
+    one of those near, and lasts some seconds; the noise is that of the quiet time,
+    shape (band,).
     """
     if not np.isfinite(near[0].intensity).all():  # no directions
         return np.zeros((noise.size, 2))

@@ -54,7 +54,7 @@ def pool_overview(
         rows = _add(rows, pooled, n_frames, frames_per_row)
         n_frames += pooled.shape[0]
         while rows.shape[0] > max_pixels:
-            rows = _halve(rows)
+            rows = np.maximum.reduceat(rows, np.arange(0, len(rows), 2), axis=0)
             frames_per_row *= 2
         yield _overview(last, rows[:0], 1, max_pixels)
     if last is not None:
@@ -83,10 +83,6 @@ def _add(
         pooled[0] = np.maximum(pooled[0], rows[-1])
         rows = rows[:-1]
     return np.concatenate([rows, pooled])
-
-
-def _halve(rows: FloatArray) -> FloatArray:
-    return np.maximum.reduceat(rows, np.arange(0, rows.shape[0], 2), axis=0)
 
 
 def _overview(

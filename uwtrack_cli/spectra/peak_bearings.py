@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.estimation.angles import compass_deg
+from uwtrack_cli.estimation.angles import compass_deg, wrap_rad
 from uwtrack_cli.estimation.noise_floor import TILE_BINS, TILE_FRAMES
 from uwtrack_cli.estimation.window import cell_correlation, response
 
@@ -270,8 +270,7 @@ class _White:
             first, second = self.sound
             turned = np.stack([first * cos - second * sin, first * sin + second * cos])
             moved, _ = replace(self, sound=turned).angle(size, ratio)
-            way = (moved - angle + np.pi) % (2.0 * np.pi) - np.pi
-            total = total + (way / reach) ** 2
+            total = total + (wrap_rad(moved - angle) / reach) ** 2
         return np.asarray(np.sqrt(total / 3.0))
 
 

@@ -11,8 +11,9 @@ Peaks are kept down to a weaker threshold, marked, because a tracker can use the
 deviation of the frequency.
 """
 
-from dataclasses import replace
-from typing import Annotated
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -93,27 +94,24 @@ def find_peaks(
         raise OptionError(msg)
     chosen = _chosen_cells(spectrogram.frequency_hz, band_hz)
     frames, power = spectrogram.frames, spectrogram.power_density[:, chosen]
-    padding = max(1, round(frames.fft_length / frames.window_samples))
+    padding = frames.cells_per_bin
     floor = noise_floor(power, frames.valid_fraction, zero_padding=padding)
     detect, keep = (
-        threshold_factors(frames, power.shape[1], padding, probability)
+        threshold_factors(frames, power.shape[1], probability)
         for probability in (false_alarm_probability, kept_probability)
     )
     ratio = power / floor
     row, cell = _maxima(ratio, keep, padding)
-    measured = _measure(spectrogram, chosen, power, floor, row, cell)
-    snr = np.maximum(measured["ratio"] - 1.0, 0.1 * measured["ratio"])
+    frequency_hz = spectrogram.frequency_hz[chosen]
+    three = [power[row, cell + k] for k in (-1, 0, 1)]
+    tones = tones_in(frames, frequency_hz[0] + cell * frames.bin_hz, three)
     bearing_deg, bearing_std_deg = _bearings(
         spectrogram, chosen, (power, floor), (row, cell), dipole_noise_ratio
     )
-    frequency_hz = spectrogram.frequency_hz[chosen]
     return Peaks(
         frames=with_noise(frames, frequency_hz, floor, detect),
         frame=row + frames.first_frame,
-        frequency_hz=measured["frequency_hz"],
-        frequency_std_hz=frequency_std_hz(snr, frames.window_s),
-        level_db=10 * np.log10(measured["line_power"]),
-        snr_db=10 * np.log10(snr),
+        **tones.columns(three[1].astype(np.float64), floor[row, cell]),
         bearing_deg=bearing_deg,
         bearing_std_deg=bearing_std_deg,
         is_detection=ratio[row, cell] > detect[row],
@@ -140,21 +138,10 @@ def _chosen_cells(
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
-def threshold_factors(
-    frames: Frames, n_cells: int, padding: int, probability: float
-) -> FloatArray:
+def threshold_factors(frames: Frames, n_cells: int, probability: float) -> FloatArray:
     """Return the factor above the floor that noise exceeds so often, per frame.
 
-    Parameters
-    ----------
-    frames
-        Time base; the first frame starts a tile.
-    n_cells
-        Cells of the spectrum.
-    padding
-        Cells per natural bin.
-    probability
-        Exceedance rate per cell.
+    The first frame starts a tile; the spectrum has so many cells.
     """
     factor = np.empty(frames.n_frames)
     for start in range(0, frames.n_frames, TILE_FRAMES):
@@ -163,7 +150,7 @@ def threshold_factors(
         independent = independent_cells(
             n_valid,
             n_cells,
-            zero_padding=padding,
+            zero_padding=frames.cells_per_bin,
             hop_windows=frames.hop_samples / frames.window_samples,
         )
         factor[tile] = threshold_factor(
@@ -185,28 +172,6 @@ def _maxima(
     return row, cell + padding
 
 
-def _measure(
-    spectrogram: Spectrogram,
-    chosen: slice,
-    power: FloatArray,
-    floor: FloatArray,
-    row: IntArray,
-    cell: IntArray,
-) -> dict[str, FloatArray]:
-    frames = spectrogram.frames
-    step_bins = frames.window_samples / frames.fft_length
-    three = [power[row, cell + k].astype(np.float64) for k in (-1, 0, 1)]
-    offset_bins = peak_offset_bins(three[0], three[1], three[2], step_bins)
-    first_hz = spectrogram.frequency_hz[chosen.start]
-    natural_bin_hz = frames.bin_hz / step_bins
-    peak = peak_power(three[1], offset_bins, step_bins)
-    return {
-        "frequency_hz": first_hz + cell * frames.bin_hz + offset_bins * natural_bin_hz,
-        "ratio": peak / floor[row, cell],
-        "line_power": peak * NOISE_BANDWIDTH_BINS * natural_bin_hz,
-    }
-
-
 def _bearings(
     spectrogram: Spectrogram,
     chosen: slice,
@@ -219,8 +184,7 @@ def _bearings(
     if east is None or north is None:
         return np.full(place[0].size, np.nan), np.full(place[0].size, np.nan)
     frames = spectrogram.frames
-    padding = max(1, round(frames.fft_length / frames.window_samples))
-    parts = (east[:, chosen], north[:, chosen])
+    parts, padding = (east[:, chosen], north[:, chosen]), frames.cells_per_bin
     background = background_pull(parts, *density, *place, zero_padding=padding)
     return peak_bearings(
         parts, *density, background, *place,
@@ -229,21 +193,54 @@ def _bearings(
     )  # fmt: skip
 
 
-def peak_power(
-    centre: FloatArray, offset_bins: FloatArray, step_bins: float
-) -> FloatArray:
-    """Return the power at the interpolated maximum, from the window's own shape.
+@dataclass(frozen=True, eq=False)
+class Tones:
+    """Tones at the largest of neighbouring cells, shape (tone,) each."""
 
-    Parameters
-    ----------
-    centre
-        Power of the largest cell.
-    offset_bins
-        Offset of the maximum from it, natural bins.
-    step_bins
-        Distance of two cells in natural bins.
-    """
-    return centre / response(np.clip(offset_bins, -step_bins, step_bins)) ** 2
+    frames: Frames
+    """Time base of the spectra."""
+    frequency_hz: FloatArray
+    """Interpolated frequencies, Hz."""
+    offset_bins: FloatArray
+    """How far they lie from their cells, natural bins."""
+
+    def snr(self, centre: FloatArray, floor: FloatArray) -> FloatArray:
+        """Return the power over the noise, of the power in a cell and the density there."""
+        ratio = self._peak(centre) / floor
+        return np.maximum(ratio - 1.0, 0.1 * ratio)
+
+    def columns(self, centre: FloatArray, floor: FloatArray) -> dict[str, Any]:
+        """Return frequency, level and SNR with their deviations, as `Peaks` has them."""
+        snr = self.snr(centre, floor)
+        natural_bin_hz = self.frames.bin_hz / self._step_bins
+        line_power = self._peak(centre) * NOISE_BANDWIDTH_BINS * natural_bin_hz
+        return {
+            "frequency_hz": self.frequency_hz,
+            "frequency_std_hz": frequency_std_hz(snr, self.frames.window_s),
+            "level_db": 10 * np.log10(line_power),
+            "snr_db": 10 * np.log10(snr),
+        }
+
+    def _peak(self, centre: FloatArray) -> FloatArray:
+        """Return the power at the interpolated maximum, from the window's own shape."""
+        step = self._step_bins
+        return np.asarray(
+            centre / response(np.clip(self.offset_bins, -step, step)) ** 2
+        )
+
+    @property
+    def _step_bins(self) -> float:
+        """Distance of two cells in natural bins."""
+        return self.frames.window_samples / self.frames.fft_length
+
+
+def tones_in(frames: Frames, cell_hz: FloatArray, three: Sequence[FloatArray]) -> Tones:
+    """Interpolate tones by the power in the largest cells, before and after them."""
+    step_bins = frames.window_samples / frames.fft_length
+    left, centre, right = (power.astype(np.float64) for power in three)
+    offset_bins = peak_offset_bins(left, centre, right, step_bins)
+    natural_bin_hz = frames.bin_hz / step_bins
+    return Tones(frames, cell_hz + offset_bins * natural_bin_hz, offset_bins)
 
 
 def with_noise(
@@ -251,16 +248,8 @@ def with_noise(
 ) -> Frames:
     """Return frames in which the noise per band and the threshold are noted.
 
-    Parameters
-    ----------
-    frames
-        Time base.
-    frequency_hz
-        Frequency of the cells, Hz.
-    floor
-        Noise density, shape (frame, frequency).
-    detect
-        Factor of the threshold above it, per frame.
+    The noise density has the shape (frame, frequency), the factor of the threshold
+    above it that of the frames.
     """
     edges = np.linspace(0, frequency_hz.size, N_NOISE_BANDS + 1).astype(int)
     edges = np.unique(edges)

@@ -29,7 +29,6 @@ bounded by one stretch.
 the factor. `calibration/rises.py` draws what the constants were set from.
 """
 
-from collections import deque
 from collections.abc import Iterator
 from typing import Annotated, NamedTuple
 
@@ -40,7 +39,9 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import AtLeast, AtMost, checked
 from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, LINES, Rises
 from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.estimation.noise_floor import LN2, threshold_factor
+from uwtrack_cli.estimation.window import BIN_CORRELATION
 
 HALF_LENGTHS_S = (0.15, 0.3, 0.5, 1.0, 2.0)
 """Half lengths of the rises that are sought, s."""
@@ -53,9 +54,6 @@ LEFT_OUT = 3
 
 BAND_BINS = 32
 """Natural bins of a sub-band."""
-
-BIN_CORRELATION = 1.944
-"""Correlation sum of natural bins under a Hann window, 1 + 2 (4/9 + 1/36)."""
 
 CELL_PROBABILITY = 1e-4
 """Probability that noise makes a cell count among the lines."""
@@ -166,7 +164,7 @@ def find_rises(
     return FoundRises(blocks, least_spreads)
 
 
-class FoundRises:
+class FoundRises(RememberedStream[Rises, _Rise]):
     """The rises of a stream of spectrograms, found while they come.
 
     Parameters
@@ -181,37 +179,13 @@ class FoundRises:
         self._least_spreads = least_spreads
         self._held: list[_Cells] = []
         self._hop_s, self._known, self._sensor = 1.0, 0, ""
-        self._memory_s = 0.0
-        self._past: deque[_Rise] = deque()
-        self._results = self._follow(blocks)
-
-    def __iter__(self) -> Iterator[Rises]:
-        """Return the blocks of rises."""
-        return self
-
-    def __next__(self) -> Rises:
-        """Return the rises that a block has made certain, and at last the rest."""
-        return next(self._results)
-
-    def remember(self, last_s: float) -> None:
-        """Keep what has left for so long, s, for `so_far`."""
-        self._memory_s = last_s
+        super().__init__(self._follow(blocks))
 
     def so_far(self, start_s: float) -> Rises | None:
         """Return the rises as they would be if the spectrogram ended here.
 
-        Those that are not certain yet count in spreads of the stretch, and of what is
-        known before it.
-
-        Parameters
-        ----------
-        start_s
-            Where they begin, s.
-
-        Returns
-        -------
-        Rises or None
-            None before the first block.
+        They begin at a time, s. Those that are not certain yet count in spreads of the
+        stretch, and of what is known before it. None before the first block.
         """
         if not self._held:
             return None
@@ -222,8 +196,7 @@ class FoundRises:
         near = _part(whole, slice(first - before, None))
         searched = (before, near.time_s.size)
         found = _search(near, self._hop_s, searched, self._least_spreads, passes=True)
-        past = [rise for rise in self._past if rise[0] >= start_s]
-        return self._table([*past, *found])
+        return self._table([*self._since(start_s), *found])
 
     def _follow(self, blocks: Iterator[Spectrogram]) -> Iterator[Rises]:
         for block in blocks:
@@ -241,7 +214,8 @@ class FoundRises:
                 rest = slice(stop - CONTEXT_FRAMES, None)
                 self._held = [_part(whole, rest)]
                 self._known = CONTEXT_FRAMES
-            self._keep(found)
+            for rise in found:
+                self._keep(rise[0], rise, float(self._held[-1].time_s[-1]))
             yield self._table(found)
         if self._held:
             whole = _joined(self._held)
@@ -249,14 +223,6 @@ class FoundRises:
             yield self._table(
                 _search(whole, self._hop_s, searched, self._least_spreads)
             )
-
-    def _keep(self, found: list[_Rise]) -> None:
-        if not self._memory_s:
-            return
-        self._past += found
-        oldest_s = float(self._held[-1].time_s[-1]) - self._memory_s
-        while self._past and self._past[0][0] < oldest_s:
-            self._past.popleft()
 
     def _table(self, found: list[_Rise]) -> Rises:
         time_s, half_s, kind, spreads = zip(*found, strict=True) if found else ((),) * 4
@@ -287,7 +253,7 @@ def _part(cells: _Cells, rows: slice) -> _Cells:
 def _cells(block: Spectrogram) -> _Cells:
     """Measure the noise of the frames of a block, and what is above it."""
     power, frames = block.power_density, block.frames
-    padding = max(1, round(frames.fft_length / frames.window_samples))
+    padding = frames.cells_per_bin
     n_bands = max(1, power.shape[1] // (BAND_BINS * padding))
     edges = np.linspace(0, power.shape[1], n_bands + 1).astype(np.int64)
     density = np.empty((power.shape[0], n_bands), np.float32)
@@ -420,21 +386,10 @@ def _sharpness(frequency: FloatArray, strength: FloatArray) -> float:
 
 
 def heights(values: FloatArray, half: int, usual_spread: float) -> FloatArray:
-    """Return how high each frame stands as the middle of a rise.
+    """Return how high each frame stands as the middle of a rise, in spreads.
 
-    Parameters
-    ----------
-    values
-        A value of each frame, nan where there is none, shape (frame,).
-    half
-        Half length of the rise, frames.
-    usual_spread
-        Spread of such rises where nothing passes, in the unit of the values.
-
-    Returns
-    -------
-    array, shape (frame,)
-        Height in spreads; minus infinity where it is not known.
+    Values are nan where there is none; the half length is in frames. Such rises spread
+    by ``usual_spread`` where nothing passes. Minus infinity where it is not known.
     """
     near, far = round(FLANK[0] * half), round(FLANK[1] * half)
     middle = _lasting(values, half)
@@ -457,19 +412,8 @@ def heights(values: FloatArray, half: int, usual_spread: float) -> FloatArray:
 def highest(values: FloatArray, half: int, searched: tuple[int, int]) -> float:
     """Return what no rise of a length exceeds: that of the mean of all its frames.
 
-    Parameters
-    ----------
-    values
-        A value of each frame, nan where there is none, shape (frame,).
-    half
-        Half length of the rise, frames.
-    searched
-        First frame in question, and the one behind the last.
-
-    Returns
-    -------
-    float
-        In the unit of the values; minus infinity where none is known.
+    As for `heights`, from the first frame in question to the one behind the last. In
+    the unit of the values; minus infinity where none is known.
     """
     near, far = round(FLANK[0] * half), round(FLANK[1] * half)
     least = (far - near + 1) // 2

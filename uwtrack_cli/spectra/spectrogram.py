@@ -34,7 +34,7 @@ from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.decimation import Decimator
 from uwtrack_cli.spectra.dipoles import directional_channels, true_components
-from uwtrack_cli.spectra.frame_transform import FrameTransform
+from uwtrack_cli.spectra.frame_transform import FrameTransform, lost_samples
 
 READ_SAMPLES = 1 << 18
 """Samples per channel read at once."""
@@ -281,7 +281,8 @@ def describe_frames(
     return time_base(
         recording,
         first_frame,
-        _valid_fraction(samples, layout, n_frames),
+        1.0
+        - lost_samples(samples, layout.window, layout.hop, n_frames) / layout.window,
         window_samples=layout.window * layout.decimation,
         hop_samples=layout.hop * layout.decimation,
         fft_length=layout.fft_length * layout.decimation,
@@ -344,15 +345,3 @@ def _flat_frames(
         whole = samples[first[frame] : first[frame] + layout.window]
         is_flat[frame] = bool((whole == whole[0]).all())
     return is_flat
-
-
-def _valid_fraction(
-    samples: FloatArray, layout: FrameTransform, n_frames: int
-) -> FloatArray:
-    """Share of valid samples per frame."""
-    if not np.isnan(np.min(samples)):  # quick, and nearly always so
-        return np.ones(n_frames)
-    before = np.concatenate([[0], np.cumsum(np.isnan(samples).any(axis=1))])
-    first = np.arange(n_frames) * layout.hop
-    lost: FloatArray = before[first + layout.window] - before[first]
-    return 1.0 - lost / layout.window
