@@ -16,11 +16,14 @@ day would fill with nothing. Evidence is in nepers; a pair that is not named has
 scale: 3 nepers is strong.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.lines.line_points import LinePoints
+from uwtrack_cli.lines.families.lasting_families import FamilyRegister
+from uwtrack_cli.lines.line_points import FamilyJump, LinePoints, LineTable
 from uwtrack_cli.lines.pair_evidence import (
     BEARING_WANDER_DEG,
     LINE_WANDER,
@@ -47,6 +50,12 @@ LEAST_EVIDENCE = 3.0
 UNRESOLVED_BINS = 1.75
 """Distance of two lines, in natural bins, within which they are told as unresolved: at 2
 bins 19 of 20 of a line's points are its own, at 1.5 every tenth is the other's."""
+
+CORRELATION_WINDOWS = 4.0
+"""Windows over which the errors of a smoothed line are taken as correlated."""
+
+FAMILY_CHANCE = 0.1
+"""Expected number of families by chance in a recording below which they last."""
 
 _VETO = -6.0
 """Evidence against a pair that keeps their groups apart."""
@@ -108,6 +117,28 @@ class ContactSamples:
             values[:, 0], values[:, 1], values[:, 2], values[:, 3],
             correlation_samples=max(1.0, correlation_frames / self.stride),
         )  # fmt: skip
+
+
+def line_table(
+    held: ContactSamples,
+    register: FamilyRegister,
+    jumps: Sequence[FamilyJump],
+    *,
+    window_frames: float,
+    resolution_hz: float,
+) -> LineTable:
+    """Return what is known of whole lines by their histories, families and jumps.
+
+    A window lasts so many steps from one frame to the next.
+    """
+    lines = held.line_seen()
+    families, family = register.lasting(lines, FAMILY_CHANCE)
+    samples = held.samples(lines, CORRELATION_WINDOWS * window_frames)
+    contact, status = group_lines(samples, family)
+    beside = unresolved_share(samples, UNRESOLVED_BINS * resolution_hz)
+    known = set(lines.tolist())
+    told = [jump for jump in jumps if not known.isdisjoint(jump.lines)]
+    return LineTable(lines, contact, family, status, beside, families, told)
 
 
 def unresolved_share(samples: LineSamples, reach_hz: float) -> FloatArray:

@@ -23,7 +23,7 @@ from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.lines.contacts import ContactSamples, group_lines
+from uwtrack_cli.lines.contacts import CORRELATION_WINDOWS, ContactSamples, group_lines
 from uwtrack_cli.lines.line_points import LinePoints
 from uwtrack_cli.lines.rungs.best_basis import RungLines, best_basis
 from uwtrack_cli.lines.rungs.rung_families import joined_families
@@ -32,9 +32,6 @@ from uwtrack_cli.lines.rungs.rung_links import numbers_of_lines
 
 SAME_OVERLAP = 0.05
 """Relative difference of the overlaps of two rungs that are one: they are rounded."""
-
-CORRELATION_WINDOWS = 4.0
-"""Windows over which the errors of a smoothed line are taken as correlated."""
 
 
 @checked

@@ -14,6 +14,7 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.lines.families.lasting_families import no_families
 
 _BEARING_KNOWN_BELOW_DEG2 = 1e6
@@ -21,7 +22,7 @@ _BEARING_KNOWN_BELOW_DEG2 = 1e6
 
 
 @dataclass(frozen=True)
-class LinePoints:
+class LinePoints(Rows):
     """Points of lines that have become final, one row each."""
 
     line: IntArray
@@ -72,29 +73,12 @@ class LinePoints:
         """Return the points from a time on, s."""
         return self.take(np.flatnonzero(self.time_s >= start_s))
 
-    def take(self, rows: BoolArray | IntArray | slice) -> "LinePoints":
-        """Return some of the points."""
-        return LinePoints(
-            self.line[rows], self.frame[rows], self.time_s[rows],
-            self.state[rows], self.measured[rows], self.association[rows],
-        )  # fmt: skip
-
     @classmethod
     def join(cls, parts: Sequence["LinePoints"]) -> "LinePoints":
         """Put the points of several emissions behind each other."""
-        if not parts:
-            none = np.zeros(0, dtype=np.int64)
-            return cls(
-                none, none, np.zeros(0), np.zeros((0, 5, 2)), np.zeros((0, 6)), none,
-            )  # fmt: skip
-        return cls(
-            np.concatenate([p.line for p in parts]),
-            np.concatenate([p.frame for p in parts]),
-            np.concatenate([p.time_s for p in parts]),
-            np.concatenate([p.state for p in parts]),
-            np.concatenate([p.measured for p in parts]),
-            np.concatenate([p.association for p in parts]),
-        )
+        none = np.zeros(0, dtype=np.int64)
+        nothing = np.zeros((0, 5, 2)), np.zeros((0, 6))
+        return super().join(parts or [cls(none, none, np.zeros(0), *nothing, none)])
 
 
 @dataclass

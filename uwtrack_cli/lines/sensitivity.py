@@ -13,10 +13,12 @@ noise peaks and the size of a tentative line's gate.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.noise_floor import LN2
 
 MINUTE_S = 60.0
 
@@ -29,7 +31,7 @@ _SPATIAL_LOSS = 0.6
 
 
 def amplitude_log_ratio(
-    power_ratio: FloatArray, design_snr: float | FloatArray
+    power_ratio: FloatArray, design_snr: float | FloatArray | np.floating[Any]
 ) -> FloatArray:
     """Logarithm of the amplitude's likelihood, steady line against noise.
 
@@ -132,9 +134,6 @@ def weakest_by_path(least_score: float, n_frames: int, path_gain: float) -> floa
     score = np.minimum(amplitude_log_ratio(power, 1.5), 4.0)
     mean = (density * score).sum(axis=1) * (power[1] - power[0])
     return _first_above(n_frames * (mean + path_gain), least_score)
-
-
-LN2 = float(np.log(2.0))
 
 
 def _first_above(values: FloatArray, level: float) -> float:

@@ -148,7 +148,7 @@ def trace_rule(
     """
     frames = block.frames
     overlap = 1.0 - frames.hop_samples / frames.window_samples
-    padding = round(frames.fft_length / frames.window_samples)
+    padding = frames.cells_per_bin
     key = tail_key(overlap, padding)
     threshold = TraceThreshold(
         false_lines_per_khz_hour, key[0], key[1], frames.hop_s, window_frames

@@ -289,9 +289,8 @@ class Meetings:
     def _carried(self, course: Course, step_s: float, share: float) -> Course:
         """Return a course at another time, either way."""
         move = transition(step_s)
-        noise = white_acceleration(abs(step_s))
-        both = np.copysign(noise.covariance, step_s)
-        grown = np.array([[noise.position, both], [both, noise.rate]])
+        sign = np.copysign(1.0, step_s) * np.array([[0.0, 1.0], [1.0, 0.0]]) + np.eye(2)
+        grown = sign * white_acceleration(abs(step_s)).matrix
         covariance = move @ course.covariance @ move.T
         covariance += share * self.density_hz2ps3 * grown
         return Course(move @ course.value, covariance)

@@ -145,10 +145,7 @@ def cell_scores(power_ratio: FloatArray) -> FloatArray:
     Beyond the cap the score grows with its logarithm only, just enough for a path to
     stay in the middle of a strong line.
     """
-    from scipy.special import i0e
-
-    argument = 2.0 * np.sqrt(np.float32(DESIGN_SNR) * power_ratio)
-    score = np.log(i0e(argument)) + argument - np.float32(DESIGN_SNR)
+    score = amplitude_log_ratio(power_ratio, np.float32(DESIGN_SNR))
     above = np.maximum(score - np.float32(MOST_SCORE), np.float32(0.0))
     score = np.minimum(score, np.float32(MOST_SCORE)) + 0.5 * np.log1p(above)
     return np.where(np.isfinite(score), score, np.float32(0.0)).astype(np.float32)

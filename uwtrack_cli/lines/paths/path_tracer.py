@@ -22,12 +22,7 @@ from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.estimation.noise_floor import noise_floor
-from uwtrack_cli.lines.contacts import (
-    UNRESOLVED_BINS,
-    ContactSamples,
-    group_lines,
-    unresolved_share,
-)
+from uwtrack_cli.lines.contacts import ContactSamples, line_table
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
@@ -53,8 +48,6 @@ from uwtrack_cli.lines.paths.trace_threshold import PathScores, TraceThreshold
 from uwtrack_cli.lines.paths.trace_window import (
     Measured,
     WindowData,
-    cut,
-    join_windows,
     measure,
     smooth_window,
     to_window,
@@ -133,8 +126,7 @@ class PathTracer:
         self.next_line = 1
         self.next_frame = 0
         self.is_first = True
-        padding = max(1, round(first.frames.fft_length / first.frames.window_samples))
-        self.noise = RecordingNoise(inside.size, padding)
+        self.noise = RecordingNoise(inside.size, first.frames.cells_per_bin)
         self.meetings = Meetings(
             resolution, rule.motion.own_density(first.frames.window_s)
         )
@@ -143,16 +135,17 @@ class PathTracer:
 
     def push(self, block: Spectrogram) -> list[LinePoints]:
         """Take a block; return the points that have become final."""
-        power = block.power_density[:, self.chosen]
-        padding = max(1, round(block.frames.fft_length / block.frames.window_samples))
-        floor = noise_floor(power, block.frames.valid_fraction, zero_padding=padding)
+        frames, power = block.frames, block.power_density[:, self.chosen]
+        floor = noise_floor(
+            power, frames.valid_fraction, zero_padding=frames.cells_per_bin
+        )
         self.held.append(to_window(block, floor, self.chosen))
-        self.n_held += block.frames.n_frames
+        self.n_held += frames.n_frames
         points = []
         while self.n_held >= self.rule.window_frames:
-            data = join_windows(self.held)
-            points.append(self._window(cut(data, slice(self.rule.window_frames)), None))
-            rest = cut(data, slice(self.rule.window_frames // 2, None))
+            data = WindowData.join(self.held)
+            points.append(self._window(data.take(slice(self.rule.window_frames)), None))
+            rest = data.take(slice(self.rule.window_frames // 2, None))
             self.held, self.n_held = [rest], rest.frame.size
         return points
 
@@ -161,7 +154,7 @@ class PathTracer:
         half = self.rule.window_frames // 2
         points = []
         if self.n_held > (0 if self.is_first else half):
-            points.append(self._window(join_windows(self.held), self.n_held))
+            points.append(self._window(WindowData.join(self.held), self.n_held))
         else:
             points.extend(living.pending for living in self.living)
         self.living = []
@@ -275,12 +268,8 @@ class PathTracer:
         """Give the paths that run beside those of living lines their numbers.
 
         A line that was silent, or has jumped, can have several paths in a window.
-
-        Returns
-        -------
-        tuple
-            The paths, those of one line one after the other, and the number of each, 0
-            for none, shape (path,).
+        Returns the paths, those of one line one after the other, and the number of
+        each, 0 for none, shape (path,).
         """
         paths, lines = list(paths), np.zeros(len(paths), dtype=np.int64)
         for k in sorted(range(len(paths)), key=lambda k: paths[k].first):
@@ -304,22 +293,9 @@ class PathTracer:
     ) -> list[FoundPath]:
         """Give each path the number of the line it continues, or a new one.
 
-        Parameters
-        ----------
-        data
-            The frames of the window.
-        paths
-            The paths found in it.
-        lines
-            Numbers of the lines of those that run beside living ones, else 0, shape
-            (path,); the others are filled in.
-        measured, states
-            What was measured along the paths, and smoothed.
-
-        Returns
-        -------
-        list of FoundPath
-            The paths, those of lines that jumped cut where they did.
+        ``lines`` are those of paths beside living ones, else 0, shape (path,); the
+        others are filled in. Returns the paths, those of lines that jumped cut where
+        they did.
         """
         inside = {old.line for old in self.living if old.out_to <= old.frame[0]}
         silent, fresh = list(self.ended), []
@@ -355,14 +331,8 @@ class PathTracer:
     ) -> list[FoundPath]:
         """Give new lines the numbers of those that have jumped to where they are.
 
-        Parameters
-        ----------
-        data, paths, lines, measured, states
-            As in `_named`; the numbers of lines that jumped are changed.
-        fresh
-            Indices of paths whose lines have no points outside yet.
-        silent
-            Ends of the lines that may have jumped.
+        As in `_named`; ``fresh`` are paths whose lines have no points outside yet,
+        ``silent`` ends of the lines that may have jumped.
         """
         paths, begins = list(paths), []
         for k in fresh:
@@ -471,15 +441,11 @@ class PathTracer:
 
     def line_table(self) -> LineTable:
         """Return what is known of the lines, at the end."""
-        lines = self.samples.line_seen()
-        families, family = self.families.lasting(lines, 0.1)
-        correlation = 4.0 / (self.resolution_hz * self.hop_s)
-        samples = self.samples.samples(lines, correlation)
-        contact, status = group_lines(samples, family)
-        beside = unresolved_share(samples, UNRESOLVED_BINS * self.resolution_hz)
-        known = set(lines.tolist())
-        jumps = [jump for jump in self.jumps if not known.isdisjoint(jump.lines)]
-        return LineTable(lines, contact, family, status, beside, families, jumps)
+        return line_table(
+            self.samples, self.families, self.jumps,
+            window_frames=1.0 / (self.resolution_hz * self.hop_s),
+            resolution_hz=self.resolution_hz,
+        )  # fmt: skip
 
     def scalars(self, reference: str) -> dict[str, Any]:
         """Return what the run could have found."""

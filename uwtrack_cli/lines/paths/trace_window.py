@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.angles import compass_deg, wrap_deg
@@ -35,8 +36,10 @@ _PATH_CORRELATION = 9.0
 
 
 @dataclass(frozen=True)
-class WindowData:
+class WindowData(Rows):
     """The frames of one window."""
+
+    SHARED = frozenset({"frequency_hz"})
 
     frame: IntArray
     """Index of each frame, shape (frame,)."""
@@ -79,37 +82,6 @@ class Measured:
     """Frequency, deviation, bearing, deviation, level, SNR: (6, frame, line)."""
 
 
-def join_windows(blocks: list[WindowData]) -> WindowData:
-    """Put blocks of frames behind each other."""
-    last = blocks[-1]
-    both: dict[str, FloatArray | None] = {
-        name: np.concatenate([getattr(b, name) for b in blocks])
-        if getattr(last, name) is not None
-        else None
-        for name in (
-            "frame", "time_s", "is_valid", "power", "floor", "east", "north",
-        )
-    }  # fmt: skip
-    return WindowData(
-        **both,  # type: ignore[arg-type]
-        frequency_hz=last.frequency_hz,
-        window_s=last.window_s,
-        cells_per_bin=last.cells_per_bin,
-    )
-
-
-def cut(data: WindowData, rows: slice) -> WindowData:
-    """Return some frames."""
-    return WindowData(
-        frame=data.frame[rows], time_s=data.time_s[rows],
-        is_valid=data.is_valid[rows], frequency_hz=data.frequency_hz,
-        power=data.power[rows], floor=data.floor[rows],
-        east=None if data.east is None else data.east[rows],
-        north=None if data.north is None else data.north[rows],
-        window_s=data.window_s, cells_per_bin=data.cells_per_bin,
-    )  # fmt: skip
-
-
 def to_window(spectrogram: Spectrogram, floor: FloatArray, chosen: slice) -> WindowData:
     """Take what is needed from a block of spectrogram."""
     frames = spectrogram.frames
@@ -124,7 +96,7 @@ def to_window(spectrogram: Spectrogram, floor: FloatArray, chosen: slice) -> Win
         east=None if east is None else east[:, chosen],
         north=None if north is None else north[:, chosen],
         window_s=frames.window_s,
-        cells_per_bin=max(1, round(frames.fft_length / frames.window_samples)),
+        cells_per_bin=frames.cells_per_bin,
     )
 
 

@@ -18,7 +18,8 @@ from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.assignment import assign, candidate_pairs
 from uwtrack_cli.lines.tracker_options import TrackerOptions
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks
-from uwtrack_cli.lines.tracking.track_management import Logic
+from uwtrack_cli.lines.tracking.llr_score import LlrScore
+from uwtrack_cli.lines.tracking.track_management import HitCounter
 from uwtrack_cli.lines.tracking.track_store import TrackStore
 
 UNRESOLVED = 1.5
@@ -69,7 +70,7 @@ class Associator:
         self,
         store: TrackStore,
         options: TrackerOptions,
-        logic: Logic,
+        logic: LlrScore | HitCounter,
         resolution_hz: float,
     ) -> None:
         self.store = store

@@ -26,8 +26,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.estimation.constant_velocity import white_acceleration
-from uwtrack_cli.estimation.kalman import KalmanState
+from uwtrack_cli.estimation.kalman import KalmanState, predict
 from uwtrack_cli.lines.tracking.track_store import (
     UNKNOWN_BEARING_VARIANCE,
     TrackStore,
@@ -271,22 +270,16 @@ def log_ratio_of_return(
     strangers_per_hz
         Density along frequency in which strangers begin, 1/Hz.
     """
-    noise = white_acceleration(gap_s)
-    variance = (
-        before.variance
-        + gap_s * (2.0 * before.covariance + gap_s * before.rate_variance)
-        + noise_density * noise.position
-    )
-    rate_variance = before.rate_variance + noise_density * noise.rate
-    spread = variance[0] + now.variance[0] + (LEAST_STD * resolution_hz) ** 2
-    off = now.position[0] - before.position[0] - gap_s * before.rate[0]
-    slip = now.rate[0] - before.rate[0]
-    slip_spread = rate_variance[0] + now.rate_variance[0]
+    ahead = predict(before, gap_s, noise_density)
+    spread = ahead.variance[0] + now.variance[0] + (LEAST_STD * resolution_hz) ** 2
+    off = now.position[0] - ahead.position[0]
+    slip = now.rate[0] - ahead.rate[0]
+    slip_spread = ahead.rate_variance[0] + now.rate_variance[0]
     slip_spread = slip_spread + (LEAST_RATE_STD * resolution_hz**2) ** 2
     log_ratio = -0.5 * (off**2 / spread + slip**2 / slip_spread)
-    turn = wrap_deg(now.position[1] - before.position[1] - gap_s * before.rate[1])
+    turn = wrap_deg(now.position[1] - ahead.position[1])
     is_known = before.variance[1] < UNKNOWN_BEARING_VARIANCE
-    turn_spread = variance[1] + now.variance[1]
+    turn_spread = ahead.variance[1] + now.variance[1]
     log_ratio -= np.where(is_known, 0.5 * turn**2 / turn_spread, 0.0)
     log_ratio += np.log(RETURNING / strangers_per_hz)
     return np.asarray(log_ratio - 0.5 * np.log(2.0 * np.pi * spread))

@@ -17,8 +17,6 @@ are given by their slots in the store.
 **References.** Choi (2014).
 """
 
-from typing import Protocol
-
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
@@ -46,69 +44,15 @@ NOISE_PEAKS_PER_CELL = 0.9
 """Noise peaks per resolution at threshold zero, extrapolated from high ones."""
 
 
-class Logic(Protocol):
-    """What the tracker asks of a logic."""
-
-    uses_all_peaks: bool
-    """Whether peaks below the detection threshold serve every line."""
-    is_exclusive: bool
-    """Whether two tentative lines may not have the same peak."""
-    least_gain: float
-    """Gain below which a tentative line rather misses than takes a peak."""
-    false_lines_per_khz_hour: float
-    """Expected rate of lines in noise alone."""
-    weakest_line_snr_db: float
-    """Cell SNR of the weakest steady line found with probability 0.5, dB."""
-
-    def heights(self, peaks: FramePeaks) -> FloatArray:
-        """Return the log-likelihood ratio of each peak's height, in nepers."""
-        ...
-
-    def weigh(
-        self,
-        store: TrackStore,
-        slots: IntArray,
-        distance: FloatArray,
-        variance: FloatArray,
-        line: IntArray,
-        height: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Cost of each pair and its log-likelihood ratio; the variance is by line."""
-        ...
-
-    def judge(
-        self,
-        store: TrackStore,
-        slots: IntArray,
-        chosen: Choice,
-        patience: FloatArray,
-    ) -> tuple[BoolArray, BoolArray]:
-        """Tell which lines are to be confirmed and which are lost."""
-        ...
-
-    def first_score(self, height: FloatArray) -> FloatArray:
-        """Score of a line that consists of one peak."""
-        ...
-
-    def may_start(self, peaks: FramePeaks) -> BoolArray:
-        """Tell which peaks are high enough to start a line."""
-        ...
-
-    def is_likely(self, store: TrackStore, slots: IntArray) -> BoolArray:
-        """Tell which lines are more likely lines than noise."""
-        ...
-
-    def watch(self, peaks: FramePeaks, is_claimed: BoolArray) -> None:
-        """Take note of a frame's peaks that belong to no confirmed line."""
-        ...
-
-
 class HitCounter:
     """M of N: confirmed by hits since birth, kept by hits in a sliding window."""
 
     uses_all_peaks = False
+    """Whether peaks below the detection threshold serve every line."""
     is_exclusive = True
+    """Whether two tentative lines may not have the same peak."""
     least_gain = -np.inf
+    """Gain below which a tentative line rather misses than takes a peak."""
 
     def __init__(self, rule: CountLogic, frames: Frames, peaks: Peaks) -> None:
         self.rule = rule
@@ -192,19 +136,9 @@ def count_hits(history: IntArray, window: IntArray | int) -> IntArray:
     """
     one = np.uint64(1)
     mask = (one << np.asarray(window, dtype=np.uint64)) - one
-    return _count_bits(history.astype(np.uint64) & mask)
-
-
-def _count_bits(words: IntArray) -> IntArray:
-    # the classic sum by halves; numpy has bitwise_count only from 2.0 on
-    u = np.uint64
-    words = words - ((words >> u(1)) & u(0x5555555555555555))
-    words = (words & u(0x3333333333333333)) + ((words >> u(2)) & u(0x3333333333333333))
-    words = (words + (words >> u(4))) & u(0x0F0F0F0F0F0F0F0F)
-    words = words + (words >> u(8))
-    words = words + (words >> u(16))
-    words = words + (words >> u(32))
-    return (words & u(0x7F)).astype(np.int64)
+    words = np.ascontiguousarray(history.astype(np.uint64) & mask)
+    bits = np.unpackbits(words.view(np.uint8)).reshape(-1, 64)
+    return np.asarray(bits.sum(axis=1))
 
 
 def merge_lines(store: TrackStore, gates: Gates, resolution_hz: float) -> None:

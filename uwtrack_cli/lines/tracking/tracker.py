@@ -15,7 +15,6 @@ asked at any time (`FollowedLines.so_far`).
 **References.** Choi (2014); Blackman & Popoli (1999), section 6.2.
 """
 
-from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -25,15 +24,11 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
+from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.lines.contacts import (
-    UNRESOLVED_BINS,
-    ContactSamples,
-    group_lines,
-    unresolved_share,
-)
+from uwtrack_cli.lines.contacts import ContactSamples, line_table
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.last_look import LastLook
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
@@ -48,7 +43,6 @@ from uwtrack_cli.lines.tracking.llr_score import LlrScore
 from uwtrack_cli.lines.tracking.track_management import (
     MERGE_EVERY,
     HitCounter,
-    Logic,
     merge_lines,
 )
 from uwtrack_cli.lines.tracking.track_store import (
@@ -77,9 +71,6 @@ one inside, and its bound: a vessel that passes within two seconds turns by 30 d
 second. Chosen: the passage in `tests/lines/test_track_lines.py` is followed with 3 to 20
 and 0.7 to 0.9, too."""
 
-_CORRELATION_WINDOWS = 4.0
-"""Windows over which the errors of a smoothed line are taken as correlated."""
-
 _JUMPS_EVERY = 8
 """Frames from one search for lines that have jumped to the next."""
 
@@ -102,7 +93,7 @@ class LineTracker:
         self.store = TrackStore()
         self.resolution_hz = 1.0 / frames.window_s
         self.band_hz = peaks.highest_hz - peaks.lowest_hz
-        self.logic: Logic = (
+        self.logic: LlrScore | HitCounter = (
             LlrScore(options.score, frames, peaks)
             if options.initiation == "score"
             else HitCounter(options.count, frames, peaks)
@@ -190,14 +181,10 @@ class LineTracker:
         return self._table(samples)
 
     def _table(self, held: ContactSamples) -> LineTable:
-        lines = held.line_seen()
-        families, family = self.families.lasting(lines, 0.1)
-        samples = held.samples(lines, _CORRELATION_WINDOWS * self.window_frames)
-        contact, status = group_lines(samples, family)
-        beside = unresolved_share(samples, UNRESOLVED_BINS * self.resolution_hz)
-        known = set(lines.tolist())
-        jumps = [jump for jump in self.jumps.told if not known.isdisjoint(jump.lines)]
-        return LineTable(lines, contact, family, status, beside, families, jumps)
+        return line_table(
+            held, self.families, self.jumps.told,
+            window_frames=self.window_frames, resolution_hz=self.resolution_hz,
+        )  # fmt: skip
 
     def scalars(self) -> dict[str, Any]:
         """Return what the run could have found."""
@@ -427,7 +414,7 @@ def grid_frames(window_frames: float) -> int:
     return max(1, round(window_frames))
 
 
-class FollowedLines:
+class FollowedLines(RememberedStream[Lines, tuple[Frames, LinePoints]]):
     """The lines of a stream of peaks, followed while they come.
 
     Parameters
@@ -450,21 +437,7 @@ class FollowedLines:
     ) -> None:
         self._make_tracker = make_tracker
         self._tracker: LineTracker | None = None
-        self._memory_s = 0.0
-        self._past: deque[tuple[Frames, LinePoints]] = deque()
-        self._results = self._follow(blocks)
-
-    def __iter__(self) -> Iterator[Lines]:
-        """Return the blocks of lines."""
-        return self
-
-    def __next__(self) -> Lines:
-        """Return the lines of the next block, and at last the rest with their table."""
-        return next(self._results)
-
-    def remember(self, last_s: float) -> None:
-        """Keep what has left for so long, s, for `so_far`."""
-        self._memory_s = last_s
+        super().__init__(self._follow(blocks))
 
     def so_far(self, start_s: float) -> Lines | None:
         """Return the lines and their table as they would be if the peaks ended here.
@@ -472,7 +445,7 @@ class FollowedLines:
         They begin with the first block that reaches beyond a time, s; None before the
         first peaks.
         """
-        past = [each for each in self._past if each[0].time_s[-1] >= start_s]
+        past = self._since(start_s)
         if self._tracker is None or not past:
             return None
         frames = Frames.join([frames for frames, _ in past])
@@ -504,20 +477,14 @@ class FollowedLines:
                 if tracker.store.is_chunk_full:
                     parts.append(tracker.emit())
             points = LinePoints.join(parts)
-            self._keep(frames, points)
+            if frames.n_frames:
+                now_s = float(frames.time_s[-1])
+                self._keep(now_s, (frames, points), now_s)
             yield to_lines(frames, points, no_table(), tracker.scalars())
         if self._tracker is not None and frames is not None:
             points, table = self._tracker.finish(), self._tracker.line_table()
             nothing = frames.take("frame", slice(0, 0))
             yield to_lines(nothing, points, table, self._tracker.scalars())
-
-    def _keep(self, frames: Frames, points: LinePoints) -> None:
-        if not (self._memory_s and frames.n_frames):
-            return
-        self._past.append((frames, points))
-        oldest_s = float(frames.time_s[-1]) - self._memory_s
-        while self._past[0][0].time_s[-1] < oldest_s:
-            self._past.popleft()
 
 
 def _peaks_of(block: Families | Peaks) -> Peaks:
