@@ -20,12 +20,14 @@ over speed in seconds: the time that matters to a passage.
 **References.** Patterson and Thompson (1971), Biometrika 58, 545 (REML).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.motion.least_squares import orthonormal
 
 N_CORRELATION_TIMES = 7
 FEWEST_CELLS, MOST_CELLS = 60, 160
@@ -106,15 +108,15 @@ def fit_coloured_noise(
         return WHITE
     value, columns, size, time = cells
     columns = np.concatenate([columns, others[1]])
-    basis = _orthonormal(columns)
+    basis = orthonormal(columns)
     value = np.concatenate([value, others[0]])
     freedom = value.size - basis.shape[1]
     plain, inflated, inflation = _white_likelihood(value, basis, freedom)
     variances = _variances(size)
-    correlation_times = _correlation_times(time)
+    correlation_times = np.empty(N_CORRELATION_TIMES)
     likelihood, inflations = np.empty((2, correlation_times.size, variances.size))
-    for row, correlation_time in enumerate(correlation_times):
-        values, vectors = _spectrum(size, time, correlation_time)
+    for row, (each, values, vectors) in enumerate(_spectra(size, time)):
+        correlation_times[row] = each
         likelihood[row], inflations[row] = _likelihood(
             _turn(vectors, value),
             _turn(vectors, basis),
@@ -163,11 +165,6 @@ def _turn(vectors: FloatArray, rows: FloatArray) -> FloatArray:
     return np.concatenate([vectors.T @ rows[:count], rows[count:]])
 
 
-def _orthonormal(columns: FloatArray) -> FloatArray:
-    basis, singular, _ = np.linalg.svd(columns / _column_scale(columns), False)
-    return np.asarray(basis[:, singular > 1e-8 * singular[0]])
-
-
 def coloured_likelihoods(
     series: list[tuple[FloatArray, FloatArray]],
     precision: FloatArray,
@@ -200,11 +197,10 @@ def likelihoods_by_noise(
         return np.zeros((2, len(series)))
     known = [cell for cell in cells if cell is not None]
     root, time = known[0][2], known[0][3]
-    rivals = [(value, _orthonormal(columns)) for value, columns, _, _ in known]
+    rivals = [(value, orthonormal(columns)) for value, columns, _, _ in known]
     white = np.array([_white_likelihood(e, x, None)[1] for e, x in rivals])
     best = np.full(white.size, -np.inf)
-    for correlation_time in _correlation_times(time):
-        values, vectors = _spectrum(root, time, correlation_time)
+    for _, values, vectors in _spectra(root, time):
         for row, (value, columns) in enumerate(rivals):
             found = _best_variance(vectors.T @ value, vectors.T @ columns, values, root)
             best[row] = max(best[row], found[0])
@@ -232,20 +228,19 @@ def gains_of_shapes(
     both = np.concatenate([columns, shapes], axis=1)
     value, both, root, time = _cells(residual, precision, time_s, both, width_s)
     free, more = both[:, : columns.shape[1]], both[:, columns.shape[1] :]
-    free = _orthonormal(free)
+    free = orthonormal(free)
     weight = np.ones(value.size)
     if with_coloured_noise:
         best = -np.inf
         chosen = value, free, more, weight
-        for correlation_time in _correlation_times(time):
-            values, vectors = _spectrum(root, time, correlation_time)
+        for _, values, vectors in _spectra(root, time):
             turned = vectors.T @ value, vectors.T @ free, vectors.T @ more
             found, variance = _best_variance(turned[0], turned[1], values, root)
             if found > best:
                 best, chosen = found, (*turned, 1 / (1 + variance * values))
         value, free, more, weight = chosen
     scale = np.sqrt(weight)
-    free = _orthonormal(free * scale[:, None])
+    free = orthonormal(free * scale[:, None])
     value, more = value * scale, more * scale[:, None]
     value = value - free @ (free.T @ value)
     more = more - free @ (free.T @ more)
@@ -288,11 +283,6 @@ def _cells(
     return value, columns, root, time
 
 
-def _column_scale(columns: FloatArray) -> FloatArray:
-    scale = np.sqrt((columns**2).sum(axis=0))
-    return np.where(scale > 0, scale, 1.0)
-
-
 def _white_likelihood(
     value: FloatArray, columns: FloatArray, freedom: int | None
 ) -> tuple[float, float, float]:
@@ -312,21 +302,21 @@ def _with_inflation(
     return -0.5 * (square / inflation + count * np.log(inflation)), inflation
 
 
-def _correlation_times(time: FloatArray) -> FloatArray:
+def _spectra(
+    root: FloatArray, time: FloatArray
+) -> Iterator[tuple[float, FloatArray, FloatArray]]:
+    """Yield correlation times with eigenvalues and vectors of the coloured noise.
+
+    They are relative to the white noise of cells of a root size.
+    """
     span = float(time[-1] - time[0])
     step = span / max(time.size - 1, 1)
-    return np.geomspace(2 * step, max(span, 3 * step), N_CORRELATION_TIMES)
-
-
-def _spectrum(
-    root: FloatArray, time: FloatArray, correlation_time_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and vectors of the coloured noise, relative to the white noise."""
-    return _kept_spectrum(root.tobytes(), time.tobytes(), correlation_time_s)
+    for each in np.geomspace(2 * step, max(span, 3 * step), N_CORRELATION_TIMES):
+        yield float(each), *_spectrum_of(root.tobytes(), time.tobytes(), float(each))
 
 
 @lru_cache(maxsize=MOST_SPECTRA)
-def _kept_spectrum(
+def _spectrum_of(
     root_bytes: bytes, time_bytes: bytes, correlation_time_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the spectrum once for all readings of a series: it takes most of the time."""

@@ -89,6 +89,14 @@ def unit_scale(matrix: FloatArray) -> FloatArray:
     return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
 
 
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """Return orthonormal columns that span what is given, up to rounding."""
+    size = np.sqrt((columns**2).sum(axis=0))
+    unit = columns / np.where(size > 0, size, 1.0)
+    basis, singular, _ = np.linalg.svd(unit, full_matrices=False)
+    return np.asarray(basis[:, singular > 1e-8 * singular[0]])
+
+
 def inverse_or_nan(matrix: FloatArray) -> FloatArray:
     """Invert symmetric positive matrices; nan where they are singular or not finite."""
     finite = np.isfinite(matrix).all(axis=(-2, -1), keepdims=True)

@@ -13,29 +13,24 @@ from the closest approaches.
 
 import warnings
 from contextlib import suppress
-from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated
 
 import numpy as np
 
-from uwtrack_cli.acoustics.geodesy import to_latitude_longitude
 from uwtrack_cli.constants import NANOSECONDS, SOUND_SPEED_WATER_MPS
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
+from uwtrack_cli.motion.fix_table import FixRows, fix_rows, fix_table
 from uwtrack_cli.motion.fusion.motion_fit import clock_errors
-from uwtrack_cli.motion.fusion.predicted_ways import (
-    other_leg_way,
-    straight_way,
-    turned_way_of,
-)
+from uwtrack_cli.motion.fusion.predicted_ways import other_leg_way, turned_way_of
 from uwtrack_cli.motion.fusion.sensor_table import Passages, gather_passages
 from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
-from uwtrack_cli.motion.options import Misfit, MotionModel, Probability, Search
+from uwtrack_cli.motion.options import Probability
 from uwtrack_cli.motion.target.contact import ContactAnswer, analyse_contacts
 from uwtrack_cli.motion.target.cross_fix import fixes_of_answers
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
@@ -113,7 +108,7 @@ def locate_vessels(
         msg = "positions need closest approaches, or a table of bearings with sensors."
         raise DataError(msg)
     passages = gather_passages(encounters, sensors or [])
-    parts: list[dict[str, FloatArray | list[str]]] = []
+    parts: list[FixRows] = []
     clocks: list[str] = []
     vessel = 0
     groups = group_encounters(passages, gate_probability)
@@ -138,7 +133,8 @@ def locate_vessels(
             _rows(contact, number, mode, times, passages)
             for number, mode in enumerate(modes, 1)
         ]
-    return replace(_fixes(parts, passages), statement=" ".join(clocks))
+    grid = passages.grid.name, passages.grid.origin
+    return fix_table(parts, passages.start_utc_ns, grid, " ".join(clocks))
 
 
 def _cross_fixes(
@@ -153,23 +149,12 @@ def _cross_fixes(
         raise DataError(msg)
     check_sensors(series)
     options = TmaOptions(
-        navigation=None,
-        solver="mle",
-        array_heading="none",
-        fixed_heading_deg=None,
         nuisances=NuisanceDeviations(
             sound_speed_mps=NOMINAL_SOUND_SPEED_STD * SOUND_SPEED_WATER_MPS,
             own_position_m=UNTOLD_POSITION_STD_M,
         ),
-        height_m=0.0,
         sound_speed_mps=SOUND_SPEED_WATER_MPS,
-        delayed=False,
         is_table=True,
-        updates=1,
-        seed=1,
-        misfit=Misfit(),
-        model=MotionModel(),
-        search=Search(),
     )
     answers: list[tuple[ContactAnswer, FloatArray]] = []
     unplaced: list[str] = []
@@ -224,13 +209,13 @@ def _rows(
     mode: Mode,
     times: FloatArray,
     passages: Passages,
-) -> dict[str, FloatArray | list[str]]:
+) -> FixRows:
     """Predict one mode at all times: state and covariance grow with the lag."""
     legs = [passages.other_leg[row] for row in mode.members]
     leg = next((one for one in legs if one is not None), None)
     bends = [passages.even_turn[row] for row in mode.members]
     bend = next((one for one in bends if one is not None), None)
-    state, covariance = straight_way(mode, times)
+    state, covariance = mode.at(times)
     if bend is not None and np.isfinite(bend.turn):
         state, covariance = turned_way_of(mode, bend, times)
     elif bend is not None:
@@ -259,65 +244,11 @@ def _rows(
             state[is_other], covariance[is_other] = other_leg_way(
                 mode, leg, times[is_other]
             )
-    velocity, spread = state[:, 2:], covariance[:, 2:, 2:]
-    speed = np.hypot(*velocity.T)
-    along = velocity / speed[:, None]
-    across = np.stack([along[:, 1], -along[:, 0]], axis=1)
     names = sorted({passages.sensor[row] for row in mode.members})
-    count = times.size
-    return {
-        "contact": np.full(count, float(contact)),
-        "mode": np.full(count, float(number)),
-        "weight": np.full(count, mode.weight),
-        "time_s": times,
-        "east_m": state[:, 0],
-        "north_m": state[:, 1],
-        "covariance_m2": covariance[:, :2, :2],
-        "speed_mps": speed,
-        "speed_std_mps": np.sqrt(np.einsum("ti,tij,tj->t", along, spread, along)),
-        "course_deg": np.rad2deg(np.arctan2(*velocity.T)) % 360.0,
-        "course_std_deg": np.rad2deg(
-            np.sqrt(np.einsum("ti,tij,tj->t", across, spread, across)) / speed
-        ),
-        "sensors": [",".join(names)] * count,
-    }
-
-
-def _fixes(parts: list[dict[str, FloatArray | list[str]]], passages: Passages) -> Fixes:
-    def gather(name: str) -> FloatArray:
-        values = [np.asarray(part[name], float) for part in parts]
-        return np.concatenate(values) if values else np.empty(0)
-
-    origin = passages.grid.origin
-    east, north = gather("east_m"), gather("north_m")
-    unknown = np.full(east.shape, np.nan)
-    latitude, longitude = (
-        to_latitude_longitude(east, north, origin) if origin else (unknown, unknown)
-    )
-    time = gather("time_s")
-    covariance = gather("covariance_m2")
-    return Fixes(
-        weight=gather("weight"),
-        speed_mps=gather("speed_mps"),
-        speed_std_mps=gather("speed_std_mps"),
-        course_deg=gather("course_deg"),
-        course_std_deg=gather("course_std_deg"),
-        contact=gather("contact").astype(np.int64),
-        mode=gather("mode").astype(np.int64),
-        time_s=time,
-        time_utc_ns=to_utc_ns(time, passages.start_utc_ns),
-        east_m=east,
-        north_m=north,
-        latitude=latitude,
-        longitude=longitude,
-        covariance_m2=covariance.reshape(-1, 2, 2),
-        sensors=np.array(
-            [name for part in parts for name in part["sensors"]], dtype=np.str_
-        ),
-        origin=passages.grid.name,
-        origin_latitude=origin.latitude if origin else None,
-        origin_longitude=origin.longitude if origin else None,
-    )
+    return fix_rows(
+        state, covariance, times, contact=contact, mode=number, weight=mode.weight,
+        sensors=",".join(names),
+    )  # fmt: skip
 
 
 NOMINAL_SOUND_SPEED_STD = 0.01
@@ -405,10 +336,3 @@ def parse_time(text: str, start_utc_ns: int | None) -> float:
     since = moment - datetime(1970, 1, 1, tzinfo=UTC)
     whole = (since.days * 86400 + since.seconds) * NANOSECONDS
     return (whole + since.microseconds * 1000 - start_utc_ns) / NANOSECONDS
-
-
-def to_utc_ns(time_s: FloatArray, start_utc_ns: int | None) -> IntArray:
-    """Return epochs of times in s, -1 without a start time."""
-    if start_utc_ns is None:
-        return np.full(time_s.shape, -1, np.int64)
-    return start_utc_ns + np.rint(time_s * NANOSECONDS).astype(np.int64)

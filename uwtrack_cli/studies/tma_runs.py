@@ -101,7 +101,7 @@ def fit_from_truth(problem: Problem, truth: FloatArray) -> DescentResult:
         member = np.arange(first, min(first + CHUNK, count))
         start = np.repeat(truth[np.newaxis], member.size, axis=0)
         parts.append(minimise(problem, start, WIDE, member=member))
-    return DescentResult.join(*parts)
+    return DescentResult.join(parts)
 
 
 def accuracy(name: str, noise: float, rows: int, runs: int, seed: int) -> Accuracy:

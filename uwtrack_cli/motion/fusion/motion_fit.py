@@ -20,6 +20,7 @@ from itertools import combinations
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.least_squares import (
     Evaluation,
@@ -29,7 +30,7 @@ from uwtrack_cli.motion.least_squares import (
 
 
 @dataclass(frozen=True)
-class Approaches:
+class Approaches(Rows):
     """Closest approaches as numbers, one row each; nan is not measured.
 
     In a study, ``measured`` and ``sensor`` may have a leading axis of runs.
@@ -63,19 +64,6 @@ class Approaches:
             return self.sensor
         lag = time_s - np.nan_to_num(self.measured[..., 0], nan=time_s)
         return self.sensor + self.velocity_mps * lag[..., None]
-
-    def take(self, rows: list[int]) -> "Approaches":
-        """Return some of the rows."""
-        return Approaches(
-            self.measured[rows],
-            self.covariance[rows],
-            self.turn[rows],
-            self.sensor[rows],
-            self.position_std_m[rows],
-            self.height_m[rows],
-            self.delay[rows],
-            None if self.velocity_mps is None else self.velocity_mps[rows],
-        )
 
 
 @dataclass(frozen=True)

@@ -19,19 +19,11 @@ TURN_STEPS = (1e-4, 1e-2, 1e-2)
 """Steps of the differences by the angle (rad), the duration and the middle (s)."""
 
 
-def straight_way(mode: Mode, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return states and covariances of a mode on its straight leg."""
-    transition = np.tile(np.eye(4), (times.size, 1, 1))
-    transition[:, 0, 2] = transition[:, 1, 3] = times - mode.reference_s
-    covariance = transition @ mode.covariance @ np.swapaxes(transition, 1, 2)
-    return transition @ mode.state, covariance
-
-
 def turned_way_of(
     mode: Mode, bend: EvenTurn, times: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return states and covariances of a mode that turns evenly."""
-    (at,), (spread,) = straight_way(mode, np.array([bend.closest_s]))
+    (at,), (spread,) = mode.at(np.array([bend.closest_s]))
     course = np.radians(bend.course_deg)
     # in a mode of the opposite side the vessel goes the opposite way
     turn = bend.turn * np.sign(at[2:] @ [np.sin(course), np.cos(course)])
@@ -56,7 +48,7 @@ def other_leg_way(
     mode: Mode, leg: OtherLeg, times: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return states and covariances of a mode on the other side of its manoeuvre."""
-    (at,), (spread,) = straight_way(mode, np.array([leg.time_s]))
+    (at,), (spread,) = mode.at(np.array([leg.time_s]))
     along = mode.state[2:] / np.hypot(*mode.state[2:])
     course = np.radians(leg.course_deg)
     # in a mode of the opposite side the vessel goes the opposite way

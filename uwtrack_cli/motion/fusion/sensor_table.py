@@ -22,6 +22,9 @@ from uwtrack_cli.motion.fusion.motion_fit import Approaches
 CLOCK_STD_S = 5.0
 """Deviation of the clocks of several recorders where none is given, s."""
 
+SIDES = {"starboard": 1.0, "port": -1.0}
+"""Sign of the bearing trend by the side of the vessel on which the sensor lies."""
+
 USABLE = ("ok", "extrapolated", "level-only")
 
 
@@ -103,7 +106,8 @@ def make_grid(sensors: list[Sensor], wanted: set[str]) -> Grid:
     """Lay one grid under the sensors with encounters, whose identifiers are wanted."""
     used = [_at_origin(sensor) for sensor in sensors if sensor.id in wanted]
     missing = wanted - {sensor.id for sensor in used}
-    if len(wanted) <= 1 and not (used and _is_placed(used)):
+    is_placed = [s.latitude is not None or s.east_m is not None for s in used]
+    if len(wanted) <= 1 and not (used and all(is_placed)):
         name = next(iter(wanted), "sensor")
         return Grid(f"sensor {name}", None, {name: (0.0, 0.0)})
     if missing:
@@ -140,10 +144,6 @@ def _at_origin(sensor: Sensor) -> Sensor:
     )
 
 
-def _is_placed(sensors: list[Sensor]) -> bool:
-    return all(s.latitude is not None or s.east_m is not None for s in sensors)
-
-
 def gather_passages(encounters: list[Encounters], sensors: list[Sensor]) -> Passages:
     """Bring the usable encounters of any number of sensors together."""
     names = {str(name) for item in encounters for name in item.sensor}
@@ -161,47 +161,36 @@ def gather_passages(encounters: list[Encounters], sensors: list[Sensor]) -> Pass
         _approach(item, row, known, (grid, start, float(clock)))
         for (item, row), clock in zip(rows, clocks, strict=True)
     ]
+    times_s = [float(part.measured[0, 0]) for part in parts]
     return Passages(
         _stack(parts),
         [int(item.contact[row]) for item, row in rows],
         [str(item.sensor[row]) for item, row in rows],
         [
-            np.stack(
-                [
-                    item.rest_frequency_hz[item.rest_encounter == row],
-                    item.rest_frequency_std_hz[item.rest_encounter == row],
-                ],
-                axis=-1,
-            )
+            np.stack([item.rest_frequency_hz, item.rest_frequency_std_hz], axis=-1)[
+                item.rest_encounter == row
+            ]
             for item, row in rows
         ],
         [_other_turn(item, row) for item, row in rows],
         start,
         clocks,
         grid,
-        [
-            _other_leg(item, row, float(part.measured[0, 0]))
-            for (item, row), part in zip(rows, parts, strict=True)
-        ],
-        [
-            _even_turn(item, row, float(part.measured[0, 0]))
-            for (item, row), part in zip(rows, parts, strict=True)
-        ],
+        [_other_leg(*place, at) for place, at in zip(rows, times_s, strict=True)],
+        [_even_turn(*place, at) for place, at in zip(rows, times_s, strict=True)],
     )
 
 
 def _even_turn(item: Encounters, row: int, time_s: float) -> EvenTurn | None:
     """Return the steady turn of an encounter whose closest approach is at a time."""
-    columns = (
-        item.turn_away_deg, item.turn_away_std_deg, item.turn_duration_s,
+    angle, angle_std, duration, duration_std, correlation, at, at_std = _values(
+        row, item.turn_away_deg, item.turn_away_std_deg, item.turn_duration_s,
         item.turn_duration_std_s, item.turn_correlation, item.change_time_s,
         item.change_time_std_s,
     )  # fmt: skip
-    known = [np.nan if values is None else float(values[row]) for values in columns]
-    angle, angle_std, duration, duration_std, correlation, at, at_std = known
     if not np.isfinite(angle):
         return None
-    side = {"starboard": 1.0, "port": -1.0}.get(str(item.side[row]), np.nan)
+    side = SIDES.get(str(item.side[row]), np.nan)
     std = np.array([np.radians(angle_std), duration_std, at_std])
     covariance = np.diag(std**2)
     covariance[0, 1] = covariance[1, 0] = correlation * std[0] * std[1]
@@ -214,18 +203,16 @@ def _even_turn(item: Encounters, row: int, time_s: float) -> EvenTurn | None:
 
 def _other_leg(item: Encounters, row: int, time_s: float) -> OtherLeg | None:
     """Return the other leg of an encounter whose closest approach is at a time."""
-    columns = (
-        item.change_time_s, item.change_time_std_s, item.other_leg_speed_mps,
+    at, at_std, speed, speed_std, course, course_std = _values(
+        row, item.change_time_s, item.change_time_std_s, item.other_leg_speed_mps,
         item.other_leg_speed_std_mps, item.other_leg_course_deg,
         item.other_leg_course_std_deg,
     )  # fmt: skip
-    known = [np.nan if values is None else float(values[row]) for values in columns]
-    at, at_std, speed, speed_std, course, course_std = known
     if not np.isfinite(speed):
         return None
     after = at - float(item.time_s[row])
     main = float(item.course_deg[row])
-    turn = {"starboard": 1.0, "port": -1.0}.get(str(item.side[row]), np.nan)
+    turn = SIDES.get(str(item.side[row]), np.nan)
     angle = np.radians(course - main)
     return OtherLeg(
         time_s + after, at_std, after > 0, main, turn,
@@ -292,14 +279,14 @@ def _approach(
     horizontal, own = item.horizontal_range_over_speed_s, item.horizontal_covariance
     if horizontal is not None and own is not None and np.isfinite(horizontal[row]):
         width, covariance, height = float(horizontal[row]), own[row], 0.0
-    turn = {"starboard": 1.0, "port": -1.0}.get(str(item.side[row]), 0.0)
+    turn = SIDES.get(str(item.side[row]), 0.0)
     place: FloatArray = np.array(grid.place[name])
     velocity: FloatArray = np.zeros(2)
     if _is_moving(item, row):
-        place = place + _pair(item.sensor_east_m, item.sensor_north_m, row)
-        velocity = _pair(
-            item.sensor_velocity_east_mps, item.sensor_velocity_north_mps, row
-        )
+        place = place + _values(row, item.sensor_east_m, item.sensor_north_m)
+        velocity = np.array(_values(
+            row, item.sensor_velocity_east_mps, item.sensor_velocity_north_mps
+        ))  # fmt: skip
         course = np.deg2rad(item.course_deg[row])
         ground = speed * np.array([np.sin(course), np.cos(course)])
         speed = float(np.hypot(*(ground - velocity)))
@@ -329,25 +316,14 @@ def _is_moving(item: Encounters, row: int) -> bool:
     return east is not None and bool(np.isfinite(east[row]))
 
 
-def _pair(east: FloatArray | None, north: FloatArray | None, row: int) -> FloatArray:
-    return np.array([np.nan if v is None else v[row] for v in (east, north)], float)
+def _values(row: int, *columns: FloatArray | None) -> list[float]:
+    """Return a row of some columns; nan of those that are not there."""
+    return [np.nan if values is None else float(values[row]) for values in columns]
 
 
 def _stack(parts: list[Approaches]) -> Approaches:
-    if not parts:
-        return Approaches(
-            np.empty((0, 4)), np.empty((0, 4, 4)), np.empty(0), np.empty((0, 2)),
-            np.empty(0), np.empty(0), np.empty(0), np.empty((0, 2)),
-        )  # fmt: skip
-    return Approaches(
-        np.concatenate([part.measured for part in parts]),
-        np.concatenate([part.covariance for part in parts]),
-        np.concatenate([part.turn for part in parts]),
-        np.concatenate([part.sensor for part in parts]),
-        np.concatenate([part.position_std_m for part in parts]),
-        np.concatenate([part.height_m for part in parts]),
-        np.concatenate([part.delay for part in parts]),
-        np.concatenate(
-            [part.velocity_mps for part in parts if part.velocity_mps is not None]
-        ),
-    )
+    none = Approaches(
+        np.empty((0, 4)), np.empty((0, 4, 4)), np.empty(0), np.empty((0, 2)),
+        np.empty(0), np.empty(0), np.empty(0), np.empty((0, 2)),
+    )  # fmt: skip
+    return Approaches.join(parts or [none])

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.constant_velocity import carried_on
 from uwtrack_cli.motion.fusion.motion_fit import fit_motion, motion_starts
 from uwtrack_cli.motion.fusion.sensor_table import Passages
 
@@ -43,6 +44,10 @@ class Mode:
     """Measured values less four."""
     weight: float
     """Probability of the mode; those of a vessel sum to one."""
+
+    def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return states, shape (n, 4), and covariances at times on its straight leg."""
+        return carried_on(self.state, self.covariance, times_s - self.reference_s)
 
 
 def find_modes(passages: Passages, members: tuple[int, ...]) -> list[Mode]:

@@ -157,9 +157,10 @@ def to_solver(points: FloatArray) -> FloatArray:
     return from_motion(*points[:, :4].T)
 
 
-def _solve(
-    problem: Problem, limits: SearchBounds, ends: IntArray, seed: int, search: Global
+def solve_hybrid(
+    problem: Problem, limits: SearchBounds, ends: IntArray, seed: int, *, search: Global
 ) -> FloatArray:
+    """Invert by a global search and simplex, with feedback from length to length."""
     rng = np.random.default_rng(seed)
     box = box_of(problem, limits)
     feedback: FloatArray | None = None
@@ -171,17 +172,3 @@ def _solve(
         ).point
         found.append(to_solver(feedback)[0])
     return np.stack(found)
-
-
-def solve_genetic(
-    problem: Problem, limits: SearchBounds, ends: IntArray, seed: int
-) -> FloatArray:
-    """Invert by genetic search and simplex, with feedback from length to length."""
-    return _solve(problem, limits, ends, seed, "genetic")
-
-
-def solve_annealing(
-    problem: Problem, limits: SearchBounds, ends: IntArray, seed: int
-) -> FloatArray:
-    """Invert by simulated annealing and simplex, with feedback."""
-    return _solve(problem, limits, ends, seed, "annealing")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.motion.target.objective import ProfiledMisfit, misfit
 from uwtrack_cli.motion.target.problem import Problem
 
@@ -29,7 +30,7 @@ class SearchBounds:
 
 
 @dataclass(frozen=True, eq=False)
-class DescentResult:
+class DescentResult(Rows):
     """Where trials ended: motion, rest frequencies, misfit and its curvature."""
 
     q: FloatArray
@@ -40,22 +41,6 @@ class DescentResult:
     """Misfit, shape (trials,)."""
     matrix: FloatArray
     """Gauss-Newton matrix of the misfit, shape (trials, 4, 4)."""
-
-    def take(self, index: IntArray) -> "DescentResult":
-        """Choose trials, in the order of the index."""
-        return DescentResult(
-            self.q[index], self.rest_hz[index], self.value[index], self.matrix[index]
-        )
-
-    @staticmethod
-    def join(*parts: "DescentResult") -> "DescentResult":
-        """Put the trials of several fits one after the other."""
-        return DescentResult(
-            np.concatenate([part.q for part in parts]),
-            np.concatenate([part.rest_hz for part in parts]),
-            np.concatenate([part.value for part in parts]),
-            np.concatenate([part.matrix for part in parts]),
-        )
 
 
 def search_bounds(range_m: tuple[float, float], speed_mps: float) -> SearchBounds:

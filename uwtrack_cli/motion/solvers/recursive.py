@@ -40,14 +40,12 @@ RESTART = StartCounts(on_blocks=12, on_all=2)
 
 @dataclass(frozen=True, eq=False)
 class RecursiveEstimates:
-    """Estimates after ``rows`` measurements each, and how often it linearised."""
+    """Estimates after ``rows`` measurements each."""
 
     rows: IntArray
     """Number of measurements of every estimate, shape (estimates,)."""
     q: FloatArray
     """Motions in solver coordinates, shape (estimates, 4)."""
-    linearisations: int
-    """How often the history was linearised."""
 
 
 def estimate_recursively(problem: Problem, limits: SearchBounds) -> RecursiveEstimates:
@@ -55,7 +53,6 @@ def estimate_recursively(problem: Problem, limits: SearchBounds) -> RecursiveEst
     count = min(FIRST_ROWS, problem.n_rows)
     doubling = count
     found: list[FloatArray] = []
-    linearisations = 0
     start: FloatArray | None = None
     while True:
         history = problem.rows(slice(0, count))
@@ -64,7 +61,6 @@ def estimate_recursively(problem: Problem, limits: SearchBounds) -> RecursiveEst
             doubling = int(RESTARTED * count)
         else:
             fit = minimise(history, start, limits, iterations=DESCENTS)
-        linearisations += 1
         found.append(fit.q[:1])
         if count == problem.n_rows:
             break
@@ -74,7 +70,7 @@ def estimate_recursively(problem: Problem, limits: SearchBounds) -> RecursiveEst
         count += len(ahead)
         start = ahead[-1:]
     rows = np.arange(problem.n_rows - sum(map(len, found)), problem.n_rows) + 1
-    return RecursiveEstimates(rows, np.concatenate(found), linearisations)
+    return RecursiveEstimates(rows, np.concatenate(found))
 
 
 def _update_rows(

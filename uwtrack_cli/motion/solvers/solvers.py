@@ -6,16 +6,14 @@ returns one motion per such number, in solver coordinates.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.solvers.hybrid import (
-    solve_annealing,
-    solve_genetic,
-)
+from uwtrack_cli.motion.solvers.hybrid import solve_hybrid
 from uwtrack_cli.motion.solvers.marquardt import SearchBounds
 from uwtrack_cli.motion.solvers.recursive import solve_recursive
 from uwtrack_cli.motion.target.problem import Problem
@@ -60,6 +58,6 @@ def _nearest(q: FloatArray, last: FloatArray) -> FloatArray:
 SOLVERS: dict[SolverName, Solver] = {
     "mle": solve_mle,
     "recursive": solve_recursive,
-    "genetic": solve_genetic,
-    "annealing": solve_annealing,
+    "genetic": partial(solve_hybrid, search="genetic"),
+    "annealing": partial(solve_hybrid, search="annealing"),
 }

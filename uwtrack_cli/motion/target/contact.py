@@ -492,7 +492,7 @@ def _modes(
 
     fit = multistart(problem, limits)
     own = minimise(problem, solution[np.newaxis], limits, iterations=0)
-    merged = DescentResult.join(own, fit)
+    merged = DescentResult.join([own, fit])
     order = np.argsort(merged.value, kind="stable")
     # the solver's own answer is the best mode unless it missed the minimum
     if own.value[0] - merged.value[order[0]] < 1e-3:

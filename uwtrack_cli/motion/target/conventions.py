@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.solvers.marquardt import SearchBounds
 from uwtrack_cli.motion.target.objective import loss_value, residuals
 from uwtrack_cli.motion.target.problem import Problem
@@ -111,7 +112,7 @@ def _as_counted(problem: Problem, sensor: int, name: str) -> Problem | None:
     """
     factor, shift = CONVENTIONS[name]
     bearing, weight = problem.bearing_rad.copy(), problem.bearing_weight.copy()
-    own = (bearing[:, sensor] + np.pi) % (2.0 * np.pi) - np.pi
+    own = wrap_rad(bearing[:, sensor])
     weight[sensor] /= abs(factor)
     if factor == RADIANS:
         usual = [

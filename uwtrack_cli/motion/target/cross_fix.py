@@ -14,16 +14,15 @@ would be the direction of nothing.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from uwtrack_cli.acoustics.geodesy import to_latitude_longitude
-from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import FloatArray, TextArray
+from uwtrack_cli.acoustics.geodesy import Origin
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.series import Series
+from uwtrack_cli.estimation.constant_velocity import carried_on
+from uwtrack_cli.motion.fix_table import FixRows, fix_rows, fix_table
 from uwtrack_cli.motion.target.contact import ContactAnswer
 from uwtrack_cli.motion.target.inputs import Platforms
 from uwtrack_cli.motion.target.model import state_jacobian, to_state
@@ -66,8 +65,7 @@ def fixes_of_answers(
     ``unplaced`` says why other contacts of the table have no position, in sentences.
     """
     statements = list(unplaced)
-    parts: list[dict[str, NDArray[Any]]] = []
-    names: list[NDArray[np.str_]] = [np.empty(0, "U1")]
+    parts: list[FixRows] = []
     for answer, times in answers:
         own = [
             _at_times(answer, n, mode, times) for n, mode in enumerate(answer.modes, 1)
@@ -76,54 +74,14 @@ def fixes_of_answers(
         if not kept:
             statements.append(NO_REGION.format(answer.data.contact))
         parts += kept
-        platforms = answer.data.platforms
-        heard = "" if platforms is None else ",".join(platforms.name)
-        names += [np.repeat(heard, times.size) for _ in kept]
-
-    def gather(name: str) -> FloatArray:
-        return np.concatenate([np.empty(0), *(part[name] for part in parts)])
-
-    def words(name: str) -> TextArray:
-        return np.concatenate([np.empty(0, "U1"), *(part[name] for part in parts)])
-
-    time, east, north = gather("time_s"), gather("east_m"), gather("north_m")
-    latitude = longitude = np.full(time.shape, np.nan)
-    origins = [answer.data.platforms for answer, _ in answers]
-    origin = next((one.origin for one in origins if one is not None), None)
-    if origin is not None:
-        latitude, longitude = to_latitude_longitude(east, north, origin)
-    start = series.start_utc_ns
-    return Fixes(
-        contact=gather("contact").astype(np.int64),
-        mode=gather("mode").astype(np.int64),
-        weight=gather("weight"),
-        time_s=time,
-        time_utc_ns=(
-            np.full(time.shape, -1, np.int64)
-            if start is None
-            else start + np.rint(time * NANOSECONDS).astype(np.int64)
-        ),
-        east_m=east,
-        north_m=north,
-        latitude=latitude,
-        longitude=longitude,
-        covariance_m2=np.concatenate(
-            [np.empty((0, 2, 2)), *(part["covariance_m2"] for part in parts)]
-        ),
-        speed_mps=gather("speed_mps"),
-        speed_std_mps=gather("speed_std_mps"),
-        course_deg=gather("course_deg"),
-        course_std_deg=gather("course_std_deg"),
-        sensors=np.concatenate(names),
-        reading=words("reading"),
-        reading_weight=gather("reading_weight"),
-        rival=words("rival"),
-        rival_weight=gather("rival_weight"),
-        origin=series.origin,
-        origin_latitude=series.origin_latitude,
-        origin_longitude=series.origin_longitude,
-        statement=" ".join(statements),
-    )
+    latitude, longitude = series.origin_latitude, series.origin_longitude
+    origin = None
+    if latitude is not None and longitude is not None:
+        origin = Origin(latitude, longitude)
+    return fix_table(
+        parts, series.start_utc_ns, (series.origin, origin), " ".join(statements),
+        has_readings=True,
+    )  # fmt: skip
 
 
 NO_REGION = (
@@ -172,7 +130,7 @@ def _sampled(
 
 def _at_times(
     answer: ContactAnswer, number: int, mode: ModeAnswer, times: FloatArray
-) -> dict[str, NDArray[Any]] | None:
+) -> FixRows | None:
     """Carry a mode to the times: the covariance grows with the lag; None without one."""
     platforms = answer.data.platforms
     if platforms is None:
@@ -187,37 +145,22 @@ def _at_times(
     if sampled is None:
         return None
     state, covariance, reading = sampled
-    lag = times - answer.data.time_s[0]
-    transition = np.tile(np.eye(4), (times.size, 1, 1))
-    transition[:, 0, 2] = transition[:, 1, 3] = lag
-    places = transition @ state
-    spread = transition @ covariance @ np.swapaxes(transition, 1, 2)
-    speed = max(float(np.hypot(*state[2:])), 1e-9)
-    along = state[2:] / speed
-    across = np.array([along[1], -along[0]])
-    own = covariance[2:, 2:]
-    count = np.ones(times.size)
-    course = np.degrees(np.arctan2(*state[2:])) % 360.0
-    course_std = np.degrees(min(np.sqrt(across @ own @ across) / speed, np.pi))
+    rows = fix_rows(
+        *carried_on(state, covariance, times - answer.data.time_s[0]),
+        times,
+        contact=answer.data.contact,
+        mode=number,
+        weight=mode.weight,
+        sensors=",".join(platforms.name),
+        reading=reading.name,
+        reading_weight=reading.weight,
+        rival=reading.rival,
+        rival_weight=reading.rival_weight,
+    )
+    rows["course_std_deg"] = np.minimum(rows["course_std_deg"], 180.0)
     if reading.name == STILL:
-        course = course_std = np.nan
-    return {
-        "reading": np.repeat(reading.name, times.size),
-        "reading_weight": reading.weight * count,
-        "rival": np.repeat(reading.rival, times.size),
-        "rival_weight": reading.rival_weight * count,
-        "contact": answer.data.contact * count,
-        "mode": number * count,
-        "weight": mode.weight * count,
-        "time_s": times,
-        "east_m": places[:, 0],
-        "north_m": places[:, 1],
-        "covariance_m2": spread[:, :2, :2],
-        "speed_mps": speed * count,
-        "speed_std_mps": np.sqrt(along @ own @ along) * count,
-        "course_deg": course * count,
-        "course_std_deg": course_std * count,
-    }
+        rows["course_deg"] = rows["course_std_deg"] = np.full(times.size, np.nan)
+    return rows
 
 
 def _with_vessel_prior(covariance: FloatArray) -> FloatArray:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.motion.least_squares import orthonormal
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target.inputs import correlation_inflation
 from uwtrack_cli.motion.target.objective import Residuals, loss_weight, residuals
@@ -195,7 +196,7 @@ def _search(
     n_free = straight.shape[1] - n_priors
     prior = np.zeros((n_priors, straight.shape[1]))
     prior[:, n_free:] = np.eye(n_priors)
-    basis = _basis(np.concatenate([straight, prior]))
+    basis = orthonormal(np.concatenate([straight, prior]))
     z = np.concatenate([scale * parts.z, parts.prior_z])
     z = z - basis @ (basis.T @ z)
     best, change = Manoeuvre(float("nan"), 0.0), np.zeros(parts.z.size)
@@ -205,18 +206,9 @@ def _search(
         turned = np.concatenate(
             [turned * scale[:, np.newaxis], np.zeros((n_priors, 2))]
         )
-        own = _basis(turned - basis @ (basis.T @ turned))
+        own = orthonormal(turned - basis @ (basis.T @ turned))
         along = own.T @ z
         gain = float(along @ along)
         if gain > best.gain:
             best, change = Manoeuvre(float(at), gain), (own @ along)[:-n_priors] / scale
     return best, change
-
-
-def _basis(columns: FloatArray) -> FloatArray:
-    """Return orthonormal columns that span what is given, up to rounding."""
-    size = np.sqrt((columns**2).sum(axis=0))
-    used = columns[:, size > 0] / size[size > 0]
-    vectors, values, _ = np.linalg.svd(used, full_matrices=False)
-    kept: FloatArray = vectors[:, values > 1e-9 * values.max(initial=0.0)]
-    return kept

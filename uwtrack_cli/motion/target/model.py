@@ -71,6 +71,13 @@ def from_motion(
     return np.stack([distance, np.mod(bearing, 2.0 * np.pi), vx, vy], -1)
 
 
+def from_state(state: FloatArray) -> FloatArray:
+    """Turn (x, y, vx, vy) into solver coordinates."""
+    x, y, vx, vy = np.moveaxis(state, -1, 0)
+    distance = np.log(np.maximum(np.hypot(x, y), 1e-6))
+    return np.stack([distance, np.mod(np.arctan2(x, y), 2.0 * np.pi), vx, vy], -1)
+
+
 def to_motion(q: FloatArray) -> FloatArray:
     """Turn solver coordinates into (R, bearing, speed, course), SI, normalised."""
     p = to_polar(q)

@@ -15,7 +15,7 @@ helps. An interval that meets the limits of the search is open on that side.
 misfit is divided by ``scale`` (Wilks' statistic of an M-estimate).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -262,33 +262,33 @@ def _log_volume(matrix: FloatArray) -> FloatArray:
 class TmaOptions:
     """What an analysis of one contact needs besides the measurements."""
 
-    navigation: Navigation | None
-    """Own ship; None for a platform that stands still."""
-    solver: SolverName
-    """Name of the solver."""
-    array_heading: str
-    """Direction of a line array: 'none', 'course' or 'heading'."""
-    fixed_heading_deg: float | None
-    """Heading of a fixed sensor, degrees; None without a sensor."""
     nuisances: NuisanceDeviations
     """Deviations of sound speed, compass and own ship."""
-    height_m: float
-    """Depth between sensor and source, m."""
     sound_speed_mps: float
     """Sound speed, m/s."""
-    delayed: bool
-    """Whether sound takes its time."""
     is_table: bool
     """Whether the measurements come from a table, not from lines."""
-    updates: int
+    navigation: Navigation | None = None
+    """Own ship; None for a platform that stands still."""
+    solver: SolverName = "mle"
+    """Name of the solver."""
+    array_heading: str = "none"
+    """Direction of a line array: 'none', 'course' or 'heading'."""
+    fixed_heading_deg: float | None = None
+    """Heading of a fixed sensor, degrees; None without a sensor."""
+    height_m: float = 0.0
+    """Depth between sensor and source, m."""
+    delayed: bool = False
+    """Whether sound takes its time."""
+    updates: int = 1
     """Number of estimates over time."""
-    seed: int
+    seed: int = 1
     """Seed of the random solvers."""
-    misfit: Misfit
+    misfit: Misfit = field(default_factory=Misfit)
     """Deviations of the measurements and loss of residuals."""
-    model: MotionModel
+    model: MotionModel = field(default_factory=MotionModel)
     """Model of Doppler and propagation."""
-    search: Search
+    search: Search = field(default_factory=Search)
     """Limits of the search and of the modes."""
     compass_std_deg: float | None = None
     """Deviation of every sensor's compass that was asked for, degrees; None: the

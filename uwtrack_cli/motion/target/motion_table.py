@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.acoustics.geodesy import to_latitude_longitude
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
-from uwtrack_cli.data.base import flatten, reason_columns
+from uwtrack_cli.data.base import FloatArray, flatten, reason_columns
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.target.contact import ContactAnswer
@@ -19,16 +19,12 @@ from uwtrack_cli.motion.target.modes import Interval, ModeAnswer, TmaOptions
 LARGEST_LOG_RANGE_STD = 1.0
 """Deviation of ln R above which the range is not given."""
 
-NOW = ("now_range_m", "now_bearing_deg", "now_speed_mps", "now_course_deg")
+MOTION = ("range_m", "bearing_deg", "speed_mps", "course_deg")
+NOW = tuple(f"now_{name}" for name in MOTION)
 
-STATE = (
-    "range_m", "bearing_deg", "speed_mps", "course_deg", "rest_frequencies_hz",
-    *NOW,
-)  # fmt: skip
+STATE = (*MOTION, "rest_frequencies_hz", *NOW)
 """What is not given when the target manoeuvred; of the state now where its last leg is
 not told."""
-
-MOVED = ("bearing_deg", "speed_mps", "course_deg")
 
 WHOLE_CIRCLE_DEG = 359.9
 """Width from which an interval of the course is the whole circle."""
@@ -73,7 +69,7 @@ def reasons_of(mode: ModeAnswer, answer: ContactAnswer) -> dict[str, str]:
         )
         if hidden
     }
-    now = {f"now_{key}": key for key in ("range_m", *MOVED)}
+    now = dict(zip(NOW, MOTION, strict=True))
     return reasons | {key: reasons[of] for key, of in now.items() if of in reasons}
 
 
@@ -305,8 +301,7 @@ def _column(name: str, values: list[Any]) -> NDArray[Any]:
 
 def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]:
     data = answer.data
-    motion = to_motion(mode.q) * DEGREES
-    covariance = mode.covariance[:4, :4] * np.outer(DEGREES, DEGREES)
+    covariance = mode.covariance[:4, :4]
     std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     reasons = reasons_of(mode, answer)
     spans = mode.intervals
@@ -317,10 +312,7 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
         "weight": mode.weight,
         "time_s": first,
         "time_utc_ns": _utc(data.start_utc_ns, first),
-        **_with_std("range", "m", motion[0], std[0]),
-        **_with_std("bearing", "deg", motion[1], std[1]),
-        **_with_std("speed", "mps", motion[2], std[2]),
-        **_with_std("course", "deg", motion[3], std[3]),
+        **_with_std(to_motion(mode.q), std),
         "range_low_m": np.nan
         if spans["range"].open_low
         else np.exp(spans["range"].low),
@@ -330,9 +322,9 @@ def _row(answer: ContactAnswer, mode: ModeAnswer, number: int) -> dict[str, Any]
         "speed_low_mps": spans["speed"].low,
         "speed_high_mps": np.nan if spans["speed"].open_high else spans["speed"].high,
         **course_ends(spans["course"]),
-        "covariance": covariance,
+        "covariance": covariance * np.outer(DEGREES, DEGREES),
         "now_time_s": float(data.time_s[-1]),
-        **_now(_leg_of(answer, mode) or mode),
+        **_with_std(*state_now(_leg_of(answer, mode) or mode), "now_"),
         "ellipse_trusted": ellipse_agrees(mode),
         "misfit": mode.value,
         "n_values": answer.n_values,
@@ -358,20 +350,13 @@ def course_ends(span: Interval) -> dict[str, float]:
     return {"course_low_deg": low % 360.0, "course_high_deg": high % 360.0}
 
 
-def _now(mode: ModeAnswer) -> dict[str, float]:
-    """Return the state at the last measurement."""
-    state, std = state_now(mode)
-    state, std = state * DEGREES, std * DEGREES
-    return {
-        **_with_std("now_range", "m", state[0], std[0]),
-        **_with_std("now_bearing", "deg", state[1], std[1]),
-        **_with_std("now_speed", "mps", state[2], std[2]),
-        **_with_std("now_course", "deg", state[3], std[3]),
-    }
-
-
-def _with_std(name: str, unit: str, value: float, std: float) -> dict[str, float]:
-    return {f"{name}_{unit}": float(value), f"{name}_std_{unit}": float(std)}
+def _with_std(state: FloatArray, std: FloatArray, when: str = "") -> dict[str, float]:
+    """Return the columns of a motion in SI, with their deviations."""
+    found: dict[str, float] = {}
+    for key, value, spread in zip(MOTION, state * DEGREES, std * DEGREES, strict=True):
+        stem, unit = f"{when}{key}".rsplit("_", 1)
+        found |= {f"{stem}_{unit}": float(value), f"{stem}_std_{unit}": float(spread)}
+    return found
 
 
 def _utc(start_utc_ns: int | None, time_s: float) -> int:
@@ -426,15 +411,14 @@ def _report_of_legs(answer: ContactAnswer) -> str:
 
 def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
     """Take out what is not observable, with everything that depends on it."""
-    order = ["range_m", "bearing_deg", "speed_mps", "course_deg"]
     covariance = np.array(values["covariance"])
     for key in reasons:
         if key not in values:
             continue
         stem, unit = key.rsplit("_", 1)
         values[key] = values[f"{stem}_std_{unit}"] = np.nan
-        if key in order:
-            place = order.index(key)
+        if key in MOTION:
+            place = MOTION.index(key)
             covariance[place, :] = covariance[:, place] = np.nan
     if "course_deg" in reasons:
         values["course_low_deg"] = values["course_high_deg"] = np.nan
@@ -568,7 +552,6 @@ def _update_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
     empty = np.empty((0, 4))
     motion = np.concatenate([empty, *(a.update_motion for a in answers)]) * DEGREES
     std = np.concatenate([empty, *(a.update_std for a in answers)]) * DEGREES
-    names = ("range_m", "bearing_deg", "speed_mps", "course_deg")
     table: dict[str, NDArray[Any]] = {
         "update_contact": np.concatenate(
             [np.empty(0, dtype=np.int64)]
@@ -578,7 +561,7 @@ def _update_table(answers: list[ContactAnswer]) -> dict[str, NDArray[Any]]:
             [np.empty(0), *(a.data.time_s[a.update_rows] for a in answers)]
         ),
     }
-    for place, name in enumerate(names):
+    for place, name in enumerate(MOTION):
         stem, unit = name.rsplit("_", 1)
         table[f"update_{name}"] = motion[:, place]
         table[f"update_{stem}_std_{unit}"] = std[:, place]

@@ -18,7 +18,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
-from uwtrack_cli.motion.target.model import from_motion
+from uwtrack_cli.motion.target.model import from_motion, from_state
 from uwtrack_cli.motion.target.objective import loss_value, residuals
 from uwtrack_cli.motion.target.problem import Problem
 
@@ -121,25 +121,21 @@ def subset_starts(problem: Problem, limits: SearchBounds) -> FloatArray:
         np.abs(wrap_rad(model - angle[few])), np.abs(wrap_rad(model - other[few]))
     )
     score = np.minimum((off / deviation[few]) ** 2, 9.0).sum(1)
-    q = np.stack(
-        [
-            np.log(np.maximum(np.hypot(state[:, 0], state[:, 1]), 1e-6)),
-            np.mod(np.arctan2(state[:, 0], state[:, 1]), 2.0 * np.pi),
-            state[:, 2],
-            state[:, 3],
-        ],
-        -1,
-    )
-    q = np.clip(q, limits.lower, limits.upper)
+    q = np.clip(from_state(state), limits.lower, limits.upper)
+    return q[_apart(q, np.argsort(score), 5.0 * SAME, KEPT_DRAWS)]
+
+
+def _apart(q: FloatArray, order: IntArray, reach: FloatArray, count: int) -> list[int]:
+    """Return the first few motions in an order of which none is in reach of another."""
     chosen: list[int] = []
-    for index in np.argsort(score):
+    for index in order:
         apart = q[chosen] - q[index]
         apart[:, 1] = wrap_rad(apart[:, 1])
-        if not np.any(np.all(np.abs(apart) < 5.0 * SAME, axis=1)):
+        if not np.any(np.all(np.abs(apart) < reach, axis=1)):
             chosen.append(int(index))
-        if len(chosen) == KEPT_DRAWS:
+        if len(chosen) == count:
             break
-    return np.asarray(q[chosen])
+    return chosen
 
 
 def _crossings(
@@ -305,15 +301,7 @@ def _distinct(fit: DescentResult, count: int) -> FloatArray:
     A minimum of the blocks far above the best is no mode of all data either; the
     margin grows where even the best fits the blocks badly.
     """
-    kept: list[int] = []
     margin = fit.value.min() + HOPELESS
-    for index in np.argsort(fit.value):
-        if fit.value[index] > fit.value.min() + margin:
-            break
-        apart = fit.q[kept] - fit.q[index]
-        apart[:, 1] = wrap_rad(apart[:, 1])
-        if not np.any(np.all(np.abs(apart) < SAME, axis=1)):
-            kept.append(int(index))
-        if len(kept) == count:
-            break
-    return fit.q[kept]
+    order = np.argsort(fit.value)
+    order = order[fit.value[order] <= fit.value.min() + margin]
+    return fit.q[_apart(fit.q, order, SAME, count)]
