@@ -231,10 +231,7 @@ def _merged(
 ) -> Innovation:
     """Compare the scan with the prediction over all models."""
     if predicted.probability.shape[0] == 1:
-        return Innovation(
-            each.residual[0], each.covariance[0], each.gain[0], each.distance2[0],
-            each.determinant[0], each.move[0], each.reduction[0], each.density[0],
-        )  # fmt: skip
+        return each.take(0)
     return innovate(
         *moments(predicted), scan.measured, scan.present, scan.noise, setting.period
     )
@@ -293,10 +290,7 @@ def _average(
 ) -> Association:
     """Average the hypotheses' probabilities over the models."""
     if after.shape[0] == 1:
-        return Association(
-            association.miss[0], association.weight[0],
-            association.log_likelihood_ratio[0],
-        )  # fmt: skip
+        return association.take(0)
     ratio = association.log_likelihood_ratio
     top = ratio.max(axis=0)
     ratio_over_models = top + np.log((before * np.exp(ratio - top)).sum(axis=0))

@@ -61,12 +61,8 @@ def velocity_noise(interval_s: float, intensity: FloatArray) -> FloatArray:
     -----
     Q = sigma_v^2 [[T^3/3 I, T^2/2 I], [T^2/2 I, T I]] (Jeong and Hong 1996, eq. 12).
     """
-    noise = white_acceleration(interval_s)
-    each = np.array(
-        [[noise.position, noise.covariance], [noise.covariance, noise.rate]]
-    )
-    block = np.kron(each, np.eye(2))
-    return np.multiply.outer(np.asarray(intensity), block)
+    block = np.kron(white_acceleration(interval_s).matrix, np.eye(2))
+    return np.asarray(np.multiply.outer(intensity, block))
 
 
 def start_moving(

@@ -29,10 +29,8 @@ from uwtrack_cli.discrimination.contact_table import (
 from uwtrack_cli.discrimination.options import (
     ContactErrors,
     ContactFilters,
-    filter_noise,
 )
 from uwtrack_cli.discrimination.pair_test import (
-    FilterNoise,
     PairTest,
     consistency,
     follow,
@@ -59,6 +57,14 @@ _BOTH_MOVE, _NEITHER = "both move", "neither reading"
 _REJECTION_SHARE = 0.1
 """Share of the accepted error at which a filter is rejected. The right reading has two
 filters, so that it is overruled in less than a fifth of the accepted error."""
+
+
+_STATED = (
+    "verdict", "probability", "final_log_odds", "decision_time_s", "decision_scan",
+    "expected_scans", "fixed_scans", "fixed_verdict", "consistency",
+    "inverse_range_std", "observable",
+)  # fmt: skip
+"""Columns of `Decision` that each pair's verdict has."""
 
 
 @dataclass(frozen=True)
@@ -151,28 +157,17 @@ def discriminate_contacts(
     L(k) = L(k-1) + ln p(z(k) | Z, H1) - ln p(z(k) | Z, H0); decide at ln((1 - P_M)/P_F)
     and ln(P_M/(1 - P_F)) (Wald 1947; Jeong and Hong 1996, eqs. 3-4 and 20).
     """
-    noise = filter_noise(filters)
     pairs = arrange_contacts(contacts, navigation, errors)
     n_contacts = np.unique(contacts.contact).size
     share = 1.0 / (n_contacts - 1)
     thresholds = wald_thresholds(miss * share, false_alarm * share)
     level = _REJECTION_SHARE * share * min(miss, false_alarm)
-    verdicts = [judge_pair(pair, noise, thresholds, level) for pair in pairs]
+    verdicts = [judge_pair(pair, filters, thresholds, level) for pair in pairs]
     per_scan = [v.log_odds.size for v in verdicts]
     return Decision(
         first_contact=np.array([pair.first for pair in pairs]),
         second_contact=np.array([pair.second for pair in pairs]),
-        verdict=np.array([v.verdict for v in verdicts]),
-        probability=np.array([v.probability for v in verdicts]),
-        final_log_odds=np.array([v.final_log_odds for v in verdicts]),
-        decision_time_s=np.array([v.decision_time_s for v in verdicts]),
-        decision_scan=np.array([v.decision_scan for v in verdicts]),
-        expected_scans=np.array([v.expected_scans for v in verdicts]),
-        fixed_scans=np.array([v.fixed_scans for v in verdicts]),
-        fixed_verdict=np.array([v.fixed_verdict for v in verdicts]),
-        consistency=np.stack([v.consistency for v in verdicts]),
-        inverse_range_std=np.stack([v.inverse_range_std for v in verdicts]),
-        observable=np.stack([v.observable for v in verdicts]),
+        **{name: np.array([getattr(v, name) for v in verdicts]) for name in _STATED},
         **reason_columns("reason_pair", [v.reasons for v in verdicts]),
         scan_pair=np.repeat(np.arange(len(pairs)), per_scan),
         scan_time_s=np.concatenate([v.time_s for v in verdicts]),
@@ -200,14 +195,14 @@ def _moving(first: list[int], second: list[int], verdicts: list[PairVerdict]) ->
 
 
 def judge_pair(
-    pair: ContactPair, noise: FilterNoise, thresholds: Thresholds, level: float
+    pair: ContactPair, filters: ContactFilters, thresholds: Thresholds, level: float
 ) -> PairVerdict:
     """Run the test on a pair and describe its outcome.
 
     A filter is rejected where its innovations are less probable than ``level``.
     """
-    history = follow(pair.history, pair.history_times_s, noise)
-    found = run_pair(*pair.observations, pair.times_s, noise, history=history)
+    history = follow(pair.history, pair.history_times_s, filters)
+    found = run_pair(*pair.observations, pair.times_s, filters, history=history)
     odds = np.concatenate([[0.0], found.log_odds])
     terms = np.concatenate([np.zeros((1, 4)), np.cumsum(found.log_density, axis=0)])
     crossing = first_crossing(odds, thresholds)
@@ -215,11 +210,11 @@ def judge_pair(
     rejected = _rejected_verdict(fits < level)
     decision = 0 if rejected else int(crossing.decision)
     at = int(crossing.scan) if decision else odds.size - 1
-    observable = found.inverse_range_std < _UNOBSERVED * noise.inverse_range_std
+    observable = found.inverse_range_std < _UNOBSERVED * filters.inverse_range_std
     mean_scans, fixed, fixed_verdict = _comparison(odds, thresholds)
     return PairVerdict(
         verdict=rejected or _VERDICTS[decision],
-        probability=math.nan if rejected else _probability(float(odds[at])),
+        probability=math.nan if rejected else 1.0 / (1.0 + math.exp(-abs(odds[at]))),
         final_log_odds=float(odds[at]),
         decision_time_s=float(pair.times_s[at]) if decision else math.nan,
         decision_scan=at + 1 if decision else 0,
@@ -243,11 +238,6 @@ def _rejected_verdict(is_rejected: BoolArray) -> str:
         return ""
     is_both = first_drifts and second_drifts and not (first_moves or second_moves)
     return _BOTH_MOVE if is_both else _NEITHER
-
-
-def _probability(log_odds: float) -> float:
-    """Return the probability of the likelier reading."""
-    return 1.0 / (1.0 + math.exp(-abs(log_odds)))
 
 
 def _comparison(odds: FloatArray, thresholds: Thresholds) -> tuple[float, float, str]:

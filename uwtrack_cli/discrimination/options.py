@@ -5,8 +5,8 @@ from typing import Annotated
 
 import numpy as np
 
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.options import AtLeast, AtMost, Below, OptionGroup, Unit
-from uwtrack_cli.discrimination.pair_test import FilterNoise
 from uwtrack_cli.errors import OptionError
 
 Probability = Annotated[float, Unit("1"), AtLeast(1e-12), Below(1.0)]
@@ -78,16 +78,16 @@ class ContactFilters(OptionGroup):
             )
             raise OptionError(msg)
 
+    @property
+    def intensities(self) -> FloatArray:
+        """Intensity of the acceleration of each motion model, m^2/s^3, ``(model,)``."""
+        quiet, manoeuvre = self.acceleration_std_mps2, self.manoeuvre_std_mps2
+        return np.array([std**2 for std in (quiet, manoeuvre) if std is not None])
 
-def filter_noise(filters: ContactFilters) -> FilterNoise:
-    """Return process noise and first deviations of the filters from the options."""
-    quiet, manoeuvre = filters.acceleration_std_mps2, filters.manoeuvre_std_mps2
-    enter = filters.manoeuvre_start_probability
-    leave = filters.manoeuvre_stop_probability
-    switching = np.array([[1.0 - enter, enter], [leave, 1.0 - leave]])
-    single = manoeuvre is None
-    return FilterNoise(
-        np.array([quiet**2] if single else [quiet**2, (manoeuvre or 0.0) ** 2]),
-        np.ones((1, 1)) if single else switching,
-        filters.drift_std_mps, filters.speed_std_mps, filters.inverse_range_std,
-    )  # fmt: skip
+    @property
+    def switching(self) -> FloatArray:
+        """Probability per scan of changing from one model to another."""
+        enter = self.manoeuvre_start_probability
+        leave = self.manoeuvre_stop_probability
+        chances = np.array([[1.0 - enter, enter], [leave, 1.0 - leave]])
+        return np.ones((1, 1)) if self.manoeuvre_std_mps2 is None else chances

@@ -26,6 +26,7 @@ from uwtrack_cli.discrimination.contact_filters import (
     update_drift,
     update_moving,
 )
+from uwtrack_cli.discrimination.options import ContactFilters
 from uwtrack_cli.estimation.imm import Belief
 
 
@@ -37,22 +38,6 @@ class EarlierTrack:
     """Its moving filter."""
     time_s: float
     """Time of the filter's state, s."""
-
-
-@dataclass(frozen=True)
-class FilterNoise:
-    """Process noise and first deviations of the two kinds of filter."""
-
-    intensities: FloatArray
-    """Intensity of the acceleration of each motion model, m^2/s^3, ``(model,)``."""
-    switching: FloatArray
-    """Probability per scan of changing from one model to another."""
-    drift_mps: float
-    """Root intensity of the drift, m/s^(1/2)."""
-    speed_std_mps: float
-    """Standard deviation of the velocity with which a moving filter starts, m/s."""
-    inverse_range_std: float
-    """Relative deviation of the drifting filter's first inverse range."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +64,7 @@ class PairTest:
 
 
 def follow(
-    scans: list[Observation], times_s: FloatArray, noise: FilterNoise
+    scans: list[Observation], times_s: FloatArray, filters: ContactFilters
 ) -> "EarlierTrack | None":
     """Track the one contact that is there before the second one.
 
@@ -90,12 +75,12 @@ def follow(
     for observation, now in zip(scans, times_s, strict=True):
         if belief is not None:
             belief = predict_moving(
-                belief, float(now) - before, noise.intensities, noise.switching
+                belief, float(now) - before, filters.intensities, filters.switching
             )
             belief, _ = update_moving(belief, observation)
         elif np.isfinite(observation.measured[..., :2]).all():
             belief = start_moving(
-                observation, noise.speed_std_mps, noise.intensities.size
+                observation, filters.speed_std_mps, filters.intensities.size
             )
         before = float(now)
     return None if belief is None else EarlierTrack(belief, before)
@@ -105,7 +90,7 @@ def run_pair(
     first: list[Observation],
     second: list[Observation],
     times_s: FloatArray,
-    noise: FilterNoise,
+    filters: ContactFilters,
     *,
     history: "EarlierTrack | None" = None,
 ) -> PairTest:
@@ -116,17 +101,19 @@ def run_pair(
     before.
     """
     moving = [
-        _start(observation, noise, history, float(times_s[0]))
+        _start(observation, filters, history, float(times_s[0]))
         for observation in (first[0], second[0])
     ]
-    drifting = [start_drift(s, noise.inverse_range_std) for s in (first[0], second[0])]
+    drifting = [
+        start_drift(s, filters.inverse_range_std) for s in (first[0], second[0])
+    ]
     fits: list[list[InnovationFit]] = []
     for scan in range(1, len(first)):
         interval = float(times_s[scan] - times_s[scan - 1])
         moved = first[scan].position - first[scan - 1].position
         pair = (first[scan], second[scan])
         found = [
-            _advance(moving[i], drifting[i], pair[i], interval, moved, noise)
+            _advance(moving[i], drifting[i], pair[i], interval, moved, filters)
             for i in range(2)
         ]
         moving = [each[0] for each in found]
@@ -172,14 +159,16 @@ def consistency(distance2: FloatArray, degrees: FloatArray) -> FloatArray:
 
 def _start(
     observation: Observation,
-    noise: FilterNoise,
+    filters: ContactFilters,
     history: "EarlierTrack | None",
     now: float,
 ) -> Belief:
     if history is None:
-        return start_moving(observation, noise.speed_std_mps, noise.intensities.size)
+        return start_moving(
+            observation, filters.speed_std_mps, filters.intensities.size
+        )
     belief = predict_moving(
-        history.belief, now - history.time_s, noise.intensities, noise.switching
+        history.belief, now - history.time_s, filters.intensities, filters.switching
     )
     return update_moving(belief, observation)[0]
 
@@ -190,12 +179,12 @@ def _advance(
     observation: Observation,
     interval_s: float,
     moved: FloatArray,
-    noise: FilterNoise,
+    filters: ContactFilters,
 ) -> tuple[Belief, DriftState, InnovationFit, InnovationFit]:
     """Carry both filters of one contact to the next scan."""
-    belief = predict_moving(moving, interval_s, noise.intensities, noise.switching)
+    belief = predict_moving(moving, interval_s, filters.intensities, filters.switching)
     belief, moves = update_moving(belief, observation)
-    drift = predict_drift(drifting, interval_s, moved, noise.drift_mps)
+    drift = predict_drift(drifting, interval_s, moved, filters.drift_std_mps)
     drift, drifts = update_drift(drift, observation)
     return belief, drift, moves, drifts
 

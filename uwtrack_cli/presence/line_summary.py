@@ -4,14 +4,13 @@
 overlapping frames are correlated; a mean of n frames is worth n hops over a window.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray, TextArray
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.estimation.angles import wrap_deg
 
 LEAST_STD_WINDOWS = 0.02
@@ -26,7 +25,7 @@ MEASURED = (
 
 
 @dataclass(frozen=True)
-class LineSummary:
+class LineSummary(Rows):
     """The lines of one tracker, shape (line,) each."""
 
     frequency_hz: FloatArray
@@ -53,26 +52,6 @@ class LineSummary:
     """Identifier."""
     resolution_hz: FloatArray
     """Reciprocal of the length of most of its frames, Hz."""
-
-    def take(self, rows: IntArray) -> Self:
-        """Return some of the lines, by their rows."""
-        return type(self)(
-            **{name: getattr(self, name)[rows] for name in _columns()},
-        )
-
-    @classmethod
-    def join(cls, parts: Sequence[Self]) -> Self:
-        """Put lines one after the other."""
-        return cls(
-            **{
-                name: np.concatenate([getattr(part, name) for part in parts])
-                for name in _columns()
-            },
-        )
-
-
-def _columns() -> list[str]:
-    return [one.name for one in fields(LineSummary)]
 
 
 def summarise(lines: Lines) -> LineSummary:

@@ -12,7 +12,7 @@ evidence n (s - ln(1 + s) - 1) nepers against noise, which may choose its path.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb, exp
 
 import numpy as np
@@ -215,24 +215,17 @@ def _pool(trackers: Sequence[Lines], main: Lines) -> _Pool:
         else:
             families[twin] |= own
             chance[twin] = min(chance[twin], float(chances[number][row]))
-    columns = {
-        name: np.array([getattr(parts[n], name)[row] for n, row in kept])
-        for name in (
-            "frequency_hz", "frequency_std_hz", "from_s", "to_s", "level_db",
-            "bearing_deg", "bearing_std_deg", "contact", "status", "line_id",
-            "resolution_hz",
-        )
-    }  # fmt: skip
+    first = np.cumsum([0, *(part.frequency_hz.size for part in parts)])
+    rows = np.array([first[number] + row for number, row in kept], np.int64)
+    lines = LineSummary.join(parts).take(rows)
     # the coarsest tracker decides, but where rungs are joined each line has its own
     coarsest = max(float(part.resolution_hz.min(initial=np.inf)) for part in parts)
     if np.isfinite(coarsest):
-        columns["resolution_hz"] = np.maximum(columns["resolution_hz"], coarsest)
+        resolution_hz = np.maximum(lines.resolution_hz, coarsest)
+        lines = replace(lines, resolution_hz=resolution_hz)
     is_main = np.array([trackers[n] is main for n, _ in kept], np.bool_)
-    columns["contact"] = np.where(is_main, columns["contact"], 0)
-    lines = LineSummary(
-        **columns,
-        family=np.full(len(kept), -1),
-    )
+    contact = np.where(is_main, lines.contact, 0)
+    lines = replace(lines, contact=contact, family=np.full(len(kept), -1))
     return _Pool(lines, families, np.array(chance, float))
 
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.discrimination.contact_filters import Observation
-from uwtrack_cli.discrimination.options import ContactFilters, filter_noise
+from uwtrack_cli.discrimination.options import ContactFilters
 from uwtrack_cli.discrimination.pair_test import (
-    FilterNoise,
     PairTest,
     consistency,
     follow,
@@ -110,7 +109,7 @@ def run_scenario(
         aspect_deg=aspect_deg, range_m=400.0 if scenario == 3 else 1000.0,
         interval_s=1.0 if scenario == 3 else 2.0, turns=scenario > 1,
     )  # fmt: skip
-    found = _run_filters(scene, filter_noise(filters), runs, seed)
+    found = _run_filters(scene, filters, runs, seed)
     error = _ERRORS[scenario]
     odds = found.log_odds[: round(30.0 / scene.interval_s)]
     scan, decision = first_crossing(odds, wald_thresholds(error, error))
@@ -124,7 +123,7 @@ def run_scenario(
 
 
 def _run_filters(
-    scene: RepeaterScene, noise: FilterNoise, runs: int, seed: int
+    scene: RepeaterScene, filters: ContactFilters, runs: int, seed: int
 ) -> PairTest:
     drawn = simulate_repeater(np.random.default_rng(seed), scene, runs)
     variance = np.array([
@@ -144,9 +143,9 @@ def _run_filters(
 
     source, repeater = observations(drawn.source), observations(drawn.repeater)
     split = int(np.flatnonzero(np.isfinite(drawn.repeater[:, 0, 0]))[0])
-    history = follow(source[:split], drawn.time_s[:split], noise)
+    history = follow(source[:split], drawn.time_s[:split], filters)
     return run_pair(
-        source[split:], repeater[split:], drawn.time_s[split:], noise, history=history
+        source[split:], repeater[split:], drawn.time_s[split:], filters, history=history
     )
 
 
