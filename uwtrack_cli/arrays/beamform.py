@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from uwtrack_cli.arrays.array_place import ArrayPlace, check_place, place_of_array
 from uwtrack_cli.arrays.beam_peaks import (
     Beams,
+    FormedBeams,
     PeakRules,
     beam_floors,
     find_beam_peaks,
@@ -374,8 +375,15 @@ class _BeamFormer(ABC):
             power = self._power(spectra[:, :, rows], weights)
             shown = power if mvdr is None else np.broadcast_to(mvdr, power.shape)
             place = place_of_array(self.recording.sensor, part)
+            formed = FormedBeams(
+                weights=weights,
+                frequency_hz=self._frequency_hz,
+                power=power,
+                frames=part,
+                place=place,
+            )
             heard = directions and directions.of_part(rows)
-            yield self._found(heard, weights, power, shown, part, place)
+            yield self._found(formed, shown, heard)
 
     def _directions(
         self,
@@ -397,19 +405,12 @@ class _BeamFormer(ABC):
 
     @abstractmethod
     def _found(
-        self,
-        directions: FoundDirections | None,
-        weights: FloatArray,
-        power: FloatArray,
-        shown: FloatArray,
-        frames: Frames,
-        place: ArrayPlace,
+        self, formed: FormedBeams, shown: FloatArray, directions: FoundDirections | None
     ) -> BearingTime:
         """Return the record of a part of a block with what was found in it.
 
-        ``power`` is the density of the conventional beams, ``shown`` that of those of
-        the record, shape (beam, frame, cell); weights are 0 for a hydrophone that is
-        not used.
+        Peaks are found in the conventional beams ``formed``; ``shown`` is the density of
+        the beams of the record, shape (beam, frame, cell).
         """
 
     def _power(self, spectra: NDArray[np.complex64], weights: FloatArray) -> FloatArray:
@@ -485,30 +486,19 @@ class _LineFormer(_BeamFormer):
 
     def _found(
         self,
-        directions: FoundDirections | None,  # noqa: ARG002 - a line has none
-        weights: FloatArray,
-        power: FloatArray,
+        formed: FormedBeams,
         shown: FloatArray,
-        frames: Frames,
-        place: ArrayPlace,
+        directions: FoundDirections | None,  # noqa: ARG002 - a line has none
     ) -> BearingTime:
-        beams = Beams(
-            array=self.array,
-            weights=weights,
-            cos_angle=self._cosines,
-            frequency_hz=self._frequency_hz,
-            power=power,
-            frames=frames,
-            place=place,
-        )
-        floor = beam_floors(power, frames)
+        beams = Beams(**vars(formed), array=self.array, cos_angle=self._cosines)
+        floor = beam_floors(formed.power, formed.frames)
         noise = median_of_beams(floor)
         peaks = find_beam_peaks(beams, floor, noise, self.rules)
         return self._record(
             shown,
             noise,
             peaks,
-            place,
+            formed.place,
             cos_angle=self._cosines,
             diffuse_power=self._diffuse,
             design_frequency_hz=self.array.design_frequency_hz,
@@ -579,23 +569,11 @@ class _SpatialFormer(_BeamFormer):
         )
 
     def _found(
-        self,
-        directions: FoundDirections | None,
-        weights: FloatArray,
-        power: FloatArray,
-        shown: FloatArray,
-        frames: Frames,
-        place: ArrayPlace,
+        self, formed: FormedBeams, shown: FloatArray, directions: FoundDirections | None
     ) -> BearingTime:
+        power, frames, place = formed.power, formed.frames, formed.place
         beams = SpatialBeams(
-            array=self.array,
-            grid=self._grid,
-            lobes=self._lobes,
-            weights=weights,
-            frequency_hz=self._frequency_hz,
-            power=power,
-            frames=frames,
-            place=place,
+            **vars(formed), array=self.array, grid=self._grid, lobes=self._lobes
         )
         centres, owner = self._grid.floor_beams
         floor = beam_floors(power[centres], frames)

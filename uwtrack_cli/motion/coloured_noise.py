@@ -103,10 +103,9 @@ def fit_coloured_noise(
     -(ln|C| + ln|X' C^-1 X| + e' P e) / 2; V whitens, and the eigenvectors of K give it
     for every s^2 at once.
     """
-    cells = _condense(residual, precision, time_s, design, width_s)
-    if cells is None:
+    if _too_few(precision, design):
         return WHITE
-    value, columns, size, time = cells
+    value, columns, size, time = _cells(residual, precision, time_s, design, width_s)
     columns = np.concatenate([columns, others[1]])
     basis = orthonormal(columns)
     value = np.concatenate([value, others[0]])
@@ -192,12 +191,11 @@ def likelihoods_by_noise(
     For each reading the residuals (n,) and the columns (n, p) that are free. White
     noise first, shape (2, readings); zeros where there is too little to tell.
     """
-    cells = [_condense(e, precision, time_s, x, width_s) for e, x in series]
-    if any(cell is None for cell in cells):
+    if any(_too_few(precision, columns) for _, columns in series):
         return np.zeros((2, len(series)))
-    known = [cell for cell in cells if cell is not None]
-    root, time = known[0][2], known[0][3]
-    rivals = [(value, orthonormal(columns)) for value, columns, _, _ in known]
+    cells = [_cells(e, precision, time_s, x, width_s) for e, x in series]
+    root, time = cells[0][2:]
+    rivals = [(value, orthonormal(columns)) for value, columns, _, _ in cells]
     white = np.array([_white_likelihood(e, x, None)[1] for e, x in rivals])
     best = np.full(white.size, -np.inf)
     for _, values, vectors in _spectra(root, time):
@@ -223,7 +221,7 @@ def gains_of_shapes(
     white, or the reading's best coloured one. Gains in log-likelihood, shape (shapes,);
     zeros where there is too little to tell.
     """
-    if np.count_nonzero(precision) < columns.shape[1] + FEWEST_MORE:
+    if _too_few(precision, columns):
         return np.zeros(shapes.shape[1])
     both = np.concatenate([columns, shapes], axis=1)
     value, both, root, time = _cells(residual, precision, time_s, both, width_s)
@@ -248,17 +246,9 @@ def gains_of_shapes(
     return np.asarray((value @ more - 0.5 * (more**2).sum(axis=0)) / inflation)
 
 
-def _condense(
-    residual: FloatArray,
-    precision: FloatArray,
-    time_s: FloatArray,
-    design: FloatArray,
-    width_s: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
-    """Whitened means of cells, as `_cells`; None if the design leaves too little."""
-    if np.count_nonzero(precision > 0) < design.shape[1] + FEWEST_MORE:
-        return None
-    return _cells(residual, precision, time_s, design, width_s)
+def _too_few(precision: FloatArray, design: FloatArray) -> bool:
+    """Return whether a design leaves too little of the measurements."""
+    return bool(np.count_nonzero(precision > 0) < design.shape[1] + FEWEST_MORE)
 
 
 def _cells(
