@@ -89,13 +89,9 @@ def profile_interval(
     """
     polar = coordinate >= 2
     centre = to_polar(q) if polar else q.copy()
-    bounds = _bounds(limits, polar=polar)
-    low, open_low = _side(
-        problem, centre, coordinate, -deviation, bounds, rise=rise, polar=polar
-    )
-    high, open_high = _side(
-        problem, centre, coordinate, deviation, bounds, rise=rise, polar=polar
-    )
+    profile = _Profile(problem, _bounds(limits, polar=polar), coordinate, rise, polar)
+    low, open_low = profile.side(centre, -deviation)
+    high, open_high = profile.side(centre, deviation)
     return Interval(low, high, open_low, open_high)
 
 
@@ -108,74 +104,65 @@ def _bounds(limits: SearchBounds, *, polar: bool) -> SearchBounds:
     return SearchBounds(lower, upper)
 
 
-def _side(
-    problem: Problem,
-    centre: FloatArray,
-    coordinate: int,
-    deviation: float,
-    bounds: SearchBounds,
-    *,
-    rise: float,
-    polar: bool,
-) -> tuple[float, bool]:
-    """Follow the profile to one side: the crossing, and whether it was cut."""
-    ends = (bounds.lower, bounds.upper)[int(deviation > 0)][coordinate]
-    reach = 2.0 * np.sqrt(rise) * deviation
-    room = ends - centre[coordinate] if np.isfinite(ends) else np.sign(reach) * np.pi
-    start, base, done = centre, 0.0, 0.0
-    for _ in range(6):
-        reach = reach if abs(reach) < abs(room) else room
-        share = np.linspace(0.0, 1.0, STEPS + 1)
-        value = done + (reach - done) * share
-        trials = np.repeat(start[np.newaxis], value.size, axis=0)
-        trials[:, coordinate] = centre[coordinate] + value
-        fit = minimise(
-            problem, trials, bounds, held=(coordinate,), polar=polar, iterations=25,
-            tolerance=1e-7,
-        )  # fmt: skip
-        if done == 0.0:
-            base = float(fit.value[0])
-        excess, arrived = fit.value - base, fit.q.copy()
-        _follow_on(
-            problem, (arrived, excess), trials[:, coordinate], coordinate, bounds,
-            rise=rise, base=base, polar=polar,
-        )  # fmt: skip
-        if (excess > rise).any():
-            return _crossing(centre[coordinate] + value, excess, rise), False
-        if reach == room:
-            return float(centre[coordinate] + room), True
-        start, done, reach = arrived[-1], reach, 3.0 * reach
-    return float(centre[coordinate] + done), True
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """Least misfit of a problem over all coordinates but one, which is held."""
 
+    problem: Problem
+    bounds: SearchBounds
+    coordinate: int
+    rise: float
+    polar: bool
 
-def _follow_on(
-    problem: Problem,
-    points: tuple[FloatArray, FloatArray],
-    place: FloatArray,
-    coordinate: int,
-    bounds: SearchBounds,
-    *,
-    rise: float,
-    base: float,
-    polar: bool,
-) -> None:
-    """Fit the first point beyond the rise from its neighbour, and go on if it is not.
-
-    Where the points arrived and their excess are changed in place.
-    """
-    arrived, excess = points
-    while (over := np.flatnonzero(excess > rise)).size and over[0]:
-        here = int(over[0])
-        trial = arrived[here - 1 : here].copy()
-        trial[:, coordinate] = place[here]
-        fit = minimise(
-            problem, trial, bounds, held=(coordinate,), polar=polar, iterations=100,
-            tolerance=1e-9,
+    def _fit(
+        self, trials: FloatArray, *, iterations: int, tolerance: float
+    ) -> DescentResult:
+        return minimise(
+            self.problem, trials, self.bounds, held=(self.coordinate,),
+            polar=self.polar, iterations=iterations, tolerance=tolerance,
         )  # fmt: skip
-        if fit.value[0] - base < excess[here]:
-            excess[here], arrived[here] = float(fit.value[0]) - base, fit.q[0]
-        if excess[here] > rise:
-            return
+
+    def side(self, centre: FloatArray, deviation: float) -> tuple[float, bool]:
+        """Follow the profile to one side: the crossing, and whether it was cut."""
+        place = float(centre[self.coordinate])
+        ends = self.bounds.upper if deviation > 0 else self.bounds.lower
+        end = ends[self.coordinate]
+        reach = 2.0 * np.sqrt(self.rise) * deviation
+        room = end - place if np.isfinite(end) else np.sign(reach) * np.pi
+        start, base, done = centre, 0.0, 0.0
+        for _ in range(6):
+            reach = reach if abs(reach) < abs(room) else room
+            value = done + (reach - done) * np.linspace(0.0, 1.0, STEPS + 1)
+            trials = np.repeat(start[np.newaxis], value.size, axis=0)
+            trials[:, self.coordinate] = place + value
+            fit = self._fit(trials, iterations=25, tolerance=1e-7)
+            if done == 0.0:
+                base = float(fit.value[0])
+            excess, arrived = fit.value - base, fit.q.copy()
+            self._follow_on(arrived, excess, trials[:, self.coordinate], base)
+            if (excess > self.rise).any():
+                return _crossing(place + value, excess, self.rise), False
+            if reach == room:
+                return float(place + room), True
+            start, done, reach = arrived[-1], reach, 3.0 * reach
+        return float(place + done), True
+
+    def _follow_on(
+        self, arrived: FloatArray, excess: FloatArray, place: FloatArray, base: float
+    ) -> None:
+        """Fit the first point beyond the rise from its neighbour, and go on if it is not.
+
+        Where the points arrived and their excess are changed in place.
+        """
+        while (over := np.flatnonzero(excess > self.rise)).size and over[0]:
+            here = int(over[0])
+            trial = arrived[here - 1 : here].copy()
+            trial[:, self.coordinate] = place[here]
+            fit = self._fit(trial, iterations=100, tolerance=1e-9)
+            if fit.value[0] - base < excess[here]:
+                excess[here], arrived[here] = float(fit.value[0]) - base, fit.q[0]
+            if excess[here] > self.rise:
+                return
 
 
 def _crossing(place: FloatArray, excess: FloatArray, rise: float) -> float:
