@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.lines.common_jumps import (
@@ -23,7 +24,7 @@ from uwtrack_cli.lines.common_jumps import (
     JumpCandidates,
     told_jump,
 )
-from uwtrack_cli.lines.line_points import FamilyJump
+from uwtrack_cli.lines.line_points import FamilyJump, LinePoints
 from uwtrack_cli.lines.paths.courses import FEWEST_FRAMES, fit_course
 from uwtrack_cli.lines.paths.trace_window import Measured, WindowData
 from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
@@ -48,52 +49,61 @@ class PathEnd:
     """Its straight course and its bearing then, entries of shape (2,)."""
 
 
-def state_at(
-    data: WindowData,
-    measured: Measured,
-    states: FloatArray,
-    column: int,
-    rows: slice,
-    at_s: float,
-) -> KalmanState | None:
-    """Return straight course and bearing of a path at the first of some rows.
+@dataclass(frozen=True, eq=False)
+class MeasuredPaths:
+    """The paths of a window, measured and smoothed; each is a column."""
 
-    Rows are nearest first, ``states`` those smoothed along all paths, shape (frame, 5,
-    2, path). Entries of shape (2,); None if too few frames were measured.
-    """
-    course = fit_course(
-        data.time_s[rows], measured.position[0, rows, column],
-        measured.variance[0, rows, column], at_s,
-    )  # fmt: skip
-    if course is None:
-        return None
-    state = states[rows][0, :, :, column].copy()
-    state[:2, 0] = course.value
-    state[2:, 0] = course.covariance[[0, 0, 1], [0, 1, 1]]
-    return KalmanState(*state)
+    data: WindowData
+    """The frames of the window."""
+    measured: Measured
+    """What was measured along the paths."""
+    states: FloatArray
+    """Smoothed states, shape (frame, 5, 2, path)."""
 
+    def state_at(self, column: int, rows: slice, at_s: float) -> KalmanState | None:
+        """Return straight course and bearing of a path at the first of some rows.
 
-def end_of(
-    data: WindowData,
-    measured: Measured,
-    states: FloatArray,
-    line: int,
-    column: int,
-    stop: int,
-) -> PathEnd | None:
-    """Return how a path ends, None if it is too short to tell."""
-    at_s = float(data.time_s[stop - 1])
-    rows = slice(stop - 1, None, -1)
-    state = state_at(data, measured, states, column, rows, at_s)
-    return None if state is None else PathEnd(line, at_s, state)
+        Rows are nearest first. Entries of shape (2,); None if too few frames were
+        measured.
+        """
+        course = fit_course(
+            self.data.time_s[rows], self.measured.position[0, rows, column],
+            self.measured.variance[0, rows, column], at_s,
+        )  # fmt: skip
+        if course is None:
+            return None
+        state = self.states[rows][0, :, :, column].copy()
+        state[:2, 0] = course.value
+        state[2:, 0] = course.covariance[[0, 0, 1], [0, 1, 1]]
+        return KalmanState(*state)
+
+    def end_of(self, line: int, column: int, stop: int) -> PathEnd | None:
+        """Return how a path ends, None if it is too short to tell."""
+        at_s = float(self.data.time_s[stop - 1])
+        state = self.state_at(column, slice(stop - 1, None, -1), at_s)
+        return None if state is None else PathEnd(line, at_s, state)
+
+    def points(self, line: int, column: int, rows: slice) -> LinePoints:
+        """Points of one line in some frames; frames without sound have none."""
+        data, measured = self.data, self.measured
+        index = np.arange(rows.start, max(rows.stop, rows.start))
+        index = index[data.is_valid[index]]
+        is_measured = np.isfinite(measured.variance[0, index, column])
+        return LinePoints(
+            line=np.full(index.size, line, dtype=np.int64),
+            frame=data.frame[index],
+            time_s=data.time_s[index],
+            state=self.states[index, :, :, column],
+            measured=measured.raw[:, index, column].T,
+            association=np.where(is_measured, DETECTED, COASTED),
+        )
 
 
 def find_jumped(
     ends: Sequence[PathEnd],
     begins: Sequence[PathEnd],
     known: list[FamilyJump],
-    data: WindowData,
-    measured: Measured,
+    paths: MeasuredPaths,
     lines: IntArray,
 ) -> tuple[FamilyJump, list[tuple[int, int]]] | None:
     """Find lines that have ended and begun again where a jump has put them.
@@ -108,11 +118,12 @@ def find_jumped(
     end_hz, end_s = np.array([(e.state.position[0], e.time_s) for e in ends]).T
     begin_hz, begin_s = np.array([(e.state.position[0], e.time_s) for e in begins]).T
     is_there = _is_there(ends, begins)
-    wait = (begin_s - end_s[:, None]) / data.window_s
-    own = JumpCandidates(end_hz, end_s, begin_hz, is_there, 1.0 / data.window_s)
+    window_s = paths.data.window_s
+    wait = (begin_s - end_s[:, None]) / window_s
+    own = JumpCandidates(end_hz, end_s, begin_hz, is_there, 1.0 / window_s)
     for jump in known:
         near = [
-            np.abs(time_s - jump.time_s) < _LATE_WINDOWS * data.window_s
+            np.abs(time_s - jump.time_s) < _LATE_WINDOWS * window_s
             for time_s in (end_s, begin_s)
         ]
         pairs = own.paired(end_hz * jump.ratio, is_there & np.outer(*near))
@@ -121,8 +132,8 @@ def find_jumped(
             return jump, pairs
     is_prompt = is_there & (wait > -BEFORE_WINDOWS) & (wait < AFTER_WINDOWS)
     for at_s in begin_s[is_prompt.any(axis=0)].tolist():
-        is_now = np.abs(begin_s - at_s) < AFTER_WINDOWS * data.window_s
-        kinked, before_hz, after_hz = _kinks(data, measured, at_s)
+        is_now = np.abs(begin_s - at_s) < AFTER_WINDOWS * window_s
+        kinked, before_hz, after_hz = _kinks(paths, at_s)
         # what runs through is known to be one
         candidates = JumpCandidates(
             np.append(end_hz, before_hz),
@@ -169,12 +180,13 @@ def _is_there(ends: Sequence[PathEnd], begins: Sequence[PathEnd]) -> BoolArray:
 
 
 def _kinks(
-    data: WindowData, measured: Measured, at_s: float
+    paths: MeasuredPaths, at_s: float
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the paths that run through a time with a kink, and both frequencies.
 
     Frequencies are those of straight courses on either side, extrapolated to the time.
     """
+    data, measured = paths.data, paths.measured
     lag = (data.time_s - at_s) / data.window_s
     both, known = [], []
     for side in (-lag, lag):

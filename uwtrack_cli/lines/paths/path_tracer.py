@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation.kalman import KalmanState
 from uwtrack_cli.estimation.noise_floor import noise_floor
@@ -28,12 +27,7 @@ from uwtrack_cli.lines.families.harmonics import find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.line_points import FamilyJump, LinePoints, LineTable
 from uwtrack_cli.lines.paths.meetings import Meetings
-from uwtrack_cli.lines.paths.path_ends import (
-    PathEnd,
-    end_of,
-    find_jumped,
-    state_at,
-)
+from uwtrack_cli.lines.paths.path_ends import MeasuredPaths, PathEnd, find_jumped
 from uwtrack_cli.lines.paths.path_search import (
     FoundPath,
     PathSearch,
@@ -226,7 +220,7 @@ class PathTracer:
             return [living.pending for living in ended]
         measured = _along_paths(data, paths)
         cells = np.stack([p.cells for p in paths], axis=1)
-        states = self._smoothed(data, cells, measured)
+        along = MeasuredPaths(data, measured, self._smoothed(data, cells, measured))
         is_line = np.isfinite(measured.variance[0])
         parts: list[LinePoints] = []
         living: list[_Living] = []
@@ -235,22 +229,22 @@ class PathTracer:
         parts += [line.pending for line in gone]
         self._remember(gone, data)
         out_to = {line.line: line.out_to for line in self.living}
-        paths = self._named(data, paths, lines, measured, states)
+        paths = self._named(along, paths, lines)
         for k, path in enumerate(paths):
             start, end = path.first, min(path.stop, final[1])
             if lines[k] in out_to:  # only once
                 already = int(np.searchsorted(data.frame, out_to[int(lines[k])]))
                 start = max(start, already)
             own = int(lines[k])
-            parts.append(_points(data, states, measured, own, k, slice(start, end)))
+            parts.append(along.points(own, k, slice(start, end)))
             if not is_last:
                 rest = slice(max(final[1], path.first), path.stop)
                 whole = slice(path.first, path.stop)
                 living.append(_Living(
                     own, data.frame[whole], path.cells[whole],
                     int(data.frame[max(start, end) - 1]) + 1,
-                    _points(data, states, measured, own, k, rest),
-                    end_of(data, measured, states, own, k, path.stop),
+                    along.points(own, k, rest),
+                    along.end_of(own, k, path.stop),
                 ))  # fmt: skip
         self.living = _joined(living)
         self._classify(data, cells, lines, is_line)
@@ -284,12 +278,7 @@ class PathTracer:
         return paths, lines
 
     def _named(
-        self,
-        data: WindowData,
-        paths: list[FoundPath],
-        lines: IntArray,
-        measured: Measured,
-        states: FloatArray,
+        self, along: MeasuredPaths, paths: list[FoundPath], lines: IntArray
     ) -> list[FoundPath]:
         """Give each path the number of the line it continues, or a new one.
 
@@ -301,9 +290,7 @@ class PathTracer:
         silent, fresh = list(self.ended), []
         for k in sorted(range(len(paths)), key=lambda k: paths[k].first):
             if lines[k] == 0:
-                lines[k] = self._returned(
-                    data, paths[k].first, silent, measured, states, k
-                )
+                lines[k] = self._returned(along, k, paths[k].first, silent)
             if lines[k] == 0:
                 lines[k] = self.next_line
                 inside.add(self.next_line)
@@ -311,38 +298,35 @@ class PathTracer:
             if lines[k] in inside:  # no point of it is out
                 fresh.append(k)
             silent = [end for end in silent if end.line != lines[k]]
-            end = end_of(data, measured, states, int(lines[k]), k, paths[k].stop)
-            if end is not None and paths[k].stop < data.frame.size:
+            end = along.end_of(int(lines[k]), k, paths[k].stop)
+            if end is not None and paths[k].stop < along.data.frame.size:
                 silent.append(end)
-        paths = self._jumped(data, paths, lines, fresh, silent, measured, states)
+        paths = self._jumped(along, paths, lines, fresh, silent)
         taken = set(lines.tolist())
         self.ended = [end for end in self.ended if end.line not in taken]
         return paths
 
     def _jumped(
         self,
-        data: WindowData,
+        along: MeasuredPaths,
         paths: list[FoundPath],
         lines: IntArray,
         fresh: list[int],
         silent: list[PathEnd],
-        measured: Measured,
-        states: FloatArray,
     ) -> list[FoundPath]:
         """Give new lines the numbers of those that have jumped to where they are.
 
         As in `_named`; ``fresh`` are paths whose lines have no points outside yet,
         ``silent`` ends of the lines that may have jumped.
         """
-        paths, begins = list(paths), []
+        time, paths, begins = along.data.time_s, list(paths), []
         for k in fresh:
-            at_s = float(data.time_s[paths[k].first])
-            rows = slice(paths[k].first, None)
-            state = state_at(data, measured, states, k, rows, at_s)
+            at_s = float(time[paths[k].first])
+            state = along.state_at(k, slice(paths[k].first, None), at_s)
             if state is not None:
                 begins.append((k, PathEnd(int(lines[k]), at_s, state)))
         while found := find_jumped(
-            silent, [begin for _, begin in begins], self.jumps, data, measured, lines
+            silent, [begin for _, begin in begins], self.jumps, along, lines
         ):
             jump, pairs = found
             for old, new in pairs:
@@ -351,7 +335,7 @@ class PathTracer:
                 last_s = end.time_s  # its points are out if it has no path here
                 if parts:
                     last_s = min(last_s, max(jump.time_s, begin.time_s))
-                stop = int(np.searchsorted(data.time_s, last_s, "right"))
+                stop = int(np.searchsorted(time, last_s, "right"))
                 if any(stop <= paths[i].first for i in parts) or stop >= paths[k].stop:
                     continue
                 for i in parts:
@@ -366,18 +350,13 @@ class PathTracer:
         return paths
 
     def _returned(
-        self,
-        data: WindowData,
-        first: int,
-        silent: list[PathEnd],
-        measured: Measured,
-        states: FloatArray,
-        column: int,
+        self, along: MeasuredPaths, column: int, first: int, silent: list[PathEnd]
     ) -> int:
         """Return the number of the silent line that a path continues, 0 for none."""
+        data = along.data
         begin_s = float(data.time_s[first])
         silent = [end for end in silent if 0.0 < begin_s - end.time_s < self.silence_s]
-        now = state_at(data, measured, states, column, slice(first, None), begin_s)
+        now = along.state_at(column, slice(first, None), begin_s)
         if not silent or now is None:
             return 0
         band = float(data.frequency_hz[-1] - data.frequency_hz[0])
@@ -497,25 +476,3 @@ def _joined(living: list[_Living]) -> list[_Living]:
                 pending=LinePoints.join([early.pending, part.pending]),
             )  # fmt: skip
     return list(whole.values())
-
-
-def _points(
-    data: WindowData,
-    states: FloatArray,
-    measured: Measured,
-    line: int,
-    column: int,
-    rows: slice,
-) -> LinePoints:
-    """Points of one line in some frames; frames without sound have none."""
-    index = np.arange(rows.start, max(rows.stop, rows.start))
-    index = index[data.is_valid[index]]
-    is_measured = np.isfinite(measured.variance[0, index, column])
-    return LinePoints(
-        line=np.full(index.size, line, dtype=np.int64),
-        frame=data.frame[index],
-        time_s=data.time_s[index],
-        state=states[index, :, :, column],
-        measured=measured.raw[:, index, column].T,
-        association=np.where(is_measured, DETECTED, COASTED),
-    )
