@@ -3,7 +3,8 @@
 **Method.** The broadband has no contact of its own. It is given to the only
 contact that passes, if it agrees with its lines; where no line shows a passage, the
 broadband is examined first, with the lines that follow it if its parts tell a passage
-(`sub_bands`). Where it tells of passages
+(`sub_bands`). What contacts of minutes do not show is sought among all lines for a few
+d/v (`moving_lines`); such lines are told as a contact of their own. Where it tells of passages
 that no contact accounts for, each is examined with what the others put into the
 broadband taken out (see `several`).
 
@@ -20,6 +21,7 @@ from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.motion.passage import moving_lines
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
@@ -27,6 +29,7 @@ from uwtrack_cli.motion.passage.candidates import (
     agrees,
     examine,
     examine_contacts,
+    fit_contact,
     not_a_passage,
     read,
     split,
@@ -41,6 +44,7 @@ from uwtrack_cli.motion.passage.checks.sub_bands import (
     ask_the_parts_of_all,
 )
 from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import motion_likelihood
 from uwtrack_cli.motion.passage.model.direction_bearings import with_directions_of
 from uwtrack_cli.motion.passage.model.measurements import (
@@ -48,11 +52,28 @@ from uwtrack_cli.motion.passage.model.measurements import (
     contact_ids,
     lines_of,
 )
+from uwtrack_cli.motion.passage.moving_lines import (
+    APART,
+    Together,
+    line_gains,
+    lines_together,
+    stretch_of,
+)
 from uwtrack_cli.motion.passage.source_separation import separate_sources
 
 SMALLEST_LINE_GAIN = 5.0
 """Gain in log-likelihood by which the lines of a contact must follow a passage that
 the broadband has shown."""
+
+
+LEAST_LEVEL_GAIN = 3.0
+"""Gain in log-likelihood by which the levels of lines that move together for a few d/v
+must follow the range: strong evidence (Kass & Raftery 1995)."""
+
+
+N_CUTS, SAME_WIDTH = 3, 0.1
+"""How often the lines that move together are cut out and fitted at most, and share by
+which the width of what is cut out may still change in the end."""
 
 
 class SearchTerms(NamedTuple):
@@ -107,19 +128,24 @@ def examine_recording(
     """
     terms = SearchTerms(medium, false_alarm_probability, limits, sound, directions)
     every, still = _of_lines(lines, terms) if lines is not None else ([], [])
+    parts: dict[int, Lines] = {}
+    if lines is not None:
+        more, parts = _of_lines_together(lines, every, terms)
+        every = [*every, *more]
     if levels is None:
         return every, still
     every = _checked_in_air(every, levels, terms)
     found = [item for item in every if not item.doubt]
     doubted = [item for item in every if item.doubt]
     if len(found) == 1:
-        found = [_with_broadband(found[0], lines, levels, terms)]
+        own = parts.get(found[0].contacts[0], lines)
+        found = [_with_broadband(found[0], own, levels, terms)]
     passing = [item for item in found if _is_passage(item, limits)]
     shares, more = separate_sources(
         levels, passing, medium, false_alarm_probability, limits
     )
     if more:
-        passing = _apart(passing, more, shares, lines, terms)
+        passing = _apart(passing, more, shares, (lines, parts), terms)
     elif not passing:
         passing = _broadband_first(lines, levels, terms)
         # a contact that moves without passing is reported once
@@ -184,17 +210,97 @@ def _of_lines(
     return tell_once(checked, join), still
 
 
+def _of_lines_together(
+    lines: Lines, known: list[CandidatePassage], terms: SearchTerms
+) -> tuple[list[CandidatePassage], dict[int, Lines]]:
+    """Examine lines that move together where no contact has a passage.
+
+    Returns
+    -------
+    list[CandidatePassage]
+        Passages that nothing speaks against, with contact numbers of their own.
+    dict[int, Lines]
+        The lines of each of them, about it, by contact number.
+    """
+    passing = [item for item in known if _is_passage(item, terms.limits)]
+    numbers = [n for item in known for n in item.contacts]
+    number = max([*numbers, int(lines.line_contact.max(initial=0))], default=0)
+    found: list[CandidatePassage] = []
+    parts: dict[int, Lines] = {}
+    for place in lines_together(lines, terms.medium.sound_speed_mps):
+        if any(_is_at(item, place) for item in (*passing, *found)):
+            continue
+        item, part = _of_place(lines, place, number + 1, terms)
+        if item is None or not _is_at(item, place):
+            continue
+        # the rest of these lines has told nothing: their levels have to follow, too
+        if item.likelihood_ratio.line_level < LEAST_LEVEL_GAIN:
+            continue
+        item = _checked(item, lines, terms)
+        if _is_passage(item, terms.limits):
+            number += 1
+            parts[number] = part
+            found.append(item)
+    return found, parts
+
+
+def _of_place(
+    lines: Lines, place: Together, number: int, terms: SearchTerms
+) -> tuple[CandidatePassage | None, Lines]:
+    """Fit the lines of a place, and all that move so about what was found."""
+    span_s = max(float(np.ptp(lines.time_s)), 1e-9)
+    item: CandidatePassage | None = None
+    part = lines
+    for _ in range(N_CUTS):
+        part = stretch_of(lines, place, number)
+        share = min(1.0, 2.0 * moving_lines.REACH * place.width_s / span_s)
+        ids = lines_of(part, (number,))
+        made = fit_contact(
+            contact_data(part, None, (number,)), (number,), ids, terms.medium,
+            share * terms.probability,
+        )  # fmt: skip
+        item = made if isinstance(made, CandidatePassage) else None
+        if made is None or not _is_near(made.fit, place):
+            return None, part
+        width_s, speed = float(made.fit.range_over_speed_s[0]), made.fit.theta[0, 2]
+        mach = float(speed) / terms.medium.sound_speed_mps
+        heard_s = float(made.fit.theta[0, 0]) + mach * width_s
+        again = line_gains(lines, Together(heard_s, width_s, ids, 0.0), mach)
+        is_same = abs(width_s / place.width_s - 1.0) < SAME_WIDTH
+        if not again.lines.size or (is_same and np.array_equal(again.lines, ids)):
+            break
+        place = again
+    return item, part
+
+
+def _is_at(item: CandidatePassage, place: Together) -> bool:
+    """Return whether a passage is where lines move together."""
+    return _is_near(item.fit, place)
+
+
+def _is_near(fit: PassageFit, place: Together) -> bool:
+    theta, width_s = fit.theta[0], float(fit.range_over_speed_s[0])
+    delay_s = width_s * float(theta[2]) / fit.medium.sound_speed_mps
+    off_s = abs(float(theta[0]) + delay_s - place.time_s)
+    return bool(off_s < APART * max(width_s, place.width_s))
+
+
 def _apart(
     found: list[CandidatePassage],
     more: list[CandidatePassage],
     shares: list[Levels],
-    lines: Lines | None,
+    heard: tuple[Lines | None, dict[int, Lines]],
     terms: SearchTerms,
 ) -> list[CandidatePassage]:
-    """Examine every passage with its own share of the broadband."""
+    """Examine every passage with its own share of the broadband.
+
+    ``heard`` are all lines, and those of the contacts that were found among them.
+    """
+    lines, parts = heard
     first = len(found)
     if len(found) == 1:
-        found = [_with_broadband(found[0], lines, shares[0], terms)]
+        own_lines = parts.get(found[0].contacts[0], lines)
+        found = [_with_broadband(found[0], own_lines, shares[0], terms)]
     taken = {number for item in found for number in item.contacts}
     free = (
         [n for n in contact_ids(lines) if n not in taken] if lines is not None else []

@@ -21,7 +21,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.estimation.robust import median_scale
+from uwtrack_cli.estimation.robust import median_scale, neighbour_scale
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.gear_changes import (
@@ -38,6 +38,13 @@ WIDEST_SCATTER_RAD = 1.2
 
 Series = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 """Values of the instants used, columns of the rows' constants, precision, use."""
+
+LEVELS_SHARE = 2.0 / 3.0
+"""Share of the threshold that the levels of the lines may give at most: pumps that are
+switched and fading are no passage."""
+
+FEWEST_LEVELS = 4
+"""Levels of a line below which they tell nothing."""
 
 N_BREAKS = 17
 """Instants within d/v of the closest approach at which a line may be two."""
@@ -79,6 +86,8 @@ class LikelihoodRatio:
     """Gain over constants, with one break in the frequencies."""
     threshold: float
     """Gain that noise exceeds with the false-alarm probability."""
+    line_level: float = 0.0
+    """Gain of the levels of the lines over constants and over straight lines in time."""
 
     @property
     def total(self) -> float:
@@ -93,7 +102,9 @@ class LikelihoodRatio:
     @property
     def is_passage(self) -> bool:
         """Whether something passes, at the stated false-alarm probability."""
-        return min(self.total, self.over_line, self.over_break) > self.threshold
+        gain = min(self.total, self.over_line, self.over_break)
+        by_levels = min(max(self.line_level, 0.0), LEVELS_SHARE * self.threshold)
+        return gain + by_levels > self.threshold
 
 
 def passage_likelihood_ratio(
@@ -142,7 +153,34 @@ def passage_likelihood_ratio(
         sum(gain[1] for gain in gains),
         sum(gain[2] for gain in gains),
         float(np.log(places / false_alarm_probability)),
+        _gain_of_line_levels(fit, blocks),
     )
+
+
+def _gain_of_line_levels(fit: PassageFit, blocks: Blocks) -> float:
+    """Return what the levels of the lines gain by the passage's spherical spreading.
+
+    They stay, or drift, where nothing passes. Every line has a level of its own at the
+    source, and what fades is noise of any colour to all readings.
+    """
+    if blocks.line_level is None or blocks.shift.is_empty or fit.theta[0, 2] <= 0:
+        return 0.0
+    level = blocks.line_level[0]
+    weight = np.isfinite(level).astype(float)
+    weight[weight.sum(axis=1) < FEWEST_LEVELS] = 0.0
+    if not weight.any():
+        return 0.0
+    still = np.where(weight > 0, level, 0.0)
+    moving = np.where(weight > 0, still - fit.law(blocks.time_s).spread[0], 0.0)
+    scale = neighbour_scale(_centred(moving, weight), weight)
+    gains = _gains(
+        measured_series(moving, weight, scale),
+        measured_series(still, weight, scale)[0],
+        blocks.time_s,
+        float(fit.range_over_speed_s[0]),
+        _Changes(*(np.empty(0),) * 3, ()),
+    )
+    return min(gains[:2])
 
 
 def motion_likelihood(blocks: Blocks, own: PassageFit, motion: PassageFit) -> float:

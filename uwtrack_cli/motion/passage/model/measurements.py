@@ -315,14 +315,36 @@ def _line_levels(
     shape: tuple[int, int],
 ) -> FloatArray | None:
     """Return the levels of some points, freed of the noise in their cells."""
-    snr_db, level = lines.measured_snr_db[points], lines.measured_level_db[points]
-    known = np.isfinite(level) & (snr_db > WEAKEST_LEVEL_DB)
+    level = heard_level_db(lines, points)
+    known = np.isfinite(level)
     if not known.any():
         return None
     full = np.full(shape, np.nan, np.float32)
-    noise = NEPER_DB * np.log1p(np.exp(-snr_db[known] / NEPER_DB))
-    full[at[0][known], at[1][known]] = level[known] - noise
+    full[at[0][known], at[1][known]] = level[known]
     return full
+
+
+def heard_level_db(lines: Lines, points: IntArray) -> FloatArray:
+    """Return the levels of some points without the noise in their cells, dB.
+
+    Parameters
+    ----------
+    lines
+        Tracked lines.
+    points
+        Their points.
+
+    Returns
+    -------
+    FloatArray
+        Shape (point,); nan is missing or weak.
+    """
+    snr_db, level = lines.measured_snr_db[points], lines.measured_level_db[points]
+    known = np.isfinite(level) & (snr_db > WEAKEST_LEVEL_DB)
+    heard = np.full(points.size, np.nan)
+    noise = NEPER_DB * np.log1p(np.exp(-snr_db[known] / NEPER_DB))
+    heard[known] = level[known] - noise
+    return heard
 
 
 def _unknown(shape: tuple[int, int]) -> FloatArray:
