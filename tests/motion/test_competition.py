@@ -36,11 +36,17 @@ def test_answers_that_agree_are_one_and_the_better_known_one_stays():
     assert won([SLOW], [vague]) == ([(1.0, 8.0, 4.0)], [])
 
 
-def test_a_row_that_is_to_stay_stays_where_a_sharper_one_agrees():
-    close = SLOW | {"speed_mps": 8.4, "range_over_speed_std_s": 0.1}
-    tables = encounters_of(SLOW), [encounters_of(close)]
-    assert compete(*tables, keeps_agreed=True).speed_mps.tolist() == [8.0]
-    assert compete(*tables).speed_mps.tolist() == [8.4]
+def test_a_sharper_row_that_agrees_wins_and_can_take_the_contact():
+    """A closest approach 21.5 s after the begin, as frames of two lengths told it."""
+    early = {"time_s": 1.1, "time_std_s": 5.1, "range_over_speed_s": 166.2,
+             "range_over_speed_std_s": 8.8, "speed_mps": 3.9, "speed_std_mps": 0.8}  # fmt: skip
+    late = early | {"time_s": 17.8, "time_std_s": 3.6, "range_over_speed_s": 179.2,
+                    "range_over_speed_std_s": 5.4}  # fmt: skip
+    tables = encounters_of(early), [encounters_of(late)]
+    for keeps, contact in ((True, 1), (False, 2)):
+        table = compete(*tables, keeps_contact=keeps)
+        assert table.time_s.tolist() == [17.8]
+        assert table.contact.tolist() == [contact]
 
 
 def test_of_answers_that_do_not_agree_the_steadier_lines_win():

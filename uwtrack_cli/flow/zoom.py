@@ -9,7 +9,8 @@ lines that climb none. These stretches of the sound are read again, and recipes 
 shorter frames run over them, up to their closest approaches, which are held against the
 sound as all are; where the sound cannot be read again, a warning says which stretches
 were left out. What long or longer frames tell of a piece of a line that a better passage
-explains is left out before (`motion/explained_lines.py`). A stretch is too short to
+explains is left out before (`motion/explained_lines.py`), and so is what longer frames
+tell by levels alone where the parts of the band do not (`checks/sub_bands.py`). A stretch is too short to
 tell swell from a passage by the level alone: there the level, and the parts of its band
 by themselves, must rise by more than the recording does all the time
 (`motion/passage/checks/usual_rises.py`). In the end all
@@ -39,6 +40,7 @@ from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.competition import LEVEL_ONLY, compete
 from uwtrack_cli.motion.explained_lines import unexplained
+from uwtrack_cli.motion.passage.checks.sub_bands import agreement
 from uwtrack_cli.motion.passage.checks.usual_rises import stands_out
 
 RECIPES = ("small-craft", "vehicle")
@@ -112,8 +114,8 @@ def zoom_in(
     tracked = lines[0] if lines else None
     taken = 0 if tracked is None else int(tracked.line_contact.max(initial=0))
     first, *others = _own_passages(encounters, lines or [])
-    longer = [_without_lines(other) for other in others]
-    known = compete(first, longer, taken, keeps_agreed=True)
+    longer = [_without_lines(_confirmed(other, levels)) for other in others]
+    known = compete(first, longer, taken, keeps_contact=True)
     own = known.of_sensor(recording.sensor.id)
     found: list[Encounters] = []
     missed_s: list[float] = []
@@ -152,6 +154,21 @@ def _own_passages(tables: list[Encounters], lines: list[Lines]) -> list[Encounte
         for table, own in zip(tables, lines, strict=False)
     ]
     return told + tables[len(told) :]
+
+
+def _confirmed(table: Encounters, levels: Levels | None) -> Encounters:
+    """Return the rows without those by the level alone that the recording's refuse.
+
+    A table of lines alone has asked no part of the band; bearings need none.
+    """
+    if levels is None:
+        return table
+    kept = (table.status != LEVEL_ONLY) | np.isfinite(table.bearing_deg)
+    for row in np.flatnonzero(~kept):
+        place = float(table.time_s[row]), float(table.range_over_speed_s[row])
+        told = agreement(levels, *place)
+        kept[row] = told is None or not told.reason
+    return table.take("encounter", np.flatnonzero(kept))
 
 
 def _seen(rises: Rises, *, is_first: bool) -> Rises:

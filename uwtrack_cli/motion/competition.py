@@ -35,7 +35,7 @@ def compete(
     others: Sequence[Encounters],
     highest_contact: int = 0,
     *,
-    keeps_agreed: bool = False,
+    keeps_contact: bool = False,
 ) -> Encounters:
     """Let the rows of several tables compete for the passages of one recording.
 
@@ -47,9 +47,9 @@ def compete(
         Further tables, in any order; their rows get numbers that are free.
     highest_contact
         Highest contact number that is taken, by lines that passed nobody.
-    keeps_agreed
-        Whether a row of the first table stays where another agrees with it, even a
-        sharper one: its lines are those that are kept.
+    keeps_contact
+        Whether a sharper row takes the contact number of the only one that it agrees
+        with, since the lines of that contact are those that are kept.
 
     Returns
     -------
@@ -59,13 +59,15 @@ def compete(
     kept = first
     for other in others:
         losers: dict[int, str] = {}
-        winners = []
+        winners, numbers = [], []
         for row in range(other.n_encounters):
             rivals = [k for k in range(kept.n_encounters) if meet(kept, k, other, row)]
             reasons = [_beaten(kept, k, other, row) for k in rivals]
-            if None in reasons or (keeps_agreed and "" in reasons):
+            if None in reasons:
                 continue
             winners.append(row)
+            same = reasons == [""] and keeps_contact and rivals[0] not in losers
+            numbers.append(int(kept.contact[rivals[0]]) if same else 0)
             losers |= {
                 k: str(reason) for k, reason in zip(rivals, reasons, strict=True)
             }
@@ -73,7 +75,10 @@ def compete(
             kept = _exchanged(
                 kept,
                 losers,
-                other.take("encounter", np.array(winners)),
+                replace(
+                    other.take("encounter", np.array(winners)),
+                    contact=np.array(numbers, np.int64),
+                ),
                 highest_contact,
             )
     return kept.take("encounter", np.argsort(np.nan_to_num(kept.time_s, nan=np.inf)))
@@ -131,13 +136,14 @@ def _agree(one: Encounters, k: int, two: Encounters, n: int) -> bool:
 def _exchanged(
     kept: Encounters, losers: dict[int, str], winners: Encounters, highest: int
 ) -> Encounters:
-    """Put winners into the place of losers, with contact numbers of their own."""
+    """Put winners into the place of losers; a contact of 0 gets a number of its own."""
     highest = max(highest, int(kept.contact.max(initial=0)))
     if kept.refused_contact is not None:
         highest = max(highest, int(kept.refused_contact.max(initial=0)))
     stay = np.setdiff1d(np.arange(kept.n_encounters), list(losers))
     told = [k for k, reason in losers.items() if reason]
-    numbers: IntArray = highest + 1 + np.arange(winners.n_encounters)
+    is_new = winners.contact == 0
+    numbers: IntArray = np.where(is_new, highest + np.cumsum(is_new), winners.contact)
     winners = replace(
         winners,
         contact=numbers,

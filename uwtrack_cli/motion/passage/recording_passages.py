@@ -4,9 +4,11 @@
 contact that passes, if it agrees with its lines; where no line shows a passage, the
 broadband is examined first, with the lines that follow it if its parts tell a passage
 (`sub_bands`). What contacts of minutes do not show is sought among all lines for a few
-d/v (`moving_lines`); such lines are told as a contact of their own. Where it tells of passages
-that no contact accounts for, each is examined with what the others put into the
-broadband taken out (see `several`).
+d/v (`moving_lines`); such lines are told as a contact of their own. Where lines and
+broadband tell one passage and either leaves it in doubt, one fit of both is asked.
+Where the broadband tells of passages that no contact accounts for, each is examined
+with what the others put into it taken out (`source_separation`), unless they are one
+passage with fringes.
 
 **Conventions.** As in `contacts`.
 """
@@ -29,19 +31,21 @@ from uwtrack_cli.motion.passage.candidates import (
     agrees,
     examine,
     examine_contacts,
+    examine_from,
     fit_contact,
     not_a_passage,
     read,
     split,
     tell_once,
 )
-from uwtrack_cli.motion.passage.checks.air_checks import check_in_air
+from uwtrack_cli.motion.passage.checks.air_checks import agree_in_air, check_in_air
 from uwtrack_cli.motion.passage.checks.fit_checks import check_fit
 from uwtrack_cli.motion.passage.checks.rest_frame import ask_the_sound
 from uwtrack_cli.motion.passage.checks.sub_bands import (
     Rise,
     ask_the_parts,
     ask_the_parts_of_all,
+    is_one_with_fringes,
 )
 from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
@@ -144,10 +148,10 @@ def examine_recording(
     shares, more = separate_sources(
         levels, passing, medium, false_alarm_probability, limits
     )
-    if more:
-        passing = _apart(passing, more, shares, (lines, parts), terms)
+    if more and (passing or not _is_one(levels, more, terms)):
+        passing = _apart(passing, more, shares, (lines, parts), terms, doubted)
     elif not passing:
-        passing = _broadband_first(lines, levels, terms)
+        passing = _broadband_first(lines, levels, terms, doubted)
         # a contact that moves without passing is reported once
         if found and not all(_is_passage(item, limits) for item in passing):
             passing = []
@@ -158,6 +162,12 @@ def examine_recording(
 
 def _is_passage(item: CandidatePassage, limits: RecordingSpan) -> bool:
     return not item.doubt and not_a_passage(item.fit, item.blocks, limits) is None
+
+
+def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
+    """Examine the broadband alone."""
+    data, no_line = contact_data(None, levels, ()), np.empty(0, np.int64)
+    return examine(data, (1,), no_line, terms.medium, terms.probability)
 
 
 def _checked(
@@ -172,8 +182,7 @@ def _checked_in_air(
     """Hold passages of lines in air against the broadband."""
     if not terms.medium.is_air or all(item.doubt for item in every):
         return every
-    data, no_line = contact_data(None, levels, ()), np.empty(0, np.int64)
-    level = examine(data, (1,), no_line, terms.medium, terms.probability)
+    level = _of_levels(levels, terms)
     # a rise may be shorter than the frames and still be where nothing else passes
     limits = replace(terms.limits, window_s=0.0)
     if level is not None and not_a_passage(level.fit, level.blocks, limits):
@@ -291,6 +300,7 @@ def _apart(
     shares: list[Levels],
     heard: tuple[Lines | None, dict[int, Lines]],
     terms: SearchTerms,
+    doubted: list[CandidatePassage],
 ) -> list[CandidatePassage]:
     """Examine every passage with its own share of the broadband.
 
@@ -314,6 +324,9 @@ def _apart(
         best = passage
         if not passage.doubt:
             best = _with_lines(passage, lines, free, own, terms)
+        else:
+            left = [item for item in doubted if set(item.contacts) <= set(free)]
+            best = _both(passage, left, lines, own, terms)
         free = [n for n in free if n not in best.contacts]
         if best is passage:
             number += 1
@@ -322,20 +335,71 @@ def _apart(
     return found
 
 
+def _is_one(
+    levels: Levels, several: list[CandidatePassage], terms: SearchTerms
+) -> bool:
+    """Tell whether rises beside each other are one passage with fringes."""
+    alone = _of_levels(levels, terms)
+    if alone is None:
+        return False
+    return is_one_with_fringes(levels, Rise.of(alone), list(map(Rise.of, several)))
+
+
 def _broadband_first(
-    lines: Lines | None, levels: Levels, terms: SearchTerms
+    lines: Lines | None,
+    levels: Levels,
+    terms: SearchTerms,
+    doubted: list[CandidatePassage],
 ) -> list[CandidatePassage]:
     """Examine the broadband, with the lines that fit it if any do.
 
     Lines too weak to show a passage by themselves can still give its speed.
     """
-    data = contact_data(None, levels, ())
-    alone = examine(data, (1,), np.empty(0, np.int64), terms.medium, terms.probability)
+    alone = _of_levels(levels, terms)
     if alone is not None:
         alone = ask_the_parts(alone, levels)
-    if alone is None or lines is None or alone.doubt:
+    if alone is None or lines is None:
         return [alone] if alone else []
+    if alone.doubt:
+        return [_both(alone, doubted, lines, levels, terms)]
     return [_with_lines(alone, lines, contact_ids(lines), levels, terms)]
+
+
+def _both(
+    rise: CandidatePassage,
+    doubted: list[CandidatePassage],
+    lines: Lines | None,
+    levels: Levels,
+    terms: SearchTerms,
+) -> CandidatePassage:
+    """Judge a rise in doubt by the parts together with lines in doubt that agree.
+
+    Each shows the passage by itself, at one time and with one d/v, and neither is sure:
+    the joint fit is checked as any passage of lines and levels is.
+    """
+    if lines is None:
+        return rise
+    known = set(contact_ids(lines))
+
+    def is_same(item: CandidatePassage) -> bool:
+        return agree_in_air(item, rise) if terms.medium.is_air else agrees(rise, item)
+
+    for item in doubted:
+        moves = not item.blocks.shift.is_empty and item.fit.theta[0, 2] > 0.0
+        if not (moves and set(item.contacts) <= known and is_same(item)):
+            continue
+        own = with_directions_of(levels, terms.directions, lines, item.contacts)
+        joint = examine_from(
+            contact_data(lines, own, item.contacts), (item.contacts, item.line_ids),
+            (item.fit.theta[:, :4], item.fit.turn), terms.medium, terms.probability,
+            item.other_turn,
+        )  # fmt: skip
+        if joint is None or not is_same(joint):
+            continue
+        joint = check_in_air(_checked(joint, lines, terms), rise)
+        if _is_passage(joint, terms.limits):
+            return joint
+    return rise
 
 
 def _with_lines(

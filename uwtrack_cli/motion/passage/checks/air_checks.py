@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 
 LEAST_MACH = 0.01
@@ -74,18 +75,39 @@ def check_in_air(
 
 def _contradict(item: CandidatePassage, level: CandidatePassage) -> bool:
     """Return whether lines and level tell two passages in the same stretch."""
-    heard, widths = np.transpose([_heard(item), _heard(level)])
-    variances = np.array([np.diag(one.fit.covariance[0])[:2] for one in (item, level)])
-    spread = DEVIATIONS * np.sqrt(variances[:, 0].sum())
+    heard, widths, spread = _places(item, level)
     apart = abs(heard[1] - heard[0])
     reach = REACH * widths[0] if item.line_ids.size < MANY_LINES else 0.0
-    if not apart < max(widths.sum(), reach) + spread:
-        return False
+    near = apart < max(widths.sum(), reach) + spread
+    return bool(near and not agree_in_air(item, level))
+
+
+def agree_in_air(item: CandidatePassage, level: CandidatePassage) -> bool:
+    """Return whether lines and level can tell one vehicle.
+
+    Parameters
+    ----------
+    item
+        A passage with lines.
+    level
+        A passage by the level alone.
+    """
+    heard, widths, spread = _places(item, level)
+    variances = [float(one.fit.covariance[0, 1, 1]) for one in (item, level)]
     ratio = np.log(widths[1] / widths[0])
-    unsure = DEVIATIONS * np.sqrt((variances[:, 1] / widths**2).sum())
+    unsure = DEVIATIONS * np.sqrt((variances / widths**2).sum())
     low, high = np.log(WIDTHS)
-    late = apart > LARGEST_LAG * widths.min() + spread
-    return bool(late or not low - unsure < ratio < high + unsure)
+    in_time = abs(heard[1] - heard[0]) <= LARGEST_LAG * widths.min() + spread
+    return bool(in_time and low - unsure < ratio < high + unsure)
+
+
+def _places(
+    item: CandidatePassage, level: CandidatePassage
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return when both were heard, their d/v, and how far times may be apart, s."""
+    heard, widths = np.transpose([_heard(item), _heard(level)])
+    variances = [float(one.fit.covariance[0, 0, 0]) for one in (item, level)]
+    return heard, widths, float(DEVIATIONS * np.sqrt(sum(variances)))
 
 
 def _heard(item: CandidatePassage) -> tuple[float, float]:

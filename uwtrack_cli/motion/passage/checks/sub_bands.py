@@ -10,7 +10,9 @@ either besides (`LAW_SHARE`: sources have directions, and spread by other laws).
 than others do: a raised cosine and a flat top in power (gusts, pumps, doors), a rise and
 fall of unequal length (rain), and one gain for all parts, of any course in time (the
 ambient sound drifts, a recorder turns itself up): of a vessel each part rises by as much
-as its own spectrum stands above the ambient's.
+as its own spectrum stands above the ambient's. Where the surface or the ground reflects
+a source, its parts have fringes (`surface_image`): then the law is that with the fringes
+of one reflection, the same for all parts, and it pays for what was searched.
 
 Where several rises are told as passages, each is asked with the laws of the others beside
 it, in every fit. Together they must explain the parts better than one squall does that
@@ -38,6 +40,16 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
+from uwtrack_cli.motion.passage.checks.surface_image import (
+    LEAST_GAIN as LEAST_IMAGE_GAIN,
+)
+from uwtrack_cli.motion.passage.checks.surface_image import (
+    Image,
+    correlation_sum,
+    find_image,
+    gain_of,
+    residuals,
+)
 from uwtrack_cli.motion.passage.encounter_rows import LAW_SHARE
 
 REACH = 3.0
@@ -164,6 +176,9 @@ SQUALL = "one squall"
 BIN, FEWEST_OF_BIN = 0.25, 3
 """Length over which parts are averaged to be held against a gain, in d/v, and frames."""
 
+OTHER_WIDTHS = (0.7, 1.4)
+"""Widths, over that of the whole level, at which fringes are sought besides."""
+
 SQUALL_STEPS = (9, 5, 5, 5)
 """Begins, rises, stays and falls of a squall that are tried at once."""
 
@@ -194,6 +209,10 @@ class _Parts(NamedTuple):
     """Inverse variances, shape (part, n)."""
     basis: FloatArray
     """Background and laws of other passages, shape (1 + other, n)."""
+    edges_hz: FloatArray
+    """Lower and upper edges, Hz, shape (part, 2)."""
+    image: Image | None = None
+    """Reflection whose fringes the law has."""
 
 
 def ask_the_parts(
@@ -282,8 +301,27 @@ def agreement(
     if flank < LEAST_FLANK or np.count_nonzero(near) < FEWEST_FRAMES:
         return Agreement(0, np.nan, PASSAGE, 0.0, flank)
     parts = _parts(levels, near, width_s, beside)
-    power = parts.power
-    centre = (time_s, float(np.log(width_s)))
+    own = Rise(time_s, width_s)
+    crowd = [own, *(one for one in beside if _meet(own, one))]
+    over_squall = _squall_over_laws(levels, crowd) if len(crowd) > 1 else np.inf
+    image = _image(parts, own)
+    first = _told(parts._replace(image=image), own, over_squall)
+    if not first.reason:
+        return first
+    # the level of the whole band has the fringes, too, and its width need not be right
+    for factor in OTHER_WIDTHS:
+        wide = own._replace(width_s=factor * width_s)
+        image = _image(parts, wide)
+        told = _told(parts._replace(image=image), wide, over_squall)
+        if image is not None and not told.reason:
+            return told
+    return first
+
+
+def _told(parts: _Parts, own: Rise, over_squall: float) -> Agreement:
+    """Return what the parts say of a rise whose law may have fringes."""
+    power, width_s = parts.power, own.width_s
+    centre = (own.time_s, float(np.log(width_s)))
     risen: list[int] = []
     scale = np.ones(power.shape[0])
     told, information = [], []
@@ -294,7 +332,7 @@ def agreement(
         one = one._replace(weight=one.weight / scale[k])
         if _flat(one) - _least(one, _law, best, 0.0)[1] > LEAST_GAIN:
             risen.append(k)
-            told.append([(best[0] - time_s) / width_s, best[1] - centre[1]])
+            told.append([(best[0] - own.time_s) / width_s, best[1] - centre[1]])
             information.append(_curvature(one, best))
     if len(risen) < FEWEST_PARTS:
         return Agreement(len(risen), np.nan, PASSAGE, 0.0)
@@ -302,21 +340,60 @@ def agreement(
     scaled = scaled._replace(weight=scaled.weight / scale[risen, None])
     _, together = _least(scaled, _law, centre, width_s)
     chi_square = _disagreement(np.array(told), np.array(information))
-    others = {
-        name: _least(scaled, shape, centre, width_s)[1]
+    gains = {
+        name: _least(scaled, shape, centre, width_s)[1] - together
         for name, shape in RIVALS.items()
     }
-    own = Rise(time_s, width_s)
-    others[GAIN] = together + _gain_over_law(parts, own)
-    crowd = [own, *(one for one in beside if _meet(own, one))]
-    if len(crowd) > 1:
-        others[SQUALL] = together + _squall_over_laws(levels, crowd)
-    rival = min(others, key=lambda name: others[name])
-    gain = others[rival] - together
+    gains |= {GAIN: _gain_over_law(parts, own), SQUALL: over_squall}
+    rival = min(gains, key=lambda name: gains[name])
+    # fringes were searched for, and pay for it
+    gain = gains[rival] - (LEAST_IMAGE_GAIN if parts.image else 0.0)
     return Agreement(
         len(risen), _exceeded(chi_square, 2 * (len(risen) - 1)),
         rival if gain < 0 else PASSAGE, gain,
     )  # fmt: skip
+
+
+def is_one_with_fringes(levels: Levels, one: Rise, crowd: Sequence[Rise]) -> bool:
+    """Tell whether several rises are one passage whose parts have fringes.
+
+    Fringes make the top of a rise flat, or hollow, and the whole looks like several.
+
+    Parameters
+    ----------
+    levels
+        Levels of the recording.
+    one
+        The passage that the whole level shows.
+    crowd
+        The rises that it was taken for.
+    """
+    apart = any(not _meet(one, other) for other in crowd)
+    if apart or levels.part_excess_db is None:
+        return False
+    first_s = min(each.time_s - REACH * each.width_s for each in (one, *crowd))
+    last_s = max(each.time_s + REACH * each.width_s for each in (one, *crowd))
+    time_s = levels.frames.time_s
+    frames = (time_s > first_s) & (time_s < last_s) & _heard(levels)
+    if np.count_nonzero(frames) < FEWEST_FRAMES:
+        return False
+    parts = _parts(levels, frames, one.width_s, ())
+    several = _parts(levels, frames, one.width_s, crowd)
+    usual = 1 / np.sqrt(parts.weight)
+    none = np.zeros((len(parts.power), 1, parts.time_s.size))
+    left = residuals(parts.power, usual, several.basis, none)[:, 0]
+    for factor in (1.0, *OTHER_WIDTHS):
+        wide = one._replace(width_s=factor * one.width_s)
+        image = _image(parts, wide)
+        if image is None:
+            continue
+        fringed = parts._replace(image=image)
+        place, log_width = np.array([wide.time_s]), np.log([wide.width_s])
+        columns = _columns(fringed, _law, place, log_width)
+        own = residuals(parts.power, usual, parts.basis, columns)[:, 0]
+        if gain_of(left, own) > LEAST_IMAGE_GAIN:
+            return True
+    return False
 
 
 def _curvature(parts: _Parts, best: tuple[float, float]) -> FloatArray:
@@ -354,7 +431,18 @@ def _exceeded(chi_square: float, degrees: int) -> float:
 
 
 def _only(parts: _Parts, rows: list[int]) -> _Parts:
-    return parts._replace(power=parts.power[rows], weight=parts.weight[rows])
+    return parts._replace(
+        power=parts.power[rows],
+        weight=parts.weight[rows],
+        edges_hz=parts.edges_hz[rows],
+    )
+
+
+def _image(parts: _Parts, rise: Rise) -> Image | None:
+    """Return the reflection whose fringes a passage has in its parts."""
+    u = (parts.time_s - rise.time_s) / rise.width_s
+    usual = 1 / np.sqrt(parts.weight)
+    return find_image(u, parts.power, usual, parts.basis, parts.edges_hz)
 
 
 def _heard(levels: Levels) -> BoolArray:
@@ -374,7 +462,9 @@ def _parts(
     laws = [_law((time_s - one.time_s) / one.width_s) for one in beside]
     # a law that hardly changes there is the background again
     laws = [law for law in laws if np.ptp(law) > SMALLEST_STD]
-    return _Parts(time_s, power, weight, np.array([np.ones(time_s.size), *laws]))
+    edges = np.linspace(levels.band_low_hz, levels.band_high_hz, len(power) + 1)
+    basis = np.array([np.ones(time_s.size), *laws])
+    return _Parts(time_s, power, weight, basis, np.stack([edges[:-1], edges[1:]], 1))
 
 
 def _meet(one: Rise, other: Rise) -> bool:
@@ -393,24 +483,28 @@ def _smooth(power: FloatArray, half: int) -> FloatArray:
 def _columns(
     parts: _Parts, shape: Shape, place_s: FloatArray, log_width: FloatArray
 ) -> FloatArray:
-    """Return the shape at every place and width, shape (place * width, n)."""
+    """Return the shape at every place and width, shape (part or 1, place * width, n)."""
     lag = parts.time_s - place_s[:, None]
-    columns = shape(lag[:, None] / np.exp(log_width)[:, None])
-    return columns.reshape(-1, parts.time_s.size)
+    u = (lag[:, None] / np.exp(log_width)[:, None]).reshape(-1, parts.time_s.size)
+    columns = shape(u)[None]
+    if parts.image is None or shape is not _law:
+        return columns
+    return columns * [parts.image.pattern(u, *edges) for edges in parts.edges_hz]
 
 
 def _costs(parts: _Parts, columns: FloatArray) -> FloatArray:
     """Return half the chi-square of each column, summed over the parts.
 
-    Background, what passes beside and height are those of least squares; a height below
+    Columns are those of every part, or the same for all. Background, what passes beside and height are those of least squares; a height below
     zero is none.
     """
-    costs = np.zeros(len(columns))
-    for power, weight in zip(parts.power, parts.weight, strict=True):
+    costs = np.zeros(columns.shape[1])
+    each = np.broadcast_to(columns, (len(parts.power), *columns.shape[1:]))
+    for power, weight, column in zip(parts.power, parts.weight, each, strict=True):
         root = np.sqrt(weight)
         usual, _ = np.linalg.qr((root * parts.basis).T)
         left = root * power - usual @ (usual.T @ (root * power))
-        free = root * columns - (root * columns) @ usual @ usual.T
+        free = root * column - (root * column) @ usual @ usual.T
         square = (free**2).sum(axis=1)
         # a column that hardly changes there is the background again
         changes = square > SMALLEST_CHANGE * weight.sum()
@@ -420,7 +514,7 @@ def _costs(parts: _Parts, columns: FloatArray) -> FloatArray:
 
 
 def _flat(parts: _Parts) -> float:
-    return float(_costs(parts, np.zeros((1, parts.time_s.size)))[0])
+    return float(_costs(parts, np.zeros((1, 1, parts.time_s.size)))[0])
 
 
 def _grids(
@@ -494,7 +588,10 @@ def _binned(parts: _Parts, width_s: float) -> _Parts | None:
     deviation = np.maximum(variance[:, None] / count[used], SMALLEST_STD**2)
     mean = np.maximum(mean[:, used], 1e-12)
     times = means(parts.time_s[None])[0, used]
-    return _Parts(times, mean, 1 / (deviation * mean**2), means(parts.basis)[:, used])
+    weight = 1 / (deviation * mean**2)
+    return parts._replace(
+        time_s=times, power=mean, weight=weight, basis=means(parts.basis)[:, used]
+    )
 
 
 def _squall_over_laws(levels: Levels, crowd: Sequence[Rise]) -> float:
@@ -523,7 +620,7 @@ def _squall_over_laws(levels: Levels, crowd: Sequence[Rise]) -> float:
         rise, stay, fall = np.exp(tried[:, 1:]).T[..., None]
         risen = np.clip((binned.time_s - begin) / rise, 0.0, 1.0)
         left = np.clip((begin + rise + stay + fall - binned.time_s) / fall, 0.0, 1.0)
-        costs = _costs(alone, np.sin(0.5 * np.pi * np.minimum(risen, left)) ** 2)
+        costs = _costs(alone, np.sin(0.5 * np.pi * np.minimum(risen, left))[None] ** 2)
         best = int(np.argmin(costs))
         cost, centre = float(costs[best]), tried[best]
     n_more = (len(crowd) - 1) * len(binned.power) + 2 * len(crowd) - centre.size
@@ -532,16 +629,10 @@ def _squall_over_laws(levels: Levels, crowd: Sequence[Rise]) -> float:
 
 def _noise(parts: _Parts, best: tuple[float, float]) -> float:
     """Return the variance of a part's residuals, times their correlation sum."""
-    (column,) = _columns(parts, _law, np.array([best[0]]), np.array([best[1]]))
+    ((column,),) = _columns(parts, _law, np.array([best[0]]), np.array([best[1]]))
     basis = np.stack([*parts.basis, column], axis=1)
     root = np.sqrt(parts.weight[0])
     values, *_ = np.linalg.lstsq(root[:, None] * basis, root * parts.power[0])
     residual = root * (parts.power[0] - basis @ values)
     variance = max(float(np.mean(residual**2)), SMALLEST_STD**2)
-    correlation = 1.0
-    for lag in range(1, residual.size // 4):
-        share = float(np.mean(residual[lag:] * residual[:-lag])) / variance
-        if share < 0.05:
-            break
-        correlation += 2.0 * share
-    return variance * correlation
+    return variance * correlation_sum(residual, variance)
