@@ -3,19 +3,20 @@
 import json
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.flow.made_encounters import encounters_of
 from tests.support import DIFAR, OMNI, recording_of, white_noise
-from uwtrack_cli.cli.run_commands import _unsought
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import KINDS, Presence
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
+from uwtrack_cli.flow.unsought import unsought
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.presence import find_presence
 from uwtrack_cli.presence.rate_families import rate_families
@@ -262,17 +263,24 @@ def test_what_was_not_looked_for_is_named_where_no_vessel_was_found(uwtrack, sam
     """Its only marks are blades in the envelope, which `vessel` and `auto` do not read."""
     source = samples / "propeller.wav"
     done = uwtrack("run", source, "--recipe", "vessel", "-o", "v.run.h5")
-    said = " ".join(done.stderr.split())
-    unsought = "recipe vessel does not look for shaft and blades"
-    assert f"no vessel was found {unsought}" in said
-    assert f"uwtrack demon {source}" in said
+    words = (
+        "no vessel was found shaft and blades in the envelope of the broadband were not "
+        "looked for: uwtrack run {} --recipe presence"
+    )
+    assert words.format(source) in " ".join(done.stderr.split())
+    # whoever has the product alone is told the same
+    for command in ("show v.run.h5", "show v.run.h5 presence"):
+        shown = uwtrack(*command.split())
+        assert words.format(source.name) in " ".join(shown.stderr.split())
+    assert uwtrack("report", "v.run.h5").exit_code == 0
+    page = Path("v.html").read_text(encoding="utf-8")
+    assert words.format(source.name).replace("found ", "found; ") in page
     # it is not named where it would be refused, nor where it was looked for
     recording = recording_of(np.zeros(round(60 * RATE_HZ)), RATE_HZ)
     slow = replace(recording, sample_rate_hz=50.0)
-    auto = load_recipe("auto")
-    assert "demon" in _unsought(auto, [source], [recording])
-    assert _unsought(auto, [source], [slow]) == ""
-    assert _unsought(load_recipe("presence"), [source], [recording]) == ""
+    assert "x.wav" in unsought({"trace"}, [("slow", slow), ("x.wav", recording)])
+    assert unsought({"trace"}, [("slow", slow)]) == ""
+    assert unsought({"trace", "demon"}, [("x.wav", recording)]) == ""
 
 
 def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):

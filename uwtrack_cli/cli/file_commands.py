@@ -10,6 +10,7 @@ from uwtrack_cli.cli.command_factory import AsJson, Axis, Branch
 from uwtrack_cli.cli.console import FAILED, is_verbose, put
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.data.presence import Presence
+from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OptionError
 
 if TYPE_CHECKING:
@@ -169,7 +170,15 @@ def show(
     with open_product(file) as product:
         refuse_unknown_step([product], step)
         found = read_of_branch(product, CONTAINERS[container], sensor, step)
-        print_container(found, form, axis)
+        print_container(found, form, axis, _not_sought(product))
+
+
+def _not_sought(product: "Product") -> str:
+    """Return what the steps of a product have not looked for."""
+    from uwtrack_cli.flow.unsought import unsought
+
+    recordings = [(one.name, one) for one in product.read_all(Recording)]
+    return unsought({step.stage for step in product.history}, recordings)
 
 
 def _show_result(file: Path, form: str, sensor: str | None, step: str | None) -> None:
@@ -193,8 +202,12 @@ def _show_result(file: Path, form: str, sensor: str | None, step: str | None) ->
         presence = None
         if name == "encounters" and "presence" in held:
             presence = read_of_branch(product, Presence, sensor, step)
+        not_sought = _not_sought(product)
     if form == "table" and is_shown(found):
-        print_result(found, as_json=False, is_data=True, presence=presence)
+        print_result(
+            found, as_json=False, is_data=True, presence=presence,
+            not_sought=not_sought,
+        )  # fmt: skip
     else:
         put(write_table(found, form))
 

@@ -28,17 +28,21 @@ def is_shown(container: Container) -> bool:
     return container.NAME in SUMMARIES or container.NAME in STATED
 
 
-def print_container(container: Container, form: str, axis: str | None) -> None:
+def print_container(
+    container: Container, form: str, axis: str | None, not_sought: str = ""
+) -> None:
     """Print a container that was asked for on standard output.
 
     ``form``: how it is written; a table of results has the columns that fit a screen.
     ``axis``: the axis whose rows are written; None for those of the container itself.
+    ``not_sought``: what was not looked for, which is told where no vessel was found.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
 
     has_summary = form == "table" and axis is None and container.NAME in SUMMARIES
-    if has_summary and container.sizes()[container.ROW]:
-        print_result(container, as_json=False, is_data=True)
+    has_words = isinstance(container, Presence)  # also where nothing was heard
+    if has_summary and (has_words or container.sizes()[container.ROW]):
+        print_result(container, as_json=False, is_data=True, not_sought=not_sought)
     else:
         put(write_table(container, form, axis=axis))
 
@@ -49,12 +53,12 @@ def print_result(
     as_json: bool,
     is_data: bool = False,
     presence: Presence | None = None,
-    unsought: str = "",
+    not_sought: str = "",
 ) -> None:
     """Print a result as JSON on standard output, or as a summary for people.
 
     ``is_data``: whether the summary is what was asked for, and goes to standard output.
-    ``presence``: what was heard, which is told beside closest approaches. ``unsought``:
+    ``presence``: what was heard, which is told beside closest approaches. ``not_sought``:
     what was not looked for, which is told where no vessel was found.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
@@ -65,7 +69,7 @@ def print_result(
     if container.NAME in STATED:
         _print_statements(container, is_data=is_data)
     else:
-        _print_summary(container, presence, is_data=is_data, unsought=unsought)
+        _print_summary(container, presence, is_data=is_data, not_sought=not_sought)
 
 
 def _print_statements(container: Container, *, is_data: bool) -> None:
@@ -83,16 +87,14 @@ def _print_statements(container: Container, *, is_data: bool) -> None:
 
 
 def _print_summary(
-    container: Container, presence: Presence | None, *, is_data: bool, unsought: str
+    container: Container, presence: Presence | None, *, is_data: bool, not_sought: str
 ) -> None:
     """Print the columns of the summary; what is missing goes to the console."""
     from uwtrack_cli.files.tables.json_rows import json_rows
 
     rows = json_rows(container)
     told = container if isinstance(container, Presence) else presence
-    heard = [] if told is None else _heard(told)
-    if unsought and heard and heard[0].startswith(NOTHING["presence"]):
-        heard.append(unsought)
+    heard = [] if told is None else _heard(told, not_sought)
     if not rows:
         why = getattr(container, "statement", "")
         for text in heard or [why or NOTHING[container.NAME]]:
@@ -135,13 +137,15 @@ def _why(
     return _reasons(container.NAME, rows, spoken)
 
 
-def _heard(presence: Presence) -> list[str]:
+def _heard(presence: Presence, not_sought: str) -> list[str]:
     """Say what was heard beside the closest approaches."""
     from uwtrack_cli.files.tables.json_rows import json_rows
     from uwtrack_cli.files.tables.presence_words import presence_sentences
 
     has_passed = bool((presence.encounter > 0).any())
-    return presence_sentences(json_rows(presence), is_passed=has_passed)
+    return presence_sentences(
+        json_rows(presence), is_passed=has_passed, not_sought=not_sought
+    )
 
 
 def _reasons(

@@ -1,6 +1,6 @@
 """`run` and `recipes`: the whole chain in one pass."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -158,8 +158,8 @@ def run(
             source, recording, chosen, keep, target, vessels,
             overwrite=overwrite, whole=fusion is not None,
         )  # fmt: skip
-    unsought = _unsought(chosen, sources, recordings)
-    _print_all(made, as_json=json_output, unsought=unsought)
+    names = map(str, sources)
+    _print_all(chosen, made, zip(names, recordings, strict=True), as_json=json_output)
     if fusion is not None:
         fused = fusion.apply(made)
         write_containers(fusion.target, fused, fusion.history(), overwrite=overwrite)
@@ -187,7 +187,9 @@ def _run_live(
         overwrite=overwrite, as_json=as_json,
     )  # fmt: skip
     if not as_json:
-        _print_all(made, as_json=False)
+        ended = [h.container for h in made if isinstance(h.container, Recording)]
+        names = [str(source)] if live.follow else ["RECORDING"] * len(ended)
+        _print_all(recipe, made, zip(names, ended, strict=True), as_json=False)
 
 
 def _run_one(
@@ -292,39 +294,27 @@ def _refuse_twice(
             raise OptionError(msg)
 
 
-def _unsought(
-    recipe: "Recipe", sources: Sequence[Path], recordings: Sequence[Recording]
-) -> str:
-    """Say which command looks for what a recipe does not: a shaft without lines.
+def _print_all(
+    recipe: "Recipe",
+    made: Sequence["Held"],
+    recordings: Iterable[tuple[str, Recording]],
+    *,
+    as_json: bool,
+) -> None:
+    """Print the last result of a recipe, with what was heard beside it."""
+    from uwtrack_cli.flow.unsought import unsought
 
-    Empty where the recipe does, or no recording is long and broad enough for it.
-    """
-    from uwtrack_cli.flow.catalogue import find_stage
-
-    stage = find_stage("demon")
-    if any(step.stage_name == stage.name for step in recipe.graph().steps()):
-        return ""
-    for source, recording in zip(sources, recordings, strict=True):
-        used = stage.resolve(recording, stage.defaults)
-        if used["band_hz"] is not None and used["window_s"] is not None:
-            return (
-                f"recipe {recipe.name} does not look for shaft and blades in the envelope "
-                f"of the broadband: uwtrack demon {source}, or run it with --recipe "
-                f"presence"
-            )
-    return ""
-
-
-def _print_all(made: Sequence["Held"], *, as_json: bool, unsought: str = "") -> None:
     heard = [h.container for h in made if isinstance(h.container, Presence)]
     presence = Presence.join(heard) if heard else None
     kinds: tuple[type[Container], ...] = (Encounters, Motions)
     for kind in kinds:
         found = [h.container for h in made if isinstance(h.container, kind)]
         if found:
+            stages = {step.stage_name for step in recipe.graph().steps()}
             print_result(
-                kind.join(found), as_json=as_json, presence=presence, unsought=unsought
-            )
+                kind.join(found), as_json=as_json, presence=presence,
+                not_sought=unsought(stages, list(recordings)),
+            )  # fmt: skip
             return
 
 

@@ -40,10 +40,13 @@ NOBODY = "no vessel was found"
 NO_PASSAGE = "no closest approach"
 
 
-def presence_sentences(rows: Sequence[Row], *, is_passed: bool) -> list[str]:
+def presence_sentences(
+    rows: Sequence[Row], *, is_passed: bool, not_sought: str = ""
+) -> list[str]:
     """Say what was heard beside the closest approaches.
 
     ``is_passed``: whether there are closest approaches, which are told elsewhere.
+    ``not_sought``: what was not looked for, which is told where no vessel was found.
     """
     rest = [row for row in rows if row["encounter"] is None]
     rest.sort(key=lambda row: (KINDS.index(row["kind"]), row["from_s"]))
@@ -55,7 +58,7 @@ def presence_sentences(rows: Sequence[Row], *, is_passed: bool) -> list[str]:
     elif vessels or others:
         told, start = vessels or others, f"{NO_PASSAGE}; "
     else:
-        return ["; ".join([NOBODY, *known])]
+        return list(filter(None, ["; ".join([NOBODY, *known]), not_sought]))
     sentences = [f"{start}{stretch_words(row)}" for row in told[:MOST_SENTENCES]]
     if len(told) > MOST_SENTENCES:
         more = len(told) - MOST_SENTENCES
