@@ -9,6 +9,10 @@ from tests.motion.passage_truth import Scene, received, true_motion
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.motion.passage.candidates import examine
 from uwtrack_cli.motion.passage.checks.air_checks import check_in_air
+from uwtrack_cli.motion.passage.checks.known_sounds import (
+    check_known_sounds,
+    mains_of,
+)
 from uwtrack_cli.motion.passage.fit.directivity import (
     AHEAD_STD_DB,
     ALONG_STD_DB,
@@ -54,6 +58,36 @@ def gear_change(lasts_s):
 @pytest.fixture(scope="module")
 def car():
     return passage_of(measured(RATIO))
+
+
+def test_sound_in_air_is_no_passage_in_water():
+    """A car of 35 m/s would have 153 m/s there; one of 20 m/s has 87 and may be told."""
+    fast = Scene(speed_mps=35.0, range_m=10.0, closest_s=6.0, height_m=0.0,
+                 sound_speed_mps=343.0)  # fmt: skip
+    ratio = received(fast, TIME, true_motion(fast))[0]
+    in_water, in_air = (passage_of(measured(ratio), one) for one in (WATER, AIR))
+    assert "--sound-speed-mps 343" in check_known_sounds(in_water, None).doubt
+    assert not check_known_sounds(in_air, None).doubt
+    slow = passage_of(measured(RATIO), WATER)
+    assert slow.fit.theta[0, 2] > 80.0
+    assert not check_known_sounds(slow, None).doubt
+
+
+def test_mains_that_wander_are_told_from_a_generator_on_board():
+    """A grid stays within 1e-3; a vessel's shifts by v/c, here of 3 m/s, or is 0.5 % off."""
+    lag = np.linspace(-5, 5, 200)
+    orders = np.array([12.0, 16.0, 19.0])
+    wander, passage = 4e-4 * np.sin(lag), 2e-3 * lag / np.hypot(1, lag)
+    for mains_hz in (50.0, 60.0):
+        hum, board = (
+            list(mains_hz * orders[:, None] * (1 - shift))
+            for shift in (wander, passage)
+        )
+        assert mains_of(hum) == mains_hz
+        assert mains_of(board) is None
+        assert mains_of([1.005 * line for line in hum]) is None
+        assert mains_of([*hum, hum[0] + 7.0]) is None
+        assert mains_of(hum[-1:]) is None  # one line of a vessel is there by chance
 
 
 def test_a_change_of_gear_is_no_passage():

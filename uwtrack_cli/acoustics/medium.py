@@ -14,6 +14,9 @@ import numpy as np
 AIR_MPS = (250.0, 450.0)
 """Sound speeds of air."""
 
+WATER_MPS = (1300.0, 1700.0)
+"""Sound speeds of water."""
+
 
 @dataclass(frozen=True)
 class Medium:
@@ -39,6 +42,11 @@ class Medium:
     def is_air(self) -> bool:
         """Whether this is air: there vehicles pass, whose engines are no steady ones."""
         return AIR_MPS[0] < self.sound_speed_mps < AIR_MPS[1]
+
+    @property
+    def is_water(self) -> bool:
+        """Whether this is water, in which nothing is as fast as in air."""
+        return WATER_MPS[0] < self.sound_speed_mps < WATER_MPS[1]
 
 
 def spreading_loss_db(

@@ -25,6 +25,11 @@ KINDS = (VESSEL, RATES, LINES, HUM, BROADBAND, RAIN, UNKNOWN)
 OF_VESSELS = frozenset({VESSEL, RATES, LINES, BROADBAND})
 """Kinds that may be a vessel: where one is heard, "no vessel" is not said."""
 
+CONSTANT, MACHINERY, JOINED = "constant", "machinery", "joined"
+
+STILL = (CONSTANT, MACHINERY, JOINED)
+"""Readings in which nothing passes."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Presence(HasReasons):

@@ -35,6 +35,12 @@ from uwtrack_cli.lines.pair_evidence import (
 MAINS_HZ = (50.0, 60.0)
 """Frequencies of mains, Hz."""
 
+MAINS_TOLERANCE = 1e-3
+"""Relative deviation of mains from their nominal frequency."""
+
+MAINS_REACH_HZ = 0.05
+"""What a line of mains may be off beyond that, Hz."""
+
 _MOST_SAMPLES = 200_000
 """Points held before the grid is thinned by two."""
 
@@ -321,7 +327,8 @@ def mains_lines(frequency_hz: FloatArray, is_steady: BoolArray) -> BoolArray:
     for mains_hz in MAINS_HZ:
         order = np.maximum(np.rint(frequency_hz / mains_hz), 1.0)
         miss = np.abs(frequency_hz - order * mains_hz)
-        is_hum = is_steady & (miss <= np.minimum(1e-3 * frequency_hz + 0.05, 0.5))
+        reach = MAINS_TOLERANCE * frequency_hz + MAINS_REACH_HZ
+        is_hum = is_steady & (miss <= np.minimum(reach, 0.5))
         if is_hum.sum() > best.sum():
             best = is_hum
     return best

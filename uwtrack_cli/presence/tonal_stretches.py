@@ -20,7 +20,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
-from uwtrack_cli.lines.contacts import LEAST_EVIDENCE, MAINS_HZ
+from uwtrack_cli.lines.contacts import LEAST_EVIDENCE, MAINS_HZ, MAINS_TOLERANCE
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, is_one_family, line_evidence
 from uwtrack_cli.presence.line_comb import (
     TOOTH,
@@ -33,9 +33,6 @@ from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
 
 PATH_CHOICE = 1.0
 """Evidence that noise has in each frame, nepers, because it may choose its path."""
-
-MAINS_TOLERANCE = 1e-3
-"""Relative deviation of mains from their nominal frequency."""
 
 FEWEST_TOGETHER = 3
 """Lines that must move together to be a vessel without a family."""

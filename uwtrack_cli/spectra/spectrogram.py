@@ -155,7 +155,7 @@ def plan_frames(
         msg = (
             f"{recording.name} lasts {recording.duration_s:g} s, less than one window "
             f"of {window_s:g} s; give a shorter one (spectrogram --window-s, or "
-            "run --set spectrogram.window_s=SECONDS)."
+            f"run --set STEP.window_s=SECONDS for the recipe's step with {window_s:g} s)."
         )
         raise DataError(msg)
     hop = max(1, round(window * (1.0 - overlap)))

@@ -11,10 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from uwtrack_cli.data.presence import STILL
 from uwtrack_cli.files.utc import format_utc, parse_utc
 
 Row = dict[str, Any]
 NOT_KNOWN = "-"
+
+UNSURE = "unsure"
+"""A reading as a passage that is not told, as noise alone gives it too often."""
 
 MOST_LISTED = 3
 """Numbers of a list that a cell has."""
@@ -56,6 +60,22 @@ class Head:
             return f"{value:.{self.digits}f}"
         digits = max(self.digits, _digits(deviation))
         return f"{value:.{digits}f} ± {deviation:.{digits}f}"
+
+
+class _StretchReading(Head):
+    """How a stretch is read: of one that is no passage with its probability.
+
+    A passage that noise alone gives too often to be told is not named as one.
+    """
+
+    def text(self, row: Row) -> str:
+        """Return the cell of a row."""
+        value = row.get(self.key)
+        if value is None or row.get("encounter") is not None:
+            return super().text(row)
+        if value not in STILL:
+            return UNSURE
+        return f"{value} {row['reading_weight']:.2f}"
 
 
 SUMMARIES: dict[str, tuple[Head, ...]] = {
@@ -100,7 +120,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("level dB", "level_db", 1),
         Head("bearing deg", "bearing_deg", 0, "bearing_std_deg"),
         Head("passage", "encounter"),
-        Head("reading", "reading", usual="straight"),
+        _StretchReading("reading", "reading", usual="straight"),
     ),
     "motions": (
         Head("contact", "contact"),

@@ -27,6 +27,7 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.presence import STILL
 from uwtrack_cli.estimation.angles import wrap_deg, wrap_rad
 from uwtrack_cli.motion.passage.fit.estimator import (
     PassageFit,
@@ -65,7 +66,6 @@ from uwtrack_cli.motion.passage.readings.competing_readings import (
     try_readings,
     weigh_readings,
 )
-from uwtrack_cli.motion.passage.readings.still_readings import STILL
 from uwtrack_cli.motion.passage.same_machine import (
     contact_ends,
     is_next_gear,

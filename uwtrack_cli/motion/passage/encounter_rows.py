@@ -35,11 +35,12 @@ from uwtrack_cli.acoustics.geometry import (
     course_deg,
     side_of_vessel,
 )
-from uwtrack_cli.acoustics.medium import spreading_loss_db
+from uwtrack_cli.acoustics.medium import WATER_MPS, spreading_loss_db
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray, flatten, reason_columns
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import MICROPASCAL, Levels
 from uwtrack_cli.errors import UwtrackWarning
@@ -66,11 +67,6 @@ from uwtrack_cli.motion.passage.readings.change_priors import (
     VESSEL_MPS,
     VESSEL_STD_MPS,
 )
-from uwtrack_cli.motion.passage.readings.still_readings import (
-    CONSTANT,
-    JOINED,
-    MACHINERY,
-)
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
 
@@ -83,9 +79,6 @@ SMALLEST_SPEED_DEVIATIONS = 3.0
 LAW_SHARE = 0.3
 """Deviation of d/v, as a share, from a fit of levels alone: with 15 log R instead of
 20 log R it is 27 to 87 % too long."""
-
-WATER_MPS = (1300.0, 1700.0)
-"""Sound speeds of water."""
 
 STILL_REASONS = {
     CONSTANT: "its frequencies stay: nothing passes",

@@ -8,8 +8,8 @@ frequency; what a line gains by each speed over standing still, within a few wid
 the closest approach and with noise of its own strength, comes in closed form from six
 sums; and so does what its level gains by rising and falling with the range over staying
 as it is. Lines that gain nothing, or whose level stays, are of another source and count
-nothing; those that gain by one time, width and speed are a candidate. It is fitted and checked as a contact is,
-from these stretches of its lines alone.
+nothing; those that gain by one time, width and speed are a candidate. It is fitted and
+checked as a contact is, from these stretches of its lines alone.
 
 **Conventions.** Gains in nepers, noise taken as white: they choose what is fitted, and
 tell nothing. Times count from the first sample.
@@ -293,8 +293,8 @@ class _Cells(NamedTuple):
         sides = np.sign(np.arange(law.size) - law.size // 2)
         mass, moment = self.table(weight), self.table(weight * value)
         total, along = self.about(mass, powers), self.about(moment, powers[:, :2])
-        square = moment**2 / np.where(mass > 0, mass, 1.0)
-        square = self.about(square, powers[:, :1])[..., 0]
+        each = moment**2 / np.where(mass > 0, mass, 1.0)
+        square = self.about(each, powers[:, :1])[..., 0]
         heard = self.about(
             (mass > 0).astype(float), np.stack([sides < 0, sides > 0], axis=1) * 1.0
         )

@@ -40,6 +40,7 @@ from uwtrack_cli.motion.passage.candidates import (
 )
 from uwtrack_cli.motion.passage.checks.air_checks import agree_in_air, check_in_air
 from uwtrack_cli.motion.passage.checks.fit_checks import check_fit
+from uwtrack_cli.motion.passage.checks.known_sounds import check_known_sounds
 from uwtrack_cli.motion.passage.checks.rest_frame import ask_the_sound
 from uwtrack_cli.motion.passage.checks.sub_bands import (
     Rise,
@@ -173,7 +174,8 @@ def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
 def _checked(
     item: CandidatePassage, lines: Lines | None, terms: SearchTerms
 ) -> CandidatePassage:
-    return check_fit(ask_the_sound(read(item), terms.sound), lines)
+    asked = ask_the_sound(read(item), terms.sound)
+    return check_known_sounds(check_fit(asked, lines), lines)
 
 
 def _checked_in_air(

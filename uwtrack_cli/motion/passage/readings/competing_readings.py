@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.presence import STILL
 from uwtrack_cli.motion.coloured_noise import coloured_likelihoods
 from uwtrack_cli.motion.passage.fit.estimator import (
     PassageFit,
@@ -69,7 +70,6 @@ from uwtrack_cli.motion.passage.readings.change_scores import (
 )
 from uwtrack_cli.motion.passage.readings.reading_mixture import SMALLEST_WEIGHT, mixed
 from uwtrack_cli.motion.passage.readings.still_readings import (
-    STILL,
     cost_of_motion,
     still_evidences,
     still_frequencies,

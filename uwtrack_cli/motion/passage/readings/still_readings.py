@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY, STILL
 from uwtrack_cli.motion.coloured_noise import likelihoods_by_noise
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
@@ -45,11 +46,6 @@ from uwtrack_cli.motion.passage.readings.change_priors import (
     VESSEL_MPS,
     VESSEL_STD_MPS,
 )
-
-CONSTANT, MACHINERY, JOINED = "constant", "machinery", "joined"
-
-STILL = (CONSTANT, MACHINERY, JOINED)
-"""Readings in which nothing passes."""
 
 COLOUR_COST = 3.0
 """What strength and memory of coloured noise cost, nepers: one in twenty of those that are

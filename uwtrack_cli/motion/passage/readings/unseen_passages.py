@@ -16,6 +16,7 @@ Carlo Methods, ch. 5 (means over a prior).
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.presence import JOINED
 from uwtrack_cli.motion.coloured_noise import gains_of_shapes
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
@@ -35,7 +36,6 @@ from uwtrack_cli.motion.passage.readings.change_priors import (
     VESSEL_STD_MPS,
 )
 from uwtrack_cli.motion.passage.readings.still_readings import (
-    JOINED,
     StillFrequencies,
     still_others,
 )
