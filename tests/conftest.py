@@ -61,6 +61,19 @@ def short_pass(tmp_path_factory, samples) -> Path:
     return folder / "pass.wav"
 
 
+@pytest.fixture(scope="session")
+def pass_run(tmp_path_factory, samples) -> Path:
+    """The product of the sample passage with its start time, to be read only."""
+    from uwtrack_cli.cli.app import app
+
+    path = tmp_path_factory.mktemp("pass") / "pass.run.h5"
+    words = ["run", str(samples / "pass.wav"), "-o", str(path), "-q"]
+    done = CliRunner().invoke(app, [*words, "--start-utc", "2024-05-01T12:00:00Z"])
+    assert done.exit_code == 0, done.output
+    path.chmod(0o444)
+    return path
+
+
 @pytest.fixture
 def noise_wav(tmp_path) -> Path:
     """Ten seconds of one channel of noise."""

@@ -22,27 +22,13 @@ from uwtrack_cli.files.hdf5.product import read_product
 SPACE = "{http://www.opengis.net/kml/2.2}"
 
 
-@pytest.fixture(scope="session")
-def product(tmp_path_factory, samples):
-    """The sample passage with its start time, run once for the module."""
-    from typer.testing import CliRunner
-
-    from uwtrack_cli.cli.app import app
-
-    path = tmp_path_factory.mktemp("export") / "pass.run.h5"
-    words = ["run", str(samples / "pass.wav"), "-o", str(path), "-q"]
-    done = CliRunner().invoke(app, [*words, "--start-utc", "2024-05-01T12:00:00Z"])
-    assert done.exit_code == 0, done.output
-    return path
-
-
 @pytest.fixture
-def exported(uwtrack, product, tmp_path):
+def exported(uwtrack, pass_run, tmp_path):
     """Export the passage, and return the file."""
 
     def export(form, *words):
         path = tmp_path / f"out.{form}"
-        done = uwtrack("export", product, "--to", form, "-o", path, *words)
+        done = uwtrack("export", pass_run, "--to", form, "-o", path, *words)
         assert done.exit_code == 0, done.output
         assert done.stdout == ""
         return path
@@ -51,8 +37,8 @@ def exported(uwtrack, product, tmp_path):
 
 
 @pytest.fixture
-def found(product):
-    with read_product(product) as opened:
+def found(pass_run):
+    with read_product(pass_run) as opened:
         return opened.read(Encounters), opened.read(Fixes)
 
 
@@ -225,13 +211,13 @@ def test_a_map_needs_a_place_on_earth(uwtrack, noise_wav, form):
     assert "latitude and longitude" in done.stderr
 
 
-def test_an_export_never_replaces_a_file_unasked(uwtrack, product, tmp_path):
+def test_an_export_never_replaces_a_file_unasked(uwtrack, pass_run, tmp_path):
     (tmp_path / "mine.csv").write_text("mine")
-    done = uwtrack("export", product, "--to", "csv", "-o", "mine.csv")
+    done = uwtrack("export", pass_run, "--to", "csv", "-o", "mine.csv")
     assert done.exit_code == 1
     assert "--overwrite" in done.stderr
     assert (tmp_path / "mine.csv").read_text() == "mine"
-    words = ["export", product, "--to", "csv", "-o", product, "--overwrite"]
+    words = ["export", pass_run, "--to", "csv", "-o", pass_run, "--overwrite"]
     assert uwtrack(*words).exit_code == 1
 
 
@@ -250,8 +236,8 @@ class Page(HTMLParser):
 
 
 @pytest.fixture
-def page(uwtrack, product, tmp_path):
-    assert uwtrack("report", product, "-o", "page.html").exit_code == 0
+def page(uwtrack, pass_run, tmp_path):
+    assert uwtrack("report", pass_run, "-o", "page.html").exit_code == 0
     return (tmp_path / "page.html").read_text()
 
 

@@ -10,6 +10,7 @@ import time
 import warnings
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -166,6 +167,13 @@ def in_memory(scenario):
     (recording,) = simulate_recordings(scenario)
     sound = np.concatenate(list(recording.reader(1 << 18)))
     return replace(recording, reader=HeldSamples(sound))
+
+
+@cache
+def car_by_auto():
+    """Return the recording of the car, and what `auto` makes of it; two tests ask."""
+    recording = in_memory(car())
+    return recording, run_recipe(recording, load_recipe("auto"))
 
 
 def passages(scenario):

@@ -298,12 +298,10 @@ def test_an_empty_folder_and_a_missing_file_are_named(uwtrack, tmp_path):
 
 
 def test_a_run_is_in_the_table_with_its_position(
-    uwtrack, samples, monkeypatch, tmp_path
+    uwtrack, pass_run, monkeypatch, tmp_path
 ):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    start = ("--start-utc", "2024-05-01T12:00:00Z")
-    assert uwtrack("run", samples / "pass.wav", *start, "-o", "p.run.h5").exit_code == 0
-    features = json.loads(uwtrack("passages", "p.run.h5", "--to", "geojson").stdout)
+    features = json.loads(uwtrack("passages", pass_run, "--to", "geojson").stdout)
     (feature,) = features["features"]
     assert feature["properties"]["status"] == "ok"
     assert np.abs(np.array(feature["geometry"]["coordinates"])).max() > 1.0

@@ -249,7 +249,7 @@ def test_after_a_kill_a_watch_goes_on_where_it_was(folder):
     kill_and_go_on(folder, 3, 2, 1)
 
 
-def test_kills_within_one_long_sound_lose_nothing_of_it(folder):
+def test_kills_within_one_long_sound_lose_nothing_of_it(folder, uwtrack):
     """While it is written, and while it is run; the journal has it once, and whole."""
     rng = np.random.default_rng(5)
     path, whole = folder / "in" / "long.wav", folder / "whole.wav"
@@ -275,10 +275,8 @@ def test_kills_within_one_long_sound_lose_nothing_of_it(folder):
     # while it stood still it may have been taken for a truncated one
     assert [row["target"] for row in rows if row["status"] == "done"] == ["long.run.h5"]
     assert rows[-1]["status"] == "done"
-    run = [*PROGRAM, "run", "in/long.wav", "-q", "-o", "at-once.h5"]
-    assert subprocess.run(run, cwd=folder, check=False).returncode == 0
-    diff = [*PROGRAM, "diff", "at-once.h5", "out/long.run.h5"]
-    assert subprocess.run(diff, cwd=folder, check=False).returncode == 0
+    assert uwtrack("run", "in/long.wav", "-q", "-o", "at-once.h5").exit_code == 0
+    assert uwtrack("diff", "at-once.h5", "out/long.run.h5").exit_code == 0
     assert len(list(folder.glob("out/*"))) == 2
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.flow.auto_scores import car, in_memory, passages
+from tests.flow.auto_scores import car, car_by_auto, passages
 from tests.flow.made_encounters import encounters_of
 from tests.motion.test_sub_bands import TIME, levels_of
 from tests.support import recording_of, white_noise
@@ -24,9 +24,8 @@ def encounters_in(made):
 
 @pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackNote")
 def test_a_vehicle_is_found_without_being_expected():
-    scenario = car()
-    ((time_s, width_s, speed_mps),) = passages(scenario)
-    (found,) = encounters_in(run_recipe(in_memory(scenario), load_recipe("auto")))
+    ((time_s, width_s, speed_mps),) = passages(car())
+    (found,) = encounters_in(car_by_auto()[1])
     assert found.status.tolist() == ["ok"]
     assert abs(found.time_s[0] - time_s) < 4 * found.time_std_s[0] + 0.02
     for value, truth in (("speed_mps", speed_mps), ("range_over_speed_s", width_s)):

@@ -7,6 +7,7 @@ from scipy.stats import chi2
 
 from calibration.line_ends import scene, scores
 from uwtrack_cli.lines.paths.path_search import (
+    _centred,
     best_scores,
     line_intervals,
     trace_back,
@@ -29,6 +30,14 @@ def test_best_paths_equal_a_search_of_all_paths() -> None:
     assert np.allclose(total, best)
     kept = score[np.arange(5), paths].sum(1) - 0.7 * np.abs(np.diff(paths)).sum(1)
     assert np.allclose(kept, best)
+
+
+def test_a_strong_line_at_an_edge_of_the_band_is_moved_to_its_loudest_cell() -> None:
+    power_ratio = np.ones((20, 12))
+    power_ratio[:, [0, -1]] = 50.0
+    for beside, loudest in ((1, 0), (10, 11)):
+        path = _centred(np.full(20, beside), power_ratio, 2)
+        assert set(path.tolist()) == {loudest}
 
 
 def test_the_ends_of_a_line_are_found_to_a_few_frames() -> None:
