@@ -14,3 +14,12 @@ SOURCE_DEPTH_STD_M = 2.0
 
 NANOSECONDS = 1_000_000_000
 """Nanoseconds in a second: epochs are int64 nanoseconds UTC."""
+
+MAINS_HZ = (50.0, 60.0)
+"""Frequencies of mains, Hz."""
+
+MAINS_TOLERANCE = 1e-3
+"""Relative deviation of mains from their nominal frequency."""
+
+MAINS_REACH_HZ = 0.05
+"""What a line of mains may be off beyond that, Hz."""

@@ -13,6 +13,7 @@ from uwtrack_cli.motion.coloured_noise import (
     ColouredNoise,
     fit_coloured_noise,
     information_loss,
+    likelihoods_by_noise,
 )
 from uwtrack_cli.motion.correlation import long_run_excess, overlap_correlation
 from uwtrack_cli.motion.least_squares import damped_least_squares, inverse_or_nan
@@ -29,6 +30,32 @@ def drifting(rng, correlation_time_s, deviation):
     for k in range(1, TIME.size):
         value[k] = decay * value[k - 1] + np.sqrt(1 - decay**2) * rng.normal()
     return deviation * value
+
+
+def test_what_has_inertia_is_told_from_what_has_none():
+    """Draws of both kinds of wander: rough after Uhlenbeck and Ornstein, smooth as a sum
+    of waves with the spectrum of Matern's 3/2, 1 / (3 / T^2 + w^2)^2."""
+    rng = np.random.default_rng(4)
+    omega = 2 * np.pi * np.fft.rfftfreq(4 * TIME.size)
+    smooth_gain = 1 / (3 / 60.0**2 + omega**2)
+    for smooth in (True, False):
+        gain = 0.0
+        for _ in range(5):
+            value = drifting(rng, 60.0, 5.0)
+            if smooth:
+                wave = rng.standard_normal((2, omega.size))
+                value = np.fft.irfft((wave[0] + 1j * wave[1]) * smooth_gain)
+                value = 5.0 * value[: TIME.size] / value.std()
+            one = [(value + rng.standard_normal(TIME.size), PASSAGE[3:].T)]
+            every = [
+                likelihoods_by_noise(one, np.ones(TIME.size), TIME, 40.0, smooth=s)[
+                    1, 0
+                ]
+                for s in (True, False)
+            ]
+            gain += every[0] - every[1]
+        # two ways cost ln 2 each
+        assert (gain > 30.0) if smooth else (-5.01 * np.log(2) < gain < 10.0)
 
 
 def information(weight, time_s, noise):

@@ -179,6 +179,12 @@ def squall():
     return heights() * np.clip(ramps, 0.0, 1.0)
 
 
+def bell():
+    """A squall whose level is a bell in decibels, and goes slower than it comes."""
+    level_db = 15 * np.exp(-((LAG / np.where(LAG < 0, 1.3, 2.4)) ** 2))
+    return 0.3 * heights() * (10 ** (level_db / 10) - 1) / (10**1.5 - 1)
+
+
 def hatch():
     return heights() * np.clip(2 - np.abs(LAG), 0.0, 1.0)
 
@@ -201,6 +207,7 @@ def drift():
         (rain, "3 parts of the band rise"),
         (gust, "more as"),
         (squall, "more as"),
+        (bell, "more as a squall that goes slowly"),
         (hatch, "parts of the band rise|more as"),
         (gain, "more as one gain"),
         (drift, "more as one gain"),

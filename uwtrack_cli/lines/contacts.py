@@ -20,6 +20,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from uwtrack_cli.constants import MAINS_HZ, MAINS_REACH_HZ, MAINS_TOLERANCE
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
@@ -31,15 +32,6 @@ from uwtrack_cli.lines.pair_evidence import (
     PairEvidence,
     pair_evidence,
 )
-
-MAINS_HZ = (50.0, 60.0)
-"""Frequencies of mains, Hz."""
-
-MAINS_TOLERANCE = 1e-3
-"""Relative deviation of mains from their nominal frequency."""
-
-MAINS_REACH_HZ = 0.05
-"""What a line of mains may be off beyond that, Hz."""
 
 _MOST_SAMPLES = 200_000
 """Points held before the grid is thinned by two."""

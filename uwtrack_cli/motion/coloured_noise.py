@@ -13,16 +13,22 @@ covariance of white and coloured noise. Differences within a cell are left out:
 coloured noise is rough, so that a slope within a cell has little information. Sums
 over cells and one small matrix stand for a matrix as large as the series is long.
 
+What has inertia wanders smoothly: its covariance is that of Matern with the order 3/2,
+whose course has a slope at every instant. It is tried beside the other where one asks
+whether a machine or a passage has moved the frequencies.
+
 **Conventions.** One series; residuals, shape (n,), have the precision of the white part,
 an inverse variance, zero where a value is missing; time in seconds. The width is range
 over speed in seconds: the time that matters to a passage.
 
-**References.** Patterson and Thompson (1971), Biometrika 58, 545 (REML).
+**References.** Patterson and Thompson (1971), Biometrika 58, 545 (REML);
+Rasmussen and Williams (2006), Gaussian Processes, eq. 4.17 (Matern's covariance).
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 
@@ -31,8 +37,9 @@ from uwtrack_cli.motion.least_squares import orthonormal
 
 N_CORRELATION_TIMES = 7
 FEWEST_CELLS, MOST_CELLS = 60, 160
-MOST_SPECTRA = 3 * N_CORRELATION_TIMES
-"""Spectra of coloured noise that are kept: those of the three kinds of one contact."""
+MOST_SPECTRA = 4 * N_CORRELATION_TIMES
+"""Spectra of coloured noise that are kept: those of the three kinds of one contact, of
+its frequencies rough and smooth."""
 
 FEWEST_MORE = 8
 """Measurements beyond what is free without which nothing can be told."""
@@ -169,15 +176,16 @@ def coloured_likelihoods(
     precision: FloatArray,
     time_s: FloatArray,
     width_s: float,
+    *,
+    smooth: bool = False,
 ) -> FloatArray:
     """Return the best log-likelihood of rival readings of one series.
 
     As `likelihoods_by_noise`: every reading may have coloured noise of its own strength
     and correlation time, so that a drift is not taken for a signal.
     """
-    return np.asarray(
-        likelihoods_by_noise(series, precision, time_s, width_s).max(axis=0)
-    )
+    by_noise = likelihoods_by_noise(series, precision, time_s, width_s, smooth=smooth)
+    return np.asarray(by_noise.max(axis=0))
 
 
 def likelihoods_by_noise(
@@ -185,11 +193,15 @@ def likelihoods_by_noise(
     precision: FloatArray,
     time_s: FloatArray,
     width_s: float,
+    *,
+    smooth: bool = False,
 ) -> FloatArray:
     """Return the best log-likelihoods with white noise, and with coloured noise, too.
 
-    For each reading the residuals (n,) and the columns (n, p) that are free. White
-    noise first, shape (2, readings); zeros where there is too little to tell.
+    For each reading the residuals (n,) and the columns (n, p) that are free; coloured
+    noise may have a slope at every instant where it may be ``smooth``: that is as likely
+    as the other beforehand. White noise first, shape (2, readings); zeros where there is
+    too little to tell.
     """
     if any(_too_few(precision, columns) for _, columns in series):
         return np.zeros((2, len(series)))
@@ -197,12 +209,15 @@ def likelihoods_by_noise(
     root, time = cells[0][2:]
     rivals = [(value, orthonormal(columns)) for value, columns, _, _ in cells]
     white = np.array([_white_likelihood(e, x, None)[1] for e, x in rivals])
-    best = np.full(white.size, -np.inf)
-    for _, values, vectors in _spectra(root, time):
-        for row, (value, columns) in enumerate(rivals):
-            found = _best_variance(vectors.T @ value, vectors.T @ columns, values, root)
-            best[row] = max(best[row], found[0])
-    return np.stack([white, best])
+    best = np.full((1 + smooth, white.size), -np.inf)
+    for kind, row_of_kind in enumerate(best):
+        for _, values, vectors in _spectra(root, time, smooth=kind > 0):
+            for row, (value, columns) in enumerate(rivals):
+                turned = vectors.T @ value, vectors.T @ columns
+                found = _best_variance(*turned, values, root)
+                row_of_kind[row] = max(row_of_kind[row], found[0])
+    mean = np.logaddexp.reduce(best, axis=0) - np.log(len(best))
+    return np.stack([white, mean])
 
 
 def gains_of_shapes(
@@ -214,11 +229,12 @@ def gains_of_shapes(
     width_s: float,
     *,
     with_coloured_noise: bool,
+    smooth: bool = False,
 ) -> FloatArray:
     """Return what shapes of given sizes gain beside a reading, in its own noise.
 
     Beside residuals and free columns (n, p), shapes (n, shapes) are tried; the noise is
-    white, or the reading's best coloured one. Gains in log-likelihood, shape (shapes,);
+    white, or the reading's best coloured one, ``smooth`` ones among them. Gains in log-likelihood, shape (shapes,);
     zeros where there is too little to tell.
     """
     if _too_few(precision, columns):
@@ -231,7 +247,8 @@ def gains_of_shapes(
     if with_coloured_noise:
         best = -np.inf
         chosen = value, free, more, weight
-        for _, values, vectors in _spectra(root, time):
+        kinds = [_spectra(root, time, smooth=kind) for kind in (False, True)]
+        for _, values, vectors in chain(*kinds[: 1 + smooth]):
             turned = vectors.T @ value, vectors.T @ free, vectors.T @ more
             found, variance = _best_variance(turned[0], turned[1], values, root)
             if found > best:
@@ -293,7 +310,7 @@ def _with_inflation(
 
 
 def _spectra(
-    root: FloatArray, time: FloatArray
+    root: FloatArray, time: FloatArray, *, smooth: bool = False
 ) -> Iterator[tuple[float, FloatArray, FloatArray]]:
     """Yield correlation times with eigenvalues and vectors of the coloured noise.
 
@@ -302,16 +319,23 @@ def _spectra(
     span = float(time[-1] - time[0])
     step = span / max(time.size - 1, 1)
     for each in np.geomspace(2 * step, max(span, 3 * step), N_CORRELATION_TIMES):
-        yield float(each), *_spectrum_of(root.tobytes(), time.tobytes(), float(each))
+        spectrum = _spectrum_of(
+            root.tobytes(), time.tobytes(), float(each), smooth=smooth
+        )
+        yield float(each), *spectrum
 
 
 @lru_cache(maxsize=MOST_SPECTRA)
 def _spectrum_of(
-    root_bytes: bytes, time_bytes: bytes, correlation_time_s: float
+    root_bytes: bytes, time_bytes: bytes, correlation_time_s: float, *, smooth: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return the spectrum once for all readings of a series: it takes most of the time."""
     root, time = np.frombuffer(root_bytes), np.frombuffer(time_bytes)
-    kernel = np.exp(-np.abs(time[:, None] - time[None, :]) / correlation_time_s)
+    lag = np.abs(time[:, None] - time[None, :]) / correlation_time_s
+    kernel = np.exp(-lag)
+    if smooth:
+        lag *= np.sqrt(3.0)
+        kernel = (1.0 + lag) * np.exp(-lag)
     values, vectors = np.linalg.eigh(root[:, None] * kernel * root[None, :])
     return np.maximum(values, 0.0), vectors
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from uwtrack_cli.constants import MAINS_HZ
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
@@ -21,7 +22,6 @@ from uwtrack_cli.data.presence import HUM, RATES, UNKNOWN, VESSEL, Presence
 from uwtrack_cli.data.spectra import FULL_SCALE, MODULATION, Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.angles import wrap_deg
-from uwtrack_cli.lines.contacts import MAINS_HZ
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.line_summary import LineSummary, common_bearing, summarise
 from uwtrack_cli.presence.passage_stretches import (

@@ -17,10 +17,11 @@ from math import comb, exp
 
 import numpy as np
 
+from uwtrack_cli.constants import MAINS_HZ, MAINS_TOLERANCE
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
-from uwtrack_cli.lines.contacts import LEAST_EVIDENCE, MAINS_HZ, MAINS_TOLERANCE
+from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, is_one_family, line_evidence
 from uwtrack_cli.presence.line_comb import (
     TOOTH,

@@ -109,10 +109,15 @@ class _Profile:
     """Least misfit of a problem over all coordinates but one, which is held."""
 
     problem: Problem
+    """What is fitted."""
     bounds: SearchBounds
+    """Ends of the coordinates."""
     coordinate: int
+    """Place of the coordinate that is held."""
     rise: float
+    """Misfit over the least one at which the interval ends."""
     polar: bool
+    """Whether coordinates are ranges and bearings."""
 
     def _fit(
         self, trials: FloatArray, *, iterations: int, tolerance: float

@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from uwtrack_cli.constants import MAINS_HZ, MAINS_REACH_HZ, MAINS_TOLERANCE
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.lines.contacts import MAINS_HZ, MAINS_REACH_HZ, MAINS_TOLERANCE
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 
 FASTEST_MPS = 100.0

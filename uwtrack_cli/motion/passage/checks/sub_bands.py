@@ -8,7 +8,8 @@ residuals. Parts that rise by more than noise must agree on t0 and w: the chi-sq
 each part's own values about the common ones, with the deviation that the law leaves to
 either besides (`LAW_SHARE`: sources have directions, and spread by other laws). Then the law must explain the parts better
 than others do: a raised cosine and a flat top in power (gusts, pumps, doors), a rise and
-fall of unequal length (rain), and one gain for all parts, of any course in time (the
+fall of unequal length (rain), a bell with even or uneven flanks (squalls, an aircraft far
+off: a passage has longer tails), and one gain for all parts, of any course in time (the
 ambient sound drifts, a recorder turns itself up): of a vessel each part rises by as much
 as its own spectrum stands above the ambient's. Where the surface or the ground reflects
 a source, its parts have fringes (`surface_image`): then the law is that with the fringes
@@ -156,11 +157,30 @@ def _slow_rise(u: FloatArray) -> FloatArray:
     return _slow_fall(-u)
 
 
+def _bell(u: FloatArray) -> FloatArray:
+    bell: FloatArray = np.exp2(-(u**2))
+    return bell
+
+
+def _bell_slow_fall(u: FloatArray) -> FloatArray:
+    return _bell(np.where(u < 0, u * UNEVEN, u / UNEVEN))
+
+
+def _bell_slow_rise(u: FloatArray) -> FloatArray:
+    return _bell_slow_fall(-u)
+
+
+UNEVEN = 1.6
+"""Square root of the ratio of both flanks of an uneven bell."""
+
 RIVALS: dict[str, Shape] = {
     "a gust": _raised_cosine,
     "a door that opens and shuts": _flat_top,
     "rain that begins and dies away": _slow_fall,
     "what swells and stops": _slow_rise,
+    "a squall": _bell,
+    "a squall that goes slowly": _bell_slow_fall,
+    "a squall that comes slowly": _bell_slow_rise,
 }
 """Shapes of power that are no passages."""
 

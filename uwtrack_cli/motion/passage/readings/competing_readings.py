@@ -652,6 +652,6 @@ def _log_likelihoods(fits: list[PassageFit], blocks: Blocks) -> FloatArray:
         if kept.any():
             total += coloured_likelihoods(
                 [(one[0], one[1]) for one in series],
-                series[0][2], blocks.time_s[kept], width_s,
+                series[0][2], blocks.time_s[kept], width_s, smooth=number == 0,
             )  # fmt: skip
     return total

@@ -3,9 +3,9 @@
 **Method.** What does not pass competes with the readings of a passage by the same
 measure: likelihood with noise of its own best strength, less what its unknowns and its
 search cost. A `constant` has steady frequencies in white noise. `Machinery` keeps its
-place and changes its speed: its frequencies wander (coloured noise), drift, step or
-ramp, all of them by the same share. `Joined` is a line that ends where another begins
-close to it, beside lines that stay. Bearings and levels stay or drift, in coloured noise:
+place and changes its speed: its frequencies wander (coloured noise, rough or smooth),
+drift, step or ramp, all of them by the same share. `Joined` is a line that ends where
+another begins close to it, beside lines that stay. Bearings and levels stay or drift, in coloured noise:
 what moves them is not the source. The instants of steps are sought among all
 measurements, noise taken as white, by the sums before and behind each of them.
 
@@ -287,7 +287,7 @@ def still_frequencies(fit: PassageFit, blocks: Blocks) -> StillFrequencies | Non
         )
     white, coloured = likelihoods_by_noise(
         [(series, constants), *((one.series, one.columns) for one in variants)],
-        precision, time_s, width_s,
+        precision, time_s, width_s, smooth=True,
     )  # fmt: skip
     both = np.logaddexp(white, coloured - COLOUR_COST) - np.log(2.0)
     found = [

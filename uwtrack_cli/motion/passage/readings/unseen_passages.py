@@ -86,7 +86,7 @@ def unseen_passages(
         gains = gains_of_shapes(
             variant.series, variant.columns, shapes, frequencies.precision,
             frequencies.time_s, frequencies.width_s,
-            with_coloured_noise=variant.is_coloured is not False,
+            with_coloured_noise=variant.is_coloured is not False, smooth=True,
         )  # fmt: skip
         found[variant.change or STRAIGHT].append(
             float(value) + _log_mean(gains + others)
