@@ -12,7 +12,8 @@ nothing; those that gain by one time, width and speed are a candidate. It is fit
 checked as a contact is, from these stretches of its lines alone.
 
 **Conventions.** Gains in nepers, noise taken as white: they choose what is fitted, and
-tell nothing. Times count from the first sample.
+tell nothing. So the constants, which are chosen and follow from no source unless one is
+named, decide what is tried and not what is told. Times count from the first sample.
 
 **References.** Kay (1998), Fundamentals of Statistical Signal Processing II, section 6.5
 (likelihood ratio with unknown noise).
@@ -24,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, heard_level_db
 
@@ -49,11 +50,12 @@ LINE_COST = 2.0
 """Gain of a line below which it is not taken: it has a speed of its own by chance."""
 
 LEAST_GAIN = 12.0
-"""Gain of all lines together from which a candidate is fitted: half of what is needed in
-the end, noise taken as white, gives it."""
+"""Gain of all lines together from which a candidate is fitted. Less is not worth a fit,
+whose own threshold is checked afterwards."""
 
 FEWEST_CELLS = 4
-"""Averages of a line, on either side of the closest approach half as many, that tell."""
+"""Averages below which a line tells nothing; half of them on either side of the closest
+approach."""
 
 STEADIER = 1.0
 """Gain by which the level of a line may prefer to stay as it is, nepers: by chance."""
@@ -94,18 +96,8 @@ class Together(NamedTuple):
 
 
 def lines_together(lines: Lines, sound_speed_mps: float) -> list[Together]:
-    """Return the lines that move together, the strongest first.
-
-    Parameters
-    ----------
-    lines
-        Tracked lines.
-    sound_speed_mps
-        Sound speed, m/s.
-    """
-    kept = np.isfinite(lines.measured_frequency_hz)
-    kept &= np.isin(lines.line, lines.line_id[lines.line_status != "hum"])
-    points = np.flatnonzero(kept)
+    """Return the lines of any contact that move together, the strongest first."""
+    points = np.flatnonzero(_is_heard(lines))
     if points.size < FEWEST_LINES * FEWEST_CELLS:
         return []
     time_s = np.asarray(lines.time_s[points], float)
@@ -124,21 +116,9 @@ def lines_together(lines: Lines, sound_speed_mps: float) -> list[Together]:
 
 
 def line_gains(lines: Lines, place: Together, mach: float) -> Together:
-    """Return a place with all lines that gain there by one speed.
-
-    Parameters
-    ----------
-    lines
-        Tracked lines.
-    place
-        Closest approach and d/v.
-    mach
-        Speed over that of sound.
-    """
+    """Return a place with all lines that gain there by one speed, ``mach`` of sound's."""
     near = np.abs(lines.time_s - place.time_s) <= (REACH + CELL) * place.width_s
-    near &= np.isfinite(lines.measured_frequency_hz)
-    near &= np.isin(lines.line, lines.line_id[lines.line_status != "hum"])
-    points = np.flatnonzero(near)
+    points = np.flatnonzero(near & _is_heard(lines))
     if not points.size:
         return place
     measured = _measured(lines, points)
@@ -150,17 +130,7 @@ def line_gains(lines: Lines, place: Together, mach: float) -> Together:
 
 
 def stretch_of(lines: Lines, together: Together, contact: int) -> Lines:
-    """Return a table of these lines alone, about their passage, as one contact.
-
-    Parameters
-    ----------
-    lines
-        Tracked lines.
-    together
-        The lines that are wanted.
-    contact
-        Number of the contact.
-    """
+    """Return a table of these lines alone, about their passage, as one contact."""
     near = np.abs(lines.time_s - together.time_s) <= REACH * together.width_s
     near &= np.isin(lines.line, together.lines)
     own = np.isin(lines.line_id, together.lines)
@@ -168,6 +138,12 @@ def stretch_of(lines: Lines, together: Together, contact: int) -> Lines:
         lines.take("point", np.flatnonzero(near)),
         line_contact=np.where(own, contact, 0),
     )
+
+
+def _is_heard(lines: Lines) -> BoolArray:
+    """Tell which points are measured, on lines that are no hum."""
+    usable = np.isin(lines.line, lines.line_id[lines.line_status != "hum"])
+    return np.asarray(usable & np.isfinite(lines.measured_frequency_hz))
 
 
 class _Measured(NamedTuple):

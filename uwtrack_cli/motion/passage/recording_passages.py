@@ -78,7 +78,7 @@ must follow the range: strong evidence (Kass & Raftery 1995)."""
 
 N_CUTS, SAME_WIDTH = 3, 0.1
 """How often the lines that move together are cut out and fitted at most, and share by
-which the width of what is cut out may still change in the end."""
+which the width of what is cut out may still change in the end. Both are chosen."""
 
 
 class SearchTerms(NamedTuple):
@@ -226,12 +226,8 @@ def _of_lines_together(
 ) -> tuple[list[CandidatePassage], dict[int, Lines]]:
     """Examine lines that move together where no contact has a passage.
 
-    Returns
-    -------
-    list[CandidatePassage]
-        Passages that nothing speaks against, with contact numbers of their own.
-    dict[int, Lines]
-        The lines of each of them, about it, by contact number.
+    Returned are passages that nothing speaks against, with contact numbers of their own,
+    and the lines of each of them, about it, by contact number.
     """
     passing = [item for item in known if _is_passage(item, terms.limits)]
     numbers = [n for item in known for n in item.contacts]
@@ -239,10 +235,10 @@ def _of_lines_together(
     found: list[CandidatePassage] = []
     parts: dict[int, Lines] = {}
     for place in lines_together(lines, terms.medium.sound_speed_mps):
-        if any(_is_at(item, place) for item in (*passing, *found)):
+        if any(_is_near(item.fit, place) for item in (*passing, *found)):
             continue
         item, part = _of_place(lines, place, number + 1, terms)
-        if item is None or not _is_at(item, place):
+        if item is None or not _is_near(item.fit, place):
             continue
         # the rest of these lines has told nothing: their levels have to follow, too
         if item.likelihood_ratio.line_level < LEAST_LEVEL_GAIN:
@@ -284,12 +280,8 @@ def _of_place(
     return item, part
 
 
-def _is_at(item: CandidatePassage, place: Together) -> bool:
-    """Return whether a passage is where lines move together."""
-    return _is_near(item.fit, place)
-
-
 def _is_near(fit: PassageFit, place: Together) -> bool:
+    """Return whether a fit is heard where lines move together."""
     theta, width_s = fit.theta[0], float(fit.range_over_speed_s[0])
     delay_s = width_s * float(theta[2]) / fit.medium.sound_speed_mps
     off_s = abs(float(theta[0]) + delay_s - place.time_s)

@@ -94,7 +94,7 @@ FASTEST_KNOWN = 3.0
 
 RESOLVED = 1.0
 """Distance of two readings, in cells of the longest frames, from which they are told
-apart: nearer ones leave a tone within its main lobe. It is that where the power is."""
+apart: nearer ones leave a tone within its main lobe. It is measured where power is."""
 
 MOST_SAMPLES = 1 << 25
 """Samples above which a stretch is not read again."""

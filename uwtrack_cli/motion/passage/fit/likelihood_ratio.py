@@ -40,8 +40,8 @@ Series = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 """Values of the instants used, columns of the rows' constants, precision, use."""
 
 LEVELS_SHARE = 2.0 / 3.0
-"""Share of the threshold that the levels of the lines may give at most: pumps that are
-switched and fading are no passage."""
+"""Share of the threshold that the levels of the lines may give at most, chosen: pumps
+that are switched and fading rise and fall, too, and are no passage."""
 
 FEWEST_LEVELS = 4
 """Levels of a line below which they tell nothing."""
@@ -101,7 +101,11 @@ class LikelihoodRatio:
 
     @property
     def is_passage(self) -> bool:
-        """Whether something passes, at the stated false-alarm probability."""
+        """Whether something passes, at the stated false-alarm probability.
+
+        The levels of the lines are measured apart from the other kinds: what they gain
+        adds to theirs, up to a share of the threshold, and lessens nothing.
+        """
         gain = min(self.total, self.over_line, self.over_break)
         by_levels = min(max(self.line_level, 0.0), LEVELS_SHARE * self.threshold)
         return gain + by_levels > self.threshold
