@@ -7,7 +7,8 @@ by its engine is heard by its tyres or its exhaust, too: where the broadband ris
 stretch from which lines tell a passage, both must tell one passage. The level may be
 early or late by the direction of its source, and ground that reflects makes it rise for
 longer; but a rise that is much shorter than d/v of the lines, or at another time within
-it, is that of a vehicle whose lines were followed wrongly.
+it, is that of a vehicle whose lines were followed wrongly. What drawn vehicles have of
+`LEAST_MACH`, `LARGEST_LAG` and `WIDTHS` is told by `calibration/vehicle_levels.py`.
 
 **Conventions.** Times of arrival, s from the first sample.
 """

@@ -8,6 +8,7 @@ considered afterwards: the answer moves with each by the partial of the optimum,
 covariance grows by the square of that times the variance of the pattern (Schmidt 1966).
 Lines on both sides of the closest approach hold the answer where it is; where they were
 heard on one side alone, or not at all, the level told it, and the deviations say so.
+Errors of drawn vehicles in these deviations are told by `calibration/vehicle_levels.py`.
 
 **Conventions.** Levels in nepers of power (ln). In water nothing is considered: there the
 levels' own coloured noise holds what is left.
