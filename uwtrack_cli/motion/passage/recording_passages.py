@@ -134,7 +134,7 @@ def examine_recording(
     terms = SearchTerms(medium, false_alarm_probability, limits, sound, directions)
     every, still = _of_lines(lines, terms) if lines is not None else ([], [])
     parts: dict[int, Lines] = {}
-    if lines is not None:
+    if lines is not None and not terms.medium.is_air:  # engines hardly keep their speed
         more, parts = _of_lines_together(lines, every, terms)
         every = [*every, *more]
     if levels is None:

@@ -165,9 +165,12 @@ def _gain_of_line_levels(fit: PassageFit, blocks: Blocks) -> float:
     """Return what the levels of the lines gain by the passage's spherical spreading.
 
     They stay, or drift, where nothing passes. Every line has a level of its own at the
-    source, and what fades is noise of any colour to all readings.
+    source, and what fades is noise of any colour to all readings. In air they say
+    nothing: a vehicle that passes is louder, too, where its engine changes its speed.
     """
     if blocks.line_level is None or blocks.shift.is_empty or fit.theta[0, 2] <= 0:
+        return 0.0
+    if fit.medium.is_air:
         return 0.0
     level = blocks.line_level[0]
     weight = np.isfinite(level).astype(float)
