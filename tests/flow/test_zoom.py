@@ -16,6 +16,7 @@ from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.zoom import zoom_in
+from uwtrack_cli.motion.passage.checks.known_sounds import TOO_FAST
 
 
 def encounters_in(made):
@@ -105,6 +106,29 @@ def test_the_level_alone_must_rise_in_the_whole_recording_too(
     monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: crest)
     found = zoom_in([encounters_of()], rises, recording=recording, recipes=["vessel"])
     assert found.n_encounters == n_found
+
+
+def test_what_is_too_fast_for_water_is_told_where_nothing_passes(monkeypatch):
+    """The look that refuses it leaves no other trace."""
+    sound = np.zeros((60 * 1000, 1), np.float32)
+    recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
+    rises = Rises(
+        time_s=np.array([30.0]), half_length_s=np.array([0.5]), kind=np.array(["fall"]),
+        spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
+    )  # fmt: skip
+    look = replace(
+        encounters_of(), refused_contact=np.array([2]), refused_sensor=np.array(["h1"]),
+        refused_from_s=np.array([9.0]), refused_to_s=np.array([11.0]),
+        refused_reason=np.array([f"its lines tell 149 m/s, {TOO_FAST}"]),
+        refused_reading=np.array([""]), refused_reading_weight=np.array([np.nan]),
+        refused_rival=np.array([""]), refused_rival_weight=np.array([np.nan]),
+    )  # fmt: skip
+    monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: look)
+    asked = {"recording": recording, "recipes": ["vessel"]}
+    with pytest.warns(UwtrackWarning, match="149 m/s.*--sound-speed-mps 343"):
+        zoom_in([encounters_of()], rises, **asked)
+    known = {"time_s": 50.0, "range_over_speed_s": 1.0, "status": "ok"}
+    zoom_in([encounters_of(known)], rises, **asked)  # warnings are errors
 
 
 @pytest.mark.parametrize(("ratio", "n_found"), [(20.0, 1), (1.0, 0)])

@@ -585,11 +585,17 @@ def is_one(item: CandidatePassage, leader: CandidatePassage) -> bool:
     )
     variances = np.array([np.diag(fit.covariance[0]) for fit in fits])
     apart = np.abs(values[0] - values[1])
-    near = apart[:3] < SAME_DEVIATIONS * np.sqrt(variances[:, :3].sum(axis=0))
-    if not (item.blocks.bearing.is_empty or leader.blocks.bearing.is_empty):
-        off = abs(float(wrap_deg(apart[3])))
-        near = np.append(near, off < SAME_DEVIATIONS * np.sqrt(variances[:, 3].sum()))
-    return bool(near.all() and apart[0] < SAME_SHARE * values[:, 1].min())
+    apart[3] = abs(float(wrap_deg(apart[3])))
+    # frames that are long beside d/v leave errors that no deviation knows of
+    smallest = SAME_SHARE * values.min(axis=0)
+    reach = np.array([smallest[1], *smallest[1:3], np.degrees(np.arctan(SAME_SHARE))])
+    near = apart < np.maximum(
+        SAME_DEVIATIONS * np.sqrt(variances[:, :4].sum(axis=0)), reach
+    )
+    near[0] = apart[0] < reach[0]
+    if item.blocks.bearing.is_empty or leader.blocks.bearing.is_empty:
+        near = near[:3]
+    return bool(near.all())
 
 
 def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
@@ -608,12 +614,14 @@ def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
 
 
 SAME_DEVIATIONS = 4.0
-"""Deviations within which time, d/v, speed and bearing of two passages are the same:
-normal errors of one passage leave it in one pair of 4000."""
+"""Deviations within which d/v, speed and bearing of two passages are the same: normal
+errors of one passage leave it in one pair of 4000."""
 
-SAME_SHARE = 0.2
+SAME_SHARE = 0.25
 """Share of d/v within which their times are: of 60 drawn passages whose measurements were
-parted into two, 99 % lie within 0.15 (calibration/same_passage.py)."""
+parted into two, all lie within 0.22 (calibration/same_passage.py). Within the same share
+of their own, d/v and speed are the same whatever their deviations, and bearings within its
+angle: two vessels are hardly ever that much alike."""
 
 LARGEST_RELATIVE_WIDTH = 1.0 / 3.0
 """A bend whose d/v is less certain than this is no passage: machinery drifts, too."""

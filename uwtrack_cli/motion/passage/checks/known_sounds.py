@@ -24,6 +24,9 @@ from uwtrack_cli.motion.passage.candidates import CandidatePassage
 FASTEST_MPS = 100.0
 """Speed that nothing in water has."""
 
+TOO_FAST = "and nothing in water is as fast; sound in air needs --sound-speed-mps 343"
+"""What is said of one that is faster."""
+
 DEVIATIONS = 2.0
 """Deviations by which a speed must exceed that."""
 
@@ -49,11 +52,7 @@ def check_known_sounds(item: CandidatePassage, lines: Lines | None) -> Candidate
         return item
     speed, deviation = float(fit.theta[0, 2]), float(np.sqrt(fit.covariance[0, 2, 2]))
     if fit.medium.is_water and speed - DEVIATIONS * deviation > FASTEST_MPS:
-        return replace(
-            item,
-            doubt=f"its lines tell {speed:.3g} m/s, and nothing in water is as fast; sound "
-            f"in air needs --sound-speed-mps 343",
-        )
+        return replace(item, doubt=f"its lines tell {speed:.3g} m/s, {TOO_FAST}")
     if lines is None:
         return item
     mains_hz = mains_of([lines.frequency_hz[lines.line == n] for n in item.line_ids])
