@@ -8,7 +8,7 @@ import pytest
 from tests.motion.sonar_tables import heard, own_ship
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.motion.options import MotionModel, Nuisances
-from uwtrack_cli.motion.target.last_leg import bent
+from uwtrack_cli.motion.target.last_leg import _linear, _Trial, bent
 from uwtrack_cli.motion.target.objective import residuals
 from uwtrack_cli.motion.tma import estimate_motion
 from uwtrack_cli.studies.tma_scenarios import (
@@ -124,9 +124,8 @@ def test_a_target_that_changes_its_velocity_is_told_and_where_it_is_now(
     )  # 1 to 10 %: it is not bought with wide deviations
 
 
-def test_both_legs_are_a_straight_motion_seen_from_a_bent_track():
-    """Without noise nothing is left of bearings and frequencies but the one row in
-    which the velocity changes."""
+def both_legs():
+    """A problem without noise, its last leg in solver coordinates, and the change."""
     series = turning("S1-T1", 30.0, 2.0, 0.0)
     scenario = make_scenario("S1-T1")
     problem = make_problem(scenario, noise=1.0, runs=1, seed=0)
@@ -149,6 +148,23 @@ def test_both_legs_are_a_straight_motion_seen_from_a_bent_track():
     origin = np.array(own) - np.array([track.east_m[node], track.north_m[node]])
     place = first - origin + TURN_S * (before - after)
     q = np.array([np.log(np.hypot(*place)), np.arctan2(*place), *after])
-    r = residuals(bent(problem, np.array([*(after - before), TURN_S])), q[None])
+    return problem, q, np.array([*(after - before), TURN_S])
+
+
+def test_both_legs_are_a_straight_motion_seen_from_a_bent_track():
+    """Without noise nothing is left of bearings and frequencies but the one row in
+    which the velocity changes."""
+    problem, q, change = both_legs()
+    r = residuals(bent(problem, change), q[None])
     assert np.abs(r.bearing).max() < 1e-6
     assert np.sort(np.abs(r.frequency.ravel()))[-3] < 1e-5
+
+
+def test_partials_by_the_change_are_what_a_small_change_does():
+    problem, q, change = both_legs()
+    rest_hz = residuals(bent(problem, change), q[None]).rest_hz
+    rows = _linear(problem, _Trial(q, change), float(problem.row_time_s[-1]))[0]
+    for column, step in zip(rows[:, -3:].T, np.diag([0.3, 0.3, 5.0]), strict=True):
+        r = residuals(bent(problem, change + step), q[None], rest_hz=rest_hz)
+        moved = np.concatenate([r.bearing.ravel(), r.frequency.ravel()]) / step.max()
+        assert moved @ column == pytest.approx(column @ column, rel=0.05)
