@@ -256,7 +256,7 @@ def test_a_report_tells_results_facts_and_history(page, found):
     parsed = Page()
     parsed.feed(page)
     for word in ("pass.wav", "2000 Hz", "Passages", "speed m/s", "dB re 1 uPa", "port", "track", "SHA-256",
-                 f"{found[0].speed_mps[0]:.3f} ± ", "63.00"):  # fmt: skip
+                 f"{found[0].speed_mps[0]:.2f} ± ", "63.00"):  # fmt: skip
         assert word in parsed.text
 
 

@@ -49,6 +49,15 @@ def test_a_sharper_row_that_agrees_wins_and_can_take_the_contact():
         assert table.contact.tolist() == [contact]
 
 
+@pytest.mark.parametrize(("late_s", "told_s"), [(0.35, 100.0), (0.45, 100.45)])
+def test_a_row_with_levels_stays_beside_a_sharper_one_within_its_deviations(
+    late_s, told_s
+):
+    sharper = SLOW | {"time_s": 100.0 + late_s, "range_over_speed_std_s": 0.1}
+    table = compete(encounters_of(SLOW), [encounters_of(sharper)], keeps_contact=True)
+    assert table.time_s.tolist() == [told_s]
+
+
 def test_of_answers_that_do_not_agree_the_steadier_lines_win():
     other = SLOW | {"speed_mps": 20.0, "range_over_speed_s": 1.0}
     sharper = other | {"rest_frame_evidence": 0.9}

@@ -26,6 +26,16 @@ DEVIATIONS = 3.0
 WIDTHS = 1.0
 """d/v, of the shorter passage, within which two rows claim the same time."""
 
+OFF = 2.0
+"""Own deviations from a sharper row beyond which an answer is doubted: both have heard
+one sound, so that their errors are much the same."""
+
+COMPARED = (
+    ("range_over_speed_s", "range_over_speed_std_s"),
+    ("speed_mps", "speed_std_mps"),
+)
+"""Columns in which rows agree or not, and those of their deviations."""
+
 LEVEL_ONLY = "level-only"
 LOST = "frames of another length show another passage, {better}"
 
@@ -48,8 +58,10 @@ def compete(
     highest_contact
         Highest contact number that is taken, by lines that passed nobody.
     keeps_contact
-        Whether a sharper row takes the contact number of the only one that it agrees
-        with, since the lines of that contact are those that are kept.
+        Whether the rows of the first table have more to tell (levels of the broadband):
+        one stays where a sharper one of another table lies within its own deviations.
+        Where that lies beyond (`OFF`), it wins, and takes the contact number of the only
+        one that it agrees with, since the lines of that contact are those that are kept.
 
     Returns
     -------
@@ -63,6 +75,12 @@ def compete(
         for row in range(other.n_encounters):
             rivals = [k for k in range(kept.n_encounters) if meet(kept, k, other, row)]
             reasons = [_beaten(kept, k, other, row) for k in rivals]
+            if keeps_contact:
+                pairs = zip(rivals, reasons, strict=True)
+                reasons = [
+                    None if why == "" and _holds(kept, k, other, row) else why
+                    for k, why in pairs
+                ]
             if None in reasons:
                 continue
             winners.append(row)
@@ -121,11 +139,18 @@ def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> str | None:
     return LOST.format(better=words) if wins else None
 
 
+def _holds(one: Encounters, k: int, two: Encounters, n: int) -> bool:
+    """Tell whether row n of another table lies within the deviations of row k."""
+    # what one of them does not know is no disagreement
+    return not any(
+        abs(getattr(one, value)[k] - getattr(two, value)[n])
+        > OFF * getattr(one, std)[k]
+        for value, std in (("time_s", "time_std_s"), *COMPARED)
+    )
+
+
 def _agree(one: Encounters, k: int, two: Encounters, n: int) -> bool:
-    for value, std in (
-        ("range_over_speed_s", "range_over_speed_std_s"),
-        ("speed_mps", "speed_std_mps"),
-    ):
+    for value, std in COMPARED:
         apart = abs(getattr(one, value)[k] - getattr(two, value)[n])
         allowed = DEVIATIONS * _spread(getattr(one, std)[k], getattr(two, std)[n])
         if apart > allowed:  # what one of them does not know is no disagreement
