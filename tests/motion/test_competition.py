@@ -44,7 +44,7 @@ def test_a_sharper_row_that_agrees_wins_and_can_take_the_contact():
                     "range_over_speed_std_s": 5.4}  # fmt: skip
     tables = encounters_of(early), [encounters_of(late)]
     for keeps, contact in ((True, 1), (False, 2)):
-        table = compete(*tables, keeps_contact=keeps)
+        table = compete(*tables, keeps_first=keeps)
         assert table.time_s.tolist() == [17.8]
         assert table.contact.tolist() == [contact]
 
@@ -54,7 +54,7 @@ def test_a_row_with_levels_stays_beside_a_sharper_one_within_its_deviations(
     late_s, told_s
 ):
     sharper = SLOW | {"time_s": 100.0 + late_s, "range_over_speed_std_s": 0.1}
-    table = compete(encounters_of(SLOW), [encounters_of(sharper)], keeps_contact=True)
+    table = compete(encounters_of(SLOW), [encounters_of(sharper)], keeps_first=True)
     assert table.time_s.tolist() == [told_s]
 
 

@@ -10,10 +10,10 @@ shorter frames run over them, up to their closest approaches, which are held aga
 sound as all are; where the sound cannot be read again, a warning says which stretches
 were left out. What long or longer frames tell of a piece of a line that a better passage
 explains is left out before (`motion/explained_lines.py`), and so is what longer frames
-tell by levels alone where the parts of the band do not (`checks/sub_bands.py`). A stretch is too short to
-tell swell from a passage by the level alone: there the level, and the parts of its band
-by themselves, must rise by more than the recording does all the time
-(`motion/passage/checks/usual_rises.py`). In the end all
+tell by levels alone where the parts of the band do not (`checks/sub_bands.py`). A
+stretch is too short to tell swell from a passage by the level alone: there the level,
+and the parts of its band by themselves, must rise by more than the recording does all
+the time (`motion/passage/checks/usual_rises.py`). In the end all
 answers, those of several lengths of long frames among them, compete for one row per
 passage (`motion/competition.py`).
 
@@ -116,7 +116,7 @@ def zoom_in(
     taken = 0 if tracked is None else int(tracked.line_contact.max(initial=0))
     first, *others = _own_passages(encounters, lines or [])
     longer = [_without_lines(_confirmed(other, levels)) for other in others]
-    known = compete(first, longer, taken, keeps_contact=True)
+    known = compete(first, longer, taken, keeps_first=True)
     own = known.of_sensor(recording.sensor.id)
     found: list[Encounters] = []
     refused = [reason for *_, reason in known.refusals()]

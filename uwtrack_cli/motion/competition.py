@@ -45,7 +45,7 @@ def compete(
     others: Sequence[Encounters],
     highest_contact: int = 0,
     *,
-    keeps_contact: bool = False,
+    keeps_first: bool = False,
 ) -> Encounters:
     """Let the rows of several tables compete for the passages of one recording.
 
@@ -57,7 +57,7 @@ def compete(
         Further tables, in any order; their rows get numbers that are free.
     highest_contact
         Highest contact number that is taken, by lines that passed nobody.
-    keeps_contact
+    keeps_first
         Whether the rows of the first table have more to tell (levels of the broadband):
         one stays where a sharper one of another table lies within its own deviations.
         Where that lies beyond (`OFF`), it wins, and takes the contact number of the only
@@ -75,7 +75,7 @@ def compete(
         for row in range(other.n_encounters):
             rivals = [k for k in range(kept.n_encounters) if meet(kept, k, other, row)]
             reasons = [_beaten(kept, k, other, row) for k in rivals]
-            if keeps_contact:
+            if keeps_first:
                 pairs = zip(rivals, reasons, strict=True)
                 reasons = [
                     None if why == "" and _holds(kept, k, other, row) else why
@@ -84,7 +84,7 @@ def compete(
             if None in reasons:
                 continue
             winners.append(row)
-            same = reasons == [""] and keeps_contact and rivals[0] not in losers
+            same = reasons == [""] and keeps_first and rivals[0] not in losers
             numbers.append(int(kept.contact[rivals[0]]) if same else 0)
             losers |= {
                 k: str(reason) for k, reason in zip(rivals, reasons, strict=True)

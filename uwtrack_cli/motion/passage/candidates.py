@@ -533,7 +533,8 @@ def tell_once(
 
     Lines of one vessel that were followed in their own ways may not agree by their
     likelihoods, which keep them apart. Two vessels with one time, speed and
-    range (and bearing, where both have bearings) within deviations are hardly ever met.
+    range (and bearing, where both have bearings) within deviations, or within a share of
+    their own (`SAME_SHARE`), are hardly ever met.
     All their lines tell the passage together where one fit passes all checks; else the
     weaker candidate is doubted.
 

@@ -1,8 +1,8 @@
 """What speaks against a passage of lines: it is too fast for water, or it is mains hum.
 
-**Method.** Calls of animals, sweeps, and aircraft under the water have lines that fall as
-those of a passage would whose speed no vessel has; so has sound in air that is read
-with the speed of sound in water. And the frequency of mains wanders by less than 1e-3:
+**Method.** Calls of animals and sweeps have lines that fall as those of a passage would
+whose speed no vessel has; so has sound in air that is read with the speed of sound in
+water. And the frequency of mains wanders by less than 1e-3:
 lines that are multiples of it and stay that near to them all the time are hum, whatever
 shape their wander has. A vessel with a generator of the same frequency shifts its lines by
 more, unless it hardly moves.
