@@ -28,7 +28,7 @@ the matched subspace statistic; H. Cox, J. Acoust. Soc. Am. 54 (1973): isotropic
 R. R. Blandford, Geophysics 39 (1974): its use on arrays in the ground.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.arrays.direction_grid import DirectionGrid, SpatialArray
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.estimation.window import BIN_CORRELATION
 
@@ -105,12 +106,28 @@ MOST_FILLED = 256
 _FILLED: dict[int, float] = {}
 """Directions that noise fills, which take a second to find, by array and kind."""
 
-Whitened = tuple[NDArray[np.complex64], NDArray[np.complex64]]
-"""Spectra, shape (bin, element, frame), and what made their noise white."""
+
+@dataclass(frozen=True, eq=False)
+class DirectionLobes(Rows):
+    """Other directions that explain the sound of a source."""
+
+    frame: IntArray
+    """Row of the frame in the block."""
+    source: IntArray
+    """Number of the source that it may be."""
+    toward: FloatArray
+    """Direction u, shape (lobe, 3)."""
+    weight: FloatArray
+    """Its weight."""
+
+
+NO_LOBES = DirectionLobes(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0)
+)
 
 
 @dataclass(frozen=True, eq=False)
-class FoundDirections:
+class FoundDirections(Rows):
     """Directions of a block, one row each, those of a frame one after the other."""
 
     frame: IntArray
@@ -125,14 +142,8 @@ class FoundDirections:
     """Its covariance, shape (n, 3, 3)."""
     snr: FloatArray
     """Power over noise in the beam, mean over the band."""
-    lobe_frame: IntArray
-    """Row of the frame of every lobe."""
-    lobe_source: IntArray
-    """Number of the source that it may be."""
-    lobe_toward: FloatArray
-    """Other directions that explain the sound, shape (lobe, 3)."""
-    lobe_weight: FloatArray
-    """Their weights."""
+    lobes: DirectionLobes = NO_LOBES
+    """What they may be instead."""
 
     def copy(self) -> "FoundDirections":
         """Return one whose measured columns can be written."""
@@ -152,38 +163,38 @@ class FoundDirections:
     @classmethod
     def none(cls) -> "FoundDirections":
         """Return no directions."""
-        no, nowhere = np.zeros(0, np.int64), np.zeros((0, 3))
-        return cls(
-            frame=no, source=no, beam=no, toward=nowhere, covariance=np.zeros((0, 3, 3)),
-            snr=np.zeros(0), lobe_frame=no, lobe_source=no, lobe_toward=nowhere,
-            lobe_weight=np.zeros(0),
-        )  # fmt: skip
+        no = np.zeros(0, np.int64)
+        return cls(no, no, no, np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0))
 
     def of_part(self, rows: slice) -> "FoundDirections":
         """Return those of a part of the block, counted from its first frame."""
         found = self.of_frames(np.arange(rows.start, rows.stop))
-        return replace(
-            found,
-            frame=found.frame - rows.start,
-            lobe_frame=found.lobe_frame - rows.start,
-        )
+        lobes = replace(found.lobes, frame=found.lobes.frame - rows.start)
+        return replace(found, frame=found.frame - rows.start, lobes=lobes)
 
     def of_frames(self, frames: IntArray) -> "FoundDirections":
         """Return the rows and lobes of some frames."""
-        rows = np.isin(self.frame, frames)
-        lobes = np.isin(self.lobe_frame, frames)
-        return FoundDirections(
-            **{
-                one.name: getattr(self, one.name)[
-                    lobes if one.name.startswith("lobe_") else rows
-                ]
-                for one in fields(self)
-            }
-        )
+        lobes = self.lobes.take(np.isin(self.lobes.frame, frames))
+        return replace(self.take(np.isin(self.frame, frames)), lobes=lobes)
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _WhiteSound:
+    """Sound of a block whose noise was made white, a stretch of bins at a time."""
+
+    parts: list[tuple[slice, NDArray[np.complex64], NDArray[np.complex64]]]
+    """Stretches of bins, spectra (bin, element, frame), and what made them white."""
+    places_m: FloatArray
+    """Places of the hydrophones about their middle, shape (element, 3)."""
+
+    @property
+    def n_elements(self) -> int:
+        """Number of hydrophones."""
+        return len(self.places_m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known(Rows):
     """Directions that are known of some frames, as many of each."""
 
     frame: IntArray
@@ -199,10 +210,6 @@ class _Known:
     def without(self, source: int) -> "_Known":
         """Return all but one of each frame."""
         return _Known(self.frame, np.delete(self.toward, source, axis=1))
-
-    def take(self, rows: Any) -> "_Known":
-        """Return some of the frames."""
-        return _Known(self.frame[rows], self.toward[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,35 +262,33 @@ class DirectionSearch:
         Spectra in the natural bins have the shape (bin, element, frame), the steering
         of the grid's beams (bin, beam, element).
         """
-        height, parts, share = self._heights(spectra, turns, alive)
+        height, sound, share = self._heights(spectra, turns, alive)
         limit = self._threshold(turns, alive, share)
-        places = self.array.centred_m[alive]
         frame = np.flatnonzero((self._best(height) > limit) & is_whole)
         known = _Known(frame, np.zeros((frame.size, 0, 3)))
-        found = [self._measured(parts, height[:, frame], known, places)]
+        found = [self._measured(sound, height[:, frame], known)]
         known = _Known(found[0].frame, found[0].toward[:, None])
         crowded: IntArray = np.zeros(0, np.int64)
-        while known.frame.size and known.n_sources < len(places) - 1:
-            parts, share = self._whitened_across(parts, known, is_whole, places)
+        while known.frame.size and known.n_sources < sound.n_elements - 1:
+            sound, share = self._whitened_across(sound, known, is_whole)
             limit = self._threshold(turns, alive, share)
-            known = self._measured_together(parts, known, found, places)
-            height = self._heights_across(parts, turns[:, :, alive], known, places)
+            known = self._measured_together(sound, known, found)
+            height = self._heights_across(sound, turns[:, :, alive], known)
             is_sure = self._best(height) > limit
             known = known.take(is_sure)
-            if known.n_sources >= max(1, len(places) // ELEMENTS_PER_SOURCE):
+            if known.n_sources >= max(1, sound.n_elements // ELEMENTS_PER_SOURCE):
                 crowded = known.frame
                 break
-            more = self._measured(parts, height[:, is_sure], known, places)
-            known, found = self._joined_by(more, parts, known, found, places)
+            more = self._measured(sound, height[:, is_sure], known)
+            known, found = self._joined_by(more, sound, known, found)
         return _joined(found, crowded)
 
     def _joined_by(
         self,
         more: FoundDirections,
-        parts: list[Whitened],
+        sound: _WhiteSound,
         known: _Known,
         found: list[FoundDirections],
-        places: FloatArray,
     ) -> tuple[_Known, list[FoundDirections]]:
         """Measure known sources of some frames together with one more of each.
 
@@ -293,7 +298,7 @@ class DirectionSearch:
         joined = np.concatenate([known.toward, more.toward[:, None]], axis=1)
         before = [one.copy() for one in found]
         known = self._measured_together(
-            parts, _Known(known.frame, joined), [*found, more], places
+            sound, _Known(known.frame, joined), [*found, more]
         )
         apart = np.linalg.norm(known.toward[:, :-1] - known.toward[:, -1:], axis=2)
         is_apart = apart.min(axis=1) > self.grid.step
@@ -304,24 +309,20 @@ class DirectionSearch:
         return known.take(is_apart), [*found, more]
 
     def _whitened_across(
-        self,
-        parts: list[Whitened],
-        known: _Known,
-        is_whole: BoolArray,
-        places: FloatArray,
-    ) -> tuple[list[Whitened], float]:
+        self, white: _WhiteSound, known: _Known, is_whole: BoolArray
+    ) -> tuple[_WhiteSound, float]:
         """Whiten again by what is left across known sources; also the share over all.
 
         A source is coherent as isotropic noise is, and would be taken for some.
         """
-        found: list[Whitened] = []
+        found, places = [], white.places_m
         free = np.setdiff1d(np.flatnonzero(is_whole), known.frame)
         groups = (known, _Known(free, np.zeros((free.size, 0, 3))))
         apart_s = np.linalg.norm(places[:, None] - places[None], axis=2)
         apart_s /= self.array.sound_speed_mps
         plain = np.eye(len(places), dtype=np.complex64)[None]
         whole = np.zeros((2, 3))
-        for bins, (heard, root) in zip(self._bands, parts, strict=True):
+        for bins, heard, root in white.parts:
             waves = 2.0 * np.multiply.outer(self.frequency_hz[bins], apart_s)
             equal = np.linalg.inv(root) @ heard
             fitted = np.zeros((2, 3))
@@ -333,33 +334,33 @@ class DirectionSearch:
                 fitted += _noise_products(sound, _basis(leads, plain), np.sinc(waves))
             whole += fitted
             own = _whitener(np.sinc(waves), _isotropic_share(fitted))
-            found.append(((own @ equal).astype(np.complex64), own))
-        return found, _isotropic_share(whole)
+            found.append((bins, (own @ equal).astype(np.complex64), own))
+        return _WhiteSound(found, places), _isotropic_share(whole)
 
     def _heights(
         self,
         spectra: NDArray[np.complex64],
         turns: NDArray[np.complex64],
         alive: BoolArray,
-    ) -> tuple[FloatArray, list[Whitened], float]:
+    ) -> tuple[FloatArray, _WhiteSound, float]:
         """Return the sum over the band, shape (beam, frame), and what it is made of.
 
         The last is the share of isotropic noise over the whole band.
         """
         equal = _equalised(spectra[:, alive])
-        parts: list[Whitened] = []
         height = np.zeros((self.grid.n_beams, spectra.shape[2]))
-        fitted = []
+        parts, fitted = [], []
         for bins in self._bands:
             coherence = self.array.isotropic_coherence(self.frequency_hz[bins])
             coherence = coherence[:, alive][:, :, alive]
             heard, root, match = _whitened(equal[bins], coherence)
             steered = turns[bins][:, :, alive].conj() @ root.transpose(0, 2, 1)
             height += _log_gain(heard, steered)
-            parts.append((heard, root))
+            parts.append((bins, heard, root))
             fitted.append(match)
         seen, full = np.sum(fitted, axis=0)
-        return height, parts, float(np.clip(seen / max(full, 1e-9), 0.0, 1.0))
+        share = float(np.clip(seen / max(full, 1e-9), 0.0, 1.0))
+        return height, _WhiteSound(parts, self.array.centred_m[alive]), share
 
     def _best(self, height: FloatArray) -> FloatArray:
         """Return the highest maximum of every frame, those at the rim left out."""
@@ -433,18 +434,14 @@ class DirectionSearch:
         return _FILLED[key]
 
     def _heights_across(
-        self,
-        parts: list[Whitened],
-        turns: NDArray[np.complex64],
-        known: _Known,
-        places: FloatArray,
+        self, white: _WhiteSound, turns: NDArray[np.complex64], known: _Known
     ) -> FloatArray:
         """Return the sum over the band across known sources, shape (beam, row)."""
         height = np.zeros((self.grid.n_beams, known.frame.size))
         share = np.zeros(height.shape)
-        n_left = len(places) - known.n_sources
-        for bins, (heard, root) in zip(self._bands, parts, strict=True):
-            leads = self._leads(bins, known.toward, places)
+        n_left = white.n_elements - known.n_sources
+        for bins, heard, root in white.parts:
+            leads = self._leads(bins, known.toward, white.places_m)
             sound = heard[:, :, known.frame].transpose(0, 2, 1)
             for source in range(known.n_sources):
                 sound = _without_coherent(sound, leads[:, :, source], root)
@@ -465,11 +462,7 @@ class DirectionSearch:
         return np.where(share > LEAST_ACROSS, height, 0.0)
 
     def _measured_together(
-        self,
-        parts: list[Whitened],
-        known: _Known,
-        found: list[FoundDirections],
-        places: FloatArray,
+        self, sound: _WhiteSound, known: _Known, found: list[FoundDirections]
     ) -> _Known:
         """Measure every direction of some frames again, across the others of its frame.
 
@@ -482,7 +475,7 @@ class DirectionSearch:
             for source, one in enumerate(found):
                 others = _Known(known.frame[left], toward[left]).without(source)
                 moved, covariance, snr = self._polished(
-                    parts, toward[left, source], others, places
+                    sound, toward[left, source], others
                 )
                 way = np.square(moved - toward[left, source]).sum(axis=1)
                 far |= way > STILL**2 * np.trace(covariance, axis1=1, axis2=2)
@@ -496,11 +489,7 @@ class DirectionSearch:
         return _Known(known.frame, toward)
 
     def _measured(
-        self,
-        parts: list[Whitened],
-        height: FloatArray,
-        known: _Known,
-        places: FloatArray,
+        self, sound: _WhiteSound, height: FloatArray, known: _Known
     ) -> FoundDirections:
         """Refine the maxima of some frames, list the lobes, state the deviations."""
         is_peak = self.grid.is_maximum(height)
@@ -509,7 +498,7 @@ class DirectionSearch:
             [peak_beam[:, None], self.grid.neighbours[peak_beam]], axis=1
         )
         toward, top = self.grid.refine(peak_beam, height[around, peak_row[:, None]])
-        n_left = len(places) - known.n_sources
+        n_left = sound.n_elements - known.n_sources
         best = np.full(known.frame.size, -np.inf)
         np.maximum.at(best, peak_row, top)
         gain = n_left / (n_left - 1.0) / BIN_CORRELATION
@@ -522,7 +511,7 @@ class DirectionSearch:
         rows = peak_row[order]
         is_lobe = (weight >= LEAST_WEIGHT) & ~is_first
         best_toward, covariance, snr = self._polished(
-            parts, toward[order], known.take(rows), places
+            sound, toward[order], known.take(rows)
         )
         lobe_frame = known.frame[peak_row[is_lobe]]
         return FoundDirections(
@@ -532,22 +521,20 @@ class DirectionSearch:
             toward=best_toward,
             covariance=covariance,
             snr=snr,
-            lobe_frame=lobe_frame,
-            lobe_source=np.full(lobe_frame.size, known.n_sources),
-            lobe_toward=toward[is_lobe],
-            lobe_weight=weight[is_lobe],
+            lobes=DirectionLobes(
+                frame=lobe_frame,
+                source=np.full(lobe_frame.size, known.n_sources),
+                toward=toward[is_lobe],
+                weight=weight[is_lobe],
+            ),
         )
 
     def _polished(
-        self,
-        parts: list[Whitened],
-        toward: FloatArray,
-        others: _Known,
-        places: FloatArray,
+        self, white: _WhiteSound, toward: FloatArray, others: _Known
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Climb from beams' maxima to that of the likelihood, with its curvature."""
         for _ in range(SCORING_STEPS):
-            moved, *_ = self._score(parts, toward, others, places)
+            moved, *_ = self._score(white, toward, others)
             length = np.linalg.norm(moved, axis=1)
             moved *= np.minimum(1.0, self.grid.step / np.maximum(length, 1e-12))[
                 :, None
@@ -555,7 +542,7 @@ class DirectionSearch:
             toward = toward + moved
             if not self.array.is_planar:
                 toward = toward / np.linalg.norm(toward, axis=1)[:, None]
-        _, covariance, snr = self._score(parts, toward, others, places)
+        _, covariance, snr = self._score(white, toward, others)
         return toward, covariance, snr
 
     def _leads(
@@ -567,11 +554,7 @@ class DirectionSearch:
         return np.asarray(np.exp(1j * np.multiply.outer(wave, lead_s)))
 
     def _score(
-        self,
-        parts: list[Whitened],
-        toward: FloatArray,
-        others: _Known,
-        places: FloatArray,
+        self, white: _WhiteSound, toward: FloatArray, others: _Known
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the step to the maximum, inverse information and ratio in the beam.
 
@@ -582,11 +565,12 @@ class DirectionSearch:
         and S the signal over the noise at a hydrophone; bins count as independent ones.
         The likelihood itself, which knows neither, bends by 2 N / (N - 1) |w|^2 S.
         """
-        frame, n_left = others.frame, len(places) - others.n_sources
+        frame, places = others.frame, white.places_m
+        n_left = white.n_elements - others.n_sources
         score = np.zeros((frame.size, 3))
         information, curvature = np.zeros((2, frame.size, 3, 3))
         total = np.zeros(frame.size)
-        for bins, (heard, root) in zip(self._bands, parts, strict=True):
+        for bins, heard, root in white.parts:
             wave = 2.0 * np.pi * self.frequency_hz[bins]
             turned = self._leads(bins, toward, places)  # bin, row, element
             basis = _basis(self._leads(bins, others.toward, places), root)
@@ -674,22 +658,15 @@ def _joined(found: list[FoundDirections], crowded: IntArray) -> FoundDirections:
     Of crowded frames, which hold more sources than the hydrophones tell apart, those
     are left out that do not stand out.
     """
-    columns = {
-        one.name: np.concatenate([getattr(each, one.name) for each in found])
-        for one in fields(FoundDirections)
-    }
-    order = np.lexsort([columns["source"], columns["frame"]])
-    clear = ~np.isin(columns["frame"], crowded) | (columns["snr"] >= CLEAR_RATIO)
-    order = order[clear[order]]
-    kept = set(zip(columns["frame"][order], columns["source"][order], strict=True))
-    owners = zip(columns["lobe_frame"], columns["lobe_source"], strict=True)
-    lobes = np.array([one in kept for one in owners], np.bool_)
-    return FoundDirections(
-        **{
-            name: values[lobes if name.startswith("lobe_") else order]
-            for name, values in columns.items()
-        }
-    )
+    whole = FoundDirections.join(found)
+    lobes = DirectionLobes.join([each.lobes for each in found])
+    order = np.lexsort([whole.source, whole.frame])
+    clear = ~np.isin(whole.frame, crowded) | (whole.snr >= CLEAR_RATIO)
+    whole = whole.take(order[clear[order]])
+    kept = set(zip(whole.frame, whole.source, strict=True))
+    owners = zip(lobes.frame, lobes.source, strict=True)
+    is_kept = np.array([one in kept for one in owners], np.bool_)
+    return replace(whole, lobes=lobes.take(is_kept))
 
 
 def _inverse(

@@ -5,15 +5,15 @@ depth z lies at the horizontal range (z - z_s) / tan e; depth of the source, of 
 array and the elevation add to its deviation. Rays are taken as straight.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
-from uwtrack_cli.arrays.broadband_directions import FoundDirections
+from uwtrack_cli.arrays.broadband_directions import DirectionLobes, FoundDirections
 from uwtrack_cli.arrays.direction_grid import SpatialArray
 from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.sensor import Sensor
 
@@ -71,7 +71,9 @@ def direction_table(
     range_m, range_std_m = surface_range(
         stated.elevation_deg, stated.elevation_std_deg, sensor
     )
-    lobes = _lobes(found, array, facts.heading_deg)
+    lobes, lobe_bearing_deg, lobe_elevation_deg = _lobes(
+        found, array, facts.heading_deg
+    )
     return Directions(
         frame=found.frame + facts.first_frame,
         source=found.source + 1,
@@ -91,11 +93,11 @@ def direction_table(
             np.stack([range_m, range_std_m]),
             sensor,
         ),
-        lobe_frame=lobes[0] + facts.first_frame,
-        lobe_source=lobes[1] + 1,
-        lobe_bearing_deg=lobes[2],
-        lobe_elevation_deg=lobes[3],
-        lobe_weight=lobes[4],
+        lobe_frame=lobes.frame + facts.first_frame,
+        lobe_source=lobes.source + 1,
+        lobe_bearing_deg=lobe_bearing_deg,
+        lobe_elevation_deg=lobe_elevation_deg,
+        lobe_weight=lobes.weight,
         false_alarm_probability=facts.probability,
         band_low_hz=facts.band_hz[0],
         band_high_hz=facts.band_hz[1],
@@ -166,34 +168,30 @@ def surface_place(
 
 def _lobes(
     found: FoundDirections, array: SpatialArray, heading_deg: FloatArray
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
-    """Return frame, source, bearing, elevation and weight of the other directions.
+) -> tuple[DirectionLobes, FloatArray, FloatArray]:
+    """Return the other directions, their bearings and elevations.
 
     Of a plane every direction has an image on the other side, as likely as itself.
     """
-    frame, source, weight = found.lobe_frame, found.lobe_source, found.lobe_weight
-    toward, is_below = found.lobe_toward, np.zeros(frame.size, np.bool_)
+    lobes, is_below = found.lobes, np.zeros(found.lobes.frame.size, np.bool_)
     if array.is_planar:
         n_sources = int(found.source.max(initial=0)) + 1
         own = np.ones((heading_deg.size, n_sources))
-        np.subtract.at(own, (frame, source), weight)
-        is_below = np.repeat(
-            [False, True, True], [frame.size, frame.size, len(found.frame)]
-        )
-        weight = 0.5 * np.concatenate([weight, weight, own[found.frame, found.source]])
-        toward = np.concatenate([toward, toward, found.toward])
-        frame = np.concatenate([frame, frame, found.frame])
-        source = np.concatenate([source, source, found.source])
-    none = np.broadcast_to(1e-12 * np.eye(3), (frame.size, 3, 3))
+        np.subtract.at(own, (lobes.frame, lobes.source), lobes.weight)
+        own = own[found.frame, found.source]
+        images = DirectionLobes(found.frame, found.source, found.toward, own)
+        is_below = np.repeat([False, True], [is_below.size, is_below.size + own.size])
+        lobes = DirectionLobes.join([lobes, lobes, images])
+        lobes = replace(lobes, weight=0.5 * lobes.weight)
+    order = np.lexsort([lobes.source, lobes.frame])
+    lobes, is_below = lobes.take(order), is_below[order]
+    none = np.broadcast_to(1e-12 * np.eye(3), (order.size, 3, 3))
     above, below = (
-        array.bearings(toward, none, heading_deg[frame], below=side)
+        array.bearings(lobes.toward, none, heading_deg[lobes.frame], below=side)
         for side in (False, True)
     )
-    order = np.lexsort([source, frame])
     return (
-        frame[order],
-        source[order],
-        np.where(is_below, below.bearing_deg, above.bearing_deg)[order],
-        np.where(is_below, below.elevation_deg, above.elevation_deg)[order],
-        weight[order],
+        lobes,
+        np.where(is_below, below.bearing_deg, above.bearing_deg),
+        np.where(is_below, below.elevation_deg, above.elevation_deg),
     )

@@ -112,7 +112,6 @@ def find_directions(delays: Delays, sensor: Sensor) -> Directions:
         _tell_too_few(array, delays, times.size)
     kept = [fit for fit in fits if fit is not None and fit.is_sound]
     toward = np.array([fit.toward for fit in kept]).reshape(-1, 3)
-    none = np.zeros(0, np.int64)
     found = FoundDirections(
         frame=np.flatnonzero(sound),
         source=np.zeros(len(kept), np.int64),
@@ -120,10 +119,6 @@ def find_directions(delays: Delays, sensor: Sensor) -> Directions:
         toward=toward,
         covariance=np.array([fit.covariance for fit in kept]).reshape(-1, 3, 3),
         snr=np.full(len(kept), np.nan),
-        lobe_frame=none,
-        lobe_source=none,
-        lobe_toward=np.zeros((0, 3)),
-        lobe_weight=np.zeros(0),
     )
     heading = sensor.heading_deg + sensor.compass_offset_deg
     facts = TableFacts(

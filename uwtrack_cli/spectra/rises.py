@@ -30,6 +30,7 @@ the factor. `calibration/rises.py` draws what the constants were set from.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -38,6 +39,7 @@ from numpy.typing import NDArray
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import AtLeast, AtMost, checked
 from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, LINES, Rises
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.estimation.noise_floor import LN2, threshold_factor
@@ -105,8 +107,11 @@ STRETCH_FRAMES, CONTEXT_FRAMES = 6_000, 1_200
 """Frames that are searched at once, and those beside them that are known, too."""
 
 
-class _Cells(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Cells(Rows):
     """What is kept of some frames."""
+
+    SHARED = frozenset({"edges"})
 
     time_s: FloatArray
     """Middles, s, shape (frame,)."""
@@ -189,11 +194,11 @@ class FoundRises(RememberedStream[Rises, _Rise]):
         """
         if not self._held:
             return None
-        whole = _joined(self._held)
+        whole = _Cells.join(self._held)
         self._held = [whole]
         first = max(self._known, int(np.searchsorted(whole.time_s, start_s)))
         before = min(first, CONTEXT_FRAMES)
-        near = _part(whole, slice(first - before, None))
+        near = whole.take(slice(first - before, None))
         searched = (before, near.time_s.size)
         found = _search(near, self._hop_s, searched, self._least_spreads, passes=True)
         return self._table([*self._since(start_s), *found])
@@ -206,19 +211,18 @@ class FoundRises(RememberedStream[Rises, _Rise]):
             while sum(part.time_s.size for part in self._held) - self._known >= (
                 STRETCH_FRAMES + CONTEXT_FRAMES
             ):
-                whole = _joined(self._held)
+                whole = _Cells.join(self._held)
                 stop = self._known + STRETCH_FRAMES
-                around = _part(whole, slice(None, stop + CONTEXT_FRAMES))
+                around = whole.take(slice(None, stop + CONTEXT_FRAMES))
                 searched = (self._known, stop)
                 found += _search(around, self._hop_s, searched, self._least_spreads)
-                rest = slice(stop - CONTEXT_FRAMES, None)
-                self._held = [_part(whole, rest)]
+                self._held = [whole.take(slice(stop - CONTEXT_FRAMES, None))]
                 self._known = CONTEXT_FRAMES
             for rise in found:
                 self._keep(rise[0], rise, float(self._held[-1].time_s[-1]))
             yield self._table(found)
         if self._held:
-            whole = _joined(self._held)
+            whole = _Cells.join(self._held)
             searched = (self._known, whole.time_s.size)
             yield self._table(
                 _search(whole, self._hop_s, searched, self._least_spreads)
@@ -234,20 +238,6 @@ class FoundRises(RememberedStream[Rises, _Rise]):
             least_spreads=self._least_spreads,
             sensor=self._sensor,
         )
-
-
-def _joined(parts: list[_Cells]) -> _Cells:
-    time_s, density, ratio, edges, lowest = zip(*parts, strict=True)
-    return _Cells(
-        np.concatenate(time_s), np.concatenate(density), np.concatenate(ratio),
-        edges[0], lowest[0],
-    )  # fmt: skip
-
-
-def _part(cells: _Cells, rows: slice) -> _Cells:
-    return cells._replace(
-        time_s=cells.time_s[rows], density=cells.density[rows], ratio=cells.ratio[rows]
-    )
 
 
 def _cells(block: Spectrogram) -> _Cells:
