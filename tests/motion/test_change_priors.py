@@ -13,6 +13,7 @@ from uwtrack_cli.motion.passage.readings.change_priors import (
     VESSEL_MPS,
     VESSEL_STD_MPS,
     cost_of_change,
+    cost_of_speed,
     speed_prior,
 )
 
@@ -87,6 +88,23 @@ def test_the_speed_of_vessels_has_its_scale_and_gives_way_to_what_is_faster():
     assert below(median) / below(1e4) == pytest.approx(0.5, abs=0.02)
     fast, faster = (speed_prior(fitted(None, [], speed=v)) for v in (7000.0, 7700.0))
     assert 0.0 < fast - faster < 1.0
+
+
+def test_a_speed_costs_what_its_evidence_lacks():
+    """The integral of prior times likelihood over all speeds, by quadrature."""
+
+    def prior(speed):
+        return np.exp(speed_prior(fitted(None, [], speed=speed)))
+
+    whole = quad(lambda x: prior(np.exp(x)) * np.exp(x), np.log(0.26), np.log(1e6),
+                 limit=300)[0]  # fmt: skip
+    for speed, std in ((5.0, 0.3), (30.0, 2.0), (110.0, 8.0)):
+        one = fitted(None, [], speed=speed)
+        one.covariance = np.full((1, 4, 4), std**2)
+        seen = quad(lambda v, at=speed, sd=std: prior(v) * np.exp(-0.5 * ((v - at) / sd) ** 2),
+                    speed - 6 * std, speed + 6 * std)[0]  # fmt: skip
+        assert cost_of_speed(one) == pytest.approx(-np.log(seen / whole), abs=0.06)
+    assert cost_of_speed(one) > 5.0
 
 
 def test_a_size_that_the_fit_does_not_determine_is_no_evidence():

@@ -68,6 +68,10 @@ def test_sound_in_air_is_no_passage_in_water():
     in_water, in_air = (passage_of(measured(ratio), one) for one in (WATER, AIR))
     assert "--sound-speed-mps 343" in check_known_sounds(in_water, None).doubt
     assert not check_known_sounds(in_air, None).doubt
+    covariance = in_water.fit.covariance.copy()
+    covariance[0, 2, 2] = 40.0**2  # two deviations below it lies what may be told
+    unsure = replace(in_water, fit=replace(in_water.fit, covariance=covariance))
+    assert check_known_sounds(unsure, None).doubt
     slow = passage_of(measured(RATIO), WATER)
     assert slow.fit.theta[0, 2] > 80.0
     assert not check_known_sounds(slow, None).doubt

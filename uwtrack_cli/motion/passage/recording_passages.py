@@ -64,11 +64,13 @@ from uwtrack_cli.motion.passage.moving_lines import (
     lines_together,
     stretch_of,
 )
+from uwtrack_cli.motion.passage.readings.change_priors import cost_of_speed
 from uwtrack_cli.motion.passage.source_separation import separate_sources
 
 SMALLEST_LINE_GAIN = 5.0
 """Gain in log-likelihood by which the lines of a contact must follow a passage that
-the broadband has shown."""
+the broadband has shown, beside the logarithm of the number of contacts that may do so by
+chance."""
 
 
 LEAST_LEVEL_GAIN = 3.0
@@ -404,7 +406,7 @@ def _with_lines(
     terms: SearchTerms,
 ) -> CandidatePassage:
     """Add the lines that follow a passage which the broadband has shown."""
-    best, gain = alone, SMALLEST_LINE_GAIN
+    best, gain = alone, SMALLEST_LINE_GAIN + np.log(max(len(contacts), 1))
     if lines is None:
         return alone
     for contact in contacts:
@@ -418,13 +420,28 @@ def _with_lines(
             continue
         # a gear that is changed in the middle of the rise is no Doppler shift
         ratio = joint.likelihood_ratio
-        own_gain = ratio.doppler_over_break if terms.medium.is_air else ratio.doppler
+        own_gain = ratio.doppler_over_break
+        if not terms.medium.is_air:
+            own_gain = _gain_of_line(joint, alone)
         if own_gain > gain:
             best = check_in_air(_checked(joint, lines, terms), alone)
             gain = own_gain
     # a line that follows by chance must not spoil what the broadband has shown
     spoils = _is_passage(alone, terms.limits) and not _is_passage(best, terms.limits)
     return alone if spoils else best
+
+
+def _gain_of_line(joint: CandidatePassage, alone: CandidatePassage) -> float:
+    """Return what speaks for a line that follows a passage of the broadband, in nepers.
+
+    What its frequencies gain, less what the broadband loses by its passage, and what its
+    speed costs: noise that is followed moves as far as noise does, which hardly any vessel
+    does. Its own levels count where they do not follow the range.
+    """
+    ratio = joint.likelihood_ratio
+    lost = max(alone.likelihood_ratio.level - ratio.level, 0.0)
+    lost += max(alone.likelihood_ratio.bearing - ratio.bearing, 0.0)
+    return ratio.doppler - lost - cost_of_speed(joint.fit) + min(ratio.line_level, 0.0)
 
 
 def _with_broadband(

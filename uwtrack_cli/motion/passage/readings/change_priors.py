@@ -20,6 +20,8 @@ MacKay (2003), Information Theory, ch. 28 (Laplace's method, Occam factors); O'H
 (1979), J. R. Statist. Soc. B 41, 358 (priors that give way to outliers).
 """
 
+from math import lgamma
+
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
@@ -42,6 +44,12 @@ VESSEL_MPS, VESSEL_STD_MPS = 5.5, 3.5
 
 TAIL_FREEDOM = 3.0
 """Degrees of freedom of that prior's tails."""
+
+SPEED_MASS = float(
+    0.5 * np.log(np.pi * TAIL_FREEDOM * np.log1p((VESSEL_STD_MPS / VESSEL_MPS) ** 2))
+    + lgamma(0.5 * TAIL_FREEDOM) - lgamma(0.5 * (TAIL_FREEDOM + 1))
+)  # fmt: skip
+"""Logarithm of the integral of `speed_prior`."""
 
 SIZES = {
     STEP: (1e-4, 5e-2),
@@ -78,6 +86,26 @@ def speed_prior(fit: PassageFit) -> float:
     lag = (logarithm - middle) ** 2 / square
     tail = 0.5 * (TAIL_FREEDOM + 1) * np.log1p(lag / TAIL_FREEDOM)
     return float(-tail - logarithm)
+
+
+def cost_of_speed(fit: PassageFit) -> float:
+    """Return what a measured speed costs: its prior over its posterior density.
+
+    Parameters
+    ----------
+    fit
+        Fit of one row with lines.
+
+    Returns
+    -------
+    float
+        Nepers, zero or more; infinite where the fit does not determine the speed.
+    """
+    variance = float(fit.covariance[0, 2, 2])
+    if not (np.isfinite(variance) and variance > 0):
+        return float("inf")
+    density = speed_prior(fit) - SPEED_MASS
+    return float(max(-density - 0.5 * np.log(2 * np.pi * variance), 0.0))
 
 
 def cost_of_change(fit: PassageFit, time_s: FloatArray) -> float:

@@ -22,7 +22,6 @@ is counted by calibration/still_readings.py.
 MacKay (2003), Information Theory, ch. 28 (Laplace's method, Occam factors).
 """
 
-from math import lgamma
 from typing import NamedTuple
 
 import numpy as np
@@ -42,9 +41,7 @@ from uwtrack_cli.motion.passage.model.measurements import Blocks
 from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP
 from uwtrack_cli.motion.passage.readings.change_priors import (
     SIZES,
-    TAIL_FREEDOM,
-    VESSEL_MPS,
-    VESSEL_STD_MPS,
+    SPEED_MASS,
 )
 
 COLOUR_COST = 3.0
@@ -63,12 +60,6 @@ CONTRAST = 8
 
 SPEED_STD_MPS = 10.0
 """Deviation of the speed before it is measured, for the volume of what is left of it."""
-
-SPEED_MASS = float(
-    0.5 * np.log(np.pi * TAIL_FREEDOM * np.log1p((VESSEL_STD_MPS / VESSEL_MPS) ** 2))
-    + lgamma(0.5 * TAIL_FREEDOM) - lgamma(0.5 * (TAIL_FREEDOM + 1))
-)  # fmt: skip
-"""Logarithm of the integral of `speed_prior`."""
 
 N_ROUNDS = 4
 """Rounds that tell the constants of the lines from what they share."""
