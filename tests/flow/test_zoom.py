@@ -9,14 +9,13 @@ from tests.flow.auto_scores import car, car_by_auto, passages
 from tests.flow.made_encounters import encounters_of
 from tests.motion.test_sub_bands import TIME, levels_of
 from tests.support import recording_of, white_noise
-from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.encounters import MAINS, TOO_FAST, Encounters
 from uwtrack_cli.data.recording import HeldSamples
 from uwtrack_cli.data.rises import Rises
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.zoom import zoom_in
-from uwtrack_cli.motion.passage.checks.known_sounds import TOO_FAST
 
 
 def encounters_in(made):
@@ -119,16 +118,18 @@ def test_what_is_too_fast_for_water_is_told_where_nothing_passes(monkeypatch):
     look = replace(
         encounters_of(), refused_contact=np.array([2]), refused_sensor=np.array(["h1"]),
         refused_from_s=np.array([9.0]), refused_to_s=np.array([11.0]),
-        refused_reason=np.array([f"its lines tell 149 m/s, {TOO_FAST}"]),
+        refused_reason=np.array(["149 m/s"]), refused_code=np.array([TOO_FAST]),
         refused_reading=np.array([""]), refused_reading_weight=np.array([np.nan]),
         refused_rival=np.array([""]), refused_rival_weight=np.array([np.nan]),
     )  # fmt: skip
     monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: look)
     asked = {"recording": recording, "recipes": ["vessel"]}
-    with pytest.warns(UwtrackWarning, match="149 m/s.*--sound-speed-mps 343"):
+    with pytest.warns(UwtrackWarning, match="a passage that is none: 149 m/s"):
         zoom_in([encounters_of()], rises, **asked)
     known = {"time_s": 50.0, "range_over_speed_s": 1.0, "status": "ok"}
     zoom_in([encounters_of(known)], rises, **asked)  # warnings are errors
+    look = replace(look, refused_code=np.array([MAINS]))
+    zoom_in([encounters_of()], rises, **asked)
 
 
 @pytest.mark.parametrize(("ratio", "n_found"), [(20.0, 1), (1.0, 0)])

@@ -7,6 +7,7 @@ import pytest
 
 from tests.motion.passage_truth import Scene, received, true_motion
 from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.data.encounters import TOO_FAST
 from uwtrack_cli.motion.passage.candidates import examine
 from uwtrack_cli.motion.passage.checks.air_checks import check_in_air
 from uwtrack_cli.motion.passage.checks.known_sounds import (
@@ -66,7 +67,9 @@ def test_sound_in_air_is_no_passage_in_water():
                  sound_speed_mps=343.0)  # fmt: skip
     ratio = received(fast, TIME, true_motion(fast))[0]
     in_water, in_air = (passage_of(measured(ratio), one) for one in (WATER, AIR))
-    assert "--sound-speed-mps 343" in check_known_sounds(in_water, None).doubt
+    refused = check_known_sounds(in_water, None)
+    assert "--sound-speed-mps 343" in refused.doubt
+    assert refused.doubt_code == TOO_FAST
     assert not check_known_sounds(in_air, None).doubt
     covariance = in_water.fit.covariance.copy()
     covariance[0, 2, 2] = 40.0**2  # two deviations below it lies what may be told

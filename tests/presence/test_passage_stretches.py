@@ -65,6 +65,7 @@ def passage(*refused):
         refused_from_s=np.array(begin, float),
         refused_to_s=np.array(end, float),
         refused_reason=np.array(reason, np.str_),
+        refused_code=np.full(len(refused), ""),
         refused_reading=np.array([STILL.get(one, "") for one in reason], np.str_),
         refused_reading_weight=np.array([WEIGHT.get(one, np.nan) for one in contact]),
         refused_rival=np.full(len(refused), "constant"),

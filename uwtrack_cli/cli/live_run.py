@@ -188,17 +188,17 @@ def run_live(
 
 def _say_disturbances(reader: LiveSource, recording: Recording) -> None:
     """Warn of what disturbed the sound, the first of each kind; whole sound is told."""
-    from uwtrack_cli.files.audio.live_reader import LiveReader
+    from uwtrack_cli.files.audio.live_reader import DisturbanceKind, LiveReader
 
     if not isinstance(reader, LiveReader):
         return
-    found: dict[str, list[str]] = {}
+    found: dict[DisturbanceKind, list[str]] = {}
     for gap in reader.take_disturbances():
         if gap.is_over and gap.n_samples < reader.n_samples:
             rate_hz = recording.sample_rate_hz
             lasted = f" for {gap.n_samples / rate_hz:g} s" if gap.n_samples else ""
             text = f"{gap.reason}{lasted} at {gap.start_sample / rate_hz:g} s"
-            found.setdefault(gap.reason.split(" for ")[0], []).append(text)
+            found.setdefault(gap.kind, []).append(text)
     for first, *others in found.values():
         more = f", and {len(others)} times more" if others else ""
         warn(f"{recording.name}: {first}{more}.", UwtrackWarning, stacklevel=3)

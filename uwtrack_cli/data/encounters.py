@@ -19,6 +19,9 @@ from uwtrack_cli.data.base import (
     scalar,
 )
 
+TOO_FAST, MAINS = "too-fast", "mains"
+"""What refuses a passage, as a code: nothing in water is as fast; its lines are mains."""
+
 
 class StillContact(NamedTuple):
     """A contact that is not told to pass, and what it is read as."""
@@ -212,6 +215,10 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_from_s: FloatArray | None = column("First measurement of it.", "refusal")
     refused_to_s: FloatArray | None = column("Last measurement of it.", "refusal")
     refused_reason: TextArray | None = column("Why it is no passage.", "refusal")
+    refused_code: TextArray | None = column(
+        "What refuses it where something else is to be said then: 'too-fast' or "
+        "'mains'; empty for all other reasons.", "refusal",
+    )  # fmt: skip
     refused_reading: TextArray | None = column(
         "What it is read as where nothing passes: 'constant', 'machinery' or 'joined', "
         "or a passage that noise alone gives, too; empty for one that was refused.",
@@ -257,6 +264,12 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
             for one, name in zip(every, self.refused_reading, strict=True)
             if not name
         ]
+
+    def refused_as(self, code: str) -> list[str]:
+        """Return the reasons of what is refused by one code, such as `TOO_FAST`."""
+        if self.refused_code is None or self.refused_reason is None:
+            return []
+        return list(map(str, self.refused_reason[self.refused_code == code]))
 
     def still(self) -> list[StillContact]:
         """Return the contacts that are not told to pass, with what they are read as."""

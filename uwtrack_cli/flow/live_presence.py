@@ -70,6 +70,16 @@ class _Told:
     """How often it was told anew."""
     is_final: bool = False
     """Whether later sound cannot change it."""
+    is_withdrawn: bool = False
+    """Whether more sound has not confirmed it."""
+
+    def withdraw(self) -> None:
+        """Tell it as something that is not known."""
+        reasons = {**self.row["reasons"], "encounter": NOT_CONFIRMED}
+        self.row = {
+            **self.row, "kind": UNKNOWN, "encounter": None, "reasons": reasons
+        }  # fmt: skip
+        self.is_withdrawn = True
 
 
 class LivePresence:
@@ -126,7 +136,7 @@ class LivePresence:
             if now_s - told.row["to_s"] >= OVER_S:
                 told.is_final = True
                 if row is None:
-                    told.row = _withdrawn(told.row)
+                    told.withdraw()
                 self._revise(told)
 
     def finish(self, rows: Sequence[Event]) -> None:
@@ -141,8 +151,8 @@ class LivePresence:
                 told.row = row
             elif any(_are_one(told.row, other) for other in rows):
                 row = told.row  # a part of a longer one
-            elif NOT_CONFIRMED not in told.row["reasons"].values():
-                told.row = _withdrawn(told.row)
+            elif not told.is_withdrawn:
+                told.withdraw()
                 was_final = False
             if not was_final or (row is not None and _is_news(row, told.said)):
                 self._revise(told)
@@ -281,8 +291,3 @@ def _paired(rows: Sequence[Event], known: Sequence[_Told]) -> list[tuple[_Told, 
             taken[0].add(k)
             taken[1].add(n)
     return found
-
-
-def _withdrawn(row: Event) -> Event:
-    reasons = {**row["reasons"], "encounter": NOT_CONFIRMED}
-    return {**row, "kind": UNKNOWN, "encounter": None, "reasons": reasons}

@@ -28,7 +28,7 @@ import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import BoolArray
-from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.encounters import TOO_FAST, Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.recording import HeldSamples, Recording
@@ -40,7 +40,6 @@ from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.competition import LEVEL_ONLY, compete
 from uwtrack_cli.motion.explained_lines import unexplained
-from uwtrack_cli.motion.passage.checks.known_sounds import TOO_FAST
 from uwtrack_cli.motion.passage.checks.sub_bands import agreement
 from uwtrack_cli.motion.passage.checks.usual_rises import stands_out
 
@@ -119,7 +118,7 @@ def zoom_in(
     known = compete(first, longer, taken, keeps_first=True)
     own = known.of_sensor(recording.sensor.id)
     found: list[Encounters] = []
-    refused = [reason for *_, reason in known.refusals()]
+    too_fast = known.refused_as(TOO_FAST)
     missed_s: list[float] = []
     for number, graph in enumerate(graphs):
         looked = rises if rises is None else _seen(rises, is_first=number == 0)
@@ -130,13 +129,12 @@ def zoom_in(
                 continue
             table = _passages(part, graph)
             if table is not None:
-                refused += [reason for *_, reason in table.refusals()]
+                too_fast += table.refused_as(TOO_FAST)
                 placed = _placed(table, start_s, stop_s, recording)
                 found.append(_risen(placed, own, rises, levels))
     if missed_s:
         _warn_of_missed(missed_s, recording)
     told = compete(own, found, taken)
-    too_fast = [reason for reason in refused if TOO_FAST in reason]
     if too_fast and not told.n_encounters:  # lines of the look are in no other table
         msg = f"{recording.name} has a passage that is none: {too_fast[0]}."
         warnings.warn(msg, UwtrackWarning, stacklevel=2)

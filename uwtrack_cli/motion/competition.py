@@ -177,6 +177,7 @@ def _exchanged(
         refused_from_s=(kept.time_s - kept.range_over_speed_s)[told],
         refused_to_s=(kept.time_s + kept.range_over_speed_s)[told],
         refused_reason=np.array([losers[k] for k in told], np.str_),
+        refused_code=np.full(len(told), ""),
         refused_reading=np.full(len(told), ""),
         refused_reading_weight=np.full(len(told), np.nan),
         refused_rival=np.full(len(told), ""),

@@ -199,7 +199,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         if turned is None:
             rows.append(row)
         else:
-            refusals.append(_refused(item, turned))
+            refusals.append(_refused(item, turned, ""))
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     refusals += [still_contact(one) for one in still]
     return make_encounters(rows, refusals, context)
@@ -311,7 +311,8 @@ def _row(
     """Turn a candidate into a row, or say why it is no passage."""
     contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
-    reason = not_a_passage(fit, candidate.blocks, limits) or candidate.doubt or None
+    not_passing = not_a_passage(fit, candidate.blocks, limits)
+    reason = not_passing or candidate.doubt or None
     wider = consider_directivity(fit, candidate.blocks)
     row = passage_row(contact, wider, context, candidate.line_ids)
     if candidate.reading.name == TWO_TARGETS and not candidate.data.bearing_deg.size:
@@ -323,7 +324,7 @@ def _row(
     if row.status == LEVEL_ONLY and levels is not None:
         reason = reason or ask_the_parts(candidate, levels).doubt or None
     if reason is not None:
-        return _refused(candidate, reason)
+        return _refused(candidate, reason, "" if not_passing else candidate.doubt_code)
     if candidate.blocks.shift.is_empty:  # it was not read with any lines
         reading = read_passage(fit, candidate.blocks)[1]
         candidate = replace(candidate, reading=reading)
@@ -334,6 +335,8 @@ def _row(
     return row
 
 
-def _refused(candidate: CandidatePassage, reason: str) -> Refusal:
+def _refused(candidate: CandidatePassage, reason: str, code: str) -> Refusal:
     time = candidate.blocks.time_s
-    return Refusal(candidate.contacts[0], float(time[0]), float(time[-1]), reason)
+    return Refusal(
+        candidate.contacts[0], float(time[0]), float(time[-1]), reason, code=code
+    )

@@ -10,6 +10,7 @@ the meantime, so nothing is put in its place.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from warnings import warn
 
 import numpy as np
@@ -37,12 +38,27 @@ TRAILING_BYTES = 1 << 16
 """More bytes than this after the promised end are told: they are no usual chunk."""
 
 
+class DisturbanceKind(Enum):
+    """Kinds of what disturbs the sound."""
+
+    LOST = auto()
+    """Samples that are no number."""
+    UNCHANGED = auto()
+    """Sound that does not change."""
+    STALL = auto()
+    """A pause in which no sound came."""
+    CLOCK_JUMP = auto()
+    """A jump of the computer's clock."""
+
+
 @dataclass(frozen=True)
 class Disturbance:
     """Something that disturbs the sound."""
 
+    kind: DisturbanceKind
+    """What it is."""
     reason: str
-    """What it is, in words."""
+    """The same in words."""
     start_sample: int
     """Where it begins, in samples from the first."""
     n_samples: int
@@ -85,8 +101,10 @@ class LiveReader:
 
     def __post_init__(self) -> None:
         """Begin to look for what disturbs the sound."""
-        self._missing = _Run("the samples are no number", 0.0)
-        self._unchanged = _Run("the sound does not change", UNCHANGED_S)
+        self._missing = _Run(DisturbanceKind.LOST, "the samples are no number", 0.0)
+        self._unchanged = _Run(
+            DisturbanceKind.UNCHANGED, "the sound does not change", UNCHANGED_S
+        )
         self._taken = 0
         self._is_cut = False
         self._start = self.stream.n_bytes + self.first * self.header.frame_bytes
@@ -210,10 +228,13 @@ class LiveReader:
         for run, flags in ((self._missing, is_lost), (self._unchanged, is_same)):
             self.disturbances += run.add(self.n_samples, flags, rate_hz)
         for stall_s in self._emptied(self.stream.stalls_s):
-            self._note_moment(f"no sound came for {stall_s:.1f} s")
+            self._note_moment(
+                DisturbanceKind.STALL, f"no sound came for {stall_s:.1f} s"
+            )
         for jump_s in self._emptied(self.stream.clock_jumps_s):
             self._note_moment(
-                f"the computer's clock jumped by {jump_s:+.1f} s; times count samples"
+                DisturbanceKind.CLOCK_JUMP,
+                f"the computer's clock jumped by {jump_s:+.1f} s; times count samples",
             )
 
     def _emptied(self, noted: list[float]) -> list[float]:
@@ -221,8 +242,8 @@ class LiveReader:
         noted.clear()
         return found
 
-    def _note_moment(self, reason: str) -> None:
-        self.disturbances.append(Disturbance(reason, self.n_samples, 0, True))
+    def _note_moment(self, kind: DisturbanceKind, reason: str) -> None:
+        self.disturbances.append(Disturbance(kind, reason, self.n_samples, 0, True))
 
     def _finish(self, tally: Tally) -> None:
         for run in (self._missing, self._unchanged):
@@ -275,8 +296,8 @@ def _is_text(content: bytes) -> bool:
 class _Run:
     """Samples in a row of which something is true."""
 
-    def __init__(self, reason: str, least_s: float) -> None:
-        self.reason = reason
+    def __init__(self, kind: DisturbanceKind, reason: str, least_s: float) -> None:
+        self.kind, self.reason = kind, reason
         self.least_s = least_s
         self.start = self.count = self.told = 0
 
@@ -296,12 +317,12 @@ class _Run:
         least = max(self.least_s, UNCHANGED_S) * rate_hz
         if not self.told and self.count >= least:
             self.told = 1
-            yield Disturbance(self.reason, self.start, self.count, False)
+            yield Disturbance(self.kind, self.reason, self.start, self.count, False)
         if at[-1] + 1 < flags.size:
             yield from self.finish(rate_hz)
 
     def finish(self, rate_hz: float) -> Iterator[Disturbance]:
         """End the run; return it if it was long enough."""
         if self.count and self.count >= self.least_s * rate_hz:
-            yield Disturbance(self.reason, self.start, self.count, True)
+            yield Disturbance(self.kind, self.reason, self.start, self.count, True)
         self.count = self.told = 0

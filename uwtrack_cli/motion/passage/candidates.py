@@ -112,6 +112,8 @@ class CandidatePassage:
     """Misfit of its lines: see `fit_checks`; nan if it was not checked."""
     doubt: str = ""
     """What speaks against the passage; empty if nothing does."""
+    doubt_code: str = ""
+    """What that is, as a code of `Encounters`; empty for all other doubts."""
     reading: Reading = STRAIGHT_READING
     """How its measurements are read."""
 

@@ -152,6 +152,8 @@ class Refusal(NamedTuple):
     """The next reading; empty if it has less than 5 %."""
     rival_weight: float = np.nan
     """Its probability; 0 without one."""
+    code: str = ""
+    """What refuses it, as a code of `Encounters`; empty for all other reasons."""
 
 
 @dataclass
@@ -584,6 +586,7 @@ def make_encounters(
         refused_from_s=np.array([one.from_s for one in refusals], float),
         refused_to_s=np.array([one.to_s for one in refusals], float),
         refused_reason=np.array([one.reason for one in refusals], dtype=np.str_),
+        refused_code=np.array([one.code for one in refusals], dtype=np.str_),
         refused_reading=np.array([one.reading for one in refusals], dtype=np.str_),
         refused_reading_weight=np.array([one.weight for one in refusals], float),
         refused_rival=np.array([one.rival for one in refusals], dtype=np.str_),

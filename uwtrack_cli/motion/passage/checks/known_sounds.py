@@ -18,6 +18,7 @@ import numpy as np
 
 from uwtrack_cli.constants import MAINS_HZ, MAINS_REACH_HZ, MAINS_TOLERANCE
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.encounters import MAINS, TOO_FAST
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.encounter_rows import SMALLEST_SPEED_DEVIATIONS
@@ -25,9 +26,6 @@ from uwtrack_cli.motion.passage.encounter_rows import SMALLEST_SPEED_DEVIATIONS
 FASTEST_MPS = 100.0
 """Speed that nothing in water has: one that is told must not lie above, however large its
 deviation, which grows with the speed where a line of noise is followed."""
-
-TOO_FAST = "and nothing in water is as fast; sound in air needs --sound-speed-mps 343"
-"""What is said of one that is faster."""
 
 SHARE = 0.95
 """Share of the points of a line that must lie within it."""
@@ -52,14 +50,21 @@ def check_known_sounds(item: CandidatePassage, lines: Lines | None) -> Candidate
     speed, deviation = float(fit.theta[0, 2]), float(np.sqrt(fit.covariance[0, 2, 2]))
     is_told = speed > SMALLEST_SPEED_DEVIATIONS * deviation
     if fit.medium.is_water and is_told and speed > FASTEST_MPS:
-        return replace(item, doubt=f"its lines tell {speed:.3g} m/s, {TOO_FAST}")
+        return replace(
+            item,
+            doubt=f"its lines tell {speed:.3g} m/s, and nothing in water is as fast; "
+            "sound in air needs --sound-speed-mps 343",
+            doubt_code=TOO_FAST,
+        )
     if lines is None:
         return item
     mains_hz = mains_of([lines.frequency_hz[lines.line == n] for n in item.line_ids])
     if mains_hz is None:
         return item
     return replace(
-        item, doubt=f"its lines are multiples of {mains_hz:g} Hz: mains that wander"
+        item,
+        doubt=f"its lines are multiples of {mains_hz:g} Hz: mains that wander",
+        doubt_code=MAINS,
     )
 
 
