@@ -94,13 +94,15 @@ def test_the_gains_of_the_search_are_those_of_least_squares(passes):
         assert floor[k] == search.FLOORS[int(np.argmax(fits))]
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-12])
 @pytest.mark.parametrize("kind", [STEP, RAMP])
-def test_passages_beside_changes_are_those_of_least_squares_over_all_pairs(kind):
-    """A step leaves out the cell in which it lies."""
+def test_passages_beside_changes_are_those_of_least_squares_over_all_pairs(kind, unit):
+    """A step leaves out the cell in which it lies; weights have any unit."""
     rng = np.random.default_rng(2)
     data, medium = coarse(rng), Medium(SOUND_MPS, 12.0)
+    data = replace(data, shift_weight=unit * data.shift_weight)
     grid = search._grid(data.time)
-    others = rng.uniform(0.0, 3.0, grid.time.size)
+    others = unit * rng.uniform(0.0, 3.0, grid.time.size)
     floor = np.full(grid.time.size, -6.0)
     instants = np.linspace(*data.time[[3, -4]], 9)
     sign = np.where(np.arange(9) % 2, 1.0, -1.0) if kind == RAMP else np.ones(9)

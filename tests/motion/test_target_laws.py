@@ -1,5 +1,6 @@
 """The misfit of target motion against a model of its own, differenced and written out."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -130,6 +131,28 @@ def _cauchy(square):
 
 def _plain(square):
     return np.stack([square, np.ones_like(square), np.zeros_like(square)])
+
+
+def test_motion_and_rest_frequencies_do_not_depend_on_the_unit_of_deviations():
+    """A misfit goes with the square of the unit, and nothing else changes."""
+    _, problem = made(KINDS[0])
+    wide = replace(
+        problem, bearing_weight=1e-4 * problem.bearing_weight,
+        frequency_weight=1e-4 * problem.frequency_weight,
+    )  # fmt: skip
+    plain, other = misfit(problem, STATE[None]), misfit(wide, STATE[None])
+    np.testing.assert_allclose(other.rest_hz, plain.rest_hz, rtol=1e-9)
+    for name in ("value", "gradient", "matrix"):
+        scaled = 1e-8 * getattr(plain, name)
+        np.testing.assert_allclose(getattr(other, name), scaled, rtol=1e-7)
+    covariance = information(wide, STATE).covariance()
+    np.testing.assert_allclose(
+        covariance, 1e8 * information(problem, STATE).covariance(), rtol=1e-6
+    )
+    # far below its bend a robust loss is one of squares, its rest frequencies too
+    faint = misfit(replace(wide, loss="student"), STATE[None])
+    np.testing.assert_allclose(faint.value, other.value, rtol=1e-4)
+    np.testing.assert_allclose(faint.rest_hz, plain.rest_hz, rtol=1e-6)
 
 
 def covariance_of(rows, moves):

@@ -1,0 +1,439 @@
+"""Limits of motion on both sides, and what small sums give at points that are known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import chi2
+
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.estimation.robust import bisquare_weight
+from uwtrack_cli.motion.options import Nuisances
+from uwtrack_cli.motion.passage import candidates
+from uwtrack_cli.motion.passage.broadband_sum import (
+    BroadbandSeries,
+    KnownSources,
+    SourceFit,
+    alone,
+)
+from uwtrack_cli.motion.passage.candidates import (
+    LEAST_TURN_DEG,
+    RecordingSpan,
+    is_one,
+    not_a_passage,
+)
+from uwtrack_cli.motion.passage.checks import surface_image
+from uwtrack_cli.motion.passage.encounter_rows import _fit_levels
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
+    LEVELS_SHARE,
+    LikelihoodRatio,
+)
+from uwtrack_cli.motion.passage.fit.residual_noise import _loss
+from uwtrack_cli.motion.passage.model.measurements import PassageData, _averaged
+from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
+from uwtrack_cli.motion.solvers import hybrid
+from uwtrack_cli.motion.solvers.simplex import nelder_mead
+from uwtrack_cli.motion.target import joint_region, modes
+from uwtrack_cli.motion.target.model import to_motion
+from uwtrack_cli.motion.target.modes import Interval
+from uwtrack_cli.motion.target.observability import Information, assess
+from uwtrack_cli.motion.tma import _deviations
+
+
+def fit_of(time_s=100.0, width_s=10.0, std=(1.0, 1.0, 0.1, 2.0), bearing_deg=30.0):
+    return SimpleNamespace(
+        theta=np.array([[time_s, np.log(width_s), 5.0, -5.0]]),
+        range_over_speed_s=np.array([width_s]), bearing_deg=np.array([bearing_deg]),
+        covariance=np.diag(np.square(std))[None],
+    )  # fmt: skip
+
+
+def blocks_of(first_s, last_s, *, bearing=True):
+    """Measurements between two instants; times beyond them are not measured."""
+    time = np.linspace(-100.0, 300.0, 401)
+    weight = ((time >= first_s) & (time <= last_s))[None, None] * 1.0
+    nothing = SimpleNamespace(weight=0.0 * weight)
+    return SimpleNamespace(
+        time_s=time, shift=SimpleNamespace(weight=weight), level=nothing,
+        bearing=SimpleNamespace(weight=weight, is_empty=not bearing),
+    )  # fmt: skip
+
+
+SPAN = RecordingSpan(1.0, -100.0, 300.0)
+SLACK_S = 0.1 * 400.0 + 2.0
+
+
+@pytest.mark.parametrize(
+    ("fit", "extent", "span", "words"),
+    [
+        (fit_of(), (0.0, 200.0), SPAN, None),
+        (fit_of(std=(np.inf, 1, 1, 1)), (0.0, 200.0), SPAN, "time and width"),
+        (fit_of(), (0.0, 200.0), RecordingSpan(9.9, -100.0, 300.0), None),
+        (
+            fit_of(),
+            (0.0, 200.0),
+            RecordingSpan(10.1, -100.0, 300.0),
+            "shorter than the",
+        ),
+        (fit_of(std=(9.9, 1, 1, 1)), (0.0, 200.0), SPAN, None),
+        (fit_of(std=(10.1, 1, 1, 1)), (0.0, 200.0), SPAN, "too little"),
+        (fit_of(std=(1, 3.3, 1, 1)), (0.0, 200.0), SPAN, None),
+        (fit_of(std=(1, 3.4, 1, 1)), (0.0, 200.0), SPAN, "too little"),
+        # three tenths of d/v on either side, unless the recording itself ends there
+        (fit_of(), (97.0, 140.0), SPAN, None),
+        (fit_of(), (98.0, 140.0), SPAN, "begin at the closest approach"),
+        (fit_of(), (98.0, 140.0), RecordingSpan(1.0, 97.5, 300.0), None),
+        (fit_of(), (60.0, 103.0), SPAN, None),
+        (fit_of(), (60.0, 102.0), SPAN, "end at the closest approach"),
+        (fit_of(), (60.0, 102.0), RecordingSpan(1.0, -100.0, 102.5), None),
+        # which ends there within a tenth of its length and two frames
+        (fit_of(), (98.0, 140.0), RecordingSpan(1.0, 70.0, 300.0), "begin at"),
+        (fit_of(), (98.0, 140.0), RecordingSpan(1.0, 76.0, 300.0), None),
+        (fit_of(), (60.0, 102.0), RecordingSpan(1.0, -100.0, 140.0), "end at"),
+        (fit_of(), (60.0, 102.0), RecordingSpan(1.0, -100.0, 123.0), None),
+        # as far beyond either end as d/v is long
+        (fit_of(time_s=151.0), (60.0, 142.0), SPAN, "end at"),
+        (fit_of(time_s=153.0), (60.0, 142.0), SPAN, "far outside"),
+        (fit_of(time_s=51.0), (60.0, 142.0), SPAN, "begin at"),
+        (fit_of(time_s=49.0), (60.0, 142.0), SPAN, "far outside"),
+    ],
+)
+def test_a_passage_is_measured_on_both_sides_and_longer_than_a_frame(
+    fit, extent, span, words
+):
+    found = not_a_passage(fit, blocks_of(*extent), span)
+    assert found is None if words is None else words in found
+
+
+@pytest.mark.parametrize(("half_deg", "expected"), [(14.0, True), (16.0, False)])
+def test_a_passage_turns_the_line_of_sight_by_thirty_degrees(half_deg, expected):
+    half_s = 100.0 * np.tan(np.radians(half_deg))
+    found = not_a_passage(
+        fit_of(width_s=100.0), blocks_of(100.0 - half_s, 100.0 + half_s), SPAN
+    )
+    assert LEAST_TURN_DEG == 30.0
+    assert ("line of sight turns" in (found or "")) is expected
+
+
+@pytest.mark.parametrize(
+    ("change", "bearing", "expected"),
+    [
+        ({}, True, True), ({"time_s": 102.4}, True, True), ({"time_s": 102.6}, True, False),
+        ({"time_s": 97.6}, True, True), ({"time_s": 97.4}, True, False),
+        # four deviations of both, or a quarter
+        ({"width_s": 15.6}, True, True), ({"width_s": 15.7}, True, False),
+        ({"width_s": 4.4}, True, True), ({"width_s": 4.3}, True, False),
+        ({"bearing_deg": 44.0}, True, True), ({"bearing_deg": 45.0}, True, False),
+        ({"bearing_deg": 45.0}, False, True), ({"bearing_deg": 376.0}, True, True),
+    ],
+)  # fmt: skip
+def test_passages_are_one_within_four_deviations_or_a_quarter(
+    change, bearing, expected
+):
+    pair = [
+        SimpleNamespace(
+            fit=fit_of(**told), blocks=blocks_of(0.0, 200.0, bearing=bearing)
+        )
+        for told in ({}, change)
+    ]
+    assert is_one(*pair) is expected
+    assert candidates.SAME_DEVIATIONS == 4.0
+
+
+@pytest.mark.parametrize("line_level", [-5.0, 0.0, 1.0, 1e3])
+@pytest.mark.parametrize("off", [-0.01, 0.01])
+def test_levels_of_lines_add_up_to_their_share_of_the_threshold(line_level, off):
+    threshold = 12.0
+    counted = min(max(line_level, 0.0), LEVELS_SHARE * threshold)
+    for name in ("doppler", "over_line", "over_break"):
+        gains = {"doppler": 50.0, "bearing": 0.0, "level": 0.0, "over_line": 50.0,
+                 "over_break": 50.0}  # fmt: skip
+        gains[name] = threshold - counted + off
+        found = LikelihoodRatio(**gains, threshold=threshold, line_level=line_level)
+        assert found.is_passage is (off > 0)
+    parts = LikelihoodRatio(1.0, 2.0, 4.0, 8.0, 16.0, 1.0)
+    assert parts.total == 7.0
+    assert parts.doppler_over_break == 10.0
+
+
+def test_tukeys_loss_is_the_integral_of_its_weight():
+    deviation = np.array([[0.0, 1.0, -3.0], [2.0, 4.6, 8.0]])
+
+    def integral(end):
+        return quad(lambda z: z * bisquare_weight(np.array([z]))[0], 0.0, abs(end))[0]
+
+    expected = [sum(integral(one) for one in row) for row in deviation]
+    np.testing.assert_allclose(_loss(deviation), expected, rtol=1e-6)
+
+
+def test_turns_of_a_batch_are_those_of_each_alone():
+    """Turns by nothing beside one passage share their times of emission, others do not."""
+    time = np.linspace(0.0, 600.0, 40)
+    motions = np.array([[300.0, np.log(30.0), 6.0], [280.0, np.log(60.0), 9.0]])
+    turns = [(0.0, 60.0, 320.0), (0.9, 90.0, 310.0), (-0.4, 40.0, 280.0)]
+    for one in (motions[[0, 1]], motions[[0, 0]]):
+        for pair in (turns[:1] * 2, turns[1:], turns[:2]):
+            for depth in (np.array([10.0, 10.0]), np.array([10.0, 60.0])):
+                both = with_steady_turn(
+                    time, one, SteadyTurn(*np.array(pair).T), 1500.0, depth
+                ).rows
+                for row in range(2):
+                    own = with_steady_turn(
+                        time, one[[row]], SteadyTurn(*np.array(pair[row])[:, None]),
+                        1500.0, depth[[row]],
+                    ).rows[0]  # fmt: skip
+                    np.testing.assert_allclose(both[row], own, atol=1e-10)
+
+
+def test_what_is_left_of_a_sum_is_the_source_that_is_not_yet_in_it():
+    time = np.linspace(0.0, 100.0, 41)
+    theta = np.array([0.2, 1.0, 30.0, np.log(8.0), 1.5, 0.4])
+    x, y = (time - 30.0) / 8.0, (time - 60.0) / 12.0
+    first = np.exp(1.5) / (1 + x**2) * np.exp(1j * (0.4 + np.arctan(x)))
+    other = 3.0 / (1 + y**2) * np.exp(1j * (2.0 - np.arctan(y)))
+    whole = np.exp(0.2) + np.abs(first) + np.abs(other)
+    # directions weigh by the power over the background
+    vector = (whole - np.exp(0.2)) * np.exp(1j * np.angle(first + other))
+    sound = BroadbandSeries(
+        time, np.log(whole), np.full(41, 0.1), np.angle(vector), np.full(41, 0.05)
+    )
+    nothing = KnownSources(np.zeros((0, 41)), np.zeros((0, 41)))
+    left = alone(SourceFit(theta, np.ones(1), 0.0, 0), None, sound, nothing)
+    explained = np.exp(0.2) + np.abs(first)
+    np.testing.assert_allclose(left.power, 0.2 + np.log(whole / explained))
+    rest = vector - first
+    np.testing.assert_allclose(np.exp(1j * (left.bearing - np.angle(rest))), 1.0)
+    error = np.hypot(np.abs(vector) * 0.05, whole * 0.1) / np.abs(rest)
+    np.testing.assert_allclose(left.bearing_std, np.where(error < 1, error, np.nan))
+    assert np.isnan(left.bearing_std).any()
+
+
+@pytest.mark.parametrize("n_far", [0, 1])
+def test_levels_of_vessels_over_a_background_are_taken_apart(n_far):
+    """Of exact sums; what passes outside the recording has its loudest frame to start."""
+    time = np.linspace(0.0, 400.0, 401)
+    closest = [120.0, 430.0 if n_far else 280.0]
+    spread = -np.log1p(((time - np.array(closest)[:, None]) / [[15.0], [20.0]]) ** 2)
+    level = 10 * np.log10(10**8.0 + np.exp(spread).T @ [10**11.0, 10**10.0])
+    found, std = _fit_levels(level, spread, time, 15.0)
+    np.testing.assert_allclose(found, [110.0, 100.0], atol=0.01)
+    assert std.max() < 0.1
+    assert np.isnan(_fit_levels(level[:7], spread[:, :7], time[:7], 15.0)[0]).all()
+
+
+def test_averages_of_a_long_series_are_weighted_means_and_bearings_go_round():
+    rng = np.random.default_rng(1)
+    time = np.arange(0.0, 100.0)
+    frequency = 50.0 + rng.standard_normal((2, 100))
+    frequency[1, 5:9] = np.nan
+    bearing = (358.0 + 8.0 * rng.standard_normal((1, 100))) % 360.0
+    std = rng.uniform(0.5, 2.0, (3, 100))
+    level = 80.0 + rng.standard_normal((1, 100))
+    data = PassageData(time, frequency, std[:2], bearing, std[2:], level, std[:1])
+    kept = np.arange(8, 93)
+    found = _averaged(data, kept, 20)
+    runs = [kept[k : k + 5] for k in range(0, 85, 5)]
+    np.testing.assert_allclose(found.time_s, [time[run].mean() for run in runs])
+    for k, run in enumerate(runs):
+        for row in range(2):
+            good = run[np.isfinite(frequency[row, run])]
+            weight = 1 / std[row, good] ** 2
+            mean = np.average(frequency[row, good], weights=weight)
+            assert found.frequency_hz[row, k] == pytest.approx(mean)
+            assert found.frequency_std_hz[row, k] == pytest.approx(weight.sum() ** -0.5)
+        weight = 1 / std[2, run] ** 2
+        unit = (weight * np.exp(1j * np.radians(bearing[0, run]))).sum()
+        off = found.bearing_deg[0, k] - np.degrees(np.angle(unit))
+        assert abs((off + 180.0) % 360.0 - 180.0) < 1e-9
+        assert 0.0 <= found.bearing_deg[0, k] < 360.0
+        assert found.bearing_std_deg[0, k] == pytest.approx(weight.sum() ** -0.5)
+
+
+def test_a_reflection_is_found_between_the_delays_that_are_tried_first():
+    u = np.linspace(-6.0, 6.0, 120)
+    law = 1 / (1 + u**2)
+    edges = np.array([[100.0 * k, 100.0 * (k + 1)] for k in range(2, 8)])
+    step_s = surface_image.DELAY_STEP / 800.0
+    for share in (0.6, -0.6):
+        image = surface_image.Image((12 + share) * step_s, 0.0, -0.6)
+        power = 1 + 30 * law * np.array([image.pattern(u, *pair) for pair in edges])
+        near = surface_image._beside(image._replace(delay_s=12 * step_s, strength=-0.8),
+                                     step_s)  # fmt: skip
+        parts = power, power, np.ones((1, 120))
+        found = surface_image._best(near, u, law, parts, edges)
+        assert found.delay_s == pytest.approx(image.delay_s, abs=0.35 * step_s)
+        assert found.strength == pytest.approx(-0.6, abs=0.11)
+
+
+def test_fringes_are_the_mean_of_a_band_of_waves():
+    """Two paths of a surface's image, averaged over frequency by a sum."""
+    u = np.linspace(-4.0, 4.0, 33)
+    for nearness in (0.0, 0.5):
+        image = surface_image.Image(0.004, nearness, -0.8)
+        if nearness:  # the image is farther by the root of its share of the range
+            way = np.sqrt(1 + u**2 + nearness) - np.hypot(1, u)
+            delay = 0.004 * way / way[16]
+        else:
+            delay = 0.004 / np.hypot(1, u)
+        f = np.linspace(300.0, 500.0, 2001)[:, None]
+        mean = (1 - 0.8 * np.cos(2 * np.pi * f * delay)).mean(axis=0)
+        np.testing.assert_allclose(image.pattern(u, 300.0, 500.0), mean, atol=2e-3)
+
+
+def test_what_is_left_of_the_parts_and_their_correlation_are_those_of_least_squares():
+    rng = np.random.default_rng(2)
+    power, usual = rng.uniform(1, 5, (2, 50)), rng.uniform(0.5, 2, (2, 50))
+    basis, columns = rng.uniform(0, 1, (2, 50)), rng.uniform(0, 1, (2, 3, 50))
+    left = surface_image.residuals(power, usual, basis, columns)
+    for part in range(2):
+        for k in range(3):
+            rows = np.stack([*basis, columns[part, k]], 1) / usual[part][:, None]
+            value = power[part] / usual[part]
+            found = np.linalg.lstsq(rows, value, rcond=None)[0]
+            if found[-1] < 0:
+                found = np.append(np.linalg.lstsq(rows[:, :2], value, rcond=None)[0], 0)
+            np.testing.assert_allclose(left[part, k], value - rows @ found, atol=1e-9)
+    long = rng.standard_normal(40_000)
+    for k in range(1, long.size):
+        long[k] = 0.6 * long[k - 1] + 0.8 * long[k]
+    # 1 + 2 (0.6 + 0.36 ...) = 4, less what lies below a twentieth
+    total = surface_image.correlation_sum(long, float(np.mean(long**2)))
+    assert total == pytest.approx(1 + 2 * sum(0.6**k for k in range(1, 6)), rel=0.06)
+    gain = surface_image.gain_of(2 * long[None], long[None])
+    assert gain == pytest.approx(0.5 * 40_000 / total * np.log(4.0))
+
+
+def test_a_simplex_rests_when_its_values_are_alike_for_their_size():
+    flat = nelder_mead(
+        lambda points, _: 1.0 + 1e-12 * (points**2).sum(1),
+        np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]),
+    )
+    assert flat.evaluations.tolist() == [3]
+
+
+def test_a_global_search_and_the_simplex_count_what_they_ask(monkeypatch):
+    asked = []
+
+    def bowl(_problem, state, rest_hz, _member):
+        asked.append(len(state))
+        away = state - [3000.0, 4000.0, 3.0, -4.0]
+        return (away**2).sum(1) / [1.0] + 0.0 * rest_hz.sum(1)
+
+    monkeypatch.setattr(hybrid, "misfit_value", bowl)
+    box = hybrid.Box(np.zeros(4), np.array([2e4, 2 * np.pi, 15.0, 2 * np.pi]))
+    rng = np.random.default_rng(3)
+    near = np.array([[-5050.0, np.arctan2(3, 4) + np.pi, 5.05, np.arctan2(3, -4)]])
+    for search, feedback in (("none", near), ("annealing", near)):
+        asked.clear()
+        found = hybrid.hybrid_search(
+            None, box, 1, rng, search=search, feedback=feedback
+        )
+        ours = to_motion(hybrid.to_solver(found.point))[0]
+        truth = [5000.0, np.arctan2(3, 4), 5.0, np.arctan2(3, -4)]
+        np.testing.assert_allclose(ours, truth, rtol=1e-3)
+        # of old solutions it asks once more
+        slack = 0 if search == "none" else 1
+        assert abs(int(found.evaluations[0]) - sum(asked)) <= slack
+    drawn = box.draw(4000, rng)
+    np.testing.assert_allclose(drawn.mean(axis=0), box.upper / 2, rtol=0.05)
+    assert np.all((drawn >= 0) & (drawn <= box.upper))
+
+
+TOLD = {"sound_speed_std_mps": 1.0, "compass_std_deg": 2.0, "position_std_m": 3.0,
+        "velocity_std_mps": 4.0}  # fmt: skip
+REPORTED = ("sound_speed_mps", "compass_deg", "own_position_m", "own_velocity_mps")
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_deviations_are_those_of_options_then_the_sensor_then_the_usual(moving):
+    sensor = Sensor(
+        id="a", compass_std_deg=20.0, navigation_position_std_m=30.0,
+        navigation_velocity_std_mps=40.0,
+    )  # fmt: skip
+    usual = _deviations(Nuisances(), None, moving, None).values()
+    own = _deviations(Nuisances(), sensor, moving, None).values()
+    assert list(own.values())[1:] == [20.0, 30.0, 40.0]
+    bare = _deviations(Nuisances(), Sensor(id="a"), moving, None).values()
+    for key in REPORTED[2:]:
+        assert bare[key] == usual[key]
+        assert (usual[key] > 0) is moving
+    for number, (name, value) in enumerate(TOLD.items()):
+        for one, other in ((sensor, own), (None, usual)):
+            found = _deviations(Nuisances(**{name: value}), one, moving, None).values()
+            expected = other | {REPORTED[number]: value}
+            assert found == expected
+
+
+def test_the_weakest_direction_is_a_deviation_along_it():
+    """Two weak unknowns of one direction: 12 % of 5000 m and -0.9 knots."""
+    direction = np.array([600.0, 0.0, -0.9 * 1852 / 3600, 0.0])
+    covariance = np.outer(direction, direction) + np.diag([1.0, 1e-4, 1e-6, 1e-4])
+    bread = np.linalg.inv(covariance)
+    found = Information(bread, bread, np.eye(4))
+    seen = assess(found, np.array([5000.0, 1.0, 5.0, 2.0]))
+    assert seen.rank == seen.n_parameters == 4
+    assert seen.observable.all()
+    words = dict(part.rsplit(" ", 2)[:2] for part in seen.weakest.split(", "))
+    assert float(words["range"]) == pytest.approx(12.0, rel=0.02)
+    assert float(words["speed"]) == pytest.approx(-0.9, rel=0.02)
+
+
+def test_an_interval_widens_about_its_centre():
+    assert Interval(2.0, 7.0, True, False).widened(4.0, 2.0) == Interval(
+        0.0, 10.0, True, False
+    )
+    assert Interval(2.0, 7.0, False, True).is_open
+    assert not Interval(2.0, 7.0, False, False).is_open
+
+
+@pytest.mark.parametrize(
+    ("stretch", "expected"), [(0.8, True), (1.05, True), (1.25, False), (0.35, False)]
+)
+def test_an_ellipse_holds_what_a_normal_likelihood_of_like_width_does(
+    monkeypatch, stretch, expected
+):
+    """It holds chi-square's share of 9.488 over the square; far narrower, few draws."""
+    if stretch > 0.5:
+        content = chi2.cdf(joint_region.QUANTILE / stretch**2, 4)
+        assert bool(content > 0.88) is expected
+    q = np.array([np.log(5000.0), 1.0, 3.0, 4.0])
+    std = np.array([20.0, 0.01, 0.05, 0.01])
+    centre = to_motion(q)
+
+    def normal(_, trial):
+        off = to_motion(trial) - centre
+        return SimpleNamespace(value=((off / (stretch * std)) ** 2).sum(1))
+
+    monkeypatch.setattr(joint_region, "misfit", normal)
+    assert joint_region.ellipse_holds(None, q, np.diag(std**2), 1.0) is expected
+    assert joint_region.ellipse_holds(None, q, np.diag(std**2), 1 / stretch**2) is True
+
+
+@pytest.mark.parametrize("empty", range(8))
+def test_levels_are_weighed_by_their_misfit_beside_either_of_the_other_kinds(
+    monkeypatch, empty
+):
+    monkeypatch.setattr(candidates, "level_misfit", lambda *_: 1e3)
+    kinds = [SimpleNamespace(is_empty=bool(empty & bit)) for bit in (1, 2, 4)]
+    blocks = SimpleNamespace(level=kinds[0], shift=kinds[1], bearing=kinds[2])
+    expected = not empty & 1 and empty & 6 != 6
+    assert candidates._is_misfit(None, blocks) is expected
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, -3.0])
+def test_motions_are_on_different_sides_of_the_first_heading(heading):
+    problem = SimpleNamespace(array_heading_rad=np.array([heading, 0.4]))
+    for one, other, expected in (
+        (0.3, 1.2, False),
+        (0.3, -1.2, True),
+        (3.0, -3.0, True),
+    ):
+        q = np.zeros((2, 4))
+        q[:, 1] = heading + np.array([one, other])
+        fit = SimpleNamespace(q=q)
+        assert modes._other_side(problem, fit, 0, 1) is expected
+    nowhere = SimpleNamespace(array_heading_rad=None)
+    assert not modes._other_side(nowhere, fit, 0, 1)
+    lost = SimpleNamespace(array_heading_rad=np.array([np.nan]))
+    assert not modes._other_side(lost, fit, 0, 1)
