@@ -455,6 +455,10 @@ def test_coordinates_go_round_and_their_partials_are_differences(polar):
         ends = [model.to_motion(back + s * step) for s in (1, -1)]
         slope = (ends[0] - ends[1]) / 2e-6
         np.testing.assert_allclose(motion[:, :, k], slope, rtol=1e-6, atol=1e-6)
+    # at rest any course will do: north, and the speed grows with the part of north
+    still = model.motion_jacobian(np.array([[7.0, 1.2, 0.0, 0.0]]))
+    assert still[0, 2, 2:].tolist() == [0.0, 1.0]
+    assert np.isfinite(still).all()
     # a negative range is the opposite bearing
     turned = model.from_motion(
         -np.exp(back[:, 0]), back[:, 1] + np.pi, *model.to_motion(back)[:, 2:].T

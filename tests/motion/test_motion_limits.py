@@ -1,5 +1,6 @@
 """Limits of motion on both sides, and what small sums give at points that are known."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,9 +8,12 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi2
 
+from tests.motion.sonar_scene import Scene as SonarScene
+from tests.motion.test_sub_bands import LAW, PLACE_S, heights, levels_of
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.robust import bisquare_weight
-from uwtrack_cli.motion.options import Nuisances
+from uwtrack_cli.motion.options import MotionModel, Nuisances
 from uwtrack_cli.motion.passage import candidates
 from uwtrack_cli.motion.passage.broadband_sum import (
     BroadbandSeries,
@@ -23,7 +27,7 @@ from uwtrack_cli.motion.passage.candidates import (
     is_one,
     not_a_passage,
 )
-from uwtrack_cli.motion.passage.checks import surface_image
+from uwtrack_cli.motion.passage.checks import sub_bands, surface_image
 from uwtrack_cli.motion.passage.encounter_rows import _fit_levels
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
     LEVELS_SHARE,
@@ -33,11 +37,14 @@ from uwtrack_cli.motion.passage.fit.residual_noise import _loss
 from uwtrack_cli.motion.passage.model.measurements import PassageData, _averaged
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
 from uwtrack_cli.motion.solvers import hybrid
+from uwtrack_cli.motion.solvers.marquardt import search_bounds
 from uwtrack_cli.motion.solvers.simplex import nelder_mead
-from uwtrack_cli.motion.target import joint_region, modes
+from uwtrack_cli.motion.target import contact, joint_region, modes
+from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target.model import to_motion
-from uwtrack_cli.motion.target.modes import Interval
+from uwtrack_cli.motion.target.modes import Interval, TmaOptions
 from uwtrack_cli.motion.target.observability import Information, assess
+from uwtrack_cli.motion.target.own_ship import OwnPath, bend_rad
 from uwtrack_cli.motion.tma import _deviations
 
 
@@ -437,3 +444,79 @@ def test_motions_are_on_different_sides_of_the_first_heading(heading):
     assert not modes._other_side(nowhere, fit, 0, 1)
     lost = SimpleNamespace(array_heading_rad=np.array([np.nan]))
     assert not modes._other_side(lost, fit, 0, 1)
+
+
+def test_fringes_are_sought_at_the_width_of_the_level_and_two_beside_it(monkeypatch):
+    widths = []
+
+    def told(_parts, own, _over_squall):
+        widths.append(own.width_s)
+        return sub_bands.Agreement(0, np.nan, "a gust", -1.0)
+
+    monkeypatch.setattr(sub_bands, "_told", told)
+    levels = levels_of(1 + heights() * LAW)
+    assert sub_bands.agreement(levels, PLACE_S, 8.0).reason
+    assert widths == pytest.approx([8.0, 5.6, 11.2])
+
+
+def test_correlated_measurements_count_by_the_root_of_their_inflation(monkeypatch):
+    found = iter([4.0, 9.0])
+    monkeypatch.setattr(contact, "correlation_inflation", lambda *_: next(found))
+    problem = SonarScene(1, "interval").problem(offsets=False)
+    wide = contact._allow_for_overlap(problem, search_bounds((50.0, 1e5), 15.0), 2)
+    np.testing.assert_allclose(2.0 * wide.bearing_weight, problem.bearing_weight)
+    np.testing.assert_allclose(3.0 * wide.frequency_weight, problem.frequency_weight)
+
+
+def test_the_heading_of_an_array_is_own_course_its_compass_or_the_fixed_one():
+    time = np.array([0.0, 100.0, 200.0])
+    path = OwnPath(time, 3.0 * time, 4.0 * time, np.radians([10.0, 20.0, 40.0]))
+    at, still = np.array([50.0, 150.0]), replace(path, heading_rad=np.full(3, np.nan))
+
+    def heading(kind, own, fixed=None):
+        options = TmaOptions(
+            NuisanceDeviations(), 1500.0, is_table=True, array_heading=kind,
+            fixed_heading_deg=fixed,
+        )  # fmt: skip
+        found = contact._array_heading(own, at, 10.0, options)
+        return found if found is None else np.degrees(found)
+
+    assert heading("none", path, 70.0) is None
+    course = np.degrees(np.arctan2(3.0, 4.0))
+    np.testing.assert_allclose(heading("course", path, 70.0), course)
+    np.testing.assert_allclose(heading("heading", path, 70.0), [15.0, 30.0])
+    np.testing.assert_allclose(heading("heading", still, 70.0), 70.0)
+    with pytest.raises(DataError, match="needs a column heading_deg"):
+        heading("heading", still)
+    one = OwnPath(time[:1], time[:1], time[:1], np.full(1, np.nan))
+    with pytest.raises(DataError, match="own ship has no course"):
+        heading("course", one)
+    for kind, tow_m, expected in (
+        ("course", None, 300.0), ("heading", None, 0.0), ("heading", 120.0, 120.0)
+    ):  # fmt: skip
+        options = TmaOptions(
+            NuisanceDeviations(), 1500.0, is_table=True, array_heading=kind,
+            model=MotionModel(tow_length_m=tow_m),
+        )  # fmt: skip
+        assert contact._tow_length_m(options) == expected
+
+
+def test_an_array_lies_on_own_ships_way_behind_it():
+    """Own ship turns by 90 degrees at 300 s; an array of 200 m is straight 50 s later."""
+    time = np.arange(0.0, 601.0, 10.0)
+    east = 4.0 * np.minimum(time, 300.0)
+    north = 4.0 * np.maximum(time - 300.0, 0.0)
+    path = OwnPath(time, east, north, np.full(time.size, np.nan))
+    bend = np.degrees(
+        bend_rad(path, np.array([250.0, 310.0, 340.0, 360.0, 500.0]), 200.0)
+    )
+    np.testing.assert_allclose(bend, [0.0, 90.0, 90.0, 0.0, 0.0], atol=1e-6)
+    assert not bend_rad(path, time, 0.0).any()
+    assert not bend_rad(
+        replace(path, east_m=0 * time, north_m=0 * time), time, 9.0
+    ).any()
+
+
+def test_updates_grow_evenly_to_all_rows():
+    assert contact._growing(10, 4).tolist() == [3, 5, 8, 10]
+    assert contact._growing(3, 5).tolist() == [1, 2, 3]
