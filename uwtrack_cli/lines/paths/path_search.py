@@ -328,7 +328,8 @@ def _mask(
     """Take a line and what it leaks out of the scores.
 
     Hann's main lobe is two bins to either side; side lobes fall by 18 dB per octave
-    from -31 dB at 2.4 bins on (Harris 1978), so a strong line is masked wider.
+    from -31 dB at 2.4 bins on (Harris 1978), so a strong line is masked wider: as if
+    they fell by 9 dB.
     """
     at = np.take_along_axis(power_ratio, cells[:, None], axis=1)
     strength = float(np.nanmean(at)) if np.isfinite(at).any() else 1.0

@@ -393,8 +393,9 @@ class PathTracer:
             motion.frequency_density(middle, data.window_s),
             np.full(middle.size, motion.bearing_deg2ps3),
         ])  # fmt: skip
-        rate = motion.rate_std_hzps(data.window_s, self.hop_s)
-        return smooth_window(measured, data.time_s, density, rate)
+        rate_hzps = motion.rate_std_hzps(data.window_s, self.hop_s)
+        rate_std = np.array([rate_hzps, motion.bearing_rate_degps])
+        return smooth_window(measured, data.time_s, density, rate_std)
 
     def _classify(
         self, data: WindowData, cells: IntArray, lines: IntArray, is_line: BoolArray

@@ -176,9 +176,15 @@ def _bearing(
 
 
 def smooth_window(
-    measured: Measured, time_s: FloatArray, noise_density: FloatArray, rate_std: float
+    measured: Measured,
+    time_s: FloatArray,
+    noise_density: FloatArray,
+    rate_std: FloatArray,
 ) -> FloatArray:
-    """Filter and smooth all lines of a window; return states, (frame, 5, 2, line)."""
+    """Filter and smooth all lines of a window; return states, (frame, 5, 2, line).
+
+    Deviations of first rates are those of frequency, Hz/s, and bearing, degree/s.
+    """
     n_frames, n_lines = measured.position.shape[1:]
     steps = np.diff(time_s, prepend=time_s[:1])
     state = _first_state(measured, rate_std)
@@ -195,7 +201,7 @@ def smooth_window(
     return states
 
 
-def _first_state(measured: Measured, rate_std: float) -> kalman.KalmanState:
+def _first_state(measured: Measured, rate_std: FloatArray) -> kalman.KalmanState:
     """Start every line at its first measurement, with little confidence."""
     is_known = np.isfinite(measured.variance)
     first = is_known.argmax(axis=1)
@@ -204,7 +210,5 @@ def _first_state(measured: Measured, rate_std: float) -> kalman.KalmanState:
     start = np.where(has_any, start, 0.0)
     zero = np.zeros_like(start)
     spread = np.full_like(start, UNKNOWN_BEARING_VARIANCE)
-    rate_variance = np.stack([
-        np.full(start.shape[1], rate_std**2), np.ones(start.shape[1])
-    ])  # fmt: skip
+    rate_variance = np.broadcast_to(rate_std[:, None] ** 2, start.shape).copy()
     return kalman.KalmanState(start, zero, spread, zero, rate_variance)
