@@ -370,6 +370,10 @@ def test_deviations_are_those_of_options_then_the_sensor_then_the_usual(moving):
             found = _deviations(Nuisances(**{name: value}), one, moving, None).values()
             expected = other | {REPORTED[number]: value}
             assert found == expected
+    some = {"position_std_m": 3.0}
+    for told, is_usual in (({}, True), (some, True), (TOLD, False)):
+        made = _deviations(Nuisances(**told), None, moving, None)
+        assert made.is_usual_navigation is (moving and is_usual)
 
 
 def test_the_weakest_direction_is_a_deviation_along_it():
