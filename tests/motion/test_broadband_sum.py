@@ -8,6 +8,7 @@ from uwtrack_cli.motion.passage.broadband_sum import (
     alone,
     fit_sources,
     no_sources,
+    sum_residuals,
     widening,
 )
 
@@ -38,7 +39,7 @@ def together(truth, noise=0.0):
 
 def start(truth):
     rows = [(t + 4.0, np.log(r) + 0.2, np.log(p), b) for t, r, p, b, _ in truth]
-    return np.array([[0.1, 1.1, *np.ravel(rows)]]), np.array(
+    return np.array([[0.1, 1.1, 0.0, 0.0, *np.ravel(rows)]]), np.array(
         [[row[-1] for row in truth]]
     )
 
@@ -87,7 +88,8 @@ def test_a_known_source_takes_its_power_only():
     spread = np.log(power / TRUTH[0][2])[None]
     known = KnownSources(spread, (TRUTH[0][3] + np.arctan((TIME_S - 120) / 30))[None])
     sources = no_sources(together(TRUTH[:1]), known)
-    np.testing.assert_allclose(sources.theta, [0.0, 1.0, np.log(8.0)], atol=2e-3)
+    expected = [0.0, 1.0, 0.0, 0.0, np.log(8.0), 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(sources.theta, expected, atol=2e-3)
 
 
 def test_a_source_far_from_others_is_not_widened_and_a_near_one_is():
@@ -98,3 +100,49 @@ def test_a_source_far_from_others_is_not_widened_and_a_near_one_is():
         wider = widening(sources, sound, NONE_KNOWN)
         assert np.all((wider >= 1.0) & (wider < most))
     assert wider[:, :2].max() > 1.5
+
+
+def test_partials_are_those_of_the_residuals():
+    """Central differences, of all unknowns: those of a known source and its deviations."""
+    rng = np.random.default_rng(3)
+    n = TIME_S.size
+    known = KnownSources(*rng.normal(size=(2, 2, n)), *rng.normal(size=(2, 2, n, 3)))
+    theta, turn = start(TRUTH)
+    head = [[0.1, 1.1, 0.2, -0.3, *rng.normal(size=8)]]
+    theta = np.concatenate([head, theta[:, 4:]], axis=1)
+    sound = together(TRUTH)
+    slope = sum_residuals(theta, turn, sound, known)[1]
+    for k in range(theta.shape[1]):
+        step = 1e-6 * np.eye(theta.shape[1])[k]
+        ends = [sum_residuals(theta + s * step, turn, sound, known)[0] for s in (1, -1)]
+        np.testing.assert_allclose((ends[0] - ends[1]) / 2e-6, slope[..., k], atol=1e-6)
+
+
+def test_what_moves_a_known_source_within_its_deviations_is_no_other():
+    """A passage known 2 s and 5 % off, beside noise that comes from one side."""
+    power, vector = source(*TRUTH[0])
+    flow = 0.4 * np.exp(0.3j)
+    ones = np.full(TIME_S.size, 0.02)
+    sound = BroadbandSeries(
+        TIME_S, np.log(1.0 + power), ones, np.angle(vector + flow), ones
+    )
+
+    def heard(time, width):
+        seen = np.unwrap(np.angle(source(time, width, *TRUTH[0][2:])[1]))
+        return -np.log1p(((TIME_S - time) / width) ** 2), seen
+
+    at, width = 122.0, 30.0 * 1.05
+    slopes = np.zeros((2, 1, TIME_S.size, 3))
+    for place, ends in enumerate((
+        (heard(at + 1, width), heard(at - 1, width)),
+        (heard(at, width * 1.025), heard(at, width / 1.025)),
+    )):  # fmt: skip
+        for kind in range(2):
+            slopes[kind, 0, :, place] = ends[0][kind] - ends[1][kind]
+    spread, bearing = heard(at, width)
+    exact = KnownSources(spread[None], bearing[None])
+    loose = KnownSources(spread[None], bearing[None], *slopes, np.eye(3)[None])
+    left = no_sources(sound, loose)
+    assert left.cost < 0.05 * no_sources(sound, exact).cost
+    np.testing.assert_allclose(left.theta[2:4], [flow.real, flow.imag], atol=0.05)
+    np.testing.assert_allclose(left.theta[5:7], [-1.0, -1.0], atol=0.15)

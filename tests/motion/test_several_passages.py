@@ -8,9 +8,12 @@ import pytest
 from tests.motion.crowded_sound import arrival_s, crowded_levels, drawn_scene
 from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
+from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
+from uwtrack_cli.motion.passage.candidates import examine
 from uwtrack_cli.motion.passage.encounter_rows import MOST_FRAMES, Row, add_levels
+from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 from uwtrack_cli.simulate import make_scenario
 from uwtrack_cli.studies.seatrial import analyse
 
@@ -96,6 +99,21 @@ def test_a_vessel_without_lines_is_found_beside_one_with_lines():
     assert found.contact.tolist() == [1, 2]
     assert abs(found.speed_mps[0] - 6.0) < 4 * found.speed_std_mps[0]
     assert np.all(np.abs(errors(found, scenes)[1:]) < 4)
+
+
+def test_bearings_that_may_be_any_show_no_passage():
+    """Heard in one cell of noise at the edge of a vessel's broadband: neighbours that share
+    their noise are alike, and looked like a path that turns once a scale was fitted."""
+    time_s = np.array([35, 35.5, 38.5, 39, 41.5, 43.5, 44, 47, 48, 48.5, 49, 51, 53, 54, 54.5,
+                       57, 61.5])  # fmt: skip
+    bearing = np.array([33.2, 194.35, 340.91, 24.28, 80.95, 324.51, 310.27, 334.45, 69.47,
+                        164.54, *[155.82] * 5, 134.59, 114.98])  # fmt: skip
+    std = np.array([*[103.13] * 4, 50.3, 53.91, 49.74, 62.33, 51.19, *[103.13] * 8])
+    none = np.empty((0, time_s.size))
+    data = PassageData(time_s, none, none, bearing[None], std[None], none, none)
+    blocks = make_blocks(data)
+    assert np.array_equal(blocks.bearing.weight[0, 0] > 0, std < 100.0)
+    assert examine(data, (1,), np.empty(0, int), Medium(1500.0), 1e-3) is None
 
 
 def test_a_line_that_follows_by_chance_does_not_spoil_the_broadbands_passage():

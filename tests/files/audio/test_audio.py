@@ -193,6 +193,29 @@ def test_gaps_silence_and_clipping_are_said_once(tmp_path):
     samples(recording)
 
 
+@pytest.mark.parametrize("value", [0.0, -0.25])
+def test_what_a_recorder_has_lost_is_a_gap_however_it_is_read(value, tmp_path):
+    """A second without a change is told with its times; a tenth, or one channel, is not."""
+    values = sound(3)
+    values[8_000:16_000] = value
+    values[2_000:2_800] = value
+    values[17_000:23_000, 0] = value
+    path = tmp_path / "lost.wav"
+    soundfile.write(path, values, RATE, subtype="FLOAT")
+    is_lost = np.zeros(24_000, bool)
+    is_lost[8_000:16_000] = True
+    for block in (777, 5_000, 24_000):
+        recording = open_recording(path, sensor=DIFAR)
+        with pytest.warns(UwtrackWarning, match=r"from 1\.0 to 2\.0 s: .* lost 1\.0 s"):
+            found = np.isnan(samples(recording, block)).all(axis=1)
+        late = np.flatnonzero(found != is_lost)  # a run is known when it has lasted
+        assert late.size < 0.5 * RATE
+        assert np.all((late >= 8_000) & (late < 12_000))
+    assert np.array_equal(np.isnan(recording.stretch(0.0, 3.0)).all(axis=1), is_lost)
+    before = open_recording(path, sensor=DIFAR, stop_s=0.9)
+    assert not np.isnan(samples(before)).any()
+
+
 def test_reader_can_be_sent_to_another_process(tmp_path):
     soundfile.write(tmp_path / "a.wav", sound(), RATE)
     recording = open_recording(tmp_path / "a.wav", sensor=OMNI)

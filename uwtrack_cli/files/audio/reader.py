@@ -2,7 +2,8 @@
 
 **Method.** Blocks are exactly as long as asked for, except the last. While they
 pass, samples at full scale, samples that are no number and channels without any
-sound are counted; what was found is said once, when the recording ends.
+sound are counted; what was found is said once, when the recording ends. Runs of one
+value in all channels are passed on as nan (`dropouts`).
 """
 
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import soundfile
 
 from uwtrack_cli.data.recording import Samples
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.files.audio.dropouts import Dropouts
 from uwtrack_cli.files.audio.opening import open_sound
 
 FULL_SCALE = 1.0 - 2.0**-15
@@ -87,7 +89,8 @@ class AudioReader:
         try:
             with open_sound(self.path) as file:
                 file.seek(self.first + first_sample)
-                return self._read(file, self.first + first_sample, n_samples)
+                sound = self._read(file, self.first + first_sample, n_samples)
+                return Dropouts(file.samplerate).blank(sound)
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
             msg = f"{self.path} cannot be read again: {error}."
             raise DataError(msg) from error
@@ -96,12 +99,13 @@ class AudioReader:
         tally = Tally(len(self.columns))
         try:
             with open_sound(self.path) as file:
+                dropouts = Dropouts(file.samplerate)
                 file.seek(self.first)
                 for start in range(self.first, self.last, block_samples):
                     count = min(block_samples, self.last - start)
                     block = self._read(file, start, count)
                     tally.add(block)
-                    yield block
+                    yield dropouts.blank(block)
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
             msg = f"{self.path} cannot be read further: {error}."
             raise DataError(msg) from error
@@ -110,7 +114,8 @@ class AudioReader:
             raise DataError(msg)
         if not self.has_warned:
             self.has_warned = True
-            for msg in tally.problems(self.path.name, self.columns):
+            said = tally.problems(self.path.name, self.columns)
+            for msg in (*said, *dropouts.problems(self.path.name)):
                 warn(msg, UwtrackWarning, stacklevel=2)
 
     def _read(self, file: soundfile.SoundFile, start: int, count: int) -> Samples:

@@ -37,11 +37,14 @@ from uwtrack_cli.motion.least_squares import (
     inverse_or_nan,
 )
 
-N_COMMON = 2
-"""Unknowns common to all: background and law of spreading."""
+N_COMMON = 4
+"""Unknowns common to all: background, law of spreading, and the steady intensity, north
+and east, over the power of the background: what stays is seldom alike from all sides."""
 
 N_EACH = 4
-"""Unknowns of a source: time, ln of d/v, ln of its power, bearing."""
+"""Unknowns of a source: time, ln of d/v, ln of its power, bearing. Of one whose motion is
+known: ln of its power, and how far time, ln of d/v and bearing lie off what is known, in
+its deviations."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +65,53 @@ class BroadbandSeries:
 
 @dataclass(frozen=True)
 class KnownSources:
-    """Sources whose motion is known: ln of (d/R)^2 and bearing, shape (m, n)."""
+    """Sources whose motion is known: ln of (d/R)^2 and bearing, shape (m, n).
+
+    What is known has deviations, within which levels and bearings may move it.
+    """
 
     spread: FloatArray
     """Natural logarithm of (d/R)^2, shape (m, n)."""
     bearing: FloatArray
     """Bearing in radians, shape (m, n); nan where unknown."""
+    spread_slope: FloatArray | None = None
+    """What the spread changes by for a deviation of time, ln of d/v and bearing, shape
+    (m, n, 3); None where all is known exactly."""
+    bearing_slope: FloatArray | None = None
+    """The same of the bearing, shape (m, n, 3)."""
+    precision: FloatArray | None = None
+    """Inverse of the correlation of these three, shape (m, 3, 3)."""
+
+    @property
+    def slopes(self) -> tuple[FloatArray, FloatArray]:
+        """Slopes of spread and bearing, zero where all is known exactly."""
+        none = np.zeros((*self.spread.shape, 3))
+        found = (self.spread_slope, self.bearing_slope)
+        spread, bearing = (none if one is None else one for one in found)
+        return spread, np.nan_to_num(bearing)
+
+    def moved(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return ln of the powers, spread and bearing for unknowns of a joint fit.
+
+        Parameters
+        ----------
+        theta
+            Unknowns, shape (batch, 4 + 4 m + 4 k).
+
+        Returns
+        -------
+        tuple of arrays
+            Shapes (batch, m, 1), (batch, m, n) and (batch, m, n).
+        """
+        batch, count = theta.shape[0], self.spread.shape[0]
+        own = theta[:, N_COMMON : N_COMMON + N_EACH * count]
+        own = own.reshape(batch, count, N_EACH)
+        spread, bearing = self.slopes
+        return (
+            own[..., :1],
+            self.spread + np.einsum("mnp,bmp->bmn", spread, own[..., 1:]),
+            self.bearing + np.einsum("mnp,bmp->bmn", bearing, own[..., 1:]),
+        )
 
 
 class SourceParts(NamedTuple):
@@ -79,6 +123,8 @@ class SourceParts(NamedTuple):
     """Intensities, north + i east, same shape."""
     background: FloatArray
     """Power of the background, shape (batch, 1)."""
+    steady: NDArray[np.complex128]
+    """Intensity of the background, shape (batch, 1)."""
 
 
 def source_parts(
@@ -89,7 +135,7 @@ def source_parts(
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 2 + m + 4 k).
+        Unknowns, shape (batch, 4 + 4 m + 4 k).
     turn
         Sign of the bearing trend of the free sources, shape (batch, k).
     time_s
@@ -98,18 +144,20 @@ def source_parts(
         Sources of known motion.
     """
     n_known, batch = known.spread.shape[0], theta.shape[0]
-    free = theta[:, N_COMMON + n_known :].reshape(batch, -1, N_EACH)
+    free = theta[:, N_COMMON + N_EACH * n_known :].reshape(batch, -1, N_EACH)
     law = theta[:, 1, None, None]
     x = (time_s - free[..., 0:1]) / np.exp(free[..., 1:2])
     moving = np.exp(free[..., 2:3] - law * np.log1p(x**2))
     angle = free[..., 3:4] + turn[..., None] * np.arctan(x)
-    own = theta[:, N_COMMON : N_COMMON + n_known, None]
-    steady = np.exp(own + law * known.spread)
+    own, spread, bearing = known.moved(theta)
+    steady = np.exp(own + law * spread)
     power = np.concatenate([steady, moving], axis=1)
     # a known source without bearings has no share in the intensity
-    seen = np.nan_to_num(np.exp(1j * np.broadcast_to(known.bearing, steady.shape)))
+    seen = np.nan_to_num(np.exp(1j * bearing))
     direction = np.concatenate([seen, np.exp(1j * angle)], axis=1)
-    return SourceParts(power, power * direction, np.exp(theta[:, :1]))
+    background = np.exp(theta[:, :1])
+    flow = background * (theta[:, 2:3] + 1j * theta[:, 3:4])
+    return SourceParts(power, power * direction, background, flow)
 
 
 def sum_residuals(
@@ -120,7 +168,7 @@ def sum_residuals(
     Parameters
     ----------
     theta
-        Unknowns, shape (batch, 2 + m + 4 k).
+        Unknowns, shape (batch, 4 + 4 m + 4 k).
     turn
         Sign of the bearing trend of the free sources, shape (batch, k).
     sound
@@ -128,39 +176,50 @@ def sum_residuals(
     known
         Sources of known motion.
     """
-    power, vector, background = source_parts(theta, turn, sound.time_s, known)
+    power, vector, background, flow = source_parts(theta, turn, sound.time_s, known)
     n_known, (batch, n_all, n) = known.spread.shape[0], power.shape
     total = background + power.sum(axis=1)
-    whole = vector.sum(axis=1)
+    whole = flow + vector.sum(axis=1)
     size = np.maximum(np.abs(whole) ** 2, 1e-300)
     turned = wrap_rad(np.nan_to_num(sound.bearing) - np.angle(whole))
     residual = np.concatenate(
         [np.nan_to_num(sound.power) - np.log(total), turned], axis=1
     )
     slope = np.zeros((batch, 2 * n, theta.shape[1]))
+    to_angle = whole.conj() / size
     slope[:, :n, 0] = -background / total
+    slope[:, n:, 0] = -(flow * to_angle).imag
+    slope[:, n:, 2] = -(background * to_angle).imag
+    slope[:, n:, 3] = -(1j * background * to_angle).imag
     share = power / total[:, None]
-    pull = vector * (whole.conj() / size)[:, None]
-    known_ones = slice(N_COMMON, N_COMMON + n_known)
-    slope[:, :n, known_ones] = -np.swapaxes(share[:, :n_known], 1, 2)
-    slope[:, n:, known_ones] = -np.swapaxes(pull[:, :n_known].imag, 1, 2)
-    by_law = np.broadcast_to(known.spread, share[:, :n_known].shape)
-    slope[:, :n, 1] = -(share[:, :n_known] * by_law).sum(axis=1)
-    slope[:, n:, 1] = -(pull[:, :n_known].imag * by_law).sum(axis=1)
+    pull = vector * to_angle[:, None]
+    _, spread, _ = known.moved(theta)
+    slope[:, :n, 1] = -(share[:, :n_known] * spread).sum(axis=1)
+    slope[:, n:, 1] = -(pull[:, :n_known].imag * spread).sum(axis=1)
+    by_spread, by_bearing = known.slopes
+    for row in range(n_known):
+        first = N_COMMON + N_EACH * row
+        own, drawn = share[:, row], pull[:, row]
+        slope[:, :n, first], slope[:, n:, first] = -own, -drawn.imag
+        columns = slice(first + 1, first + N_EACH)
+        louder = theta[:, 1, None, None] * by_spread[row]
+        slope[:, :n, columns] = -own[..., None] * louder
+        twist = louder + 1j * by_bearing[row]
+        slope[:, n:, columns] = -(drawn[..., None] * twist).imag
     law = theta[:, 1, None]
     for row in range(n_all - n_known):
-        first = N_COMMON + n_known + N_EACH * row
+        first = N_COMMON + N_EACH * (n_known + row)
         t0, width = theta[:, first, None], np.exp(theta[:, first + 1, None])
         x = (sound.time_s - t0) / width
         own, drawn = share[:, n_known + row], pull[:, n_known + row]
-        twist = turn[:, row, None]
+        sense = turn[:, row, None]
         slow = 1 / (1 + x**2)
         slope[:, :n, 1] += own * np.log1p(x**2)
         slope[:, n:, 1] += drawn.imag * np.log1p(x**2)
         slope[:, :n, first] = -own * law * 2 * x * slow / width
         slope[:, :n, first + 1] = -own * law * 2 * x**2 * slow
         slope[:, :n, first + 2] = -own
-        fall, swing = 2 * law * x, 1j * twist
+        fall, swing = 2 * law * x, 1j * sense
         slope[:, n:, first] = -(drawn * (fall - swing)).imag * slow / width
         slope[:, n:, first + 1] = -(drawn * (fall - swing) * x).imag * slow
         slope[:, n:, first + 2] = -drawn.imag
@@ -173,6 +232,10 @@ BACKGROUND_STD = 2.0
 
 LAW_STD, LOWEST_LAW, HIGHEST_LAW = 0.25, 0.4, 1.6
 """The law of spreading over 20 log R: prior deviation (15 to 25 log R), and bounds."""
+
+STEADY_STD = 0.5
+"""Prior deviation of the steady intensity, north and east, over the background's power:
+isotropic noise has none, and one distant source alone has one."""
 
 ROUNDS = 3
 """Rounds of robust weights."""
@@ -189,7 +252,7 @@ class SourceFit:
     """A joint fit: unknowns, turns of the free sources, cost, the known ones."""
 
     theta: FloatArray
-    """Unknowns, shape (2 + m + 4 k,)."""
+    """Unknowns, shape (4 + 4 m + 4 k,)."""
     turn: FloatArray
     """Sign of the bearing trend of the free sources, shape (k,)."""
     cost: float
@@ -205,11 +268,11 @@ class SourceFit:
     @property
     def motion(self) -> FloatArray:
         """Rows of (t, ln d/v, ln K, bearing) of the free sources."""
-        return self.theta[N_COMMON + self.n_known :].reshape(-1, N_EACH)
+        return self.theta[N_COMMON + N_EACH * self.n_known :].reshape(-1, N_EACH)
 
     def take(self, rows: list[int]) -> "SourceFit":
         """Return some of the free sources."""
-        head = self.theta[: N_COMMON + self.n_known]
+        head = self.theta[: N_COMMON + N_EACH * self.n_known]
         theta = np.concatenate([head, self.motion[rows].ravel()])
         return replace(self, theta=theta, turn=self.turn[rows])
 
@@ -226,8 +289,9 @@ def no_sources(sound: BroadbandSeries, known: KnownSources) -> SourceFit:
     """
     count = known.spread.shape[0]
     loudest = float(np.nanquantile(sound.power, 0.98))
-    theta = np.full((1, N_COMMON + count), loudest)
-    theta[0, :N_COMMON] = _quiet(sound), 1.0
+    theta = np.zeros((1, N_COMMON + N_EACH * count))
+    theta[0, :2] = _quiet(sound), 1.0
+    theta[0, N_COMMON::N_EACH] = loudest
     return fit_sources(sound, known, theta, np.empty((1, 0)))
 
 
@@ -243,14 +307,15 @@ def fit_sources(
     known
         Sources of known motion.
     start
-        Unknowns to start from, shape (batch, 2 + m + 4 k).
+        Unknowns to start from, shape (batch, 4 + 4 m + 4 k).
     turn
         Sign of the bearing trend of the free sources, shape (batch, k).
     """
     theta = start
     n_known = known.spread.shape[0]
     precision = _precision(sound)
-    quiet, prior = _quiet(sound), np.array([BACKGROUND_STD, LAW_STD]) ** -2.0
+    middle, prior = _prior(sound, known)
+    head = middle.size
     for _ in range(ROUNDS):
         residual = sum_residuals(theta, turn, sound, known)[0]
         weight = _weights(residual, precision)
@@ -260,11 +325,12 @@ def fit_sources(
             weighted = weight[..., None] * slope
             gradient = np.einsum("bnp,bn->bp", weighted, residual)
             matrix = np.swapaxes(weighted, 1, 2) @ slope
-            offset = theta[:, :N_COMMON] - [quiet, 1.0]
-            gradient[:, :N_COMMON] += offset * prior
-            matrix[:, :N_COMMON, :N_COMMON] += np.diag(prior)
+            offset = theta[:, :head] - middle
+            pull = offset @ prior
+            gradient[:, :head] += pull
+            matrix[:, :head, :head] += prior
             cost = 0.5 * (weight * residual**2).sum(axis=-1)
-            return cost + 0.5 * (prior * offset**2).sum(axis=-1), gradient, matrix
+            return cost + 0.5 * (pull * offset).sum(axis=-1), gradient, matrix
 
         theta = damped_least_squares(
             evaluate, theta, _limiter(n_known, sound), max_steps=25, tolerance=0.01
@@ -272,9 +338,31 @@ def fit_sources(
     residual = sum_residuals(theta, turn, sound, known)[0]
     share = np.minimum(residual**2 * precision / CONSTANT**2, 1.0)
     cost = (CONSTANT**2 / 6 * (1 - (1 - share) ** 3)).sum(axis=-1)
-    cost += 0.5 * (prior * (theta[:, :N_COMMON] - [quiet, 1.0]) ** 2).sum(axis=-1)
+    offset = theta[:, :head] - middle
+    cost += 0.5 * ((offset @ prior) * offset).sum(axis=-1)
     best = int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))
     return SourceFit(theta[best], turn[best], float(cost[best]), n_known)
+
+
+WIDENED = [N_COMMON, N_COMMON + 1, N_COMMON + 3]
+"""Places of time, ln of d/v and bearing behind the common unknowns."""
+
+
+def _prior(
+    sound: BroadbandSeries, known: KnownSources
+) -> tuple[FloatArray, FloatArray]:
+    """Return middle and precision of what is common and of the sources that are known."""
+    count = known.spread.shape[0]
+    middle = np.zeros(N_COMMON + N_EACH * count)
+    middle[:2] = _quiet(sound), 1.0
+    std = np.array([BACKGROUND_STD, LAW_STD, STEADY_STD, STEADY_STD])
+    precision = np.zeros((middle.size, middle.size))
+    precision[:N_COMMON, :N_COMMON] = np.diag(std**-2.0)
+    for row in range(count):
+        own = slice(N_COMMON + N_EACH * row + 1, N_COMMON + N_EACH * (row + 1))
+        told = np.eye(3) if known.precision is None else known.precision[row]
+        precision[own, own] = told
+    return middle, precision
 
 
 def widening(
@@ -303,15 +391,15 @@ def widening(
     weight = _weights(residual, precision)
     matrix: FloatArray = (np.swapaxes(weight[..., None] * slope, 1, 2) @ slope)[0]
     matrix[np.diag_indices_from(matrix)] += 1e-9
-    matrix[0, 0] += BACKGROUND_STD**-2
-    matrix[1, 1] += LAW_STD**-2
+    middle, prior = _prior(sound, known)
+    matrix[: middle.size, : middle.size] += prior
     joint = np.sqrt(np.diag(inverse_or_nan(matrix)))
     factors = np.ones((sources.turn.size, 3))
     for row in range(sources.turn.size):
-        first = N_COMMON + sources.n_known + N_EACH * row
+        first = N_COMMON + N_EACH * (sources.n_known + row)
         own = np.array([*range(N_COMMON), *range(first, first + N_EACH)])
         alone = np.sqrt(np.diag(inverse_or_nan(matrix[np.ix_(own, own)])))
-        factors[row] = np.nan_to_num(joint[own] / alone, nan=1.0)[[2, 3, 5]]
+        factors[row] = np.nan_to_num(joint[own] / alone, nan=1.0)[WIDENED]
     return np.maximum(factors, 1.0)
 
 
@@ -331,12 +419,12 @@ def alone(
     known
         Sources of known motion, on the same times.
     """
-    parts, vectors, background = source_parts(
+    parts, vectors, background, flow = source_parts(
         sources.theta[None], sources.turn[None], sound.time_s, known
     )
     power, vector = parts[0], vectors[0]
     total = background[0] + power.sum(axis=0)
-    whole = vector.sum(axis=0)
+    whole = flow[0] + vector.sum(axis=0)
     left = sound.power - np.log(total)
     if row is None:
         return _unexplained(sound, left, whole, float(background[0, 0]))
@@ -416,11 +504,12 @@ def _limiter(
 
     def limit(theta: FloatArray, step: FloatArray) -> FloatArray:
         limited = np.clip(step, -2.0, 2.0)
-        times = slice(N_COMMON + n_known, None, N_EACH)
-        widths = slice(N_COMMON + n_known + 1, None, N_EACH)
+        times = slice(N_COMMON + N_EACH * n_known, None, N_EACH)
+        widths = slice(N_COMMON + N_EACH * n_known + 1, None, N_EACH)
         limited[:, 0] = np.clip(step[:, 0], -0.5, 0.5)
         law = theta[:, 1] + np.clip(step[:, 1], -0.1, 0.1)
         limited[:, 1] = np.clip(law, LOWEST_LAW, HIGHEST_LAW) - theta[:, 1]
+        limited[:, 2:N_COMMON] = np.clip(step[:, 2:N_COMMON], -0.3, 0.3)
         reach = 2 * np.exp(theta[:, widths])
         limited[:, times] = np.clip(step[:, times], -reach, reach)
         wider = theta[:, widths] + np.clip(step[:, widths], -1.0, 1.0)

@@ -595,7 +595,10 @@ def is_one(item: CandidatePassage, leader: CandidatePassage) -> bool:
     near = apart < np.maximum(
         SAME_DEVIATIONS * np.sqrt(variances[:, :4].sum(axis=0)), reach
     )
-    near[0] = apart[0] < reach[0]
+    at_most = OVERLAP * float(values[:, 1].min())
+    near[0] = apart[0] < max(
+        reach[0], min(SAME_DEVIATIONS * float(np.sqrt(variances[:, 0].sum())), at_most)
+    )
     if item.blocks.bearing.is_empty or leader.blocks.bearing.is_empty:
         near = near[:3]
     return bool(near.all())
@@ -625,6 +628,11 @@ SAME_SHARE = 0.25
 parted into two, all lie within 0.22 (calibration/same_passage.py). Within the same share
 of their own, d/v and speed are the same whatever their deviations, and bearings within its
 angle: two vessels are hardly ever that much alike."""
+
+OVERLAP = 0.5
+"""Share of d/v, of the shorter passage, within which times that agree within their
+deviations are the same: two vessels so near to each other in time would have to have one
+speed and one range, too."""
 
 LARGEST_RELATIVE_WIDTH = 1.0 / 3.0
 """A bend whose d/v is less certain than this is no passage: machinery drifts, too."""

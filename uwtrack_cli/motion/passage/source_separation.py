@@ -35,6 +35,7 @@ from uwtrack_cli.motion.passage.candidates import (
     examine_from,
     not_a_passage,
 )
+from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
 from uwtrack_cli.motion.passage.model.measurements import (
     NEPER_DB,
@@ -49,6 +50,10 @@ MOST_SOURCES = 40
 
 FUTILE = 2
 """Sources that may be added without one more passage coming of it."""
+
+STEP, CLOSE = 0.5, 0.999
+"""Step of the differences that tell what a deviation changes, in deviations, and share of
+a correlation that is taken, lest it be singular."""
 
 FEWEST_LEVELS = 32
 """Frames below which the broadband is not divided."""
@@ -195,12 +200,11 @@ class _Search:
         time, width = sources.motion[row, 0], np.exp(sources.motion[row, 1])
         here, law = np.array([time]), sources.theta[1]
         others = [n for n in range(sources.turn.size) if n != row]
-        known = _known(self.found, here)
+        own, spread, _ = _known(self.found, here).moved(sources.theta[None])
         power = np.exp(
             np.concatenate(
                 [
-                    sources.theta[N_COMMON : N_COMMON + sources.n_known]
-                    + law * known.spread[:, 0],
+                    own[0, :, 0] + law * spread[0, :, 0],
                     _log_power(sources.motion[others], law, time),
                 ]
             )
@@ -230,7 +234,7 @@ def _with_halves(
     for row, (time, width, power, bearing) in enumerate(sources.motion):
         reach = 0.6 * np.exp(width)
         swing = sources.turn[row] * np.arctan(0.6)
-        first = N_COMMON + sources.n_known + N_EACH * row
+        first = N_COMMON + N_EACH * (sources.n_known + row)
         halved = np.append(sources.theta, np.zeros(N_EACH))
         halved[first : first + N_EACH] = (
             time - reach, width - np.log(2), power, bearing - swing,
@@ -253,16 +257,49 @@ def _count(passing: list[CandidatePassage | None]) -> int:
 
 
 def _known(found: list[CandidatePassage], time_s: FloatArray) -> KnownSources:
-    """Spreading and bearing of passages that lines have shown."""
-    spread, bearing = np.empty((2, len(found), time_s.size))
+    """Spreading and bearing of passages that lines have shown, and how far they are."""
+    shape = len(found), time_s.size
+    spread, bearing = np.empty(shape), np.empty(shape)
+    slopes = np.zeros((2, *shape, 3))
+    precision = np.tile(np.eye(3), (len(found), 1, 1))
     for row, item in enumerate(found):
         fit = item.fit
-        law = fit.law(time_s)
-        spread[row] = law.spread[0]
-        bearing[row] = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
-        if not np.isfinite(fit.covariance[0, 3, 3]):
+        spread[row], bearing[row] = _heard(fit, time_s)
+        has_bearing = bool(np.isfinite(fit.covariance[0, 3, 3]))
+        if not has_bearing:
             bearing[row] = np.nan
-    return KnownSources(spread, bearing)
+        covariance, unit = _deviations(fit, has_bearing=has_bearing)
+        precision[row] = np.linalg.inv(covariance)
+        for place, off in enumerate(unit[:2]):
+            theta = np.repeat(fit.theta, 2, axis=0)
+            theta[:, place] += STEP * off * np.array([1.0, -1.0])
+            up, down = (_heard(replace(fit, theta=one[None]), time_s) for one in theta)
+            slopes[:, row, :, place] = (np.array(up) - down) / (2.0 * STEP)
+        slopes[1, row, :, 2] = unit[2]
+    return KnownSources(spread, bearing, *slopes, precision)
+
+
+def _heard(fit: PassageFit, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return spreading, in nepers, and bearing, rad, of a passage."""
+    law = fit.law(time_s)
+    ahead = fit.turn[0] * law.angle[0] + np.deg2rad(fit.bearing_deg[0])
+    return law.spread[0], ahead
+
+
+def _deviations(fit: PassageFit, *, has_bearing: bool) -> tuple[FloatArray, FloatArray]:
+    """Return correlation and deviations of time, ln of d/v and bearing (rad)."""
+    places = [0, 1, 3] if has_bearing else [0, 1]
+    width = float(fit.range_over_speed_s[0])
+    scale = np.array([1.0, 1.0 / width, np.deg2rad(1.0)])[: len(places)]
+    own = fit.covariance[0][np.ix_(places, places)] * np.outer(scale, scale)
+    std = np.sqrt(np.maximum(np.diag(own), 1e-18))
+    correlation, unit = np.eye(3), np.zeros(3)
+    count = len(places)
+    correlation[:count, :count] = own / np.outer(std, std)
+    correlation[:count, :count] *= CLOSE
+    correlation[np.diag_indices(3)] = 1.0
+    unit[:count] = std
+    return correlation, unit
 
 
 def sound_of(data: PassageData) -> BroadbandSeries:

@@ -429,6 +429,12 @@ class Blocks:
         return Block(self.value[:, rows], self.weight[:, rows])
 
 
+ANY_BEARING_RAD = 1.79
+"""Deviation from which a bearing may be any: that of one in noise alone is 1.81, and none
+is stated with more than 1.8. Neighbours that share their noise are alike, though, and
+would be taken for a path that turns."""
+
+
 def make_blocks(data: PassageData) -> Blocks:
     """Bring measurements into fit units.
 
@@ -454,6 +460,8 @@ def make_blocks(data: PassageData) -> Blocks:
     )
     known = np.isfinite(value) & (std > 0) & (std < np.inf)
     count = (pairs[0][0].shape[1], pairs[1][0].shape[1], pairs[2][0].shape[1])
+    bearings = slice(count[0], count[0] + count[1])
+    known[:, bearings] &= std[:, bearings] < ANY_BEARING_RAD
     heard = data.line_level_db
     given = (
         data.frequency_correlation,
