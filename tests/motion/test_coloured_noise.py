@@ -1,8 +1,7 @@
-"""coloured noise, correlation of frames, robust scales, damped steps."""
+"""Coloured noise, correlation of frames, robust scales."""
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from uwtrack_cli.estimation.robust import (
     bisquare_weight,
@@ -16,7 +15,6 @@ from uwtrack_cli.motion.coloured_noise import (
     likelihoods_by_noise,
 )
 from uwtrack_cli.motion.correlation import long_run_excess, overlap_correlation
-from uwtrack_cli.motion.least_squares import damped_least_squares, inverse_or_nan
 from uwtrack_cli.motion.passage.fit.doppler import doppler_sums, line_sums
 from uwtrack_cli.motion.passage.model.law import passage_law
 
@@ -252,46 +250,3 @@ def test_missing_values_do_not_count_for_scales():
     value = np.where(weight > 0, value, 1e6)
     assert median_scale(value, weight).mean() == pytest.approx(1.0, rel=0.05)
     assert neighbour_scale(value, weight).mean() == pytest.approx(1.0, rel=0.05)
-
-
-def test_damped_steps_reach_scipys_optimum_from_every_start():
-    t = np.linspace(0, 4, 60)
-    data = 3 * np.exp(-0.7 * t) + 0.05 * np.random.default_rng(5).normal(size=t.size)
-
-    def residual(theta):
-        return data - theta[0] * np.exp(-theta[1] * t)
-
-    def evaluate(theta):
-        decay = np.exp(-theta[:, 1:] * t)
-        error = data - theta[:, :1] * decay
-        slope = np.stack([-decay, theta[:, :1] * t * decay], axis=-1)
-        gradient = np.einsum("bnp,bn->bp", slope, error)
-        return (
-            0.5 * (error**2).sum(axis=1),
-            gradient,
-            np.swapaxes(slope, 1, 2) @ slope,
-        )
-
-    start = np.array([[1.0, 0.1], [5.0, 2.0], [2.0, 1.0]])
-    found = damped_least_squares(
-        evaluate, start, lambda _, step: step, max_steps=60, tolerance=1e-14
-    )
-    oracle = least_squares(residual, [1.0, 0.1], xtol=1e-14).x
-    np.testing.assert_allclose(found, np.tile(oracle, (3, 1)), rtol=1e-5)
-
-
-def test_a_singular_matrix_has_no_inverse():
-    singular = np.array([[[1.0, 1.0], [1.0, 1.0]]])
-    assert np.isnan(inverse_or_nan(singular)).any()
-    good = np.array([[[4.0, 1e-6], [1e-6, 9e-12]]])
-    np.testing.assert_allclose(inverse_or_nan(good), np.linalg.inv(good), rtol=1e-8)
-
-
-def test_a_matrix_that_is_not_finite_has_no_inverse_and_leaves_the_others_theirs():
-    good = np.array([[4.0, 1.0], [1.0, 2.0]])
-    lost = np.array([[np.nan, 0.0], [0.0, 1.0]])
-    endless = np.array([[np.inf, 0.0], [0.0, 1.0]])
-    found = inverse_or_nan(np.stack([lost, good, endless]))
-    np.testing.assert_allclose(found[1] @ good, np.eye(2), atol=1e-12)
-    assert np.isnan(found[[0, 2]]).all()
-    assert np.isnan(inverse_or_nan(lost)).all()

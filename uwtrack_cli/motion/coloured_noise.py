@@ -33,7 +33,7 @@ from itertools import chain
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.motion.least_squares import orthonormal
+from uwtrack_cli.estimation.least_squares import orthonormal
 
 N_CORRELATION_TIMES = 7
 FEWEST_CELLS, MOST_CELLS = 60, 160

@@ -19,10 +19,10 @@ from itertools import combinations
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.least_squares import (
+from uwtrack_cli.estimation.least_squares import (
     Evaluation,
     damped_least_squares,
     inverse_or_nan,
@@ -85,7 +85,7 @@ def fit_motion(
 ) -> MotionFit:
     """Fit a straight motion, shape (4,) at the reference time, from every start."""
 
-    def evaluate(state: FloatArray) -> Evaluation:
+    def evaluate(state: FloatArray, _: IntArray) -> Evaluation:
         predicted, slope = predict_approaches(state, approaches, reference_s)
         information = _information(approaches, slope)
         known = np.isfinite(approaches.measured)
@@ -105,7 +105,7 @@ def fit_motion(
         return limited
 
     state = damped_least_squares(evaluate, start, limit, max_steps=60, tolerance=1e-9)
-    cost, _, matrix = evaluate(state)
+    cost, _, matrix = evaluate(state, np.arange(len(state)))
     count = np.isfinite(approaches.measured).sum(axis=(-2, -1))
     return MotionFit(state, inverse_or_nan(matrix), 2 * cost, int(np.max(count)) - 4)
 

@@ -23,18 +23,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.estimation.least_squares import (
+    Evaluation,
+    damped_least_squares,
+    inverse_or_nan,
+)
 from uwtrack_cli.estimation.robust import (
     CONSTANT,
     bisquare_weight,
     median_scale,
     neighbour_scale,
-)
-from uwtrack_cli.motion.least_squares import (
-    Evaluation,
-    damped_least_squares,
-    inverse_or_nan,
 )
 
 N_COMMON = 4
@@ -320,7 +320,9 @@ def fit_sources(
         residual = sum_residuals(theta, turn, sound, known)[0]
         weight = _weights(residual, precision)
 
-        def evaluate(theta: FloatArray, weight: FloatArray = weight) -> Evaluation:
+        def evaluate(
+            theta: FloatArray, _: IntArray, weight: FloatArray = weight
+        ) -> Evaluation:
             residual, slope = sum_residuals(theta, turn, sound, known)
             weighted = weight[..., None] * slope
             gradient = np.einsum("bnp,bn->bp", weighted, residual)

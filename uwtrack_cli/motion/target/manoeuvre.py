@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.least_squares import orthonormal
+from uwtrack_cli.estimation.least_squares import orthonormal
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target.inputs import correlation_inflation
 from uwtrack_cli.motion.target.objective import Residuals, loss_weight, residuals

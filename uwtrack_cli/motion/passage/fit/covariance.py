@@ -13,7 +13,7 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.motion.least_squares import inverse_or_nan
+from uwtrack_cli.estimation.least_squares import inverse_or_nan
 from uwtrack_cli.motion.passage.fit.doppler import DopplerSums
 from uwtrack_cli.motion.passage.fit.normal_equations import (
     JointNormalEquations,

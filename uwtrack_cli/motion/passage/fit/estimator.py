@@ -23,6 +23,7 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.estimation.least_squares import Evaluation, damped_least_squares
 from uwtrack_cli.estimation.robust import median_where
 from uwtrack_cli.motion.coloured_noise import (
     ColouredNoise,
@@ -30,7 +31,6 @@ from uwtrack_cli.motion.coloured_noise import (
     fit_coloured_noise,
     information_loss,
 )
-from uwtrack_cli.motion.least_squares import Evaluation, damped_least_squares
 from uwtrack_cli.motion.passage.fit.covariance import passage_covariance
 from uwtrack_cli.motion.passage.fit.line_levels import line_levels
 from uwtrack_cli.motion.passage.fit.normal_equations import (
@@ -415,7 +415,7 @@ def _descend(
     """
     last: list[tuple[FloatArray, JointNormalEquations]] = []
 
-    def evaluate(trial: FloatArray) -> Evaluation:
+    def evaluate(trial: FloatArray, _: IntArray) -> Evaluation:
         known = law if trial is theta else None
         normal = normal_equations(trial, data, medium, known)
         last[:] = [(trial, normal)]
