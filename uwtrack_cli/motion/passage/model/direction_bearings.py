@@ -27,6 +27,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.estimation.angles import wrap_deg
+from uwtrack_cli.estimation.constant_velocity import transition, white_acceleration
 
 GATE = 4.0
 """Deviations within which a direction may be that of a source or of a line."""
@@ -237,12 +238,10 @@ class _Heard:
 
     def at(self, frames: float) -> "_Heard":
         """Return what is foreseen so many frames on."""
-        turn = np.array([[1.0, frames], [0.0, 1.0]])
-        noise = RATE_STEP_DEG**2 * np.array(
-            [[frames**3 / 3.0, frames**2 / 2.0], [frames**2 / 2.0, frames]]
-        )
+        forward = transition(frames)
+        noise = RATE_STEP_DEG**2 * white_acceleration(frames).matrix
         noise[0, 0] += STEP_DEG**2 * frames
-        spread = turn @ self.spread @ turn.T + noise
+        spread = forward @ self.spread @ forward.T + noise
         return replace(
             self,
             bearing_deg=self.bearing_deg + frames * self.rate_deg,
