@@ -14,9 +14,8 @@ import soundfile
 from uwtrack_cli.data.recording import UNENDED
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
-from uwtrack_cli.files.audio import byte_spool, byte_stream
-from uwtrack_cli.files.audio.byte_spool import ByteSpool
-from uwtrack_cli.files.audio.byte_stream import PipeStream
+from uwtrack_cli.files.audio import byte_stream
+from uwtrack_cli.files.audio.byte_stream import ByteSpool, PipeStream
 from uwtrack_cli.files.audio.live_reader import LiveReader
 from uwtrack_cli.files.audio.live_recording import RawSound, open_live_recording
 from uwtrack_cli.files.audio.recording_file import open_recording
@@ -417,7 +416,7 @@ def test_a_full_disk_keeps_nothing_and_ends_nothing(monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(byte_spool, "_write", full)
+    monkeypatch.setattr(byte_stream, "_write_at", full)
     spool.add(b"second")
     assert spool.read(0, 5) is None
     monkeypatch.undo()

@@ -1,4 +1,4 @@
-"""Recordings: opened, checked against their sensor, and read block by block.
+"""Recordings: opened, checked against their sensor, read block by block, and written.
 
 **Conventions.** Samples are float32 in full-scale units, shape (sample, channel).
 Channels come in the order omni, east (x), north (y), whatever their order in the
@@ -6,17 +6,20 @@ file, those of an array in the order of the file, and `Sensor.channels` of the r
 passed on as nan, so that the frames can count it as a gap.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from warnings import warn
 
+import numpy as np
 import soundfile
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
+from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.audio.header import SampleBytes, sample_bytes
 from uwtrack_cli.files.audio.opening import (
     decodable_samples,
@@ -24,7 +27,6 @@ from uwtrack_cli.files.audio.opening import (
     why_no_recording,
 )
 from uwtrack_cli.files.audio.reader import AudioReader, file_stamp
-from uwtrack_cli.files.audio.writer import write_wav
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.hdf5.verify import file_digest
 from uwtrack_cli.files.text_escaping import file_name
@@ -253,3 +255,93 @@ def _span(
         msg = f"there is no sample of {path} between {start} s and {stop} s."
         raise OptionError(msg)
     return first, last
+
+
+WRITTEN_FORMATS = {
+    ".wav": "WAV", ".rf64": "RF64", ".w64": "W64", ".flac": "FLAC",
+    ".aif": "AIFF", ".aiff": "AIFF",
+}  # fmt: skip
+WAV_BYTES = 0xFFFFFFFF - 4096
+
+
+def write_wav(
+    path: Path | str,
+    blocks: Iterator[Samples],
+    sample_rate_hz: float,
+    subtype: str = "PCM_16",
+    *,
+    overwrite: bool = False,
+) -> int:
+    """Write blocks of samples as a recording; the suffix decides its format.
+
+    ``path``: target: .wav, .rf64, .w64, .flac, .aif or .aiff. ``blocks``: float32
+    blocks in full-scale units, shape (sample, channel). ``sample_rate_hz``: sample
+    rate, whole Hz. ``subtype``: sample format, as libsndfile names it (PCM_16, PCM_24,
+    FLOAT, ...).
+
+    Returns
+    -------
+    int
+        Samples written per channel.
+
+    Raises
+    ------
+    OutputError
+        The target exists, cannot be written, or grows beyond what WAV can hold.
+    OptionError
+        A suffix, sample rate or sample format that cannot be written.
+    DataError
+        No block, or samples that are no number.
+    """
+    path = Path(path)
+    kind = WRITTEN_FORMATS.get(path.suffix.lower())
+    if kind is None:
+        msg = f"cannot write {path}: the suffix must be one of {', '.join(WRITTEN_FORMATS)}."
+        raise OptionError(msg)
+    if sample_rate_hz != int(sample_rate_hz) or sample_rate_hz < 1:
+        msg = f"the sample rate must be whole Hz, at least 1, got {sample_rate_hz}."
+        raise OptionError(msg)
+    if not soundfile.check_format(kind, subtype):
+        msg = f"{kind} has no sample format {subtype!r}."
+        raise OptionError(msg)
+    with atomic_target(path, overwrite=overwrite) as temporary:
+        return _write_blocks(
+            temporary, path, iter(blocks), int(sample_rate_hz), kind, subtype
+        )
+
+
+def _write_blocks(
+    temporary: Path,
+    path: Path,
+    blocks: Iterator[Samples],
+    rate: int,
+    kind: str,
+    subtype: str,
+) -> int:
+    first = next(blocks, None)
+    if first is None:
+        msg = f"there are no samples to write to {path}."
+        raise DataError(msg)
+    total = 0
+    try:
+        with soundfile.SoundFile(
+            str(temporary), "w", rate, first.shape[1], subtype, format=kind
+        ) as file:
+            for block in _chain(first, blocks):
+                if not np.isfinite(block).all() and "PCM" in subtype:
+                    msg = f"samples of {path} are no numbers near sample {total}."
+                    raise DataError(msg)
+                file.write(block)
+                total += block.shape[0]
+                if kind == "WAV" and temporary.stat().st_size > WAV_BYTES:
+                    msg = f"{path} grows beyond 4 GB: name it .w64 or .rf64."
+                    raise OutputError(msg)
+    except soundfile.SoundFileError as error:
+        msg = f"cannot write {path}: {error}."
+        raise OutputError(msg) from error
+    return total
+
+
+def _chain(first: Samples, rest: Iterator[Samples]) -> Iterator[Samples]:
+    yield first
+    yield from rest

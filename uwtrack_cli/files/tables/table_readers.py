@@ -6,9 +6,13 @@ from pathlib import Path
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.files.tables.delays import read_delays
 from uwtrack_cli.files.tables.navigation import read_navigation
-from uwtrack_cli.files.tables.scan_tables import read_contacts, read_roc, read_scans
+from uwtrack_cli.files.tables.scan_tables import (
+    read_contacts,
+    read_delays,
+    read_roc,
+    read_scans,
+)
 from uwtrack_cli.files.tables.series import read_series
 
 TABLES = (".csv", ".txt", ".tsv")
