@@ -74,6 +74,45 @@ def pass_run(tmp_path_factory, samples) -> Path:
     return path
 
 
+@pytest.fixture(scope="session")
+def short_run(short_pass) -> Path:
+    """The product of the middle of the passage, to be copied or read only."""
+    return _product(short_pass, "short.run.h5")
+
+
+@pytest.fixture(scope="session")
+def timed_run(short_pass) -> Path:
+    """The same with its start time."""
+    start = ("--start-utc", "2024-05-01T12:01:30Z")
+    return _product(short_pass, "timed.run.h5", *start)
+
+
+def _product(sound: Path, name: str, *words: str) -> Path:
+    from uwtrack_cli.cli.app import app
+
+    path = sound.with_name(name)
+    done = CliRunner().invoke(app, ["run", str(sound), "-o", str(path), "-q", *words])
+    assert done.exit_code == 0, done.output
+    path.chmod(0o444)
+    return path
+
+
+@pytest.fixture(scope="session")
+def two_sensors_run(tmp_path_factory) -> Path:
+    """A folder with the sample of two sensors, and its products."""
+    from uwtrack_cli.cli.app import app
+
+    folder = tmp_path_factory.mktemp("two-sensors")
+    sounds = [str(folder / f"two-sensors-h{k}.wav") for k in (1, 2)]
+    for words in (
+        ["sample", "two-sensors", "--output", str(folder)],
+        ["run", *sounds, "-q", "--start-utc", "2024-05-02T06:30:00Z"],
+    ):
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, done.output
+    return folder
+
+
 @pytest.fixture
 def noise_wav(tmp_path) -> Path:
     """Ten seconds of one channel of noise."""

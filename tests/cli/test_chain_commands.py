@@ -1,6 +1,7 @@
 """Commands of the stages: their help, their lists of numbers, what a page shows."""
 
 import json
+import shutil
 
 import pytest
 
@@ -47,11 +48,13 @@ def test_help_shows_range_and_unit_in_panels(uwtrack):
     assert "at most 3600" in text
 
 
-def test_a_second_product_that_a_page_would_not_show_is_refused(uwtrack, short_pass):
-    for name in ("one", "two"):
-        settings = ["--set", "levels.n_bands=8"] if name == "two" else []
-        done = uwtrack("run", short_pass, *settings, "-o", f"{name}.run.h5")
-        assert done.exit_code == 0, done.output
+def test_a_second_product_that_a_page_would_not_show_is_refused(
+    uwtrack, short_pass, short_run, tmp_path
+):
+    shutil.copy(short_run, tmp_path / "one.run.h5")
+    settings = ["--set", "levels.n_bands=8"]
+    done = uwtrack("run", short_pass, *settings, "-o", "two.run.h5")
+    assert done.exit_code == 0, done.output
     done = uwtrack("plot", "one.run.h5", "two.run.h5", "-o", "page.png")
     assert done.exit_code == 1
     said = " ".join(done.stderr.split())
@@ -59,8 +62,8 @@ def test_a_second_product_that_a_page_would_not_show_is_refused(uwtrack, short_p
     assert uwtrack("plot", "one.run.h5", "one.run.h5", "-o", "p.png").exit_code == 0
 
 
-def test_show_alone_prints_the_table_of_the_command(uwtrack, samples):
-    done = uwtrack("run", samples / "pass.wav", "-o", "one.run.h5")
+def test_show_alone_prints_the_table_of_the_command(uwtrack, samples, short_pass):
+    done = uwtrack("run", short_pass, "-o", "one.run.h5")
     shown = uwtrack("show", "one.run.h5").stdout
     assert "speed m/s" in shown
     assert shown in done.stderr

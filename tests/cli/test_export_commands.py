@@ -269,12 +269,8 @@ def test_names_in_a_report_are_text_and_nothing_more(uwtrack, noise_wav, tmp_pat
     assert "&lt;script&gt;" in text
 
 
-def test_a_report_of_two_sensors_draws_each_of_them(uwtrack, tmp_path):
-    assert uwtrack("sample", "two-sensors").exit_code == 0
-    sounds = ["two-sensors-h1.wav", "two-sensors-h2.wav"]
-    start = ["--start-utc", "2024-05-02T06:30:00Z", "-q"]
-    assert uwtrack("run", *sounds, *start).exit_code == 0
-    fused = "two-sensors-h1.fixes.h5"
+def test_a_report_of_two_sensors_draws_each_of_them(uwtrack, two_sensors_run, tmp_path):
+    fused = two_sensors_run / "two-sensors-h1.fixes.h5"
     assert uwtrack("report", fused, "-o", "two.html").exit_code == 0
     parsed = Page()
     parsed.feed((tmp_path / "two.html").read_text())

@@ -16,11 +16,10 @@ def two(uwtrack):
     return ["two-sensors-h1.wav", "two-sensors-h2.wav"]
 
 
-def test_two_sensors_agree_on_one_track_near_the_truth(uwtrack, two, tmp_path):
-    assert uwtrack("run", *two, *START).exit_code == 0
-    with read_product("two-sensors-h1.fixes.h5") as product:
+def test_two_sensors_agree_on_one_track_near_the_truth(two_sensors_run):
+    with read_product(two_sensors_run / "two-sensors-h1.fixes.h5") as product:
         fixes = product.read(Fixes)
-    truth = json.loads((tmp_path / "two-sensors.truth.json").read_text())
+    truth = json.loads((two_sensors_run / "two-sensors.truth.json").read_text())
     track = truth["vessels"][0]["track"]
     for k, time_s in enumerate(fixes.time_s):
         second = round(float(time_s))
@@ -33,12 +32,17 @@ def test_two_sensors_agree_on_one_track_near_the_truth(uwtrack, two, tmp_path):
         assert max(map(abs, error_m)) < allowed
 
 
-def test_the_options_of_the_recipes_own_step_are_used(uwtrack, two):
+def test_the_options_of_the_recipes_own_step_are_used_and_once_more_in_a_rerun(
+    uwtrack, two
+):
     setting = ["--set", "locate.every_s=20.0", "--set", "locate.until='200'"]
     assert uwtrack("run", *two, *START, *setting).exit_code == 0
     with read_product("two-sensors-h1.fixes.h5") as product:
         assert product.read(Fixes).time_s.size > 4
         assert product.history[-1].options["every_s"] == 20.0
+    fused = "two-sensors-h1.fixes.h5"
+    assert uwtrack("rerun", fused, "-o", "again.h5").exit_code == 0
+    assert uwtrack("diff", fused, "again.h5").exit_code == 0
 
 
 def test_an_existing_fused_file_is_refused_before_the_work(uwtrack, two, tmp_path):
@@ -47,10 +51,3 @@ def test_an_existing_fused_file_is_refused_before_the_work(uwtrack, two, tmp_pat
     assert done.exit_code == 1
     assert "--overwrite" in done.stderr
     assert not (tmp_path / "two-sensors-h1.run.h5").exists()
-
-
-def test_a_fused_file_is_made_again_from_all_its_recordings(uwtrack, two):
-    assert uwtrack("run", *two, *START).exit_code == 0
-    fused = "two-sensors-h1.fixes.h5"
-    assert uwtrack("rerun", fused, "-o", "again.h5").exit_code == 0
-    assert uwtrack("diff", fused, "again.h5").exit_code == 0

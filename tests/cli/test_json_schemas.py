@@ -41,7 +41,7 @@ def types_by_key(schema, place=""):
 
 
 @pytest.fixture(scope="session")
-def products(tmp_path_factory, samples):
+def products(tmp_path_factory, samples, short_pass):
     """Products of the samples with every container that a recording and tables give."""
     from typer.testing import CliRunner
 
@@ -53,7 +53,7 @@ def products(tmp_path_factory, samples):
         done = CliRunner().invoke(app, [str(w) for w in words])
         assert done.exit_code == 0, done.output
 
-    run("run", samples / "pass.wav", "-o", folder / "pass.run.h5", "--keep-peaks",
+    run("run", short_pass, "-o", folder / "pass.run.h5", "--keep-peaks",
         "--start-utc", "2024-05-01T12:00:00Z")  # fmt: skip
     run("tma", samples / "bearings.csv", "--own-ship", samples / "own-ship.csv",
         "--sound-speed-mps", 1480, "-o", folder / "b.motions.h5")  # fmt: skip

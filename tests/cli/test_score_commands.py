@@ -8,13 +8,14 @@ from typer.testing import CliRunner
 
 
 @pytest.fixture(scope="session")
-def runs(tmp_path_factory, samples, pass_run):
-    """The sample passage, and again with a source depth that is another."""
+def runs(tmp_path_factory, short_pass, timed_run, pass_run):
+    """The sample passage, its middle, and that with a source depth that is another."""
     from uwtrack_cli.cli.app import app
 
     folder = tmp_path_factory.mktemp("runs")
     shutil.copy(pass_run, folder / "one.h5")
-    words = ["run", str(samples / "pass.wav"), "--start-utc", "2024-05-01T12:00:00Z"]
+    shutil.copy(timed_run, folder / "short.h5")
+    words = ["run", str(short_pass), "--start-utc", "2024-05-01T12:01:30Z"]
     words += ["-q", "-o", str(folder / "depth.h5")]
     done = CliRunner().invoke(app, [*words, "--set", "cpa.source_depth_m=4"])
     assert done.exit_code == 0, done.output
@@ -76,15 +77,16 @@ def test_the_same_run_has_the_same_numbers(uwtrack, runs):
 
 
 def test_a_changed_option_shows_in_the_numbers(uwtrack, runs):
-    done = uwtrack("diff", runs / "one.h5", runs / "depth.h5")
+    done = uwtrack("diff", runs / "short.h5", runs / "depth.h5")
     assert done.exit_code == 4
     assert "encounters.slant_range_m" in done.stdout
     rows = json.loads(
-        uwtrack("diff", runs / "one.h5", runs / "depth.h5", "--json").stdout
+        uwtrack("diff", runs / "short.h5", runs / "depth.h5", "--json").stdout
     )
     kinds = {row["container"] for row in rows}
     assert kinds == {"encounters", "fixes", "presence", "radiated"}
-    near = uwtrack("diff", runs / "one.h5", runs / "depth.h5", "--atol", 1, "--rtol", 1)
+    files = runs / "short.h5", runs / "depth.h5"
+    near = uwtrack("diff", *files, "--atol", 1, "--rtol", 1)
     assert near.exit_code == 0
 
 

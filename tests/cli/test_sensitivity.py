@@ -44,11 +44,13 @@ def test_track_and_trace_say_what_they_would_have_found(uwtrack, spectrogram):
 
 
 def test_a_run_says_it_when_details_are_asked_for(uwtrack, short_pass):
-    loud = uwtrack("run", short_pass, "-o", "a.h5", "-v", "--set",
+    command = ["run", short_pass, "--recipe", "vessel"]
+    loud = uwtrack(*command, "-o", "a.h5", "-v", "--set",
                    "track.score.false_lines_per_khz_hour=0.25")  # fmt: skip
     said = PROMISE.search(loud.stderr)
     assert said is not None
     assert said[1] == "0.25"
     for words in ([], ["-q"]):
-        quiet = uwtrack("run", short_pass, "-o", "b.h5", "--overwrite", *words)
+        quiet = uwtrack(*command, "-o", "b.h5", "--overwrite", *words)
+        assert quiet.exit_code == 0
         assert PROMISE.search(quiet.stderr) is None

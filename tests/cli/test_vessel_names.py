@@ -94,11 +94,9 @@ def test_a_name_reaches_every_output_of_a_run(uwtrack, named, short_pass, ais):
     assert uwtrack("diff", "pass.run.h5", "again.h5").exit_code == 0
 
 
-def test_a_report_names_what_was_found_without_a_table(uwtrack, short_pass, ais):
-    words = ["run", short_pass, "--start-utc", START, "-o", "pass.run.h5", "-q"]
-    assert uwtrack(*words).exit_code == 0
+def test_a_report_names_what_was_found_without_a_table(uwtrack, timed_run, ais):
     for name, more in (("plain", []), ("named", ["--ais", ais])):
-        done = uwtrack("report", "pass.run.h5", "-o", f"{name}.html", *more)
+        done = uwtrack("report", timed_run, "-o", f"{name}.html", *more)
         assert done.exit_code == 0, done.output
         with open(f"{name}.html") as file:  # noqa: PTH123 - beside the command
             assert ("FERRY" in file.read()) == bool(more)

@@ -26,7 +26,8 @@ def found(samples):
 
 
 def test_a_run_says_the_result_and_its_file(uwtrack, short_pass):
-    done = uwtrack("run", short_pass, "-o", "a.h5")
+    done = uwtrack("run", short_pass, "-o", "a.h5", "--start-utc", "2024-05-01T12:00Z")
+    assert max(map(len, done.output.splitlines())) <= 80
     wrote, head, row = done.stderr.splitlines()
     assert wrote == "wrote a.h5"
     assert head.split()[:2] == ["contact", "status"]
@@ -75,18 +76,15 @@ def test_the_progress_is_whole_when_the_fits_are_done(found):
     assert len(told) - len(streamed) == 4
 
 
-def test_tables_fit_eighty_columns(uwtrack, samples):
-    start = ["--start-utc", "2024-05-01T12:00:00Z"]
-    ran = uwtrack("run", samples / "pass.wav", "-o", "a.h5", *start)
+def test_tables_fit_eighty_columns(uwtrack, samples, pass_run):
     for words in (
-        ["show", "a.h5"],
-        ["passages", "a.h5", "--fresh"],
-        ["score", "a.h5", "--truth", samples / "pass.truth.json"],
+        ["show", pass_run],
+        ["passages", pass_run, "--fresh"],
+        ["score", pass_run, "--truth", samples / "pass.truth.json"],
     ):
         done = uwtrack(*words)
         assert done.exit_code == 0, done.output
         assert max(map(len, done.output.splitlines())) <= 80
-    assert max(map(len, ran.output.splitlines())) <= 80
 
 
 def test_a_table_leaves_out_what_it_can_spare_and_breaks_no_word(capsys):
@@ -98,11 +96,13 @@ def test_a_table_leaves_out_what_it_can_spare_and_breaks_no_word(capsys):
     assert "y" * 70 in capsys.readouterr().out
 
 
-def test_a_warning_that_many_recordings_share_is_said_once(uwtrack, samples, tmp_path):
+def test_a_warning_that_many_recordings_share_is_said_once(
+    uwtrack, noise_wav, tmp_path
+):
     (tmp_path / "in").mkdir()
     for name in ("a", "b", "c"):
         target = tmp_path / "in" / f"{name}.wav"
-        target.write_bytes((samples / "noise.wav").read_bytes())
+        target.write_bytes(noise_wav.read_bytes())
     done = uwtrack("batch", "in", "-o", "out", "--jobs", 1)
     assert done.exit_code == 0
     assert done.stderr.count("has no sensor file") == 1

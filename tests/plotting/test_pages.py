@@ -61,10 +61,8 @@ def called(*words):
 
 
 @pytest.fixture(scope="session")
-def product(short_pass):
-    path = short_pass.with_name("pages.run.h5")
-    called("run", short_pass, "--start-utc", START, "-o", path, "-q")
-    return path
+def product(timed_run):
+    return timed_run
 
 
 @pytest.fixture(scope="session")
