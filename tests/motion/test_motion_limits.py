@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_normal
 
 from tests.motion.sonar_scene import Scene as SonarScene
 from tests.motion.test_sub_bands import LAW, PLACE_S, heights, levels_of
+from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.robust import bisquare_weight
@@ -27,23 +28,31 @@ from uwtrack_cli.motion.passage.candidates import (
     is_one,
     not_a_passage,
 )
-from uwtrack_cli.motion.passage.checks import sub_bands, surface_image
+from uwtrack_cli.motion.passage.checks import rest_frame, sub_bands, surface_image
 from uwtrack_cli.motion.passage.encounter_rows import _fit_levels
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import (
     LEVELS_SHARE,
     LikelihoodRatio,
 )
 from uwtrack_cli.motion.passage.fit.residual_noise import _loss
-from uwtrack_cli.motion.passage.model.measurements import PassageData, _averaged
+from uwtrack_cli.motion.passage.model.measurements import (
+    PassageData,
+    _averaged,
+    _deviation,
+)
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
-from uwtrack_cli.motion.solvers import hybrid
+from uwtrack_cli.motion.solvers import genetic, hybrid
 from uwtrack_cli.motion.solvers.marquardt import search_bounds
 from uwtrack_cli.motion.solvers.simplex import nelder_mead
 from uwtrack_cli.motion.target import contact, joint_region, modes
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target.model import to_motion
 from uwtrack_cli.motion.target.modes import Interval, TmaOptions
-from uwtrack_cli.motion.target.observability import Information, assess
+from uwtrack_cli.motion.target.observability import (
+    Information,
+    assess,
+    criterion_probability,
+)
 from uwtrack_cli.motion.target.own_ship import OwnPath, bend_rad
 from uwtrack_cli.motion.tma import _deviations
 
@@ -524,3 +533,86 @@ def test_an_array_lies_on_own_ships_way_behind_it():
 def test_updates_grow_evenly_to_all_rows():
     assert contact._growing(10, 4).tolist() == [3, 5, 8, 10]
     assert contact._growing(3, 5).tolist() == [1, 2, 3]
+
+
+def test_three_errors_stay_within_bounds_by_the_normal_distribution():
+    for seed in range(4):
+        root = np.random.default_rng(seed).standard_normal((3, 3))
+        covariance, bounds = root @ root.T, np.array([1.0, 2.0, 0.7])
+        share = multivariate_normal(cov=covariance, seed=1).cdf(
+            bounds, lower_limit=-bounds
+        )
+        assert criterion_probability(covariance, bounds) == pytest.approx(
+            share, abs=1e-4
+        )
+
+
+def test_bits_of_a_search_reach_both_ends_of_the_box_and_go_round():
+    lower, upper = np.array([0.0, -2.0]), np.array([10.0, 6.0])
+    ends = [np.zeros(16, bool), np.ones(16, bool)]
+    np.testing.assert_allclose(genetic._decode(ends[0], lower, upper, 8), lower)
+    np.testing.assert_allclose(genetic._decode(ends[1], lower, upper, 8), upper)
+    points = np.array([[0.0, -2.0], [3.3, 1.7], [10.0, 6.0], [12.0, -9.0]])
+    back = genetic._decode(genetic._encode(points, lower, upper, 8), lower, upper, 8)
+    held = np.clip(points, lower, upper)
+    assert np.abs(back - held).max() <= 0.5 * 10.0 / 255.0
+
+
+def test_the_largest_speed_of_a_profile_is_that_of_the_corner_of_the_box():
+    limits = search_bounds((50.0, 1e5), 12.0)
+    polar = modes._bounds(limits, polar=True)
+    assert polar.upper[2] == pytest.approx(np.hypot(12.0, 12.0))
+    assert polar.lower[2] == 0.0
+    assert np.isinf([polar.lower[3], polar.upper[3]]).all()
+    assert modes._bounds(limits, polar=False) is limits
+
+
+def test_deviations_that_are_not_stated_are_the_scatter_of_neighbours():
+    """The median of differences of a normal variable is 0.954 of its deviation."""
+    rng = np.random.default_rng(11)
+    value = np.stack([300.0 * np.linspace(0, 1, 4000), np.linspace(0, 720.0, 4000)])
+    value = value + 2.0 * rng.standard_normal(value.shape)
+    value[1] %= 360.0
+    value[0, ::50] = np.nan
+    unknown = np.full(value.shape, np.nan)
+    for row, period in ((0, None), (1, 360.0)):
+        found = _deviation(unknown[[row]], value[[row]], period)
+        assert found[0] == pytest.approx(2.0, rel=0.06)
+    told = np.where(np.arange(4000) == 7, 3.0, np.nan)[None]
+    assert _deviation(told, value[:1]) is told
+
+
+@pytest.mark.parametrize("start_s", [0.0, 1000.0])
+def test_a_stretch_of_too_few_samples_is_not_read(start_s):
+    def stretch(*_):
+        msg = "it was read"
+        raise AssertionError(msg)
+
+    recording = SimpleNamespace(
+        sample_rate_hz=800.0, duration_s=5000.0, stretch=stretch
+    )
+    fit = SimpleNamespace(
+        rest_std_hz=np.array([[0.1]]), rest_hz=np.array([[60.0]]), medium=Medium(1500.0),
+        theta=np.array([[start_s + 1.0, 0.0, 5.0]]), range_over_speed_s=np.array([0.002]),
+    )  # fmt: skip
+    assert rest_frame.rest_frame(recording, fit, None) is None
+    fit.range_over_speed_s = np.array([1e4])  # and not of too many, either
+    recording.duration_s, recording.sample_rate_hz = 1e6, 48_000.0
+    assert rest_frame.rest_frame(recording, fit, None) is None
+    fit.range_over_speed_s = np.array([10.0])
+    with pytest.raises(AssertionError, match="it was read"):
+        rest_frame.rest_frame(recording, fit, None)
+
+
+def test_half_a_square_along_a_constant_and_partials_is_what_they_explain():
+    rng = np.random.default_rng(12)
+    residual, weight = rng.standard_normal((2, 30)), rng.uniform(0.5, 2.0, (2, 30))
+    slope = rng.standard_normal((30, 2)) * [1.0, 1e4]
+    found = candidates._projected(residual, weight, slope)
+    design = np.column_stack([np.ones(30), slope])
+    for row in range(2):
+        root = np.sqrt(weight[row])
+        value = root * residual[row]
+        fit = np.linalg.lstsq(root[:, None] * design, value, rcond=None)[0]
+        left = value - root * (design @ fit)
+        assert found[row] == pytest.approx(0.5 * (value @ value - left @ left))

@@ -20,6 +20,7 @@ from uwtrack_cli.motion.passage.checks import sub_bands
 from uwtrack_cli.motion.passage.checks.sub_bands import RIVALS, Rise, _Parts
 from uwtrack_cli.motion.passage.fit import initial_estimates as search
 from uwtrack_cli.motion.passage.model.direction_bearings import _Heard
+from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP, TURN, Change
 from uwtrack_cli.motion.passage.readings import still_readings as still
 from uwtrack_cli.motion.passage.readings.change_priors import speed_prior
@@ -468,7 +469,13 @@ def test_a_manoeuvre_told_from_its_other_leg_or_mirrored_has_the_same_ranges():
 
 @pytest.mark.parametrize(
     ("angle", "duration", "middle"),
-    [(1.2, 60.0, 300.0), (-0.5, 60.0, 300.0), (-1.2, 30.0, 300.0), (-1.2, 30.0, 330.0)],
+    [
+        (1.2, 60.0, 300.0),
+        (-0.5, 60.0, 300.0),
+        (-1.2, 30.0, 300.0),
+        (-1.2, 30.0, 310.0),
+        (-1.2, 30.0, 330.0),
+    ],
 )
 def test_a_turn_that_makes_the_closest_approach_the_farthest_place_is_none(
     angle, duration, middle
@@ -501,3 +508,47 @@ def test_a_foreseen_bearing_is_that_of_a_steady_walk_and_bayes():
     )
     np.testing.assert_allclose([with_one.bearing_deg, with_one.rate_deg], mean)
     assert with_one.time_s == 12.0
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_starts_by_frequencies_or_levels_turn_as_the_bearings_there_do(way):
+    rng = np.random.default_rng(10)
+    time = np.arange(0.0, 120.0, 2.0)
+    x = (time - 55.0) / 12.0
+    data = PassageData(
+        time,
+        100.0 * (1 - 5.0 / SOUND_MPS * (x / np.hypot(1, x))[None])
+        + 0.01 * rng.standard_normal((1, time.size)),
+        0.01 + 0.0 * time[None],
+        (40.0 + way * np.degrees(np.arctan(x)))[None] % 360.0,
+        2.0 + 0.0 * time[None],
+        60.0 - 10 * np.log10(1 + x**2)[None],
+        1.0 + 0.0 * time[None],
+    )
+    blocks = make_blocks(data)
+    found = search.find_initial_estimates(blocks, Medium(SOUND_MPS), n_starts=2)
+    grid = search._grid(blocks.time_s)
+    coarse_data = search._condense(blocks)
+    doppler, _ = search._doppler_gain(grid, coarse_data, SOUND_MPS)
+    level, _ = search._level_gain(grid, coarse_data)
+    turned = search._bearing_gain(grid, coarse_data)
+    against = turned[1 if way > 0 else 0]
+    opposite = {
+        *search._best(grid, doppler + level + against, 2),
+        *search._best(grid, against, 2),
+    }
+    starts = {
+        (time_s, round(log_width, 9), turn)
+        for (time_s, log_width), turn in zip(
+            found.theta[:, :2].tolist(), found.turn, strict=True
+        )
+    }
+    count = 0
+    for cell in {*search._best(grid, doppler, 2), *search._best(grid, level, 2)}:
+        own = float(grid.time[cell]), round(float(np.log(grid.width[cell])), 9)
+        assert (turned[0][cell] > turned[1][cell]) == (way > 0)
+        assert (*own, way) in starts
+        if cell not in opposite:
+            assert (*own, -way) not in starts
+            count += 1
+    assert count > 0

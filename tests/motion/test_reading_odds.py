@@ -1,5 +1,6 @@
 """Odds of readings by Bayes' rule, halves of sources, and where lines and fits are near."""
 
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,12 +14,25 @@ from uwtrack_cli.motion.passage.broadband_sum import (
     SourceFit,
     source_parts,
 )
+from uwtrack_cli.motion.passage.fit.estimator import fit_passage
+from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
+from uwtrack_cli.motion.passage.model.unknowns import (
+    MANOEUVRE,
+    RAMP,
+    STEP,
+    TURN,
+    Change,
+    law_of,
+)
 from uwtrack_cli.motion.passage.moving_lines import Together
+from uwtrack_cli.motion.passage.readings import change_scores
 from uwtrack_cli.motion.passage.readings import competing_readings as competing
 from uwtrack_cli.motion.passage.readings import still_readings as still
 from uwtrack_cli.motion.passage.readings.change_priors import STRAIGHT
 from uwtrack_cli.motion.passage.readings.change_scores import Scores
 from uwtrack_cli.motion.passage.source_separation import _log_power, _with_halves
+
+KINDS = (STEP, RAMP, MANOEUVRE, TURN)
 
 
 def fit_of(kind=None):
@@ -228,3 +242,103 @@ def test_of_lines_that_claim_one_time_the_strongest_is_kept():
         20.0,
         12.0,
     ]
+
+
+@cache
+def fitted():
+    """A passage of one line, a bearing and levels, with noise."""
+    rng = np.random.default_rng(3)
+    time = np.arange(0.0, 240.0, 2.0)
+    x = (time - 110.0) / 18.0
+    data = PassageData(
+        time, 90.0 * (1 - 6.0 / 1500.0 * x / np.hypot(1, x))[None]
+        + 0.02 * rng.standard_normal((1, 120)), 0.02 + 0.0 * time[None],
+        (40.0 + np.degrees(np.arctan(x)) + 2.0 * rng.standard_normal(120))[None] % 360.0,
+        2.0 + 0.0 * time[None],
+        60.0 - 10 * np.log10(1 + x**2)[None] + rng.standard_normal((1, 120)),
+        1.0 + 0.0 * time[None],
+    )  # fmt: skip
+    blocks, medium = make_blocks(data), Medium(1500.0, 20.0, height_std_m=3.0)
+    start = np.array([[110.0, np.log(17.9), 6.0, -9.0]])
+    return fit_passage(
+        blocks, start, np.ones(1), medium, with_coloured_noise=False
+    ), blocks
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_change_gains_what_least_squares_with_it_do(kind):
+    """Of the linear model with priors; its sizes and what the passage moves by, too."""
+    fit, blocks = fitted()
+    found = change_scores.score_changes(kind, fit, blocks)
+    change = change_scores.instants(kind, fit, blocks)
+    count = change.std.size
+    theta = np.zeros((change.time_s.size, 5 + count))
+    theta[:, : fit.theta.shape[1]] = fit.theta
+    theta[:, 4] = fit.height_m
+    if kind == TURN:
+        widths = float(fit.range_over_speed_s[0]) * np.array([1.5, 4.0, 10.0])
+        theta[:, 6] = np.repeat(widths, change.time_s.size // 3)
+    value, base, extra = change_scores._linearised(change, theta, fit, blocks)
+    resting = np.linalg.lstsq(base, value, rcond=None)[0]
+    for k in range(0, change.time_s.size, 9):
+        columns = np.column_stack([base, extra[k].T])
+        prior = np.zeros((count, columns.shape[1]))
+        prior[:, -count:] = np.diag(1 / change.std)
+        rows = np.concatenate([columns, prior])
+        values = np.append(value, np.zeros(count))
+        scale = np.sqrt((rows**2).sum(0))
+        scale[scale == 0] = 1.0
+        best = np.linalg.lstsq(rows / scale, values, rcond=1e-10)[0] / scale
+        left = ((values - rows @ best) ** 2).sum()
+        gain = 0.5 * (((value - base @ resting) ** 2).sum() - left)
+        assert found.gain[k] == pytest.approx(gain, rel=1e-4, abs=1e-6)
+        size = np.clip(best[-count:], -4 * change.std, 4 * change.std)
+        np.testing.assert_allclose(
+            found.theta[k, 5:] - theta[k, 5:], size, rtol=1e-3, atol=1e-6
+        )
+        width, speed = float(fit.range_over_speed_s[0]), float(fit.theta[0, 2])
+        reach = np.array([2 * width, 1.0, 0.5 * speed])
+        moved = np.clip(best[:3], -reach, reach * [1, 1, 2])
+        np.testing.assert_allclose(
+            found.theta[k, :3] - fit.theta[0, :3], moved, rtol=1e-3, atol=1e-5
+        )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_columns_of_changes_are_what_small_changes_do_to_the_residuals(kind):
+    fit, blocks = fitted()
+    change = change_scores.instants(kind, fit, blocks)
+    few = np.array([5, change.time_s.size // 2 + 3])
+    change = Change(kind, change.time_s[few] + 0.3, change.sign[few])
+    theta = np.zeros((2, 5 + change.std.size))
+    theta[:, : fit.theta.shape[1]] = fit.theta
+    theta[:, 4] = fit.height_m
+    if kind == TURN:
+        theta[:, 6] = 60.0
+    _, base, extra = change_scores._linearised(change, theta, fit, blocks)
+    n = blocks.time_s.size
+    for k in range(2):
+        one = Change(kind, change.time_s[[k]], change.sign[[k]])
+
+        def law(by, k=k, one=one):
+            law = law_of(theta[[k]] + by, blocks.time_s, fit.medium, one)
+            level = np.logaddexp(law.spread[0], fit.theta[0, 3])
+            return np.concatenate([law.shift[0], fit.turn[0] * law.angle[0], level])
+
+        kinds = (blocks.shift, blocks.bearing, blocks.level)
+        root = np.concatenate([
+            np.sqrt(block.weight[0, 0]) / noise.scale[0][0]
+            for block, noise in zip(kinds, fit.noises, strict=True)
+        ])  # fmt: skip
+        places = [0, 1, 2, 4, *range(5, theta.shape[1])]
+        for number, place in enumerate(places):
+            step = np.zeros((1, theta.shape[1]))
+            step[0, place] = 1e-5
+            slope = (law(step) - law(-step)) / 2e-5 * root
+            ours = base[2:, number] if number < 4 else extra[k, number - 4, 2:]
+            if number < 4 and k == 1:
+                continue  # the passage's own columns are those of the first
+            size = max(np.abs(slope).max(), 1e-3)
+            np.testing.assert_allclose(ours / size, slope / size, atol=2e-3)
+    assert base.shape[0] == 3 * n + 2
+    assert base[0, 3] == pytest.approx(1 / 3.0)  # the prior of the depth difference
