@@ -201,6 +201,9 @@ def test_an_ellipse_holds_95_percent_and_runs_against_the_clock():
     assert ring.shape == (CORNERS + 1, 2)
     assert np.array_equal(ring[0], ring[-1])
     grid = np.array([to_grid(lat, lon, origin) for lon, lat in ring])
+    unit = np.linalg.solve(np.linalg.cholesky(covariance), grid.T)
+    steps = np.hypot(*np.diff(unit, axis=1))
+    assert steps == pytest.approx(steps[0], rel=1e-3)  # corners all the way round
     squares = np.einsum("ij,jk,ik->i", grid, np.linalg.inv(covariance), grid)
     assert squares == pytest.approx(chi2.ppf(0.95, 2), rel=1e-3)
     x, y = grid.T

@@ -41,6 +41,7 @@ from uwtrack_cli.lines.tracking.line_continuation import (
 from uwtrack_cli.lines.tracking.llr_score import ECHO, LlrScore
 from uwtrack_cli.lines.tracking.track_management import HitCounter, merge_lines
 from uwtrack_cli.lines.tracking.track_store import TrackStore
+from uwtrack_cli.lines.tracking.tracker import LineTracker
 
 RESOLUTION_HZ = 0.5
 """Of frames of two seconds, so that no unit is one by chance."""
@@ -549,6 +550,38 @@ def test_peaks_beside_confirmed_lines_start_no_others(bearing_gate, reach_hz):
         turn = turned_by(frame.bearing_deg[:, None] - state.position[1, :4])
         near &= np.abs(turn) < bearing_gate
     assert np.array_equal(own.is_claimed(frame), near.any(axis=1))
+
+
+@pytest.mark.parametrize(("hops", "std", "is_kept"), [
+    (1.4, 1.6, True), (1.6, 1.6, False), (1.6, 1.4, True),
+])  # fmt: skip
+def test_after_a_gap_a_line_known_within_less_than_it_is_wide_goes_on(
+    hops, std, is_kept
+):
+    """More than one and a half steps are a gap, so many resolutions too wide."""
+    peaks = peaks_of(20, clutter=30.0)
+    peaks = replace(
+        peaks.take("peak", np.arange(1)), frame=np.zeros(1, np.int64),
+        frequency_hz=np.array([100.0]), frequency_std_hz=np.array([0.05]),
+        bearing_deg=np.array([np.nan]), bearing_std_deg=np.array([np.nan]),
+        snr_db=np.array([20.0]), is_detection=np.array([True]),
+    )  # fmt: skip
+    told = TrackerOptions(
+        "count", ScoreLogic(), CountLogic(), Feedback(), Gates(), ProcessNoise(),
+        Harmonics(),
+    )  # fmt: skip
+    tracker = LineTracker(told, peaks.frames, peaks)
+    state = KalmanState(*np.zeros((5, 2, 1)))
+    state.position[0], state.variance[0] = 100.0, (std * RESOLUTION_HZ) ** 2
+    tracker.store.start(
+        state, np.zeros((2, 1)), np.zeros((6, 1)), np.ones(1, bool), np.ones(1),
+        np.full(1, 400.0),
+    )  # fmt: skip
+    tracker.store.confirm(np.arange(1), np.zeros(1, np.int64))
+    tracker.last_time_s = 10.0
+    (frame,) = split_frames(peaks, peaks)
+    tracker.step(0, 10.0 + hops * peaks.frames.hop_s, 1.0, frame)
+    assert (tracker.store.confirmed.size == 1) == is_kept
 
 
 def test_of_two_lines_that_are_one_the_weaker_ends():

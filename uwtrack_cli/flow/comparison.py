@@ -204,8 +204,9 @@ def _compare_numbers(
         x, y = np.asarray(a, float), np.asarray(b, float)
         with np.errstate(invalid="ignore"):
             apart = np.abs(_around(x - y) if key[2].endswith("_deg") else x - y)
-    apart[x == y] = 0.0  # infinities, too
+        apart[x == y] = 0.0  # infinities, too
     size = np.maximum(np.abs(x), np.abs(y))
+    size[np.isinf(size)] = 0.0  # no share of it is a number
     if key[2].endswith("_ns"):  # a share of the time since 1970 means nothing
         apart, size = apart / NANOSECONDS, np.zeros_like(size)
     unknown = np.isnan(x) & np.isnan(y)
