@@ -285,31 +285,39 @@ def test_a_gain_for_all_is_what_two_ways_of_least_squares_leave():
 
 
 def test_partials_of_a_sum_of_sources_agree_with_central_differences():
+    """A source whose motion is known within its deviations, two free ones, and what is
+    always there, from one side more than from others."""
     time = np.linspace(0.0, 100.0, 21)
     rng = np.random.default_rng(7)
     ones = np.ones(21)
     x = (time - 60.0) / 30.0
-    known = KnownSources(-np.log1p(x**2)[None], (0.5 - np.arctan(x))[None])
-    theta = np.array([[0.3, 1.2, 1.1, 40.0, 2.5, 1.7, -0.8, 75.0, 2.0, 1.0, 2.2]])
+    by_spread, by_bearing = 0.1 * rng.standard_normal((2, 1, 21, 3))
+    known = KnownSources(
+        -np.log1p(x**2)[None], (0.5 - np.arctan(x))[None], by_spread, by_bearing
+    )
+    theta = np.array([[0.3, 1.2, 0.2, -0.1, 1.1, 0.4, -0.3, 0.2,
+                       40.0, 2.5, 1.7, -0.8, 75.0, 2.0, 1.0, 2.2]])  # fmt: skip
     turn = np.array([[1.0, -1.0]])
     sound = BroadbandSeries(
         time, rng.normal(2, 1, 21), ones, rng.normal(0, 1, 21), ones
     )
     residual, slope = sum_residuals(theta, turn, sound, known)
-    whole, intensity = np.exp(0.3), 0.0
-    for row, way in ((theta[0, 3:7], 1.0), (theta[0, 7:], -1.0)):
+    whole, intensity = np.exp(0.3), np.exp(0.3) * (0.2 - 0.1j)
+    for row, way in ((theta[0, 8:12], 1.0), (theta[0, 12:], -1.0)):
         u = (time - row[0]) / np.exp(row[1])
         own = np.exp(row[2]) / (1 + u**2) ** 1.2
         whole = whole + own
         intensity = intensity + own * np.exp(1j * (row[3] + way * np.arctan(u)))
-    steady = np.exp(1.1) / (1 + x**2) ** 1.2
-    intensity = intensity + steady * np.exp(1j * known.bearing[0])
+    off = theta[0, 5:8]
+    steady = np.exp(1.1 + 1.2 * (by_spread[0] @ off)) / (1 + x**2) ** 1.2
+    ahead = known.bearing[0] + by_bearing[0] @ off
+    intensity = intensity + steady * np.exp(1j * ahead)
     np.testing.assert_allclose(
         residual[0, :21], sound.power - np.log(whole + steady), atol=1e-12
     )
     turned = np.angle(np.exp(1j * (sound.bearing - np.angle(intensity))))
     np.testing.assert_allclose(residual[0, 21:], turned, atol=1e-12)
-    for k, step in enumerate(1e-5 * np.eye(11)):
+    for k, step in enumerate(1e-5 * np.eye(16)):
         ends = [sum_residuals(theta + s * step, turn, sound, known)[0] for s in (1, -1)]
         change = np.angle(np.exp(1j * (ends[0] - ends[1])))[0] / 2e-5
         np.testing.assert_allclose(slope[0, :, k], change, atol=1e-6)

@@ -190,18 +190,20 @@ def test_halves_of_a_source_lie_beside_it_and_are_together_as_loud():
     """A source in two: each half as wide, six tenths of d/v from the middle, and where
     the whole bears then."""
     time_s = np.linspace(0.0, 200.0, 41)
-    theta = np.array([0.1, 1.0, 1.2, 80.0, np.log(20.0), 2.0, 0.7])
+    theta = np.array(
+        [0.1, 1.0, 0.0, 0.0, 1.2, 0.0, 0.0, 0.0, 80.0, np.log(20.0), 2.0, 0.7]
+    )
     known = KnownSources(np.zeros((1, 41)), np.zeros((1, 41)))
     for turn in (1.0, -1.0):
         fit = SourceFit(theta, np.array([turn]), 0.0, 1)
         starts, turns = _with_halves(
             fit, np.tile(np.append(theta, np.zeros(4)), (2, 1)), np.full((2, 2), turn)
         )
-        assert starts.shape == (4, 11)
+        assert starts.shape == (4, 16)
         assert turns[2:].tolist() == [[turn, turn], [turn, -turn]]
         for start in starts[2:]:
-            np.testing.assert_allclose(start[:3], theta[:3])
-            halves = start[3:].reshape(2, 4)
+            np.testing.assert_allclose(start[:8], theta[:8])
+            halves = start[8:].reshape(2, 4)
             np.testing.assert_allclose(halves[:, 0], [68.0, 92.0])
             np.testing.assert_allclose(np.exp(halves[:, 1]), 10.0)
             np.testing.assert_allclose(halves[:, 2], 2.0)
