@@ -29,7 +29,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
@@ -186,14 +186,14 @@ def doppler_misfit(fit: PassageFit, blocks: Blocks) -> float:
     law = fit.law(blocks.time_s)
     weight = blocks.shift.weight[0] / fit.noises[0].scale[0][:, None] ** 2
     weight = weight * _near(fit, blocks.time_s)
-    number, count = _numbers(fit, blocks.time_s)
+    number = _numbers(fit, blocks.time_s)
     departures = []
     for value, size in zip(blocks.shift.value[0] - law.shift[0], weight, strict=True):
-        whole = np.bincount(number, size, count)
+        whole = np.bincount(number, size)
         used = whole > 0
         if used.sum() < FEWEST_BLOCKS:
             continue
-        mean = np.bincount(number, size * value, count)[used] / whole[used]
+        mean = np.bincount(number, size * value)[used] / whole[used]
         square = (mean - np.median(mean)) ** 2
         noise = float(np.median(1 / whole[used]))
         departures.append(max(float(np.median(square)) / HALF_NORMAL - noise, 0.0))
@@ -265,13 +265,13 @@ def level_slope(candidate: CandidatePassage, lines: Lines) -> tuple[float, float
         time, level = time[kept], level[kept]
         if not time.size:
             continue
-        number, count = _numbers(fit, time)
-        size = np.bincount(number, minlength=count)
+        number = _numbers(fit, time)
+        size = np.bincount(number)
         used = size > 0
         if used.sum() < FEWEST_BLOCKS:
             continue
-        middle = np.bincount(number, time, count)[used] / size[used]
-        mean = np.bincount(number, level, count)[used] / size[used]
+        middle = np.bincount(number, time)[used] / size[used]
+        mean = np.bincount(number, level)[used] / size[used]
         spread = NEPER_DB * fit.law(middle).spread[0]
         own.append(mean - mean.mean())
         law.append(spread - spread.mean())
@@ -304,13 +304,12 @@ def _near(fit: PassageFit, time_s: FloatArray) -> BoolArray:
     return near
 
 
-def _numbers(fit: PassageFit, time_s: FloatArray) -> tuple[FloatArray, int]:
-    """Return the number of the block that each time lies in, and how many there are."""
+def _numbers(fit: PassageFit, time_s: FloatArray) -> IntArray:
+    """Return the number of the block that each time lies in, from 0."""
     block = BLOCK * float(fit.range_over_speed_s[0])
     number = np.floor((time_s - _heard_s(fit)) / block).astype(int)
     number = np.clip(number, -round(REACH / BLOCK), round(REACH / BLOCK))
-    number -= number.min()
-    return number, int(number.max()) + 1
+    return np.asarray(number - number.min(), np.int64)
 
 
 def _influence(fit: PassageFit, blocks: Blocks) -> tuple[FloatArray, str]:

@@ -149,7 +149,7 @@ def _flat_top(u: FloatArray) -> FloatArray:
 
 
 def _slow_fall(u: FloatArray) -> FloatArray:
-    ramps: FloatArray = np.clip(np.minimum(1.0 + 2.0 * u, 1.0 - 0.5 * u), 0.0, 1.0)
+    ramps: FloatArray = np.maximum(np.minimum(1.0 + 2.0 * u, 1.0 - 0.5 * u), 0.0)
     return ramps
 
 
