@@ -276,7 +276,7 @@ def _known(found: list[CandidatePassage], time_s: FloatArray) -> KnownSources:
             up, down = (_heard(replace(fit, theta=one[None]), time_s) for one in theta)
             slopes[:, row, :, place] = (np.array(up) - down) / (2.0 * STEP)
         slopes[1, row, :, 2] = unit[2]
-    return KnownSources(spread, bearing, *slopes, precision)
+    return KnownSources(spread, bearing, slopes[0], slopes[1], precision)
 
 
 def _heard(fit: PassageFit, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
