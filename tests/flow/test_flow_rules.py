@@ -11,8 +11,11 @@ from tests.support import recording_of
 from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.recording import HeldSamples
 from uwtrack_cli.data.rises import Rises
-from uwtrack_cli.flow import comparison, recorder_folder, zoom
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import UwtrackWarning
+from uwtrack_cli.flow import comparison, information, recorder_folder, rungs, zoom
 from uwtrack_cli.flow.engine import STREAM_SHARE, _share_of, shared_readers
+from uwtrack_cli.flow.exports import features
 from uwtrack_cli.flow.exports.raven import FileClock
 from uwtrack_cli.flow.live_events import _OpenLines
 from uwtrack_cli.flow.scoring.tolerances import Closeness, Limits
@@ -292,3 +295,46 @@ def test_two_parts_mean_one_passage_within_five_seconds_or_three_deviations(
     found = recorder_folder.distinct_passages([["one"], ["two"]], own, times.get)
     # the later one lies in its own part, and so does the earlier
     assert found == ([["one"], []] if is_twin else [["one"], ["two"]])
+
+
+@pytest.mark.parametrize(
+    ("calibrated", "words"),
+    [
+        ((False,), "dB re full scale; not calibrated"), ((True,), "dB re 1 uPa"),
+        ((True, True), "dB re 1 uPa"),
+        ((True, False, False), "dB re full scale; 1 sensors are calibrated"),
+    ],
+)  # fmt: skip
+def test_levels_are_those_of_a_pressure_where_all_sensors_are_calibrated(
+    calibrated, words
+):
+    sensors = [
+        Sensor(id=f"h{k}", full_scale_db=160.0 if known else None, depth_m=12.5)
+        for k, known in enumerate(calibrated)
+    ]
+    first, levels = information._sensor_lines(sensors)
+    assert levels == f"levels: {words}"
+    names = ", ".join(sensor.id for sensor in sensors)
+    alone = "sensor: h0, omni, position not known, depth 12.5 m"
+    assert first == (alone if len(sensors) == 1 else f"sensors: {names}")
+    assert list(information._sensor_lines([])) == []
+
+
+@pytest.mark.parametrize(
+    ("window_s", "share", "fits"),
+    [(8.0, None, True), (8.1, None, False), (2.0, 0.25, True), (2.1, 0.25, False)],
+)
+def test_a_rung_fits_a_recording_or_a_share_of_it(window_s, share, fits):
+    options = {"window_s": window_s, "largest_share": share}
+    step = SimpleNamespace(values=lambda: options)
+    recording = recording_of(np.zeros((80, 1)), 10.0)
+    if fits:
+        assert rungs._fits(step, recording)
+    else:
+        with pytest.warns(UwtrackWarning, match=f"the rung of {window_s:g} s is left"):
+            assert not rungs._fits(step, recording)
+
+
+def test_a_sensor_stands_on_the_map_at_its_longitude_and_latitude():
+    sensor = Sensor(id="h1", latitude=50.5, longitude=-1.25)
+    assert features._sensor(sensor).places == ((-1.25, 50.5),)

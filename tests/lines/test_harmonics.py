@@ -90,7 +90,7 @@ def test_a_family_longer_than_the_comb_is_one_family() -> None:
     frequency = 100.0 + 7.3 * np.arange(40)
     combs, _ = find_combs(frequency, _unknown(frequency), RULE, 1e-2)
     assert len(combs) == 1
-    assert combs[0].members.size == 40
+    assert combs[0].members.tolist() == combs[0].teeth.tolist() == list(range(40))
 
 
 def test_bearings_keep_two_interleaved_families_apart() -> None:

@@ -1,12 +1,13 @@
 """What the search of paths is made of, against enumeration, scipy and laws."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 from scipy.ndimage import median_filter
 from scipy.special import i0
-from scipy.stats import binom, multivariate_normal, ncx2
+from scipy.stats import binom, gamma, multivariate_normal, ncx2
 
 from uwtrack_cli.estimation.noise_floor import EDGE_STEP, TILE_BINS
 from uwtrack_cli.lines.common_jumps import JumpCandidates, told_jump
@@ -15,7 +16,12 @@ from uwtrack_cli.lines.paths.courses import Course, disagreement
 from uwtrack_cli.lines.paths.meetings import Meetings, _fused
 from uwtrack_cli.lines.paths.path_search import MOVE_PENALTY, FoundPath
 from uwtrack_cli.lines.paths.recording_noise import RecordingNoise, _filled, _shifts
-from uwtrack_cli.lines.paths.trace_threshold import PathScores, TraceThreshold
+from uwtrack_cli.lines.paths.trace_threshold import (
+    PathBearing,
+    PathScores,
+    TraceThreshold,
+)
+from uwtrack_cli.lines.paths.trace_window import WindowData
 from uwtrack_cli.lines.sensitivity import (
     amplitude_log_ratio,
     false_lines_by_count,
@@ -194,6 +200,70 @@ def test_a_path_goes_from_line_to_line_when_it_crosses_noise_fast(
     if is_bridge:  # each goes straight on where the path goes over
         assert set(along[0][0][: 40 + silent].tolist()) == {30}
         assert set(along[1][0][40:].tolist()) == {30 + moved}
+
+
+def test_a_gap_says_nothing_of_where_a_line_ends():
+    ratio = np.concatenate([np.full(40, 8.0), np.full(10, np.nan), np.full(40, 0.2)])
+    assert path_search.line_intervals(ratio, np.full(90, 30)) == [(0, 40)]
+    few = np.append(ratio[:50], 2.0)  # a faint frame is too little to end it
+    assert path_search.line_intervals(few, np.full(51, 30)) == [(0, 51)]
+
+
+@pytest.mark.parametrize("is_masked", [False, True])
+def test_the_evidence_of_one_bearing_is_half_of_hotellings_statistic(is_masked):
+    rng = np.random.default_rng(10)
+    n, n_cells = 40, 120
+    power = rng.exponential(1.0, (n, n_cells)) + 0.1
+    usual = np.array([0.2, -0.1])
+    parts = usual[:, None, None] * power + 0.3 * rng.normal(size=(2, n, n_cells))
+    path = 60 + np.arange(n) // 20
+    parts[:, np.arange(n), path] += [[0.3], [0.2]]
+    floor = rng.uniform(0.5, 2.0, (n, n_cells))
+    data = WindowData(
+        frame=np.arange(n), time_s=1.0 * np.arange(n), is_valid=np.arange(n) != 3,
+        frequency_hz=1.0 * np.arange(n_cells), power=power, floor=floor,
+        east=parts[0], north=parts[1], window_s=1.0, cells_per_bin=PER_BIN,
+    )  # fmt: skip
+    mask = np.zeros(power.shape, bool)
+    mask[10:14] = is_masked
+    rows = [k for k in range(n) if k != 3 and not (is_masked and 10 <= k < 14)]
+    vectors = []
+    for k in rows:
+        off = PER_BIN * np.arange(3, 25)
+        near = np.concatenate([path[k] - off, path[k] + off])
+        background = np.median(parts[:, k, near] / power[k, near], axis=1)
+        own = parts[:, k, path[k]] - background * power[k, path[k]]
+        vectors.append(own / floor[k, path[k]])
+    vectors = np.array(vectors)
+    total = vectors.sum(axis=0)
+    wanted = 0.5 * total @ np.linalg.inv(vectors.T @ vectors) @ total
+    test = PathBearing(data, 2.5, 0.0).without(mask)
+    assert test.scores(path[None]) == pytest.approx([2.5 * wanted])
+    # too few frames say nothing, and neither does an omnidirectional sensor
+    short = PathBearing(data.take(slice(0, 16)), 2.5, 0.0)
+    assert short.scores(path[None, :16]).tolist() == [0.0]
+    assert (
+        PathBearing(data.take(slice(0, 17)), 2.5, 0.0).scores(path[None, :17])[0] > 0.0
+    )
+    omni = PathBearing(replace(data, east=None, north=None), 2.5, 0.0)
+    assert omni.scores(path[None]).tolist() == [0.0]
+
+
+def test_the_threshold_with_a_bearing_is_that_of_the_sum_of_two_exponentials():
+    rule = TraceThreshold(2.0, 0.5, 2, 0.5, 120)
+    n = 120
+    ones = np.ones((n, 80))
+    data = WindowData(
+        frame=np.arange(n), time_s=1.0 * np.arange(n), is_valid=np.ones(n, bool),
+        frequency_hz=1.0 * np.arange(80), power=ones, floor=ones, east=ones,
+        north=ones, window_s=1.0, cells_per_bin=PER_BIN,
+    )  # fmt: skip
+    plain, found = rule.scores(n), rule.scores_with_bearing(data)
+    slope, offset = 2.401, -17.0
+    for power_alone, both in zip(plain[:2], found[:2], strict=True):
+        rate = np.exp(-(power_alone - offset) / slope)
+        assert gamma.sf((both - offset) / slope, 2) == pytest.approx(min(rate, 1.0))
+    assert (found.bearing.slope, found.bearing.least_score) == (slope, offset)
 
 
 def test_gaps_are_filled_with_the_cells_that_follow():
@@ -392,6 +462,17 @@ def test_two_lines_or_what_chance_pairs_is_no_jump():
         may_be = np.ones((12, 12), dtype=bool)
         looks += bool(JumpCandidates(before, np.zeros(12), now, may_be, 1.0).common())
     assert looks <= 2  # one in a thousand is stated
+
+
+def test_lines_that_may_be_no_other_count_for_nothing():
+    """Forty lines that are silent and have no successor allowed are no trials."""
+    rng = np.random.default_rng(5)
+    own = jumped(4, 2, 4)
+    before = np.append(own.before_hz, rng.uniform(50.0, 900.0, 400))
+    may_be = np.zeros((before.size, own.now_hz.size), dtype=bool)
+    may_be[:4] = True
+    many = JumpCandidates(before, np.zeros(before.size), own.now_hz, may_be, 1.0)
+    assert sorted(many.common()) == sorted(own.common()) == [(k, k) for k in range(4)]
 
 
 def test_lines_whose_ends_lie_too_far_apart_have_not_jumped_together():

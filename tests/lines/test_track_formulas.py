@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import norm
+from scipy.stats import ncx2, norm
 
 from tests.lines.line_scenes import line_peaks, some_frames
 from uwtrack_cli.estimation.kalman import KalmanState
@@ -420,6 +420,114 @@ def test_probabilities_of_peaks_are_bayes_over_all_that_may_be(has_bearings):
         assert gain[own] == pytest.approx(np.log(ways.sum()))
 
 
+def test_lines_are_sought_at_the_stated_power_over_noise():
+    tracker = pda_tracker(peaks_of(1))
+    threshold = np.array([2.0, 4.0, 7.0])
+    seen = ncx2.sf(2.0 * threshold, 2, 2.0 * 10.0**0.3)
+    assert tracker.curve.detection(np.exp(-threshold)) == pytest.approx(seen, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["plain", "pda"])
+def test_process_noise_is_adapted_by_deviations_and_probabilities(monkeypatch, kind):
+    """The innovation over its deviation; a peak that two lines share counts nothing."""
+    tracker, peaks = crowd(24, False)
+    if kind == "plain":
+        tracker.__class__ = LineTracker
+    tracker.associator.store = tracker.store
+    told = []
+    monkeypatch.setattr(tracker, "_adapt", lambda *given: told.append(given))
+    slots = np.arange(3)
+    before = tracker.store.frequency_hz.copy()
+    variance = tracker.store.frequency_variance_hz2[:3] + 1.0 / 60.0
+    gain = np.array([1.5, -0.5])
+    line, peak = np.array([0, 2]), np.array([2, 9])
+    if kind == "plain":  # the second and the third cannot be told apart
+        tracker.store.state.position[0, 1] = before[2] - 0.7
+    tracker._update(slots, Choice(line, peak, gain, np.zeros(0)), peaks)
+    own, deviation, probability = told[-1]
+    off = peaks.frequency_hz[peak] - before[line]
+    wanted = 1.0 / (1.0 + np.exp(-gain))
+    doubt = variance[line]
+    if kind == "plain":
+        wanted[1] = 0.0
+        doubt[1] += (0.5 * RESOLUTION_HZ) ** 2
+    assert own.tolist() == [0, 2]
+    assert deviation == pytest.approx(off / np.sqrt(doubt))
+    assert probability == pytest.approx(wanted)
+
+
+def test_the_precision_of_a_line_is_averaged_over_its_peaks():
+    tracker, peaks = crowd(25, False)
+    store, slots, peak = tracker.store, np.array([0, 1]), np.array([3, 8])
+    store.hits[:2] = (2.0, 40.0)
+    tracker._note_peaks(slots, peak, peaks)
+    own = 1.0 / peaks.frequency_variance_hz2[peak]
+    # six usual peaks before the first, and at most the last 32
+    wanted = 60.0 + (own - 60.0) / np.array([9.0, 32.0])
+    assert store.precision[:2] == pytest.approx(wanted)
+    assert store.faintness[:2] == pytest.approx(60.0 / own)
+    assert store.hits[:2].tolist() == [3.0, 41.0]
+
+
+def test_the_noise_of_a_bearing_rises_with_peaks_beyond_its_gate_and_falls_again():
+    tracker, _ = crowd(26, True)
+    density, variance = tracker.store.noise_density, np.full(3, 25.0)
+    for start, turn_deg, wanted in (
+        (1.0, 20.1, 8.0), (1.0, 19.9, 0.8), (0.011, 0.0, 0.01), (500.0, -21.0, 1000.0),
+    ):  # fmt: skip
+        density[1, :3] = start
+        tracker._follow_turns(np.arange(3), np.full(3, turn_deg), variance)
+        assert density[1, :3] == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("rate_hzps", [None, 0.07])
+def test_a_new_line_has_the_state_of_its_peak(rate_hzps):
+    peaks = peaks_of(27, clutter=12.0)
+    motion = ProcessNoise(frequency_rate_hzps=rate_hzps, bearing_rate_degps=2.0)
+    told = TrackerOptions(
+        "count", ScoreLogic(), CountLogic(), Feedback(), Gates(), motion, Harmonics()
+    )
+    n = peaks.frame.size
+    unknown = np.where(np.arange(n) == 1, np.nan, peaks.bearing_deg)
+    peaks = replace(
+        peaks, is_detection=np.ones(n, bool), bearing_deg=unknown,
+        frequency_std_hz=np.linspace(0.05, 0.2, n),
+    )  # fmt: skip
+    tracker = LineTracker(told, peaks.frames, peaks)
+    (frame,) = split_frames(peaks, peaks)
+    free = np.arange(n) != 0
+    tracker._start(frame, free, np.zeros(n))
+    state, slots = tracker.store.state, np.arange(n - 1)
+    own = 1.0 / peaks.frequency_std_hz[1:] ** 2
+    precision = (6.0 * own.mean() + own) / 7.0
+    assert state.position[0, slots] == pytest.approx(peaks.frequency_hz[1:])
+    assert state.variance[0, slots] == pytest.approx(1.0 / precision)
+    assert tracker.store.precision[slots] == pytest.approx(precision)
+    is_known = np.isfinite(unknown[1:])
+    assert state.position[1, slots][is_known] == pytest.approx(unknown[1:][is_known])
+    wanted = np.where(is_known, peaks.bearing_std_deg[1:] ** 2, 1e8)
+    assert state.variance[1, slots] == pytest.approx(wanted)
+    # loud ones may move by a resolution per step: of 1 s and half a hertz
+    rate = rate_hzps or 4.0 * 0.25 / (2.0 * 1.0)
+    assert state.rate_variance[0, slots] == pytest.approx(rate**2)
+    assert state.rate_variance[1, slots] == pytest.approx(4.0)
+    assert tracker.store.noise_density[0, slots] == pytest.approx(1e-4 / 2.0**5)
+    assert tracker.store.noise_density[1, slots] == pytest.approx(1e-2)
+    faint = tracker._first_rate_std_hzps(np.array([True, False]))
+    assert faint == pytest.approx([rate, rate_hzps or rate / 8.0])
+    tracker._start(frame, free, np.zeros(n))  # the usual precision is remembered
+    assert tracker.usual_precision == pytest.approx(own.mean())
+
+
+def test_an_arrays_turn_loosens_bearings_by_twice_as_much():
+    tracker, _ = crowd(28, True)
+    before = tracker.store.bearing_variance_deg2[:3].copy()
+    for heading in (350.0, np.nan, 5.0, 5.0, 359.0):
+        tracker.turn(heading)
+    after = tracker.store.bearing_variance_deg2[:3]
+    assert after - before == pytest.approx(np.full(3, 30.0**2 + 12.0**2))
+
+
 def test_a_line_takes_the_mean_and_the_spread_of_what_its_peaks_say():
     tracker, peaks = crowd(14, True)
     rng = np.random.default_rng(15)
@@ -760,7 +868,7 @@ def test_a_kink_is_where_two_weighted_straight_courses_do_not_meet():
     value += 0.05 * rng.normal(size=value.shape)
     variance = rng.uniform(0.5, 2.0, value.shape) * 0.05**2
     silent = rng.random(value.shape) < 0.2
-    silent[time > at_s, 3] = True
+    silent[(time > at_s) & (time < at_s + 27.0), 3] = True  # four frames are left
     value[silent], variance[silent] = np.nan, np.inf
     paths = SimpleNamespace(
         data=SimpleNamespace(time_s=time, window_s=window_s),
