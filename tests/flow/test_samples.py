@@ -29,6 +29,7 @@ NAMES = (
 @pytest.fixture(scope="session")
 def remade(tmp_path_factory):
     folder = tmp_path_factory.mktemp("samples")
+    (folder / "pass.wav").touch()  # made again, it is replaced
     remake_samples(SAMPLES, folder)
     return folder
 

@@ -93,6 +93,16 @@ def test_a_family_longer_than_the_comb_is_one_family() -> None:
     assert combs[0].members.tolist() == combs[0].teeth.tolist() == list(range(40))
 
 
+def test_families_of_one_spacing_that_lie_far_apart_are_two() -> None:
+    """Twenty-two teeth are missing; half of their length and a tooth may be."""
+    tooth = np.append(np.arange(9), np.arange(30, 39))
+    frequency = 100.0 + 7.3 * tooth
+    combs, _ = find_combs(frequency, _unknown(frequency), RULE, 1e-2)
+    assert sorted(comb.members.tolist() for comb in combs) == [
+        list(range(9)), list(range(9, 18))
+    ]  # fmt: skip
+
+
 def test_bearings_keep_two_interleaved_families_apart() -> None:
     rng = np.random.default_rng(8)
     one, two = 100.0 + 20.0 * np.arange(10), 107.0 + 26.0 * np.arange(10)

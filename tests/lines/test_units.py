@@ -79,6 +79,7 @@ def followed(peaks: Peaks, factor: float, how: str) -> Lines:
 
 def assert_same(slow: Lines, usual: Lines, *, exact: bool = True) -> None:
     assert usual.line_id.size >= 3
+    assert (usual.line_unresolved_share > 0.0).any()
     for name in ("line", "frame", "line_id", "line_family", "association"):
         assert np.array_equal(getattr(slow, name), getattr(usual, name)), name
     per = np.array([[1.0, SLOWER], [SLOWER, SLOWER**2]])
@@ -86,7 +87,9 @@ def assert_same(slow: Lines, usual: Lines, *, exact: bool = True) -> None:
     for name, factor in (
         ("time_s", 1.0 / SLOWER), ("frequency_hz", SLOWER),
         ("frequency_covariance", SLOWER**2 * per),
-        ("bearing_deg", 1.0), ("bearing_covariance", per),
+        ("frequency_rate_hzps", SLOWER**2), ("bearing_deg", 1.0),
+        ("bearing_rate_degps", SLOWER), ("bearing_covariance", per),
+        ("line_unresolved_share", 1.0),
     ):  # fmt: skip
         ours, theirs = getattr(slow, name) * factor, getattr(usual, name)
         atol = 0.0 if exact else 1e-6 * float(np.nanmax(np.abs(theirs), initial=0.0))
