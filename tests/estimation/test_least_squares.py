@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from uwtrack_cli.estimation.least_squares import damped_least_squares, inverse_or_nan
 
@@ -97,3 +97,46 @@ def test_a_matrix_that_is_not_finite_has_no_inverse_and_leaves_the_others_theirs
     np.testing.assert_allclose(found[1] @ good, np.eye(2), atol=1e-12)
     assert np.isnan(found[[0, 2]]).all()
     assert np.isnan(inverse_or_nan(lost)).all()
+
+
+DESIGN = np.random.default_rng(8).standard_normal((30, 3)) @ [
+    [1.0, 0.98, 0.9], [0.0, 0.2, 0.4], [0.0, 0.0, 0.1],
+]  # fmt: skip
+VALUES = DESIGN @ [1.0, -2.0, 3.0]
+
+
+def linear(theta, _):
+    error = theta @ DESIGN.T - VALUES
+    matrix = np.broadcast_to(DESIGN.T @ DESIGN, (len(theta), 3, 3))
+    return 0.5 * (error**2).sum(axis=1), error @ DESIGN, matrix
+
+
+def test_a_bound_is_met_in_one_step_and_the_others_go_with_it():
+    bounds = np.full(3, -9.0), np.array([0.5, 9.0, 9.0])
+    found = damped_least_squares(
+        linear, np.zeros((1, 3)), any_step, bounds=bounds, max_steps=1,
+        first_damping=0.0,
+    )  # fmt: skip
+    oracle = lsq_linear(DESIGN, VALUES, bounds, tol=1e-14).x
+    assert oracle[0] == pytest.approx(0.5)
+    np.testing.assert_allclose(found[0], oracle, rtol=1e-5)
+
+
+def test_the_last_step_is_taken_unseen_unless_it_gains_next_to_nothing():
+    asked = []
+
+    def counted(theta, rows):
+        asked.append(theta)
+        return linear(theta, rows)
+
+    start = np.array([[1.0, -2.0, 4.0]])
+    gain = 2.0 * linear(start, None)[0][0]
+    found = damped_least_squares(
+        counted, start, any_step, tolerance=1.1 * gain, first_damping=0.0
+    )
+    assert len(asked) == 1
+    np.testing.assert_allclose(found[0], [1.0, -2.0, 3.0], rtol=1e-6)
+    found = damped_least_squares(
+        counted, start, any_step, tolerance=1100.0 * gain, first_damping=0.0
+    )
+    assert found is asked[-1]
