@@ -14,8 +14,10 @@ from fastkml import KML, Placemark
 from fastkml.utils import find_all
 from geographiclib.geodesic import Geodesic
 from geojson_pydantic import FeatureCollection
+from typer.testing import CliRunner
 
 from tests.motion.sensor_tables import buoys
+from uwtrack_cli.cli.app import app
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.files.hdf5.product import read_product
 
@@ -235,10 +237,17 @@ class Page(HTMLParser):
         self.text += data
 
 
+@pytest.fixture(scope="session")
+def page_file(pass_run):
+    path = pass_run.with_name("page.html")
+    done = CliRunner().invoke(app, ["report", str(pass_run), "-o", str(path)])
+    assert done.exit_code == 0, done.output
+    return path
+
+
 @pytest.fixture
-def page(uwtrack, pass_run, tmp_path):
-    assert uwtrack("report", pass_run, "-o", "page.html").exit_code == 0
-    return (tmp_path / "page.html").read_text()
+def page(page_file):
+    return page_file.read_text()
 
 
 def test_a_report_refers_to_no_address(page):
@@ -285,13 +294,12 @@ BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-@pytest.mark.usefixtures("page")
-def test_a_report_is_drawn_by_a_browser(tmp_path):
+def test_a_report_is_drawn_by_a_browser(page_file, tmp_path):
     done = subprocess.run(
         [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
          "--disable-background-networking", "--disable-component-update",
          "--disable-sync", f"--user-data-dir={tmp_path / 'profile'}",
-         f"--screenshot={tmp_path / 'page.png'}", tmp_path / "page.html"],
+         f"--screenshot={tmp_path / 'page.png'}", page_file],
         capture_output=True, check=False, timeout=120,
     )  # fmt: skip
     assert done.returncode == 0

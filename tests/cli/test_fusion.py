@@ -35,7 +35,8 @@ def test_two_sensors_agree_on_one_track_near_the_truth(two_sensors_run):
 def test_the_options_of_the_recipes_own_step_are_used_and_once_more_in_a_rerun(
     uwtrack, two
 ):
-    setting = ["--set", "locate.every_s=20.0", "--set", "locate.until='200'"]
+    setting = ["--recipe", "vessel", "--set", "locate.every_s=20.0"]
+    setting += ["--set", "locate.until='200'"]
     assert uwtrack("run", *two, *START, *setting).exit_code == 0
     with read_product("two-sensors-h1.fixes.h5") as product:
         assert product.read(Fixes).time_s.size > 4

@@ -110,6 +110,7 @@ def test_a_batch_names_and_makes_again_what_another_table_named(
     sound.write_bytes(short_pass.read_bytes())
     (tmp_path / "h1.toml").write_text((samples / "pass.sensor.toml").read_text())
     words = ["batch", "in", "-o", "out", "--jobs", 1, "--sensor", "h1.toml", "--resume"]
+    words += ["--recipe", "vessel"]
     statuses = []
     for more in ([], ["--ais", ais], ["--ais", ais], ["--ais", ais, "--within-m", 100]):
         done = uwtrack(*words, *more, "--json")
