@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from tests.motion.passage_truth import Scene, received, true_motion
 from tests.motion.passing_vessel import lines_of_scenes
+from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.candidates import (
@@ -236,13 +237,14 @@ def made_passage(
         ({"bearing_deg": 20.0, "silent": True}, {"bearing_deg": 20.0}),
         ({"speed_mps": 5.2, "std": 0.4}, {"speed_mps": 5.2, "std": 0.2}),
         ({"time_s": 103.9, "std": 9.0}, {"time_s": 104.1, "std": 9.0}),
+        ({"time_s": 102.4, "std": 0.62}, {"time_s": 102.4, "std": 0.58}),
         ({"time_s": 98.5, "width_s": 6.5}, {"time_s": 98.3, "width_s": 6.5}),
         ({"speed_mps": 3.25}, {"speed_mps": 0.0, "std": 9.0}),
     ],
 )  # fmt: skip
 def test_two_passages_within_a_quarter_of_d_over_v_and_speed_are_one(same, other):
-    """Whatever their deviations, which frames as long as d/v make too small; times that
-    agree within large ones are one within half of d/v."""
+    """Whatever their deviations, which frames as long as d/v make too small; times may be
+    apart by four of theirs, up to half of d/v."""
     first = made_passage()
     for item, is_same in ((made_passage(**same), True), (made_passage(**other), False)):
         assert is_one(item, first) is is_same
@@ -296,3 +298,40 @@ def test_lines_without_doppler_shift_need_levels_that_follow(
         line_ids=np.arange(count), fit=fit, likelihood_ratio=gain
     )
     assert bool(fit_checks._doubt_of_levels(candidate, fit, object())) == refused
+
+
+@pytest.mark.parametrize(
+    ("count", "kind", "slope", "gain", "bearing_std_deg", "doubt"),
+    [
+        (
+            5,
+            None,
+            0.61,
+            -5.3,
+            180.0,
+            "levels of its lines",
+        ),  # a machine, 12 deviations off
+        (5, None, 0.61, -2.0, 180.0, ""),  # as likely as not
+        (5, None, 1.46, -22.6, 180.0, ""),  # the surface makes a true one steeper
+        (5, None, 0.61, -5.3, 20.0, ""),  # its bearings turn
+        (1, "frequency-ramp", 0.97, 0.1, 180.0, "its only line changes"),
+        (1, "frequency-ramp", 0.97, 4.0, 180.0, ""),
+        (1, None, 0.97, 0.1, 180.0, ""),
+        (2, "frequency-ramp", 0.97, 0.1, 180.0, ""),
+    ],
+)
+def test_lines_that_alone_show_a_passage_need_levels_that_do_not_stay(
+    monkeypatch, count, kind, slope, gain, bearing_std_deg, doubt
+):
+    """A machine that slows down as its level swells, and true ones of line_level_coverage."""
+    monkeypatch.setattr(fit_checks, "level_slope", lambda *_: (slope, 0.05))
+    fit = SimpleNamespace(
+        theta=np.array([[257.0, 2.5, 6.0, 40.0]]), medium=Medium(1500.0),
+        covariance=np.diag([9.0, 0.1, 0.04, bearing_std_deg**2])[None],
+        change=SimpleNamespace(kind=kind) if kind else None,
+    )  # fmt: skip
+    told = SimpleNamespace(level=0.0, threshold=12.8, line_level=gain)
+    item = SimpleNamespace(line_ids=np.arange(count), fit=fit, likelihood_ratio=told)
+    found = fit_checks._doubt_of_levels(item, fit, object())
+    assert doubt in found
+    assert bool(found) == bool(doubt)

@@ -10,7 +10,8 @@
   by 12 dB over four d/v. The slope of its levels over those of the passage is one; that
   of a machine which only changes its speed is zero. A line alone may be such a machine,
   or noise that was followed: it must be nearer to one, if neither bearings nor the
-  broadband show the passage, too.
+  broadband show the passage, too. So must several, where their levels are rather those of
+  what stays; and one line whose frequency changes besides must show the passage by them.
 * *Lines that do not take part.* Each line, with its bearings, is read by the passage and as
   standing still. Where more than half of them prefer to stand still, the contact is not
   the one vessel that the others show.
@@ -37,6 +38,7 @@ from uwtrack_cli.motion.passage.encounter_rows import LARGEST_BEARING_STD_DEG
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit, fit_passage
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import passage_residuals
 from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
+from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP
 
 REACH = 3.0
 """d/v on either side of the closest approach that are checked."""
@@ -59,6 +61,14 @@ SMALLEST_SLOPE, SLOPE_DEVIATIONS = 0.3, 2.0
 LONE_SLOPE = 0.5
 """Slope of the levels below which a line alone, or lines without a Doppler shift, are
 doubted: half-way between a machine and a passage."""
+
+FLATTER_DEVIATIONS = 3.0
+"""Deviations by which levels must be flatter than the range's to be those of what stays:
+interference in a channel leaves true ones within them (135 drawn, tests/baselines/auto.md)."""
+
+LEVEL_ODDS = 3.0
+"""Nepers by which levels speak for or against a passage where they decide: strong evidence
+(Kass & Raftery 1995)."""
 
 ENOUGH_KINDS = 2
 """Kinds of measurements that show such a passage whatever its levels do."""
@@ -147,13 +157,43 @@ def _doubt_of_levels(
     has_to &= _kinds_that_show(candidate, fit) < ENOUGH_KINDS
     contradicts = _moves(candidate.fit)
     contradicts &= slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE
-    if not (contradicts or (has_to and slope < LONE_SLOPE)):
+    contradicts |= _is_flatter(candidate, fit, slope + FLATTER_DEVIATIONS * std)
+    if contradicts or (has_to and slope < LONE_SLOPE):
+        whose = "only line" if is_alone and has_to else "lines"
+        return (
+            f"the levels of its {whose} do not rise and fall as the range would: "
+            f"{slope:.2f} +- {std:.2f} dB for each dB"
+        )
+    if not _is_lone_change(candidate, fit):
         return ""
-    whose = "only line" if is_alone and has_to else "lines"
+    gain = candidate.likelihood_ratio.line_level
+    if gain >= LEVEL_ODDS:
+        return ""
     return (
-        f"the levels of its {whose} do not rise and fall as the range would: "
-        f"{slope:.2f} +- {std:.2f} dB for each dB"
+        f"its only line changes its frequency besides, and its levels do not show the "
+        f"passage: they gain {gain:.1f} nepers by it, and {LEVEL_ODDS:g} are needed"
     )
+
+
+def _is_flatter(candidate: CandidatePassage, fit: PassageFit, steepest: float) -> bool:
+    """Tell whether lines that alone show a passage have levels of what stays.
+
+    ``steepest``: the slope of their levels and its deviations. Interference makes true
+    ones steeper, so that a law which fits badly says nothing by itself.
+    """
+    if not _moves(candidate.fit) or _kinds_that_show(candidate, fit) >= ENOUGH_KINDS:
+        return False
+    return steepest < 1.0 and candidate.likelihood_ratio.line_level < -LEVEL_ODDS
+
+
+def _is_lone_change(candidate: CandidatePassage, fit: PassageFit) -> bool:
+    """Tell whether one line in water shows a passage beside a change, and nothing else."""
+    if not _moves(candidate.fit):
+        return False
+    change = candidate.fit.change
+    is_lone = candidate.line_ids.size == 1 and not fit.medium.is_air
+    is_lone &= change is not None and change.kind in {RAMP, STEP}
+    return is_lone and _kinds_that_show(candidate, fit) < ENOUGH_KINDS
 
 
 def _kinds_that_show(candidate: CandidatePassage, fit: PassageFit) -> int:
