@@ -14,6 +14,7 @@ from uwtrack_cli.data.rises import Rises
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.flow import comparison, information, recorder_folder, rungs, zoom
+from uwtrack_cli.flow.concatenate import JoinedReader
 from uwtrack_cli.flow.engine import STREAM_SHARE, _share_of, shared_readers
 from uwtrack_cli.flow.exports import features
 from uwtrack_cli.flow.exports.raven import FileClock
@@ -114,6 +115,18 @@ def test_a_stretch_of_a_recording_knows_when_it_begins():
         read = np.concatenate(list(part.reader(7)))
         assert np.array_equal(read, sound[first:120])
     assert zoom._part(whole, 90.0, 300.0).n_samples == 40
+
+
+def test_a_stretch_of_joined_files_is_their_samples_and_nothing_between():
+    one, two = (
+        np.arange(a, b, dtype=np.float32)[:, None] for a, b in ((0, 30), (50, 90))
+    )
+    joined = JoinedReader(((0, 30, HeldSamples(one)), (50, 40, HeldSamples(two))), 1)
+    whole = np.full((120, 1), np.nan, np.float32)
+    whole[:30], whole[50:90] = one, two
+    for first, count in ((0, 120), (10, 5), (20, 35), (31, 9), (60, 20), (85, 35)):
+        found = joined.stretch(first, count)
+        assert np.array_equal(found, whole[first : first + count], equal_nan=True)
 
 
 def difference(a, b, name="range_m", **closeness):

@@ -241,13 +241,15 @@ def test_a_strong_lines_frequency_is_hanns_and_its_bearing_that_of_its_vector(wi
     )
 
 
-def test_a_weak_lines_frequency_is_that_of_its_cell():
+@pytest.mark.parametrize(("ratio", "strength"), [(2.4, 1.4), (1.3, 0.3), (1.05, 0.1)])
+def test_a_weak_lines_frequency_is_that_of_its_cell(ratio, strength):
+    """Less than 2 dB over the noise, and taken for a tenth of it at least."""
     power = np.ones((8, 30))
-    power[:, 11] = 2.4  # 1.4 over the noise, less than 2 dB
+    power[:, 11] = ratio
     power[:, 12] = 9.0
     found = measure(window_of(power), np.full((8, 1), 11), np.ones((8, 1), bool))
     assert found.position[0] == pytest.approx(50.0 + 11 * 0.25)
-    step, strength = 0.5, 1.4
+    step = 0.5
     std = 0.5 * 3.0 * np.hypot(0.29 * step, 0.31 / strength)
     assert found.raw[1] == pytest.approx(std)
     assert np.isnan(found.position[1]).all()

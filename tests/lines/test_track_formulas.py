@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
+from scipy.special import i0
 from scipy.stats import ncx2, norm
 
 from tests.lines.line_scenes import line_peaks, some_frames
@@ -256,6 +257,31 @@ def test_the_score_that_confirms_is_walds(kept):
     store = store_of(states(3, 8))
     store.score[:3] = logic.confirming * np.array([0.49, 0.5, 2.0])
     assert logic.is_likely(store, np.arange(3)).tolist() == [False, True, True]
+
+
+def test_a_peaks_height_is_rices_ratio_for_the_line_looked_for():
+    logic, peaks = score_logic(0.1, design_snr_db=3.0)
+    design, excess = 10.0**0.3, 1.225  # a noise peak's mean excess over any threshold
+    threshold = -np.log(0.1) / excess
+    seen = ncx2.sf(2.0 * threshold, 2, 2.0 * design)
+    assert logic.detection == pytest.approx(0.48 * seen)
+    assert logic.least_gain == pytest.approx(np.log(1.0 - 0.48 * seen))
+    (frame,) = split_frames(peaks, peaks)
+    snr_db = np.array([-20.0, -11.0, 0.004, 3.0, 5.0, 9.0, 59.0, 70.0])
+    frame = replace(
+        frame, measured=np.tile(snr_db, (6, 1)), frequency_hz=50.0 * np.arange(8)
+    )
+    power = (1.0 + 10.0 ** (np.maximum(snr_db, -12.0) / 10.0)) / excess
+    ratio = np.log(i0(2.0 * np.sqrt(design * power[:-2]))) - design
+    wanted = np.minimum(np.append(ratio, [99.0, 99.0]), 3.5)
+    assert wanted[4] < 3.5 == wanted[5]
+    assert logic.heights(frame) == pytest.approx(wanted, abs=0.01)
+    # a line begins with the likelihood of its first peak among those that are kept
+    first = wanted - threshold - np.log(seen)
+    assert logic.first_score(wanted) == pytest.approx(first)
+    least_db = 10.0 * np.log10(excess * np.log(0.48 / 0.02) - 1.0)
+    assert logic.may_start(frame).tolist() == (snr_db > least_db).tolist()
+    assert logic.most_own == max(logic.detection, 0.65)
 
 
 def test_frames_that_overlap_more_count_for_less():
