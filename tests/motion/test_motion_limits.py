@@ -14,6 +14,7 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.robust import bisquare_weight
+from uwtrack_cli.motion.fix_table import fix_rows
 from uwtrack_cli.motion.options import MotionModel, Nuisances
 from uwtrack_cli.motion.passage import candidates
 from uwtrack_cli.motion.passage.broadband_sum import (
@@ -42,7 +43,7 @@ from uwtrack_cli.motion.passage.model.measurements import (
 )
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
 from uwtrack_cli.motion.solvers import genetic, hybrid
-from uwtrack_cli.motion.solvers.marquardt import search_bounds
+from uwtrack_cli.motion.solvers.marquardt import SearchBounds, search_bounds
 from uwtrack_cli.motion.solvers.simplex import nelder_mead
 from uwtrack_cli.motion.target import contact, joint_region, modes
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
@@ -620,3 +621,79 @@ def test_half_a_square_along_a_constant_and_partials_is_what_they_explain():
         fit = np.linalg.lstsq(root[:, None] * design, value, rcond=None)[0]
         left = value - root * (design @ fit)
         assert found[row] == pytest.approx(0.5 * (value @ value - left @ left))
+
+
+@pytest.mark.parametrize(("room", "is_open"), [(0.98, True), (1.02, False)])
+@pytest.mark.parametrize("guess", [0.02, 0.3, 5.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_profile_ends_where_a_parabola_has_risen_or_at_the_limit(
+    monkeypatch, room, is_open, guess, side
+):
+    """Whatever the first guess of its deviation, here of 0.7."""
+    centre, reach = np.array([3.0, 0.0, 0.0, 0.0]), 0.7 * np.sqrt(3.841)
+    limits = SearchBounds(centre - room * reach, centre + room * reach)
+
+    def fit(_self, trials, **_):
+        value = 50.0 + ((trials[:, 0] - 3.0) / 0.7) ** 2
+        return SimpleNamespace(value=value, q=trials)
+
+    monkeypatch.setattr(modes._Profile, "_fit", fit)
+    profile = modes._Profile(None, limits, 0, 3.841, False)
+    end, was_cut = profile.side(centre, side * guess * 0.7)
+    assert was_cut is is_open
+    assert end == pytest.approx(
+        3.0 + side * (room if is_open else 1.0) * reach, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [
+        np.diag([1.0, 0.0, 1.0, 1.0]),
+        np.diag([1.0, np.nan, 1.0, 1.0]),
+        np.eye(4) + 2.0 * np.eye(4)[[1, 0, 2, 3]] * (np.arange(4) < 2),
+    ],
+)
+def test_an_ellipse_without_extent_or_sense_holds_nothing(covariance):
+    q = np.array([np.log(5000.0), 1.0, 3.0, 4.0])
+    assert joint_region.ellipse_holds(None, q, covariance, 1.0) is False
+
+
+@pytest.mark.parametrize(("off", "asks"), [(-0.01, False), (0.01, True)])
+def test_others_are_sought_where_the_misfit_exceeds_five_deviations(
+    monkeypatch, off, asks
+):
+    problem = SonarScene(1, "interval").problem(offsets=False)
+    freedom = problem.n_values - 4 - problem.n_lines
+    value = freedom * (1 + 5 * np.sqrt(2 / freedom) + off)
+    asked = []
+    monkeypatch.setattr(contact, "_is_told", lambda *_: True)
+    monkeypatch.setattr(
+        contact, "multistart", lambda *_: SimpleNamespace(value=np.array([value]))
+    )
+    monkeypatch.setattr(contact, "associate", lambda *_, is_told: asked.append(is_told))
+    assert contact._sources(problem, None, None, None) is None
+    assert asked == ([True] if asks else [])
+
+
+def test_fixes_have_the_deviations_of_speed_and_course():
+    rng = np.random.default_rng(13)
+    state = np.array([[100.0, 50.0, 3.0, -4.0], [0.0, 0.0, -2.0, 0.5]])
+    root = rng.standard_normal((2, 4, 4))
+    covariance = 0.01 * root @ np.swapaxes(root, 1, 2)
+    found = fix_rows(state, covariance, np.zeros(2), mode=1)
+
+    def motion(velocity):
+        return np.array([np.hypot(*velocity), np.degrees(np.arctan2(*velocity))])
+
+    for row in range(2):
+        steps = 1e-6 * np.eye(2)
+        velocity = state[row, 2:]
+        slope = np.stack([
+            (motion(velocity + s) - motion(velocity - s)) / 2e-6 for s in steps
+        ], 1)  # fmt: skip
+        std = np.sqrt(np.diag(slope @ covariance[row, 2:, 2:] @ slope.T))
+        ours = found["speed_std_mps"][row], found["course_std_deg"][row]
+        np.testing.assert_allclose(ours, std, rtol=1e-5)
+        assert found["speed_mps"][row] == pytest.approx(motion(velocity)[0])
+        assert found["course_deg"][row] == pytest.approx(motion(velocity)[1] % 360.0)

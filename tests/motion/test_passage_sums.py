@@ -560,3 +560,21 @@ def test_starts_by_frequencies_or_levels_turn_as_the_bearings_there_do(way):
             assert (*own, -way) not in starts
             count += 1
     assert count > 0
+
+
+def test_the_best_cells_are_apart_by_a_width_in_time_or_by_its_double():
+    grid = search._grid(np.arange(0.0, 200.0, 4.0))
+    width = np.unique(grid.width)[5]
+
+    def hill(time_s, scale, height):
+        away = (grid.time - time_s) / grid.width, np.log(grid.width / width / scale)
+        return height * np.exp(-2.0 * away[0] ** 2 - 2.0 * away[1] ** 2)
+
+    for other, scale in ((60.0 + 3.0 * width, 1.0), (60.0, 1.5**4)):
+        gain = hill(60.0, 1.0, 10.0) + hill(other, scale, 6.0)
+        first, second = search._best(grid, gain, 2)
+        assert abs(grid.time[first] - 60.0) < 0.5 * width
+        assert abs(np.log(grid.width[first] / width)) < 0.3
+        assert abs(grid.time[second] - other) < 0.6 * grid.width[second]
+        assert abs(np.log(grid.width[second] / width / scale)) < 0.5
+    assert search._best(grid, 0.0 * gain, 2) == []

@@ -53,6 +53,7 @@ def test_the_mixture_has_the_moments_of_draws_from_both():
     found = mixture(compete(still, moving), still, moving)
     np.testing.assert_allclose(found.mean, both.mean(0), atol=0.03)
     np.testing.assert_allclose(found.covariance, np.cov(both.T), atol=0.1)
+    assert found.log_evidence == pytest.approx(np.log((np.e + 1.0) / 2.0))
 
 
 def test_a_reading_that_was_not_sampled_is_never_told_against_the_other():

@@ -1,5 +1,6 @@
 """Odds of readings by Bayes' rule, halves of sources, and where lines and fits are near."""
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from uwtrack_cli.motion.passage.broadband_sum import (
     source_parts,
 )
 from uwtrack_cli.motion.passage.fit.estimator import fit_passage
+from uwtrack_cli.motion.passage.fit.likelihood_ratio import passage_likelihood_ratio
 from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 from uwtrack_cli.motion.passage.model.unknowns import (
     MANOEUVRE,
@@ -194,6 +196,11 @@ def test_halves_of_a_source_lie_beside_it_and_are_together_as_loud():
         [0.1, 1.0, 0.0, 0.0, 1.2, 0.0, 0.0, 0.0, 80.0, np.log(20.0), 2.0, 0.7]
     )
     known = KnownSources(np.zeros((1, 41)), np.zeros((1, 41)))
+    # of two free sources each is parted in its own place
+    two = SourceFit(np.append(theta, theta[8:] + 1.0), np.ones(2), 0.0, 1)
+    parted, _ = _with_halves(two, np.zeros((0, 20)), np.zeros((0, 3)))
+    np.testing.assert_allclose(parted[2:, 8:12], np.tile(theta[8:], (2, 1)))
+    assert np.abs(parted[2:, 12] - 81.0).min() > 1.0
     for turn in (1.0, -1.0):
         fit = SourceFit(theta, np.array([turn]), 0.0, 1)
         starts, turns = _with_halves(
@@ -246,13 +253,12 @@ def test_of_lines_that_claim_one_time_the_strongest_is_kept():
     ]
 
 
-@cache
-def fitted():
+def heard():
     """A passage of one line, a bearing and levels, with noise."""
     rng = np.random.default_rng(3)
     time = np.arange(0.0, 240.0, 2.0)
     x = (time - 110.0) / 18.0
-    data = PassageData(
+    return PassageData(
         time, 90.0 * (1 - 6.0 / 1500.0 * x / np.hypot(1, x))[None]
         + 0.02 * rng.standard_normal((1, 120)), 0.02 + 0.0 * time[None],
         (40.0 + np.degrees(np.arctan(x)) + 2.0 * rng.standard_normal(120))[None] % 360.0,
@@ -260,7 +266,11 @@ def fitted():
         60.0 - 10 * np.log10(1 + x**2)[None] + rng.standard_normal((1, 120)),
         1.0 + 0.0 * time[None],
     )  # fmt: skip
-    blocks, medium = make_blocks(data), Medium(1500.0, 20.0, height_std_m=3.0)
+
+
+@cache
+def fitted():
+    blocks, medium = make_blocks(heard()), Medium(1500.0, 20.0, height_std_m=3.0)
     start = np.array([[110.0, np.log(17.9), 6.0, -9.0]])
     return fit_passage(
         blocks, start, np.ones(1), medium, with_coloured_noise=False
@@ -344,3 +354,41 @@ def test_columns_of_changes_are_what_small_changes_do_to_the_residuals(kind):
             np.testing.assert_allclose(ours / size, slope / size, atol=2e-3)
     assert base.shape[0] == 3 * n + 2
     assert base[0, 3] == pytest.approx(1 / 3.0)  # the prior of the depth difference
+
+
+def test_without_levels_of_lines_they_gain_nothing():
+    fit, blocks = fitted()
+    found = passage_likelihood_ratio(fit, blocks, 1e-3)
+    assert found.line_level == 0.0
+    assert found.is_passage
+    # more false alarms allowed: the threshold is lower by their logarithm
+    other = passage_likelihood_ratio(fit, blocks, 1e-2)
+    assert found.threshold - other.threshold == pytest.approx(np.log(10.0))
+
+
+def test_steps_of_lines_are_weighed_by_the_scatter_of_each(monkeypatch):
+    fit, blocks = fitted()
+    seen = []
+
+    class Steps(still._Steps):
+        def __init__(self, value, precision):
+            seen.append((value, precision))
+            super().__init__(value, precision)
+
+    monkeypatch.setattr(still, "_Steps", Steps)
+    found = still.still_frequencies(fit, blocks)
+    ((value, precision),) = seen
+    scale = fit.noises[0].scale[0]
+    np.testing.assert_allclose(precision, blocks.shift.weight[0] / scale[:, None] ** 2)
+    np.testing.assert_allclose(value, blocks.shift.value[0])
+    np.testing.assert_allclose(found.precision, precision.sum(axis=0))
+
+
+def test_bearings_that_scatter_all_round_say_nothing():
+    fit, blocks = fitted()
+    wild = np.random.default_rng(5).uniform(0.0, 360.0, (1, 120))
+    other = make_blocks(replace(heard(), bearing_deg=wild))
+    plain, found = (passage_likelihood_ratio(fit, b, 1e-3) for b in (blocks, other))
+    assert plain.bearing > 10.0
+    assert found.bearing == 0.0
+    assert found.doppler_over_break == pytest.approx(plain.doppler_over_break)

@@ -109,3 +109,20 @@ def test_a_target_at_the_place_of_a_sensor_is_not_known_to_centimetres():
         assert (
             told < 1e-2 * np.linalg.det(information(rest, q).covariance())
         ) == is_near
+
+
+def test_offsets_that_are_known_leave_the_sum_over_who_may_own_each_row():
+    state = np.array([700.0, 600.0, 1.0, 2.0])
+    problem = record(state, [0.0, 200.0, 400.0], np.random.default_rng(4))
+    problem = replace(problem, offset_std_rad=np.array([1e-7, 0.0, 1e-7]))
+    share, other = 0.7, np.linspace(0.02, 0.3, 9)
+    trials = state + np.array([[0.0] * 4, [150, -90, 0, 0], [0, 120, 0.3, 0.0]])
+    rows, time = np.arange(9), problem.track.time_s
+    exact = []
+    for trial in trials:
+        way = trial[:2] + trial[2:] * time[:, None] - PLACES_M[problem.sensor]
+        off = np.arctan2(*way.T) - problem.bearing_rad[0, problem.sensor, rows]
+        off = np.angle(np.exp(1j * off))
+        exact.append(np.log(share * norm.pdf(off, scale=STD_RAD) + other).sum())
+    found = RowMixture(problem, share, other, np.zeros(3)).log_likelihood(trials)
+    np.testing.assert_allclose(found, exact, atol=1e-4)
