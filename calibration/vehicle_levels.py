@@ -8,7 +8,7 @@ them alone. Prints, over the draws whose level tells a passage,
 * how late the level is, as a share of the shorter d/v, and its d/v over the true one, by
   quantiles: `LARGEST_LAG` and `WIDTHS` of `air_checks` must hold all but wild ones;
 * errors of time and of ln d/v in stated deviations, before and after the patterns of
-  `directivity` are considered: `AHEAD_STD_DB`, `ALONG_STD_DB` and `SPREADING_STD` are
+  `directivity` are considered: those of `source_patterns` (`AHEAD_STD_DB`, ...) are
   right where the root mean square is one, too small above.
 
 and the speeds that an engine which only wanders would be told to have, from the fall of

@@ -16,6 +16,7 @@ from uwtrack_cli.motion.coloured_noise import (
 )
 from uwtrack_cli.motion.correlation import long_run_excess, overlap_correlation
 from uwtrack_cli.motion.passage.fit.doppler import doppler_sums, line_sums
+from uwtrack_cli.motion.passage.fit.source_patterns import with_patterns
 from uwtrack_cli.motion.passage.model.law import passage_law
 
 TIME = np.arange(600.0)
@@ -90,6 +91,29 @@ def estimate(series, noise):
         rows = PASSAGE - information_loss(every, TIME, noise).times(PASSAGE)
     inverse = np.linalg.inv(rows @ PASSAGE.T)
     return inverse @ (rows @ series), np.sqrt(np.diag(inverse))
+
+
+@pytest.mark.parametrize("has_colour", [False, True])
+def test_patterns_take_what_the_inverse_of_the_whole_covariance_lacks(has_colour):
+    """Noise, and patterns of sizes with unit variance: inverted as one matrix."""
+    rng = np.random.default_rng(2)
+    time = TIME[:60]
+    weight = np.where(
+        rng.random(time.size) < 0.2, 0.0, rng.uniform(0.5, 2.0, time.size)
+    )
+    noise = ColouredNoise(np.array([0.8]), np.array([9.0])) if has_colour else None
+    own = information_loss(weight, time, noise) if has_colour else None
+    patterns = np.stack([np.sin(time / 9.0), time / 60.0])
+    taken = with_patterns(weight, own, patterns).times(np.eye(time.size))
+    heard = np.flatnonzero(weight)
+    covariance = (
+        np.diag(1 / weight[heard]) + (patterns.T @ patterns)[np.ix_(heard, heard)]
+    )
+    if has_colour:
+        covariance += 0.8 * np.exp(-np.abs(np.subtract.outer(heard, heard)) / 9.0)
+    whole = np.diag(weight)
+    whole[np.ix_(heard, heard)] -= np.linalg.inv(covariance)
+    np.testing.assert_allclose(taken, whole, atol=1e-9)
 
 
 def test_what_slow_noise_does_within_a_passage_is_found():

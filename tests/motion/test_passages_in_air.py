@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.motion.nuisance_coverage import holds_on_both_sides
 from tests.motion.passage_truth import Scene, received, true_motion
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.encounters import TOO_FAST
@@ -14,13 +15,16 @@ from uwtrack_cli.motion.passage.checks.known_sounds import (
     check_known_sounds,
     mains_of,
 )
-from uwtrack_cli.motion.passage.fit.directivity import (
+from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
+from uwtrack_cli.motion.passage.fit.estimator import (
+    fit_passage,
+    fit_with_coloured_noise,
+)
+from uwtrack_cli.motion.passage.fit.source_patterns import (
     AHEAD_STD_DB,
     ALONG_STD_DB,
     SPREADING_STD,
-    consider_directivity,
 )
-from uwtrack_cli.motion.passage.fit.estimator import fit_passage
 from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 
 AIR, WATER = Medium(343.0), Medium(1500.0)
@@ -109,33 +113,36 @@ def test_a_car_is_a_passage_beside_all_changes_of_gear(car):
     assert found.fit.range_over_speed_s[0] == pytest.approx(0.5, abs=0.05)
 
 
-def fit_of(level_db, medium=AIR, *, is_one_sided=False):
-    """The optimum of lines and levels, whose noise is always the same."""
-    rng = np.random.default_rng(1)
+NEAR = (CAR.range_m / DISTANCE) ** 2
+PATTERNS_DB = np.array([
+    AHEAD_STD_DB * np.sin(ANGLE), ALONG_STD_DB * np.sin(ANGLE) ** 2,
+    SPREADING_STD * 10 * np.log10(NEAR),
+])  # fmt: skip
+
+
+def fit_of(level_db, medium=AIR, lines_hz=None):
+    """The optimum of levels, and of lines where they are given."""
     data = measured(RATIO, level_db)
-    lines = REST_HZ[:, None] * RATIO * (1 + 2e-3 * rng.standard_normal((2, TIME.size)))
-    if is_one_sided:
-        lines[:, TIME < 6.2] = np.nan
-    blocks = make_blocks(replace(data, frequency_hz=lines))
-    start = np.array([[6.0, np.log(0.5), 20.0, np.log(1e-2)]])
+    if lines_hz is None:
+        data = replace(data, frequency_hz=np.full_like(data.frequency_hz, np.nan))
+    else:
+        data = replace(data, frequency_hz=lines_hz)
+    blocks = make_blocks(data)
+    start = np.array([[6.0, np.log(0.5), 20.0 * (lines_hz is not None), np.log(1e-2)]])
     for _ in range(3):
         fit = fit_passage(blocks, start, np.ones(1), medium, with_coloured_noise=False)
         start = fit.theta
     return fit, blocks
 
 
-@pytest.mark.parametrize("is_one_sided", [True, False])
-def test_what_is_considered_is_what_patterns_do_to_a_fit(is_one_sided):
+def test_what_is_considered_is_what_patterns_do_to_a_fit():
     """A little of each pattern, put into the levels, moves the answer by as little."""
     share = 0.05
-    near = (CAR.range_m / DISTANCE) ** 2
-    patterns_db = (AHEAD_STD_DB * np.sin(ANGLE), ALONG_STD_DB * np.sin(ANGLE) ** 2,
-                   SPREADING_STD * 10 * np.log10(near))  # fmt: skip
-    fit, blocks = fit_of(LEVEL_DB, is_one_sided=is_one_sided)
+    fit, blocks = fit_of(LEVEL_DB)
     moved = []
-    for pattern_db in patterns_db:
-        power = near * 10 ** (share * pattern_db / 10)
-        other, _ = fit_of(10 * np.log10(power + 1e-2), is_one_sided=is_one_sided)
+    for pattern_db in PATTERNS_DB:
+        power = NEAR * 10 ** (share * pattern_db / 10)
+        other, _ = fit_of(10 * np.log10(power + 1e-2))
         moved.append([
             other.theta[0, 0] - fit.theta[0, 0],
             other.range_over_speed_s[0] - fit.range_over_speed_s[0],
@@ -147,10 +154,37 @@ def test_what_is_considered_is_what_patterns_do_to_a_fit(is_one_sided):
     assert (np.sqrt(added) > 0.05).all()
 
 
-def test_in_water_nothing_is_considered():
+def test_in_water_and_beside_lines_nothing_is_considered():
     fit, blocks = fit_of(LEVEL_DB)
     in_water = replace(fit, medium=WATER)
     assert consider_directivity(in_water, blocks) is in_water
+    fit, blocks = fit_of(LEVEL_DB, lines_hz=REST_HZ[:, None] * RATIO)
+    assert consider_directivity(fit, blocks) is fit
+
+
+@pytest.mark.parametrize("is_one_sided", [True, False])
+def test_lines_beside_a_level_of_unknown_pattern_are_as_wrong_as_stated(is_one_sided):
+    """Neither more nor less, where patterns are drawn; without them, several times."""
+    errors = []
+    for seed in range(24):
+        rng = np.random.default_rng([seed, is_one_sided])
+        noise = 2e-3 * rng.standard_normal((2, TIME.size))
+        lines = REST_HZ[:, None] * RATIO * (1 + noise)
+        if is_one_sided:
+            lines[:, TIME < 5.7] = np.nan
+        pattern_db = rng.standard_normal(3) @ PATTERNS_DB
+        level_db = 10 * np.log10(NEAR * 10 ** (pattern_db / 10) + 1e-2)
+        level_db += 0.5 * rng.standard_normal(TIME.size)
+        white, blocks = fit_of(level_db, lines_hz=lines)
+        errors += [
+            np.array([
+                fit.theta[0, 0] - 6.0, fit.range_over_speed_s[0] - 0.5,
+                fit.theta[0, 2] - 20.0,
+            ]) / np.sqrt(np.diag(fit.covariance[0])[:3])
+            for fit in (white, fit_with_coloured_noise(white, blocks))
+        ]  # fmt: skip
+    assert np.mean(np.square(errors[::2]), axis=0).max() > 4.0
+    assert holds_on_both_sides(errors[1::2])
 
 
 def level_of(width_s, at_s=6.0):

@@ -91,7 +91,7 @@ def test_a_passage_is_read_as_it_was_drawn(kind, seed):
     if is_changed:
         off = abs(found.change_time_s[0] - drawn.change_s)
         assert off < 4 * found.change_time_std_s[0]
-        assert found.change_time_std_s[0] < 2.0
+        assert found.change_time_std_s[0] < 2.5  # a quarter of d/v
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,7 @@ from uwtrack_cli.motion.passage.fit.nuisances import (
     NuisancePriors,
     marginalise,
 )
+from uwtrack_cli.motion.passage.fit.source_patterns import LAW_SHARE
 from uwtrack_cli.motion.passage.model.moving_sensor import (
     AT_REST_MPS,
     LARGEST_M,
@@ -75,10 +76,6 @@ LARGEST_RELATIVE_DEVIATION = 0.5
 
 SMALLEST_SPEED_DEVIATIONS = 3.0
 """A speed within so many deviations of zero is not given."""
-
-LAW_SHARE = 0.3
-"""Deviation of d/v, as a share, from a fit of levels alone: with 15 log R instead of
-20 log R it is 27 to 87 % too long."""
 
 STILL_REASONS = {
     CONSTANT: "its frequencies stay: nothing passes",

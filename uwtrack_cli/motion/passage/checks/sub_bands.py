@@ -51,7 +51,7 @@ from uwtrack_cli.motion.passage.checks.surface_image import (
     gain_of,
     residuals,
 )
-from uwtrack_cli.motion.passage.encounter_rows import LAW_SHARE
+from uwtrack_cli.motion.passage.fit.source_patterns import LAW_SHARE
 
 REACH = 3.0
 """d/v on either side of the closest approach that are compared: farther away other

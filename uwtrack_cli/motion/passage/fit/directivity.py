@@ -1,13 +1,12 @@
-"""What the direction of a vehicle's sound does to a passage that its level tells.
+"""What the direction of a vehicle's sound does to a passage that its level tells alone.
 
 **Method.** The level of a passage is that of a source which sounds alike to all sides
 over free ground. Engines, tyres and propellers do not: their levels ahead and behind
 differ, so do those along the way and abeam, and ground that reflects adds to the far
-sound more than to the near. These patterns are no unknowns of the fit. They are
+sound more than to the near. Beside lines these patterns are unknowns of the fit
+(`source_patterns`); a level alone cannot tell them from its time and width, and they are
 considered afterwards: the answer moves with each by the partial of the optimum, and its
 covariance grows by the square of that times the variance of the pattern (Schmidt 1966).
-Lines on both sides of the closest approach hold the answer where it is; where they were
-heard on one side alone, or not at all, the level told it, and the deviations say so.
 Errors of drawn vehicles in these deviations are told by `calibration/vehicle_levels.py`.
 
 **Conventions.** Levels in nepers of power (ln). In water nothing is considered: there the
@@ -24,17 +23,9 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.passage.fit.covariance import slant_partials
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
-from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
+from uwtrack_cli.motion.passage.fit.source_patterns import source_patterns
+from uwtrack_cli.motion.passage.model.measurements import Blocks
 from uwtrack_cli.motion.passage.model.unknowns import CHANGED, FLOOR, HEIGHT
-
-AHEAD_STD_DB = 1.5
-"""Deviation of half the difference of the levels ahead and behind, dB."""
-
-ALONG_STD_DB = 1.5
-"""Deviation of the difference of the levels along the way and abeam, dB."""
-
-SPREADING_STD = 0.25
-"""Deviation of the law of spreading, as a share: from 15 to 25 dB a decade."""
 
 
 def consider_directivity(fit: PassageFit, blocks: Blocks) -> PassageFit:
@@ -50,19 +41,15 @@ def consider_directivity(fit: PassageFit, blocks: Blocks) -> PassageFit:
     Returns
     -------
     PassageFit
-        The same with wider covariances; as it is in water, and without levels.
+        The same with wider covariances; as it is in water, without levels, and with
+        frequencies.
     """
-    if not fit.medium.is_air or blocks.level.is_empty:
+    if not (fit.medium.is_air and blocks.shift.is_empty) or blocks.level.is_empty:
         return fit
     law = fit.law(blocks.time_s)
     floor = fit.theta[0, FLOOR]
     share = np.exp(law.spread[0] - np.logaddexp(law.spread[0], floor))
-    along = np.sin(law.angle[0])
-    patterns = share * np.array([
-        AHEAD_STD_DB / NEPER_DB * along,
-        ALONG_STD_DB / NEPER_DB * along**2,
-        SPREADING_STD * law.spread[0],
-    ])  # fmt: skip
+    patterns = source_patterns(fit.theta, law, fit.medium)
     partials = share * law.rows[0, 2, 1:]
     places = [0, 1, 2, *range(HEIGHT, HEIGHT + partials.shape[0] - 3)]
     # level and floor are the levels' own unknowns: they take their part of a pattern

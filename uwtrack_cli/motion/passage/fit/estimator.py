@@ -53,6 +53,10 @@ from uwtrack_cli.motion.passage.fit.residual_noise import (
     block_noises,
     rough_weight,
 )
+from uwtrack_cli.motion.passage.fit.source_patterns import (
+    source_patterns,
+    with_patterns,
+)
 from uwtrack_cli.motion.passage.model.law import (
     SLOWEST_MPS,
     Passage,
@@ -319,7 +323,8 @@ def fit_with_coloured_noise(
 ) -> PassageFit:
     """Fit one data set again with the covariance of its coloured noise.
 
-    Returned as it is where the noise is white.
+    Returned as it is where the noise is white and no levels are beside frequencies,
+    whose patterns (`source_patterns`) would be fitted, too.
 
     Parameters
     ----------
@@ -334,15 +339,24 @@ def fit_with_coloured_noise(
     free = free_unknowns(theta, blocks, medium)
     fixed = FitConstants(fit.turn, theta[:, FLOOR], free, fit.change)
     slow: tuple[ColouredNoise, ...] = ()
-    losses = NO_LOSS
+    losses: Losses = NO_LOSS
+    patterns: FloatArray = np.empty((0, blocks.time_s.size))
+    # levels alone know nothing better: what patterns do to them is considered afterwards
+    has_patterns = not (blocks.level.is_empty or blocks.shift.is_empty)
     state = passage_state(theta, fixed, blocks, medium, weight_of(noises))
-    for _ in range(rounds):
+    # what a pattern has moved leaves residuals that look like noise: first without any
+    for number in range(-1 if has_patterns else 0, rounds):
         noises = block_noises(state.residual, blocks, 0.0)
         weight = weight_of(noises)
         data = weigh(state, weight, blocks, fixed)
-        slow, losses = coloured_noises(theta, state, data, blocks, medium)
-        if all(noise.is_white for noise in slow):
-            return fit
+        if has_patterns:
+            patterns = source_patterns(theta, state.law, medium)
+            losses = (None, None, with_patterns(data.pair_weight[0, 1], None, patterns))
+            data = replace(data, losses=losses)
+        if number >= 0:
+            slow, losses = coloured_noises(theta, state, data, blocks, medium, patterns)
+            if not has_patterns and all(noise.is_white for noise in slow):
+                return fit
         data = weigh(state, weight, blocks, fixed, losses)
         theta, normal = _descend(theta, data, medium, state.law, 15)
         state = passage_state(theta, fixed, blocks, medium, weight, normal)
@@ -517,6 +531,7 @@ def coloured_noises(
     data: WeightedData,
     blocks: Blocks,
     medium: Medium,
+    patterns: FloatArray,
 ) -> tuple[tuple[ColouredNoise, ...], Losses]:
     """Find the coloured noise of every kind, and what it takes from the information.
 
@@ -527,11 +542,14 @@ def coloured_noises(
     state
         Residuals at these unknowns.
     data
-        Measurements with the weights of their white noise.
+        Measurements with the weights of their white noise, less what patterns take: else
+        the frequencies would seem to be as wrong as the levels are.
     blocks
         Measurements in fit units.
     medium
         Sound speed and depth difference.
+    patterns
+        What levels may have of their source, which is no noise, shape (patterns, n).
     """
     partials = np.swapaxes(pair_rows(theta, state.law, data)[0, :, 2:], -1, -2)
     model = state.bearing[0] + data.turn[0] * state.law.angle[0]
@@ -539,7 +557,11 @@ def coloured_noises(
     series = (
         (state.residual[0, lines], data.shift_weight[0], -state.law.shift_d[0, :, :3]),
         (data.pair[0, 0] - model, data.pair_weight[0, 0], partials[0, :, :3]),
-        (state.residual[0, levels], data.pair_weight[0, 1], partials[1, :, :4]),
+        (
+            state.residual[0, levels],
+            data.pair_weight[0, 1],
+            np.concatenate([partials[1, :, :4], patterns.T], axis=1),
+        ),
     )
     normals = block_normals(theta, data, state.law)
     width = float(_slant_s(theta, medium)[0])
@@ -554,7 +576,11 @@ def coloured_noises(
         losses.append(
             None if noise.is_white else information_loss(size, data.time_s, noise)
         )
-    return tuple(found), (losses[0], losses[1], losses[2])
+    of_levels = losses[2]
+    if not patterns.size:
+        return tuple(found), (losses[0], losses[1], of_levels)
+    own = with_patterns(data.pair_weight[0, 1], of_levels, patterns)
+    return tuple(found), (losses[0], losses[1], own)
 
 
 def _others(

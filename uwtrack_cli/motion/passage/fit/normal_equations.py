@@ -25,6 +25,7 @@ from uwtrack_cli.motion.passage.fit.doppler import (
     line_sums,
 )
 from uwtrack_cli.motion.passage.fit.line_levels import LineLevels
+from uwtrack_cli.motion.passage.fit.source_patterns import PatternLoss
 from uwtrack_cli.motion.passage.model.law import Passage
 from uwtrack_cli.motion.passage.model.measurements import Blocks
 from uwtrack_cli.motion.passage.model.unknowns import (
@@ -39,8 +40,11 @@ from uwtrack_cli.motion.passage.model.unknowns import (
 FLOOR_PRIOR_DEVIATION = 4.0
 """Weak prior of ln floor about its start, so that an invisible floor is harmless."""
 
-Losses = tuple[InformationLoss | None, InformationLoss | None, InformationLoss | None]
-"""Information that coloured noise takes from each kind; None is white noise."""
+Losses = tuple[
+    InformationLoss | None, InformationLoss | None, InformationLoss | PatternLoss | None
+]
+"""Information that coloured noise takes from each kind, and patterns of the source from
+levels; None is white noise."""
 
 NO_LOSS: Losses = (None, None, None)
 
