@@ -42,18 +42,18 @@ def test_what_few_draws_meet_is_not_called_sampled():
 
 def test_the_mixture_has_the_moments_of_draws_from_both():
     draw = np.random.default_rng(2)
-    moving = Region(np.array([5.0, 2.0, 1.0, -1.0]), np.diag([4.0, 9.0, 1.0, 2.0]), 0.0)
-    still = Region(np.array([-3.0, 1.0]), np.array([[4.0, 1.0], [1.0, 2.0]]), 1.0)
+    moving = Region(np.array([5.0, 2.0, 1.0, -1.0]), np.diag([4.0, 9.0, 1.0, 2.0]), 2.0)
+    still = Region(np.array([-3.0, 1.0]), np.array([[4.0, 1.0], [1.0, 2.0]]), 3.0)
     n = 400_000
     rest = np.zeros((n, 4))
     rest[:, :2] = draw.multivariate_normal(still.mean, still.covariance, n)
     going = draw.multivariate_normal(moving.mean, moving.covariance, n)
-    chance = np.e / (1.0 + np.e)  # evidences of 1 and 0 at equal odds
+    chance = np.e / (1.0 + np.e)  # evidences of 3 and 2 at equal odds
     both = np.where((draw.random(n) < chance)[:, None], rest, going)
     found = mixture(compete(still, moving), still, moving)
     np.testing.assert_allclose(found.mean, both.mean(0), atol=0.03)
     np.testing.assert_allclose(found.covariance, np.cov(both.T), atol=0.1)
-    assert found.log_evidence == pytest.approx(np.log((np.e + 1.0) / 2.0))
+    assert found.log_evidence == pytest.approx(2.0 + np.log((np.e + 1.0) / 2.0))
 
 
 def test_a_reading_that_was_not_sampled_is_never_told_against_the_other():

@@ -9,6 +9,8 @@ import pytest
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY
+from uwtrack_cli.motion import cpa
+from uwtrack_cli.motion.cpa import FULL_SCALE
 from uwtrack_cli.motion.passage import moving_lines, recording_passages
 from uwtrack_cli.motion.passage.broadband_sum import (
     KnownSources,
@@ -16,6 +18,7 @@ from uwtrack_cli.motion.passage.broadband_sum import (
     source_parts,
 )
 from uwtrack_cli.motion.passage.fit.estimator import fit_passage
+from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import passage_likelihood_ratio
 from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 from uwtrack_cli.motion.passage.model.unknowns import (
@@ -396,3 +399,48 @@ def test_bearings_that_scatter_all_round_say_nothing():
     none = passage_likelihood_ratio(fit, silent, 1e-3)
     for name in ("over_line", "over_break"):
         assert getattr(found, name) == pytest.approx(getattr(none, name))
+
+
+@pytest.mark.parametrize(
+    ("silent", "speed"), [(True, 5.0), (False, 0.0), (False, -1.0)]
+)
+def test_lines_that_do_not_move_are_not_asked_beside_a_rise(monkeypatch, silent, speed):
+    def never(*_):
+        msg = "asked"
+        raise AssertionError(msg)
+
+    monkeypatch.setattr(recording_passages, "contact_ids", lambda _: [1])
+    monkeypatch.setattr(recording_passages, "agrees", never)
+    item = SimpleNamespace(
+        blocks=SimpleNamespace(shift=SimpleNamespace(is_empty=silent)), contacts=(1,),
+        fit=SimpleNamespace(theta=np.array([[0.0, 0.0, speed]])),
+    )  # fmt: skip
+    terms = SimpleNamespace(medium=SimpleNamespace(is_air=False))
+    judged = recording_passages._both
+    assert judged("rise", [item], "lines", None, terms) == "rise"
+    item.blocks.shift.is_empty, item.fit.theta[0, 2] = False, 5.0
+    with pytest.raises(AssertionError, match="asked"):
+        judged("rise", [item], "lines", None, terms)
+
+
+def test_starts_without_lines_have_no_speed():
+    none = np.full((0, 120), np.nan)
+    data = replace(heard(), frequency_hz=none, frequency_std_hz=none)
+    found = find_initial_estimates(make_blocks(data), Medium(1500.0))
+    assert found.theta.shape[0] > 0
+    assert not found.theta[:, 2].any()
+
+
+@pytest.mark.parametrize("kinds", [(1, 0), (0, 1), (1, 1), (0, 0)])
+def test_the_reference_of_levels_is_that_of_what_was_heard(kinds):
+    frames = SimpleNamespace(start_utc_ns=7)
+    lines, levels = (
+        SimpleNamespace(frames=frames, reference=f"{n} uPa", band_low_hz=1.0, band_high_hz=2.0)
+        if is_there else None
+        for n, is_there in enumerate(kinds)
+    )  # fmt: skip
+    found = cpa._context((lines, levels, None), None, None, 20.0)
+    expected = "1 uPa" if levels else "0 uPa" if lines else FULL_SCALE
+    assert found.reference == expected
+    assert found.band_hz == ((1.0, 2.0) if levels else None)
+    assert found.start_utc_ns == (7 if lines or levels else None)
