@@ -125,14 +125,16 @@ def test_a_new_file_costs_its_own_part(recorder, tmp_path):
     for k in range(13, 18):
         sound = 0.1 * rng.standard_normal(FILE_S * RATE)
         soundfile.write(tmp_path / "in" / name(k), sound, RATE, "PCM_16")
-    words = ["batch", "in", "-o", "out", *BATCH, "--per", "day", "--overlap-s", 30]
+    options = [*BATCH[1:], "--recipe", "vessel"]
+    words = ["batch", "in", "-o", "out", "--join", *options]
+    words += ["--per", "day", "--overlap-s", 30]
     assert recorder(*words).exit_code == 0
     soundfile.write(tmp_path / "in" / name(18), sound, RATE, "PCM_16")
     done = recorder(*words, "--resume", "--json")
     assert done.exit_code == 0, done.output
     status = {row["target"]: row["status"] for row in json.loads(done.stdout)}
     assert status == {"m1_2024-05-01.run.h5": "resumed", "m1_2024-05-02.run.h5": "done"}
-    alone = recorder("batch", "in", "-o", "apart", *BATCH[1:], "--json")
+    alone = recorder("batch", "in", "-o", "apart", *options, "--json")
     assert "--join makes one recording of them" in alone.stderr
     assert len(json.loads(alone.stdout)) == 6
 
