@@ -4,7 +4,8 @@
 contact that passes, if it agrees with its lines; where no line shows a passage, the
 broadband is examined first, with the lines that follow it if its parts tell a passage
 (`sub_bands`). What contacts of minutes do not show is sought among all lines for a few
-d/v (`moving_lines`); such lines are told as a contact of their own. Where lines and
+d/v (`moving_lines`); such lines are told as a contact of their own, and so is what the
+sound alone tells where nothing else has shown a passage (`own_time`). Where lines and
 broadband tell one passage and either leaves it in doubt, one fit of both is asked.
 Where the broadband tells of passages that no contact accounts for, each is examined
 with what the others put into it taken out (`source_separation`), unless they are one
@@ -23,7 +24,7 @@ from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.motion.passage import moving_lines
+from uwtrack_cli.motion.passage import moving_lines, own_time
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
@@ -64,6 +65,13 @@ from uwtrack_cli.motion.passage.moving_lines import (
     lines_together,
     stretch_of,
 )
+from uwtrack_cli.motion.passage.own_time import (
+    Law,
+    OwnTime,
+    low_sound,
+    measured,
+    own_time_passages,
+)
 from uwtrack_cli.motion.passage.readings.change_priors import cost_of_speed
 from uwtrack_cli.motion.passage.source_separation import separate_sources
 
@@ -81,6 +89,11 @@ must follow the range: strong evidence (Kass & Raftery 1995)."""
 N_CUTS, SAME_WIDTH = 3, 0.1
 """How often the lines that move together are cut out and fitted at most, and share by
 which the width of what is cut out may still change in the end. Both are chosen."""
+
+
+N_MEASURED, FEWEST_FRAMES = 2, 12
+"""How often a passage that the sound tells is measured, the last time by the fit of the
+time before, and frames with a line that it must have."""
 
 
 class SearchTerms(NamedTuple):
@@ -158,6 +171,10 @@ def examine_recording(
         # a contact that moves without passing is reported once
         if found and not all(_is_passage(item, limits) for item in passing):
             passing = []
+    if lines is not None and not terms.medium.is_air:
+        numbers = [n for item in (*passing, *found, *doubted) for n in item.contacts]
+        first = max([*numbers, int(lines.line_contact.max(initial=0))], default=0) + 1
+        passing = [*passing, *_of_own_time(passing, first, terms)]
     used = {number for item in passing for number in item.contacts}
     others = [item for item in (*found, *doubted) if used.isdisjoint(item.contacts)]
     return passing + others, [one for one in still if one.contact not in used]
@@ -280,6 +297,66 @@ def _of_place(
             break
         place = again
     return item, part
+
+
+def _of_own_time(
+    known: list[CandidatePassage], number: int, terms: SearchTerms
+) -> list[CandidatePassage]:
+    """Examine passages of seconds that the sound tells where nothing else has.
+
+    They have contact numbers of their own, from ``number`` on, and no line of the table.
+    """
+    if terms.sound is None or terms.limits.window_s < own_time.FRAME_S:
+        return []  # shorter frames look again at what longer ones have searched
+    found: list[CandidatePassage] = []
+    sound_mps = terms.medium.sound_speed_mps
+    for passage in own_time_passages(terms.sound, sound_mps):
+        if any(_claims(item, passage.law) for item in (*known, *found)):
+            continue
+        item = _of_sound(passage, number + len(found), terms.sound, terms)
+        if item is None:
+            continue
+        item = _checked(item, None, terms)
+        if _is_passage(item, terms.limits):
+            found.append(item)
+    return found
+
+
+def _claims(item: CandidatePassage, law: Law) -> bool:
+    """Tell whether a candidate lies where a law has its closest approach."""
+    apart_s = abs(float(item.fit.theta[0, 0]) - law[0])
+    return apart_s < max(law[1], float(item.fit.range_over_speed_s[0]))
+
+
+def _of_sound(
+    passage: OwnTime, number: int, recording: Recording, terms: SearchTerms
+) -> CandidatePassage | None:
+    """Measure and fit a passage of the sound, twice: the second time by the first fit."""
+    medium, law = terms.medium, passage.law
+    reach_s = 2 * own_time.REACH * law[1]
+    sound = low_sound(
+        recording, law[0] - reach_s, law[0] + reach_s, medium.sound_speed_mps
+    )
+    if sound is None:
+        return None
+    item: CandidatePassage | None = None
+    for _ in range(N_MEASURED):
+        data = measured(sound, passage._replace(law=law))
+        if np.count_nonzero(np.isfinite(data.frequency_hz).any(axis=0)) < FEWEST_FRAMES:
+            return None
+        theta = np.array([[law[0], np.log(law[1]), law[2], 0.0]])
+        item = examine_from(
+            data, ((number,), np.zeros(passage.tones_hz.size, np.int64)),
+            (theta, np.ones(1)), medium, terms.probability,
+        )  # fmt: skip
+        if item is None or not _claims(item, passage.law):
+            return None
+        fit = item.fit
+        law = (
+            float(fit.theta[0, 0]), float(fit.range_over_speed_s[0]),
+            float(fit.theta[0, 2]),
+        )  # fmt: skip
+    return item
 
 
 def _is_near(fit: PassageFit, place: Together) -> bool:
