@@ -9,7 +9,7 @@ import pytest
 from tests.motion.passage_truth import Scene, received, true_motion
 from tests.motion.passing_vessel import frames_of, levels_of_scene, lines_of_columns
 from tests.support import recording_of
-from uwtrack_cli.data.recording import HeldSamples
+from uwtrack_cli.data.recording import UNENDED, HeldSamples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.passage.own_time import own_time_passages
@@ -96,6 +96,8 @@ def test_a_movement_whose_levels_stay_is_no_passage():
     assert own_time_passages(heard(passing()[0], np.ones(TIME.size)), 1500.0) == []
 
 
-def test_sound_that_cannot_be_read_again_tells_none():
-    sound = recording_of(np.zeros(TIME.size, np.float32), RATE_HZ)
-    assert own_time_passages(sound, 1500.0) == []
+def test_sound_that_cannot_be_read_again_or_is_still_coming_tells_none():
+    once = recording_of(np.zeros(TIME.size, np.float32), RATE_HZ)
+    assert own_time_passages(once, 1500.0) == []
+    live = replace(heard(*passing()), n_samples=UNENDED)
+    assert own_time_passages(live, 1500.0) == []

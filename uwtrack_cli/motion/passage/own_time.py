@@ -328,11 +328,14 @@ def own_time_passages(recording: Recording, sound_speed_mps: float) -> list[OwnT
     Parameters
     ----------
     recording
-        The recording; one whose sound is not at hand has none.
+        The recording; one whose sound is not at hand, or still coming, has none.
     sound_speed_mps
         Sound speed, m/s.
     """
-    if not recording.can_be_read_again or recording.sample_rate_hz < LEAST_RATE_HZ:
+    # of live sound the end is not known, nor how much is held
+    if recording.is_live or not recording.can_be_read_again:
+        return []
+    if recording.sample_rate_hz < LEAST_RATE_HZ:
         return []
     count = max(1, int(np.ceil(recording.duration_s / STRETCH_S)))
     edges = np.linspace(0.0, recording.duration_s, count + 1).tolist()

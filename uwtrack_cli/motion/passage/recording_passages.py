@@ -317,7 +317,9 @@ def _of_own_time(
         if item is None:
             continue
         item = _checked(item, None, terms)
-        if _is_passage(item, terms.limits):
+        # one whose speed is not known was not asked about, and has nothing else
+        is_asked = np.isfinite(item.rest_frame_evidence)
+        if is_asked and _is_passage(item, terms.limits):
             found.append(item)
     return found
 
