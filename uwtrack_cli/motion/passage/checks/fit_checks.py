@@ -64,7 +64,7 @@ doubted: half-way between a machine and a passage."""
 
 FLATTER_DEVIATIONS = 3.0
 """Deviations by which levels must be flatter than the range's to be those of what stays:
-interference in a channel leaves true ones within them (135 drawn, tests/baselines/auto.md)."""
+interference in a channel leaves true ones within them (150 drawn, tests/baselines/auto.md)."""
 
 LEVEL_ODDS = 3.0
 """Nepers by which levels speak for or against a passage where they decide: strong evidence
