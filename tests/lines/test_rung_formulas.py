@@ -7,11 +7,13 @@ import pytest
 from scipy.stats import expon
 
 from uwtrack_cli.lines import ladder
+from uwtrack_cli.lines.contacts import ContactSamples
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import Comb
 from uwtrack_cli.lines.families.last_look import LastLook
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
-from uwtrack_cli.lines.paths.path_ends import MeasuredPaths
+from uwtrack_cli.lines.paths.path_ends import MeasuredPaths, PathEnd
+from uwtrack_cli.lines.paths.path_tracer import PathTracer
 from uwtrack_cli.lines.paths.trace_window import (
     Measured,
     WindowData,
@@ -22,6 +24,7 @@ from uwtrack_cli.lines.rungs.best_basis import RungLines, _covering, _evidence, 
 from uwtrack_cli.lines.rungs.rung_jumps import _Jump
 from uwtrack_cli.lines.rungs.rung_links import _Told
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
+from uwtrack_cli.lines.tracker_options import Gates
 
 
 def rung_of(window_s, lines, ratio=4.0):
@@ -312,6 +315,20 @@ def test_the_end_of_a_path_is_the_straight_course_there():
     assert points.frame.tolist() == list(range(28, 33))
     assert np.unique(points.association[[0, 1, 3, 4]]).size == 1
     assert points.association[2] != points.association[0]
+
+
+def test_lines_that_may_be_heard_again_are_remembered_for_two_minutes():
+    ends = [PathEnd(k, at_s, None) for k, at_s in ((1, 79.9), (2, 80.1), (3, 190.0))]
+    tracer = SimpleNamespace(ended=ends, silence_s=Gates().silence_s)
+    fresh = [SimpleNamespace(end=None), SimpleNamespace(end=PathEnd(4, 199.0, None))]
+    PathTracer._remember(tracer, fresh, SimpleNamespace(time_s=np.array([200.0])))
+    assert [end.line for end in tracer.ended] == [2, 3, 4]
+
+
+@pytest.mark.parametrize(("stride", "wanted"), [(1, 8.0), (4, 2.0), (20, 1.0)])
+def test_errors_are_correlated_over_so_many_samples_of_the_grid(stride, wanted):
+    samples = ContactSamples(stride).samples(np.zeros(0, np.int64), 8.0)
+    assert samples.correlation_samples == wanted
 
 
 def comb(members, spacing_hz, chance=-9.0):
