@@ -14,6 +14,8 @@ from uwtrack_cli.data.rises import Rises
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.flow import comparison, information, recorder_folder, rungs, zoom
+from uwtrack_cli.flow.batch import FAILED, Outcome
+from uwtrack_cli.flow.batch_report import write_report
 from uwtrack_cli.flow.concatenate import JoinedReader
 from uwtrack_cli.flow.engine import STREAM_SHARE, _share_of, shared_readers
 from uwtrack_cli.flow.exports import features
@@ -351,3 +353,14 @@ def test_a_rung_fits_a_recording_or_a_share_of_it(window_s, share, fits):
 def test_a_sensor_stands_on_the_map_at_its_longitude_and_latitude():
     sensor = Sensor(id="h1", latitude=50.5, longitude=-1.25)
     assert features._sensor(sensor).places == ((-1.25, 50.5),)
+
+
+def test_a_report_is_written_anew_with_names_as_they_are(tmp_path):
+    outcome = Outcome(
+        "Küste.wav", str(tmp_path / "Küste.run.h5"), FAILED, "no sound", 1
+    )
+    for _ in range(2):
+        table, lines = write_report([outcome], tmp_path)
+    (line,) = lines.read_text(encoding="utf-8").splitlines()
+    assert "Küste.wav" in line
+    assert "Küste.wav" in table.read_text(encoding="utf-8")
