@@ -465,7 +465,8 @@ def _both(
             continue
         own = with_directions_of(levels, terms.directions, lines, item.contacts)
         joint = examine_from(
-            contact_data(lines, own, item.contacts), (item.contacts, item.line_ids),
+            contact_data(_own_lines(lines, item), own, item.contacts),
+            (item.contacts, item.line_ids),
             (item.fit.theta[:, :4], item.fit.turn), terms.medium, terms.probability,
             item.other_turn,
         )  # fmt: skip
@@ -537,12 +538,25 @@ def _with_broadband(
         if motion_likelihood(alone.blocks, alone.fit, only.fit) < flat:
             return only
     joint = examine(
-        contact_data(lines, levels, only.contacts), only.contacts, only.line_ids,
+        contact_data(_own_lines(lines, only), levels, only.contacts),
+        only.contacts, only.line_ids,
         medium, probability,
     )  # fmt: skip
     if joint is None or _tells_less(joint, only):
         return only
     return _checked(joint, lines, terms)
+
+
+def _own_lines(lines: Lines | None, item: CandidatePassage) -> Lines | None:
+    """Return the lines without those of its contacts that it is not made of.
+
+    A contact that was divided among two vessels has kept its lines in the table.
+    """
+    if lines is None:
+        return None
+    of_another = np.isin(lines.line_contact, item.contacts)
+    of_another &= ~np.isin(lines.line_id, item.line_ids)
+    return replace(lines, line_contact=np.where(of_another, 0, lines.line_contact))
 
 
 def _tells_less(joint: CandidatePassage, only: CandidatePassage) -> bool:
