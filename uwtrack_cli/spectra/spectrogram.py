@@ -31,8 +31,8 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.estimation.decimation import Decimator
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
-from uwtrack_cli.spectra.decimation import Decimator
 from uwtrack_cli.spectra.dipoles import directional_channels, true_components
 from uwtrack_cli.spectra.frame_transform import FrameTransform, lost_samples
 

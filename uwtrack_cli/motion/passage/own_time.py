@@ -35,9 +35,9 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.decimation import Decimator
 from uwtrack_cli.estimation.noise_floor import LN2
 from uwtrack_cli.motion.passage.model.measurements import PassageData
-from uwtrack_cli.spectra.decimation import Decimator
 
 LEAST_RATE_HZ = 250.0
 """Samples per second of the low band, at least."""
