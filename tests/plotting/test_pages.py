@@ -406,8 +406,8 @@ def test_a_document_has_every_page_and_a_passage_a_name_of_its_own(product, tmp_
     called("plot", product, "-o", tmp_path / "a.pdf")
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "a.pdf").read_bytes())) == 2
     done = called("plot", product, "--contact", "1", "--overwrite")
-    assert "pages.contact-1.png" in done.stderr
-    assert product.with_name("pages.contact-1.png").read_bytes()[:4] == b"\x89PNG"
+    assert "timed.contact-1.png" in done.stderr
+    assert product.with_name("timed.contact-1.png").read_bytes()[:4] == b"\x89PNG"
 
 
 @pytest.mark.parametrize(
