@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.files.hdf5.product import read_product
 
 START = ("--start-utc", "2024-05-02T06:30:00Z")
@@ -32,7 +33,7 @@ def test_two_sensors_agree_on_one_track_near_the_truth(two_sensors_run):
         assert max(map(abs, error_m)) < allowed
 
 
-def test_the_options_of_the_recipes_own_step_are_used_and_once_more_in_a_rerun(
+def test_options_of_the_recipes_own_step_are_used_and_runs_read_as_one_in_a_rerun_too(
     uwtrack, two
 ):
     setting = ["--recipe", "vessel", "--set", "locate.every_s=20.0"]
@@ -44,6 +45,14 @@ def test_the_options_of_the_recipes_own_step_are_used_and_once_more_in_a_rerun(
     fused = "two-sensors-h1.fixes.h5"
     assert uwtrack("rerun", fused, "-o", "again.h5").exit_code == 0
     assert uwtrack("diff", fused, "again.h5").exit_code == 0
+    runs = ["two-sensors-h1.run.h5", "two-sensors-h2.run.h5"]
+    assert uwtrack("cpa", *runs, "-o", "both.h5").exit_code == 0
+    with read_product("both.h5") as product:
+        assert set(product.read(Presence).sensor.tolist()) == {"h1", "h2"}
+        assert product.read(Encounters).sensor.tolist() == ["h1", "h2"]
+        assert set(product.read(Fixes).sensors.tolist()) == {"h1", "h2"}
+    assert uwtrack("rerun", "both.h5", "-o", "once.h5").exit_code == 0
+    assert uwtrack("diff", "both.h5", "once.h5").exit_code == 0
 
 
 def test_an_existing_fused_file_is_refused_before_the_work(uwtrack, two, tmp_path):

@@ -306,7 +306,8 @@ def _with_one_picture(carried: Sequence[Held]) -> list[Held]:
 
 def _is_of_all_sensors(container: Container) -> bool:
     """Tell whether the rows of a table name their sensors: one table holds them all."""
-    spec = container.columns().get("sensor")
+    columns = container.columns()
+    spec = columns.get("sensor", columns.get("sensors"))
     return spec is not None and not spec.optional
 
 

@@ -39,10 +39,12 @@ class Plan:
 
     sources: tuple[tuple[HistoryStep, ...], ...]
     """The steps that read each recording, for every recording."""
-    each: tuple[Step, ...]
-    """Steps over each recording."""
+    each: tuple[tuple[Step, ...], ...]
+    """Steps over each recording, in the order of `sources`."""
     last: tuple[Step, ...]
     """Steps over what came of all recordings and tables."""
+    is_of_products: bool = False
+    """Whether recordings were run by themselves, and their products then read as one."""
 
 
 def rerun_product(
@@ -65,7 +67,11 @@ def rerun_product(
         finder = SourceFinder(path, tuple(sources))
         made = _run(product, plan, finder)
         kept = {
-            (key.sensor, key.name, maker(product, key)): key.step
+            (
+                key.sensor,
+                key.name,
+                key.step if plan.is_of_products else maker(product, key),
+            ): key.step
             for key in product.paths
         }
         history = [
@@ -104,11 +110,33 @@ def _plan(product: Product) -> Plan:
     for reader in readers:
         of_recording.setdefault(reader.sources, []).append(reader)
     sources = tuple(map(tuple, of_recording.values()))
-    if len(sources) == 1:
-        return Plan(sources, tuple(rest), ())
-    if not sources:
-        return Plan((), (), tuple(rest))
-    return Plan(sources, tuple(rest[:-1]), tuple(rest[-1:]))
+    if len(sources) < 2:  # noqa: PLR2004 - one recording, or tables alone
+        alone = (tuple(rest),) * len(sources)
+        return Plan(sources, alone, () if sources else tuple(rest))
+    names = [{reader.step_name for reader in each} for each in sources]
+    if len(set().union(*names)) < sum(map(len, names)):
+        # one chain over all recordings, and a step that reads what came of them
+        return Plan(sources, (tuple(rest[:-1]),) * len(sources), tuple(rest[-1:]))
+    own = _by_recording(names, rest)
+    told = {step.name for steps in own for step in steps}
+    last = tuple(step for step in rest if step.name not in told)
+    return Plan(sources, own, last, is_of_products=True)
+
+
+def _by_recording(
+    readers: Sequence[set[str]], steps: Sequence[Step]
+) -> tuple[tuple[Step, ...], ...]:
+    """Return the steps that read what came of one recording alone, for each of them.
+
+    ``readers``: names of the steps that read each recording.
+    """
+    origin = {name: {row} for row, own in enumerate(readers) for name in own}
+    for step in steps:
+        origin[step.name] = set().union(*(origin[name] for name in step.inputs or ()))
+    return tuple(
+        tuple(step for step in steps if origin[step.name] == {row})
+        for row in range(len(readers))
+    )
 
 
 def _check_unique(product: Product, steps: Sequence[Step]) -> None:
@@ -134,9 +162,9 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
     kept_kinds = [kind for kind in PASSING if kind.NAME in streamed]
     made: list[Held] = []
     vessels = _vessels(product, finder)
-    for readers in plan.sources:
+    for readers, own in zip(plan.sources, plan.each, strict=True):
         recording, beside = reopen(product, readers[0], finder)
-        steps = tuple(_passing(s, streamed) for s in (*map(_step, readers), *plan.each))
+        steps = tuple(_passing(s, streamed) for s in (*map(_step, readers), *own))
         graph = Graph.over_recording(steps, "the history").resolved(recording)
         sink = MemorySink()
         joined = [c for c in beside if isinstance(c, RecordedFiles)]
@@ -144,11 +172,16 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
         engine = Engine(graph, context_of(recording), sink, revise=revise)
         engine.run_recording(recording)
         made += map(Held, (recording, recording.sensor, *beside))
-        kept = (step for step in graph.steps() if step.name in graph.outputs)
+        kept = [step for step in graph.steps() if step.name in graph.outputs]
+        if plan.is_of_products:
+            kept = _as_held(product, kept)
         made += [
             Held(without_passing(sink.read(step), kept_kinds), step.name)
             for step in kept
         ]
+    if plan.is_of_products:
+        named = {key.step for key in product.paths}
+        made = [one if one.step in named else one._replace(step="") for one in made]
     if not plan.sources:
         made += map(Held, read_tables(product.history, finder))
     for step in plan.last:
@@ -169,6 +202,20 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
         *carried, result = whole_result(step, made, [])
         made = [*carried, result._replace(step=step.name)]
     return made
+
+
+def _as_held(product: Product, steps: Sequence[Step]) -> list[Step]:
+    """Return the steps whose results the product of one recording held.
+
+    Of several results of a kind without a place of its own that is the last.
+    """
+    named = {key.step for key in product.paths}
+    last = {step.stage.output: step.name for step in steps}
+    return [
+        step
+        for step in steps
+        if step.name in named or last[step.stage.output] == step.name
+    ]
 
 
 def _vessels(product: Product, finder: SourceFinder) -> AisVessels | None:
