@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,6 +160,10 @@ def test_sensor_file_of_a_sample_reads_back_what_was_written(tmp_path):
     sensor = simulate_recordings(scenario)[0].sensor
     (tmp_path / "s.toml").write_text(sensor_text(sensor))
     assert load_sensor(tmp_path / "s.toml").equals(sensor)
+    # axes that turn with the housing are nothing without its heading, compass axes have none
+    housed = replace(sensor, channels="omni,x,y", heading_deg=33.0)
+    (tmp_path / "h.toml").write_text(sensor_text(housed))
+    assert load_sensor(tmp_path / "h.toml").equals(housed)
 
 
 def test_scenario_file_that_cannot_be_used_is_refused(tmp_path):

@@ -11,7 +11,7 @@ from scipy.stats import chi2, multivariate_normal
 from tests.motion.sonar_scene import Scene as SonarScene
 from tests.motion.test_sub_bands import LAW, PLACE_S, heights, levels_of
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.robust import bisquare_weight
 from uwtrack_cli.motion.fix_table import fix_rows
@@ -47,6 +47,7 @@ from uwtrack_cli.motion.solvers.marquardt import SearchBounds, search_bounds
 from uwtrack_cli.motion.solvers.simplex import nelder_mead
 from uwtrack_cli.motion.target import contact, joint_region, modes
 from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target.inputs import Measurements
 from uwtrack_cli.motion.target.model import to_motion
 from uwtrack_cli.motion.target.modes import Interval, TmaOptions
 from uwtrack_cli.motion.target.observability import (
@@ -533,6 +534,29 @@ def test_an_array_lies_on_own_ships_way_behind_it():
     assert not bend_rad(
         replace(path, east_m=0 * time, north_m=0 * time), time, 9.0
     ).any()
+
+
+@pytest.mark.parametrize(
+    ("told_s", "window_s", "expected_s"),
+    [(3.0, 8.0, 3.0), (None, 8.0, 8.0), (None, None, 2.0)],
+)
+def test_a_mean_frequency_is_one_over_what_is_told_a_frame_or_a_row(
+    told_s, window_s, expected_s
+):
+    time, none = 2.0 * np.arange(40), np.full((0, 40), np.nan)
+    still = np.zeros(40)
+    own = Navigation(time_s=time, east_m=still, north_m=still, heading_deg=still)
+    data = Measurements(
+        1, time, np.full((1, 40), 30.0), np.full((1, 40), 1.0), none, none,
+        np.arange(0), None, window_s, 1,
+    )  # fmt: skip
+    options = TmaOptions(
+        NuisanceDeviations(), 1500.0, is_table=True,
+        navigation=own,
+        model=MotionModel(interval_s=told_s),
+    )  # fmt: skip
+    problem = contact.build_problem(data, options)
+    np.testing.assert_allclose(problem.track.interval_s, expected_s)
 
 
 def test_updates_grow_evenly_to_all_rows():

@@ -26,7 +26,7 @@ processing); Kay (1998), Fundamentals of Statistical Signal Processing II, secti
 Trans. Inf. Theory 20, 591 (deviation of a measured frequency).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -322,7 +322,11 @@ class LowSound:
         return np.asarray(SOFTENED_GAIN * np.log1p(gain / SOFTENED_GAIN).sum(axis=1))
 
 
-def own_time_passages(recording: Recording, sound_speed_mps: float) -> list[OwnTime]:
+def own_time_passages(
+    recording: Recording,
+    sound_speed_mps: float,
+    known: Sequence[tuple[float, float]] = (),
+) -> list[OwnTime]:
     """Return the passages of seconds that a recording's sound tells, by time.
 
     Parameters
@@ -331,6 +335,8 @@ def own_time_passages(recording: Recording, sound_speed_mps: float) -> list[OwnT
         The recording; one whose sound is not at hand, or still coming, has none.
     sound_speed_mps
         Sound speed, m/s.
+    known
+        Time and d/v of passages that are known, s: none is sought within them.
     """
     # of live sound the end is not known, nor how much is held
     if recording.is_live or not recording.can_be_read_again:
@@ -347,7 +353,7 @@ def own_time_passages(recording: Recording, sound_speed_mps: float) -> list[OwnT
         )
         if sound is None:
             continue
-        told = search(sound)
+        told = search(sound, known)
         found += [one for one in told if first_s <= one.law[0] < last_s or count == 1]
     return sorted(found, key=lambda one: one.law[0])
 
@@ -386,16 +392,22 @@ def low_sound(
     return LowSound(low - low.mean(), rate_hz / factor, start_s, sound_speed_mps)
 
 
-def search(sound: LowSound) -> list[OwnTime]:
+def search(
+    sound: LowSound, known: Sequence[tuple[float, float]] = ()
+) -> list[OwnTime]:
     """Return the passages of a stretch of sound, the strongest rise first.
 
     Parameters
     ----------
     sound
         Its low band.
+    known
+        Time and d/v of passages that are known, s: none is sought within them.
     """
     found: list[OwnTime] = []
     for time_s, width_s in _places(sound):
+        if any(abs(time_s - at_s) < max(width_s, wide_s) for at_s, wide_s in known):
+            continue
         if any(abs(one.law[0] - time_s) < one.law[1] for one in found):
             continue
         law = _of_grid(sound, time_s, width_s)

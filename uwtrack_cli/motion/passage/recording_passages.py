@@ -309,8 +309,12 @@ def _of_own_time(
     if terms.sound is None or terms.limits.window_s < own_time.FRAME_S:
         return []  # shorter frames look again at what longer ones have searched
     found: list[CandidatePassage] = []
+    there = [
+        (float(item.fit.theta[0, 0]), float(item.fit.range_over_speed_s[0]))
+        for item in known
+    ]
     sound_mps = terms.medium.sound_speed_mps
-    for passage in own_time_passages(terms.sound, sound_mps):
+    for passage in own_time_passages(terms.sound, sound_mps, there):
         if any(_claims(item, passage.law) for item in (*known, *found)):
             continue
         item = _of_sound(passage, number + len(found), terms.sound, terms)
