@@ -110,7 +110,7 @@ def _plan(product: Product) -> Plan:
     for reader in readers:
         of_recording.setdefault(reader.sources, []).append(reader)
     sources = tuple(map(tuple, of_recording.values()))
-    if len(sources) < 2:  # noqa: PLR2004 - one recording, or tables alone
+    if len(sources) < 2:
         alone = (tuple(rest),) * len(sources)
         return Plan(sources, alone, () if sources else tuple(rest))
     names = [{reader.step_name for reader in each} for each in sources]

@@ -392,9 +392,7 @@ def low_sound(
     return LowSound(low - low.mean(), rate_hz / factor, start_s, sound_speed_mps)
 
 
-def search(
-    sound: LowSound, known: Sequence[tuple[float, float]] = ()
-) -> list[OwnTime]:
+def search(sound: LowSound, known: Sequence[tuple[float, float]] = ()) -> list[OwnTime]:
     """Return the passages of a stretch of sound, the strongest rise first.
 
     Parameters
