@@ -99,15 +99,17 @@ def _product(sound: Path, name: str, *words: str) -> Path:
 
 @pytest.fixture(scope="session")
 def two_sensors_run(tmp_path_factory) -> Path:
-    """A folder with the sample of two sensors, and its products."""
+    """A folder with the sample of two sensors, and its products: a fix each 20 s."""
     from uwtrack_cli.cli.app import app
 
     folder = tmp_path_factory.mktemp("two-sensors")
     sounds = [str(folder / f"two-sensors-h{k}.wav") for k in (1, 2)]
     for words in (
         ["sample", "two-sensors", "--output", str(folder)],
-        ["run", *sounds, "-q", "--start-utc", "2024-05-02T06:30:00Z"],
-    ):
+        ["run", *sounds, "-q", "--start-utc", "2024-05-02T06:30:00Z",
+         "--recipe", "vessel", "--set", "locate.every_s=20.0",
+         "--set", "locate.until='200'"],
+    ):  # fmt: skip
         done = CliRunner().invoke(app, words)
         assert done.exit_code == 0, done.output
     return folder

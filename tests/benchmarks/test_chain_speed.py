@@ -83,7 +83,7 @@ def test_a_run_stays_within_sixty_bare_transforms(capsys):
         after_s = cpu_s(bare, repeats=1)
         ratio = min(ratio, 16.0 * run_s / (before_s + after_s))
         before_s = after_s
-        if ratio < 48.0:
+        if ratio < 60.0:  # the least of them is asked, which more runs cannot raise
             break
     with capsys.disabled():
         print(f"\nrun: {ratio:.1f} times, {900 / run_s:.0f} times real time")

@@ -33,25 +33,26 @@ def test_two_sensors_agree_on_one_track_near_the_truth(two_sensors_run):
         assert max(map(abs, error_m)) < allowed
 
 
-def test_options_of_the_recipes_own_step_are_used_and_runs_read_as_one_in_a_rerun_too(
-    uwtrack, two
+def test_options_of_the_recipes_own_step_are_used_and_once_more_in_a_rerun(
+    uwtrack, two_sensors_run
 ):
-    setting = ["--recipe", "vessel", "--set", "locate.every_s=20.0"]
-    setting += ["--set", "locate.until='200'"]
-    assert uwtrack("run", *two, *START, *setting).exit_code == 0
-    with read_product("two-sensors-h1.fixes.h5") as product:
+    fused = two_sensors_run / "two-sensors-h1.fixes.h5"
+    with read_product(fused) as product:
         assert product.read(Fixes).time_s.size > 4
         assert product.history[-1].options["every_s"] == 20.0
-    fused = "two-sensors-h1.fixes.h5"
     assert uwtrack("rerun", fused, "-o", "again.h5").exit_code == 0
     assert uwtrack("diff", fused, "again.h5").exit_code == 0
-    runs = ["two-sensors-h1.run.h5", "two-sensors-h2.run.h5"]
+
+
+def test_runs_of_two_sensors_are_read_as_one_and_made_again(uwtrack, two_sensors_run):
+    runs = [two_sensors_run / f"two-sensors-h{k}.run.h5" for k in (1, 2)]
     assert uwtrack("cpa", *runs, "-o", "both.h5").exit_code == 0
     with read_product("both.h5") as product:
         assert set(product.read(Presence).sensor.tolist()) == {"h1", "h2"}
         assert product.read(Encounters).sensor.tolist() == ["h1", "h2"]
         assert set(product.read(Fixes).sensors.tolist()) == {"h1", "h2"}
-    assert uwtrack("rerun", "both.h5", "-o", "once.h5").exit_code == 0
+    source = ("--source", two_sensors_run)
+    assert uwtrack("rerun", "both.h5", *source, "-o", "once.h5").exit_code == 0
     assert uwtrack("diff", "both.h5", "once.h5").exit_code == 0
 
 

@@ -134,7 +134,7 @@ def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, 
     own = samples / f"{name}.wav"  # of the recipes for arrays
     sound = own if own.exists() else short_pass
     sensor = find_sensor(sound)
-    recording = open_recording(sound, sensor=sensor, start_s=45.0, stop_s=65.0)
+    recording = open_recording(sound, sensor=sensor, start_s=45.0, stop_s=58.0)
     made = ()
     if name == "auto":  # what passes within a second
         recording, made = car_by_auto()
