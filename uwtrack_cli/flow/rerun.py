@@ -132,7 +132,8 @@ def _by_recording(
     """
     origin = {name: {row} for row, own in enumerate(readers) for name in own}
     for step in steps:
-        origin[step.name] = set().union(*(origin[name] for name in step.inputs or ()))
+        read = (origin.get(name, set()) for name in step.inputs or ())
+        origin[step.name] = set().union(*read)
     return tuple(
         tuple(step for step in steps if origin[step.name] == {row})
         for row in range(len(readers))
