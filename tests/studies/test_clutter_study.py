@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from uwtrack_cli.studies.clutter_runs import EXPERIMENTS, run_scene
-from uwtrack_cli.studies.clutter_study import one_step, study_clutter
-from uwtrack_cli.studies.study import load_reference
+from studies.clutter_runs import EXPERIMENTS, run_scene
+from studies.clutter_study import one_step, study_clutter
+from studies.rows import load_reference
 
 REFERENCE = load_reference("clutter")
 RUNS = 150

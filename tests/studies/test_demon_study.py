@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.studies import demon_study
-from uwtrack_cli.studies.demon_study import SCENES, cavitation, study_demon
+from studies import demon_study
+from studies.demon_study import SCENES, cavitation, study_demon
 
 
 def test_the_vessel_is_found_and_its_shaft_is_right(monkeypatch):

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from studies.discrimination_study import run_scenario, study_discriminate
+from studies.rows import load_reference
 from uwtrack_cli.discrimination.options import ContactFilters
-from uwtrack_cli.studies.discrimination_study import run_scenario, study_discriminate
-from uwtrack_cli.studies.study import load_reference
 
 REFERENCE = load_reference("discriminate")
 CASES = [row for row in REFERENCE["scenarios"] if row[3] is not None]

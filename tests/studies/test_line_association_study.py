@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.studies.line_association import study_line_association
+from studies.line_association import study_line_association
 
 
 @pytest.mark.long

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from uwtrack_cli.studies.line_comb import family_chances, noise_chances
-from uwtrack_cli.studies.study import load_reference
+from studies.line_comb import family_chances, noise_chances
+from studies.rows import load_reference
 
 REFERENCE = load_reference("lines")
 REFERENCE_SETS, SURE = 5000, 0.9987

@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from uwtrack_cli.studies import line_sound, lines_study
-from uwtrack_cli.studies.line_scene import (
+from studies import line_sound, lines_study
+from studies.line_scene import (
     ALPHA,
     N_CELLS,
     THRESHOLD,
@@ -15,15 +15,15 @@ from uwtrack_cli.studies.line_scene import (
     noise_std,
     simulate_scene,
 )
-from uwtrack_cli.studies.line_sound import detect_line, detection_snr_db, frame_errors
-from uwtrack_cli.studies.line_tracking import (
+from studies.line_sound import detect_line, detection_snr_db, frame_errors
+from studies.line_tracking import (
     QUANTITIES,
     VARIANTS,
     RunFigures,
     run_figures,
 )
-from uwtrack_cli.studies.lines_study import study_lines
-from uwtrack_cli.studies.study import load_reference
+from studies.lines_study import study_lines
+from studies.rows import load_reference
 
 SHORT, LONG = 5, 100
 
@@ -74,8 +74,7 @@ def check_bands(snr: float, setting: str, runs: int) -> None:
 
 
 @pytest.mark.parametrize(("snr", "setting"), [
-    (-25.0, "conventional"), (-20.0, "conventional"), (-20.0, "feedback"),
-    (-10.0, "feedback"),
+    (-20.0, "conventional"), (-10.0, "feedback"),
 ])  # fmt: skip
 def test_short_runs_lie_in_the_specified_bands(snr: float, setting: str) -> None:
     check_bands(snr, setting, SHORT)
@@ -173,6 +172,7 @@ def test_interferers_are_recognised_by_the_classifier_alone() -> None:
     assert figures("feedback", rule, 3)["false_lines"].mean() <= 0.6
 
 
+@pytest.mark.long
 def test_in_sparse_clutter_association_does_not_need_the_classifier() -> None:
     association = {
         setting: figures(setting, SceneRule(-20.0), SHORT)["association"].mean()
@@ -184,6 +184,7 @@ def test_in_sparse_clutter_association_does_not_need_the_classifier() -> None:
     assert association["feedback"] - association["births+alpha"] < 1.5
 
 
+@pytest.mark.long
 def test_in_dense_clutter_only_the_classifier_affords_lax_parameters() -> None:
     rule = SceneRule(-22.5, n_beams=36)
     false = {
@@ -217,6 +218,7 @@ def test_the_study_sets_the_control_beside_the_feedback() -> None:
         assert all(set(values) <= known for values in case["settings"].values())
 
 
+@pytest.mark.long
 def test_trace_detects_weaker_lines_than_three_of_five() -> None:
     def share(method: str, snr: float) -> float:
         return float(
@@ -242,6 +244,7 @@ def test_trace_detects_half_of_the_lines_at_the_published_snr() -> None:
     assert abs(detection_snr_db(grid, np.array(detected)) + 1.03) <= 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("snr", "published"), [(6.0, 0.074), (10.0, 0.033)])
 def test_smoothed_frequencies_are_as_exact_as_published(
     snr: float, published: float
@@ -256,7 +259,7 @@ def test_smoothed_frequencies_are_as_exact_as_published(
 
 @pytest.mark.parametrize(
     ("method", "snr"),
-    [("score", 6.0), ("score", 10.0), ("trace", 3.0), ("trace", 10.0)],
+    [("score", 10.0), ("trace", 3.0)],
 )
 def test_smoothed_frequencies_hold_what_is_stated_of_them(
     method: str, snr: float
@@ -278,6 +281,7 @@ def test_tones_in_one_frame_are_measured_as_the_best_hann_row() -> None:
     assert np.sqrt(np.mean((error / stated) ** 2)) == pytest.approx(1.0, abs=0.12)
 
 
+@pytest.mark.long
 def test_another_seed_changes_our_figures_and_not_the_reference(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -1,9 +1,10 @@
 """The proximity study against the reference table and closed form."""
 
 import numpy as np
+import pytest
 
+from studies.proximity import SPEED_SHARES, study_proximity
 from uwtrack_cli.constants import KNOT_MPS
-from uwtrack_cli.studies.proximity import SPEED_SHARES, study_proximity
 
 
 def test_every_figure_is_within_3_percent_and_its_own_scatter():
@@ -13,6 +14,7 @@ def test_every_figure_is_within_3_percent_and_its_own_scatter():
         assert abs(row.ours - row.reference) <= 0.03 * row.reference + 1.5 * scatter
 
 
+@pytest.mark.long
 def test_one_sensor_agrees_with_the_closed_form():
     study = study_proximity(runs=4000, seed=5)
     for row in study.rows:

@@ -3,18 +3,19 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.studies.seatrial import (
+from studies.rows import load_reference
+from studies.seatrial import (
     RANGE_M,
     SPEED_MPS,
     study_seatrial,
     trial_errors,
 )
-from uwtrack_cli.studies.study import load_reference
 
 CASES = {case["name"]: case for case in load_reference("seatrial")["cases"]}
 BANDS = {"clean": (0.015, 0.03, 1.0, 1.5), "weak": (0.04, 0.08, 2.0, 3.0)}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", BANDS)
 def test_errors_of_one_recording_are_within_the_acceptance_band(name):
     error = np.abs(trial_errors(CASES[name], 5))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from uwtrack_cli.studies.study import (
+from studies.rows import (
     mean_row,
     median_row,
     normal_root_row,

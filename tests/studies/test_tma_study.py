@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.studies import tma_study
-from uwtrack_cli.studies.optimisers import (
+from studies import tma_study
+from studies.optimisers import (
     block_1,
     block_3,
     find_minima,
@@ -13,14 +13,15 @@ from uwtrack_cli.studies.optimisers import (
     random_simplices,
     study_optimisers,
 )
-from uwtrack_cli.studies.tma_runs import (
+from studies.tma_runs import (
     accuracy,
     convergence_index,
     rows_until,
 )
-from uwtrack_cli.studies.tma_study import study_tma
+from studies.tma_study import study_tma
 
 
+@pytest.mark.long
 def test_the_study_sets_every_solver_beside_the_published_figures(monkeypatch):
     monkeypatch.setattr(tma_study, "TARGETS", {"S1-T3": None})
     monkeypatch.setattr(tma_study, "NOISES", (5,))
@@ -70,7 +71,7 @@ def test_the_function_has_the_published_levels_next_to_its_minimum():
 
 @pytest.mark.parametrize(("number", "count"), [(1, 55), (2, 7), (3, 221)])
 def test_every_minimum_found_on_the_grid_is_one_and_none_is_missing(number, count):
-    from uwtrack_cli.studies import optimisers
+    from studies import optimisers
 
     block = getattr(optimisers, f"block_{number}")
     minima = find_minima(number)
@@ -86,6 +87,7 @@ def test_every_minimum_found_on_the_grid_is_one_and_none_is_missing(number, coun
     assert mirrored == {tuple(row) for row in np.round(minima, 3) + 0.0}
 
 
+@pytest.mark.long
 def test_a_simplex_from_random_vertices_succeeds_as_rarely_as_published():
     found = random_simplices(2000, seed=3)
     # the band 0.010-0.025 of 10 000 runs, widened to 2000
@@ -105,6 +107,7 @@ def test_the_hybrids_do_not_solve_the_function_at_their_budget():
     assert np.mean(hybrid("genetic", 300, 1, 0.25).value < 1e-6) <= 0.06
 
 
+@pytest.mark.long
 def test_the_optimisers_study_lists_all_methods():
     study = study_optimisers(runs=60, seed=1)
     cases = {row.case for row in study.rows}

@@ -1,0 +1,106 @@
+"""Where the threshold of a manoeuvre of the target comes from.
+
+Draws records of the published scenarios with straight targets and with targets that
+turn or change their speed half way, and prints the gains of the best change of
+velocity over the threshold: for straight ones the share beyond it is that of false
+manoeuvres, for the others that of those found. Some seconds for ten records of each:
+python -m studies.constants.manoeuvre 60
+
+With another seed than that of the threshold (11) it is confirmed; "straight" leaves the
+others out, and the last line has the false manoeuvres of all with their exact interval:
+python -m studies.constants.manoeuvre 60 4000 straight
+"""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import binomtest
+
+from studies.tma_runs import fit_from_truth
+from studies.tma_scenarios import (
+    COUNT,
+    REST_HZ,
+    SOUND_SPEED_MPS,
+    STEP_S,
+    TARGETS,
+    make_problem,
+    make_scenario,
+)
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target_motion.manoeuvre import find_manoeuvre
+from uwtrack_cli.motion.target_motion.problem import Problem
+
+KNOWN = NuisanceDeviations(7.4, 1.0, 10.0, 0.1, 100.0)
+TURNS = ((10.0, 0.0), (30.0, 0.0), (90.0, 0.0), (0.0, 1.0))
+"""Turns in degrees and changes of speed in knots at the middle of the record."""
+
+
+def turned(problem: Problem, name: str, turn_deg: float, faster_kn: float) -> Problem:
+    """Return records whose target changes its velocity half way."""
+    scenario = make_scenario(name)
+    time = STEP_S * np.arange(-1, COUNT)
+    half = time[COUNT // 2 + 1]
+    course = np.radians(scenario.course_deg)
+    before = scenario.speed_mps * np.array([np.sin(course), np.cos(course)])
+    speed = scenario.speed_mps + faster_kn * 1852.0 / 3600.0
+    course += np.radians(turn_deg)
+    after = speed * np.array([np.sin(course), np.cos(course)])
+    extra = np.maximum(time - half, 0.0)[:, np.newaxis] * (after - before)
+    start = np.radians(scenario.bearing_deg)
+    at = scenario.range_m * np.array([np.sin(start), np.cos(start)])
+    place = at + time[:, np.newaxis] * before
+    own = np.stack([scenario.own_east_m, scenario.own_north_m], axis=1)
+    bearing, frequency = _heard(place + extra - own)
+    still = _heard(place - own)
+    return replace(
+        problem,
+        bearing_rad=problem.bearing_rad + bearing - still[0],
+        frequency_hz=problem.frequency_hz + frequency - still[1],
+    )
+
+
+def _heard(relative: FloatArray) -> tuple[FloatArray, FloatArray]:
+    distance = np.hypot(relative[:, 0], relative[:, 1])
+    rate = np.diff(distance) / STEP_S
+    bearing = np.arctan2(relative[1:, 0], relative[1:, 1])
+    return bearing, REST_HZ * (1.0 - rate / SOUND_SPEED_MPS)
+
+
+def gains(
+    name: str, noise: float, runs: int, change: tuple[float, float], seed: int
+) -> FloatArray:
+    """Return gains over those of chance, of so many records of a scenario."""
+    problem = make_problem(make_scenario(name), noise=noise, runs=runs, seed=seed)
+    problem = turned(problem, name, *change)
+    fit = fit_from_truth(problem, make_scenario(name).solution())
+    found = [find_manoeuvre(problem.record(k), fit.q[k], KNOWN, 0) for k in range(runs)]
+    return np.array([one.gain / one.chance_gain for one in found])
+
+
+def main(runs: int, seed: int = 11, *, only_straight: bool = False) -> None:
+    """Print a line for every scenario, noise and change, and the false ones of all."""
+    changes = ((0.0, 0.0), *(() if only_straight else TURNS))
+    false, straight = 0, 0
+    for name in TARGETS:
+        for noise in (1.0, 5.0):
+            for change in changes:
+                found = gains(name, noise, runs, change, seed)
+                median, high = np.quantile(found, [0.5, 0.98])
+                share = (found > 1.0).mean()
+                if change == (0.0, 0.0):
+                    false, straight = false + int((found > 1.0).sum()), straight + runs
+                print(
+                    f"{name} noise {noise:g} turn {change[0]:g} deg {change[1]:+g} kn: "
+                    f"median {median:.1f}, 98 % {high:.1f}, found {share:.3f}",
+                    flush=True,
+                )
+    low, high = binomtest(false, straight).proportion_ci(method="exact")
+    print(
+        f"seed {seed}: false manoeuvres {false} of {straight} ({low:.1%} to {high:.1%})"
+    )
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:3]), only_straight="straight" in sys.argv)
