@@ -72,6 +72,7 @@ _HOMES = {
     "Families": "data.peaks",
     "Rises": "data.rises",
     "Lines": "data.lines",
+    "Lock": "data.lock",
     "Presence": "data.presence",
     "Encounters": "data.encounters",
     "Fixes": "data.encounters",

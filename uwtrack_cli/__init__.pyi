@@ -51,6 +51,9 @@ from uwtrack_cli.data.frames import (
 from uwtrack_cli.data.lines import (
     Lines as Lines,
 )
+from uwtrack_cli.data.lock import (
+    Lock as Lock,
+)
 from uwtrack_cli.data.motions import (
     Motions as Motions,
 )

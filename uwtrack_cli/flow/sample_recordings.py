@@ -61,7 +61,7 @@ def write_simulation(
     whole = path.with_suffix(".truth.json")
     targets = [*sounds, whole]
     for recording, sound in zip(recordings, sounds, strict=True):
-        targets += _names_beside(sound, recording.sensor)
+        targets += [*sensor_names(sound, recording.sensor), _truth_name(sound)]
     for target in targets:  # all or none
         check_target(target, overwrite=overwrite)
     others = []
@@ -74,7 +74,9 @@ def write_simulation(
             overwrite=overwrite,
         )
         facts = json.dumps(truth(scenario, recording.sensor.id))
-        others += _write_beside(sound, recording.sensor, facts, overwrite=overwrite)
+        told = write_sensor(sound, recording.sensor, overwrite=overwrite)
+        write_text(_truth_name(sound), facts + "\n", overwrite=overwrite)
+        others += [told[0], _truth_name(sound), *told[1:]]
     if several:
         write_text(whole, json.dumps(truth(scenario)) + "\n", overwrite=overwrite)
         others.append(whole)
@@ -116,10 +118,16 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
     def pair(text: str | None) -> list[float] | None:
         return None if text is None else [float(part) for part in text.split(",")]
 
+    channels = sensor.channel_names
+    if sensor.is_multiplexed:  # what its file holds
+        channels = ("multiplex",)
     facts: dict[str, object] = {
         "id": sensor.id,
         "kind": sensor.kind,
-        "channels": list(sensor.channel_names),
+        "channels": list(channels),
+        "multiplex": sensor.multiplex and sensor.multiplex.split(","),
+        "response_db": sensor.response
+        and [pair(p.replace(":", ",")) for p in sensor.response.split(",")],
         "latitude": sensor.latitude,
         "longitude": sensor.longitude,
         "east_m": sensor.east_m,
@@ -163,6 +171,10 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
+def _truth_name(sound: Path) -> Path:
+    return sound.with_suffix(".truth.json")
+
+
 def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]:
     """Pass the blocks on; warn at the end if any sample exceeds full scale."""
     assert recording.reader is not None  # noqa: S101 - simulate_recordings gives one
@@ -180,25 +192,24 @@ def _metered(recording: Recording, name: str, subtype: str) -> Iterator[Samples]
         warn(msg, UwtrackWarning, stacklevel=2)
 
 
-def _write_beside(
-    sound: Path, sensor: Sensor, facts: str, *, overwrite: bool
-) -> list[Path]:
-    written = _names_beside(sound, sensor)
+def write_sensor(sound: Path, sensor: Sensor, *, overwrite: bool) -> list[Path]:
+    """Write the sensor file of a recording and, if it moves, its positions.
+
+    Returned: the files written, those of `sensor_names`.
+    """
+    written = sensor_names(sound, sensor)
     navigation_name = ""
     if sensor.navigation is not None:
-        navigation_name = written[2].name
+        navigation_name = written[1].name
         navigation = _navigation_text(sensor.navigation)
-        write_text(written[2], navigation, overwrite=overwrite)
+        write_text(written[1], navigation, overwrite=overwrite)
     write_text(written[0], sensor_text(sensor, navigation_name), overwrite=overwrite)
-    write_text(written[1], facts + "\n", overwrite=overwrite)
     return written
 
 
-def _names_beside(sound: Path, sensor: Sensor) -> list[Path]:
-    """Return where sensor, truth and, if it moves, positions are written."""
-    endings = [".sensor.toml", ".truth.json"]
-    if sensor.navigation is not None:
-        endings.append(".nav.csv")
+def sensor_names(sound: Path, sensor: Sensor) -> list[Path]:
+    """Return where the sensor of a recording and, if it moves, positions are written."""
+    endings = [".sensor.toml"] + [".nav.csv"] * (sensor.navigation is not None)
     return [sound.with_suffix(ending) for ending in endings]
 
 

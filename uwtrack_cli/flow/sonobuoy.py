@@ -1,0 +1,344 @@
+"""A sonobuoy's one channel of audio, opened as the recording of a vector sensor.
+
+**Method.** Seconds are counted from the first sample of the file, or of the stream, and
+each is made of the audio of itself and its neighbours alone (`spectra.demultiplex`). So
+blocks of any size, parts, stretches that are read again and live sound are the same to the
+bit. Where lock is lost all three channels are nan, which frames count as a gap.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+from warnings import warn
+
+import numpy as np
+
+from uwtrack_cli.data.lock import Lock
+from uwtrack_cli.data.recording import (
+    UNENDED,
+    LiveSource,
+    Reader,
+    Recording,
+    Samples,
+    read_stretch,
+)
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.files.audio.dropouts import spans_in_words
+from uwtrack_cli.files.audio.live_reader import (
+    Disturbance,
+    DisturbanceKind,
+    DisturbanceRun,
+    DisturbedSource,
+)
+from uwtrack_cli.files.audio.live_recording import (
+    live_span,
+    open_live_recording,
+)
+from uwtrack_cli.files.audio.reader import AudioReader
+from uwtrack_cli.files.audio.recording_file import open_recording, span_in
+from uwtrack_cli.spectra.demultiplex import (
+    LEAST_RATE_HZ,
+    RATE_HZ,
+    Demultiplexer,
+    Second,
+)
+
+
+class NoPilotsError(DataError):
+    """Audio of which nothing can be demultiplexed."""
+
+
+@dataclass
+class DifarReader:
+    """Omni, east and north of a buoy's audio: `reader(block_samples)`."""
+
+    audio: Reader
+    """Reader of the whole of the audio, one channel."""
+    demultiplexer: Demultiplexer
+    """What it is made with."""
+    name: str
+    """File name of the audio."""
+    first: int = 0
+    """First sample to yield."""
+    last: int = UNENDED
+    """Sample after the last one, unless the audio ends before."""
+
+    def __post_init__(self) -> None:
+        """Begin to look for lost lock."""
+        self.n_samples = 0
+        self._rows: list[tuple[float, ...]] = []
+        self._lost = DisturbanceRun(
+            DisturbanceKind.LOST, "lock on the pilots is lost", 0.0
+        )
+        self._gaps: list[Disturbance] = []
+
+    def __call__(self, block_samples: int) -> Iterator[Samples]:
+        """Yield blocks of so many samples, float32, shape (sample, 3)."""
+        if block_samples < 1:
+            msg = f"a block must have at least 1 sample, got {block_samples}."
+            raise OptionError(msg)
+        return self._blocks(block_samples)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all audio that came."""
+        return self.audio.digest if isinstance(self.audio, LiveSource) else ""
+
+    def end(self) -> None:
+        """End live sound here."""
+        if isinstance(self.audio, LiveSource):
+            self.audio.end()
+
+    def take_disturbances(self) -> list[Disturbance]:
+        """Return what was noted since this was last asked."""
+        found, self._gaps = self._gaps, []
+        if isinstance(self.audio, DisturbedSource):
+            for one in self.audio.take_disturbances():
+                if one.kind is not DisturbanceKind.LOST:  # lock is lost there, too
+                    start, count = (
+                        n * RATE_HZ // self.demultiplexer.rate_hz
+                        for n in (one.start_sample, one.n_samples)
+                    )
+                    moved = replace(one, start_sample=start, n_samples=count)
+                    found.append(moved)
+        return found
+
+    def lock(self, sensor: str) -> Lock:
+        """Return how well the pilots were received in what was read last."""
+        time_s, share, snr, phase, clock = np.reshape(self._rows, (-1, 5)).T
+        return Lock(
+            time_s=time_s - self.first / RATE_HZ,
+            locked_share=share,
+            pilot_snr_db=10.0 * np.log10(np.maximum(snr, 1e-10)),
+            phase_pilot_db=20.0 * np.log10(np.maximum(phase, 1e-10)),
+            clock_error_ppm=1e6 * clock,
+            sensor=sensor,
+        )
+
+    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+        """Read so many samples again, counted from the first that is yielded.
+
+        Raises
+        ------
+        DataError
+            The audio cannot be read again, or does not reach so far.
+        """
+        begin, rate = self.first + first_sample, self.demultiplexer.rate_hz
+        seconds = range(begin // RATE_HZ, -(-(begin + n_samples) // RATE_HZ))
+        start = max(0, seconds.start - 1) * rate
+        stop = (seconds.stop + 1) * rate
+        if isinstance(self.audio, AudioReader):
+            stop = min(stop, self.audio.last)
+        elif isinstance(self.audio, LiveSource):
+            stop = min(stop, self.audio.n_samples)
+        audio = read_stretch(self.audio, start, stop - start)[:, 0]
+        parts = [audio[n : n + rate] for n in range(0, audio.size, rate)]
+        made = self._seconds(iter(parts), start // rate)
+        samples = [s.samples for k, s in made if k in seconds]
+        offset = begin - seconds.start * RATE_HZ
+        return np.concatenate(samples)[offset : offset + n_samples]
+
+    def _blocks(self, block_samples: int) -> Iterator[Samples]:
+        self.n_samples, self._rows = 0, []
+        pending = np.zeros((0, 3), np.float32)
+        for samples in self._pieces():
+            gone = np.isnan(samples[:, 0])
+            count = self.n_samples + pending.shape[0]
+            self._gaps += self._lost.add(count, gone, RATE_HZ)
+            pending = np.concatenate([pending, samples])
+            while pending.shape[0] >= block_samples:
+                self.n_samples += block_samples
+                yield pending[:block_samples]
+                pending = pending[block_samples:]
+        if pending.shape[0]:
+            self.n_samples += pending.shape[0]
+            yield pending
+        self._gaps += self._lost.finish(RATE_HZ)
+        self._say()
+
+    def _pieces(self) -> Iterator[Samples]:
+        """Yield what is wanted of each second, and note its lock."""
+        rate = self.demultiplexer.rate_hz
+        begin = max(0, self.first // RATE_HZ - 1)
+        audio = self.audio
+        if isinstance(audio, AudioReader):
+            last = min(audio.last, (-(-self.last // RATE_HZ) + 1) * rate)
+            audio = replace(audio, first=begin * rate, last=last)
+        else:  # live audio comes from its begin
+            begin = 0
+        parts = _whole_seconds(audio(rate), rate)
+        for number, second in self._seconds(parts, begin):
+            start = number * RATE_HZ
+            low, high = max(self.first - start, 0), self.last - start
+            if high <= 0:
+                return
+            wanted = second.samples[low:high]
+            if wanted.shape[0]:
+                facts = (second.locked_share, second.pilot_snr, second.phase_pilot)
+                self._rows.append((float(number), *facts, second.clock_error))
+                yield wanted
+
+    def _seconds(
+        self, parts: Iterator[Samples], first: int
+    ) -> Iterator[tuple[int, Second]]:
+        """Yield seconds of audio demultiplexed, each with its number.
+
+        ``parts``: consecutive seconds of audio, from the given number on.
+        """
+        rate = self.demultiplexer.rate_hz
+        before = np.zeros(0, np.float32)
+        here = next(parts, before)
+        for number, after in enumerate(chain(parts, [np.zeros(0, np.float32)]), first):
+            audio = np.zeros(3 * rate)
+            audio[rate - before.size : rate] = before
+            audio[rate : rate + here.size] = here
+            audio[2 * rate : 2 * rate + after.size] = after
+            stop = rate + here.size + after.size
+            made = self.demultiplexer.second(audio, rate - before.size, stop)
+            n_samples = here.size * RATE_HZ // rate
+            yield number, replace(made, samples=made.samples[:n_samples])
+            before, here = here, after
+
+    def _say(self) -> None:
+        """Say where lock was lost, once the sound has ended.
+
+        Raises
+        ------
+        NoPilotsError
+            There was no lock anywhere.
+        """
+        lock = self.lock("")
+        if not lock.locked_share.any():
+            best_db = lock.pilot_snr_db.max(initial=-100.0)
+            msg = (
+                f"{self.name} has no pilots of a DIFAR buoy at 7.5 and 15 kHz (at 7.5 "
+                f"kHz a tone is {best_db:.0f} dB over the noise about it at most, 17 dB "
+                f"are needed): the receiver was off its channel, or the audio is that "
+                f'of another buoy, whose sensor file says kind = "omni".'
+            )
+            raise NoPilotsError(msg)
+        if isinstance(self.audio, LiveSource):  # its gaps are told as events
+            return
+        gaps = [(g.start_sample, g.start_sample + g.n_samples) for g in self._gaps]
+        self._gaps = []
+        if gaps:
+            lost_s = sum(stop - start for start, stop in gaps) / RATE_HZ
+            msg = (
+                f"{self.name}: lock on the pilots is lost from "
+                f"{spans_in_words(gaps, RATE_HZ)}; these {lost_s:.1f} s are treated as "
+                f"gaps."
+            )
+            warn(msg, UwtrackWarning, stacklevel=2)
+
+
+def _whole_seconds(blocks: Iterator[Samples], rate: int) -> Iterator[Samples]:
+    """Yield the first channel of blocks second by second, the last one shorter."""
+    held = np.zeros(0, np.float32)
+    for block in blocks:
+        held = np.concatenate([held, block[:, 0]])
+        while held.size >= rate:
+            yield held[:rate]
+            held = held[rate:]
+    if held.size:
+        yield held
+
+
+def open_file(
+    path: Path,
+    *,
+    sensor: Sensor | None,
+    start_s: float | None,
+    stop_s: float | None,
+    **how: Any,
+) -> Recording:
+    """Open a recording; the audio of a buoy as omni, east and north.
+
+    As `open_recording`, with its options and errors.
+    """
+    if sensor is None or not sensor.is_multiplexed:
+        return open_recording(
+            path, sensor=sensor, start_s=start_s, stop_s=stop_s, **how
+        )
+    whole = demultiplex(open_recording(path, sensor=sensor, **how))
+    return whole.part(*span_in(path, whole.n_samples, RATE_HZ, start_s, stop_s))
+
+
+def open_live(
+    path: Path,
+    *,
+    sensor: Sensor | None,
+    start_s: float | None,
+    stop_s: float | None,
+    **how: Any,
+) -> Recording:
+    """Open sound that is still coming; the audio of a buoy as omni, east and north.
+
+    As `open_live_recording`, with its options and errors.
+    """
+    if sensor is None or not sensor.is_multiplexed:
+        return open_live_recording(
+            path, sensor=sensor, start_s=start_s, stop_s=stop_s, **how
+        )
+    first, last = live_span(RATE_HZ, start_s, stop_s)
+    whole = demultiplex(open_live_recording(path, sensor=sensor, **how))
+    return whole.part(first, UNENDED if last is None else last)
+
+
+def demultiplex(recording: Recording) -> Recording:
+    """Return the recording of omni, east and north that a buoy's audio holds.
+
+    Parameters
+    ----------
+    recording
+        One channel of audio, opened for reading, whose sensor is of the kind
+        "difar-multiplexed".
+
+    Returns
+    -------
+    Recording
+        Three channels at 6 kHz, made while they are read; nan where lock on the pilots
+        is lost. Reading one without any lock raises a DataError at its end.
+
+    Raises
+    ------
+    DataError
+        The sample rate is too low, or no whole number of Hz.
+    """
+    sensor, rate = recording.sensor, recording.sample_rate_hz
+    if recording.reader is None or not sensor.is_multiplexed:
+        msg = f"{recording.name} is no audio of a buoy that was opened for reading."
+        raise DataError(msg)
+    if rate < LEAST_RATE_HZ or not rate.is_integer():
+        msg = (
+            f"{recording.name} has {rate:g} samples per second; the multiplex of a DIFAR "
+            f"buoy reaches up to 18 kHz and needs a whole number of {LEAST_RATE_HZ} or "
+            f"more, as a rule 48000."
+        )
+        raise DataError(msg)
+    demultiplexer = Demultiplexer(int(rate), **_facts(sensor))
+    reader = DifarReader(recording.reader, demultiplexer, recording.name)
+    n_samples = recording.n_samples * RATE_HZ // int(rate)
+    if n_samples < 1:
+        msg = f"{recording.name} is too short: it holds no sample at {RATE_HZ} Hz."
+        raise DataError(msg)
+    return replace(
+        recording,
+        sensor=replace(sensor, channels="omni,east,north"),
+        sample_rate_hz=float(RATE_HZ),
+        n_samples=UNENDED if recording.is_live else n_samples,
+        n_channels=3,
+        reader=reader,
+    )
+
+
+def _facts(sensor: Sensor) -> Mapping[str, Any]:
+    """Return what a sensor says of its multiplex."""
+    first, second = (sensor.multiplex or "east,north").split(",")
+    pairs = [pair.split(":") for pair in (sensor.response or "").split(",") if pair]
+    return {
+        "dipoles": (first, second),
+        "response": tuple((float(f), float(db)) for f, db in pairs),
+    }
