@@ -14,6 +14,10 @@ class DataError(UwtrackError, ValueError):
     """An input is missing, damaged, of the wrong kind or contradicts itself."""
 
 
+class MissingError(DataError):
+    """An input is not there, or cannot be read now: trying again later may help."""
+
+
 class OutputError(UwtrackError, OSError):
     """A result cannot be written: it exists already, or the target refuses."""
 

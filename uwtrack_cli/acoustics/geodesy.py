@@ -1,11 +1,13 @@
-"""Between latitude and longitude and a local grid of metres, by geodesics.
+"""Between latitude and longitude and a local grid of metres; magnetic declination.
 
 **Method.** The grid is azimuthal equidistant about its origin on the WGS 84 ellipsoid:
-distance and azimuth of the geodesic from the origin are those on the grid.
+distance and azimuth of the geodesic from the origin are those on the grid. The
+declination is that of the World Magnetic Model of its year (pygeomag).
 
 **Conventions.** Degrees, north and east positive; east is x and north is y.
 
-**References.** Karney (2013), Journal of Geodesy 87, 43 (geographiclib).
+**References.** Karney (2013), Journal of Geodesy 87, 43 (geographiclib). NOAA NCEI and
+British Geological Survey, The US/UK World Magnetic Model (five-yearly).
 """
 
 from typing import NamedTuple
@@ -66,3 +68,26 @@ def to_latitude_longitude(
         np.array([point["lat2"] for point in points], float),
         np.array([point["lon2"] for point in points], float),
     )
+
+
+def magnetic_declination_deg(latitude: float, longitude: float, year: float) -> float:
+    """Return the declination at sea level, east positive.
+
+    ``year``: with its fraction.
+
+    Raises
+    ------
+    ValueError
+        There is no model for the year.
+    ImportError
+        pygeomag is not installed.
+
+    Examples
+    --------
+    >>> round(magnetic_declination_deg(35.0, 128.5, 2025.5), 1)
+    -8.3
+    """
+    from pygeomag import GeoMag
+
+    model = GeoMag(base_year=year)
+    return float(model.calculate(latitude, longitude, 0.0, year).d)

@@ -34,6 +34,9 @@ SPARE_DB = 3.0
 BENT_DEG = 0.5
 """Bend of the array from which its bearings are not given, degrees."""
 
+BEAMS_AT_ONCE = 64
+"""Beams that are held against their floors at once."""
+
 Maxima = tuple[IntArray, IntArray, IntArray]
 """Beams, frames and cells of some maxima."""
 
@@ -180,19 +183,28 @@ def find_beam_peaks(
 
 
 def cells_above(
-    power: FloatArray, floor: FloatArray, keep: FloatArray, padding: int
+    power: FloatArray,
+    floor: FloatArray,
+    keep: FloatArray,
+    padding: int,
+    owner: IntArray | None = None,
 ) -> Maxima:
     """Return cells above the threshold that none beside them in frequency exceeds.
 
     Power and noise density have the shape (beam, frame, cell); the threshold over the
-    floor is per frame. A maximum is the largest within ``padding`` cells, a natural
+    floor is per frame. ``owner``: row of every beam's floor; None: one for each. A maximum is the largest within ``padding`` cells, a natural
     bin; the outermost ones are left out.
     """
     cells = slice(padding, power.shape[2] - padding)
-    threshold = floor[:, :, cells] * keep[:, None].astype(np.float32)
+    parts = []
+    for first in range(0, len(power), BEAMS_AT_ONCE):
+        some = slice(first, first + BEAMS_AT_ONCE)
+        own = floor[some] if owner is None else floor[owner[some]]
+        threshold = own[:, :, cells] * keep[:, None].astype(np.float32)
+        beam, frame, cell = np.nonzero(power[some, :, cells] > threshold)
+        parts.append((beam + first, frame, cell + padding))
     # noise seldom reaches the threshold: the neighbours of few cells are looked at
-    beam, frame, cell = np.nonzero(power[:, :, cells] > threshold)
-    cell += padding
+    beam, frame, cell = (np.concatenate(one) for one in zip(*parts, strict=True))
     height = power[beam, frame, cell]
     is_peak = np.ones(cell.size, bool)
     for shift in range(1, padding + 1):

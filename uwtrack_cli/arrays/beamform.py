@@ -17,7 +17,7 @@ J. Capon, Proc. IEEE 57 (1969).
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.arrays.array_place import ArrayPlace, check_place, place_of_array
 from uwtrack_cli.arrays.beam_peaks import (
+    BEAMS_AT_ONCE,
     Beams,
     FormedBeams,
     PeakRules,
@@ -51,10 +52,18 @@ from uwtrack_cli.arrays.spatial_peaks import (
     SpatialBeams,
     find_spatial_peaks,
 )
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.arrays.steering import Steering
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
+from uwtrack_cli.data.options import (
+    AtLeast,
+    AtMost,
+    Increasing,
+    Unit,
+    checked,
+    resolved_by,
+)
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL
@@ -66,6 +75,7 @@ from uwtrack_cli.spectra.spectrogram import (
     describe_frames,
     frame_blocks,
     plan_frames,
+    resolve_decimation,
 )
 
 BLOCK_FRAMES = 2 * TILE_FRAMES
@@ -77,10 +87,14 @@ DIFFUSE_POINTS = 32
 LINE_SHARE = 4.0
 """Power over the mean of a beam's cells from which a cell counts no more: of noise, it
 leaves out 2 % (exp -4). Lines of 20 and 30 dB lift a beam of 200 cells least there, by 0.1
-dB, and noise scatters by 2 % more (calibration/bearing_contacts.py)."""
+dB, and noise scatters by 2 % more (studies/constants/bearing_contacts.py)."""
 
 STRIP_CELLS = 16
 """Cells whose beams are formed at once."""
+
+PART_VALUES = 1 << 24
+"""Values of beams, frames and cells that are held at once, but for one tile of frames:
+64 MB, and as much for their floors."""
 
 SAME_DB = 0.05
 """Height below the main lobe from which a lobe is as high, as far as it is printed."""
@@ -91,6 +105,18 @@ MOST_VALUES = 3_000_000
 Probability = Annotated[float, AtLeast(1e-9), AtMost(0.5)]
 
 
+def resolve_beams(recording: Recording, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the decimation that the band allows, where it is left open."""
+    band_hz, sensor = options["band_hz"], recording.sensor
+    drops = options["above_design"] == "drop" and sensor.element_along_m is not None
+    if drops and len(sensor.element_places_m) > 1:
+        array = LineArray(sensor.element_places_m, sensor.sound_speed_mps)
+        clear_hz = CLEAR_SHARE * array.design_frequency_hz
+        band_hz = (0.0, clear_hz if band_hz is None else min(band_hz[1], clear_hz))
+    return resolve_decimation(recording, {**options, "band_hz": band_hz})
+
+
+@resolved_by(resolve_beams)
 @checked
 def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the sound)
     recording: Recording,
@@ -102,7 +128,7 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
     ]
     | None = None,
-    decimation: Annotated[int, AtLeast(1), AtMost(256)] = 1,
+    decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
     beams: Annotated[int, AtLeast(5), AtMost(4097)] | None = None,
     shading: Shading | None = None,
     sidelobe_db: Annotated[float, Unit("dB"), AtLeast(15), AtMost(80)] = 30.0,
@@ -137,7 +163,8 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         Lowest and highest frequency used, Hz; from where the array is half a wavelength
         long to its design frequency unless given.
     decimation
-        Reduce the sample rate by this factor first.
+        Reduce the sample rate by this factor first, as far as the band allows and to
+        10 kHz or more unless given.
     beams
         Beams of a line array from astern to ahead; 4 for each hydrophone and one more
         unless given.
@@ -205,8 +232,12 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
     shading = shading or "chebyshev"
     check_place(recording, needs_heading=frame == "compass")
     n_elements = len(recording.sensor.element_xyz_m)
+    given_band = {
+        "band_hz": band_hz, "decimation": decimation, "above_design": above_design,
+    }  # fmt: skip
+    used = {**given_band, **resolve_beams(recording, given_band)}
     layout = plan_frames(
-        recording, window_s, overlap, zero_padding, band_hz, decimation
+        recording, window_s, overlap, zero_padding, band_hz, used["decimation"]
     )
     layout = replace(layout, kept=_band(layout, array, band_hz, above_design))
     block_frames = BLOCK_FRAMES
@@ -242,7 +273,9 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         given["weights"] = array.weights(shading, sidelobe_db)
         former = _LineFormer(array=array, n_beams=_beam_count(array, beams), **given)
     else:
-        former = _SpatialFormer(array=array, part_frames=TILE_FRAMES, **given)
+        former = _SpatialFormer(array=array, **given)
+    if is_line and beamformer == "conventional":
+        block_frames = min(block_frames, former.part_frames)
     return former.blocks(block_frames)
 
 
@@ -280,7 +313,9 @@ def _band(
     """Return the cells in which directions can be told; say what is left out."""
     cells = np.fft.rfftfreq(layout.fft_length, 1.0 / layout.rate_hz)
     lowest_hz = array.sound_speed_mps / (2.0 * array.aperture_m)
-    low, high = band_hz or (lowest_hz, float(cells[-1]))
+    highest_hz = float(layout.frequency_hz[-1])
+    low, high = band_hz or (lowest_hz, highest_hz)
+    high = min(high, highest_hz)
     clear_hz = high
     if isinstance(array, LineArray):
         clear_hz = CLEAR_SHARE * array.design_frequency_hz
@@ -337,12 +372,10 @@ class _BeamFormer(ABC):
     """Loading of MVDR; None for conventional beams."""
     rules: PeakRules
     """What counts as a peak."""
-    part_frames: int | None = None
-    """Frames whose beams are held at once; None: all of a block."""
     _frequency_hz: FloatArray = field(init=False)
     """Frequency of every cell, Hz."""
-    _turns: NDArray[np.complex64] = field(init=False)
-    """Turns of every hydrophone for every beam, shape (cell, beam, element)."""
+    _turns: Steering = field(init=False)
+    """Turns of every hydrophone for every beam."""
     _check: ElementCheck = field(init=False)
     """Watches for hydrophones that fail."""
 
@@ -368,7 +401,7 @@ class _BeamFormer(ABC):
         weights = weights / weights.sum()
         directions = self._directions(spectra, alive, frames)
         mvdr = None if self.loading is None else self._mvdr(spectra, alive)
-        step = self.part_frames or frames.n_frames
+        step = self.part_frames
         for first in range(0, frames.n_frames, step):
             rows = slice(first, first + step)
             part = frames.take("frame", rows)
@@ -385,6 +418,11 @@ class _BeamFormer(ABC):
             heard = directions and directions.of_part(rows)
             yield self._found(formed, shown, heard)
 
+    @property
+    @abstractmethod
+    def part_frames(self) -> int:
+        """Frames whose beams are held at once: whole tiles."""
+
     def _directions(
         self,
         spectra: NDArray[np.complex64],  # noqa: ARG002 - of those that tell directions
@@ -396,10 +434,11 @@ class _BeamFormer(ABC):
 
     def _mvdr(self, spectra: NDArray[np.complex64], alive: BoolArray) -> FloatArray:
         """Return the power of beams of minimum variance, shape (beam, 1, cell)."""
-        found = np.empty((self._turns.shape[1], 1, len(spectra)))
+        found = np.empty((self._turns.n_beams, 1, len(spectra)))
+        turns = self._turns.of_elements(alive)
         for cells in _strips(len(spectra)):
-            used = self._turns[cells][:, :, alive]
-            made = mvdr_power(spectra[cells][:, alive], used, float(self.loading or 0))
+            loading = float(self.loading or 0)
+            made = mvdr_power(spectra[cells][:, alive], turns[cells], loading)
             found[:, 0, cells] = made.T
         return found
 
@@ -416,7 +455,7 @@ class _BeamFormer(ABC):
     def _power(self, spectra: NDArray[np.complex64], weights: FloatArray) -> FloatArray:
         """Power density of every beam, shape (beam, frame, cell)."""
         n_cells, _, n_frames = spectra.shape
-        found = np.empty((self._turns.shape[1], n_frames, n_cells), np.float32)
+        found = np.empty((self._turns.n_beams, n_frames, n_cells), np.float32)
         for cells in _strips(n_cells):
             weighted = spectra[cells] * weights.astype(np.float32)[:, None]
             pressure = self._turns[cells] @ weighted
@@ -435,7 +474,8 @@ class _BeamFormer(ABC):
         frames = peaks.frames
         with np.errstate(divide="ignore", invalid="ignore"):
             level_db = 10.0 * np.log10(shown.sum(axis=2) * frames.bin_hz).T
-            excess_db = 10.0 * np.log10(_broadband_mean(shown / noise)).T
+            mean = [_broadband_mean(one / noise) for one in _beams_at_once(shown)]
+            excess_db = 10.0 * np.log10(np.concatenate(mean)).T
         silent = frames.valid_fraction < 0.5
         level_db[silent], excess_db[silent] = np.nan, np.nan
         return BearingTime(
@@ -471,9 +511,7 @@ class _LineFormer(_BeamFormer):
         """Prepare the turns of every hydrophone for every beam."""
         super().__post_init__()
         self._cosines = self.array.beam_cosines(self.n_beams)
-        self._turns = self.array.steering(
-            self._frequency_hz, self._cosines, np.ones(self.weights.size)
-        )
+        self._turns = Steering(self._frequency_hz, self.array.lead_s(self._cosines))
         some = np.linspace(0, self._frequency_hz.size - 1, DIFFUSE_POINTS).astype(int)
         self._diffuse = self.array.diffuse_power(
             self._frequency_hz[some], self._cosines, self.weights
@@ -484,6 +522,11 @@ class _LineFormer(_BeamFormer):
             self.array.design_frequency_hz / 2.0,
         )
 
+    @property
+    def part_frames(self) -> int:
+        tile_values = self._turns.n_beams * self._frequency_hz.size * TILE_FRAMES
+        return TILE_FRAMES * max(1, PART_VALUES // tile_values)
+
     def _found(
         self,
         formed: FormedBeams,
@@ -492,7 +535,7 @@ class _LineFormer(_BeamFormer):
     ) -> BearingTime:
         beams = Beams(**vars(formed), array=self.array, cos_angle=self._cosines)
         floor = beam_floors(formed.power, formed.frames)
-        noise = median_of_beams(floor)
+        noise = _median_over(floor, np.arange(len(floor)))
         peaks = find_beam_peaks(beams, floor, noise, self.rules)
         return self._record(
             shown,
@@ -517,10 +560,11 @@ class _SpatialFormer(_BeamFormer):
         super().__post_init__()
         array, names = self.array, self.recording.sensor.channel_names
         self._grid = array.grid(float(self._frequency_hz[-1]))
-        self._turns = array.steering(self._frequency_hz, self._grid.toward)
+        self._turns = Steering(self._frequency_hz, array.lead_s(self._grid.toward))
         self._lobes = Lobes.of(array, self._grid, self._frequency_hz)
         padding = round(self.layout.fft_length / self.layout.window)
         self._natural = slice(0, None, max(1, padding))
+        self._natural_turns = self._turns.thinned(max(1, padding))
         self._search = DirectionSearch(
             array,
             self._grid,
@@ -534,6 +578,10 @@ class _SpatialFormer(_BeamFormer):
             array.sound_speed_mps / (4.0 * array.aperture_m),
         )
         self._tell_lobes()
+
+    @property
+    def part_frames(self) -> int:
+        return TILE_FRAMES
 
     def _tell_lobes(self) -> None:
         """Say from where on in the band the array has lobes that may be mistaken."""
@@ -563,7 +611,7 @@ class _SpatialFormer(_BeamFormer):
     ) -> FoundDirections:
         return self._search.find(
             spectra[self._natural],
-            self._turns[self._natural],
+            self._natural_turns,
             alive,
             frames.valid_fraction == 1.0,
         )
@@ -577,9 +625,7 @@ class _SpatialFormer(_BeamFormer):
         )
         centres, owner = self._grid.floor_beams
         floor = beam_floors(power[centres], frames)
-        noise = np.empty(floor.shape[1:], np.float32)
-        for cells in _strips(floor.shape[2]):
-            noise[:, cells] = median_of_beams(floor[:, :, cells][owner])
+        noise = _median_over(floor, owner)
         peaks = find_spatial_peaks(beams, SharedFloor(floor, owner), noise, self.rules)
         found = directions or FoundDirections.none()
         facts = TableFacts(
@@ -635,6 +681,20 @@ def _broadband_mean(ratio: FloatArray) -> FloatArray:
     for _ in range(2):  # lines that raised the first mean do not raise the second
         mean = np.minimum(ratio, LINE_SHARE * mean[:, :, None]).mean(axis=2)
     return mean / np.float32(1.0 - np.exp(-LINE_SHARE))
+
+
+def _median_over(floor: FloatArray, owner: IntArray) -> FloatArray:
+    """Return the median over the beams of floors that they share, shape (frame, cell)."""
+    noise = np.empty(floor.shape[1:], np.float32)
+    for cells in _strips(floor.shape[2]):
+        noise[:, cells] = median_of_beams(floor[:, :, cells][owner])
+    return noise
+
+
+def _beams_at_once(power: FloatArray) -> Iterator[FloatArray]:
+    """Yield some of the beams after the other."""
+    for first in range(0, len(power), BEAMS_AT_ONCE):
+        yield power[first : first + BEAMS_AT_ONCE]
 
 
 def _strips(n_cells: int) -> Iterator[slice]:

@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.arrays.direction_grid import DirectionGrid, SpatialArray
+from uwtrack_cli.arrays.steering import Steering
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.errors import OptionError
@@ -77,7 +78,7 @@ FILLED_AT = (1.0, 0.92, 0.86)
 GROWTH = 0.55
 """Directions filled at greater heights go as this power of -ln Q: near a high maximum the
 sums of neighbours are less alike. From 0.1 to 0.01 that is 1.2 to 1.3 times; both figures
-are the means over fifteen arrays and kinds of noise (calibration/directions.py)."""
+are the means over fifteen arrays and kinds of noise (studies/constants/directions.py)."""
 
 GROWTH_ROUNDS = 8
 """Times that the number of directions at a height is found from itself: it settles
@@ -253,7 +254,7 @@ class DirectionSearch:
     def find(
         self,
         spectra: NDArray[np.complex64],
-        turns: NDArray[np.complex64],
+        turns: Steering,
         alive: BoolArray,
         is_whole: BoolArray,
     ) -> FoundDirections:
@@ -273,7 +274,7 @@ class DirectionSearch:
             sound, share = self._whitened_across(sound, known, is_whole)
             limit = self._threshold(turns, alive, share)
             known = self._measured_together(sound, known, found)
-            height = self._heights_across(sound, turns[:, :, alive], known)
+            height = self._heights_across(sound, turns.of_elements(alive), known)
             is_sure = self._best(height) > limit
             known = known.take(is_sure)
             if known.n_sources >= max(1, sound.n_elements // ELEMENTS_PER_SOURCE):
@@ -340,21 +341,21 @@ class DirectionSearch:
     def _heights(
         self,
         spectra: NDArray[np.complex64],
-        turns: NDArray[np.complex64],
+        turns: Steering,
         alive: BoolArray,
     ) -> tuple[FloatArray, _WhiteSound, float]:
         """Return the sum over the band, shape (beam, frame), and what it is made of.
 
         The last is the share of isotropic noise over the whole band.
         """
-        equal = _equalised(spectra[:, alive])
+        equal, used = _equalised(spectra[:, alive]), turns.of_elements(alive)
         height = np.zeros((self.grid.n_beams, spectra.shape[2]))
         parts, fitted = [], []
         for bins in self._bands:
             coherence = self.array.isotropic_coherence(self.frequency_hz[bins])
             coherence = coherence[:, alive][:, :, alive]
             heard, root, match = _whitened(equal[bins], coherence)
-            steered = turns[bins][:, :, alive].conj() @ root.transpose(0, 2, 1)
+            steered = used[bins].conj() @ root.transpose(0, 2, 1)
             height += _log_gain(heard, steered)
             parts.append((bins, heard, root))
             fitted.append(match)
@@ -367,9 +368,7 @@ class DirectionSearch:
         maxima = np.where(self.grid.is_maximum(height), height, -np.inf)
         return np.asarray(maxima.max(axis=0))
 
-    def _threshold(
-        self, turns: NDArray[np.complex64], alive: BoolArray, share: float
-    ) -> float:
+    def _threshold(self, turns: Steering, alive: BoolArray, share: float) -> float:
         """Return what the sum over the band reaches in noise at the stated rate.
 
         One direction reaches a height with the probability Q of a gamma law, the best
@@ -393,9 +392,7 @@ class DirectionSearch:
             n_there = n_own * max(np.log(n_there / due) / known, 0.1) ** GROWTH
         return float(BIN_CORRELATION * gammainccinv(shape, min(due / n_there, 1.0)))
 
-    def _own_directions(
-        self, turns: NDArray[np.complex64], alive: BoolArray, share: float
-    ) -> float:
+    def _own_directions(self, turns: Steering, alive: BoolArray, share: float) -> float:
         """Return how many directions noise with a share of isotropic noise fills."""
         from scipy.special import gammaincc
 
@@ -434,7 +431,7 @@ class DirectionSearch:
         return _FILLED[key]
 
     def _heights_across(
-        self, white: _WhiteSound, turns: NDArray[np.complex64], known: _Known
+        self, white: _WhiteSound, turns: Steering, known: _Known
     ) -> FloatArray:
         """Return the sum over the band across known sources, shape (beam, row)."""
         height = np.zeros((self.grid.n_beams, known.frame.size))

@@ -26,12 +26,24 @@ from uwtrack_cli.arrays.element_check import ElementCheck, with_silent_elements
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.directions import Delays
 from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit, checked
+from uwtrack_cli.data.options import (
+    AtLeast,
+    AtMost,
+    Increasing,
+    Unit,
+    checked,
+    resolved_by,
+)
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.window import BIN_CORRELATION, parabola_offset
 from uwtrack_cli.spectra.frame_transform import FrameTransform
-from uwtrack_cli.spectra.spectrogram import describe_frames, frame_blocks, plan_frames
+from uwtrack_cli.spectra.spectrogram import (
+    describe_frames,
+    frame_blocks,
+    plan_frames,
+    resolve_decimation,
+)
 
 Weighting = Literal["ml", "scot", "phat", "plain"]
 
@@ -46,7 +58,7 @@ BLOCK_FRAMES = 32
 
 ML_CHOICE = 4.0
 """Factor of the rate in noise by weights that were chosen in the same noise: 1.7 to 3.3
-without it (4,800 pairs and frames, tests/baselines/arrays.md)."""
+without it (4,800 pairs and frames)."""
 
 PHAT_LOSS = 1.5
 """Variance of the phase transform over that of scot: bins without signal count fully."""
@@ -55,6 +67,7 @@ MOST_LAGS = 20_000
 """Delays of the grid of one pair at most."""
 
 
+@resolved_by(resolve_decimation)
 @checked
 def measure_delays(
     recording: Recording,
@@ -65,7 +78,7 @@ def measure_delays(
         tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
     ]
     | None = None,
-    decimation: Annotated[int, AtLeast(1), AtMost(256)] = 1,
+    decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
     weighting: Weighting = "ml",
     false_alarm_probability: Annotated[float, AtLeast(1e-9), AtMost(0.5)] = 1e-3,
 ) -> Iterator[Delays]:
@@ -85,7 +98,8 @@ def measure_delays(
     band_hz
         Lowest and highest frequency used, Hz; everything but zero unless given.
     decimation
-        Reduce the sample rate by this factor first.
+        Reduce the sample rate by this factor first, as far as the band allows and to
+        10 kHz or more unless given.
     weighting
         Weight of the frequencies: ml, by the coherence that 32 frames show there
         (maximum likelihood); scot, all alike; phat, all alike and every bin of the same
@@ -119,7 +133,9 @@ def measure_delays(
             f"(--sensor), and no --channel."
         )
         raise DataError(msg)
-    layout = plan_frames(recording, window_s, overlap, 1, band_hz, decimation)
+    given = {"band_hz": band_hz, "decimation": decimation}
+    used = {**given, **resolve_decimation(recording, given)}["decimation"]
+    layout = plan_frames(recording, window_s, overlap, 1, band_hz, used)
     frequency_hz = layout.frequency_hz
     if np.count_nonzero(frequency_hz > 0.0) < BAND_BINS:
         msg = (

@@ -141,10 +141,12 @@ class SpatialArray:
 
         Of directions u, shape (beam, 3): shape (cell, beam, element).
         """
-        lead_s = toward @ self.centred_m.T / self.sound_speed_mps
-        return np.asarray(
-            np.exp(-2j * np.pi * np.multiply.outer(frequency_hz, lead_s)), np.complex64
-        )
+        waves = np.multiply.outer(frequency_hz, self.lead_s(toward))
+        return np.asarray(np.exp(-2j * np.pi * waves), np.complex64)
+
+    def lead_s(self, toward: FloatArray) -> FloatArray:
+        """Return how much earlier each hydrophone hears, s, shape (beam, element)."""
+        return toward @ self.centred_m.T / self.sound_speed_mps
 
     def beams_needed(self, highest_hz: FloatArray) -> FloatArray:
         """Return how many beams fill all directions up to frequencies, Hz."""

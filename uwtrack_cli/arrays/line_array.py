@@ -95,9 +95,12 @@ class LineArray:
 
         Of frequencies, Hz, and cosines of the beams: shape (cell, beam, element).
         """
-        turns = np.multiply.outer(cos_angle, self.along_m) / self.sound_speed_mps
-        phase = -2j * np.pi * frequency_hz[:, None, None] * turns
+        phase = -2j * np.pi * frequency_hz[:, None, None] * self.lead_s(cos_angle)
         return np.asarray(weights * np.exp(phase), np.complex64)
+
+    def lead_s(self, cos_angle: FloatArray) -> FloatArray:
+        """Return how much earlier each hydrophone hears, s, shape (beam, element)."""
+        return np.multiply.outer(cos_angle, self.along_m) / self.sound_speed_mps
 
     def diffuse_power(
         self, frequency_hz: FloatArray, cos_angle: FloatArray, weights: FloatArray

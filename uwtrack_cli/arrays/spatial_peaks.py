@@ -34,10 +34,6 @@ LOBE_POINTS = 12
 """Frequencies of the band at which the lobes are looked at."""
 
 
-BEAMS_AT_ONCE = 64
-"""Beams that are held against their floors at once."""
-
-
 @dataclass(frozen=True, eq=False)
 class Lobes:
     """The highest lobe beside the main one over frequency."""
@@ -129,15 +125,9 @@ def find_spatial_peaks(
 def _maxima(beams: SpatialBeams, floor: SharedFloor, keep: FloatArray) -> Maxima:
     """Beams, frames and cells of the maxima, in the order of frame and cell."""
     power = beams.power
-    parts = []
-    for first in range(0, len(power), BEAMS_AT_ONCE):
-        some = slice(first, first + BEAMS_AT_ONCE)
-        own = floor.density[floor.owner[some]]
-        beam, frame, cell = cells_above(
-            power[some], own, keep, beams.frames.cells_per_bin
-        )
-        parts.append((beam + first, frame, cell))
-    beam, frame, cell = (np.concatenate(one) for one in zip(*parts, strict=True))
+    beam, frame, cell = cells_above(
+        power, floor.density, keep, beams.frames.cells_per_bin, floor.owner
+    )
     heights = power[beam, frame, cell]
     lobe = beams.lobes.at(beams.frequency_hz[cell])
     spare = np.minimum(lobe * 10.0 ** (SPARE_DB / 10.0), 1.0)

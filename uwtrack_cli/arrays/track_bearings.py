@@ -38,7 +38,7 @@ from uwtrack_cli.estimation.window import cell_correlation, parabola_offset
 SURE_DEVIATIONS = 5.0
 """Deviations of the record's noise by which a direction must stand out: the first at which
 noise does so in fewer than one of ten thousand averages (0.3 in ten thousand; 62 at 4; see
-calibration/bearing_contacts.py, as for the next two)."""
+studies/constants/bearing_contacts.py, as for the next two)."""
 
 ACCELERATION_DENSITY = 1e-4
 """Density of the noise that changes the rate of a bearing, degree^2/s^3: by 0.1 degrees
@@ -235,12 +235,35 @@ def _standing_out(
     power: FloatArray, noise: float, spare: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return places between beams of what stands out, and by how many deviations."""
-    from scipy.signal import find_peaks
-
     least = SURE_DEVIATIONS * np.sqrt(2.0) * noise
-    top, facts = find_peaks(power, prominence=max(least, spare * float(np.ptp(power))))
+    top, height = prominent_peaks(power, max(least, spare * float(np.ptp(power))))
     part = parabola_offset(power[top - 1], power[top], power[top + 1])
-    return top + part, facts["prominences"] / max(noise, 1e-12)
+    return top + part, height / max(noise, 1e-12)
+
+
+def prominent_peaks(values: FloatArray, least: float) -> tuple[IntArray, FloatArray]:
+    """Return where values have peaks, and by how much each one stands out.
+
+    A peak stands out by what separates it from higher ones, or from the ends, on the side
+    where that is less; ``least`` of it is asked for. Of a flat top the middle is returned.
+    """
+    begin = np.flatnonzero(np.diff(values, prepend=np.nan))
+    level = values[begin]  # of each run of equal values
+    is_top = np.zeros(begin.size, dtype=bool)
+    is_top[1:-1] = (level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])
+    found = [
+        ((begin[k] + begin[k + 1] - 1) // 2, height)
+        for k in np.flatnonzero(is_top)
+        if (height := level[k] - max(_lowest(level[k::-1]), _lowest(level[k:])))
+        >= least
+    ]
+    return np.array([k for k, _ in found], np.int64), np.array([h for _, h in found])
+
+
+def _lowest(level: FloatArray) -> float:
+    """Return the least value from a peak, the first one, up to what is higher."""
+    higher = np.flatnonzero(level > level[0])
+    return float(level[: higher[0] if higher.size else None].min())
 
 
 def _follow(averages: _Averages) -> list[IntArray]:

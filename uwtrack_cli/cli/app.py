@@ -25,6 +25,7 @@ COMMANDS: dict[str, str] = {
     "passages": "passages_commands:passages",
     "recipes": "run_commands:recipes",
     "rerun": "batch_commands:rerun",
+    "difar": "difar_commands:difar",
     **dict.fromkeys(STAGES, "chain_commands"),
     "forecast": "forecast_commands:forecast",
     "info": "file_commands:info",
@@ -57,6 +58,11 @@ class CommandList(TyperGroup):
             return None
         return TyperCommand(cmd_name, help=_summary(cmd_name))
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write every command with its whole summary."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, _summary(name)) for name in COMMANDS])
+
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the program; what is wrong with a command line is one sentence.
 
@@ -83,6 +89,7 @@ class CommandList(TyperGroup):
         if args and args[0] in COMMANDS:
             found, words = load_command(args[0]), _words(*args)
             if not ctx.resilient_parsing:  # completion asks before all is typed
+                _refuse_flags_as_values(found, words)
                 _refuse_repeated(found, words)
             return args[0], found, words
         if args and not args[0].startswith("-") and not ctx.resilient_parsing:
@@ -139,6 +146,27 @@ def _refuse_repeated(found: Any, words: Sequence[str]) -> None:
         given[name] = flag
 
 
+def _refuse_flags_as_values(found: Any, words: Sequence[str]) -> None:
+    """Refuse an option where a value is missing: it would be taken for the value.
+
+    Raises
+    ------
+    typer.Exit
+        With the code of a usage error, after one sentence.
+    """
+    options = [p for p in found.params if p.param_type_name == "option"]
+    flags = {flag for option in options for flag in option.opts}
+    taking = {
+        flag for option in options if not (option.is_flag or option.count)
+        for flag in option.opts
+    }  # fmt: skip
+    before = itertools.takewhile(lambda word: word != "--", words)
+    for flag, value in itertools.pairwise(before):
+        if flag in taking and value in flags:
+            say(f"error: {flag} takes a value, got the option {value}.", -1)
+            raise typer.Exit(USAGE)
+
+
 def load_command(name: str) -> Any:
     """Import the module of a command and build it."""
     from uwtrack_cli.cli.command_factory import register
@@ -156,6 +184,7 @@ app = typer.Typer(
     name="uwtrack",
     cls=CommandList,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # what rich needs to draw boxes takes as long as all else
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 

@@ -22,6 +22,7 @@ from uwtrack_cli.cli.console import (
     put,
     say,
     show_table,
+    unread_too,
 )
 from uwtrack_cli.cli.recording_arguments import (
     SOURCE_PARAMETERS,
@@ -30,6 +31,7 @@ from uwtrack_cli.cli.recording_arguments import (
 )
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
 from uwtrack_cli.errors import OptionError, OutputError
+from uwtrack_cli.files.text_escaping import shell_word
 from uwtrack_cli.flow.shipped_recipes import DEFAULT_RECIPE
 
 if TYPE_CHECKING:
@@ -93,9 +95,12 @@ def batch(
     """Run a recipe over many recordings; one bad file is a row of the report.
 
     Writes the products, batch.csv and batch.jsonl into the folder. Exit code 3 when
-    some failed; after an interrupt, --resume goes on where it ended. Sensors are not
-    fused: uwtrack locate takes the products of the sensors that detected the same vessel.
+    some failed; after an interrupt, --resume goes on where it ended. What was made of
+    other recordings or by another recipe stays, unless --overwrite is given, and files
+    that are not of uwtrack always do. Sensors are not fused: uwtrack locate takes the
+    products of the sensors that detected the same vessel.
     """
+    from uwtrack_cli.flow.batch_report import check_report
     from uwtrack_cli.flow.batch_sources import (
         describe_recorders,
         find_recordings,
@@ -117,6 +122,10 @@ def batch(
         ais=ais,
         within_m=within_m,
     )
+    if folder.is_file():
+        msg = f"{folder} is a file; --output names the folder of the products."
+        raise OutputError(msg)
+    check_report(folder, found, overwrite=overwrite)
     for text in describe_recorders(found, options, joining):
         say(text)
     outcomes = _run(made, folder, own["jobs"], own["scheduler"])
@@ -154,13 +163,9 @@ def _run(
     made: "Sequence[Job]", folder: Path, jobs: int | None, scheduler: str | None
 ) -> "list[Outcome]":
     from uwtrack_cli.flow.batch import count_once
-    from uwtrack_cli.flow.batch_report import check_report, write_report
+    from uwtrack_cli.flow.batch_report import write_report
     from uwtrack_cli.flow.executors import available_processors, run_jobs
 
-    if folder.is_file():
-        msg = f"{folder} is a file; --output names the folder of the products."
-        raise OutputError(msg)
-    check_report(folder)
     found: dict[int, Outcome] = {}
     wanted = available_processors() if jobs is None else jobs
     folder.mkdir(parents=True, exist_ok=True)
@@ -187,7 +192,8 @@ def _tell(
 
     rows = report_rows(outcomes, folder)
     if as_json:
-        put([json.dumps(rows, ensure_ascii=False)])
+        with unread_too():
+            put([json.dumps(rows, ensure_ascii=False)])
         return rows
     if is_verbose():
         heads = ("source", "status", "passages")
@@ -205,7 +211,7 @@ def _tell(
     if counts.keys() - {"failed", "truncated"}:
         n = sum(r["n_encounters"] for r in rows)
         word = "passage" if n == 1 else "passages"
-        told += f"; {n} {word}: uwtrack passages {folder}"
+        told += f"; {n} {word}: uwtrack passages {shell_word(folder)}"
     say(told)
     return rows
 
@@ -249,7 +255,8 @@ def rerun(
 
     target = output or file.parent / _again(file.name)
     rerun_product(file, target, sources=source or [], overwrite=overwrite)
-    say(f"wrote {target}; uwtrack diff {file} {target} tells whether it is the same")
+    both = f"{shell_word(file)} {shell_word(target)}"
+    say(f"wrote {target}; uwtrack diff {both} tells whether it is the same")
 
 
 def _again(name: str) -> str:

@@ -131,6 +131,12 @@ def _show(found: "Calibration") -> None:
         f"{found.error_before_deg:.1f} degrees rms, and by {found.error_after_deg:.1f} "
         f"with this; {found.compass_std_deg:.2g} degrees are left in other directions"
     )
+    if found.multiplex is not None:
+        in_phase, ahead = found.multiplex.split(",")
+        say(
+            f"in the audio {in_phase} is in phase with the 15 kHz pilot, and {ahead} a "
+            f"quarter of a period ahead of it"
+        )
 
 
 def _row(item: Any) -> Sequence[str]:

@@ -21,10 +21,11 @@ from uwtrack_cli.cli.result_output import is_shown, print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.directions import Delays
-from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.series import Series
+from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.stage import Stage
 from uwtrack_cli.flow.step import Step
@@ -67,10 +68,10 @@ SENSOR_FILE: tuple[str, Any] = (
     "sensor",
     Annotated[
         Path | None,
-        typer.Option("--sensor", help="Sensor file of the array that measured delays."),
+        typer.Option("--sensor", help="Sensor file of what a table was measured with."),
     ],
 )
-"""Option for the sensor of a stage that reads delays: their tables do not hold it."""
+"""Option for the sensor of a stage that reads tables of one sensor, which do not hold it."""
 
 
 def stage_command(name: str) -> Callable[..., None]:
@@ -110,7 +111,7 @@ def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
     parameters += [_parameter(*SIDE_TABLES[n], None) for n in SIDE_TABLES if n in names]
     if _takes_sensors(stage):
         parameters.append(_parameter("sensors", Sensors, None))
-    if Delays in _wanted(stage):
+    if Delays in _wanted(stage) or stage.output is Encounters:
         parameters.append(_parameter(*SENSOR_FILE, None))
     parameters += _ending_parameters()
     return [*parameters, _parameter("json_output", AsJson, default=False)]
@@ -224,6 +225,9 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
         if source not in replays:
             read.add(source, _wanted(stage))
     refuse_unknown_step(read.products, own["branch"])
+    if own.get("sensor") is not None and read.products and stage.output is Encounters:
+        msg = f"--sensor {own['sensor']} belongs to a table; products carry theirs."
+        raise DataError(msg)
     for kind in _wanted(stage):
         name, _ = {**SIDE_TABLES, "sensor": SENSOR_FILE}.get(kind.NAME, ("", None))
         if own.get(name) is not None:

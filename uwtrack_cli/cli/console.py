@@ -10,11 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from uwtrack_cli.errors import (
     DataError,
@@ -24,6 +22,10 @@ from uwtrack_cli.errors import (
     UwtrackWarning,
 )
 from uwtrack_cli.files.text_escaping import plain_text
+
+if TYPE_CHECKING:  # slow to import, and most commands draw nothing
+    from rich.console import Console
+    from rich.progress import Progress
 
 DONE, FAILED, USAGE, SOME_FAILED, OUTSIDE = 0, 1, 2, 3, 4
 """Exit codes of the program; ended by a signal it is 128 and the signal's number."""
@@ -79,7 +81,10 @@ def put(lines: Iterable[str]) -> None:
 
 
 TABLE_COLUMNS = 80
-"""Characters in a line of a table that goes to a file or another program."""
+"""Characters in a line of a table that goes to a file or another program.
+
+``COLUMNS`` of the environment counts instead, where it is set.
+"""
 
 
 def show_table(
@@ -88,19 +93,24 @@ def show_table(
     *,
     is_data: bool = False,
     spare: Sequence[str] = (),
-) -> None:
+) -> list[str]:
     """Draw a table for people, with fewer columns where all of them do not fit.
 
     ``is_data``: whether the table is what was asked for, and goes to standard output;
     else it goes to standard error, beside data, and is left out by ``--quiet``.
     ``spare``: titles of the columns that are left out of a narrow table, the first one
     first.
+
+    Returned: the titles of the columns that were left out.
     """
     if _verbosity < 0 and not is_data:
-        return
+        return []
+    from rich.table import Table
+
     console = _console(stderr=not is_data)
-    width = console.width if console.is_terminal else TABLE_COLUMNS
+    width = console.width if console.is_terminal else screen_columns(TABLE_COLUMNS)
     kept = _fitting(heads, rows, spare, width)
+    left_out = [head for k, head in enumerate(heads) if k not in kept]
     heads = [heads[k] for k in kept]
     rows = [[row[k] for k in kept] for row in rows]
     table = Table(box=None, pad_edge=False)
@@ -109,8 +119,16 @@ def show_table(
     for row in rows:
         table.add_row(*map(plain_text, row))
     if not console.is_terminal:  # what still does not fit is not broken there
-        console = _console(stderr=not is_data, width=160)
+        needed = console.measure(table, options=console.options.update(width=1 << 20))
+        console = _console(stderr=not is_data, width=max(160, needed.maximum))
     console.print(table)
+    return left_out
+
+
+def screen_columns(usual: int) -> int:
+    """Return how many characters fit a line: what the environment says, else as usual."""
+    told = os.environ.get("COLUMNS", "")
+    return int(told) if told.isdecimal() and int(told) > 0 else usual
 
 
 def _fitting(
@@ -130,8 +148,10 @@ def _fitting(
     return kept
 
 
-def _console(*, stderr: bool = True, width: int | None = None) -> Console:
+def _console(*, stderr: bool = True, width: int | None = None) -> "Console":
     """Return a console for text in which no mark is markup."""
+    from rich.console import Console
+
     return Console(
         stderr=stderr, width=width, markup=False, emoji=False, highlight=False
     )
@@ -142,31 +162,36 @@ def progress_bar(title: str, total_s: float) -> Iterator[Callable[[float], None]
     """Show how far a run is, on a terminal and after two seconds only."""
     import time
 
-    console = _console()
-    quiet = _verbosity < 0 or not console.is_terminal
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    bar = Progress(
-        TextColumn("{task.description}", markup=False), BarColumn(),
-        "{task.percentage:3.0f} %",
-        TimeRemainingColumn(), console=console, transient=True, disable=quiet,
-    )  # fmt: skip
-    task = bar.add_task(plain_text(title), total=total_s)
-    begin, started = time.monotonic(), False
+    begin = time.monotonic()
+    bars: list[Progress] = []
 
     def update(done_s: float) -> None:
-        nonlocal started
-        if not started and time.monotonic() - begin > 2.0:
-            bar.start()
-            started = True
-        bar.update(task, completed=done_s)
+        if not bars and _verbosity >= 0 and time.monotonic() - begin > 2.0:
+            bars.append(_started_bar(title, total_s))
+        for bar in bars:
+            bar.update(bar.task_ids[0], completed=done_s)
 
     try:
         yield update
     finally:
-        if started:
+        for bar in bars:
             with suppress(OSError):  # the terminal is gone
                 bar.stop()
+
+
+def _started_bar(title: str, total_s: float) -> "Progress":
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = _console()
+    bar = Progress(
+        TextColumn("{task.description}", markup=False), BarColumn(),
+        "{task.percentage:3.0f} %",
+        TimeRemainingColumn(), console=console, transient=True,
+        disable=not console.is_terminal,
+    )  # fmt: skip
+    bar.add_task(plain_text(title), total=total_s)
+    bar.start()
+    return bar
 
 
 @contextmanager
@@ -179,7 +204,7 @@ def guard(*, debug: bool) -> Iterator[None]:
             yield
             sys.stdout.flush()
         except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _leave_output()
             raise typer.Exit(DONE) from None
         except KeyboardInterrupt as error:
             number = _number_of(error)
@@ -197,6 +222,21 @@ def guard(*, debug: bool) -> Iterator[None]:
             kind = type(error).__name__
             say(f"error: the program failed ({kind}: {error}); see --debug.", -1)
             raise typer.Exit(FAILED) from None
+
+
+@contextmanager
+def unread_too() -> Iterator[None]:
+    """Go on where the reader of what is printed has gone: the exit code is the answer."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _leave_output()
+
+
+def _leave_output() -> None:
+    """Drop what is still to be printed: its reader is gone."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from uwtrack_cli.cli.command_factory import AsJson, Axis, Branch
-from uwtrack_cli.cli.console import FAILED, is_verbose, put
+from uwtrack_cli.cli.console import FAILED, is_verbose, put, unread_too
 from uwtrack_cli.cli.targets import open_product
+from uwtrack_cli.data.options import nearest
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.files.text_escaping import shell_word
 
 if TYPE_CHECKING:
     from uwtrack_cli.files.hdf5.product import Product
@@ -163,9 +165,11 @@ def show(
         return
     if container not in CONTAINERS:
         if str(file) in CONTAINERS:
-            msg = f"the file comes first: uwtrack show {container} {file}"
+            msg = f"the file comes first: uwtrack show {shell_word(container)} {file}"
             raise OptionError(msg)
-        msg = f"there is no container {container!r}; there are {', '.join(CONTAINERS)}."
+        hint = nearest(container, CONTAINERS)
+        kinds = ", ".join(CONTAINERS)
+        msg = f"there is no container {container!r}.{hint} There are: {kinds}."
         raise OptionError(msg)
     with open_product(file) as product:
         refuse_unknown_step([product], step)
@@ -195,14 +199,16 @@ def _show_result(file: Path, form: str, sensor: str | None, step: str | None) ->
         if name is None:
             msg = (
                 f"{file} holds no result, but {', '.join(sorted(held))}; "
-                f"name what to show: uwtrack show {file} {min(held, default='lines')}."
+                f"name what to show: uwtrack show {shell_word(file)} "
+                f"{min(held, default='lines')}."
             )
             raise DataError(msg)
         found = read_of_branch(product, CONTAINERS[name], sensor, step)
         presence = None
         if name == "encounters" and "presence" in held:
             presence = read_of_branch(product, Presence, sensor, step)
-        not_sought = _not_sought(product)
+        is_heard = name == "presence" or presence is not None
+        not_sought = _not_sought(product) if is_heard else ""
     if form == "table" and is_shown(found):
         print_result(
             found, as_json=False, is_data=True, presence=presence,
@@ -214,12 +220,16 @@ def _show_result(file: Path, form: str, sensor: str | None, step: str | None) ->
 
 def _results(product: "Product") -> tuple[str, ...]:
     """Return results in the order in which the command that made them prints one."""
-    from uwtrack_cli.flow.catalogue import STAGES, find_stage
+    from uwtrack_cli.files.hdf5.layout import container_of
+    from uwtrack_cli.flow.catalogue import STAGES, output_class
 
     usual = ("encounters", "presence", "motions", "fixes", "target", "decision")
     last = product.history[-1] if product.history else None
     if last is not None and last.sources and last.stage in STAGES:
-        return (find_stage(last.stage).output.NAME, *usual)  # one stage by itself
+        return (
+            container_of(output_class(STAGES[last.stage])).NAME,
+            *usual,
+        )  # one stage by itself
     is_fused = len({key.sensor for key in product.paths if key.sensor}) > 1
     return ("fixes", *usual) if is_fused else usual
 
@@ -241,6 +251,7 @@ def verify(
         problems = verify_product(file)
         damaged |= bool(problems)
         told = [problem.removeprefix(f"{file} ") for problem in problems]
-        put([f"{file}: {problem}" for problem in told] or [f"{file}: ok"])
+        with unread_too():
+            put([f"{file}: {problem}" for problem in told] or [f"{file}: ok"])
     if damaged:
         raise typer.Exit(FAILED)

@@ -36,7 +36,7 @@ REPORTS: dict[str, tuple[str, bool]] = {
     "diff": ("uwtrack_cli.flow.comparison:Difference", True),
     "score": ("uwtrack_cli.flow.scoring.score_product:ProductScore", False),
     "calibrate": ("uwtrack_cli.flow.calibration:Calibration", False),
-    "study": ("uwtrack_cli.studies.study:Study", False),
+    "study": ("uwtrack_cli.data.study:Study", False),
 }
 """Outputs of commands: the dataclass of an object, and whether there is a list."""
 

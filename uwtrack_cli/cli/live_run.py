@@ -27,6 +27,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource, Recording
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.checks import is_pipe
+from uwtrack_cli.files.text_escaping import shell_word
 
 if TYPE_CHECKING:
     from uwtrack_cli.files.audio.live_recording import RawSound
@@ -92,7 +93,7 @@ class LiveOptions:
         if self.follow and sources[0].is_dir():
             msg = (
                 f"--follow takes a file that is being written, and {sources[0]} is a "
-                f"folder: uwtrack watch {sources[0]} -o DIR runs what arrives in it."
+                f"folder: uwtrack watch {shell_word(sources[0])} -o DIR runs what arrives in it."
             )
             raise OptionError(msg)
         if pipes and self.follow:
@@ -180,21 +181,22 @@ def run_live(
                 tell=put_event if as_json else None,
             )
     if not as_json:  # as events they were told
-        _say_disturbances(reader, recording)
+        say_disturbances(reader, recording)
     say_sensitivity([held.container for held in made])
     say_wrote(target)
     return made
 
 
-def _say_disturbances(reader: LiveSource, recording: Recording) -> None:
+def say_disturbances(reader: LiveSource, recording: Recording) -> None:
     """Warn of what disturbed the sound, the first of each kind; whole sound is told."""
-    from uwtrack_cli.files.audio.live_reader import DisturbanceKind, LiveReader
+    from uwtrack_cli.files.audio.live_reader import DisturbanceKind, DisturbedSource
 
-    if not isinstance(reader, LiveReader):
+    if not isinstance(reader, DisturbedSource):
         return
     found: dict[DisturbanceKind, list[str]] = {}
     for gap in reader.take_disturbances():
-        if gap.is_over and gap.n_samples < reader.n_samples:
+        told = gap.kind is DisturbanceKind.UNCHANGED  # by the reader, as of a file
+        if gap.is_over and gap.n_samples < reader.n_samples and not told:
             rate_hz = recording.sample_rate_hz
             lasted = f" for {gap.n_samples / rate_hz:g} s" if gap.n_samples else ""
             text = f"{gap.reason}{lasted} at {gap.start_sample / rate_hz:g} s"

@@ -1,6 +1,8 @@
 """`passages`: one table over many results."""
 
 import json
+import os
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -25,7 +27,10 @@ NUMBERS = (
     Head("course deg", "course_deg", 0, "course_std_deg"),
     Head("level dB", "received_level_db", 1, "received_level_std_db"),
 )
-HEADS = ("time UTC", "sensor", "vessel", "status", *(head.title for head in NUMBERS))
+HEADS = (
+    "time UTC", "sensor", "vessel", "status", *(head.title for head in NUMBERS),
+    "recording", "contact",
+)  # fmt: skip
 LEVELS = (
     Head("band Hz", "centre_hz", 1),
     Head(
@@ -47,7 +52,9 @@ def passages(  # noqa: PLR0913 - three views of one table
     ],
     per: Annotated[
         Literal["day", "month", "vessel", "sensor"] | None,
-        typer.Option("--per", help="Count passages instead of listing them."),
+        typer.Option(
+            "--per", help="Count passages and hours of sound instead of listing them."
+        ),
     ] = None,
     sql: Annotated[
         str | None,
@@ -103,7 +110,7 @@ def passages(  # noqa: PLR0913 - three views of one table
 
         _write_rows(query_passages(table, sql), form, output, overwrite)
     elif per is not None:
-        _write_rows(count_passages(table.passages, per), form, output, overwrite)
+        _write_rows(count_passages(table, per), form, output, overwrite)
     elif bands:
         _write_levels(table, form, output, overwrite)
     else:
@@ -229,7 +236,12 @@ def _write_rows(
         cells = [
             ["-" if row[n] is None else str(row[n]) for n in names] for row in rows
         ]
-        show_table(names, cells, is_data=True)
+        # a query may ask for more than a screen holds; a file takes it whole
+        is_narrow = sys.stdout.isatty() or "COLUMNS" in os.environ
+        spare = names[:0:-1] if is_narrow else ()
+        left_out = show_table(names, cells, is_data=True, spare=spare)
+        if left_out:
+            say(f"no room for {', '.join(left_out)}; --to csv has all columns")
     elif form == "json":
         _place([json.dumps(list(rows), ensure_ascii=False)], output, overwrite)
     elif form == "jsonl":
@@ -264,4 +276,5 @@ def _cells(row: "PassageRow") -> tuple[str, ...]:
     facts = asdict(row)
     numbers = (head.text(facts) for head in NUMBERS)
     when = utc_text(row.time_utc) if row.time_utc else when
-    return (when, row.sensor, name, row.status, *numbers)
+    recording = row.recording or "-"
+    return (when, row.sensor, name, row.status, *numbers, recording, str(row.contact))

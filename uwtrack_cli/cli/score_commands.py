@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from uwtrack_cli.cli.command_factory import AsJson, Branch, ProductFile
-from uwtrack_cli.cli.console import OUTSIDE, put, say, show_table
+from uwtrack_cli.cli.console import OUTSIDE, put, say, show_table, unread_too
 from uwtrack_cli.cli.targets import open_product
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.tables.json_rows import plain
@@ -58,10 +58,11 @@ def diff(
         found = compare_products(
             one, other, rtol=rtol, atol=atol, tolerances=tolerances
         )
-    if json_output:
-        put([json.dumps([plain(asdict(item)) for item in found])])
-    else:
-        put(map(_difference_line, found))
+    with unread_too():
+        if json_output:
+            put([json.dumps([plain(asdict(item)) for item in found])])
+        else:
+            put(map(_difference_line, found))
     if found:
         raise typer.Exit(OUTSIDE)
     say("the numbers are the same", 0 if rtol == atol == 0.0 else 1)
@@ -110,10 +111,11 @@ def score(
         found = score_product(
             product, known, wanted, step=step, within_m=within_m, cutoff_m=cutoff_m
         )
-    if json_output:
-        put([json.dumps(plain(asdict(found)), ensure_ascii=False)])
-    else:
-        _show(found)
+    with unread_too():
+        if json_output:
+            put([json.dumps(plain(asdict(found)), ensure_ascii=False)])
+        else:
+            _show(found)
     for problem in found.problems:
         say(f"outside: {problem}", -1)
     if found.problems:

@@ -1,20 +1,22 @@
 """`study`: a paper's experiment again, its figures beside ours."""
 
 import json
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+import uwtrack_cli
 from uwtrack_cli.cli.command_factory import AsJson
 from uwtrack_cli.cli.console import put, say
 from uwtrack_cli.data.options import nearest, shown
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.data.study import Study
+from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.catalogue import summary_of
-from uwtrack_cli.studies.catalogue import STUDIES
-from uwtrack_cli.studies.study import Study
 
 MAX_RUNS = 1_000_000
 """Most runs of a study; it would take weeks."""
@@ -38,24 +40,26 @@ def study(
 ) -> None:
     """Repeat a published experiment; print its figures beside ours with intervals.
 
+    The experiments come with a clone of the project, not with the installed program.
     Intervals shrink with the root of the number of runs. Every random number comes from
     the seed.
     """
+    studies = _catalogue()
     if name is None:
         if runs is not None or json_output:
-            msg = f"name the study to repeat: {', '.join(STUDIES)}."
+            msg = f"name the study to repeat: {', '.join(studies)}."
             raise OptionError(msg)
-        width = max(map(len, STUDIES))
-        put(f"{key:{width}}  {summary_of(place)}" for key, place in STUDIES.items())
+        width = max(map(len, studies))
+        put(f"{key:{width}}  {summary_of(place)}" for key, place in studies.items())
         return
-    if name not in STUDIES:
-        near = nearest(name, STUDIES)
-        msg = f"there is no study {name!r}.{near} There are {', '.join(STUDIES)}."
+    if name not in studies:
+        near = nearest(name, studies)
+        msg = f"there is no study {name!r}.{near} There are {', '.join(studies)}."
         raise OptionError(msg)
     if runs is not None and not 1 <= runs <= MAX_RUNS:
         msg = f"--runs must be at least 1 and at most {MAX_RUNS}, got {shown(runs)}."
         raise OptionError(msg)
-    module, _, function = STUDIES[name].partition(":")
+    module, _, function = studies[name].partition(":")
     chosen = {} if runs is None else {"runs": runs}
     done: Study = getattr(import_module(module), function)(seed=seed, **chosen)
     if json_output:
@@ -64,6 +68,27 @@ def study(
     put(_lines(done))
     for remark in done.remarks:
         say(remark)
+
+
+def _catalogue() -> dict[str, str]:
+    """Return where the function of each study is, from the folder beside the package.
+
+    Raises
+    ------
+    DataError
+        The program runs without a checkout of the project.
+    """
+    checkout = Path(uwtrack_cli.__file__).resolve().parent.parent
+    if not (checkout / "studies" / "catalogue.py").is_file():
+        msg = (
+            "the published experiments are not part of the installed program: clone the "
+            "project, 'make install' there, then '.venv/bin/uwtrack study'."
+        )
+        raise DataError(msg)
+    if str(checkout) not in sys.path:
+        sys.path.append(str(checkout))
+    studies: dict[str, str] = import_module("studies.catalogue").STUDIES
+    return studies
 
 
 def _lines(done: Study) -> Iterator[str]:

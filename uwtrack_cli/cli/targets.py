@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.files.input_ledger import read_standard_input
+from uwtrack_cli.files.input_ledger import read_standard_input, standard_input
 
 if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
     from uwtrack_cli.data.sensor import Sensor
@@ -81,6 +81,8 @@ def writer_for(
     """Write a product to a file, or by way of a temporary one to a pipe."""
     from uwtrack_cli.files.hdf5.product import ProductWriter
 
+    if PIPE in inputs:
+        standard_input()  # a file may stand behind it
     if target != PIPE:
         real = [path for path in inputs if path != PIPE]
         with ProductWriter(

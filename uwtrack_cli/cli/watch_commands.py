@@ -47,14 +47,21 @@ def watch(
             "--idle-s", help="End when nothing has arrived for so long, s; else never."
         ),
     ] = None,
+    overwrite: Annotated[
+        bool,
+        typer.Option(
+            "--overwrite", help="Go on in the output of another folder or recipe."
+        ),
+    ] = False,
     json_output: AsJson = False,
     **options: Any,
 ) -> None:
     """Run a recipe over the recordings of a folder as they arrive.
 
     Files that are still being written are awaited. watch.jsonl beside the products
-    notes what is done; started again, after a kill too, it goes on from there. Ctrl-C
-    ends after the recording that is being run. Exit code 3 when some failed.
+    notes what is done; started again, after a kill too, it goes on from there. What
+    fails for want of disk, memory or another file is tried again. Ctrl-C ends after the
+    recording that is being run. Exit code 3 when some failed.
     """
     from uwtrack_cli.flow.shipped_recipes import load_recipe
     from uwtrack_cli.flow.watch import WatchTimes, watch_folder
@@ -64,14 +71,16 @@ def watch(
             msg = f"{flag} must be more than 0 s, got {value:g}."
             raise OptionError(msg)
     chosen = load_recipe(recipe).with_settings(settings or [])
-    n_failed = 0
+    failed: dict[str, bool] = {}
     with _ending() as asked:
-        times = WatchTimes(settle_s, idle_s)
-        done = watch_folder(folder, output, chosen, options, times, lambda: bool(asked))
+        done = watch_folder(
+            folder, output, chosen, options, WatchTimes(settle_s, idle_s),
+            overwrite=overwrite, is_ending=lambda: bool(asked), tell=say,
+        )  # fmt: skip
         for outcome in done:
-            n_failed += outcome.status == "failed"
+            failed[outcome.source] = outcome.status == "failed"
             _tell(outcome, output, as_json=json_output)
-    if n_failed:
+    if any(failed.values()):
         raise typer.Exit(SOME_FAILED)
 
 
@@ -92,7 +101,8 @@ def _tell(outcome: "Outcome", folder: Path, *, as_json: bool) -> None:
         return
     name = Path(row["source"]).name
     if outcome.status == "failed":
-        say(f"failed: {name}: {row['message']}")
+        later = " It is tried again later." if outcome.retry else ""
+        say(f"failed: {name}: {row['message']}{later}")
         return
     n = row["n_encounters"]
     say(f"{row['status']}: {name}: {n} encounter{'' if n == 1 else 's'}")

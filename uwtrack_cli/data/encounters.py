@@ -20,7 +20,7 @@ from uwtrack_cli.data.base import (
 )
 
 TOO_FAST, MAINS = "too-fast", "mains"
-"""What refuses a passage, as a code: nothing in water is as fast; its lines are mains."""
+"""Codes of rejections that more than one room reads: see `motion/decision.py`."""
 
 
 class StillContact(NamedTuple):
@@ -216,8 +216,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_to_s: FloatArray | None = column("Last measurement of it.", "refusal")
     refused_reason: TextArray | None = column("Why it is no passage.", "refusal")
     refused_code: TextArray | None = column(
-        "What refuses it where something else is to be said then: 'too-fast' or "
-        "'mains'; empty for all other reasons.", "refusal",
+        "The same as a code, such as 'too-fast', 'mains' or 'rest-frame'.", "refusal",
     )  # fmt: skip
     refused_reading: TextArray | None = column(
         "What it is read as where nothing passes: 'constant', 'machinery' or 'joined', "

@@ -23,7 +23,9 @@ class Frames(Container):
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("band",)
 
     start_sample: IntArray = column("First sample of the frame in the recording.")
-    time_s: FloatArray = column("Centre of the frame, counted from the first sample.")
+    time_s: FloatArray = column(
+        "Centre of the frame, counted from the first sample that was read (`--start-s`)."
+    )
     valid_fraction: FloatArray = column(
         "Share of the frame's samples that are valid; 0 in a gap.", dtype=np.float32
     )

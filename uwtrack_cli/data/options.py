@@ -381,8 +381,9 @@ def _any_of(
 ) -> Any:
     refusal = ""
     for kind in kinds:
+        plain, own = _split(kind)
         try:
-            return _converted(where, kind, rules, value)
+            return _converted(where, plain, (*own, *rules), value)
         except OptionError as error:
             refusal = str(error)
     raise OptionError(refusal)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,12 @@ GUARD_S = 60.0
 Reader = Callable[[int], Iterator[Samples]]
 """Opens the recording and yields consecutive blocks of at most so many samples.
 
-One that can go back has a method ``stretch(first_sample, n_samples)``, too.
+One that can go back has a method ``stretch(first_sample, n_samples)``, too, and one that
+shares its sound with others a method ``decimated(factor)``: the reader of a lower rate.
 """
+
+READ_VALUES = 1 << 18
+"""Values (samples times channels) that are read at once."""
 
 UNENDED = 1 << 62
 """Samples of a recording that has not ended: more than there can be."""
@@ -95,12 +99,30 @@ class Recording(Container):
             return self
         return replace(self, n_samples=self.reader.n_samples, digest=self.reader.digest)
 
-    def block_samples(self, usual: int) -> int:
-        """Return how many samples to read at once: of live sound at most a second.
-
-        ``usual``: samples per channel that are read at once when nobody waits for them.
-        """
+    @property
+    def block_samples(self) -> int:
+        """Samples per channel to read at once: of live sound at most a second."""
+        usual = max(1, READ_VALUES // self.n_channels)
         return min(usual, max(1, round(self.sample_rate_hz))) if self.is_live else usual
+
+    def part(self, first: int, last: int) -> "Recording":
+        """Return the part from a sample to before another one.
+
+        Its reader is a dataclass that has them as ``first`` and ``last``.
+        """
+        rate = int(self.sample_rate_hz)
+        start_ns = self.start_utc_ns
+        if start_ns is not None:
+            start_ns += (first * NANOSECONDS + rate // 2) // rate
+        reader: Any = self.reader
+        own = replace(reader, first=reader.first + first, last=reader.first + last)
+        return replace(
+            self,
+            n_samples=UNENDED if self.is_live else last - first,
+            first_sample=self.first_sample + first,
+            start_utc_ns=start_ns,
+            reader=own,
+        )
 
     def stretch(self, start_s: float, stop_s: float) -> Samples:
         """Read a stretch of the sound again.
@@ -157,6 +179,34 @@ class HeldSamples:
     def stretch(self, first_sample: int, n_samples: int) -> Samples:
         """Return so many samples from one on."""
         return self.samples[first_sample : first_sample + n_samples]
+
+
+@dataclass(frozen=True)
+class PartReader:
+    """A reader of a part of the sound that another one can read again."""
+
+    whole: Reader
+    """Reader that can go back."""
+    first_sample: int
+    """First sample of the part."""
+    n_samples: int
+    """Its samples per channel."""
+
+    def __call__(self, block_samples: int) -> Iterator[Samples]:
+        """Yield consecutive blocks of so many samples, the last one shorter."""
+        for first in range(0, self.n_samples, block_samples):
+            count = min(block_samples, self.n_samples - first)
+            yield self.stretch(first, count)
+
+    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+        """Read so many samples from one on.
+
+        Raises
+        ------
+        DataError
+            The sound is no longer at hand.
+        """
+        return read_stretch(self.whole, self.first_sample + first_sample, n_samples)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -46,7 +46,7 @@ class Sensor(Container):
     NAME: ClassVar[str] = "sensor"
 
     id: str = scalar("Identifier, unique in a deployment.")
-    kind: str = scalar("'omni', 'difar' or 'array'.", "omni")
+    kind: str = scalar("'omni', 'difar', 'difar-multiplexed' or 'array'.", "omni")
     channels: str = scalar("Channel names in file order, comma separated.", "omni")
     latitude: float | None = scalar("Latitude.", None)
     longitude: float | None = scalar("Longitude.", None)
@@ -60,6 +60,18 @@ class Sensor(Container):
     sound_speed_std_mps: float | None = scalar("Deviation of the sound speed.", None)
     compass_offset_deg: float = scalar("Added once to every bearing.", 0.0)
     compass_std_deg: float | None = scalar("Deviation of the compass.", None)
+    north: str | None = scalar(
+        "'compass' where the declination is not known, 'place' where it is still to be "
+        "had from there; None: bearings are from true north.", None,
+    )  # fmt: skip
+    multiplex: str | None = scalar(
+        "Of a buoy whose audio is multiplexed: the dipole in phase with the phase pilot "
+        "and the one ahead of it, comma separated; - inverts one.", None,
+    )  # fmt: skip
+    response: str | None = scalar(
+        "Of such a buoy: frequency in Hz and response in dB, by a colon, comma "
+        "separated; None: it is flat.", None,
+    )  # fmt: skip
     clock_offset_s: float = scalar("Added once to every time.", 0.0)
     clock_std_s: float | None = scalar("Deviation of the clock.", None)
     sensitivity_db_re_v_per_upa: float | None = scalar("Sensitivity.", None, unit="dB")
@@ -107,7 +119,12 @@ class Sensor(Container):
     @property
     def has_direction(self) -> bool:
         """Whether the sensor hears directions."""
-        return self.kind == "difar"
+        return self.kind == "difar" or self.is_multiplexed
+
+    @property
+    def is_multiplexed(self) -> bool:
+        """Whether omni and dipoles come in one channel of audio."""
+        return self.kind == "difar-multiplexed"
 
     @property
     def is_array(self) -> bool:

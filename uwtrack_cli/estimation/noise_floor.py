@@ -18,6 +18,7 @@ cells are correlated, so n is the number of independent cells with the same vari
 the expansion of correlated exponential variables in Laguerre polynomials.
 """
 
+import math
 from functools import lru_cache
 from itertools import pairwise
 
@@ -36,6 +37,9 @@ CHUNK_VALUES = 1 << 18
 """Values of as many beams as are worked on at once: a megabyte stays in the cache."""
 
 LN2 = float(np.log(2.0))
+
+STIRLING_FROM = 10.0
+"""Argument from which five terms of Stirling's series are exact to rounding."""
 
 LEAST_SHARE = np.float32(1e-10)
 """Density over that of the loudest part of the frame below which there is no sound: no
@@ -100,7 +104,8 @@ def noise_floor(
     Power density has the shape (frame, frequency), or (beam, frame, frequency) for
     beams of their own floors, and so has the result, float32; the first frame starts a
     tile. Frames whose share of valid samples is below one half are left out; nan where
-    a tile has none other.
+    a tile has none other. Frames without any sound say nothing of the others of their
+    tile, and have the density of silence.
     """
     floor = np.full(power_density.shape, np.nan, np.float32)
     n_frames, n_cells = power_density.shape[-2:]
@@ -110,10 +115,13 @@ def noise_floor(
     at_once = max(1, CHUNK_VALUES // (TILE_FRAMES * n_cells))
     for start in range(0, n_frames, TILE_FRAMES):
         valid = valid_fraction[start : start + TILE_FRAMES] >= 0.5
-        rows = np.flatnonzero(valid) + start
+        tile = beams[:, start : start + TILE_FRAMES]
+        sounds = valid & tile.any(axis=(0, 2))
+        floors[:, start + np.flatnonzero(valid & ~sounds)] = SMALLEST
+        rows = np.flatnonzero(sounds) + start
         if not rows.size:
             continue
-        kept = slice(start, start + valid.size) if valid.all() else rows
+        kept = slice(start, start + valid.size) if sounds.all() else rows
         for first in range(0, len(beams), at_once):
             chunk = slice(first, first + at_once)
             floors[chunk, kept] = _tile_floors(beams[chunk, kept], zero_padding)
@@ -199,7 +207,9 @@ def _levelled(
     found = level.astype(np.float64)
     tiles = cells.transpose(1, 0, 2)
     usual = _median(tiles.reshape(len(tiles), -1))
-    plain = np.log(np.maximum(usual, SMALLEST))
+    # below that is no sound, and a slope into silence has no end
+    least = max(level.max() + np.log(LEAST_SHARE), np.log(SMALLEST))
+    plain = np.maximum(np.log(np.maximum(usual, SMALLEST)), least)
     found[own] = plain
     width = cells.shape[2]
     place = centres[own, None] + np.arange(width) - 0.5 * (width - 1)
@@ -208,6 +218,7 @@ def _levelled(
         flat = tiles * np.exp(-ground).astype(np.float32)[:, None]
         rest = _noise_median(flat.reshape(len(flat), -1))
         found[own] += np.log(np.maximum(rest, SMALLEST))
+        found[own] = np.maximum(found[own], least)
     # how steep the ground is beyond the outer tiles is not known: what is levelled too
     # little there draws the median down, and the plain one is that of the tile's middle
     if ends[0] == 0:
@@ -408,19 +419,34 @@ def threshold_factor(
     are high together with the tested one shifts the rank of the median, and so raises
     the floor by s / ln 2.
     """
-    from scipy.optimize import brentq
-    from scipy.special import gammaln
+    n, rest = n_independent + 1.0, (n_independent + 1.0) / 2.0
+    a = -math.log(probability)
+    for _ in range(100):  # Newton's method; the rate falls, ever more slowly, with a
+        excess = _log_rising(rest, a) - _log_rising(n, a) - math.log(probability)
+        step = excess / (_digamma(n + a) - _digamma(rest + a))
+        a += step
+        if abs(step) < 1e-14 * a:
+            break
+    return a * LN2 * (1.0 - own_share / LN2)
 
-    n, rest = n_independent, (n_independent - 1.0) / 2.0
 
-    def log_rate(factor: float) -> float:
-        a = factor / LN2
-        return float(
-            gammaln(n + 1) - gammaln(rest + 1) + gammaln(rest + 1 + a)
-            - gammaln(n + 1 + a) - np.log(probability)
-        )  # fmt: skip
+def _log_rising(x: float, a: float) -> float:
+    """Return ln Gamma(x + a) - ln Gamma(x), without the loss of a difference."""
+    if x < STIRLING_FROM:
+        return math.lgamma(x + a) - math.lgamma(x)
+    rest = _stirling_rest(x + a) - _stirling_rest(x)
+    return a * math.log(x + a) + (x - 0.5) * math.log1p(a / x) - a + rest
 
-    return float(brentq(log_rate, 1e-6, 1e4)) * (1.0 - own_share / LN2)
+
+def _stirling_rest(x: float) -> float:
+    """Return what Stirling's formula of ln Gamma leaves (Abramowitz 1964, 6.1.41)."""
+    terms = (1 / 12, -1 / 360, 1 / 1260, -1 / 1680, 1 / 1188)
+    return sum(term / x ** (2 * k + 1) for k, term in enumerate(terms))
+
+
+def _digamma(x: float) -> float:
+    """Return the slope of ln Gamma to a hundredth, enough for a search (6.3.18)."""
+    return math.log(x) - 0.5 / x - 1.0 / (12.0 * x**2)
 
 
 def own_share(n_frames: int) -> float:

@@ -5,7 +5,7 @@ import os
 import stat
 from pathlib import Path
 
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, MissingError
 from uwtrack_cli.files.input_ledger import as_input
 
 STANDARD_INPUT = Path("-")
@@ -40,12 +40,13 @@ def check_readable(path: Path) -> None:
     Raises
     ------
     DataError
-        The file is missing, a folder, a device, empty or not readable.
+        The file is a folder, a device or empty; a `MissingError` if it is missing or
+        not readable.
     """
     try:
         if not path.exists():
             msg = f"{path} does not exist.{_nearest(path)}"
-            raise DataError(msg)
+            raise MissingError(msg)
         if path.is_dir():
             msg = f"{path} is a folder, not a file."
             raise DataError(msg)
@@ -58,4 +59,4 @@ def check_readable(path: Path) -> None:
                 raise DataError(msg)
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror or error}."
-        raise DataError(msg) from error
+        raise MissingError(msg) from error

@@ -9,11 +9,9 @@ back. Then each kind of output has its own marks that must not take effect.
 directional formatting; XML 1.0 (2008), section 2.2; OWASP, "CSV Injection".
 """
 
-import csv
-import io
 import re
+import shlex
 from collections.abc import Iterable
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +55,9 @@ def csv_cell(value: Any) -> Any:
 
 def csv_line(cells: Iterable[Any]) -> str:
     """Return cells as a line of a CSV table, without its end."""
+    import csv
+    import io
+
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(map(csv_cell, cells))
     return text.getvalue()
@@ -73,6 +74,18 @@ def file_name(path: Path) -> str:
     return path.name.encode("utf-8", "backslashreplace").decode()
 
 
+def shell_word(path: Path | str) -> str:
+    """Return a path as one word of a command that is told to a person.
+
+    Examples
+    --------
+    >>> shell_word("my ship.wav"), shell_word("-a.wav"), shell_word("a.wav")
+    ("'my ship.wav'", './-a.wav', 'a.wav')
+    """
+    text = str(path)
+    return shlex.quote(f"./{text}" if text.startswith("-") and text != "-" else text)
+
+
 def html_text(text: str) -> str:
     """Return text for HTML: no tag, no entity, no end of an attribute.
 
@@ -81,6 +94,8 @@ def html_text(text: str) -> str:
     >>> html_text("<b>")
     '&lt;b&gt;'
     """
+    from html import escape
+
     return escape(plain_text(text))
 
 

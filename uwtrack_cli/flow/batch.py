@@ -3,10 +3,14 @@
 **Method.** A job reads its source, runs the recipe and writes one product, exactly as
 `uwtrack run` does; it returns what became of it instead of raising, so that one bad
 file is a row of the report. Of files that are joined, one that cannot be read is a gap,
-and one that ends too early a gap from there on; both are told. A product counts as complete when it is undamaged and
-its own history names this source, recipe and program: there is no other bookkeeping.
+and one that ends too early a gap from there on; both are told. A product counts as
+complete when it is undamaged and its own history names this source, recipe and program:
+there is no other bookkeeping. One of the same recording and recipe that is damaged or out
+of date is made again. One of another job is replaced with ``overwrite`` only, and a
+file that is no product never.
 """
 
+import contextlib
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -14,19 +18,29 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from uwtrack_cli import __version__
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
-from uwtrack_cli.errors import DataError, OutputError, UwtrackNote, UwtrackWarning
+from uwtrack_cli.errors import (
+    DataError,
+    MissingError,
+    OutputError,
+    UwtrackNote,
+    UwtrackWarning,
+)
 from uwtrack_cli.files.hdf5.product import (
+    HistoryStep,
+    Product,
     ProductWriter,
     Source,
+    is_product,
     read_product,
     source_of,
-    verify_product,
 )
 from uwtrack_cli.files.input_ledger import input_ledger, not_an_input
 from uwtrack_cli.files.tables.json_rows import json_rows
+from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.concatenate import clip_recording, join_recordings
 from uwtrack_cli.flow.products import (
@@ -57,7 +71,7 @@ class Job:
     resume: bool = False
     """Whether a complete product is kept."""
     overwrite: bool = False
-    """Whether an existing product may be replaced."""
+    """Whether a product of another job may be replaced."""
     joining: Joining | None = None
     """How the recordings are joined; None is one recording by itself."""
     own_ns: tuple[int, int] | None = None
@@ -93,6 +107,8 @@ class Outcome:
     faults: tuple[dict[str, Any], ...] = ()
     """Recordings that could not be joined whole: source, status ('failed', 'truncated'),
     message."""
+    retry: bool = False
+    """Whether it failed for what may pass: disk, memory, or an input that is not there."""
 
 
 def run_job(job: Job) -> Outcome:
@@ -107,12 +123,15 @@ def run_job(job: Job) -> Outcome:
         try:
             with input_ledger():
                 outcome = _make(job, blank)
-        except (DataError, OutputError, ValueError) as error:
+        except (MissingError, OutputError) as error:
+            outcome = replace(blank, message=str(error), retry=True)
+        except (DataError, ValueError) as error:
             outcome = replace(blank, message=str(error))
         except OSError as error:
-            outcome = replace(blank, message=f"{error.strerror or error}")
+            outcome = replace(blank, message=f"{error.strerror or error}", retry=True)
         except MemoryError:
-            outcome = replace(blank, message="there is not enough memory for this.")
+            reason = "there is not enough memory for this."
+            outcome = replace(blank, message=reason, retry=True)
         except Exception as error:  # noqa: BLE001 - a row, whatever happened
             reason = f"the program failed ({type(error).__name__}: {error})."
             outcome = replace(blank, message=reason)
@@ -154,18 +173,16 @@ def _make(job: Job, blank: Outcome) -> Outcome:
         duration_s=recording.duration_s,
         faults=opened.faults,
     )
-    if job.target.exists() and (job.resume or job.may_repeat):
+    is_there = job.target.exists()
+    if is_there:
         with not_an_input():  # a product that is not complete is made again
-            found = _complete(job, recording, opened.sources)
+            found = _kept(job, recording, opened.sources)
         if found is not None:
             status = RESUMED if job.resume else DONE
             return replace(begun, status=status, encounters=found)
-    elif job.target.exists() and not job.overwrite:
-        msg = f"{job.target.name} exists already; give --resume or --overwrite."
-        raise OutputError(msg)
     job.target.parent.mkdir(parents=True, exist_ok=True)
-    overwrite = job.resume or job.overwrite or job.may_repeat
-    with ProductWriter(job.target, overwrite=overwrite, inputs=job.sources) as writer:
+    replaces = is_there or job.may_repeat
+    with ProductWriter(job.target, overwrite=replaces, inputs=job.sources) as writer:
         made = run_into_product(
             recording,
             job.recipe,
@@ -279,17 +296,55 @@ def _what_is_there(
     return recording, fault
 
 
+def _kept(
+    job: Job, recording: Recording, sources: list[Source]
+) -> tuple[dict[str, Any], ...] | None:
+    """Return the encounters of a product that stays; None if it is made again.
+
+    Raises
+    ------
+    OutputError
+        What is there is of another job, or no product: it is not replaced.
+    """
+    name = job.target.name
+    may_stay = job.resume or job.may_repeat
+    found = _complete(job, recording, sources) if may_stay else None
+    if found is not None:
+        return found
+    if not is_product(job.target):
+        raise OutputError(not_ours(job.target))
+    if may_stay:
+        other = "" if job.overwrite else _other_job(job)
+        if other:
+            msg = (
+                f"{name} was made {other}: give --overwrite to replace it, or name "
+                f"another folder with --output."
+            )
+            raise OutputError(msg)
+    elif not job.overwrite:
+        msg = f"{name} exists already; give --resume or --overwrite."
+        raise OutputError(msg)
+    return None
+
+
+def not_ours(path: Path) -> str:
+    """Say that a file is not replaced, since the program did not write it."""
+    return (
+        f"{path} was not written by uwtrack and is not replaced: move it away, or name "
+        f"another folder with --output."
+    )
+
+
 def _complete(
     job: Job, recording: Recording, sources: list[Source]
 ) -> tuple[dict[str, Any], ...] | None:
     """Return the encounters of a product that need not be made again."""
-    if not job.target.is_file() or verify_product(job.target):
+    if not job.target.is_file():
         return None
     graph = job.recipe.graph().resolved(recording)
-    history = history_of_graph(graph, sources)
-    with read_product(job.target) as product:
-        before = [step.to_json() for step in product.history]
-        if before != [step.to_json() for step in history]:
+    with contextlib.suppress(DataError), read_product(job.target) as product:
+        wanted = [step.to_json() for step in history_of_graph(graph, sources)]
+        if wanted != [step.to_json() for step in product.history]:
             return None
         stored = product.read(Recording)
         if not stored.equals(replace(recording, reader=None)):
@@ -298,6 +353,43 @@ def _complete(
         if not all(_has_names(encounters, job) for encounters in found):
             return None
         return tuple(row for item in found for row in json_rows(item))
+    return None
+
+
+def _other_job(job: Job) -> str:
+    """Tell in which way a product is not of this job; empty if it is, or is damaged.
+
+    What another version of the program made is of this job: its recipes may differ.
+    """
+    try:
+        product = read_product(job.target)
+    except DataError:
+        return ""
+    with product:
+        made_of = {source.name for step in product.history for source in step.sources}
+        if made_of.isdisjoint(map(file_name, job.sources)):
+            others = f" and {len(made_of) - 1} more" if len(made_of) > 1 else ""
+            return f"of {min(made_of, default='something else')}{others}"
+        if product.program_version == __version__ and not _is_of_recipe(product, job):
+            return "by another recipe"
+    return ""
+
+
+def _is_of_recipe(product: Product, job: Job) -> bool:
+    """Tell whether a recipe, run over the recording of a product, makes it."""
+    recordings = product.read_all(Recording)
+    if len(recordings) != 1:
+        return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UwtrackWarning)  # the run says it
+        graph = job.recipe.graph().resolved(recordings[0])
+    wanted = [_settings(step) for step in history_of_graph(graph, [])]
+    return wanted == [_settings(step) for step in product.history]
+
+
+def _settings(step: HistoryStep) -> str:
+    """Return what a step does, whatever it read and whichever version it is of."""
+    return replace(step, sources=(), versions={}).to_json()
 
 
 def _has_names(encounters: Encounters, job: Job) -> bool:

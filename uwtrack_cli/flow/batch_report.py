@@ -2,7 +2,8 @@
 
 **Conventions.** One row per job, in the order of the jobs, and one per recording that
 could not be joined whole, after the product that misses it; paths are relative to the
-folder of the report where they lie in it. The file appears whole, after every run.
+folder of the report where they lie in it. The file appears whole, after every run. A
+report that would lose the rows of another batch is not replaced without being asked.
 """
 
 import csv
@@ -13,10 +14,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from uwtrack_cli.errors import OutputError
 from uwtrack_cli.files.atomic import write_text
 from uwtrack_cli.files.input_ledger import refuse_input
 from uwtrack_cli.files.text_escaping import csv_cell, plain_text
-from uwtrack_cli.flow.batch import Outcome
+from uwtrack_cli.flow.batch import Outcome, not_ours
+from uwtrack_cli.flow.batch_sources import FoundRecording, other_source
 
 NAMES = ("batch.csv", "batch.jsonl")
 HEADS = (
@@ -46,16 +49,49 @@ def report_rows(outcomes: Sequence[Outcome], folder: Path) -> list[dict[str, Any
     return rows
 
 
-def check_report(folder: Path) -> None:
-    """Refuse a folder where the report would replace a file that is read.
+def check_report(
+    folder: Path, found: Sequence[FoundRecording], *, overwrite: bool
+) -> None:
+    """Refuse a folder where the report would replace what must stay.
+
+    ``found``: the recordings of this batch. ``overwrite``: whether the report of another
+    batch may be replaced.
 
     Raises
     ------
     OutputError
-        The report would replace an input.
+        The report would replace an input, a file that is none, or that of another batch.
     """
-    for name in NAMES:
-        refuse_input(folder / name)
+    table, lines = (folder / name for name in NAMES)
+    for path in (table, lines):
+        refuse_input(path)
+    head = table.read_bytes() if table.exists() else b""
+    if head and not head.startswith(",".join(HEADS[:3]).encode()):
+        raise OutputError(not_ours(table))
+    sources = read_sources(lines) if lines.exists() else []
+    other = other_source(sources, found, {item.root for item in found})
+    if other and not overwrite:
+        msg = (
+            f"{lines} is the report of another batch, of {other}: name another folder "
+            f"with --output, or give --overwrite to replace it."
+        )
+        raise OutputError(msg)
+
+
+def read_sources(path: Path) -> list[str]:
+    """Return which recordings a report is of.
+
+    Raises
+    ------
+    OutputError
+        The file is no report.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = [json.loads(line) for line in lines]
+        return [f"{row['source']}" for row in rows if row["target"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise OutputError(not_ours(path)) from error
 
 
 def write_report(outcomes: Sequence[Outcome], folder: Path) -> tuple[Path, Path]:

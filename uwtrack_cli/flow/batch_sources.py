@@ -3,8 +3,10 @@
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from glob import has_magic
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,10 @@ from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.opening import SUFFIXES
 from uwtrack_cli.files.audio.start_time import check_clock_options
 from uwtrack_cli.files.checks import check_readable
-from uwtrack_cli.files.input_ledger import as_input, refuse_input
+from uwtrack_cli.files.hdf5.product import read_product
+from uwtrack_cli.files.input_ledger import as_input, not_an_input, refuse_input
 from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
+from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.batch import Job
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.recorder_folder import (
@@ -41,6 +45,11 @@ class FoundRecording:
     place: Path
     """Path relative to what the user named."""
 
+    @property
+    def root(self) -> Path:
+        """The folder that the user named, or in which what was named lies."""
+        return self.path.absolute().parents[len(self.place.parts) - 1]
+
 
 def find_recordings(sources: Sequence[Path]) -> list[FoundRecording]:
     """Return the recordings of files, folders and patterns, each one once.
@@ -59,6 +68,29 @@ def find_recordings(sources: Sequence[Path]) -> list[FoundRecording]:
         for item in here:
             found.setdefault(item.path.absolute(), item)
     return list(found.values())
+
+
+def other_source(
+    sources: Iterable[str], found: Sequence[FoundRecording], roots: Iterable[Path]
+) -> str | None:
+    """Return the first recording of a report that is of another batch; None without one.
+
+    One that is no longer there is of this batch if it lay below one of its folders.
+    ``found``: the recordings of this batch. ``roots``: where they were looked for.
+    """
+    own = {_place_of(item.path) for item in found}
+    folders = {root.resolve() for root in roots}
+    for source in sources:
+        path = _place_of(Path(source))
+        is_gone = not path.exists() and not folders.isdisjoint(path.parents)
+        if path not in own and not is_gone:
+            return source
+    return None
+
+
+def _place_of(path: Path) -> Path:
+    """Return the one path of a file, which may be a link, by whatever way it is named."""
+    return path.parent.resolve() / path.name
 
 
 def make_jobs(
@@ -181,23 +213,46 @@ def _is_sound(path: Path, base: Path) -> bool:
 
 
 def _targets(places: Sequence[tuple[Path, Path]], folder: Path) -> list[Path]:
-    """Return the products of recordings, each given with its place without an ending."""
-    short = [place.with_name(place.name + SUFFIX) for _, place in places]
+    """Return the products of recordings, each given with its place without an ending.
+
+    Recordings whose names differ in their endings alone keep them. What a recording has
+    been written to remains its product, whatever arrives or goes beside it.
+    """
+    short = [folder / place.with_name(place.name + SUFFIX) for _, place in places]
     counts = Counter(short)
-    full = [
-        name if counts[name] == 1 else name.with_name(path.name + SUFFIX)
-        for name, (path, _) in zip(short, places, strict=True)
-    ]
-    twice = [place for place, n in Counter(full).items() if n > 1]
+    targets = []
+    for name, (path, _) in zip(short, places, strict=True):
+        full = name.with_name(path.name + SUFFIX)
+        is_free = counts[name] == 1 and not full.exists()
+        targets.append(name if is_free or _is_made_of(name, path) else full)
+    twice = [target for target, n in Counter(targets).items() if n > 1]
     if twice:
-        clash = [path for (path, _), p in zip(places, full, strict=True)
+        clash = [path for (path, _), p in zip(places, targets, strict=True)
                  if p == twice[0]]  # fmt: skip
         msg = (
             f"{' and '.join(map(str, clash))} would both be written to "
-            f"{folder / twice[0]}: name the folder above them, or run them apart."
+            f"{twice[0]}: name the folder above them, or run them apart."
         )
         raise OptionError(msg)
-    return [folder / place for place in full]
+    return targets
+
+
+def _is_made_of(target: Path, recording: Path) -> bool:
+    """Tell whether a product that is there was made of a recording of this name."""
+    try:
+        status = target.stat()
+    except OSError:
+        return False
+    return file_name(recording) in _sources(target, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache
+def _sources(target: Path, *_: int) -> frozenset[str]:
+    """Return the names of what a product was made of, as long as it does not change."""
+    with suppress(DataError), not_an_input(), read_product(target) as product:
+        steps = product.history
+        return frozenset(source.name for step in steps for source in step.sources)
+    return frozenset()
 
 
 def _product_place(found: Sequence[FoundRecording], part: Part) -> tuple[Path, Path]:

@@ -17,8 +17,9 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.spectra import Overview, Spectrogram
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.hdf5.layout import container_of
 from uwtrack_cli.files.hdf5.product import ContainerKey, HistoryStep, Product
-from uwtrack_cli.flow.catalogue import STAGES, find_stage
+from uwtrack_cli.flow.catalogue import STAGES, output_class
 
 C = TypeVar("C", bound=Container)
 
@@ -43,7 +44,7 @@ def output_names(past: HistoryStep) -> tuple[str, ...]:
     """Return the names of what a step of a history made, as far as they are known."""
     if past.stage not in STAGES:
         return ()
-    made = find_stage(past.stage).output
+    made = container_of(output_class(STAGES[past.stage]))
     part = getattr(made, "STANDS_FOR", "")
     return (made.NAME, part) if part else (made.NAME,)
 

@@ -10,7 +10,7 @@ nearly as near are left out.
 and compass; the orientation is added to its compass offset.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from uwtrack_cli.spectra.dipole_calibration import (
     NAMES,
     DipoleFit,
     KnownPassage,
+    MirroredDipolesError,
     fit_dipoles,
 )
 from uwtrack_cli.spectra.levels import WhitenedFrames, whiten_frames
@@ -41,6 +42,12 @@ CLOCK_STD_S = 5.0
 
 ALONE = 2.0
 """Another vessel must be so many times as far as the one that is used."""
+
+MIRRORED = {"east": "-east", "north": "north"}
+"""What the dipoles of a multiplex are when bearings turn the wrong way round."""
+
+TURNED = {"east": "-north", "north": "east"}
+"""What they are when bearings are 90 degrees too small."""
 
 STEP_M, STEP_S = 1.0, 0.1
 """Steps of the differences that give the slopes of bearings."""
@@ -84,6 +91,9 @@ class Calibration:
     """Change of its bearing over them, degrees."""
     least_range_m: float
     """Least horizontal range of the vessel in these frames, m."""
+    multiplex: str | None
+    """Of a buoy's audio, the dipole in phase with the 15 kHz pilot and the one ahead of
+    it, comma separated; None of any other sensor."""
 
 
 def calibrate_sensor(
@@ -140,10 +150,41 @@ def calibrate_sensor(
     with np.errstate(invalid="ignore"):
         used = (range_m <= within_m) & (apart > ALONE * range_m)
     passage = _passage(sensor, truth, frames, (track, time_s, used))
-    fit = fit_dipoles(passage)
+    fit, sensor = _fit(passage, sensor)
     return _measured(sensor, name, fit, float(np.min(range_m[used]))), _corrected(
         sensor, fit
     )
+
+
+def _fit(known: KnownPassage, sensor: Sensor) -> tuple[DipoleFit, Sensor]:
+    """Return the fit to a passage, and the sensor with the signs of its multiplex.
+
+    Signs and order of the dipoles in a multiplex are a convention: those are taken with
+    which bearings turn the right way round, and are off by less than 45 degrees.
+    """
+    if sensor.multiplex is None:
+        return fit_dipoles(known), sensor
+    try:
+        fit = fit_dipoles(known)
+    except MirroredDipolesError:
+        known = replace(known, intensity=known.intensity * np.array([-1.0, 1.0]))
+        sensor = replace(sensor, multiplex=_renamed(sensor.multiplex, MIRRORED))
+        fit = fit_dipoles(known)
+    turns = round(float(fit.value[5]) / 90.0) % 4
+    for _ in range(turns):
+        east, north = known.intensity.T
+        known = replace(known, intensity=np.stack([north, -east], axis=1))
+        sensor = replace(sensor, multiplex=_renamed(sensor.multiplex, TURNED))
+    return (fit_dipoles(known) if turns else fit), sensor
+
+
+def _renamed(multiplex: str | None, names: Mapping[str, str]) -> str:
+    """Return the dipoles of a multiplex under other names."""
+    found = []
+    for name in (multiplex or "").split(","):
+        new = names[name.removeprefix("-")]
+        found.append(f"-{new}" if name.startswith("-") else new)
+    return ",".join(found).replace("--", "")
 
 
 def _check_sensor(sensor: Sensor) -> None:
@@ -328,6 +369,7 @@ def _measured(
         n_frames=fit.n_frames,
         span_deg=fit.span_deg,
         least_range_m=least_range_m,
+        multiplex=sensor.multiplex,
     )
 
 
@@ -343,4 +385,5 @@ def _corrected(sensor: Sensor, fit: DipoleFit) -> Sensor:
             (sensor.compass_offset_deg + value[5] + 180.0) % 360.0 - 180.0, 3
         ),
         compass_std_deg=round(fit.bearing_std_deg, 3),
+        north=None,
     )

@@ -69,7 +69,25 @@ def summary_of(target: str) -> str:
     >>> summary_of("uwtrack_cli.flow.catalogue:find_stage")
     'Return the stage of a name.'
     """
-    import re
+    _, _, docstring = _source_of(target).partition('"""')
+    return docstring.partition("\n")[0].partition('"""')[0]
+
+
+@cache
+def output_class(target: str) -> str:
+    """Return the name of the class that a stage makes without importing the stage.
+
+    Examples
+    --------
+    >>> output_class(STAGES["track"]), output_class(STAGES["levels"])
+    ('Lines', 'Levels')
+    """
+    _, _, hint = _source_of(target).partition(") -> ")
+    return hint.partition(":\n")[0].removeprefix("Iterator[").removesuffix("]")
+
+
+def _source_of(target: str) -> str:
+    """Return the source of a function, from its parameters to the end of its module."""
     from importlib.util import find_spec
     from pathlib import Path
 
@@ -78,7 +96,4 @@ def summary_of(target: str) -> str:
     if spec is None or spec.origin is None:
         return ""
     text = Path(spec.origin).read_text(encoding="utf-8")
-    found = re.search(
-        rf'^def {function}\(.*?"""(.*?)(?:"""|\n)', text, re.MULTILINE | re.DOTALL
-    )
-    return found.group(1) if found else ""
+    return text.partition(f"\ndef {function}(")[2]

@@ -19,6 +19,7 @@ from warnings import warn
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.lock import Lock
 from uwtrack_cli.data.recording import (
     Reader,
     RecordedFiles,
@@ -29,6 +30,7 @@ from uwtrack_cli.data.recording import (
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.audio.reader import AudioReader
 from uwtrack_cli.flow.recorder_folder import SLACK_S
+from uwtrack_cli.flow.sonobuoy import DifarReader, NoPilotsError
 
 
 @dataclass(frozen=True)
@@ -86,9 +88,11 @@ class JoinedReader:
                 count += len(block)
                 yield block
         except DataError as error:
-            if count == n_samples:  # it has changed: what was read is not what it is
-                raise
-            msg = f"{error} The rest of the file is a gap."
+            has_no_sound = isinstance(error, NoPilotsError)
+            if count == n_samples and not has_no_sound:
+                raise  # it has changed: what was read is not what it is
+            part = "file" if has_no_sound else "rest of the file"
+            msg = f"{error} The {part} is a gap."
             warn(msg, UwtrackWarning, stacklevel=2)
         for begin in range(count, n_samples, block_samples):
             rest = min(block_samples, n_samples - begin)
@@ -156,6 +160,22 @@ def join_recordings(
     return joined, files
 
 
+def lock_of(recording: Recording) -> list[Lock]:
+    """Return how well the pilots of a buoy were received, once all was read.
+
+    It is one; of any other sensor there is none.
+    """
+    reader, sensor = recording.reader, recording.sensor.id
+    parts = reader.parts if isinstance(reader, JoinedReader) else [(0, 0, reader)]
+    found = []
+    for start, _, one in parts:
+        if isinstance(one, DifarReader):
+            lock = one.lock(sensor)
+            start_s = start / recording.sample_rate_hz
+            found.append(replace(lock, time_s=lock.time_s + start_s))
+    return [Lock.join(found)] if found else []
+
+
 def clip_recording(
     recording: Recording, begin_ns: int, end_ns: int
 ) -> Recording | None:
@@ -164,8 +184,8 @@ def clip_recording(
     ``recording``: a recording of one file; one whose start is not known is returned
     whole. ``begin_ns``, ``end_ns``: the span, ns since 1970-01-01 UTC.
     """
-    start_ns, reader = recording.start_utc_ns, recording.reader
-    if start_ns is None or not isinstance(reader, AudioReader):
+    start_ns = recording.start_utc_ns
+    if start_ns is None or not isinstance(recording.reader, AudioReader | DifarReader):
         return recording
     rate = recording.sample_rate_hz
     first = max(0, -round((start_ns - begin_ns) * rate / NANOSECONDS))
@@ -174,13 +194,7 @@ def clip_recording(
         return None
     if (first, last) == (0, recording.n_samples):
         return recording
-    return replace(
-        recording,
-        n_samples=last - first,
-        first_sample=recording.first_sample + first,
-        start_utc_ns=start_ns + round(first * NANOSECONDS / rate),
-        reader=replace(reader, first=reader.first + first, last=reader.first + last),
-    )
+    return recording.part(first, last)
 
 
 def _check_same(first: Recording, other: Recording) -> None:

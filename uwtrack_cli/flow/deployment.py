@@ -14,6 +14,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import UwtrackError
 from uwtrack_cli.files.hdf5.product import Product, read_product
 from uwtrack_cli.flow.passages import PassageRow, PassageTable, find_results
+from uwtrack_cli.flow.sound_hours import SoundSpan
 
 Span = tuple[int, int]
 
@@ -26,8 +27,6 @@ class Listened:
     """Its file name."""
     sensor: str
     """Identifier of the sensor."""
-    duration_s: float
-    """Its length, s."""
     span_ns: Span | None
     """Begin and end; None where the start is not known."""
     heard_ns: tuple[Span, ...] = ()
@@ -42,6 +41,8 @@ class Deployment:
     """Recordings, each once."""
     passages: list[PassageRow] = field(default_factory=list)
     """Passages."""
+    sound: list[SoundSpan] = field(default_factory=list)
+    """Its sound, each moment of a sensor once."""
     problems: list[str] = field(default_factory=list)
     """Products that could not be read, and what is unclear, in words."""
 
@@ -69,7 +70,7 @@ def read_deployment(sources: Sequence[Path], table: PassageTable) -> Deployment:
     order = sorted(
         known.values(), key=lambda r: (r.span_ns or (0, 0), r.sensor, r.name)
     )
-    return Deployment(order, table.passages, table.problems)
+    return Deployment(order, table.passages, table.sound, table.problems)
 
 
 def _listened(
@@ -92,8 +93,6 @@ def _listened(
         if start is not None:
             span = (start, start + round(recording.duration_s * NANOSECONDS))
         key = (recording.digest or recording.name, sensor, recording.first_sample)
-        listened = Listened(
-            recording.name, sensor, recording.duration_s, span, tuple(sorted(heard))
-        )
+        listened = Listened(recording.name, sensor, span, tuple(sorted(heard)))
         found.append((key, listened))
     return found

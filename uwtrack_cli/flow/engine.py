@@ -5,29 +5,28 @@ the graph; a scan is a generator that gives one block for each block it takes, a
 rest when the input ends. All branches see the same blocks, and the engine holds none:
 what stays goes to a sink. The recording is read once, however many sources there are:
 the source whose next block ends first is advanced, so that little sound is taken before
-it is used, and they share the samples that one of them has not taken yet. When the
-streams have ended, the whole stages follow on what the sink gives back.
+it is used; they share the samples that one of them has not taken yet, at the rates to which
+they reduce them (`flow/shared_sound`). When the streams have ended, the whole stages
+follow on what the sink gives back.
 
 **Conventions.** Results are known by the step that made them. Options that follow from
 the recording are resolved before the run, and written into history as they are used.
 """
 
-from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 from warnings import warn
 
-import numpy as np
-
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters
-from uwtrack_cli.data.recording import Reader, Recording, Samples
+from uwtrack_cli.data.recording import Reader, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.flow.graph import Graph, Node, taken
 from uwtrack_cli.flow.recipe import Recipe
+from uwtrack_cli.flow.shared_sound import SharedReader, SharedSound
 from uwtrack_cli.flow.stage import Input
 from uwtrack_cli.flow.step import Step
 
@@ -142,12 +141,14 @@ class Engine:
         ``progress``: called after each block, and after each of the fits that follow.
         """
         sources = [n.step for n in self.graph.nodes if n.step.stage.kind == "source"]
-        shared = shared_readers(recording, len(sources))
-        streams: dict[str, Iterator[Container]] = {}
-        for step, reader in zip(sources, shared, strict=True):
-            opened = replace(recording, reader=reader)
-            streams[step.name] = step.stage.function(opened, **step.options)
         by_name = {step.name: step for step in sources}
+        readers = dict(zip(by_name, _readers(recording, sources), strict=True))
+        streams: dict[str, Iterator[Container]] = {
+            step.name: step.stage.function(
+                replace(recording, reader=readers[step.name]), **step.options
+            )
+            for step in sources
+        }
         reached = dict.fromkeys(streams, 0.0)
         expected = {name: _first_end_s(step) for name, step in by_name.items()}
         # a product's time base is that of the first source, whatever is kept beside it
@@ -160,6 +161,8 @@ class Engine:
                 if not (name in began or recording.is_live):
                     raise DataError(_too_short(recording, by_name[name]))
                 del streams[name]
+                if isinstance(reader := readers[name], SharedReader):
+                    reader.leave()
                 continue
             began.add(name)
             before_s, reached[name] = reached[name], max(reached[name], _end_s(block))
@@ -359,70 +362,13 @@ def context_of(recording: Recording) -> list[Container]:
     return [recording, sensor, *own]
 
 
-def shared_readers(recording: Recording, n_readers: int) -> list[Reader | None]:
-    """Return readers of one recording that together read it once.
-
-    They must be advanced in turn: the samples that one has taken and another has not
-    are held.
-    """
-    if n_readers == 1 or recording.reader is None:
-        return [recording.reader] * n_readers
-    tee = _SampleTee(recording.reader, n_readers)
-    return [tee.reader(k) for k in range(n_readers)]
-
-
-class _SampleTee:
-    """Samples of one reader for several, held until the last one has taken them."""
-
-    def __init__(self, reader: Reader, n_readers: int) -> None:
-        self._reader = reader
-        self._blocks: Iterator[Samples] | None = None
-        self._held: deque[Samples] = deque()
-        self._first = 0
-        self._positions = [0] * n_readers
-
-    def reader(self, number: int) -> Reader:
-        """Return the reader of a number."""
-
-        def read(block_samples: int) -> Iterator[Samples]:
-            if self._blocks is None:
-                self._blocks = self._reader(block_samples)
-            while (block := self._take(number, block_samples)).shape[0]:
-                yield block
-                if block.shape[0] < block_samples:
-                    break
-            self._positions[number] = np.iinfo(np.int64).max
-            self._drop()
-
-        return read
-
-    def _take(self, number: int, count: int) -> Samples:
-        begin = self._positions[number]
-        while self._end() < begin + count:
-            block = next(self._blocks or iter(()), None)
-            if block is None:
-                break
-            self._held.append(block)
-        parts: list[Samples] = []
-        start = self._first
-        for held in self._held:
-            low, high = max(begin - start, 0), min(begin + count - start, len(held))
-            if low < high:
-                parts.append(held[low:high])
-            start += len(held)
-        self._positions[number] = begin + sum(len(part) for part in parts)
-        self._drop()
-        if not parts:
-            return np.empty((0, 1), np.float32)
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-    def _end(self) -> int:
-        return self._first + sum(len(held) for held in self._held)
-
-    def _drop(self) -> None:
-        least = min(self._positions)
-        while self._held and self._first + len(self._held[0]) <= least:
-            self._first += len(self._held.popleft())
+def _readers(recording: Recording, sources: Sequence[Step]) -> list[Reader | None]:
+    """Return a reader for each source; several read and decimate the sound together."""
+    if len(sources) == 1 or recording.reader is None:
+        return [recording.reader] * len(sources)
+    used = (step.stage.resolve(recording, step.options) for step in sources)
+    factors = [options.get("decimation", 1) for options in used]
+    return [*SharedSound(recording.reader, factors).readers]
 
 
 class _StreamNode:

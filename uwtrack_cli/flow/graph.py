@@ -25,7 +25,7 @@ from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.spectra import Spectrogram
-from uwtrack_cli.errors import OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.catalogue import STAGES, find_stage
 from uwtrack_cli.flow.stage import Input, Stage
 from uwtrack_cli.flow.step import Step
@@ -146,6 +146,11 @@ class Graph:
         the recording holds, the bands that reach higher than it are lowered and their
         windows lengthened, by one factor. A band that a person has set is meant as it
         stands, for the stage to refuse.
+
+        Raises
+        ------
+        DataError
+            The recording is so slow that the windows would be longer than any may be.
         """
         highest_hz = 0.5 * recording.sample_rate_hz
         slower = self._slowness(highest_hz)
@@ -155,19 +160,14 @@ class Graph:
                 f"taken {slower:g} times as long, and its bands as much lower."
             )
             warn(msg, UwtrackWarning, stacklevel=2)
-        nodes = tuple(
-            replace(
-                node,
-                step=replace(
-                    node.step,
-                    options=node.step.stage.resolve(
-                        recording, _slowed(node.step, slower, highest_hz)
-                    ),
-                ),
-            )
-            for node in self.nodes
-        )
-        return replace(self, nodes=nodes)
+        nodes = []
+        for node in self.nodes:
+            own = _slowed(node.step, slower, highest_hz)
+            options = node.step.stage.resolve(recording, own)
+            if slower > 1.0:
+                _check_slowed(node.step, options, recording)
+            nodes.append(replace(node, step=replace(node.step, options=options)))
+        return replace(self, nodes=tuple(nodes))
 
     def _slowness(self, highest_hz: float) -> float:
         """Return by what to slow the steps down for sound up to a frequency.
@@ -273,6 +273,22 @@ def _slowed(step: Step, factor: float, highest_hz: float) -> dict[str, Any]:
     if whole.get("window_s") is not None:
         slower["window_s"] = factor * whole["window_s"]
     return {**step.options, **slower}
+
+
+def _check_slowed(step: Step, options: dict[str, Any], recording: Recording) -> None:
+    """Refuse a recording for which a recipe would have to be slowed down too far."""
+    if step.options.get("window_s") == options.get("window_s"):
+        return
+    try:
+        step.stage.bind({"window_s": options["window_s"]}, step.name)
+    except OptionError as error:
+        msg = (
+            f"{recording.name} has a sample rate of {recording.sample_rate_hz:g} Hz: "
+            f"slowed down to it, the frames of [{step.name}] would last "
+            f"{options['window_s']:g} s, longer than any may. Give a recipe of your own for "
+            f"such sound (uwtrack recipes --show vessel prints one to begin with)."
+        )
+        raise DataError(msg) from error
 
 
 def taken(container: Container, kinds: Sequence[type[Container]]) -> Container:

@@ -16,13 +16,10 @@ from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.audio.opening import SUFFIXES
+from uwtrack_cli.files.audio.opening import SUFFIXES, sound_facts
 from uwtrack_cli.files.hdf5.product import Product
-from uwtrack_cli.files.tables.sensors import find_sensor
-from uwtrack_cli.files.text_escaping import file_name
+from uwtrack_cli.files.text_escaping import file_name, shell_word
 from uwtrack_cli.files.utc import format_utc
-from uwtrack_cli.flow.batch_sources import describe_recorders, find_recordings
-from uwtrack_cli.flow.sources import open_with_options
 
 MOST_NAMES = 6
 """Names that a line lists; of the others it gives the number."""
@@ -57,16 +54,19 @@ def recording_lines(path: Path) -> Iterator[str]:
     DataError
         It is no recording, or ends too early.
     """
+    from uwtrack_cli.files.tables.sensors import find_sensor
+    from uwtrack_cli.flow.sources import open_with_options
+
     sensor = find_sensor(path)
     channel = 1 if sensor is None else None
     recording = open_with_options(path, {"channel": channel})
     yield f"{file_name(path)}: recording"
-    yield from _sound_lines(recording)
+    yield from _sound_lines(recording, sound_facts(path).n_channels)
     if sensor is None:
         yield "sensor: no sensor file beside it; give one with --sensor to what reads it"
     else:
         yield from _sensor_lines([recording.sensor])
-    yield f"next: uwtrack run {path}"
+    yield f"next: uwtrack run {shell_word(path)}"
 
 
 def folder_lines(folder: Path) -> Iterator[str]:
@@ -77,9 +77,14 @@ def folder_lines(folder: Path) -> Iterator[str]:
     DataError
         It holds no recording.
     """
+    from uwtrack_cli.flow.batch_sources import describe_recorders, find_recordings
+
     inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
     if not inside and any(folder.glob("*.h5")):
-        msg = f"{folder} is a folder of products; uwtrack passages {folder} lists them."
+        msg = (
+            f"{folder} is a folder of products; uwtrack passages {shell_word(folder)} "
+            f"lists them."
+        )
         raise DataError(msg)
     if not inside:
         msg = f"{folder} is a folder that holds no recording ({', '.join(SUFFIXES)})."
@@ -90,10 +95,14 @@ def folder_lines(folder: Path) -> Iterator[str]:
     yield from describe_recorders(found, {})
 
 
-def _sound_lines(recording: Recording) -> Iterator[str]:
-    channels = "1 channel" if recording.n_channels == 1 else (
-        f"{recording.n_channels} channels"
-    )  # fmt: skip
+def _sound_lines(recording: Recording, n_in_file: int = 0) -> Iterator[str]:
+    """Yield what sound there is; ``n_in_file``: channels of its file, where it is read."""
+    n_read = recording.n_channels
+    n_channels = n_in_file or n_read
+    channels = "1 channel" if n_channels == 1 else f"{n_channels} channels"
+    if n_read < n_channels:
+        taken = recording.file_channels.replace(",", ", ")
+        channels += f"; read: {'channels' if n_read > 1 else 'channel'} {taken}"
     yield (
         f"sound: {recording.name}, {_duration(recording.duration_s)} at "
         f"{recording.sample_rate_hz:g} Hz, {channels}"

@@ -30,7 +30,7 @@ from uwtrack_cli.data.lines import COASTED, Lines
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.audio.live_reader import UNCHANGED_S, LiveReader
+from uwtrack_cli.files.audio.live_reader import UNCHANGED_S, DisturbedSource
 from uwtrack_cli.files.tables.json_rows import json_rows, plain
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.engine import Engine, MemorySink, OpenScan, context_of
@@ -240,7 +240,7 @@ class LiveWatch:
 
     def _tell_gaps(self) -> None:
         reader = self._recording.reader
-        if not isinstance(reader, LiveReader):
+        if not isinstance(reader, DisturbedSource):
             return
         rate_hz = self._recording.sample_rate_hz
         for gap in reader.take_disturbances():

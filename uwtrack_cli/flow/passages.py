@@ -14,7 +14,7 @@ import json
 import os
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -35,6 +35,13 @@ from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.recorder_folder import OwnSpan, distinct_passages
 from uwtrack_cli.flow.scoring.encounter_scores import SCORED
+from uwtrack_cli.flow.sound_hours import (
+    SoundSpan,
+    each_once,
+    hours_per_day,
+    sound_of,
+    total_h,
+)
 from uwtrack_cli.flow.vessel_names import WITHIN_M, AisVessels, read_vessels
 
 Group = Literal["day", "month", "vessel", "sensor"]
@@ -140,6 +147,8 @@ class Result:
     """Span whose passages it counts, ns since 1970-01-01 UTC; None is everything."""
     files: tuple[str, ...] = ()
     """Digests of the files that it was joined of."""
+    sound: tuple[SoundSpan, ...] = ()
+    """The sound that it was made of."""
     unnamed: tuple[str, ...] = ()
     """Why its vessels have no names, though AIS was given."""
 
@@ -152,6 +161,8 @@ class PassageTable:
     """The rows, in the order of UTC."""
     levels: list[PassageLevel] = field(default_factory=list)
     """Radiated noise levels of the passages, in the same order."""
+    sound: list[SoundSpan] = field(default_factory=list)
+    """The sound in which they were found, each moment of a sensor once."""
     problems: list[str] = field(default_factory=list)
     """Products that could not be read, and what is unclear, in words."""
     n_results: int = 0
@@ -221,6 +232,7 @@ def collect_passages(
     finally:  # an interrupt, too: the next time goes on from here
         remembered.save()
     table.n_results = len(results)
+    table.sound = each_once(span for result in results for span in result.sound)
     table.problems += _places_that_differ(results)
     table.problems += dict.fromkeys(text for r in results for text in r.unnamed)
     rows = [row for part in _once(list(_last_views(results))) for row in part]
@@ -244,8 +256,11 @@ def collect_passages(
     return table
 
 
-def count_passages(passages: Iterable[PassageRow], per: Group) -> list[dict[str, Any]]:
+def count_passages(table: PassageTable, per: Group) -> list[dict[str, Any]]:
     """Return the number of passages per day, month, vessel or sensor.
+
+    But for vessels each row also has the ``hours`` of sound, of all sensors together,
+    and ``passages_per_hour``; it is there without a passage, too.
 
     ``per``: what they are counted by; what is not known is counted as unknown.
     """
@@ -255,9 +270,35 @@ def count_passages(passages: Iterable[PassageRow], per: Group) -> list[dict[str,
         "vessel": lambda row: row.vessel or row.mmsi or UNKNOWN,
         "sensor": lambda row: row.sensor,
     }
-    counts = Counter(keys[per](row) for row in passages)
-    order = sorted(counts, key=lambda name: (name == UNKNOWN, name))
-    return [{per: name, "passages": counts[name]} for name in order]
+    counts = Counter(keys[per](row) for row in table.passages)
+    hours = {} if per == "vessel" else _hours(table.sound, per)
+    order = sorted({*counts, *hours}, key=lambda name: (name == UNKNOWN, name))
+    if per == "vessel":
+        return [{per: name, "passages": counts[name]} for name in order]
+    return [
+        {
+            per: name,
+            "passages": counts[name],
+            "hours": round(hours.get(name, 0.0), 3),
+            "passages_per_hour": round(counts[name] / hours[name], 3)
+            if hours.get(name) else None,
+        }
+        for name in order
+    ]  # fmt: skip
+
+
+def _hours(sound: Sequence[SoundSpan], per: Group) -> dict[str, float]:
+    """Return how long there was sound per day, month or sensor, h."""
+    found: dict[str, float] = {}
+    if per == "sensor":
+        for span in sound:
+            found[span.sensor] = found.get(span.sensor, 0.0) + total_h([span])
+        return found
+    for day, hours in hours_per_day(sound).items():
+        name = day if per == "day" else day[:7]
+        found[name] = found.get(name, 0.0) + hours
+    unknown = [span for span in sound if span.recording]
+    return found | ({UNKNOWN: total_h(unknown)} if unknown else {})
 
 
 def usual_cache() -> Path:
@@ -289,6 +330,7 @@ def _read_result(path: Path, vessels: AisVessels | None) -> Result:
             tuple(_levels(path, product)),
             next((files.own_ns for files in joined), None),
             tuple(str(digest) for files in joined for digest in files.digest),
+            tuple(sound_of(product)),
             tuple(sorted(unnamed)),
         )  # fmt: skip
 
@@ -441,6 +483,7 @@ class _Cache:
             places = {name: (a, b) for name, (a, b) in raw.pop("places").items()}
             lists = ("recordings", "files", "unnamed")
             raw |= {name: tuple(raw[name]) for name in lists}
+            raw["sound"] = tuple(SoundSpan(*span) for span in raw["sound"])
             own_ns = raw.pop("own_ns")
             return Result(
                 **{**raw, "path": str(path)}, places=places, passages=rows,

@@ -36,6 +36,7 @@ from uwtrack_cli.flow.branches import (
     without_asides,
 )
 from uwtrack_cli.flow.comparison import is_streamed
+from uwtrack_cli.flow.concatenate import lock_of
 from uwtrack_cli.flow.engine import Engine, MemorySink, Progress, context_of
 from uwtrack_cli.flow.graph import CONTEXT, PASSING, Graph, without_passing
 from uwtrack_cli.flow.live_events import LiveWatch, Tell
@@ -153,8 +154,8 @@ def run_into_product(  # noqa: PLR0913 (what a run may be given)
     recording = recording.ended()
     if files is not None:
         writer.write(files)
-    writer.write(recording)
-    writer.write(recording.sensor)
+    for beside in (recording, recording.sensor, *lock_of(recording)):
+        writer.write(beside)
     writer.history = history_of_graph(
         graph, sources or [source_of_recording(recording)]
     )

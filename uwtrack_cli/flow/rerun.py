@@ -25,6 +25,7 @@ from uwtrack_cli.files.hdf5.product import (
 from uwtrack_cli.flow.branches import maker
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.comparison import is_streamed
+from uwtrack_cli.flow.concatenate import lock_of
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import PASSING, Graph, without_passing
 from uwtrack_cli.flow.products import Held, whole_result
@@ -172,6 +173,7 @@ def _run(product: Product, plan: Plan, finder: SourceFinder) -> list[Held]:
         revise = revision(recording, next(iter(joined), None), vessels)
         engine = Engine(graph, context_of(recording), sink, revise=revise)
         engine.run_recording(recording)
+        beside += lock_of(recording)
         made += map(Held, (recording, recording.sensor, *beside))
         kept = [step for step in graph.steps() if step.name in graph.outputs]
         if plan.is_of_products:

@@ -8,11 +8,12 @@ import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Container, IntArray
+from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, UwtrackError
 from uwtrack_cli.files.audio.opening import sound_facts
-from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.hdf5.product import HistoryStep, Product, Source, source_of
 from uwtrack_cli.files.tables.replay import SUFFIXES as REPLAYS
 from uwtrack_cli.files.tables.replay import read_replay
@@ -21,6 +22,7 @@ from uwtrack_cli.files.tables.table_readers import TABLES, table_readers
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.concatenate import join_recordings
+from uwtrack_cli.flow.sonobuoy import open_file
 
 
 @dataclass
@@ -147,9 +149,10 @@ def read_tables(
             if path.suffix.lower() == ".toml"
             for one in load_deployment(path)
         ]
+        named = sensors if stage.output in {Motions, Fixes} else []  # in their rows
         beside = {file for path in found for file in _navigation_of(path)}
         tables += [
-            _read_table(path, left, sensors)
+            _read_table(path, left, named)
             for path in found
             if path.suffix.lower() in TABLES and path not in beside
         ]
@@ -196,7 +199,7 @@ def _reopen_one(path: Path, stored: Recording) -> Recording:
     start_utc_ns = stored.start_utc_ns
     if start_utc_ns is not None:
         start_utc_ns -= (stored.first_sample * NANOSECONDS + rate // 2) // rate
-    return open_recording(
+    return open_file(
         path,
         sensor=_sensor_of_file(path, stored),
         start_utc_ns=start_utc_ns,
@@ -210,7 +213,8 @@ def _sensor_of_file(path: Path, stored: Recording) -> Sensor:
     """Return the sensor with its channels in the order of the file."""
     names = ["-"] * sound_facts(path).n_channels
     columns = [int(text) for text in stored.file_channels.split(",") if text.isdigit()]
-    kept = stored.sensor.channel_names
+    sensor = stored.sensor
+    kept = ("multiplex",) if sensor.is_multiplexed else sensor.channel_names
     if len(columns) != len(kept) or not all(1 <= c <= len(names) for c in columns):
         msg = f"the product does not say which channels of {path} it was made of."
         raise DataError(msg)

@@ -10,16 +10,13 @@ from uwtrack_cli.data.options import convert
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.errors import DataError, UwtrackWarning
-from uwtrack_cli.files.audio.live_recording import (
-    NOW,
-    RawSound,
-    open_live_recording,
-)
-from uwtrack_cli.files.audio.recording_file import open_recording
+from uwtrack_cli.files.audio.live_recording import NOW, RawSound
 from uwtrack_cli.files.audio.start_time import find_start_utc_ns
 from uwtrack_cli.files.checks import STANDARD_INPUT
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.sensors import find_sensor
+from uwtrack_cli.flow.sonobuoy import open_file, open_live
+from uwtrack_cli.flow.true_north import from_true_north
 
 NO_OPTIONS: dict[str, Any] = {
     "sensor": None, "sensor_sound_speed_mps": None, "own_ship": None,
@@ -29,10 +26,13 @@ NO_OPTIONS: dict[str, Any] = {
 """Options of opening, when nothing is asked for."""
 
 
-def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
+def open_with_options(
+    path: Path, options: Mapping[str, Any], sensor: Sensor | None = None
+) -> Recording:
     """Open a recording with its sensor and start time.
 
     ``options``: those of ``NO_OPTIONS``; what is not there keeps its value from there.
+    ``sensor``: the sensor, instead of that of a file.
 
     Raises
     ------
@@ -51,9 +51,9 @@ def open_with_options(path: Path, options: Mapping[str, Any]) -> Recording:
         time_pattern=chosen["time_pattern"],
         time_zone=chosen["time_zone"],
     )
-    recording = open_recording(
+    recording = open_file(
         path,
-        sensor=find_sensor(path, chosen["sensor"]),
+        sensor=sensor or find_sensor(path, chosen["sensor"]),
         start_utc_ns=start_utc_ns,
         channel=chosen["channel"],
         start_s=chosen["start_s"],
@@ -69,13 +69,14 @@ def open_live_with_options(
     *,
     raw: RawSound | None = None,
     idle_s: float | None = None,
+    sensor: Sensor | None = None,
 ) -> Recording:
     """Open sound that is still coming, with its sensor and start time.
 
     ``path``: ``-`` for standard input, a named pipe, or a file that is being written.
     ``options``: those of ``NO_OPTIONS``; ``start_utc`` may be ``now``. ``raw``: what
     the samples are, where there is no header. ``idle_s``: the sound has ended when
-    nothing came for so long, s; None waits for ever.
+    nothing came for so long, s; None waits for ever. ``sensor``: as for a recording.
 
     Raises
     ------
@@ -95,10 +96,10 @@ def open_live_with_options(
             time_pattern=None if named is None else chosen["time_pattern"],
             time_zone=chosen["time_zone"],
         )
-    has_sensor = named is not None or chosen["sensor"] is not None
-    recording = open_live_recording(
+    has_file = named is not None or chosen["sensor"] is not None
+    recording = open_live(
         path,
-        sensor=find_sensor(path, chosen["sensor"]) if has_sensor else None,
+        sensor=sensor or (find_sensor(path, chosen["sensor"]) if has_file else None),
         start_utc_ns=start_utc_ns,
         channel=chosen["channel"],
         start_s=chosen["start_s"],
@@ -119,7 +120,7 @@ def _as_told(recording: Recording, chosen: Mapping[str, Any]) -> Recording:
             "--sound-speed-mps", SoundSpeed, chosen["sensor_sound_speed_mps"]
         )
         sensor = replace(sensor, sound_speed_mps=speed)
-    return replace(recording, sensor=sensor)
+    return replace(recording, sensor=from_true_north(sensor, recording.start_utc_ns))
 
 
 def _with_own_ship(sensor: Sensor, path: Path) -> Sensor:

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.files.text_escaping import shell_word
 from uwtrack_cli.flow.catalogue import find_stage
 
 DEMON = "demon"
@@ -34,6 +35,7 @@ def unsought(
         if used["band_hz"] is not None and used["window_s"] is not None:
             return (
                 f"shaft and blades in the envelope of the broadband were not looked for: "
-                f"uwtrack run {name} --recipe presence -o presence.run.h5 does that"
+                f"uwtrack run {shell_word(name)} --recipe presence -o presence.run.h5 "
+                f"does that"
             )
     return ""

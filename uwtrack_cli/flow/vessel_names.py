@@ -104,7 +104,7 @@ class AisVessels:
         names, numbers = np.full(n, "", object), np.full(n, "", object)
         probability = np.full(n, np.nan)
         if n:
-            recorded = RecordedSensors(sensors, recordings)
+            recorded = RecordedSensors(sensors, recordings, encounters)
             scores = score_encounters(
                 encounters, self.truth, recorded, within_m=self.within_m
             )

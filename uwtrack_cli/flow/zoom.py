@@ -31,7 +31,7 @@ from uwtrack_cli.data.base import BoolArray
 from uwtrack_cli.data.encounters import TOO_FAST, Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
-from uwtrack_cli.data.recording import HeldSamples, Recording
+from uwtrack_cli.data.recording import PartReader, Recording, read_stretch
 from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, Rises
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
@@ -173,7 +173,7 @@ def _confirmed(table: Encounters, levels: Levels | None) -> Encounters:
     for row in np.flatnonzero(~kept):
         place = float(table.time_s[row]), float(table.range_over_speed_s[row])
         told = agreement(levels, *place)
-        kept[row] = told is None or not told.reason
+        kept[row] = told is None or told.rejection is None
     return table.take("encounter", np.flatnonzero(kept))
 
 
@@ -211,21 +211,24 @@ def _stretches(
 
 def _part(recording: Recording, start_s: float, stop_s: float) -> Recording | None:
     """Return a stretch of a recording as a recording; None if it has passed."""
-    start_s = max(0.0, start_s)
+    assert recording.reader is not None  # noqa: S101 - checked before
+    rate_hz = recording.sample_rate_hz
+    first = round(max(0.0, start_s) * rate_hz)
+    last = min(round(stop_s * rate_hz), recording.n_samples)
     try:
-        sound = recording.stretch(start_s, min(stop_s, recording.duration_s))
+        for end in (first, last - 1):
+            read_stretch(recording.reader, end, 1)
     except DataError:
         return None
-    first = round(start_s * recording.sample_rate_hz)
     start_ns = recording.start_utc_ns
     if start_ns is not None:
-        start_ns += round(first / recording.sample_rate_hz * NANOSECONDS)
+        start_ns += round(first / rate_hz * NANOSECONDS)
     return replace(
         recording,
-        n_samples=sound.shape[0],
+        n_samples=last - first,
         start_utc_ns=start_ns,
         first_sample=recording.first_sample + first,
-        reader=HeldSamples(sound),
+        reader=PartReader(recording.reader, first, last - first),
     )
 
 

@@ -55,6 +55,10 @@ CORRELATION_WINDOWS = 4.0
 FAMILY_CHANCE = 0.1
 """Expected number of families by chance in a recording below which they last."""
 
+FEWEST_MULTIPLES, LOWEST_MULTIPLE = 2, 5
+"""Multiples of the mains that tell hum, and the highest that the lowest of them may be: one
+line of any sound lies as near to a multiple by chance as one in thirty does."""
+
 _VETO = -6.0
 """Evidence against a pair that keeps their groups apart."""
 
@@ -313,7 +317,9 @@ def mains_lines(frequency_hz: FloatArray, is_steady: BoolArray) -> BoolArray:
     Notes
     -----
     50 and 60 Hz are tried; the one with more multiples among the lines is taken.
-    A grid holds its frequency within 0.1 %; half a hertz is the most allowed.
+    A grid holds its frequency within 0.1 %; half a hertz is the most allowed. One line
+    may lie there by chance, and mains are heard by their first multiples: there must be
+    `FEWEST_MULTIPLES`, one of them up to `LOWEST_MULTIPLE`.
     """
     best = np.zeros(frequency_hz.size, dtype=bool)
     for mains_hz in MAINS_HZ:
@@ -321,6 +327,9 @@ def mains_lines(frequency_hz: FloatArray, is_steady: BoolArray) -> BoolArray:
         miss = np.abs(frequency_hz - order * mains_hz)
         reach = MAINS_TOLERANCE * frequency_hz + MAINS_REACH_HZ
         is_hum = is_steady & (miss <= np.minimum(reach, 0.5))
-        if is_hum.sum() > best.sum():
+        multiples = np.unique(order[is_hum])
+        is_mains = multiples.size >= FEWEST_MULTIPLES
+        is_mains = is_mains and multiples[0] <= LOWEST_MULTIPLE
+        if is_mains and is_hum.sum() > best.sum():
             best = is_hum
     return best

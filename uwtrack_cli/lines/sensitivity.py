@@ -9,9 +9,11 @@ noise peaks and the size of a tentative line's gate.
 **Conventions.** SNRs are power over noise in the line's cell; times are in seconds.
 ``power_ratio`` is the power of a cell over the noise in it, linear.
 
-**References.** Rice (1945) for the amplitude of a line in noise; Wald (1947).
+**References.** Rice (1945) for the amplitude of a line in noise; Wald (1947); Johnson
+(1959), Biometrika 46, 352, for the noncentral chi-square as a mixture.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -46,15 +48,25 @@ def amplitude_log_ratio(
 
 
 def detection_probability(threshold: float, design_snr: float) -> float:
-    """Probability that a steady line's cell exceeds a power ratio.
+    """Probability that a steady line's cell exceeds a power ratio."""
+    return float(detection_probabilities(threshold, np.array([design_snr]))[0])
+
+
+def detection_probabilities(threshold: float, snr: FloatArray) -> FloatArray:
+    """Probabilities that cells of steady lines exceed a power ratio, shape (snr,).
 
     Notes
     -----
-    Marcum's Q1(sqrt(2 d), sqrt(2 threshold)), through the noncentral chi-square.
+    Marcum's Q1(sqrt(2 d), sqrt(2 t)): a cell of k quanta, Poisson with mean d, exceeds t
+    with the probability that another count of mean t is at most k (Johnson 1959).
     """
-    from scipy.stats import ncx2
+    from scipy.special import gammaln, pdtr, xlogy
 
-    return float(ncx2.sf(2.0 * threshold, 2, 2.0 * design_snr))
+    most = float(snr.max(initial=0.0))
+    quanta = np.arange(most + 12.0 * np.sqrt(most) + 40.0)[:, None]
+    chance = np.exp(xlogy(quanta, snr) - snr - gammaln(quanta + 1.0))
+    exceeds = (chance * pdtr(quanta, threshold)).sum(axis=0)
+    return np.asarray(exceeds / chance.sum(axis=0))
 
 
 def line_power_density(snr: FloatArray, power_ratio: FloatArray) -> FloatArray:
@@ -66,6 +78,16 @@ def line_power_density(snr: FloatArray, power_ratio: FloatArray) -> FloatArray:
     """
     ratio = amplitude_log_ratio(power_ratio[None, :], snr[:, None])
     return np.exp(ratio - power_ratio[None, :])
+
+
+@functools.lru_cache(maxsize=2)
+def _density_above(threshold: float) -> tuple[FloatArray, FloatArray]:
+    """Return power ratios from a threshold on and their density, shape (snr, power).
+
+    The trackers of one run share the threshold, and the Bessel functions are dear.
+    """
+    power = np.linspace(threshold, threshold + 60.0, 1500)
+    return power, line_power_density(10.0 ** (_GRID_DB / 10.0), power)
 
 
 def weakest_by_score(
@@ -90,8 +112,7 @@ def weakest_by_score(
     n_frames
         Independent frames in a minute.
     """
-    power = np.linspace(threshold, threshold + 60.0, 1500)
-    density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)
+    power, density = _density_above(threshold)
     step = power[1] - power[0]
     seen = np.minimum(density.sum(axis=1) * step, 1.0)
     gained = gain(10.0 * np.log10(np.maximum(power - 1.0, 0.1))) - _SPATIAL_LOSS
@@ -104,11 +125,10 @@ def weakest_by_count(
     threshold: float, hits: int, frames: int, n_frames: float
 ) -> float:
     """Return the SNR in dB at which M of N hits come in a minute every other time."""
-    from scipy.stats import binom, ncx2
+    from scipy.special import bdtrc
 
-    snr = 10.0 ** (_GRID_DB / 10.0)
-    seen = ncx2.sf(2.0 * threshold, 2, 2.0 * snr)
-    started = seen * binom.sf(hits - 2, frames - 1, seen)
+    seen = detection_probabilities(threshold, 10.0 ** (_GRID_DB / 10.0))
+    started = seen * bdtrc(hits - 2, frames - 1, seen)
     return _first_above(-np.log1p(-np.minimum(started, 1 - 1e-12)) * n_frames, LN2)
 
 
@@ -117,11 +137,11 @@ def false_lines_by_count(
     hop_s: float,
 ) -> float:  # fmt: skip
     """Return the expected rate of false lines by M of N, per kHz and hour."""
-    from scipy.stats import binom
+    from scipy.special import bdtrc
 
     in_gate = -np.expm1(-peaks_per_frame_khz * 1e-3 * _TENTATIVE_GATE * resolution_hz)
     births_per_hour = peaks_per_frame_khz * 3600.0 / hop_s
-    return float(births_per_hour * binom.sf(hits - 2, frames - 1, in_gate))
+    return float(births_per_hour * bdtrc(hits - 2, frames - 1, in_gate))
 
 
 def weakest_by_path(least_score: float, n_frames: int, path_gain: float) -> float:

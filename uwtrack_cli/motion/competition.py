@@ -19,6 +19,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.motion.decision import OTHER_RESOLUTION, Rejection, reject
 
 DEVIATIONS = 3.0
 """Deviations within which two answers agree."""
@@ -37,7 +38,9 @@ COMPARED = (
 """Columns in which rows agree or not, and those of their deviations."""
 
 LEVEL_ONLY = "level-only"
-LOST = "frames of another length show another passage, {better}"
+
+STAYS = Rejection("", "")
+"""What says that a row is not beaten by another."""
 
 
 def compete(
@@ -70,7 +73,7 @@ def compete(
     """
     kept = first
     for other in others:
-        losers: dict[int, str] = {}
+        losers: dict[int, Rejection | None] = {}
         winners, numbers = [], []
         for row in range(other.n_encounters):
             rivals = [k for k in range(kept.n_encounters) if meet(kept, k, other, row)]
@@ -78,17 +81,15 @@ def compete(
             if keeps_first:
                 pairs = zip(rivals, reasons, strict=True)
                 reasons = [
-                    None if why == "" and _holds(kept, k, other, row) else why
+                    STAYS if why is None and _holds(kept, k, other, row) else why
                     for k, why in pairs
                 ]
-            if None in reasons:
+            if STAYS in reasons:
                 continue
             winners.append(row)
-            same = reasons == [""] and keeps_first and rivals[0] not in losers
+            same = reasons == [None] and keeps_first and rivals[0] not in losers
             numbers.append(int(kept.contact[rivals[0]]) if same else 0)
-            losers |= {
-                k: str(reason) for k, reason in zip(rivals, reasons, strict=True)
-            }
+            losers |= dict(zip(rivals, reasons, strict=True))
         if winners:
             kept = _exchanged(
                 kept,
@@ -115,14 +116,14 @@ def _spread(one: float, two: float) -> float:
     return float(np.hypot(np.nan_to_num(one), np.nan_to_num(two)))
 
 
-def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> str | None:
-    """Return why the second row beats the first, empty if both agree; None if not."""
+def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | None:
+    """Return why the second row beats the first, None if both agree; `STAYS` if not."""
     sharper = two.range_over_speed_std_s[n] < one.range_over_speed_std_s[k]
     have_lines = [one.status[k] != LEVEL_ONLY, two.status[n] != LEVEL_ONLY]
     if have_lines[0] != have_lines[1]:
         wins, words = have_lines[1], "which lines confirm"
     elif _agree(one, k, two, n):
-        return "" if sharper else None
+        return None if sharper else STAYS
     elif not any(have_lines):
         wins, words = bool(sharper), "which is better determined"
     else:
@@ -136,7 +137,7 @@ def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> str | None:
             f"in which the lines are steadier in the vessel's own time (rest-frame "
             f"evidence {evidence[1]:.2f} against {evidence[0]:.2f})"
         )
-    return LOST.format(better=words) if wins else None
+    return reject(OTHER_RESOLUTION, better=words) if wins else STAYS
 
 
 def _holds(one: Encounters, k: int, two: Encounters, n: int) -> bool:
@@ -159,14 +160,18 @@ def _agree(one: Encounters, k: int, two: Encounters, n: int) -> bool:
 
 
 def _exchanged(
-    kept: Encounters, losers: dict[int, str], winners: Encounters, highest: int
+    kept: Encounters,
+    losers: dict[int, Rejection | None],
+    winners: Encounters,
+    highest: int,
 ) -> Encounters:
     """Put winners into the place of losers; a contact of 0 gets a number of its own."""
     highest = max(highest, int(kept.contact.max(initial=0)))
     if kept.refused_contact is not None:
         highest = max(highest, int(kept.refused_contact.max(initial=0)))
     stay = np.setdiff1d(np.arange(kept.n_encounters), list(losers))
-    told = [k for k, reason in losers.items() if reason]
+    reasons = {k: reason for k, reason in losers.items() if reason is not None}
+    told = list(reasons)
     is_new = winners.contact == 0
     numbers: IntArray = np.where(is_new, highest + np.cumsum(is_new), winners.contact)
     winners = replace(
@@ -176,8 +181,8 @@ def _exchanged(
         refused_sensor=kept.sensor[told],
         refused_from_s=(kept.time_s - kept.range_over_speed_s)[told],
         refused_to_s=(kept.time_s + kept.range_over_speed_s)[told],
-        refused_reason=np.array([losers[k] for k in told], np.str_),
-        refused_code=np.full(len(told), ""),
+        refused_reason=np.array([one.sentence for one in reasons.values()], np.str_),
+        refused_code=np.array([one.code for one in reasons.values()], np.str_),
         refused_reading=np.full(len(told), ""),
         refused_reading_weight=np.full(len(told), np.nan),
         refused_rival=np.full(len(told), ""),

@@ -14,13 +14,16 @@ reason under its key.
 the sign of eq. 5; the side from the bearing trend.
 """
 
+import warnings
 from dataclasses import replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.constants import SOURCE_DEPTH_M, SOURCE_DEPTH_STD_M
+from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.encounters import Encounters
@@ -30,12 +33,14 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, UwtrackWarning
+from uwtrack_cli.motion.decision import OUTSIDE_WITHOUT_DOPPLER, Rejection, reject
 from uwtrack_cli.motion.options import Probability, Spreading
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
     Still,
+    Unclaimed,
     fit_contact,
     not_a_passage,
     read,
@@ -59,13 +64,14 @@ from uwtrack_cli.motion.passage.encounter_rows import (
     still_contact,
     widen_for_others,
 )
+from uwtrack_cli.motion.passage.failed_fits import FailedFit, attempted, failed_fits
 from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
 from uwtrack_cli.motion.passage.fit.nuisances import NuisancePriors, nuisance_priors
 from uwtrack_cli.motion.passage.model.direction_bearings import (
     bearing_series,
     with_directions,
 )
-from uwtrack_cli.motion.passage.model.measurements import series_data
+from uwtrack_cli.motion.passage.model.measurements import PassageData, series_data
 from uwtrack_cli.motion.passage.readings.competing_readings import (
     TWO_TARGETS,
     read_passage,
@@ -73,8 +79,7 @@ from uwtrack_cli.motion.passage.readings.competing_readings import (
 from uwtrack_cli.motion.passage.recording_passages import examine_recording
 
 MIXED = "the bearings are those of two targets"
-UNSEEN = "the closest approach lies outside, and no Doppler shift shows it"
-"""Why bearings and levels alone give no approach beyond the recording."""
+"""Why no direction is known."""
 
 
 @checked
@@ -174,17 +179,22 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     context = _context((lines, levels, series), known, priors, spreading_db)
     medium = priors.medium
     limits = _limits(lines, levels, series)
-    if series is not None:
-        found, still = _from_series(series, medium, false_alarm_probability)
-    else:
-        found, still = examine_recording(
-            lines, levels, medium, false_alarm_probability, limits, sound, directions
-        )
     has_sound = sound is not None and sound.can_be_read_again
-    pairs = [
-        (item, _row(item, context, limits, levels, has_sound=has_sound))
-        for item in found
-    ]
+    with failed_fits() as failed:
+        if series is not None:
+            found, still = _from_series(series, medium, false_alarm_probability)
+        else:
+            found, still = examine_recording(
+                lines, levels, medium, false_alarm_probability, limits, sound,
+                directions,
+            )  # fmt: skip
+        made = partial(
+            _row, context=context, limits=limits, levels=levels, has_sound=has_sound
+        )
+        pairs = [
+            (item, attempted(partial(made, item), item.contacts, item.blocks.time_s))
+            for item in found
+        ]
     passed = [(item, row) for item, row in pairs if isinstance(row, Row)]
     refusals = [row for _, row in pairs if isinstance(row, Refusal)]
     fits = [item.fit for item, _ in passed]
@@ -199,10 +209,23 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         if turned is None:
             rows.append(row)
         else:
-            refusals.append(_refused(item, turned, ""))
+            refusals.append(_refused(item, turned))
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     refusals += [still_contact(one) for one in still]
+    told = {row.contact for row in rows} | {one.contact for one in refusals}
+    refusals += _not_fitted([one for one in failed if one.contact not in told])
     return make_encounters(rows, refusals, context)
+
+
+def _not_fitted(failed: list[FailedFit]) -> list[Refusal]:
+    """Refuse what could not be fitted, and say so: nobody looks for what is not there."""
+    for one in failed:
+        msg = (
+            f"contact {one.contact} ({one.from_s:.0f} to {one.to_s:.0f} s) is told as no "
+            f"passage: {one.reason.sentence}."
+        )
+        warnings.warn(msg, UwtrackWarning, stacklevel=4)
+    return [Refusal(*one) for one in failed]
 
 
 def _bearings_alone(directions: Directions | None) -> Series:
@@ -273,17 +296,32 @@ def _from_series(
     for contact in np.unique(series.contact):
         columns = np.arange(1, series.frequency_hz.shape[1] + 1)
         data, owner = series_data(series, int(contact)), ((int(contact),), columns)
-        one = fit_contact(data, *owner, medium, probability)
-        if isinstance(one, CandidatePassage):
-            apart = split(one, medium, probability)
-        else:
-            apart = take_apart(data, owner, medium, probability)
-            still += [one.read()] if one and not apart else []
+        told = attempted(
+            partial(_of_table, data, owner, medium, probability), owner[0], data.time_s
+        )
+        apart, unclaimed = told or ([], [])
         if len(apart) > 1:
             number += 1
             apart[1] = replace(apart[1], contacts=(number,))
-        found += [check_fit(read(item), None) for item in apart]
+        found += apart
+        still += unclaimed
     return found, still
+
+
+def _of_table(
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    medium: Medium,
+    probability: float,
+) -> tuple[list[CandidatePassage], list[Still]]:
+    """Examine a contact of a table, which may be two vessels."""
+    one = fit_contact(data, *owner, medium, probability)
+    if isinstance(one, CandidatePassage):
+        apart = split(one, medium, probability)
+    else:
+        apart = take_apart(data, owner, medium, probability)
+    still = one.read() if isinstance(one, Unclaimed) and not apart else []
+    return [check_fit(read(item), None) for item in apart], still
 
 
 def _limits(
@@ -311,20 +349,20 @@ def _row(
     """Turn a candidate into a row, or say why it is no passage."""
     contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
-    not_passing = not_a_passage(fit, candidate.blocks, limits)
-    reason = not_passing or candidate.doubt or None
+    first = not_a_passage(fit, candidate.blocks, limits)
+    against = [*([first] if first else []), *candidate.rejections]
     wider = consider_directivity(fit, candidate.blocks)
     row = passage_row(contact, wider, context, candidate.line_ids)
     if candidate.reading.name == TWO_TARGETS and not candidate.data.bearing_deg.size:
         row.reasons.update(dict.fromkeys(("bearing_deg", "course_deg", "side"), MIXED))
     if not time[0] <= fit.theta[0, 0] <= time[-1]:
         if row.status == LEVEL_ONLY:
-            reason = reason or UNSEEN
+            against.append(reject(OUTSIDE_WITHOUT_DOPPLER))
         row = replace(row, status=EXTRAPOLATED, extrapolated=True)
     if row.status == LEVEL_ONLY and levels is not None:
-        reason = reason or ask_the_parts(candidate, levels).doubt or None
-    if reason is not None:
-        return _refused(candidate, reason, "" if not_passing else candidate.doubt_code)
+        against += against or ask_the_parts(candidate, levels).rejections
+    if against:
+        return _refused(candidate, against[0])
     if candidate.blocks.shift.is_empty:  # it was not read with any lines
         reading = read_passage(fit, candidate.blocks)[1]
         candidate = replace(candidate, reading=reading)
@@ -335,8 +373,6 @@ def _row(
     return row
 
 
-def _refused(candidate: CandidatePassage, reason: str, code: str) -> Refusal:
+def _refused(candidate: CandidatePassage, reason: Rejection) -> Refusal:
     time = candidate.blocks.time_s
-    return Refusal(
-        candidate.contacts[0], float(time[0]), float(time[-1]), reason, code=code
-    )
+    return Refusal(candidate.contacts[0], float(time[0]), float(time[-1]), reason)

@@ -22,7 +22,7 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.motion.target.own_ship import OwnPath
+from uwtrack_cli.motion.target_motion.own_ship import OwnPath
 
 DELAY_STEPS = 4
 """Steps to the time of emission; the error falls by the Mach number in each."""

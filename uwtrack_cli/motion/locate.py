@@ -39,12 +39,15 @@ from uwtrack_cli.motion.fusion.sensor_table import (
 from uwtrack_cli.motion.fusion.track_to_track import Mode, group_encounters, list_modes
 from uwtrack_cli.motion.options import Probability
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, turned_way
-from uwtrack_cli.motion.target.contact import ContactAnswer, analyse_contacts
-from uwtrack_cli.motion.target.cross_fix import fixes_of_answers
-from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
-from uwtrack_cli.motion.target.inputs import check_sensors, measurements_from_series
-from uwtrack_cli.motion.target.modes import TmaOptions
-from uwtrack_cli.motion.target.motion_table import reasons_of
+from uwtrack_cli.motion.target_motion.contact import ContactAnswer, analyse_contacts
+from uwtrack_cli.motion.target_motion.cross_fix import fixes_of_answers
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target_motion.inputs import (
+    check_sensors,
+    measurements_from_series,
+)
+from uwtrack_cli.motion.target_motion.modes import TmaOptions
+from uwtrack_cli.motion.target_motion.motion_table import reasons_of
 
 
 @checked

@@ -32,16 +32,16 @@ from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
 from uwtrack_cli.motion.passage.fit.nuisances import COMPASS_STD_DEG
 from uwtrack_cli.motion.sound_speed import sound_speed_std
-from uwtrack_cli.motion.target.contact import analyse_contacts
-from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
-from uwtrack_cli.motion.target.inputs import (
+from uwtrack_cli.motion.target_motion.contact import analyse_contacts
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target_motion.inputs import (
     Measurements,
     check_sensors,
     measurements_from_lines,
     measurements_from_series,
 )
-from uwtrack_cli.motion.target.modes import TmaOptions
-from uwtrack_cli.motion.target.motion_table import motions_table
+from uwtrack_cli.motion.target_motion.modes import TmaOptions
+from uwtrack_cli.motion.target_motion.motion_table import motions_table
 
 DEFAULT_MODEL, DEFAULT_SEARCH, DEFAULT_MISFIT = MotionModel(), Search(), Misfit()
 DEFAULT_NUISANCES = Nuisances()

@@ -6,7 +6,7 @@ hour of the day. Of more days than there is room for, the last ones are drawn.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import timedelta
 from typing import TYPE_CHECKING
@@ -18,8 +18,17 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.files.tables.summaries import NOT_KNOWN, Head, utc_text
 from uwtrack_cli.files.text_escaping import figure_text, html_text
 from uwtrack_cli.files.utc import EPOCH, parse_utc
-from uwtrack_cli.flow.deployment import Deployment, Span
+from uwtrack_cli.flow.deployment import Deployment
 from uwtrack_cli.flow.passages import PassageRow
+from uwtrack_cli.flow.recorder_folder import DAY_NS
+from uwtrack_cli.flow.sound_hours import (
+    HOUR_NS,
+    SoundSpan,
+    by_day,
+    day_name,
+    hours_per_day,
+    total_h,
+)
 from uwtrack_cli.plotting.html_page import (
     facts_html,
     list_html,
@@ -39,8 +48,6 @@ from uwtrack_cli.plotting.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-DAY_NS = 86_400 * NANOSECONDS
 
 MOST_ROWS = 62
 """Days that are drawn."""
@@ -67,7 +74,7 @@ def deployment_html(deployment: Deployment, title: str) -> str:
     """Return the report of a folder as HTML."""
     n = len(deployment.passages)
     count = f"{n or 'no'} passage{'' if n == 1 else 's'}"
-    hours = sum(one.duration_s for one in deployment.listened) / 3600
+    hours = total_h(deployment.sound)
     body = [
         f'<p class="result">{count} in {hours:.1f} hours of sound</p>',
         list_html(deployment.problems, "warnings"),
@@ -107,12 +114,7 @@ def _utc(time_ns: int) -> str:
 
 def _days(deployment: Deployment) -> list[int]:
     """Return the days on which there was sound, as numbers since 1970, ascending."""
-    days: set[int] = set()
-    for one in deployment.listened:
-        if one.span_ns is not None:
-            last = max(one.span_ns[1] - 1, one.span_ns[0])
-            days.update(range(one.span_ns[0] // DAY_NS, last // DAY_NS + 1))
-    return sorted(days)
+    return sorted({day for day, _ in by_day(deployment.sound)})
 
 
 def calendar_figure(deployment: Deployment, width_in: float) -> "Figure":
@@ -121,7 +123,7 @@ def calendar_figure(deployment: Deployment, width_in: float) -> "Figure":
     ``width_in``: width of the picture, inches.
     """
     days = _days(deployment)[-MOST_ROWS:]
-    sensors = sorted({one.sensor for one in deployment.listened if one.span_ns})
+    sensors = sorted({span.sensor for _, span in by_day(deployment.sound)})
     place = {day: len(days) - 1 - number for number, day in enumerate(days)}
     rows_in = max(0.28 * len(days) * max(1, len(sensors)) ** 0.5, 0.6)
     figure = new_figure(width_in, rows_in + 2.2)
@@ -131,7 +133,7 @@ def calendar_figure(deployment: Deployment, width_in: float) -> "Figure":
         shift = 0.4 - (number + 0.5) * height
         _draw_sensor(deployment, sensor, number, place, shift, height, upper)
     every = max(1, len(days) // 31)
-    names = [f"{EPOCH + timedelta(days=day):%Y-%m-%d}" for day in days]
+    names = [day_name(day) for day in days]
     upper.set_yticks([place[d] for d in days][::every], names[::every], fontsize=8)
     upper.set(ylim=(-0.6, len(days) - 0.4), xlim=(0, 24))
     calm(upper)
@@ -155,13 +157,14 @@ def _draw_sensor(
     shift: float, height: float, ax: "Axes",
 ) -> None:  # fmt: skip
     """Draw sound, vessels heard and passages of one sensor."""
+    sound = [span for span in deployment.sound if span.sensor == sensor]
     own = [one for one in deployment.listened if one.sensor == sensor]
-    sound = [one.span_ns for one in own if one.span_ns is not None]
-    heard = [span for one in own for span in one.heard_ns]
+    heard = [SoundSpan(sensor, "", *span) for one in own for span in one.heard_ns]
     for spans, color, share in ((sound, NO_SOUND, 1.0), (heard, HEARD_COLOR, 0.5)):
-        for day, begin, length in _pieces(spans):
+        for day, span in by_day(spans):
             if day in place:
-                ax.barh(place[day] + shift, length, left=begin, color=color,
+                left = (span.begin_ns - day * DAY_NS) / HOUR_NS
+                ax.barh(place[day] + shift, total_h([span]), left=left, color=color,
                         height=share * height, lw=0)  # fmt: skip
     at = [parse_utc(p.time_utc) for p in deployment.passages
           if p.sensor == sensor and p.time_utc]  # fmt: skip
@@ -173,15 +176,6 @@ def _draw_sensor(
             color=CONTACT_COLORS[number % len(CONTACT_COLORS)], mec="white", mew=0.5,
             label=figure_text(sensor), zorder=3,
         )  # fmt: skip
-
-
-def _pieces(spans: Sequence[Span]) -> Iterator[tuple[int, float, float]]:
-    """Yield day, begin and length in hours of spans, cut at midnight."""
-    for begin, end in spans:
-        for day in range(begin // DAY_NS, max(end - 1, begin) // DAY_NS + 1):
-            first, last = max(begin, day * DAY_NS), min(end, (day + 1) * DAY_NS)
-            hour = DAY_NS / 24
-            yield day, (first - day * DAY_NS) / hour, (last - first) / hour
 
 
 def _tables(deployment: Deployment) -> Iterator[str]:
@@ -216,10 +210,7 @@ def _tables(deployment: Deployment) -> Iterator[str]:
 
 
 def _day_rows(deployment: Deployment) -> list[tuple[str, str, str]]:
-    hours: Counter[str] = Counter()
-    for one in deployment.listened:
-        for day, _, length in _pieces([] if one.span_ns is None else [one.span_ns]):
-            hours[f"{EPOCH + timedelta(days=day):%Y-%m-%d}"] += length  # type: ignore[assignment]
+    hours = hours_per_day(deployment.sound)
     counts = Counter((p.time_utc or "unknown")[:10] for p in deployment.passages)
     return [
         (day, f"{hours[day]:.1f}" if day in hours else "-", str(counts[day]))

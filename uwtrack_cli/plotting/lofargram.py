@@ -45,9 +45,13 @@ noise alone then hardly shows."""
 BRIGHTEST_SHARE = 0.998
 """Share of the picture below the brightest colour."""
 
-LOG_SHARE, LOG_BAND = 0.6, 0.2
+LOG_SHARE, LOG_BAND = 0.5, 0.2
 """The frequency axis is logarithmic if more than such a share of the lines lies in such
 a lowest share of the band."""
+
+FRAME_CELLS = 2.5
+"""Sound behind the last cell, in cells, that has room for no further frame where frames
+overlap by three quarters."""
 
 LEAST_DECADES = 0.7
 """A logarithmic axis of fewer decades would tell nothing."""
@@ -279,8 +283,9 @@ def cell_edges(
 ) -> FloatArray:
     """Return the edges of cells whose middles are known.
 
-    ``middle``: middles of the cells, in order. ``span``: what is shown: a cell that
-    ends less than its own width before the end of it reaches to the end.
+    ``middle``: middles of the cells, in order. ``span``: what is shown: the first cell
+    reaches to its begin where that is less than the cell's width away, the last one to
+    its end where no further frame had room.
     """
     if middle.size == 1:
         return np.array([middle[0] - 0.5, middle[0] + 0.5])
@@ -289,7 +294,7 @@ def cell_edges(
     if span is not None:
         width = float(np.median(np.diff(middle)))
         first = span[0] if 0 < first - span[0] < width else first
-        last = span[1] if 0 < span[1] - last < width else last
+        last = span[1] if 0 < span[1] - last < FRAME_CELLS * width else last
     return np.concatenate([[first], between, [last]])
 
 

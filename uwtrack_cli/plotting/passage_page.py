@@ -434,5 +434,8 @@ def fact_lines(row: Row) -> list[tuple[str, str]]:
         part = ", ".join(f"{f:.2f}" for f in rest[number : number + 3])
         end = " Hz" if number + 3 >= len(rest) else ","
         found.append(("at rest" if number == 0 else "", part + end))
+    if row.get("reading") not in {None, "straight"}:  # as in the table
+        weight = Head("", "reading_weight", 2).text(row)
+        found.append(("reading", f"{row['reading']}, weight {weight}"))
     found.append(("sound speed", f"{row['sound_speed_mps']:g} m/s"))
     return found

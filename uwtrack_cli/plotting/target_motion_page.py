@@ -25,15 +25,19 @@ from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.files.tables.summaries import Head, utc_text
-from uwtrack_cli.motion.target.inputs import (
+from uwtrack_cli.motion.target_motion.inputs import (
     Measurements,
     measurements_from_lines,
     measurements_from_series,
     own_path,
     sensor_paths,
 )
-from uwtrack_cli.motion.target.model import predict_values
-from uwtrack_cli.motion.target.own_ship import Doppler, OwnPath, make_observer_track
+from uwtrack_cli.motion.target_motion.model import predict_values
+from uwtrack_cli.motion.target_motion.own_ship import (
+    Doppler,
+    OwnPath,
+    make_observer_track,
+)
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
     PagePart,

@@ -35,6 +35,7 @@ from uwtrack_cli.simulate.disturbance_sound import (
 )
 from uwtrack_cli.simulate.frequency_jitter import JitterSeries, draw_jitter
 from uwtrack_cli.simulate.interference import ClickSound, HumSound
+from uwtrack_cli.simulate.multiplexed_sound import multiplexed_tiles
 from uwtrack_cli.simulate.noise import (
     TILE,
     NoiseGenerator,
@@ -93,12 +94,15 @@ def _recording(scenario: Scenario, number: int) -> Recording:
     if start is not None:
         shift_s = plan.clock_error_s - plan.clock_offset_s
         start += round(shift_s * NANOSECONDS)
+    rate_hz = scenario.sample_rate_hz
+    if plan.multiplex is not None:
+        rate_hz = plan.multiplex.sample_rate_hz
     return Recording(
         sensor=known_sensor(scenario, plan),
         name=f"{plan.id}.wav",
-        sample_rate_hz=scenario.sample_rate_hz,
-        n_samples=scenario.n_samples,
-        n_channels=_n_channels(plan),
+        sample_rate_hz=rate_hz,
+        n_samples=round(scenario.duration_s * rate_hz),
+        n_channels=1 if plan.multiplex else _n_channels(plan),
         start_utc_ns=start,
         reader=ScenarioReader(scenario, number),
     )
@@ -110,6 +114,10 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
     directional = "omni,east,north" if true_axes else "omni,x,y"
     on_grid = plan.latitude is None and not moving
     channels = directional if plan.kind == "difar" else "omni"
+    radio: dict[str, Any] = {}
+    if plan.multiplex is not None:
+        radio = {"kind": "difar-multiplexed", "channels": "multiplex"}
+        radio["multiplex"] = ",".join(plan.multiplex.dipoles)
     array: dict[str, Any] = {}
     if plan.kind == "array":
         numbers = range(1, len(plan.element_places) + 1)
@@ -125,8 +133,7 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
         }
     return Sensor(
         id=plan.id,
-        kind=plan.kind,
-        channels=channels,
+        **{"kind": plan.kind, "channels": channels, **radio},
         latitude=plan.latitude,
         longitude=plan.longitude,
         east_m=plan.east_m + plan.position_error_m[0] if on_grid else None,
@@ -144,6 +151,7 @@ def known_sensor(scenario: Scenario, plan: SensorPlan) -> Sensor:
         sensitivity_db_re_v_per_upa=plan.sensitivity_db_re_v_per_upa,
         gain_db=None if plan.sensitivity_db_re_v_per_upa is None else plan.gain_db,
         adc_peak_v=plan.adc_peak_v,
+        full_scale_db=plan.full_scale_db if plan.is_calibrated else None,
         navigation=_navigation(scenario, plan) if moving else None,
         **array,
     )
@@ -207,6 +215,12 @@ class ScenarioReader:
             yield np.concatenate(pending)
 
     def _tiles(self) -> Iterator[Samples]:
+        plan = self.scenario.sensors[self.sensor_number].multiplex
+        if plan is None:
+            return self._sound()
+        return multiplexed_tiles(self.scenario, self.sensor_number, plan, self._sound())
+
+    def _sound(self) -> Iterator[Samples]:
         sound = _SensorSound(self.scenario, self.sensor_number)
         total = self.scenario.n_samples
         for number in range(-(-total // TILE)):

@@ -29,6 +29,7 @@ from uwtrack_cli.simulate.disturbances import (
     Shrimp,
     Swell,
 )
+from uwtrack_cli.simulate.multiplex import Multiplex
 from uwtrack_cli.simulate.track_plans import Coordinate, Course, Range, TrackPlan
 from uwtrack_cli.simulate.vessels import (
     CorrelationTime,
@@ -98,8 +99,9 @@ class SensorPlan(OptionGroup):
     full_scale_db: Annotated[float, Unit("dB"), AtLeast(0.0), AtMost(300.0)] | None = (
         None
     )
-    """Sound pressure of a full-scale sample where the calibration is not known to the
-    owner, dB re 1 uPa."""
+    """Sound pressure of a full-scale sample, dB re 1 uPa."""
+    is_calibrated: bool = True
+    """Whether the owner knows it: else the sensor file does not state it."""
     sensitivity_db_re_v_per_upa: (
         Annotated[float, Unit("dB re V/uPa"), AtLeast(-300.0), AtMost(0.0)] | None
     ) = None
@@ -110,6 +112,8 @@ class SensorPlan(OptionGroup):
     """Voltage of a full-scale sample, V."""
     recorder: Recorder | None = None
     """Band of the recorder; None has no edges."""
+    multiplex: Multiplex | None = None
+    """Radio of a sonobuoy: its recording is one channel of audio; None has no radio."""
     position_std_m: Range = 0.0
     """Standard deviation of the stated position, m."""
     compass_offset_deg: Course = 0.0
@@ -142,10 +146,13 @@ class SensorPlan(OptionGroup):
         if calibration.count(None) == 1:
             msg = "a calibration needs sensitivity_db_re_v_per_upa and adc_peak_v."
             raise OptionError(msg)
+        if not self.is_calibrated and self.full_scale_db is None:
+            msg = "is_calibrated = false needs full_scale_db: the scale of the sound."
+            raise OptionError(msg)
         if (self.full_scale_db is None) == (None in calibration):
             msg = (
-                "give either sensitivity_db_re_v_per_upa, gain_db and adc_peak_v (the "
-                "user knows the calibration) or full_scale_db (he does not)."
+                "give either sensitivity_db_re_v_per_upa, gain_db and adc_peak_v, or "
+                "full_scale_db."
             )
             raise OptionError(msg)
         if (self.latitude is None) != (self.longitude is None):
@@ -155,12 +162,18 @@ class SensorPlan(OptionGroup):
             msg = "position_error_m goes with east_m and north_m, not with latitude."
             raise OptionError(msg)
         self._check_array()
+        self._check_dipoles()
+        if self.track is not None and (self.heading_deg or self.latitude is not None):
+            msg = "a sensor with a track has neither heading_deg nor latitude."
+            raise OptionError(msg)
+
+    def _check_dipoles(self) -> None:
         mixing = (*self.dipole_gain_errors, *self.omni_crosstalk, self.dipole_crosstalk)
         if self.kind != "difar" and any(mixing):
             msg = 'errors of gain and crosstalk of dipoles go with kind = "difar".'
             raise OptionError(msg)
-        if self.track is not None and (self.heading_deg or self.latitude is not None):
-            msg = "a sensor with a track has neither heading_deg nor latitude."
+        if self.multiplex and (self.kind != "difar" or self.axes != "true"):
+            msg = 'multiplex goes with kind = "difar" and axes = "true".'
             raise OptionError(msg)
 
     def _check_array(self) -> None:

@@ -38,6 +38,7 @@ from uwtrack_cli.data.options import (
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import MODULATION, Spectrogram
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
+from uwtrack_cli.estimation.decimation import PASS_SHARE, decimated_blocks
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.estimation.window import hann
 from uwtrack_cli.spectra.band_envelopes import (
@@ -47,7 +48,7 @@ from uwtrack_cli.spectra.band_envelopes import (
     EnvelopePlan,
 )
 from uwtrack_cli.spectra.dipoles import directional_channels, true_components
-from uwtrack_cli.spectra.spectrogram import READ_SAMPLES, time_base
+from uwtrack_cli.spectra.spectrogram import resolve_decimation, time_base
 
 USUAL_BAND_HZ = (400.0, 8000.0)
 """Band of cavitation that is taken unless another is given, cut to the sound's."""
@@ -70,7 +71,7 @@ FEWEST_SAMPLES = 16
 
 
 def resolve_demon(recording: Recording, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return band and window as they follow from a recording.
+    """Return band, decimation and window as they follow from a recording.
 
     Of every option of `demodulate`, None is open. What does not fit is left open: a
     window in too short a recording, and a band at a sample rate too low for the rates
@@ -81,6 +82,7 @@ def resolve_demon(recording: Recording, options: Mapping[str, Any]) -> dict[str,
     if options["band_hz"] is None and fs >= _least_rate_hz(options["rate_hz"]):
         top = min(USUAL_BAND_HZ[1], HIGHEST_SHARE * fs)
         found["band_hz"] = (min(USUAL_BAND_HZ[0], 0.25 * top), top)
+    found |= resolve_decimation(recording, {**options, **found})
     if options["window_s"] is None and recording.duration_s >= 2.0 * LEAST_WINDOW_S:
         third = recording.duration_s / 3.0
         found["window_s"] = min(USUAL_WINDOW_S, max(LEAST_WINDOW_S, third))
@@ -108,6 +110,7 @@ def demodulate(
     window_s: Annotated[float, Unit("s"), AtLeast(0.1), AtMost(3600)] | None = None,
     overlap: Annotated[float, AtLeast(0), AtMost(0.999)] = 0.75,
     zero_padding: Annotated[int, AtLeast(1), AtMost(8)] = 2,
+    decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
 ) -> Iterator[Spectrogram]:
     """Turn a recording into the spectrum of its envelope (DEMON).
 
@@ -133,6 +136,9 @@ def demodulate(
         Share of a frame that the next one covers again.
     zero_padding
         Spectral cells per natural bin.
+    decimation
+        Reduce the sample rate by this factor first, as far as the band allows and to
+        10 kHz or more unless given.
 
     Returns
     -------
@@ -155,13 +161,16 @@ def demodulate(
     if recording.reader is None:
         msg = f"{recording.name} was not opened for reading; open the sound file again."
         raise DataError(msg)
-    given = {"band_hz": band_hz, "window_s": window_s, "rate_hz": rate_hz}
+    given = {
+        "band_hz": band_hz, "window_s": window_s,
+        "rate_hz": rate_hz, "decimation": decimation,
+    }  # fmt: skip
     known = {**given, **resolve_demon(recording, given)}
     if known["band_hz"] is None or known["window_s"] is None:
         return iter([_no_frames(recording, rate_hz, overlap, zero_padding)])
     layout = _plan(
         recording, known["band_hz"], rate_hz, known["window_s"],
-        _Counts(n_bands, overlap, zero_padding),
+        _Counts(n_bands, overlap, zero_padding, known["decimation"]),
     )  # fmt: skip
     return _blocks(recording, layout)
 
@@ -176,6 +185,8 @@ class _Counts:
     """Share of a frame that the next one has, too."""
     zero_padding: int
     """Cells per natural bin."""
+    decimation: int
+    """Factor by which the sample rate is reduced first."""
 
 
 @dataclass(frozen=True)
@@ -192,6 +203,8 @@ class _Layout:
     """Length of the transform."""
     kept: slice
     """Cells that are returned."""
+    decimation: int
+    """Samples of the recording for one of those that the envelopes are made of."""
 
     @property
     def frequency_hz(self) -> FloatArray:
@@ -206,18 +219,22 @@ def _plan(
     window_s: float,
     counts: _Counts,
 ) -> _Layout:
-    fs = recording.sample_rate_hz
-    if band_hz[1] > 0.5 * fs:
+    fs = recording.sample_rate_hz / counts.decimation
+    highest_hz = 0.5 * fs * (PASS_SHARE if counts.decimation > 1 else 1.0)
+    after = (
+        "" if counts.decimation == 1 else f" after decimation by {counts.decimation}"
+    )
+    if band_hz[1] > highest_hz:
         msg = (
-            f"band_hz = {band_hz[0]:g} {band_hz[1]:g} reaches above {0.5 * fs:g} Hz, half "
-            f"the sample rate of {recording.name}; give a band below it, or none."
+            f"band_hz = {band_hz[0]:g} {band_hz[1]:g} reaches above {highest_hz:g} Hz, "
+            f"all that {recording.name} holds{after}; give a band below it, or none."
         )
         raise OptionError(msg)
     if fs < _least_rate_hz(rate_hz):
         msg = (
             f"rates up to {rate_hz[1]:g} Hz need a sample rate of "
-            f"{_least_rate_hz(rate_hz):g} Hz or more, and {recording.name} has {fs:g} Hz; "
-            "lower the upper limit of rate_hz."
+            f"{_least_rate_hz(rate_hz):g} Hz or more, and {recording.name} has {fs:g} Hz"
+            f"{after}; lower the upper limit of rate_hz."
         )
         raise OptionError(msg)
     window = HOPS * round(WINDOW_RATES / rate_hz[1] * fs / HOPS)
@@ -233,9 +250,8 @@ def _plan(
         )
         raise DataError(msg)
     fft_length = length * counts.zero_padding
-    return _Layout(
-        envelope, length, hop, fft_length, _kept(envelope, fft_length, rate_hz)
-    )
+    kept = _kept(envelope, fft_length, rate_hz)
+    return _Layout(envelope, length, hop, fft_length, kept, counts.decimation)
 
 
 def _cells(band_hz: tuple[float, float], window: int, fs: float) -> slice:
@@ -278,7 +294,9 @@ def _blocks(recording: Recording, layout: _Layout) -> Iterator[Spectrogram]:
     valid = np.zeros(0, np.bool_)
     wanted = TILE_FRAMES
     next_frame = 0
-    for samples in recording.reader(recording.block_samples(READ_SAMPLES)):
+    for samples in decimated_blocks(
+        recording.reader, layout.decimation, recording.block_samples
+    ):
         more, holds = envelopes.feed(samples)
         pending, valid = np.concatenate([pending, more]), np.append(valid, holds)
         while pending.shape[0] >= layout.window + (wanted - 1) * layout.hop:
@@ -387,16 +405,17 @@ def _density(
 def _frames(
     recording: Recording, layout: _Layout, valid: BoolArray, first: int, count: int
 ) -> Frames:
-    plan = layout.envelope
+    plan, samples = layout.envelope, layout.decimation
+    hop = plan.hop * samples
     known = np.concatenate([[0], np.cumsum(valid)])
     begin = np.arange(count) * layout.hop
     return time_base(
         recording,
         first,
         (known[begin + layout.window] - known[begin]) / layout.window,
-        window_samples=layout.window * plan.hop,
-        hop_samples=layout.hop * plan.hop,
-        fft_length=layout.fft_length * plan.hop,
+        window_samples=layout.window * hop,
+        hop_samples=layout.hop * hop,
+        fft_length=layout.fft_length * hop,
         # an envelope sample stands for the hop in the middle of its short window
-        offset_samples=(plan.window - plan.hop) // 2,
+        offset_samples=(plan.window - plan.hop) // 2 * samples,
     )

@@ -70,6 +70,10 @@ MAX_LAG = 200
 """Frames over which the correlation of the residuals is summed."""
 
 
+class MirroredDipolesError(DataError):
+    """The bearings of a passage turn the wrong way round."""
+
+
 @dataclass(frozen=True)
 class KnownPassage:
     """Where sound came from, frame by frame, as a track says; shape (frame,)."""
@@ -120,7 +124,9 @@ def fit_dipoles(known: KnownPassage) -> DipoleFit:
     Raises
     ------
     DataError
-        The vessel is hardly heard, shows too few directions, or the axes are mirrored.
+        The vessel is hardly heard, or shows too few directions.
+    MirroredDipolesError
+        The axes are mirrored.
     """
     heard = _heard(known)
     angle = np.unwrap(known.angle_rad[heard])
@@ -142,7 +148,7 @@ def fit_dipoles(known: KnownPassage) -> DipoleFit:
             "of them is inverted. Correct the order of the channels in the sensor file, "
             "or the sign of the channel."
         )
-        raise DataError(msg)
+        raise MirroredDipolesError(msg)
     covariance = problem.covariance(fit)
     prior = np.append(problem.prior_std[:5], np.pi)
     std = np.sqrt(np.diag(covariance))

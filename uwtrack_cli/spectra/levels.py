@@ -3,8 +3,10 @@
 **Method.** The band is cut into sub-bands. In each frame and sub-band, cells far above
 the sub-band's own median are lines and left out. What remains is divided by a
 quiet-time density (the lowest of the tile medians within half an hour either way), so
-that every sub-band weighs as its noise is known, and averaged: the excess. For a vector
-sensor the whitened intensity gives the bearing, and its scatter across the line of
+that every sub-band weighs as its noise is known, and averaged: the excess. A sub-band weighs as
+many cells as fill it, of which a filter's edge leaves few, and nothing where there is no
+more than the recorder's own noise, as beyond its anti-alias filter: what passes is not
+heard there. For a vector sensor the whitened intensity gives the bearing, and its scatter across the line of
 sight gives the deviation. Ambient sound that comes from somewhere (surf, a harbour) would
 draw the bearing of a weak vessel towards itself: its intensity is taken off, where it was
 the same in the quiet time before and after. (The quiet time of a single passage holds the
@@ -31,7 +33,7 @@ from uwtrack_cli.data.spectra import Levels, Spectrogram
 from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.estimation.angles import compass_deg
-from uwtrack_cli.estimation.noise_floor import LN2
+from uwtrack_cli.estimation.noise_floor import LEAST_SHARE, LN2
 from uwtrack_cli.estimation.window import BIN_CORRELATION
 
 TILE_FRAMES = 64
@@ -48,10 +50,14 @@ SAME_AMBIENT = 0.3
 """Difference of the intensity before from that after, as a share of their mean, up to
 which both are the ambient's: a vessel that is still heard in the quiet time lies in
 another direction after it has passed. Errors are the same from 0.03 to 10, and for 15 to
-120 s of quiet (calibration/ambient.py)."""
+120 s of quiet (studies/constants/ambient.py)."""
 
 QUIET_SPREAD = 1.12
 """Level above the quietest tile within which a tile is as quiet (0.5 dB)."""
+
+OWN_SHARE = 1e-4
+"""Density of the recorder's own noise over that of the loudest sub-band, at most: ambient
+noise falls by less in the usual band, 40 dB, which are 10 dB an octave."""
 
 N_PARTS = 8
 """Parts of the band whose levels are kept, of some sub-bands each."""
@@ -61,6 +67,11 @@ LINE_FACTOR = 5.0
 
 KEPT_MEAN = 1.0 - LINE_FACTOR / (np.exp(LINE_FACTOR) - 1.0)
 """Mean of exponential cells below the line factor, over the mean of all."""
+
+EVEN_SQUARE = (
+    (2.0 - 37.0 * np.exp(-LINE_FACTOR)) / (1.0 - np.exp(-LINE_FACTOR)) / KEPT_MEAN**2
+)
+"""Mean square of these cells, over the square of their mean."""
 
 
 @checked
@@ -220,14 +231,9 @@ def whiten_frames(
     """
     bands = _Bands.join([_measure(block, band_hz, n_bands) for block in blocks])
     tiles = range(-(-bands.frames.n_frames // TILE_FRAMES))
-    quiet = np.array(
-        [_tile_sound(bands.take("frame", _rows(k))).density for k in tiles]
-    )
-    known = np.isfinite(quiet).all(axis=1)
-    width_hz = bands.high_hz - bands.low_hz + bands.frames.bin_hz
-    weight = width_hz / width_hz.sum()
-    if known.any():
-        weight = weight / quiet[known].min(axis=0)
+    quiet = [_tile_sound(bands.take("frame", _rows(k))) for k in tiles]
+    noise, share = _quiet_time(quiet)
+    weight = share / noise
     heard = bands.frames.valid_fraction == 1.0
     return WhitenedFrames(
         time_s=bands.frames.time_s,
@@ -265,6 +271,10 @@ class _Bands(Container):
     high_hz: FloatArray = column("Upper edge.")
     density: FloatArray = column("Mean power density.", "frame", "band", unit="")
     n_cells: FloatArray = column("Independent cells.", "frame", "band", unit="")
+    n_filled: FloatArray = column(
+        "As many cells of one density as vary like those that there are.",
+        "frame", "band", unit="",
+    )  # fmt: skip
     intensity: FloatArray = column(
         "Mean east, north.", "frame", "band", "axis", unit=""
     )
@@ -279,29 +289,36 @@ def _measure(block: Spectrogram, band_hz: tuple[float, float], n_bands: int) -> 
     edges = _edges(frequency_hz, band_hz, n_bands)
     padding = block.frames.fft_length / block.frames.window_samples
     shape = (block.frames.n_frames, edges.size - 1)
-    density, n_cells = np.empty(shape), np.empty(shape)
-    intensity, square = np.full((*shape, 2), np.nan), np.full((*shape, 3), np.nan)
+    density, n_cells, n_filled = np.empty((3, *shape))
+    intensity, moments = np.full((*shape, 2), np.nan), np.full((*shape, 3), np.nan)
     for k, cells in enumerate(map(slice, edges[:-1], edges[1:])):
         power = block.power_density[:, cells]
         kept = power <= _median(power) * np.float32(LINE_FACTOR / LN2)
         count = np.maximum(kept.sum(axis=1), 1)
-        density[:, k] = (power * kept).sum(axis=1) / count / KEPT_MEAN
+        quiet = power * kept
+        mean = quiet.sum(axis=1) / count
+        density[:, k] = mean / KEPT_MEAN
         n_cells[:, k] = np.maximum(count / (padding * BIN_CORRELATION), 1.0)
+        # cells of one density have a known mean square
+        quiet /= np.where(mean > 0.0, mean, np.float32(1.0))[:, None]
+        square = np.maximum((quiet**2).sum(axis=1) / count, EVEN_SQUARE)
+        n_filled[:, k] = n_cells[:, k] * EVEN_SQUARE / square
         if block.intensity_east is not None and block.intensity_north is not None:
             east = block.intensity_east[:, cells] * kept
             north = block.intensity_north[:, cells] * kept
             for j, part in enumerate((east, north)):
                 intensity[:, k, j] = part.sum(axis=1) / count
             for j, part in enumerate((east * east, north * north, east * north)):
-                square[:, k, j] = part.sum(axis=1) / count
+                moments[:, k, j] = part.sum(axis=1) / count
     return _Bands(
         frames=block.frames,
         low_hz=frequency_hz[edges[:-1]],
         high_hz=frequency_hz[edges[1:] - 1],
         density=density,
         n_cells=n_cells,
+        n_filled=n_filled,
         intensity=intensity,
-        square=square,
+        square=moments,
         reference=block.reference,
     )
 
@@ -332,13 +349,16 @@ class _TileSound:
 
     density: FloatArray
     """Median density per sub-band, shape (band,); nan without sound."""
+    n_filled: FloatArray
+    """Mean number of cells that fill each sub-band, shape (band,)."""
     intensity: FloatArray
     """Mean intensity, shape (band, 2)."""
 
     @classmethod
     def unknown(cls, n_bands: int) -> "_TileSound":
         """Return that of a tile without sound."""
-        return cls(np.full(n_bands, np.nan), np.zeros((n_bands, 2)))
+        nothing = np.full(n_bands, np.nan)
+        return cls(nothing, nothing, np.zeros((n_bands, 2)))
 
 
 def _tile_sound(tile: _Bands) -> _TileSound:
@@ -348,6 +368,7 @@ def _tile_sound(tile: _Bands) -> _TileSound:
         return _TileSound.unknown(tile.density.shape[1])
     return _TileSound(
         np.median(tile.density[has_sound], axis=0),
+        tile.n_filled[has_sound].mean(axis=0),
         tile.intensity[has_sound].mean(axis=0),
     )
 
@@ -363,56 +384,73 @@ def _levels(
     parts = []
     for k, tile in enumerate(tiles, start=at):
         near = quiet[max(0, k - REACH_TILES) : k + REACH_TILES + 1]
-        around = np.array([one.density for one in near])
-        known = np.isfinite(around).all(axis=1)
-        noise = around[known].min(axis=0) if known.any() else around[0]
+        noise, share = _quiet_time(near)
         tile_s = TILE_FRAMES * tile.frames.hop_s
         here = min(k, REACH_TILES)
-        parts.append(_tile_levels(tile, noise, _ambient(near, here, noise, tile_s)))
+        ambient = _ambient(near, here, share / noise, tile_s)
+        parts.append(_tile_levels(tile, noise, share, ambient))
     if not parts:
         empty = pattern.take("frame", slice(0))
         n_bands = empty.density.shape[1]
         unknown = np.full(n_bands, np.nan)
-        return _tile_levels(empty, unknown, np.zeros((n_bands, 2)))
+        return _tile_levels(empty, unknown, unknown, np.zeros((n_bands, 2)))
     return Levels.join(parts)
 
 
+def _quiet_time(near: list[_TileSound]) -> tuple[FloatArray, FloatArray]:
+    """Return the quiet density of each sub-band and its share, both shape (band,).
+
+    The shares are those of the cells that fill them, less what the recorder's own noise
+    is of the quiet density: what passes adds to the rest alone. The recorder's noise is
+    white, so it is at most that of the quietest sub-band, and far below the loudest.
+    Both are nan where no tile has sound.
+    """
+    known = [one for one in near if np.isfinite(one.density).all()] or near[:1]
+    noise = np.min([one.density for one in known], axis=0)
+    loudest = noise.max()
+    own = 1.0 / (1.0 / noise.min() + 1.0 / (OWN_SHARE * loudest))
+    heard = np.maximum(1.0 - np.maximum(own, LEAST_SHARE * loudest) / noise, 0.0)
+    share = np.mean([one.n_filled for one in known], axis=0) * heard
+    return noise, np.asarray(share / share.sum())
+
+
 def _ambient(
-    near: list[_TileSound], here: int, noise: FloatArray, tile_s: float
+    near: list[_TileSound], here: int, weight: FloatArray, tile_s: float
 ) -> FloatArray:
     """Return the intensity to take off a tile, shape (band, 2); zero if not known.
 
     Nothing is taken off a quiet tile: its bearing is that of what is heard then. It is
-    one of those near, and lasts some seconds; the noise is that of the quiet time,
-    shape (band,).
+    one of those near, and lasts some seconds; weights are the shares of the sub-bands
+    over their quiet density, shape (band,).
     """
     if not np.isfinite(near[0].intensity).all():  # no directions
-        return np.zeros((noise.size, 2))
+        return np.zeros((weight.size, 2))
     with np.errstate(divide="ignore", invalid="ignore"):
-        level = np.array([(one.density / noise).mean() for one in near])
+        level = np.array([(one.density * weight).sum() for one in near])
     lowest = np.nanmin(level) if np.isfinite(level).any() else np.nan
     is_quiet = level <= QUIET_SPREAD * lowest
     sides = is_quiet[:here], is_quiet[here + 1 :]
     if is_quiet[here] or min(map(np.count_nonzero, sides)) * tile_s < QUIET_S:
-        return np.zeros((noise.size, 2))
+        return np.zeros((weight.size, 2))
     intensity = np.array([one.intensity for one in near])
     before = intensity[:here][sides[0]].mean(axis=0)
     after = intensity[here + 1 :][sides[1]].mean(axis=0)
     mean = 0.5 * (before + after)
     apart, whole = (
-        float(np.hypot(*(each / noise[:, None]).sum(axis=0)))
+        float(np.hypot(*(each * weight[:, None]).sum(axis=0)))
         for each in (before - after, mean)
     )
-    return mean if apart < SAME_AMBIENT * whole else np.zeros((noise.size, 2))
+    return mean if apart < SAME_AMBIENT * whole else np.zeros((weight.size, 2))
 
 
-def _tile_levels(tile: _Bands, noise: FloatArray, ambient: FloatArray) -> Levels:
+def _tile_levels(
+    tile: _Bands, noise: FloatArray, share: FloatArray, ambient: FloatArray
+) -> Levels:
     width_hz = tile.high_hz - tile.low_hz + tile.frames.bin_hz
-    share = width_hz / width_hz.sum()
     ratio = tile.density / noise
     mean = (share * ratio).sum(axis=1)
-    variance = (share**2 * ratio**2 / tile.n_cells).sum(axis=1)
-    bearing_deg, bearing_std_deg = _bearing(tile, noise, share, ambient)
+    variance = (share**2 * ratio**2 / tile.n_filled).sum(axis=1)
+    bearing_deg, bearing_std_deg = _bearing(tile, share / noise, ambient)
     silent = (tile.frames.valid_fraction < 0.5) | ~(mean > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         level_db = 10 * np.log10((width_hz * tile.density).sum(axis=1))
@@ -443,16 +481,15 @@ def _tile_levels(tile: _Bands, noise: FloatArray, ambient: FloatArray) -> Levels
 
 
 def _bearing(
-    tile: _Bands, noise: FloatArray, share: FloatArray, ambient: FloatArray
+    tile: _Bands, weight: FloatArray, ambient: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Bearing of what the intensity has above the ambient's; transverse deviation."""
-    weight = (share / noise)[:, None]
-    east, north = ((tile.intensity - ambient) * weight).sum(axis=1).T
+    east, north = ((tile.intensity - ambient) * weight[:, None]).sum(axis=1).T
     bearing = np.arctan2(east, north)
     cos, sin = np.cos(bearing)[:, None], np.sin(bearing)[:, None]
     east2, north2, product = np.moveaxis(tile.square, 2, 0)
     scatter = cos**2 * east2 + sin**2 * north2 - 2 * cos * sin * product
-    variance = (weight[:, 0] ** 2 * np.maximum(scatter, 0.0) / tile.n_cells).sum(axis=1)
+    variance = (weight**2 * np.maximum(scatter, 0.0) / tile.n_cells).sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         std = np.sqrt(variance) / np.hypot(east, north)
     return compass_deg(east, north), np.degrees(np.minimum(std, 1.8))

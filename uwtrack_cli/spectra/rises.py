@@ -26,7 +26,7 @@ calls climb as well as they fall.
 bounded by one stretch.
 
 **References.** Rohling (1983), IEEE Trans. Aerosp. Electron. Syst. 19, 608, eq. 33, for
-the factor. `calibration/rises.py` draws what the constants were set from.
+the factor. `studies/constants/rises.py` draws what the constants were set from.
 """
 
 from collections.abc import Iterator
@@ -97,7 +97,7 @@ MOVED_WIDTHS = 3.0
 
 LEAST_FALL, LEAST_CLIMB = 1.4, 1.2
 """Sums of squares, over those of lines that keep their frequency, from which lines fall
-or climb: see calibration/rises.py."""
+or climb: see studies/constants/rises.py."""
 
 LOWEST_MEDIAN = 2.0
 """Usual spreads, at most, by which the median rise of a stretch lies below zero: leaving
@@ -331,7 +331,8 @@ def _hits(held: _Cells) -> _Hits:
         for scale in (np.float32(1.0), np.maximum(gain, np.float32(1e-37))):
             own = ratio * scale
             usual = np.partition(own, place, axis=0)[place]
-            np.maximum(least, LOUD_FACTOR * usual / scale, out=least)
+            with np.errstate(over="ignore"):  # frames without sound have no lines
+                np.maximum(least, LOUD_FACTOR * usual / scale, out=least)
         row, cell = np.nonzero(ratio > least)
         over = ratio[row, cell] / least[row, cell]
         frequency = held.lowest + held.edges[k] + cell

@@ -31,13 +31,17 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE, MICROPASCAL, Spectrogram
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
-from uwtrack_cli.estimation.decimation import Decimator
+from uwtrack_cli.estimation.decimation import (
+    PASS_SHARE,
+    decimated_blocks,
+    usual_decimation,
+)
 from uwtrack_cli.estimation.noise_floor import TILE_FRAMES
 from uwtrack_cli.spectra.dipoles import directional_channels, true_components
 from uwtrack_cli.spectra.frame_transform import FrameTransform, lost_samples
 
-READ_SAMPLES = 1 << 18
-"""Samples per channel read at once."""
+BLOCK_SAMPLES = 1 << 18
+"""Samples, after decimation, that a block of whole tiles spans at most, if it can."""
 
 LIVE_BLOCK_S = 4.0
 """Longest block of live sound, unless a tile of the noise floor is longer, s: what is
@@ -47,11 +51,22 @@ told of it is late by as much."""
 def resolve_spectrogram(
     recording: Recording, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the window as it follows from a recording and all options."""
-    if options["largest_share"] is None:
+    """Return window and decimation as they follow from a recording and all options."""
+    found = resolve_decimation(recording, options)
+    if options["largest_share"] is not None:
+        longest_s = options["largest_share"] * recording.duration_s
+        found["window_s"] = min(options["window_s"], longest_s)
+    return found
+
+
+def resolve_decimation(
+    recording: Recording, options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the decimation that a band allows, where it is left open."""
+    if options["decimation"] is not None:
         return {}
-    longest_s = options["largest_share"] * recording.duration_s
-    return {"window_s": min(options["window_s"], longest_s)}
+    highest_hz = None if options["band_hz"] is None else options["band_hz"][1]
+    return {"decimation": usual_decimation(recording.sample_rate_hz, highest_hz)}
 
 
 @resolved_by(resolve_spectrogram)
@@ -66,7 +81,7 @@ def compute_spectrogram(
         tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
     ]
     | None = None,
-    decimation: Annotated[int, AtLeast(1), AtMost(256)] = 1,
+    decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
     largest_share: Annotated[float, AtLeast(1e-3), AtMost(1)] | None = None,
 ) -> Iterator[Spectrogram]:
     """Turn a recording into blocks of spectrogram, reading it once.
@@ -85,7 +100,8 @@ def compute_spectrogram(
     band_hz
         Lowest and highest frequency kept, Hz; everything unless given.
     decimation
-        Reduce the sample rate by this factor first, for fast recorders.
+        Reduce the sample rate by this factor first, as far as the band allows and to
+        10 kHz or more unless given; 1 leaves it. What is left ends at 0.4 of the new rate.
     largest_share
         Greatest share of the recording that a window may take; it is shortened to
         that. None for the window as it is.
@@ -107,10 +123,13 @@ def compute_spectrogram(
     ``P = 2 |X|^2 / (f_s sum w^2)`` except at zero and the Nyquist frequency, where the
     factor 2 is absent (Welch 1967): the density that scipy.signal.welch returns.
     """
-    given = {"window_s": window_s, "largest_share": largest_share}
-    window_s = {**given, **resolve_spectrogram(recording, given)}["window_s"]
+    given = {
+        "window_s": window_s, "largest_share": largest_share,
+        "band_hz": band_hz, "decimation": decimation,
+    }  # fmt: skip
+    used = {**given, **resolve_spectrogram(recording, given)}
     layout = plan_frames(
-        recording, window_s, overlap, zero_padding, band_hz, decimation
+        recording, used["window_s"], overlap, zero_padding, band_hz, used["decimation"]
     )
     if recording.sensor.element_along_m is not None:
         msg = (
@@ -131,7 +150,7 @@ def plan_frames(
 ) -> FrameTransform:
     """Return how a recording is cut into frames, after checking that it can be.
 
-    Options as those of `compute_spectrogram`.
+    Options as those of `compute_spectrogram`, the decimation resolved.
 
     Raises
     ------
@@ -161,6 +180,8 @@ def plan_frames(
     hop = max(1, round(window * (1.0 - overlap)))
     fft_length = window * zero_padding
     frequency_hz = np.fft.rfftfreq(fft_length, 1.0 / rate_hz)
+    if decimation > 1:  # above it, sound has folded
+        frequency_hz = frequency_hz[frequency_hz <= 0.5 * PASS_SHARE * rate_hz]
     return FrameTransform(
         rate_hz, decimation, window, hop, fft_length, _kept(frequency_hz, band_hz)
     )
@@ -203,18 +224,23 @@ def frame_blocks(
         index of the first frame, and the number of frames.
     """
     assert recording.reader is not None  # noqa: S101 - checked in plan_frames
-    decimator = Decimator(layout.decimation)
     scale_to_upa = np.float32(recording.sensor.full_scale_upa or 1.0)
-    pending = np.zeros((0, recording.n_channels), np.float32)
+    parts = [np.zeros((0, recording.n_channels), np.float32)]
+    wanted = layout.window + (block_frames - 1) * layout.hop
     next_frame = 0
-    for samples in recording.reader(recording.block_samples(READ_SAMPLES)):
-        thinned = decimator.feed(samples * scale_to_upa)
-        pending = np.concatenate([pending, thinned])
-        while pending.shape[0] >= layout.window + (block_frames - 1) * layout.hop:
+    for samples in decimated_blocks(
+        recording.reader, layout.decimation, recording.block_samples
+    ):
+        parts.append(samples * scale_to_upa)
+        if sum(map(len, parts)) < wanted:
+            continue
+        pending = np.concatenate(parts)
+        while pending.shape[0] >= wanted:
             yield pending, next_frame, block_frames
             next_frame += block_frames
             pending = pending[block_frames * layout.hop :]
-    pending = np.concatenate([pending, decimator.finish(recording.n_channels)])
+        parts = [pending.copy()]  # of what was yielded, nothing is held
+    pending = np.concatenate(parts)
     rest = 1 + (pending.shape[0] - layout.window) // layout.hop
     if rest > 0:
         yield pending, next_frame, rest
@@ -222,7 +248,7 @@ def frame_blocks(
 
 def _block_frames(layout: FrameTransform) -> int:
     """Frames in a block: whole tiles of the noise floor."""
-    tiles = READ_SAMPLES // (layout.hop * TILE_FRAMES)
+    tiles = BLOCK_SAMPLES // (layout.hop * TILE_FRAMES)
     return min(max(1, tiles), 16) * TILE_FRAMES
 
 

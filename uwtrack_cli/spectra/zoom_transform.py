@@ -1,31 +1,22 @@
 """The surroundings of one line, with finer cells than a spectrogram has.
 
-**Method.** The sound is turned down by a frequency and decimated by moving sums (three
-in a row: a cascaded integrator-comb filter), first all lines together, then each by
-itself: a few operations for a sample, where the low pass of `decimation`, flatter than a
-picture needs, takes dozens. Of what is left, Hann-windowed frames are transformed. Sound is read in blocks,
-so memory does not grow with the sample rate.
-
-**References.** Hogenauer (1981), IEEE Trans. Acoust. Speech Signal Process. 29, 155.
+**Method.** The sound is turned down by a frequency and slowed down to the width of the band
+that is kept (`estimation/narrow_bands`). Of what is left, Hann-windowed frames are
+transformed.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.estimation.decimation import decimated_stretch, usual_decimation
+from uwtrack_cli.estimation.narrow_bands import NarrowBand, narrow_bands
 
-STAGES = 3
-"""Moving sums in a row: sound that folds into the band is 70 dB down or more."""
-
-GUARD = 10.0
-"""Rate after decimation, in half widths of the band that is kept."""
-
-BLOCK_SAMPLES = 1 << 21
-"""Samples that are read at once."""
+WIDER = 1.25
+"""Width that is cut out, in widths of the band that is kept."""
 
 OVERSAMPLED = 4
 """Cells of the transform for one of the frame."""
@@ -71,55 +62,23 @@ def zoom(
     DataError
         The sound is not at hand.
     """
-    rate = recording.sample_rate_hz
-    highest = max((w.frequency_hz + w.half_hz for w in windows), default=rate)
-    shared = max(1, int(rate / (GUARD * highest)))
-    start_s = max(0.0, span_s[0])
-    sound, first_s = _decimated_sound(recording, start_s, span_s[1], shared)
-    return [_zoomed(sound, first_s, rate / shared, window) for window in windows]
+    if not windows:
+        return []
+    centre_hz = np.array([window.frequency_hz for window in windows])
+    half_hz = WIDER * np.array([window.half_hz for window in windows])
+    factor = usual_decimation(
+        recording.sample_rate_hz, float((centre_hz + half_hz).max()), least_rate_hz=0.0
+    )
+    sound, rate_hz, start_s = decimated_stretch(recording, *span_s, factor)
+    bands = narrow_bands(sound, rate_hz, centre_hz, half_hz)
+    return [
+        _zoomed(band, start_s, window)
+        for band, window in zip(bands, windows, strict=True)
+    ]
 
 
-def _decimated_sound(
-    recording: Recording, start_s: float, stop_s: float, factor: int
-) -> tuple[FloatArray, float]:
-    """Read the sound at a lower rate; also the time of its first sample."""
-    rate = recording.sample_rate_hz
-    reach = (STAGES - 1) * factor if factor > 1 else 0
-    step = BLOCK_SAMPLES // factor * factor
-    first = round(start_s * rate)
-    last = min(round(stop_s * rate), recording.n_samples)
-    parts = []
-    for begin in range(first, last, step):
-        end = min(begin + step + reach, last)
-        block = recording.stretch(begin / rate, end / rate)[:, 0]
-        parts.append(decimate(np.nan_to_num(block), factor))
-    delay = STAGES * (factor - 1) / 2 / rate
-    return np.concatenate(parts or [np.zeros(0)]), first / rate + delay
-
-
-def decimate(sound: NDArray[np.number], factor: int) -> NDArray[np.number]:
-    """Return every so many-th value of three moving means in a row, shape (n,)."""
-    if factor == 1:
-        return sound
-    kernel = np.ones(1)
-    for _ in range(STAGES):
-        kernel = np.convolve(kernel, np.full(factor, 1.0 / factor))
-    taps = np.zeros(STAGES * factor)
-    taps[: kernel.size] = kernel
-    rows = sound[: sound.size // factor * factor].reshape(-1, factor)
-    count = max(0, rows.shape[0] - STAGES + 1)
-    kept = np.zeros(count, np.result_type(sound.dtype, np.float32))
-    for number, part in enumerate(taps.reshape(STAGES, factor)):
-        kept += rows[number : number + count] @ part.astype(rows.real.dtype)
-    return kept
-
-
-def _zoomed(sound: FloatArray, first_s: float, rate_hz: float, window: Window) -> Zoom:
-    time = np.arange(sound.size) / rate_hz
-    turned = sound * np.exp(-2j * np.pi * window.frequency_hz * time)
-    factor = max(1, int(rate_hz / (GUARD * window.half_hz)))
-    narrow = decimate(turned, factor)
-    rate = rate_hz / factor
+def _zoomed(band: NarrowBand, first_s: float, window: Window) -> Zoom:
+    narrow, rate = band.sound, band.rate_hz
     length = max(8, round(window.frame_s * rate))
     transform = OVERSAMPLED * length
     offset = np.fft.fftshift(np.fft.fftfreq(transform, 1 / rate))
@@ -134,6 +93,5 @@ def _zoomed(sound: FloatArray, first_s: float, rate_hz: float, window: Window) -
     power = np.abs(np.fft.fftshift(spectra, axes=1)[:, inside]) ** 2
     floor = np.median(power[power > 0]) if power.any() else 1.0
     level: FloatArray = 10 * np.log10(np.maximum(power, 1e-12 * floor) / floor)
-    delay = STAGES * (factor - 1) / 2 / rate_hz
     middle = (np.arange(level.shape[0]) * hop + (length - 1) / 2 - length // 2) / rate
-    return Zoom(first_s + delay + middle, offset[inside], level)
+    return Zoom(first_s + middle, offset[inside], level)

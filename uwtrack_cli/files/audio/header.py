@@ -3,7 +3,8 @@
 **Method.** The chunks of WAV, RF64, W64 and AIFF are walked with the standard
 layouts, down to the one that holds the samples: its promised length is compared
 with the bytes that follow, because audio libraries shorten a truncated file without
-a word. A FLAC file has no such length; its last sample is asked for instead.
+a word. A FLAC file has no such length; its last sample is asked for instead. An RF64
+header without a length, as it is streamed, leaves it to the file.
 
 **References.** Microsoft Multimedia Programming Interface 1.0 (RIFF WAVE);
 EBU Tech 3306 (RF64); Sony Sound Forge 64 (W64); Apple AIFF-C draft 8/26/91.
@@ -35,6 +36,10 @@ class SampleBytes:
     """Bytes of samples that the header names."""
     present: int
     """Bytes of samples that there are."""
+    is_open: bool = False
+    """Whether the header leaves the length to the file, as what is streamed: RF64."""
+    length_at: int = 0
+    """Where the length stands that is not stated, bytes from the begin of the file."""
 
     @property
     def is_unstated(self) -> bool:
@@ -58,7 +63,7 @@ def sample_bytes_of(file: BinaryIO) -> SampleBytes | None:
     size = os.fstat(file.fileno()).st_size
     magic = _exact(file, 0, 16)
     if magic[:4] in {b"RIFF", b"RF64", b"BW64", b"RIFX"}:
-        found = _riff_data(file, magic[:4])
+        found: tuple[int, ...] | None = _riff_data(file, magic[:4])
     elif magic == W64_RIFF:
         found = _w64_data(file)
     elif magic[:4] == b"FORM":
@@ -67,24 +72,31 @@ def sample_bytes_of(file: BinaryIO) -> SampleBytes | None:
         return None
     if found is None:
         return None
-    start, promised = found
-    return SampleBytes(start, promised, max(0, min(promised or size, size - start)))
+    start, promised, *is_open = found
+    present = max(0, min(promised or size, size - start))
+    if is_open:
+        return SampleBytes(start, promised, present, True, is_open[0])
+    return SampleBytes(start, promised, present, length_at=start - 4)
 
 
-def _riff_data(file: BinaryIO, magic: bytes) -> tuple[int, int] | None:
+def _riff_data(file: BinaryIO, magic: bytes) -> tuple[int, ...] | None:
+    """Return begin and bytes of the samples, and where an open length stands."""
     order = ">" if magic == b"RIFX" else "<"
-    large = 0
+    large = large_at = 0
     position = 12
     for _ in range(MAX_CHUNKS):
         name, size = _chunk(file, position, order + "4sI")
         if name == b"":
             return None
         if name == b"ds64":
-            large = struct.unpack("<Q", _exact(file, position + 16, 8))[0]
+            large_at = position + 16
+            large = struct.unpack("<Q", _exact(file, large_at, 8))[0]
         if name == b"data":
             promised = large if size == 0xFFFFFFFF and large else size
             if promised == 0 and _is_chunk(file, position + 8, order + "4sI"):
                 return None  # no sound, but other chunks
+            if size == UNKNOWN_SIZE and large_at and not large:
+                return position + 8, 0, large_at
             return None if promised == UNKNOWN_SIZE else (position + 8, promised)
         position += 8 + size + size % 2
     return None

@@ -11,14 +11,21 @@ the meantime, so nothing is put in its place.
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from itertools import chain
+from typing import Protocol, runtime_checkable
 from warnings import warn
 
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray
-from uwtrack_cli.data.recording import Samples
+from uwtrack_cli.data.recording import LiveSource, Samples
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.byte_stream import ByteStream
+from uwtrack_cli.files.audio.dropouts import (
+    Dropouts,
+    stretch_without_dropouts,
+    without_dropouts,
+)
 from uwtrack_cli.files.audio.reader import Tally
 from uwtrack_cli.files.audio.stream_header import StreamHeader
 
@@ -67,6 +74,14 @@ class Disturbance:
     """Whether it has ended."""
 
 
+@runtime_checkable
+class DisturbedSource(LiveSource, Protocol):
+    """A reader of live sound that notes what disturbs it."""
+
+    def take_disturbances(self) -> list[Disturbance]:
+        """Return what was noted since this was last asked."""
+
+
 @dataclass
 class LiveReader:
     """Read the samples of a stream, once: `reader(block_samples)`.
@@ -101,11 +116,13 @@ class LiveReader:
 
     def __post_init__(self) -> None:
         """Begin to look for what disturbs the sound."""
-        self._missing = _Run(DisturbanceKind.LOST, "the samples are no number", 0.0)
-        self._unchanged = _Run(
+        self._missing = DisturbanceRun(
+            DisturbanceKind.LOST, "the samples are no number", 0.0
+        )
+        self._unchanged = DisturbanceRun(
             DisturbanceKind.UNCHANGED, "the sound does not change", UNCHANGED_S
         )
-        self._taken = 0
+        self._taken = self._n_read = 0
         self._is_cut = False
         self._start = self.stream.n_bytes + self.first * self.header.frame_bytes
 
@@ -115,14 +132,14 @@ class LiveReader:
         return self.stream.digest
 
     def __call__(self, block_samples: int) -> Iterator[Samples]:
-        """Yield blocks of so many samples, the last one shorter.
+        """Yield blocks of at most so many samples.
 
         ``block_samples``: samples per channel of a block, 1 or more.
 
         Yields
         ------
         array, shape (sample, channel)
-            Float32 in full-scale units, nan where there is no number.
+            Float32 in full-scale units, nan where there is no number or sound is lost.
 
         Raises
         ------
@@ -142,6 +159,18 @@ class LiveReader:
         DataError
             They are no longer kept, or have not come yet.
         """
+        rate_hz = self.header.sample_rate_hz
+        span = first_sample, first_sample + n_samples
+        for begin in sorted({0, first_sample}):  # what is beside it may have gone
+            try:
+                return stretch_without_dropouts(
+                    self._again, span, (begin, max(self.n_samples, span[1])), rate_hz
+                )
+            except DataError as error:
+                failure = error
+        raise failure
+
+    def _again(self, first_sample: int, n_samples: int) -> Samples:
         frame = self.header.frame_bytes
         content = None
         if 0 <= first_sample <= first_sample + n_samples <= self.n_samples:
@@ -157,18 +186,27 @@ class LiveReader:
         return block[:, list(self.columns)]
 
     def _blocks(self, block_samples: int) -> Iterator[Samples]:
-        tally = Tally(len(self.columns))
+        tally, dropouts = (
+            Tally(len(self.columns)),
+            Dropouts(self.header.sample_rate_hz),
+        )
         self._pass_over()
+        raw = self._read_blocks(block_samples, tally)
+        for block in without_dropouts(raw, dropouts, block_samples):
+            self.n_samples += block.shape[0]
+            yield block
+        self._finish(tally, dropouts)
+
+    def _read_blocks(self, block_samples: int, tally: Tally) -> Iterator[Samples]:
         while True:
             block = self._take(block_samples)
             if block.shape[0]:
                 tally.add(block)
                 self._note(block)
-                self.n_samples += block.shape[0]
+                self._n_read += block.shape[0]
                 yield block
             if block.shape[0] < block_samples:
                 break
-        self._finish(tally)
 
     def end(self) -> None:
         """End the sound here, as if the stream had ended."""
@@ -190,7 +228,7 @@ class LiveReader:
 
     def _take(self, count: int) -> Samples:
         if self.last is not None:
-            count = min(count, self.last - self.first - self.n_samples)
+            count = min(count, self.last - self.first - self._n_read)
         block = self._frames(count)
         return block[:, list(self.columns)]
 
@@ -226,7 +264,7 @@ class LiveReader:
         same = (block == block[0]).all(axis=0) | np.isnan(block).all(axis=0)
         is_same = np.full(block.shape[0], bool(same.all()) and not is_lost.any())
         for run, flags in ((self._missing, is_lost), (self._unchanged, is_same)):
-            self.disturbances += run.add(self.n_samples, flags, rate_hz)
+            self.disturbances += run.add(self._n_read, flags, rate_hz)
         for stall_s in self._emptied(self.stream.stalls_s):
             self._note_moment(
                 DisturbanceKind.STALL, f"no sound came for {stall_s:.1f} s"
@@ -243,15 +281,17 @@ class LiveReader:
         return found
 
     def _note_moment(self, kind: DisturbanceKind, reason: str) -> None:
-        self.disturbances.append(Disturbance(kind, reason, self.n_samples, 0, True))
+        self.disturbances.append(Disturbance(kind, reason, self._n_read, 0, True))
 
-    def _finish(self, tally: Tally) -> None:
+    def _finish(self, tally: Tally, dropouts: Dropouts) -> None:
         for run in (self._missing, self._unchanged):
             self.disturbances += run.finish(self.header.sample_rate_hz)
         promised = self.header.n_bytes
         if promised is not None and self.last is None and not self._is_cut:
             self._compare(promised)
-        for msg in tally.problems(self.stream.name, self.columns):
+        name = self.stream.name
+        said = tally.problems(name, self.columns), dropouts.problems(name)
+        for msg in chain(*said):
             warn(msg, UwtrackWarning, stacklevel=2)
 
     def _compare(self, promised: int) -> None:
@@ -293,7 +333,7 @@ def _is_text(content: bytes) -> bool:
     return True
 
 
-class _Run:
+class DisturbanceRun:
     """Samples in a row of which something is true."""
 
     def __init__(self, kind: DisturbanceKind, reason: str, least_s: float) -> None:

@@ -116,7 +116,7 @@ def open_live_recording(
         header = replace(header, n_bytes=None)
     shown = Path("standard-input") if path == STANDARD_INPUT else path
     sensor, columns = select_channels(shown, header.n_channels, sensor, channel)
-    first, last = _span(header.sample_rate_hz, start_s, stop_s)
+    first, last = live_span(header.sample_rate_hz, start_s, stop_s)
     if start_utc_ns == NOW:
         start_utc_ns = time.time_ns()
     if start_utc_ns is not None:
@@ -154,9 +154,16 @@ def _stated_end(file: BinaryIO) -> int | None:
     return counted.start + counted.promised
 
 
-def _span(
+def live_span(
     rate_hz: float, start_s: float | None, stop_s: float | None
 ) -> tuple[int, int | None]:
+    """Return the first sample of a span, and the one after its last if it is given.
+
+    Raises
+    ------
+    OptionError
+        The span is none.
+    """
     first = round((start_s or 0.0) * rate_hz)
     last = None if stop_s is None else round(stop_s * rate_hz)
     if first < 0 or (last is not None and last <= first):

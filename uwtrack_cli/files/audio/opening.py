@@ -2,7 +2,8 @@
 
 **Method.** A recorder that loses its power leaves a WAV file whose header says that
 no sound follows, since the length is written last. Such a header is read as if it
-named all that follows it; the file itself is not touched.
+named all that follows it, and that of a streamed FLAC or RF64 file as if it named all
+that is there; the file itself is not touched.
 """
 
 import contextlib
@@ -11,15 +12,18 @@ import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import soundfile
 
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.audio.flac_length import LENGTH_AT, flac_head, flac_samples
 from uwtrack_cli.files.audio.header import sample_bytes
 from uwtrack_cli.files.checks import check_readable
 from uwtrack_cli.files.input_ledger import as_input
+from uwtrack_cli.files.text_escaping import shell_word
 
 DECODE_SAMPLES = 512
 MOST_BYTES = 0xFFFFFFF0
@@ -54,12 +58,35 @@ def open_sound(path: Path) -> Iterator[soundfile.SoundFile]:
         The file is no sound.
     """
     with contextlib.ExitStack() as stack:
-        counted, completed = sample_bytes(path), None
-        if counted is not None and counted.is_unstated:
-            completed = _Completed(path, counted.start, counted.present)
-            stack.enter_context(completed)
+        length, completed = _missing_length(path), None
+        if length is not None:
+            completed = stack.enter_context(_Completed(path, *length))
         file = soundfile.SoundFile(completed or _system_name(as_input(path)))
         yield stack.enter_context(file)
+
+
+def _missing_length(path: Path) -> tuple[int, bytes] | None:
+    """Return where the header of a file lacks its length, and the bytes of it."""
+    counted = sample_bytes(path)
+    if counted is not None and counted.is_unstated:
+        at = counted.length_at
+        if counted.is_open:
+            return at, struct.pack("<Q", counted.present)
+        with as_input(path).open("rb") as file:
+            order = ">" if file.read(4) == b"RIFX" else "<"
+        return at, struct.pack(order + "I", min(counted.present, MOST_BYTES))
+    facts = as_input(path).stat()
+    return _missing_flac_length(path, facts.st_size, facts.st_mtime_ns)
+
+
+@lru_cache(maxsize=16)
+def _missing_flac_length(path: Path, *_stamp: int) -> tuple[int, bytes] | None:
+    """Return the same of a FLAC file as it is now."""
+    with as_input(path).open("rb") as file:
+        head = flac_head(file)
+        if head is None or head.n_samples:
+            return None
+        return LENGTH_AT, head.with_length(flac_samples(file, head))
 
 
 def _system_name(path: Path) -> bytes | str:
@@ -109,7 +136,7 @@ def why_no_recording(path: Path, error: Exception) -> str:
     if is_hdf5:
         return (
             f"{path} is a product (HDF5), no recording that can be read; "
-            f"uwtrack info {path} tells what it holds."
+            f"uwtrack info {shell_word(path)} tells what it holds."
         )
     told = str(getattr(error, "error_string", error)).rstrip(".")
     return (
@@ -119,16 +146,11 @@ def why_no_recording(path: Path, error: Exception) -> str:
 
 
 class _Completed(io.FileIO):
-    """A WAV file that is read as if its header named the length of its sound."""
+    """A file that is read as if its header named the length of its sound."""
 
-    def __init__(self, path: Path, start: int, n_bytes: int) -> None:
+    def __init__(self, path: Path, at: int, length: bytes) -> None:
         super().__init__(path)
-        self._at = start - 4
-        is_big_endian = self.read(4) == b"RIFX"
-        self._length = struct.pack(
-            ">I" if is_big_endian else "<I", min(n_bytes, MOST_BYTES)
-        )
-        self.seek(0)
+        self._at, self._length = at, length
 
     def readinto(self, buffer: Any) -> int:
         """Read bytes, those of the length from memory."""

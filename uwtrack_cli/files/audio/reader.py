@@ -1,6 +1,6 @@
 """Samples of a recording, block by block, with an eye on what may be wrong.
 
-**Method.** Blocks are exactly as long as asked for, except the last. While they
+**Method.** Blocks are at most as long as asked for. While they
 pass, samples at full scale, samples that are no number and channels without any
 sound are counted; what was found is said once, when the recording ends. Runs of one
 value in all channels are passed on as nan (`dropouts`).
@@ -16,7 +16,11 @@ import soundfile
 
 from uwtrack_cli.data.recording import Samples
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
-from uwtrack_cli.files.audio.dropouts import Dropouts
+from uwtrack_cli.files.audio.dropouts import (
+    Dropouts,
+    stretch_without_dropouts,
+    without_dropouts,
+)
 from uwtrack_cli.files.audio.opening import open_sound
 
 FULL_SCALE = 1.0 - 2.0**-15
@@ -88,9 +92,17 @@ class AudioReader:
         """
         try:
             with open_sound(self.path) as file:
-                file.seek(self.first + first_sample)
-                sound = self._read(file, self.first + first_sample, n_samples)
-                return Dropouts(file.samplerate).blank(sound)
+
+                def read(first: int, count: int) -> Samples:
+                    file.seek(first)
+                    return self._read(file, first, count)
+
+                first = self.first + first_sample
+                span, bounds = (
+                    (first, first + n_samples),
+                    (self.first, max(self.last, first + n_samples)),
+                )
+                return stretch_without_dropouts(read, span, bounds, file.samplerate)
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
             msg = f"{self.path} cannot be read again: {error}."
             raise DataError(msg) from error
@@ -101,11 +113,11 @@ class AudioReader:
             with open_sound(self.path) as file:
                 dropouts = Dropouts(file.samplerate)
                 file.seek(self.first)
-                for start in range(self.first, self.last, block_samples):
-                    count = min(block_samples, self.last - start)
-                    block = self._read(file, start, count)
-                    tally.add(block)
-                    yield dropouts.blank(block)
+                yield from without_dropouts(
+                    self._read_blocks(file, block_samples, tally),
+                    dropouts,
+                    block_samples,
+                )
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
             msg = f"{self.path} cannot be read further: {error}."
             raise DataError(msg) from error
@@ -117,6 +129,14 @@ class AudioReader:
             said = tally.problems(self.path.name, self.columns)
             for msg in (*said, *dropouts.problems(self.path.name)):
                 warn(msg, UwtrackWarning, stacklevel=2)
+
+    def _read_blocks(
+        self, file: soundfile.SoundFile, block_samples: int, tally: "Tally"
+    ) -> Iterator[Samples]:
+        for start in range(self.first, self.last, block_samples):
+            block = self._read(file, start, min(block_samples, self.last - start))
+            tally.add(block)
+            yield block
 
     def _read(self, file: soundfile.SoundFile, start: int, count: int) -> Samples:
         block = np.empty((count, len(self.columns)), np.float32)

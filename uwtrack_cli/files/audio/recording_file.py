@@ -34,7 +34,7 @@ from uwtrack_cli.files.text_escaping import file_name
 __all__ = ["open_recording", "write_wav"]
 
 FORMATS = ("WAV", "WAVEX", "RF64", "W64", "FLAC", "AIFF")
-ORDER = ("omni", "east", "x", "north", "y")
+ORDER = ("omni", "east", "x", "north", "y", "multiplex")
 UNNAMED = "unnamed"
 """Identifier of the sensor of a recording that comes without a sensor file."""
 
@@ -88,7 +88,7 @@ def open_recording(
     info = _sound_info(path)
     n_samples = _usable_samples(path, info, allow_truncated=allow_truncated)
     sensor, columns = select_channels(path, info.channels, sensor, channel)
-    first, last = _span(path, n_samples, info.samplerate, start_s, stop_s)
+    first, last = span_in(path, n_samples, info.samplerate, start_s, stop_s)
     if start_utc_ns is not None:
         start_utc_ns += (first * NANOSECONDS + info.samplerate // 2) // info.samplerate
     return Recording(
@@ -125,9 +125,6 @@ def _sound_info(path: Path) -> Any:
 
 def _usable_samples(path: Path, info: Any, *, allow_truncated: bool) -> int:
     """Return how many samples may be read, after comparing header and bytes."""
-    if info.frames >= 1 << 60:
-        msg = f"{path} does not say how long it is; encode it again."
-        raise DataError(msg)
     counted = sample_bytes(path)
     present = promised = info.frames
     if counted is not None and counted.is_truncated:
@@ -151,7 +148,7 @@ def _shortage(
 ) -> str:
     """Say how header and bytes disagree; nothing if they do not."""
     there = f"{present / rate:.3f} s"
-    if counted is not None and counted.is_unstated:
+    if counted is not None and counted.is_unstated and not counted.is_open:
         return (
             f"{path} does not say how much sound it holds, as when a recorder lost its "
             f"power; {there} follow its header"
@@ -206,6 +203,8 @@ def _one_channel(
         raise OptionError(msg)
     if sensor is None:
         return _unnamed(path), (channel - 1,)
+    if sensor.is_multiplexed:
+        return replace(sensor, channels="multiplex"), (channel - 1,)
     if sensor.has_direction:
         msg = (
             f"sensor {sensor.id!r} is a vector sensor ({sensor.channels}) and needs "
@@ -234,9 +233,18 @@ def _unnamed(path: Path, n_channels: int = 1) -> Sensor:
     return Sensor(id=UNNAMED)
 
 
-def _span(
+def span_in(
     path: Path, n_samples: int, rate: int, start_s: float | None, stop_s: float | None
 ) -> tuple[int, int]:
+    """Return the first sample of a span of a recording, and the one after its last.
+
+    ``start_s``, ``stop_s``: the span, s; None for the begin and the end of all.
+
+    Raises
+    ------
+    OptionError
+        The span is not in the recording.
+    """
     duration_s = n_samples / rate
     start = 0.0 if start_s is None else start_s
     stop = duration_s if stop_s is None else stop_s
@@ -339,7 +347,18 @@ def _write_blocks(
     except soundfile.SoundFileError as error:
         msg = f"cannot write {path}: {error}."
         raise OutputError(msg) from error
+    if kind == "WAV":
+        _forget_time(temporary)
     return total
+
+
+def _forget_time(path: Path) -> None:
+    """Take the time of writing out of a header: equal sound makes equal files."""
+    with path.open("r+b") as file:
+        at = file.read(128).find(b"PEAK")  # libsndfile's, in files of floats
+        if at > 0:
+            file.seek(at + 12)
+            file.write(bytes(4))
 
 
 def _chain(first: Samples, rest: Iterator[Samples]) -> Iterator[Samples]:

@@ -28,6 +28,7 @@ from uwtrack_cli.files.hdf5.checksum import Checksum, checked
 from uwtrack_cli.files.hdf5.layout import FORMAT, SCHEMA_VERSION
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.limited_process import run_limited
+from uwtrack_cli.files.text_escaping import shell_word
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 FACTS = ("format", "schema_version", "program_version", "complete")
@@ -100,7 +101,7 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
     if head != SIGNATURE:
         msg = f"{name} is not an HDF5 file, so it is no uwtrack product."
         if Path(name).suffix.lower() in SUFFIXES:
-            msg += f" uwtrack run {name} makes one of a recording."
+            msg += f" uwtrack run {shell_word(name)} makes one of a recording."
         raise DataError(msg)
     try:
         facts = run_limited(
@@ -119,6 +120,25 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
         f"match their checksum. Make it again from its source."
     )
     raise DataError(msg)
+
+
+def is_product(path: Path) -> bool:
+    """Tell whether a file is one of ours, whole or damaged: one that may be made again.
+
+    An HDF5 file that cannot be opened any more counts as damaged, and a file of no
+    bytes has nothing to lose.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(SIGNATURE))
+        if head != SIGNATURE:
+            return not head
+        facts = run_limited(f"{__name__}:root_facts", str(path), seconds=PATIENCE_S)
+    except OSError:
+        return False
+    except DataError:
+        return True
+    return bool(facts.get("format") == FORMAT)
 
 
 def look_apart(function: str, source: Path | bytes, name: str) -> Any:
@@ -333,11 +353,13 @@ def _object(group: h5py.Group, name: str) -> Any:
     if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
         msg = f"{group.name}/{name} is a link to elsewhere, which products do not have"
         raise DataError(msg)
-    item = group[name]
-    if not isinstance(item, h5py.Group | h5py.Dataset):
-        msg = f"{group.name}/{name} is neither a group nor a dataset"
-        raise DataError(msg)
-    return item
+    item = h5py.h5o.open(group.id, name.encode())
+    if isinstance(item, h5py.h5g.GroupID):
+        return h5py.Group(item)
+    if isinstance(item, h5py.h5d.DatasetID):
+        return h5py.Dataset(item)
+    msg = f"{group.name}/{name} is neither a group nor a dataset"
+    raise DataError(msg)
 
 
 def _address(item: Any) -> int:

@@ -5,6 +5,7 @@ file name (not their folder) and their digest: SHA-256 of the bytes of a recordi
 or table, the root digest of a product.
 """
 
+import functools
 import json
 import platform
 from collections.abc import Mapping, Sequence
@@ -122,8 +123,14 @@ def program_versions() -> dict[str, str]:
     return {
         "uwtrack": __version__,
         "python": platform.python_version(),
-        **{name: metadata.version(name) for name in packages},
+        **{name: _installed_version(name) for name in packages},
     }
+
+
+@functools.cache
+def _installed_version(package: str) -> str:
+    """Return a package's version; its metadata take milliseconds to read."""
+    return metadata.version(package)
 
 
 def _plain(value: Any) -> Any:

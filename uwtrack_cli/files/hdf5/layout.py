@@ -1,6 +1,6 @@
 """What a product file looks like inside: containers, groups, axes, elements, chunks.
 
-A new container is added to `CONTAINERS` and nowhere else: reading, writing, `info`,
+A new container is added to `_PLACES` and nowhere else: reading, writing, `info`,
 `show` and `diff` all work from this list.
 
 **Conventions.** A sensor's containers lie in a group of the sensor's name; an
@@ -13,8 +13,10 @@ are None. Texts are stored with a fixed length, which fletcher32 asks for and wh
 needs no heap.
 """
 
+from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any, get_args, get_type_hints
+from importlib import import_module
+from typing import Any, cast, get_args, get_type_hints
 from urllib.parse import quote
 
 import h5py
@@ -22,30 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import Column, Container
-from uwtrack_cli.data.bearing_time import BearingTime
-from uwtrack_cli.data.contacts import Contacts
-from uwtrack_cli.data.decidecades import Decidecades, RadiatedLevels
-from uwtrack_cli.data.decisions import Decision
-from uwtrack_cli.data.directions import Delays, Directions
-from uwtrack_cli.data.encounters import Encounters, Fixes
-from uwtrack_cli.data.frames import Frames
-from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.motions import Motions
-from uwtrack_cli.data.peaks import Families, Peaks
-from uwtrack_cli.data.presence import Presence
-from uwtrack_cli.data.recording import RecordedFiles, Recording
-from uwtrack_cli.data.rises import Rises
-from uwtrack_cli.data.scans import Roc, Scans
-from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.data.series import Series
-from uwtrack_cli.data.spectra import Levels, Overview, Spectrogram
-from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
 
 FORMAT = "uwtrack product"
 """Value of the root attribute ``format``."""
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 """Version of the layout that this program writes; `migration` reads the older ones."""
 
 STEPS = "steps"
@@ -62,38 +46,58 @@ CHUNK_BYTES = 1 << 17
 LEAST_TEXT_BYTES = 4
 """Width of the shortest text; netCDF readers join texts of one byte into words."""
 
-CONTAINERS: dict[str, type[Container]] = {
-    kind.NAME: kind
-    for kind in (
-        Recording,
-        RecordedFiles,
-        Sensor,
-        Navigation,
-        Frames,
-        Spectrogram,
-        Overview,
-        Levels,
-        Decidecades,
-        Delays,
-        Directions,
-        BearingTime,
-        Peaks,
-        Families,
-        Rises,
-        Lines,
-        Presence,
-        Encounters,
-        RadiatedLevels,
-        Fixes,
-        Motions,
-        Series,
-        Contacts,
-        Scans,
-        Roc,
-        Target,
-        Decision,
-    )
+_PLACES = {
+    "recording": "recording:Recording",
+    "files": "recording:RecordedFiles",
+    "sensor": "sensor:Sensor",
+    "navigation": "sensor:Navigation",
+    "lock": "lock:Lock",
+    "frames": "frames:Frames",
+    "spectrogram": "spectra:Spectrogram",
+    "overview": "spectra:Overview",
+    "levels": "spectra:Levels",
+    "decidecades": "decidecades:Decidecades",
+    "delays": "directions:Delays",
+    "directions": "directions:Directions",
+    "bearing_time": "bearing_time:BearingTime",
+    "peaks": "peaks:Peaks",
+    "families": "peaks:Families",
+    "rises": "rises:Rises",
+    "lines": "lines:Lines",
+    "presence": "presence:Presence",
+    "encounters": "encounters:Encounters",
+    "radiated": "decidecades:RadiatedLevels",
+    "fixes": "encounters:Fixes",
+    "motions": "motions:Motions",
+    "series": "series:Series",
+    "contacts": "contacts:Contacts",
+    "scans": "scans:Scans",
+    "roc": "scans:Roc",
+    "target": "targets:Target",
+    "decision": "decisions:Decision",
 }
+"""Module and class of each container, in the order of the chain."""
+
+
+class _ContainerClasses(Mapping[str, type[Container]]):
+    """Classes by name; each is imported when it is first asked for."""
+
+    def __getitem__(self, name: str) -> type[Container]:
+        module, _, kind = _PLACES[name].partition(":")
+        found = getattr(import_module(f"uwtrack_cli.data.{module}"), kind)
+        return cast("type[Container]", found)
+
+    def __contains__(self, name: object) -> bool:
+        return name in _PLACES
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_PLACES)
+
+    def __len__(self) -> int:
+        return len(_PLACES)
+
+
+CONTAINERS = _ContainerClasses()
 """Container classes by name, in the order of the chain."""
 
 UNSTORED: frozenset[tuple[str, str]] = frozenset(
@@ -114,6 +118,12 @@ def container_class(name: str) -> type[Container]:
         msg = f"there is no container {name!r}; there are: {', '.join(CONTAINERS)}."
         raise DataError(msg)
     return CONTAINERS[name]
+
+
+def container_of(class_name: str) -> type[Container]:
+    """Return the container class of the class's own name such as ``"Lines"``."""
+    ending = f":{class_name}"
+    return CONTAINERS[next(n for n, place in _PLACES.items() if place.endswith(ending))]
 
 
 def part_classes(kind: type[Container]) -> dict[str, type[Container]]:

@@ -34,6 +34,7 @@ RENAMED_IN: Mapping[int, Mapping[tuple[str, str], str]] = {
 
 
 ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
+    4: frozenset(("sensor", name) for name in ("north", "multiplex", "response")),
     3: frozenset(
         [
             *(

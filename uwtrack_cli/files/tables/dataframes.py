@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Column, Container
+from uwtrack_cli.data.decidecades import Decidecades
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
@@ -89,8 +90,9 @@ def to_xarray(container: Container, start_utc_ns: int | None = None) -> "xr.Data
     xarray.Dataset
         Variables with ``units`` and ``long_name``. Frames lie along the dimension
         ``time``, bins along ``frequency``, both with coordinates: ``datetime64`` where
-        the start is known and seconds from the first sample where not; Hz. Other axes
-        keep their names, with the time of their rows as a coordinate if they have one.
+        the start is known and seconds from the first sample where not; Hz. Rows of
+        decidecades lie along ``time``, too. Other axes keep their names, with the time
+        of their rows, and what a fixed axis like ``band`` stands for, as coordinates.
 
     Raises
     ------
@@ -117,6 +119,8 @@ def to_xarray(container: Container, start_utc_ns: int | None = None) -> "xr.Data
             coordinates["time"] = (axes, values, told)
         elif name == "frequency_hz" and spec.axes[0] in container.FIXED_AXES:
             coordinates["frequency"] = (axes, values, told)
+        elif spec.axes[0] in container.FIXED_AXES and len(spec.axes) == 1:
+            coordinates[name] = (axes, values, told)
         else:
             variables[name] = (axes, values, told)
     known = {k: v for k, v in facts(container).items() if v is not None}
@@ -185,7 +189,8 @@ def _dimensions(container: Container, columns: Columns) -> dict[str, str]:
 
 
 def _time_axes(container: Container) -> tuple[str, ...]:
-    return (FRAME, "row") if isinstance(container, Overview) else (FRAME,)
+    has_rows = isinstance(container, Overview | Decidecades)
+    return (FRAME, "row") if has_rows else (FRAME,)
 
 
 def _elements(name: str, values: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:

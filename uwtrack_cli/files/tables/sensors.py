@@ -30,6 +30,9 @@ Degrees = Annotated[float, Unit("degree"), AtLeast(-360), AtMost(360)]
 Gain = Annotated[float, AtLeast(0.01), AtMost(100)]
 Share = Annotated[float, AtLeast(-0.9), AtMost(0.9)]
 Place = Annotated[float, Unit("m"), AtLeast(-1e7), AtMost(1e7)]
+Frequency = Annotated[float, Unit("Hz"), AtLeast(1e-3), AtMost(1e6)]
+Decibel = Annotated[float, Unit("dB"), AtLeast(-120), AtMost(120)]
+DipoleName = Literal["east", "north", "-east", "-north"]
 
 WAVE_GUIDES = (2_000.0, 2.9e8)
 """Speeds between these, m/s, belong neither to sound in a fluid nor to light."""
@@ -67,8 +70,17 @@ PLACE_KEYS = ("element_along_m", "element_positions_m")
 ARRAY_KEYS = (*PLACE_KEYS, *TOW_KEYS)
 """Keys that only an array has."""
 
+SOLE_CHANNEL = {"omni": "omni", "difar-multiplexed": "multiplex"}
+"""Name of the channel of a sensor with one, by kind."""
+
 DIPOLE_KEYS = ("dipole_gains", "dipole_crosstalk", "omni_crosstalk")
 """Keys that only a sensor with dipoles has."""
+
+MULTIPLEX_KEYS = ("multiplex", "response_db")
+"""Keys that only a buoy whose audio is multiplexed has."""
+
+DIPOLES = ("east", "north")
+"""Dipole in phase with the phase pilot and the one ahead of it, unless told."""
 
 USUAL = {
     "sensitivity_db_re_v_per_upa": (-230.0, -120.0),
@@ -92,8 +104,9 @@ class SensorTable:
 
     id: str
     """Identifier, unique in a deployment."""
-    kind: Literal["omni", "difar", "array"] = "omni"
-    """One hydrophone, a vector sensor, or many hydrophones."""
+    kind: Literal["omni", "difar", "difar-multiplexed", "array"] = "omni"
+    """One hydrophone, a vector sensor, a sonobuoy's one channel of audio in which omni
+    and dipoles are multiplexed, or many hydrophones."""
     channels: list[str] | None = None
     """Names of the channels in the order of the file; "-" leaves one out."""
     latitude: Annotated[float, Unit("degree"), AtLeast(-90), AtMost(90)] | None = None
@@ -126,6 +139,16 @@ class SensorTable:
         Annotated[float, Unit("degree"), AtLeast(0), AtMost(180)] | None
     ) = None
     """Standard deviation of the compass."""
+    declination_deg: Literal["place"] | Degrees | None = None
+    """Declination at a sensor whose compass shows magnetic north, east positive: added
+    to the compass offset. "place" takes it from the World Magnetic Model, for the place
+    of the sensor and the start of the recording."""
+    multiplex: tuple[DipoleName, DipoleName] | None = None
+    """Dipole in phase with the 15 kHz pilot, and the one a quarter of a period ahead of
+    it; "east" and "north" if not given, "-east" inverts one."""
+    response_db: list[tuple[Frequency, Decibel]] | None = None
+    """Frequencies in Hz and the response of the buoy there in dB, which is equalised;
+    flat if not given. Constant before the first and after the last."""
     clock_offset_s: Annotated[float, Unit("s"), AtLeast(-1e9), AtMost(1e9)] | None = (
         None
     )
@@ -204,6 +227,7 @@ class SensorTable:
         else:
             self._check_channels()
         self._check_dipoles()
+        self._check_multiplex()
         self._check_calibration()
 
     def _check_array(self) -> None:
@@ -269,8 +293,22 @@ class SensorTable:
 
     def _check_dipoles(self) -> None:
         own = [key for key in DIPOLE_KEYS if getattr(self, key) is not None]
-        if own and self.kind != "difar":
+        if own and self.kind not in {"difar", "difar-multiplexed"}:
             msg = f'{own[0]} belongs to a sensor with dipoles: give kind = "difar".'
+            raise OptionError(msg)
+
+    def _check_multiplex(self) -> None:
+        own = [key for key in MULTIPLEX_KEYS if getattr(self, key) is not None]
+        if own and self.kind != "difar-multiplexed":
+            msg = f'{own[0]} belongs to a buoy: give kind = "difar-multiplexed".'
+            raise OptionError(msg)
+        axes = sorted(name.removeprefix("-") for name in self.multiplex or DIPOLES)
+        if axes != ["east", "north"]:
+            msg = f"multiplex names each dipole once, got {list(self.multiplex or ())}."
+            raise OptionError(msg)
+        edges = [frequency_hz for frequency_hz, _ in self.response_db or [(1.0, 0.0)]]
+        if not edges or edges != sorted(set(edges)):
+            msg = f"frequencies of response_db must increase, got {edges}."
             raise OptionError(msg)
 
     def _check_channels(self) -> None:
@@ -281,13 +319,14 @@ class SensorTable:
         if self.channels is None and self.kind == "difar":
             msg = 'a difar sensor needs channels = ["omni", "east", "north"].'
             raise OptionError(msg)
-        names = ["omni"] if self.channels is None else self.channels
+        names = self.channel_names
         used = sorted(name for name in names if name != "-")
-        accepted = [["omni"]] if self.kind == "omni" else [
+        sole = SOLE_CHANNEL.get(self.kind)
+        accepted = [[sole]] if sole else [
             ["east", "north", "omni"], ["omni", "x", "y"],
         ]  # fmt: skip
         if used not in accepted:
-            wanted = '"omni" once' if self.kind == "omni" else (
+            wanted = f'"{sole}" once' if sole else (
                 '"omni", "east", "north" or "omni", "x", "y", each once'
             )  # fmt: skip
             msg = (
@@ -324,10 +363,20 @@ class SensorTable:
             )
             raise OptionError(msg)
 
+    @property
+    def channel_names(self) -> list[str]:
+        """Names of the channels, those of a sensor with one where none are given."""
+        return self.channels or [SOLE_CHANNEL.get(self.kind, "omni")]
+
     def sensor(self, folder: Path) -> Sensor:
         """Return the sensor; files that it names lie relative to a folder."""
         facts = {f.name: getattr(self, f.name) for f in fields(SensorTable)}
-        facts["channels"] = ",".join(self.channels or ["omni"])
+        facts["channels"] = ",".join(self.channel_names)
+        facts |= self._north(facts.pop("declination_deg"))
+        if self.kind == "difar-multiplexed":
+            facts["multiplex"] = ",".join(self.multiplex or DIPOLES)
+        response = [f"{f!r}:{db!r}" for f, db in facts.pop("response_db") or []]
+        facts["response"] = ",".join(response) or None
         for key in ("dipole_gains", "omni_crosstalk"):
             if facts[key] is not None:
                 facts[key] = ",".join(map(repr, facts[key]))
@@ -342,6 +391,16 @@ class SensorTable:
         if self.navigation is not None:
             facts["navigation"] = read_navigation(folder / self.navigation)
         return Sensor(**{k: v for k, v in facts.items() if v is not None})
+
+    def _north(self, declination_deg: float | str | None) -> dict[str, Any]:
+        """Return the compass offset and the north that bearings are from with it."""
+        if declination_deg == "place":
+            return {"north": "place"}
+        if declination_deg is not None:
+            offset_deg = (self.compass_offset_deg or 0.0) + float(declination_deg)
+            return {"compass_offset_deg": offset_deg}
+        untold = self.kind == "difar-multiplexed" and self.compass_offset_deg is None
+        return {"north": "compass" if untold else None}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -67,7 +67,7 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
         table.need("bearing_deg, frequency_hz or level_db")
     time_s, start_utc_ns = table_times(table)
     contact = table.contacts()
-    kept = _unrepeated(table)
+    kept = _unrepeated(table, time_s)
     if kept.size < time_s.size:
         table = table.rows(kept)
         time_s, contact = time_s[kept], contact[kept]
@@ -110,10 +110,14 @@ def _check_one_unit(table: Table, series: Series) -> None:
     A source that crosses north, or lies there, has bearings as small; but they scatter as
     the others do, and do not fit the others better when they are multiplied by 57.
     """
-    names = np.array(table.cells.get("sensor", [""] * len(table.lines)))
-    owner = np.unique(np.stack([series.contact.astype(np.str_), names]), axis=1)
-    for contact, name in owner.T:
-        is_own = (series.contact.astype(np.str_) == contact) & (names == name)
+    heard_by = table.cells.get("sensor")
+    names, number = (
+        (np.array([""]), np.zeros_like(series.contact)) if heard_by is None
+        else np.unique(np.array(heard_by), return_inverse=True)
+    )  # fmt: skip
+    for contact, k in np.unique(np.stack([series.contact, number]), axis=1).T:
+        name = names[k]
+        is_own = (series.contact == contact) & (number == k)
         rows = np.flatnonzero(is_own & ~np.isnan(series.bearing_deg))
         rows = rows[np.argsort(series.time_s[rows], kind="stable")]
         bearing = series.bearing_deg[rows]
@@ -147,20 +151,24 @@ def _turns(difference: FloatArray) -> FloatArray:
     return np.asarray(np.abs((difference + 180.0) % 360.0 - 180.0))
 
 
-def _unrepeated(table: Table) -> IntArray:
+def _unrepeated(table: Table, time_s: FloatArray) -> IntArray:
     """Return the rows that are not repeated cell by cell, and say how many are."""
-    seen: dict[tuple[str, ...], int] = {}
-    for row, cells in enumerate(zip(*table.cells.values(), strict=True)):
-        seen.setdefault(cells, row)
-    repeated = len(table.lines) - len(seen)
-    if repeated:
-        again = set(range(len(table.lines))) - set(seen.values())
+    order = np.argsort(time_s, kind="stable")
+    is_same = np.diff(time_s[order]) == 0.0  # rows of other times cannot be repeated
+    seen = set[tuple[str, ...]]()
+    again: list[int] = []
+    for row in np.sort(order[np.append(False, is_same) | np.append(is_same, False)]):
+        cells = tuple(column[row] for column in table.cells.values())
+        if cells in seen:
+            again.append(row)
+        seen.add(cells)
+    if again:
         msg = (
-            f"{table.path}: {repeated} repeated rows are left out, the first in line "
-            f"{table.lines[min(again)]}."
+            f"{table.path}: {len(again)} repeated rows are left out, the first in line "
+            f"{table.lines[again[0]]}."
         )
         warn(msg, UwtrackNote, stacklevel=3)
-    return np.array(list(seen.values()), np.int64)
+    return np.delete(np.arange(time_s.size), again)
 
 
 def _mirrored(table: Table) -> FloatArray | None:

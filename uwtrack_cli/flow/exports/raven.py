@@ -20,7 +20,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.text_escaping import csv_cell, plain_text
+from uwtrack_cli.files.text_escaping import csv_cell
 
 HEADS = (
     "Selection", "View", "Channel", "Begin Time (s)", "End Time (s)", "Low Freq (Hz)",
@@ -113,7 +113,7 @@ def _rows(
             "", "Spectrogram 1", "1", f"{begin.cumulative_s:.6f}", f"{end.cumulative_s:.6f}",
             f"{max(0.0, float((frequency - half_hz).min())):.4f}",
             f"{float((frequency + half_hz).max()):.4f}",
-            plain_text(begin.file), f"{begin.offset_s:.6f}", csv_cell(sensor), str(lines.line_contact[k]), str(line),
+            csv_cell(begin.file), f"{begin.offset_s:.6f}", csv_cell(sensor), str(lines.line_contact[k]), str(line),
             str(lines.line_status[k]),
         )  # fmt: skip
 

@@ -188,6 +188,9 @@ def _passages(
     length_s = recording.duration_s if recording is not None else np.inf
     if truth.passages is None:
         span = (-shift_s, -shift_s + min(length_s, 1e7))
+        if recording is None:  # a table does not say how long it listened
+            ends = [float(track.time_s[-1]) for track in truth.tracks]
+            span = (span[0], min(span[1], max(ends, default=span[0])))
         found = list(ais_passages(truth, recorded.sensor(sensor), span, within_m))
     else:
         found = [p for p in truth.passages if p.sensor == sensor]

@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth
@@ -18,6 +21,8 @@ class RecordedSensors:
     """Sensors that the result carries."""
     recordings: Sequence[Recording]
     """Recordings that the result carries."""
+    encounters: Encounters | None = None
+    """Its encounters, whose times tell the clock where there is no recording."""
 
     def recording(self, sensor: str) -> Recording | None:
         """Return the recording of a sensor, if the result carries it."""
@@ -47,7 +52,9 @@ class RecordedSensors:
             The truth is in UTC alone, and the recording's start is not known.
         """
         recording = self.recording(sensor)
-        start = recording.start_utc_ns if recording is not None else None
+        start = (
+            self._start_of_rows(sensor) if recording is None else recording.start_utc_ns
+        )
         if start is not None and truth.start_utc_ns is not None:
             return (truth.start_utc_ns - start) / NANOSECONDS
         if truth.is_geographic:
@@ -57,3 +64,14 @@ class RecordedSensors:
             )
             raise DataError(msg)
         return -recording.first_s if recording is not None else 0.0
+
+    def _start_of_rows(self, sensor: str) -> int | None:
+        """Return UTC of the time zero of a table's encounters, ns; None if unknown."""
+        found = self.encounters
+        if found is None:
+            return None
+        rows = np.flatnonzero((found.sensor == sensor) & (found.time_utc_ns >= 0))
+        if not rows.size:
+            return None
+        since_ns = round(float(found.time_s[rows[0]]) * NANOSECONDS)
+        return int(found.time_utc_ns[rows[0]]) - since_ns

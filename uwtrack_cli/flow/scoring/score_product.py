@@ -82,9 +82,9 @@ def score_product(
     refuse_unknown_step([product], step)
     keys = sole_keys(product, step, {Encounters.NAME, Fixes.NAME})
     recordings = product.read_all(Recording)
-    recorded = RecordedSensors(product.read_all(Sensor), recordings)
     there = {key.name: key for key in keys}
     encounters = _read(product, Encounters, there)
+    recorded = RecordedSensors(product.read_all(Sensor), recordings, encounters)
     fixes = _read(product, Fixes, there)
     if encounters is None and fixes is None:
         msg = f"{product.name} holds neither encounters nor fixes to score."

@@ -10,7 +10,7 @@ put onto it, as coasted. A line that begins beside the two is one of them.
 
 **Conventions.** Distances are in natural bins; frames are those of the recording.
 What is not decided within `MOST_FRAMES` leaves as it came. The constants are chosen:
-`tests.lines.line_scores` shows what they do.
+`tests.draws.line_sounds` shows what they do.
 
 **References.** Bar-Shalom, Li & Kirubarajan (2001), sections 3.4 (least squares) and
 6.2.2 (growth of the variance); de Boor (1978), chapter 4 (cubic between two courses).
@@ -20,11 +20,10 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.special import logsumexp
 
 from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.lines import COASTED
+from uwtrack_cli.estimation.assignment import assign
 from uwtrack_cli.estimation.constant_velocity import transition, white_acceleration
 from uwtrack_cli.lines.line_points import LinePoints
 from uwtrack_cli.lines.paths.courses import (
@@ -282,7 +281,7 @@ class Meetings:
                 )
                 for share in DRIFT_SHARES
             ]
-            costs.append(-float(logsumexp(-np.array(of_drift))))
+            costs.append(-float(np.logaddexp.reduce(-np.array(of_drift))))
         best = int(np.argmin(costs))
         return ways[best] if max(costs) - costs[best] > LEAST_GAIN else None
 
@@ -321,8 +320,9 @@ class Meetings:
                 np.abs(points.frequency_hz[there] - course.value[0])
                 for course in expected.values()
             ])  # fmt: skip
-            one, own = linear_sum_assignment(away)
-            for rank, k in zip(one.tolist(), own.tolist(), strict=True):
+            ranks, points_of = map(np.ravel, np.indices(away.shape))
+            for pair in assign(ranks, points_of, away.ravel()).tolist():
+                rank, k = int(ranks[pair]), int(points_of[pair])
                 line = list(expected)[rank]
                 row = points.take(there[k : k + 1])
                 row = replace(row, line=np.array([line], dtype=np.int64))

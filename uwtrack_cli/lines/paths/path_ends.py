@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import COASTED, DETECTED
@@ -134,12 +133,14 @@ def find_jumped(
     for at_s in begin_s[is_prompt.any(axis=0)].tolist():
         is_now = np.abs(begin_s - at_s) < AFTER_WINDOWS * window_s
         kinked, before_hz, after_hz = _kinks(paths, at_s)
-        # what runs through is known to be one
+        may_be = np.pad(is_prompt & is_now, ((0, kinked.size),) * 2)
+        through = np.arange(-kinked.size, 0)
+        may_be[through, through] = True  # what runs through is known to be one
         candidates = JumpCandidates(
             np.append(end_hz, before_hz),
             np.append(end_s, np.full(kinked.size, at_s)),
             np.append(begin_hz, after_hz),
-            block_diag(is_prompt & is_now, np.eye(kinked.size, dtype=bool)),
+            may_be,
             own.resolution_hz,
         )
         found = candidates.common()
@@ -166,7 +167,10 @@ def _variance(end: PathEnd) -> float:
 
 
 def _is_there(ends: Sequence[PathEnd], begins: Sequence[PathEnd]) -> BoolArray:
-    """Tell which pairs the bearings allow, shape (end, beginning)."""
+    """Tell which pairs the bearings allow, shape (end, beginning).
+
+    A line does not go on with itself: a short one ends soon after it has begun.
+    """
     was, was_variance = np.array([
         (e.state.position[1], e.state.variance[1]) for e in ends
     ]).T  # fmt: skip
@@ -176,7 +180,10 @@ def _is_there(ends: Sequence[PathEnd], begins: Sequence[PathEnd]) -> BoolArray:
     variance = was_variance[:, None] + now_variance
     turn = wrap_deg(now - was[:, None])
     is_unknown = variance >= UNKNOWN_BEARING_VARIANCE
-    return np.asarray(is_unknown | (turn**2 < BEARING_SIGMAS**2 * variance))
+    is_other = np.array([[e.line != b.line for b in begins] for e in ends])
+    return np.asarray(
+        is_other & (is_unknown | (turn**2 < BEARING_SIGMAS**2 * variance))
+    )
 
 
 def _kinks(

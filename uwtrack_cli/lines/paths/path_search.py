@@ -57,7 +57,7 @@ _TRIAL_SNRS = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0, 50.0)
 
 PATH_NOISE = 1.1
 """Mean power over noise along what a path goes on through when its line has ended: it
-chooses louder cells. `calibration/line_ends.py` has the ends with other values."""
+chooses louder cells. `studies/constants/line_ends.py` has the ends with other values."""
 
 END_GAIN = 6.0
 """Log-likelihood ratio, in nepers, with which the frames before or after a line must speak

@@ -319,35 +319,49 @@ class PathTracer:
         As in `_named`; ``fresh`` are paths whose lines have no points outside yet,
         ``silent`` ends of the lines that may have jumped.
         """
-        time, paths, begins = along.data.time_s, list(paths), []
+        time, paths = along.data.time_s, list(paths)
+        begins: list[tuple[int, PathEnd]] = []
         for k in fresh:
             at_s = float(time[paths[k].first])
             state = along.state_at(k, slice(paths[k].first, None), at_s)
-            if state is not None:
+            is_begun = any(lines[k] == begin.line for _, begin in begins)
+            if state is not None and not is_begun:
                 begins.append((k, PathEnd(int(lines[k]), at_s, state)))
         while found := find_jumped(
             silent, [begin for _, begin in begins], self.jumps, along, lines
         ):
             jump, pairs = found
             for old, new in pairs:
+                # pairs before may have made a line of both
                 end, (k, begin) = silent[old], begins[new]
                 parts = np.flatnonzero(lines == end.line).tolist()
+                is_own = end.line == begin.line
                 last_s = end.time_s  # its points are out if it has no path here
                 if parts:
                     last_s = min(last_s, max(jump.time_s, begin.time_s))
                 stop = int(np.searchsorted(time, last_s, "right"))
-                if any(stop <= paths[i].first for i in parts) or stop >= paths[k].stop:
+                is_before = any(stop <= paths[i].first for i in parts)
+                if is_own or is_before or stop >= paths[k].stop:
                     continue
                 for i in parts:
                     paths[i] = replace(paths[i], stop=min(paths[i].stop, stop))
                 paths[k] = replace(paths[k], first=max(paths[k].first, stop))
                 lines[lines == begin.line] = end.line
-                self.families.rename(begin.line, end.line)
+                silent = self._renamed(begin.line, end.line, silent)
             gone = {old for old, _ in pairs}
             silent = [end for i, end in enumerate(silent) if i not in gone]
             known = {new for _, new in pairs}
             begins = [begin for i, begin in enumerate(begins) if i not in known]
         return paths
+
+    def _renamed(self, line: int, number: int, ends: list[PathEnd]) -> list[PathEnd]:
+        """Enter what is known of a line under the number of one that it continues."""
+        self.families.rename(line, number)
+        for jump in self.jumps:
+            if line in jump.lines:
+                jump.lines.remove(line)
+                jump.lines.add(number)
+        return [replace(e, line=number) if e.line == line else e for e in ends]
 
     def _returned(
         self, along: MeasuredPaths, column: int, first: int, silent: list[PathEnd]

@@ -10,7 +10,7 @@ is the line's own.
 
 **Conventions.** Innovations are in deviations. The process noise stays between a share
 of the machine's own drift and that of a vessel nearby; a line begins with the drift of
-its machine alone. `calibration/lines.py` tries other gains.
+its machine alone. `studies/constants/lines.py` tries other gains.
 
 **References.** Mehra (1970), IEEE Trans. Automatic Control 15, 175-184 (correlation of
 the innovations); Myers & Tapley (1976), IEEE Trans. Automatic Control 21, 520-523

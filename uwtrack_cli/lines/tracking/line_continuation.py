@@ -13,7 +13,7 @@ peak may have begun it a little earlier.
 **Conventions.** A new line is compared at its present state; likelihood ratios are in
 nepers.
 
-`calibration/lines.py` tries other values of the constants.
+`studies/constants/lines.py` tries other values of the constants.
 
 **References.** Blackman & Popoli (1999), section 6.8 (track continuation); Bar-Shalom,
 Li & Kirubarajan (2001), section 6.2 for the growth of the variance; Page, Biometrika 41,

@@ -7,7 +7,7 @@ ratio is added up, and Wald's inequality gives the score that noise reaches at a
 rate. The density of noise peaks is followed where they are, because noise is not white
 everywhere. A confirmed line goes on until its score has fallen too far (Page's test).
 
-**Conventions.** Scores in nepers. `calibration/lines.py` tries other values of the constants.
+**Conventions.** Scores in nepers. `studies/constants/lines.py` tries other values of the constants.
 
 **References.** Wald, "Sequential Analysis" (1947); Page (1954); Blackman & Popoli
 (1999), section 6.2; Musicki, Evans & Stankovic (1994) for the ratio over all peaks in a

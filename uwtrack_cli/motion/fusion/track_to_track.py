@@ -173,7 +173,7 @@ def joint_probability(
     passages: Passages, first: tuple[int, ...], second: tuple[int, ...]
 ) -> float:
     """Return the tail probability that two groups are one vessel; 0 if impossible."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     members = tuple(sorted(first + second))
     names = [passages.sensor[row] for row in members]
@@ -187,7 +187,7 @@ def joint_probability(
     freedom = modes[0].degrees_of_freedom
     if freedom <= 0:
         return 1.0
-    return float(chi2.sf(modes[0].chi_square, freedom))
+    return float(chdtrc(freedom, modes[0].chi_square))
 
 
 def _frequencies_agree(

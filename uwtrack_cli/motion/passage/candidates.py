@@ -20,7 +20,7 @@ noise; see `likelihood_ratio`. The strongest vessel keeps the contact number.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -29,6 +29,20 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import STILL
 from uwtrack_cli.estimation.angles import wrap_deg, wrap_rad
+from uwtrack_cli.motion.decision import (
+    BEGINS_AT_CLOSEST,
+    DUPLICATE,
+    ENDS_AT_CLOSEST,
+    FAR_OUTSIDE,
+    NOTHING_PASSES,
+    SHORTER_THAN_FRAMES,
+    SMALL_TURN,
+    TOO_LITTLE,
+    UNDETERMINED,
+    Rejection,
+    reject,
+)
+from uwtrack_cli.motion.passage.failed_fits import attempted
 from uwtrack_cli.motion.passage.fit.estimator import (
     PassageFit,
     fit_passage,
@@ -81,7 +95,7 @@ the levels are left out where lines or bearings determine the passage."""
 
 MOST_NOTHING = 0.5
 """Probability that nothing passes from which a passage is refused: it is likelier than
-not. None of 201 drawn ones that were told had 0.02 (calibration/still_readings.py)."""
+not. None of 201 drawn ones that were told had 0.02 (studies/constants/still_readings.py)."""
 
 AGREEMENT = 9.2
 """Loss of log-likelihood that another contact's motion may cost: 99.9 % of the true
@@ -110,12 +124,15 @@ class CandidatePassage:
     """Evidence of the sound for the passage, nepers; nan if it was not asked."""
     misfit: float = np.nan
     """Misfit of its lines: see `fit_checks`; nan if it was not checked."""
-    doubt: str = ""
-    """What speaks against the passage; empty if nothing does."""
-    doubt_code: str = ""
-    """What that is, as a code of `Encounters`; empty for all other doubts."""
+    rejections: tuple[Rejection, ...] = ()
+    """What speaks against the passage, the first thing found first."""
     reading: Reading = STRAIGHT_READING
     """How its measurements are read."""
+
+    def rejected(self, *reasons: Rejection | None) -> Self:
+        """Return the same with more that speaks against it; None does not."""
+        more = tuple(one for one in reasons if one is not None)
+        return replace(self, rejections=self.rejections + more) if more else self
 
 
 class Still(NamedTuple):
@@ -143,12 +160,16 @@ class Unclaimed(NamedTuple):
     tried: Tried | None
     """What it was read as beside a change; None if none could hide a passage."""
 
-    def read(self) -> Still:
-        """Return what it is read as."""
-        reading = read_still(self.fit, self.blocks, self.tried)
+    def read(self) -> list[Still]:
+        """Return what it is read as; nothing if that fails."""
         used = (self.blocks.weight[0] > 0).any(axis=0)
         time_s = self.blocks.time_s[used]
-        return Still(self.contacts[0], float(time_s[0]), float(time_s[-1]), reading)
+        reading = attempted(
+            lambda: read_still(self.fit, self.blocks, self.tried), self.contacts, time_s
+        )
+        if reading is None:
+            return []
+        return [Still(self.contacts[0], float(time_s[0]), float(time_s[-1]), reading)]
 
 
 def examine(
@@ -184,7 +205,7 @@ def fit_contact(
     medium: Medium,
     false_alarm_probability: float,
 ) -> CandidatePassage | Unclaimed | None:
-    """Fit one contact; None if too little of it was measured.
+    """Fit one contact; None if too little of it was measured, or if the fit fails.
 
     Parameters
     ----------
@@ -199,6 +220,20 @@ def fit_contact(
     false_alarm_probability
         Probability of a passage in noise alone.
     """
+    owner = contacts, line_ids
+    return attempted(
+        lambda: _fit_alone(data, owner, medium, false_alarm_probability),
+        contacts, data.time_s,
+    )  # fmt: skip
+
+
+def _fit_alone(
+    data: PassageData,
+    owner: tuple[tuple[int, ...], IntArray],
+    medium: Medium,
+    false_alarm_probability: float,
+) -> CandidatePassage | Unclaimed | None:
+    """Fit measurements from starts of their own."""
     thinned = thin(data)
     blocks = make_blocks(thinned)
     used = np.zeros(thinned.time_s.size, np.bool_)
@@ -208,9 +243,9 @@ def fit_contact(
         return None
     rough, other = best_start(blocks, medium)
     if rough is None:
-        return _nowhere(contacts, blocks, medium)
+        return _nowhere(owner[0], blocks, medium)
     return _fit_from(
-        thinned, (contacts, line_ids), (rough.theta, rough.turn), medium,
+        thinned, owner, (rough.theta, rough.turn), medium,
         false_alarm_probability, other,
     )  # fmt: skip
 
@@ -253,7 +288,12 @@ def examine_from(
     other_turn
         Weight of the opposite turn.
     """
-    found = _fit_from(data, owner, start, medium, false_alarm_probability, other_turn)
+    found = attempted(
+        lambda: _fit_from(
+            data, owner, start, medium, false_alarm_probability, other_turn
+        ),
+        owner[0], data.time_s,
+    )  # fmt: skip
     return found if isinstance(found, CandidatePassage) else None
 
 
@@ -313,7 +353,7 @@ def _is_resolved(fit: PassageFit, blocks: Blocks, data: PassageData) -> bool:
 
 
 def read(candidate: CandidatePassage) -> CandidatePassage:
-    """Return a candidate by its likeliest reading; doubted if it is that nothing passes.
+    """Return a candidate by its likeliest reading; rejected if it is that nothing passes.
 
     Parameters
     ----------
@@ -322,8 +362,7 @@ def read(candidate: CandidatePassage) -> CandidatePassage:
         targets may have changed something, too.
     """
     if candidate.fit.change is not None:
-        doubt = candidate.doubt or _doubt_of_reading(candidate.reading)
-        return replace(candidate, doubt=doubt)
+        return candidate.rejected(_rejected_by_reading(candidate.reading))
     fit, reading = read_passage(candidate.fit, candidate.blocks)
     if candidate.reading.name == TWO_TARGETS and fit.change is None:
         both, has_rival = candidate.reading, reading.rival in STILL
@@ -333,17 +372,16 @@ def read(candidate: CandidatePassage) -> CandidatePassage:
             rival=reading.rival if has_rival else "",
             rival_weight=reading.rival_weight if has_rival else 0.0,
         )
-    doubt = candidate.doubt or _doubt_of_reading(reading)
-    return replace(candidate, fit=fit, reading=reading, doubt=doubt)
+    made = replace(candidate, fit=fit, reading=reading)
+    return made.rejected(_rejected_by_reading(reading))
 
 
-def _doubt_of_reading(reading: Reading) -> str:
+def _rejected_by_reading(reading: Reading) -> Rejection | None:
     """Return what speaks against a passage that is likelier to be none."""
     if reading.nothing <= MOST_NOTHING:
-        return ""
-    return (
-        f"its measurements are read as {reading.rival}: nothing passes with a "
-        f"probability of {reading.nothing:.2f}"
+        return None
+    return reject(
+        NOTHING_PASSES, alternative=reading.rival, probability=reading.nothing
     )
 
 
@@ -425,7 +463,7 @@ def examine_contacts(
     for contact in contact_ids(lines):
         one = fitted((contact,))
         alone[contact] = one if isinstance(one, CandidatePassage) else None
-        still += [one.read()] if isinstance(one, Unclaimed) else []
+        still += one.read() if isinstance(one, Unclaimed) else []
     of_gears = _of_gears(alone, lines, of)
     told = {contact for item in of_gears for contact in item.contacts}
     found = [
@@ -538,34 +576,33 @@ def tell_once(
     range (and bearing, where both have bearings) within deviations, or within a share of
     their own (`SAME_SHARE`), are hardly ever met.
     All their lines tell the passage together where one fit passes all checks; else the
-    weaker candidate is doubted.
+    weaker candidate is rejected.
 
     Parameters
     ----------
     found
         Candidates that were examined and checked.
     join
-        What fits two of them together; without it the weaker one is doubted.
+        What fits two of them together; without it the weaker one is rejected.
     """
     kept: list[CandidatePassage] = []
     for item in sorted(found, key=lambda item: -item.likelihood_ratio.total):
-        places = [k for k, one in enumerate(kept) if not one.doubt]
+        places = [k for k, one in enumerate(kept) if not one.rejections]
         first = next((k for k in places if is_one(item, kept[k])), None)
-        if first is None or item.doubt:
+        if first is None or item.rejections:
             kept.append(item)
             continue
         leader = kept[first]
         joint = join(leader, item) if join else None
-        if joint is not None and not joint.doubt and is_one(joint, leader):
+        if joint is not None and not joint.rejections and is_one(joint, leader):
             kept[first] = joint
             continue
-        again = f"the passage of contact {leader.contacts[0]}, with its time and speed"
-        kept.append(replace(item, doubt=again))
+        kept.append(item.rejected(reject(DUPLICATE, contact=leader.contacts[0])))
     return kept
 
 
 def is_one(item: CandidatePassage, leader: CandidatePassage) -> bool:
-    """Return whether two candidates claim one passage: see calibration/same_passage.py.
+    """Return whether two candidates claim one passage: see studies/constants/same_passage.py.
 
     Parameters
     ----------
@@ -625,7 +662,7 @@ errors of one passage leave it in one pair of 4000."""
 
 SAME_SHARE = 0.25
 """Share of d/v within which their times are: of 60 drawn passages whose measurements were
-parted into two, all lie within 0.22 (calibration/same_passage.py). Within the same share
+parted into two, all lie within 0.22 (studies/constants/same_passage.py). Within the same share
 of their own, d/v and speed are the same whatever their deviations, and bearings within its
 angle: two vessels are hardly ever that much alike."""
 
@@ -657,7 +694,9 @@ class RecordingSpan:
     """Last instant, s."""
 
 
-def not_a_passage(fit: PassageFit, blocks: Blocks, limits: RecordingSpan) -> str | None:
+def not_a_passage(
+    fit: PassageFit, blocks: Blocks, limits: RecordingSpan
+) -> Rejection | None:
     """Return why a fit that moves has no closest approach to give, or None.
 
     Parameters
@@ -673,36 +712,30 @@ def not_a_passage(fit: PassageFit, blocks: Blocks, limits: RecordingSpan) -> str
     closest = float(fit.theta[0, 0])
     deviation = np.sqrt(np.maximum(np.diag(fit.covariance[0])[:2], 0.0))
     if not np.all(np.isfinite(deviation)):
-        return "the measurements do not tell time and width of a passage apart"
+        return reject(UNDETERMINED)
     if width < limits.window_s:
-        return (
-            f"the change within {width:.3g} s is shorter than the frames "
-            f"({limits.window_s:.3g} s): use a shorter window_s"
-        )
+        return reject(SHORTER_THAN_FRAMES, width_s=width, window_s=limits.window_s)
     if deviation[1] > LARGEST_RELATIVE_WIDTH * width or deviation[0] > width:
-        return "too little of the passage is in the recording"
+        return reject(TOO_LITTLE)
     extent = _extent(blocks)
     ends = np.arctan((np.array(extent) - closest) / width)
     turn_deg = float(np.degrees(ends[1] - ends[0]))
     if turn_deg < LEAST_TURN_DEG:
-        return (
-            f"the line of sight turns by {turn_deg:.0f} degrees within the recording, "
-            f"and a drift looks alike below {LEAST_TURN_DEG:g}"
-        )
+        return reject(SMALL_TURN, turn_deg=turn_deg, least_deg=LEAST_TURN_DEG)
     return _one_sided(closest, width, extent, limits)
 
 
 def _one_sided(
     closest: float, width: float, extent: tuple[float, float], limits: RecordingSpan
-) -> str | None:
+) -> Rejection | None:
     first, last = extent
     if not first - width < closest < last + width:
-        return "the closest approach lies far outside the recording"
+        return reject(FAR_OUTSIDE)
     slack = 0.1 * (limits.last_s - limits.first_s) + 2 * limits.window_s
     if closest - ONE_SIDE * width < first and first > limits.first_s + slack:
-        return "the measurements begin at the closest approach"
+        return reject(BEGINS_AT_CLOSEST)
     if closest + ONE_SIDE * width > last and last < limits.last_s - slack:
-        return "the measurements end at the closest approach"
+        return reject(ENDS_AT_CLOSEST)
     return None
 
 

@@ -40,12 +40,18 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray, flatten, reason_columns
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY
+from uwtrack_cli.data.presence import STILL
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import MICROPASCAL, Levels
 from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.estimation.robust import bisquare_weight, median_scale
 from uwtrack_cli.motion.correlation import long_run_excess
+from uwtrack_cli.motion.decision import (
+    NOT_SIGNIFICANT,
+    SENSOR_TURNED,
+    Rejection,
+    reject,
+)
 from uwtrack_cli.motion.passage.candidates import CandidatePassage, Still
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.nuisances import (
@@ -76,16 +82,6 @@ LARGEST_RELATIVE_DEVIATION = 0.5
 
 SMALLEST_SPEED_DEVIATIONS = 3.0
 """A speed within so many deviations of zero is not given."""
-
-STILL_REASONS = {
-    CONSTANT: "its frequencies stay: nothing passes",
-    MACHINERY: "its frequencies change as those of a machine that keeps its place",
-    JOINED: "a line that ends where another begins: nothing passes",
-}
-"""Why a contact is no passage, by what it is read as."""
-
-WEAK = "noise alone looks like this passage too often for one to be told"
-"""Why one is none that is read as a passage."""
 
 NO_SOUND = "the sound is not at hand"
 NOTHING_TO_CHECK = "the lines show too little of a passage to be checked"
@@ -139,7 +135,7 @@ class Refusal(NamedTuple):
     """Time of its first measurement, s."""
     to_s: float
     """Time of its last measurement, s."""
-    reason: str
+    reason: Rejection
     """Why it is no passage."""
     reading: str = ""
     """What it is read as; empty for one that was taken for a passage and refused."""
@@ -149,8 +145,6 @@ class Refusal(NamedTuple):
     """The next reading; empty if it has less than 5 %."""
     rival_weight: float = np.nan
     """Its probability; 0 without one."""
-    code: str = ""
-    """What refuses it, as a code of `Encounters`; empty for all other reasons."""
 
 
 @dataclass
@@ -406,7 +400,7 @@ def _add_direction(row: Row, fit: PassageFit) -> None:
     row.side = side_of_vessel(turn)
 
 
-def add_sensor_motion(row: Row, context: CpaContext) -> str | None:
+def add_sensor_motion(row: Row, context: CpaContext) -> Rejection | None:
     """Turn what is relative to a moving sensor into motion over ground.
 
     Parameters
@@ -418,7 +412,7 @@ def add_sensor_motion(row: Row, context: CpaContext) -> str | None:
 
     Returns
     -------
-    str | None
+    Rejection | None
         Why the passage cannot be given, or None.
     """
     navigation, v = context.sensor.navigation, row.values
@@ -430,10 +424,7 @@ def add_sensor_motion(row: Row, context: CpaContext) -> str | None:
     speed = v["speed_mps"]
     range_m = v["range_over_speed_s"] * speed if np.isfinite(speed) else 0.0
     if motion.departure_m > max(LARGEST_SHARE * range_m, LARGEST_M):
-        return (
-            f"the sensor turned: it left a straight track by {motion.departure_m:.3g} m "
-            f"during the passage; 'uwtrack tma' follows its navigation"
-        )
+        return reject(SENSOR_TURNED, departure_m=motion.departure_m)
     if float(np.hypot(*motion.velocity_mps)) < AT_REST_MPS:
         motion = motion._replace(velocity_mps=np.zeros(2))
     row.sensor = motion
@@ -510,7 +501,8 @@ def still_contact(still: Still) -> Refusal:
     """
     one = still.reading
     return Refusal(
-        still.contact, still.from_s, still.to_s, STILL_REASONS.get(one.name, WEAK),
+        still.contact, still.from_s, still.to_s,
+        reject(one.name if one.name in STILL else NOT_SIGNIFICANT),
         one.name, one.weight, one.rival, one.rival_weight,
     )  # fmt: skip
 
@@ -582,8 +574,8 @@ def make_encounters(
         refused_sensor=np.array([context.sensor.id] * len(refusals), dtype=np.str_),
         refused_from_s=np.array([one.from_s for one in refusals], float),
         refused_to_s=np.array([one.to_s for one in refusals], float),
-        refused_reason=np.array([one.reason for one in refusals], dtype=np.str_),
-        refused_code=np.array([one.code for one in refusals], dtype=np.str_),
+        refused_reason=np.array([one.reason.sentence for one in refusals], np.str_),
+        refused_code=np.array([one.reason.code for one in refusals], np.str_),
         refused_reading=np.array([one.reading for one in refusals], dtype=np.str_),
         refused_reading_weight=np.array([one.weight for one in refusals], float),
         refused_rival=np.array([one.rival for one in refusals], dtype=np.str_),

@@ -48,13 +48,13 @@ SPEEDS_MPS = np.geomspace(0.8, 40.0, 24)
 
 LINE_COST = 2.0
 """Gain of a line below which it is not taken: 1 % of lines in noise alone have it at some
-speed, and nine of ten of a vessel that passes (calibration/moving_lines.py)."""
+speed, and nine of ten of a vessel that passes (studies/constants/moving_lines.py)."""
 
 LEAST_GAIN = 12.0
 """Gain of all lines together from which a candidate is fitted, whose own threshold is
 checked afterwards: of lines in noise none in twenty hours has it, of machines one in ten
 hours, and of those that swell four an hour, where all of 60 vessels have
-(calibration/moving_lines.py)."""
+(studies/constants/moving_lines.py)."""
 
 FEWEST_CELLS = 4
 """Averages below which a line tells nothing; half of them on either side of the closest
@@ -62,7 +62,7 @@ approach."""
 
 STEADIER = 1.0
 """Gain by which the level of a line may prefer to stay as it is, nepers: none of a vessel's
-does, and nine of ten in noise do (calibration/moving_lines.py)."""
+does, and nine of ten in noise do (studies/constants/moving_lines.py)."""
 
 LEVEL_STD = 0.5
 """Deviation of the level of a line in a cell, nepers (2 dB)."""

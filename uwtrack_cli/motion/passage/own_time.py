@@ -35,7 +35,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.estimation.decimation import Decimator
+from uwtrack_cli.estimation.decimation import decimated_stretch
 from uwtrack_cli.estimation.noise_floor import LN2
 from uwtrack_cli.motion.passage.model.measurements import PassageData
 
@@ -69,9 +69,8 @@ machine would outweigh all lines of a vessel."""
 MOST_PLACES = 14
 """Places that are searched in each stretch."""
 
-STRETCH_S, CHUNK_S = 600.0, 20.0
-"""Length of the stretches that are searched, and of the parts in which their sound is
-read, s."""
+STRETCH_S = 600.0
+"""Length of the stretches that are searched, s."""
 
 REACH = 4.0
 """d/v on either side of the closest approach that are read: where the inverse range
@@ -372,24 +371,15 @@ def low_sound(
     sound_speed_mps
         Sound speed, m/s.
     """
-    rate_hz = recording.sample_rate_hz
-    factor = int(rate_hz // LEAST_RATE_HZ)
-    start_s, stop_s = max(0.0, start_s), min(stop_s, recording.duration_s)
-    thin = Decimator(factor)
-    parts: list[FloatArray] = []
-    places = np.append(np.arange(start_s, stop_s, CHUNK_S), stop_s).tolist()
+    factor = int(recording.sample_rate_hz // LEAST_RATE_HZ)
+    blocks, rate_hz, start_s = decimated_stretch(recording, start_s, stop_s, factor)
     try:
-        for one_s, two_s in pairwise(places):
-            sound = recording.stretch(one_s, two_s)[:, :1]
-            parts.append(thin.feed(np.nan_to_num(sound).astype(np.float32)))
+        low = np.concatenate(list(blocks)).astype(np.float64)
     except DataError:
         return None
-    if factor > 1:
-        parts.append(thin.finish(1))
-    low = np.concatenate(parts)[:, 0].astype(np.float64) if parts else np.zeros(0)
-    if low.size * factor < 2 * REACH * NARROWEST_S * rate_hz or not low.any():
+    if low.size < 2 * REACH * NARROWEST_S * rate_hz or not low.any():
         return None
-    return LowSound(low - low.mean(), rate_hz / factor, start_s, sound_speed_mps)
+    return LowSound(low - low.mean(), rate_hz, start_s, sound_speed_mps)
 
 
 def search(sound: LowSound, known: Sequence[tuple[float, float]] = ()) -> list[OwnTime]:

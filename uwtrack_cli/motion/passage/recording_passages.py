@@ -15,6 +15,7 @@ passage with fringes.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +50,7 @@ from uwtrack_cli.motion.passage.checks.sub_bands import (
     ask_the_parts_of_all,
     is_one_with_fringes,
 )
+from uwtrack_cli.motion.passage.failed_fits import attempted
 from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import motion_likelihood
@@ -142,7 +144,7 @@ def examine_recording(
     Returns
     -------
     list[CandidatePassage]
-        Candidates, doubted ones included.
+        Candidates, rejected ones included.
     list[Still]
         What the contacts of lines are read as that are none.
     """
@@ -155,8 +157,8 @@ def examine_recording(
     if levels is None:
         return every, still
     every = _checked_in_air(every, levels, terms)
-    found = [item for item in every if not item.doubt]
-    doubted = [item for item in every if item.doubt]
+    found = [item for item in every if not item.rejections]
+    rejected = [item for item in every if item.rejections]
     if len(found) == 1:
         own = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own, levels, terms)]
@@ -165,23 +167,23 @@ def examine_recording(
         levels, passing, medium, false_alarm_probability, limits
     )
     if more and (passing or not _is_one(levels, more, terms)):
-        passing = _apart(passing, more, shares, (lines, parts), terms, doubted)
+        passing = _apart(passing, more, shares, (lines, parts), terms, rejected)
     elif not passing:
-        passing = _broadband_first(lines, levels, terms, doubted)
+        passing = _broadband_first(lines, levels, terms, rejected)
         # a contact that moves without passing is reported once
         if found and not all(_is_passage(item, limits) for item in passing):
             passing = []
     if lines is not None and not terms.medium.is_air:
-        numbers = [n for item in (*passing, *found, *doubted) for n in item.contacts]
+        numbers = [n for item in (*passing, *found, *rejected) for n in item.contacts]
         first = max([*numbers, int(lines.line_contact.max(initial=0))], default=0) + 1
         passing = [*passing, *_of_own_time(passing, first, terms)]
     used = {number for item in passing for number in item.contacts}
-    others = [item for item in (*found, *doubted) if used.isdisjoint(item.contacts)]
+    others = [item for item in (*found, *rejected) if used.isdisjoint(item.contacts)]
     return passing + others, [one for one in still if one.contact not in used]
 
 
 def _is_passage(item: CandidatePassage, limits: RecordingSpan) -> bool:
-    return not item.doubt and not_a_passage(item.fit, item.blocks, limits) is None
+    return not item.rejections and not_a_passage(item.fit, item.blocks, limits) is None
 
 
 def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
@@ -192,16 +194,19 @@ def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
 
 def _checked(
     item: CandidatePassage, lines: Lines | None, terms: SearchTerms
-) -> CandidatePassage:
-    asked = ask_the_sound(read(item), terms.sound)
-    return check_known_sounds(check_fit(asked, lines), lines)
+) -> CandidatePassage | None:
+    def check() -> CandidatePassage:
+        asked = ask_the_sound(read(item), terms.sound)
+        return check_known_sounds(check_fit(asked, lines), lines)
+
+    return attempted(check, item.contacts, item.blocks.time_s)
 
 
 def _checked_in_air(
     every: list[CandidatePassage], levels: Levels, terms: SearchTerms
 ) -> list[CandidatePassage]:
     """Hold passages of lines in air against the broadband."""
-    if not terms.medium.is_air or all(item.doubt for item in every):
+    if not terms.medium.is_air or all(item.rejections for item in every):
         return every
     level = _of_levels(levels, terms)
     # a rise may be shorter than the frames and still be where nothing else passes
@@ -220,7 +225,11 @@ def _of_lines(
     number = int(lines.line_contact.max(initial=0))
     examined, still = examine_contacts(lines, medium, probability)
     for contact in examined:
-        first, *others = split(contact, medium, probability)
+        apart = attempted(
+            partial(split, contact, medium, probability),
+            contact.contacts, contact.blocks.time_s,
+        )  # fmt: skip
+        first, *others = apart or [contact]
         found.append(first)
         for other in others:
             number += 1
@@ -237,7 +246,7 @@ def _of_lines(
         return _checked(joint, lines, terms) if joint else None
 
     checked = [_checked(item, lines, terms) for item in found]
-    return tell_once(checked, join), still
+    return tell_once([item for item in checked if item], join), still
 
 
 def _of_lines_together(
@@ -263,7 +272,7 @@ def _of_lines_together(
         if item.likelihood_ratio.line_level < LEAST_LEVEL_GAIN:
             continue
         item = _checked(item, lines, terms)
-        if _is_passage(item, terms.limits):
+        if item and _is_passage(item, terms.limits):
             number += 1
             parts[number] = part
             found.append(item)
@@ -321,6 +330,8 @@ def _of_own_time(
         if item is None:
             continue
         item = _checked(item, None, terms)
+        if item is None:
+            continue
         # one whose speed is not known was not asked about, and has nothing else
         is_asked = np.isfinite(item.rest_frame_evidence)
         if is_asked and _is_passage(item, terms.limits):
@@ -379,7 +390,7 @@ def _apart(
     shares: list[Levels],
     heard: tuple[Lines | None, dict[int, Lines]],
     terms: SearchTerms,
-    doubted: list[CandidatePassage],
+    rejected: list[CandidatePassage],
 ) -> list[CandidatePassage]:
     """Examine every passage with its own share of the broadband.
 
@@ -401,10 +412,10 @@ def _apart(
     pairs = zip(asked, shares[first:], strict=True)
     for passage, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
         best = passage
-        if not passage.doubt:
+        if not passage.rejections:
             best = _with_lines(passage, lines, free, own, terms)
         else:
-            left = [item for item in doubted if set(item.contacts) <= set(free)]
+            left = [item for item in rejected if set(item.contacts) <= set(free)]
             best = _both(passage, left, lines, own, terms)
         free = [n for n in free if n not in best.contacts]
         if best is passage:
@@ -428,7 +439,7 @@ def _broadband_first(
     lines: Lines | None,
     levels: Levels,
     terms: SearchTerms,
-    doubted: list[CandidatePassage],
+    rejected: list[CandidatePassage],
 ) -> list[CandidatePassage]:
     """Examine the broadband, with the lines that fit it if any do.
 
@@ -439,14 +450,14 @@ def _broadband_first(
         alone = ask_the_parts(alone, levels)
     if alone is None or lines is None:
         return [alone] if alone else []
-    if alone.doubt:
-        return [_both(alone, doubted, lines, levels, terms)]
+    if alone.rejections:
+        return [_both(alone, rejected, lines, levels, terms)]
     return [_with_lines(alone, lines, contact_ids(lines), levels, terms)]
 
 
 def _both(
     rise: CandidatePassage,
-    doubted: list[CandidatePassage],
+    rejected: list[CandidatePassage],
     lines: Lines | None,
     levels: Levels,
     terms: SearchTerms,
@@ -463,7 +474,7 @@ def _both(
     def is_same(item: CandidatePassage) -> bool:
         return agree_in_air(item, rise) if terms.medium.is_air else agrees(rise, item)
 
-    for item in doubted:
+    for item in rejected:
         moves = not item.blocks.shift.is_empty and item.fit.theta[0, 2] > 0.0
         if not (moves and set(item.contacts) <= known and is_same(item)):
             continue
@@ -476,9 +487,10 @@ def _both(
         )  # fmt: skip
         if joint is None or not is_same(joint):
             continue
-        joint = check_in_air(_checked(joint, lines, terms), rise)
-        if _is_passage(joint, terms.limits):
-            return joint
+        told = _checked(joint, lines, terms)
+        told = check_in_air(told, rise) if told else rise
+        if _is_passage(told, terms.limits):
+            return told
     return rise
 
 
@@ -507,9 +519,9 @@ def _with_lines(
         own_gain = ratio.doppler_over_break
         if not terms.medium.is_air:
             own_gain = _gain_of_line(joint, alone)
-        if own_gain > gain:
-            best = check_in_air(_checked(joint, lines, terms), alone)
-            gain = own_gain
+        told = _checked(joint, lines, terms) if own_gain > gain else None
+        if told:
+            best, gain = check_in_air(told, alone), own_gain
     # a line that follows by chance must not spoil what the broadband has shown
     spoils = _is_passage(alone, terms.limits) and not _is_passage(best, terms.limits)
     return alone if spoils else best
@@ -548,7 +560,7 @@ def _with_broadband(
     )  # fmt: skip
     if joint is None or _tells_less(joint, only):
         return only
-    return _checked(joint, lines, terms)
+    return _checked(joint, lines, terms) or only
 
 
 def _own_lines(lines: Lines | None, item: CandidatePassage) -> Lines | None:

@@ -31,9 +31,9 @@ from uwtrack_cli.motion.solvers.simplex import (
     nelder_mead,
     simplex_about,
 )
-from uwtrack_cli.motion.target.model import from_motion
-from uwtrack_cli.motion.target.objective import misfit_value
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.model import from_motion
+from uwtrack_cli.motion.target_motion.objective import misfit_value
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 PENALTY = 1e6
 """Charge for a violation by the whole width of the box (Chang et al., eq. 8)."""

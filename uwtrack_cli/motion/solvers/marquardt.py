@@ -7,8 +7,8 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.estimation.least_squares import Evaluation, damped_least_squares
-from uwtrack_cli.motion.target.objective import misfit
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.objective import misfit
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 LARGEST_LOG_STEP = 1.0
 """Largest change of ln R in one step."""

@@ -15,16 +15,16 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
-from uwtrack_cli.motion.target.model import state_jacobian
-from uwtrack_cli.motion.target.objective import (
+from uwtrack_cli.motion.target_motion.model import state_jacobian
+from uwtrack_cli.motion.target_motion.objective import (
     loss_value,
     loss_weight,
     misfit,
     residuals,
 )
-from uwtrack_cli.motion.target.observability import design_rows
-from uwtrack_cli.motion.target.problem import Problem
-from uwtrack_cli.motion.target.starts import StartCounts, multistart
+from uwtrack_cli.motion.target_motion.observability import design_rows
+from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 
 FIRST_ROWS = 10
 GROWTH = 1.1

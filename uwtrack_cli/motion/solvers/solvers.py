@@ -16,8 +16,8 @@ from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.solvers.hybrid import solve_hybrid
 from uwtrack_cli.motion.solvers.marquardt import SearchBounds
 from uwtrack_cli.motion.solvers.recursive import solve_recursive
-from uwtrack_cli.motion.target.problem import Problem
-from uwtrack_cli.motion.target.starts import StartCounts, multistart
+from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 
 SolverName = Literal["mle", "recursive", "genetic", "annealing"]
 Solver = Callable[[Problem, SearchBounds, IntArray, int], FloatArray]

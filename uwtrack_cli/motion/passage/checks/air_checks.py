@@ -8,16 +8,15 @@ stretch from which lines tell a passage, both must tell one passage. The level m
 early or late by the direction of its source, and ground that reflects makes it rise for
 longer; but a rise that is much shorter than d/v of the lines, or at another time within
 it, is that of a vehicle whose lines were followed wrongly. What drawn vehicles have of
-`LEAST_MACH`, `LARGEST_LAG` and `WIDTHS` is told by `calibration/vehicle_levels.py`.
+`LEAST_MACH`, `LARGEST_LAG` and `WIDTHS` is told by `studies/constants/vehicle_levels.py`.
 
 **Conventions.** Times of arrival, s from the first sample.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.motion.decision import ENGINE_WANDER, OTHER_LEVEL, reject
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 
 LEAST_MACH = 0.01
@@ -44,7 +43,7 @@ WIDTHS = (0.65, 3.5)
 def check_in_air(
     item: CandidatePassage, level: CandidatePassage | None
 ) -> CandidatePassage:
-    """Return a passage of lines, doubted where it is none of a vehicle.
+    """Return a passage of lines, rejected where it is none of a vehicle.
 
     Parameters
     ----------
@@ -54,24 +53,16 @@ def check_in_air(
         The passage that the broadband shows by itself, if it shows one.
     """
     fit = item.fit
-    if item.doubt or not fit.medium.is_air or item.blocks.shift.is_empty:
+    if item.rejections or not fit.medium.is_air or item.blocks.shift.is_empty:
         return item
     speed, deviation = float(fit.theta[0, 2]), np.sqrt(fit.covariance[0, 2, 2])
     least = LEAST_MACH * fit.medium.sound_speed_mps
     if speed > 0.0 and speed + DEVIATIONS * deviation < least:
-        return replace(
-            item,
-            doubt=f"its lines tell {speed:.2g} m/s, and engines in air wander by as "
-            f"much as {least:.2g} m/s would shift them",
-        )
+        return item.rejected(reject(ENGINE_WANDER, speed_mps=speed, least_mps=least))
     if level is None or not _contradict(item, level):
         return item
     heard_s, width_s = _heard(level)
-    return replace(
-        item,
-        doubt=f"the level rises and falls otherwise: as of a passage at {heard_s:.2f} s "
-        f"with {width_s:.2g} s of range over speed",
-    )
+    return item.rejected(reject(OTHER_LEVEL, time_s=heard_s, width_s=width_s))
 
 
 def _contradict(item: CandidatePassage, level: CandidatePassage) -> bool:

@@ -33,6 +33,15 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.decision import (
+    HALVES,
+    LINE_LEVELS,
+    LONE_CHANGE,
+    MISFIT,
+    STATIONARY_LINES,
+    Rejection,
+    reject,
+)
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.encounter_rows import LARGEST_BEARING_STD_DEG
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit, fit_passage
@@ -53,18 +62,18 @@ HALF_NORMAL = 0.455
 """Median of the square of a normal variable of unit variance."""
 
 LARGEST_MISFIT = 0.4
-"""Misfit from which a passage is doubted: see calibration/fit_checks.py."""
+"""Misfit from which a passage is rejected: see studies/constants/fit_checks.py."""
 
 SMALLEST_SLOPE, SLOPE_DEVIATIONS = 0.3, 2.0
-"""A slope of the levels that lies below this by so many deviations is doubted."""
+"""A slope of the levels that lies below this by so many deviations is rejected."""
 
 LONE_SLOPE = 0.5
 """Slope of the levels below which a line alone, or lines without a Doppler shift, are
-doubted: half-way between a machine and a passage."""
+rejected: half-way between a machine and a passage."""
 
 FLATTER_DEVIATIONS = 3.0
 """Deviations by which levels must be flatter than the range's to be those of what stays:
-interference in a channel leaves true ones within them (150 drawn, tests/baselines/auto.md)."""
+interference in a channel leaves true ones within them (150 drawn)."""
 
 LEVEL_ODDS = 3.0
 """Nepers by which levels speak for or against a passage where they decide: strong evidence
@@ -89,7 +98,7 @@ SMALLEST_ADDED = 0.5
 """Share of the variance without a line that its absence adds at least."""
 
 LARGEST_DISAGREEMENT = 5.0
-"""Disagreement of the halves from which a passage is doubted, if their speeds differ by
+"""Disagreement of the halves from which a passage is rejected, if their speeds differ by
 more than the speed itself."""
 
 STANDS_STILL = 9.2
@@ -107,7 +116,7 @@ MOST_LINES = 8
 
 
 def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePassage:
-    """Return a candidate with its misfit, wider where it is called for, or doubted.
+    """Return a candidate with its misfit, wider where it is called for, or rejected.
 
     Parameters
     ----------
@@ -120,9 +129,9 @@ def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePass
     if blocks.shift.is_empty:
         return candidate
     if not _moves(fit):
-        doubt = candidate.doubt or doubt_of_lines(fit, blocks)
-        doubt = doubt or _doubt_of_levels(candidate, fit, lines)
-        return replace(candidate, doubt=doubt)
+        return candidate.rejected(
+            stationary_lines(fit, blocks), contradicting_levels(candidate, fit, lines)
+        )
     misfit = doppler_misfit(fit, blocks)
     scale, halves = _influence(fit, blocks)
     every = np.append(scale, np.ones(fit.full_covariance.shape[1] - 4))
@@ -131,26 +140,24 @@ def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePass
         covariance=fit.covariance * np.outer(scale, scale),
         full_covariance=fit.full_covariance * np.outer(every, every),
     )
-    doubt = candidate.doubt
-    if misfit > LARGEST_MISFIT:
-        doubt = doubt or (
-            f"its lines leave the passage by {100 * misfit:.0f} % of the Doppler shift "
-            f"beyond their noise"
-        )
-    doubt = doubt or doubt_of_lines(fit, blocks)
-    doubt = doubt or _doubt_of_levels(candidate, wider, lines) or halves
-    return replace(candidate, fit=wider, misfit=misfit, doubt=doubt)
+    is_off = misfit > LARGEST_MISFIT
+    return replace(candidate, fit=wider, misfit=misfit).rejected(
+        reject(MISFIT, percent=100 * misfit) if is_off else None,
+        stationary_lines(fit, blocks),
+        contradicting_levels(candidate, wider, lines),
+        halves,
+    )
 
 
-def _doubt_of_levels(
+def contradicting_levels(
     candidate: CandidatePassage, fit: PassageFit, lines: Lines | None
-) -> str:
-    """Return what the levels of the lines speak against a passage; empty if nothing.
+) -> Rejection | None:
+    """Return what the levels of the lines say against a passage, or None.
 
     The fit is the candidate's own with the deviations that its parts call for.
     """
     if lines is None:
-        return ""
+        return None
     slope, std = level_slope(candidate, lines)
     is_alone = candidate.line_ids.size == 1
     has_to = (is_alone or not _moves(candidate.fit)) and np.isfinite(std)
@@ -160,19 +167,13 @@ def _doubt_of_levels(
     contradicts |= _is_flatter(candidate, fit, slope + FLATTER_DEVIATIONS * std)
     if contradicts or (has_to and slope < LONE_SLOPE):
         whose = "only line" if is_alone and has_to else "lines"
-        return (
-            f"the levels of its {whose} do not rise and fall as the range would: "
-            f"{slope:.2f} +- {std:.2f} dB for each dB"
-        )
+        return reject(LINE_LEVELS, whose=whose, slope=slope, std=std)
     if not _is_lone_change(candidate, fit):
-        return ""
+        return None
     gain = candidate.likelihood_ratio.line_level
     if gain >= LEVEL_ODDS:
-        return ""
-    return (
-        f"its only line changes its frequency besides, and its levels do not show the "
-        f"passage: they gain {gain:.1f} nepers by it, and {LEVEL_ODDS:g} are needed"
-    )
+        return None
+    return reject(LONE_CHANGE, gain=gain, least=LEVEL_ODDS)
 
 
 def _is_flatter(candidate: CandidatePassage, fit: PassageFit, steepest: float) -> bool:
@@ -243,8 +244,8 @@ def doppler_misfit(fit: PassageFit, blocks: Blocks) -> float:
     return float(np.sqrt(np.median(departures)) / mach)
 
 
-def doubt_of_lines(fit: PassageFit, blocks: Blocks) -> str:
-    """Return what lines that stand still speak against a passage; empty if too few do.
+def stationary_lines(fit: PassageFit, blocks: Blocks) -> Rejection | None:
+    """Return what lines that stand still say against a passage; None if too few do.
 
     Parameters
     ----------
@@ -264,8 +265,8 @@ def doubt_of_lines(fit: PassageFit, blocks: Blocks) -> str:
     known = blocks.shift.weight[0].any(axis=1)
     still = int(np.count_nonzero(0.5 * gain[known] > STANDS_STILL))
     if still <= MOST_STILL * np.count_nonzero(known):
-        return ""
-    return f"{still} of its {np.count_nonzero(known)} lines stand still"
+        return None
+    return reject(STATIONARY_LINES, n_stationary=still, n_lines=np.count_nonzero(known))
 
 
 def _square(value: FloatArray, weight: FloatArray) -> FloatArray:
@@ -352,23 +353,22 @@ def _numbers(fit: PassageFit, time_s: FloatArray) -> IntArray:
     return np.asarray(number - number.min(), np.int64)
 
 
-def _influence(fit: PassageFit, blocks: Blocks) -> tuple[FloatArray, str]:
-    """Return factors on the four deviations, and a doubt where the halves disagree."""
+def _influence(fit: PassageFit, blocks: Blocks) -> tuple[FloatArray, Rejection | None]:
+    """Return factors on the four deviations, and a rejection where halves disagree."""
     is_late = blocks.time_s > _heard_s(fit)
     early, late = (_refit(fit, blocks, keep) for keep in (~is_late, is_late))
     factor = np.ones(4)
-    doubt = ""
+    rejection: Rejection | None = None
     if early is not None and late is not None:
         (first, a), (second, b) = early, late
         apart = _apart(first, second) / np.sqrt(a + b)
         factor = np.fmax(1.0, apart / CHANCE)
         speeds = abs(float(first[2] - second[2]))
         if apart[2] > LARGEST_DISAGREEMENT and speeds > fit.theta[0, 2]:
-            doubt = (
-                f"its two halves tell {first[2]:.3g} and {second[2]:.3g} m/s, "
-                f"{apart[2]:.1f} deviations apart"
+            rejection = reject(
+                HALVES, first_mps=first[2], second_mps=second[2], apart=apart[2]
             )
-    return np.fmax(factor, _without_each_line(fit, blocks)), doubt
+    return np.fmax(factor, _without_each_line(fit, blocks)), rejection
 
 
 def _apart(one: FloatArray, other: FloatArray) -> FloatArray:

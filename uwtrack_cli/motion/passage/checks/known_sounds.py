@@ -12,7 +12,6 @@ lie anywhere between two multiples, are all that near to one.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from uwtrack_cli.constants import MAINS_HZ, MAINS_REACH_HZ, MAINS_TOLERANCE
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import MAINS, TOO_FAST
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.motion.decision import reject
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.encounter_rows import SMALLEST_SPEED_DEVIATIONS
 
@@ -35,7 +35,7 @@ GREATEST_CHANCE = 1e-3
 
 
 def check_known_sounds(item: CandidatePassage, lines: Lines | None) -> CandidatePassage:
-    """Return a passage of lines, doubted where it is faster than vessels, or is hum.
+    """Return a passage of lines, rejected where it is faster than vessels, or is hum.
 
     Parameters
     ----------
@@ -45,27 +45,18 @@ def check_known_sounds(item: CandidatePassage, lines: Lines | None) -> Candidate
         The tracked lines of its recording; None for a table.
     """
     fit = item.fit
-    if item.doubt or item.blocks.shift.is_empty:
+    if item.rejections or item.blocks.shift.is_empty:
         return item
     speed, deviation = float(fit.theta[0, 2]), float(np.sqrt(fit.covariance[0, 2, 2]))
     is_told = speed > SMALLEST_SPEED_DEVIATIONS * deviation
     if fit.medium.is_water and is_told and speed > FASTEST_MPS:
-        return replace(
-            item,
-            doubt=f"its lines tell {speed:.3g} m/s, and nothing in water is as fast; "
-            "sound in air needs --sound-speed-mps 343",
-            doubt_code=TOO_FAST,
-        )
+        return item.rejected(reject(TOO_FAST, speed_mps=speed))
     if lines is None:
         return item
     mains_hz = mains_of([lines.frequency_hz[lines.line == n] for n in item.line_ids])
     if mains_hz is None:
         return item
-    return replace(
-        item,
-        doubt=f"its lines are multiples of {mains_hz:g} Hz: mains that wander",
-        doubt_code=MAINS,
-    )
+    return item.rejected(reject(MAINS, mains_hz=mains_hz))
 
 
 def mains_of(lines_hz: Sequence[FloatArray]) -> float | None:

@@ -37,6 +37,9 @@ from numpy.typing import NDArray
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.decimation import decimated_stretch, usual_decimation
+from uwtrack_cli.estimation.narrow_bands import TAPER, NarrowBand, narrow_bands
+from uwtrack_cli.motion.decision import NO_TONES, REST_FRAME, Rejection, reject
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.model.measurements import Blocks
@@ -58,7 +61,7 @@ CONTEXT, WIDEST = 12.0, 0.45
 """Half of the band that is cut out: so many Doppler shifts, at most such a share of the
 line's frequency."""
 
-USED_BAND = 0.9
+USED_BAND = 1.0 - TAPER
 """Share of that band whose noise is taken: its edges are tapered."""
 
 INNER = 2.5
@@ -83,7 +86,7 @@ RIVALS = ("constant", "frequency-ramp", "frequency-step")
 """Readings that the passage must beat."""
 
 SMALLEST_EVIDENCE = 0.0
-"""Evidence below which a passage of lines is doubted: see calibration/fit_checks.py."""
+"""Evidence below which a passage of lines is rejected: see studies/constants/fit_checks.py."""
 
 LEAST_GAIN = 10.0
 """Nepers that the lines of a passage must gain over noise at the best frame length: half
@@ -96,9 +99,6 @@ RESOLVED = 1.0
 """Distance of two readings, in cells of the longest frames, from which they are told
 apart: nearer ones leave a tone within its main lobe. It is measured where power is."""
 
-MOST_SAMPLES = 1 << 25
-"""Samples above which a stretch is not read again."""
-
 
 class RestFrame(NamedTuple):
     """What the sound says of a passage."""
@@ -109,17 +109,6 @@ class RestFrame(NamedTuple):
     """That rival, one of `RIVALS`."""
     gain: float
     """What its lines gain over noise at the best frame length, nepers."""
-
-
-class _Band(NamedTuple):
-    """The sound about one line, turned down by its rest frequency."""
-
-    rest_hz: float
-    """Rest frequency, Hz."""
-    rate_hz: float
-    """Samples per second."""
-    sound: NDArray[np.complex128]
-    """Samples, shape (n,)."""
 
 
 def ask_the_sound(
@@ -137,7 +126,7 @@ def ask_the_sound(
     Returns
     -------
     CandidatePassage
-        The same with its evidence, and a doubt where the sound contradicts it.
+        The same with its evidence, and a rejection where the sound contradicts it.
     """
     fit = candidate.fit
     if recording is None or not fit.rest_hz.shape[1]:
@@ -150,18 +139,13 @@ def ask_the_sound(
     heard = rest_frame(recording, fit, candidate.blocks, turns=turns)
     if heard is None:
         return candidate
-    doubt = candidate.doubt
+    against: Rejection | None = None
     if heard.evidence < SMALLEST_EVIDENCE:
-        doubt = doubt or (
-            f"in the vessel's own time its lines are no steadier than as {heard.rival} "
-            f"(rest-frame evidence {heard.evidence:.2f})"
-        )
+        against = reject(REST_FRAME, rival=heard.rival, evidence=heard.evidence)
     elif heard.gain < LEAST_GAIN:
-        doubt = doubt or (
-            f"in the vessel's own time its lines are no tones: they gain "
-            f"{heard.gain:.1f} nepers over noise, and {LEAST_GAIN:g} are needed"
-        )
-    return replace(candidate, rest_frame_evidence=heard.evidence, doubt=doubt)
+        against = reject(NO_TONES, gain=heard.gain, least=LEAST_GAIN)
+    asked = replace(candidate, rest_frame_evidence=heard.evidence)
+    return asked.rejected(against)
 
 
 def rest_frame(
@@ -195,45 +179,23 @@ def rest_frame(
     heard_s = float(fit.theta[0, 0]) + mach * width
     start_s = max(heard_s - REACH * width, 0.0)
     stop_s = min(heard_s + REACH * width, recording.duration_s)
-    n_samples = (stop_s - start_s) * recording.sample_rate_hz
-    if not FEWEST_FRAMES * FEWEST_CELLS <= n_samples < MOST_SAMPLES:
+    if stop_s <= start_s:
         return None
+    rest_hz = fit.rest_hz[0, is_known]
+    half_hz = min(CONTEXT * mach, WIDEST) * rest_hz
+    is_wide = half_hz * (stop_s - start_s) > FEWEST_CELLS
+    if not is_wide.any():
+        return None
+    rest_hz, half_hz = rest_hz[is_wide], half_hz[is_wide]
+    highest_hz = float((rest_hz + half_hz).max())
+    factor = usual_decimation(recording.sample_rate_hz, highest_hz, least_rate_hz=0.0)
+    sound, rate_hz, start_s = decimated_stretch(recording, start_s, stop_s, factor)
     try:
-        sound = recording.stretch(start_s, stop_s)[:, 0]
+        bands = narrow_bands(sound, rate_hz, rest_hz, half_hz)
     except DataError:
-        return None
-    bands = _bands(np.nan_to_num(sound), recording.sample_rate_hz,
-                   fit.rest_hz[0, is_known], mach)  # fmt: skip
-    if not bands:
         return None
     shapes = _rivals(blocks, is_known, (heard_s, width), fit.change)
     return _compared(bands, start_s, fit, shapes, mach, turns=turns)
-
-
-def _bands(
-    sound: FloatArray, rate_hz: float, rest_hz: FloatArray, mach: float
-) -> list[_Band]:
-    """Cut every line with its surroundings out of the sound."""
-    n = sound.size
-    spectrum = np.fft.rfft(sound - sound.mean())
-    cell_hz = rate_hz / n
-    found = []
-    for rest in rest_hz:
-        half = round(min(CONTEXT * mach, WIDEST) * rest / cell_hz)
-        if half < FEWEST_CELLS:
-            continue
-        centre = round(rest / cell_hz)
-        cells = np.arange(-half, half)
-        inside = (centre + cells > 0) & (centre + cells < spectrum.size)
-        part = np.zeros(2 * half, np.complex128)
-        part[inside] = spectrum[centre + cells[inside]]
-        part *= np.minimum(1.0, (half - abs(cells + 0.5)) / (0.1 * half))
-        narrow = np.fft.ifft(np.fft.ifftshift(part))
-        rate = 2 * half * cell_hz
-        offset = 2j * np.pi * (rest - centre * cell_hz) / rate
-        narrow *= np.exp(-offset * np.arange(2 * half))
-        found.append(_Band(float(rest), rate, narrow))
-    return found
 
 
 class _Rivals(NamedTuple):
@@ -300,7 +262,7 @@ def _rivals(
 
 
 def _compared(
-    bands: list[_Band],
+    bands: list[NarrowBand],
     start_s: float,
     fit: PassageFit,
     rivals: _Rivals,
@@ -312,7 +274,7 @@ def _compared(
     is_told = np.full(len(RIVALS), not turns)
     is_used = np.zeros(N_LENGTHS, np.bool_)
     for band in bands:
-        shortest = 2 / (mach * band.rest_hz) * band.rate_hz
+        shortest = 2 / (mach * band.centre_hz) * band.rate_hz
         lengths = [round(shortest * 2**k) for k in range(N_LENGTHS)]
         time = start_s + np.arange(band.sound.size) / band.rate_hz
         shifts = (
@@ -320,7 +282,7 @@ def _compared(
             np.zeros(time.size),
             *rivals.shifts(time),
         )
-        turn = 2j * np.pi * band.rest_hz / band.rate_hz
+        turn = 2j * np.pi * band.centre_hz / band.rate_hz
         readings = [band.sound * np.exp(-turn * np.cumsum(s)) for s in shifts]
         power = np.abs(band.sound) ** 2
         for k, length in enumerate(lengths):
@@ -328,9 +290,9 @@ def _compared(
                 continue
             is_used[k] = True
             for number, shift in enumerate(shifts[1:]):
-                apart = _reach(shifts[0] - shift, power) * band.rest_hz
+                apart = _reach(shifts[0] - shift, power) * band.centre_hz
                 is_told[number] |= apart > RESOLVED * band.rate_hz / length
-            inner = (INNER * mach * band.rest_hz) / band.rate_hz + 2 / length
+            inner = (INNER * mach * band.centre_hz) / band.rate_hz + 2 / length
             gains[k] += [_gain(reading, length, inner) for reading in readings]
     if not (is_used.any() and is_told.any()):
         return None
@@ -351,7 +313,7 @@ def _reach(apart: FloatArray, power: FloatArray) -> float:
     return float(np.sqrt(3.0 * (share @ off**2)))
 
 
-def _gain(sound: NDArray[np.complex128], length: int, inner: float) -> float:
+def _gain(sound: NDArray[np.complexfloating], length: int, inner: float) -> float:
     """Log-likelihood that the strongest tone of a narrow band gains over noise.
 
     ``inner`` is half of the band in which it is sought, in cycles per sample.

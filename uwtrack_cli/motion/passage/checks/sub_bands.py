@@ -32,7 +32,6 @@ Numer. Anal. 10, 413, for the separation of linear unknowns.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -40,6 +39,14 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.motion.decision import (
+    FEW_SUB_BANDS,
+    OTHER_RISE,
+    SHORT_FLANK,
+    SUB_BANDS_DISAGREE,
+    Rejection,
+    reject,
+)
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.checks.surface_image import (
     LEAST_GAIN as LEAST_IMAGE_GAIN,
@@ -108,26 +115,18 @@ class Agreement(NamedTuple):
     """What is recorded on the shorter side of the rise, in d/v."""
 
     @property
-    def reason(self) -> str:
-        """Why this is no passage by its levels alone; empty if it is one."""
+    def rejection(self) -> Rejection | None:
+        """Why this is no passage by its levels alone; None if it is one."""
         if self.flank < LEAST_FLANK:
-            return (
-                f"the level alone makes a passage with {LEAST_FLANK:g} d/v recorded "
-                f"before and after it, got {max(self.flank, 0.0):.2g}"
-            )
+            flank = max(self.flank, 0.0)
+            return reject(SHORT_FLANK, least=LEAST_FLANK, flank=flank)
         if self.n_parts < FEWEST_PARTS:
-            return (
-                f"{self.n_parts} parts of the band rise by themselves, and the level "
-                f"alone makes a passage with {FEWEST_PARTS}"
-            )
+            return reject(FEW_SUB_BANDS, count=self.n_parts, least=FEWEST_PARTS)
         if self.probability < SMALLEST_PROBABILITY:
-            return (
-                f"the parts of the band tell different times or widths (chance "
-                f"{self.probability:.1g})"
-            )
+            return reject(SUB_BANDS_DISAGREE, probability=self.probability)
         if self.gain < 0.0:
-            return f"its levels rise and fall more as {self.rival} than as a passage"
-        return ""
+            return reject(OTHER_RISE, rival=self.rival)
+        return None
 
 
 PASSAGE = "a passage"
@@ -252,14 +251,14 @@ def ask_the_parts(
     Returns
     -------
     CandidatePassage
-        The same, with a doubt where neither bearings that turn nor the parts tell a
+        The same, with a rejection where neither bearings that turn nor the parts tell a
         passage.
     """
     gain = candidate.likelihood_ratio
-    if candidate.doubt or gain.bearing > gain.threshold:
+    if candidate.rejections or gain.bearing > gain.threshold:
         return candidate
     told = agreement(levels, *Rise.of(candidate), beside)
-    return replace(candidate, doubt=told.reason) if told else candidate
+    return candidate.rejected(told.rejection) if told else candidate
 
 
 def ask_the_parts_of_all(
@@ -280,13 +279,13 @@ def ask_the_parts_of_all(
     """
     told = list(rises)
     while True:
-        left = [number for number, item in enumerate(told) if not item.doubt]
+        left = [number for number, item in enumerate(told) if not item.rejections]
         asked = list(told)
         for number in left:
             others = [Rise.of(told[other]) for other in left if other != number]
             near = [*beside, *others]
             asked[number] = ask_the_parts(told[number], levels[number], near)
-        if not any(asked[number].doubt for number in left):
+        if not any(asked[number].rejections for number in left):
             return asked
         told = asked
 
@@ -326,14 +325,14 @@ def agreement(
     over_squall = _squall_over_laws(levels, crowd) if len(crowd) > 1 else np.inf
     image = _image(parts, own)
     first = _told(parts._replace(image=image), own, over_squall)
-    if not first.reason:
+    if first.rejection is None:
         return first
     # the level of the whole band has the fringes, too, and its width need not be right
     for factor in OTHER_WIDTHS:
         wide = own._replace(width_s=factor * width_s)
         image = _image(parts, wide)
         told = _told(parts._replace(image=image), wide, over_squall)
-        if image is not None and not told.reason:
+        if image is not None and told.rejection is None:
             return told
     return first
 

@@ -44,7 +44,7 @@ MOST_INSTANTS = 240
 LEAST_GAIN = 20.0
 """Gain in log-likelihood over the law without fringes from which they are taken: none of
 160 drawn bands of noise, drifts and passages without an image has it, and 38 of 40 with
-one (calibration/fringes.py). Gusts, squalls and doors have it now and then; they are told
+one (studies/constants/fringes.py). Gusts, squalls and doors have it now and then; they are told
 from a passage afterwards, with what was gained here paid."""
 
 SMALLEST_SHARE = 0.02

@@ -7,7 +7,7 @@ sound more than to the near. Beside lines these patterns are unknowns of the fit
 (`source_patterns`); a level alone cannot tell them from its time and width, and they are
 considered afterwards: the answer moves with each by the partial of the optimum, and its
 covariance grows by the square of that times the variance of the pattern (Schmidt 1966).
-Errors of drawn vehicles in these deviations are told by `calibration/vehicle_levels.py`.
+Errors of drawn vehicles in these deviations are told by `studies/constants/vehicle_levels.py`.
 
 **Conventions.** Levels in nepers of power (ln). In water nothing is considered: there the
 levels' own coloured noise holds what is left.

@@ -10,7 +10,7 @@ unknown of the levels with a prior of its own, and eliminated: with C the covari
 their noise and p its course over a deviation, C + p p' is that of both. Lines then tell
 time and width where they know better than a level whose source is not known.
 
-Deviations of drawn vehicles are told by `calibration/vehicle_levels.py`. In water the
+Deviations of drawn vehicles are told by `studies/constants/vehicle_levels.py`. In water the
 exponent has the prior that levels of lines have, and d/v that of a level alone; what a
 ship radiates ahead and astern is not asked here, where bearings and lines tell time.
 

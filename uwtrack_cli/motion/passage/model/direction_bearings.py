@@ -27,6 +27,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.estimation.angles import wrap_deg
+from uwtrack_cli.estimation.assignment import assign
 from uwtrack_cli.estimation.constant_velocity import transition, white_acceleration
 
 GATE = 4.0
@@ -180,8 +181,6 @@ def sources_in_time(directions: Directions) -> IntArray:
         Numbers from 1, the source that is heard in most frames; 0 for what is heard too
         seldom. Where frames have one direction each, all of it is source 1.
     """
-    from scipy.optimize import linear_sum_assignment
-
     if directions.source is None or (directions.source == 1).all():
         return np.ones(directions.time_s.size, np.int64)
     owner = np.full(directions.time_s.size, -1)
@@ -197,15 +196,15 @@ def sources_in_time(directions: Directions) -> IntArray:
         if foreseen:
             off = np.abs([wrap_deg(bearing - one.bearing_deg) for one in foreseen])
             total = np.array([variance + one.spread[0, 0] for one in foreseen])
-            far = (off > GATE * np.sqrt(total)) | (off > WIDEST_DEG)
-            # a pair beyond the gate costs more than any other pairing
-            cost = np.where(far, 1e6, off**2 / total + np.log(total))
-            for number, k in zip(*linear_sum_assignment(cost), strict=True):
-                if not far[number, k]:
-                    heard[number] = foreseen[number].with_bearing(
-                        bearing[k], variance[k], time_s
-                    )
-                    owner[rows[k]] = number
+            is_near = (off <= GATE * np.sqrt(total)) & (off <= WIDEST_DEG)
+            numbers, places = np.nonzero(is_near)
+            cost = (off**2 / total + np.log(total))[is_near]
+            for pair in assign(numbers, places, cost):
+                number, k = int(numbers[pair]), places[pair]
+                heard[number] = foreseen[number].with_bearing(
+                    bearing[k], variance[k], time_s
+                )
+                owner[rows[k]] = number
         for k in np.flatnonzero(owner[rows] < 0):
             owner[rows[k]] = len(heard)
             heard.append(_Heard.new(bearing[k], variance[k], time_s))

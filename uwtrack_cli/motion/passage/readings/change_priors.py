@@ -63,7 +63,7 @@ steady turn, rad."""
 
 ODDS = {STEP: 3.0, RAMP: 3.0, MANOEUVRE: 3.0, TURN: 3.0}
 """Logarithm of the odds against each change before the measurements: see
-calibration/readings.py."""
+studies/constants/readings.py."""
 
 
 def speed_prior(fit: PassageFit) -> float:

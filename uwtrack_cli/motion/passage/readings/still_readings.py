@@ -14,7 +14,7 @@ gain g its deviation is the size over the root of 2 g, so that its cost (Occam's
 depends on the gain alone. A passage pays for its time, width and speed by the volume of
 their posterior over that of their priors (Laplace's method). All readings are as likely before
 the measurements, but for the odds against a change beside a passage; what comes of that
-is counted by calibration/still_readings.py.
+is counted by studies/constants/still_readings.py.
 
 **Conventions.** Log-likelihoods in nepers. One data set, the fit's one row.
 

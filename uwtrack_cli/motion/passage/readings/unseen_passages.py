@@ -46,6 +46,9 @@ N_PASSAGES = 400
 SLOWEST_MPS, FASTEST_MPS = 0.3, 60.0
 """Speeds that are tried."""
 
+PRIMES = (2, 3, 5, 7, 11)
+"""Base of Halton's sequence for each of the five unknowns that are drawn."""
+
 FLOORS = (-5.0, 2.0)
 """Bounds of the logarithm of the floor over the level at closest approach."""
 
@@ -123,16 +126,15 @@ def _gains(
 
 def _drawn(fit: PassageFit, blocks: Blocks) -> tuple[Passage, FloatArray, FloatArray]:
     """Return the passages that are tried, their turns and the logarithms of floors."""
-    from scipy.stats import t as student
-    from scipy.stats.qmc import Halton
+    from scipy.special import stdtrit
 
-    share = Halton(d=5, scramble=False).random(N_PASSAGES + 1)[1:].T
+    share = np.array([radical_inverse(N_PASSAGES, base) for base in PRIMES])
     used = (blocks.weight[0] > 0).any(axis=0)
     time_s = blocks.time_s[used]
     span_s, spacing_s = float(np.ptp(time_s)), float(np.median(np.diff(time_s)))
     square = np.log1p((VESSEL_STD_MPS / VESSEL_MPS) ** 2)
     middle = np.log(VESSEL_MPS) - 0.5 * square
-    speed = np.exp(middle + np.sqrt(square) * student.ppf(share[2], TAIL_FREEDOM))
+    speed = np.exp(middle + np.sqrt(square) * stdtrit(TAIL_FREEDOM, share[2]))
     theta = np.column_stack([
         time_s[0] + span_s * share[0],
         np.log(spacing_s) + np.log(span_s / spacing_s) * share[1],
@@ -145,6 +147,22 @@ def _drawn(fit: PassageFit, blocks: Blocks) -> tuple[Passage, FloatArray, FloatA
     law = passage_law(blocks.time_s, theta, medium.sound_speed_mps, height_m)
     floor = FLOORS[0] + (FLOORS[1] - FLOORS[0]) * share[4]
     return law, np.where(share[3] < 0.5, -1.0, 1.0), floor
+
+
+def radical_inverse(count: int, base: int) -> FloatArray:
+    """Return the numbers from 1 to count, their digits mirrored at the point.
+
+    Examples
+    --------
+    >>> radical_inverse(5, 2).tolist()
+    [0.5, 0.25, 0.75, 0.125, 0.625]
+    """
+    rest, found, place = np.arange(1, count + 1), np.zeros(count), 1.0 / base
+    while rest.any():
+        rest, digit = np.divmod(rest, base)
+        found += digit * place
+        place /= base
+    return found
 
 
 def _log_mean(gains: FloatArray) -> float:

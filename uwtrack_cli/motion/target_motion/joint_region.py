@@ -18,9 +18,9 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.target.model import from_motion, to_motion
-from uwtrack_cli.motion.target.objective import misfit
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.model import from_motion, to_motion
+from uwtrack_cli.motion.target_motion.objective import misfit
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 N_DRAWS = 200
 """Motions that are drawn."""

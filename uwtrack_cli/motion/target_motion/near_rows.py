@@ -11,9 +11,9 @@ say.
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.motion.target.model import state_jacobian, to_state
-from uwtrack_cli.motion.target.objective import misfit
-from uwtrack_cli.motion.target.problem import Problem, without_rows
+from uwtrack_cli.motion.target_motion.model import state_jacobian, to_state
+from uwtrack_cli.motion.target_motion.objective import misfit
+from uwtrack_cli.motion.target_motion.problem import Problem, without_rows
 
 NEAR = 0.1
 """Range, in the median of all, below which a row may be one of these."""

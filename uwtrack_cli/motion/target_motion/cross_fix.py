@@ -23,12 +23,12 @@ from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.estimation.constant_velocity import carried_on
 from uwtrack_cli.motion.fix_table import FixRows, fix_rows, fix_table
-from uwtrack_cli.motion.target.contact import ContactAnswer
-from uwtrack_cli.motion.target.inputs import Platforms
-from uwtrack_cli.motion.target.model import state_jacobian, to_state
-from uwtrack_cli.motion.target.modes import ModeAnswer
-from uwtrack_cli.motion.target.objective import misfit
-from uwtrack_cli.motion.target.place_readings import (
+from uwtrack_cli.motion.target_motion.contact import ContactAnswer
+from uwtrack_cli.motion.target_motion.inputs import Platforms
+from uwtrack_cli.motion.target_motion.model import state_jacobian, to_state
+from uwtrack_cli.motion.target_motion.modes import ModeAnswer
+from uwtrack_cli.motion.target_motion.objective import misfit
+from uwtrack_cli.motion.target_motion.place_readings import (
     NO_READING,
     STILL,
     VELOCITY_STDS_MPS,

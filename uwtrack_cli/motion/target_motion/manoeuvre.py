@@ -22,10 +22,10 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.least_squares import orthonormal
-from uwtrack_cli.motion.target.error_budget import NuisanceDeviations
-from uwtrack_cli.motion.target.inputs import correlation_inflation
-from uwtrack_cli.motion.target.objective import Residuals, loss_weight, residuals
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
+from uwtrack_cli.motion.target_motion.inputs import correlation_inflation
+from uwtrack_cli.motion.target_motion.objective import Residuals, loss_weight, residuals
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 N_INSTANTS = 41
 """Instants at which the target may have changed its velocity."""
@@ -44,7 +44,7 @@ LARGEST_DECAY = 0.98
 
 LARGEST_CHANCE_GAIN = 14.5
 """Gain that straight targets exceed in less than 2 % of the records: see
-calibration/manoeuvre.py. With 13, 17 of 600 independent records (seed 4000) did; with
+studies/constants/manoeuvre.py. With 13, 17 of 600 independent records (seed 4000) did; with
 this one 4 of 600 (seed 8000: 0.2 to 1.7 %)."""
 
 COLOURED_CHANCE_GAIN = 20.0

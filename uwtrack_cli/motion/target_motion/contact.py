@@ -24,9 +24,9 @@ from uwtrack_cli.motion.solvers.marquardt import (
     search_bounds,
 )
 from uwtrack_cli.motion.solvers.solvers import SOLVERS
-from uwtrack_cli.motion.target.association import BearingSource, associate
-from uwtrack_cli.motion.target.conventions import other_convention
-from uwtrack_cli.motion.target.inputs import (
+from uwtrack_cli.motion.target_motion.association import BearingSource, associate
+from uwtrack_cli.motion.target_motion.conventions import other_convention
+from uwtrack_cli.motion.target_motion.inputs import (
     Measurements,
     Platforms,
     check_measurements,
@@ -35,34 +35,34 @@ from uwtrack_cli.motion.target.inputs import (
     rounding_std,
     sensor_paths,
 )
-from uwtrack_cli.motion.target.last_leg import find_last_leg
-from uwtrack_cli.motion.target.manoeuvre import Manoeuvre, find_manoeuvre
-from uwtrack_cli.motion.target.model import to_motion
-from uwtrack_cli.motion.target.modes import (
+from uwtrack_cli.motion.target_motion.last_leg import find_last_leg
+from uwtrack_cli.motion.target_motion.manoeuvre import Manoeuvre, find_manoeuvre
+from uwtrack_cli.motion.target_motion.model import to_motion
+from uwtrack_cli.motion.target_motion.modes import (
     ModeAnswer,
     Modes,
     TmaOptions,
     describe_mode,
     find_modes,
 )
-from uwtrack_cli.motion.target.near_rows import near_rows
-from uwtrack_cli.motion.target.objective import residuals
-from uwtrack_cli.motion.target.observability import (
+from uwtrack_cli.motion.target_motion.near_rows import near_rows
+from uwtrack_cli.motion.target_motion.objective import residuals
+from uwtrack_cli.motion.target_motion.observability import (
     assess,
     information,
     is_manoeuvring,
     misfit_scale,
 )
-from uwtrack_cli.motion.target.own_ship import (
+from uwtrack_cli.motion.target_motion.own_ship import (
     USUAL_TOW_M,
     OwnPath,
     bend_rad,
     make_observer_track,
     make_sensors_track,
 )
-from uwtrack_cli.motion.target.problem import Problem, without_rows
-from uwtrack_cli.motion.target.row_mixture import RowMixture
-from uwtrack_cli.motion.target.starts import multistart
+from uwtrack_cli.motion.target_motion.problem import Problem, without_rows
+from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
+from uwtrack_cli.motion.target_motion.starts import multistart
 
 
 @dataclass(frozen=True, eq=False)

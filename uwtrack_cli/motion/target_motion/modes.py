@@ -25,21 +25,24 @@ from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
 from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
 from uwtrack_cli.motion.solvers.solvers import SolverName
-from uwtrack_cli.motion.target.error_budget import NuisanceDeviations, error_budget
-from uwtrack_cli.motion.target.joint_region import ellipse_holds
-from uwtrack_cli.motion.target.model import (
+from uwtrack_cli.motion.target_motion.error_budget import (
+    NuisanceDeviations,
+    error_budget,
+)
+from uwtrack_cli.motion.target_motion.joint_region import ellipse_holds
+from uwtrack_cli.motion.target_motion.model import (
     state_jacobian,
     to_motion,
     to_polar,
     to_state,
 )
-from uwtrack_cli.motion.target.objective import Residuals, misfit, residuals
-from uwtrack_cli.motion.target.observability import (
+from uwtrack_cli.motion.target_motion.objective import Residuals, misfit, residuals
+from uwtrack_cli.motion.target_motion.observability import (
     Observability,
     assess,
     information,
 )
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 STEPS = 12
 """Points of the profile on each side."""

@@ -29,9 +29,9 @@ from math import lgamma
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.target.objective import misfit_value
-from uwtrack_cli.motion.target.problem import Problem
-from uwtrack_cli.motion.target.row_mixture import RowMixture
+from uwtrack_cli.motion.target_motion.objective import misfit_value
+from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
 
 STILL, MOVING = "still", "moving"
 

@@ -17,7 +17,7 @@ from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.robust import FEWEST_VALUES, white_scatter
-from uwtrack_cli.motion.target.own_ship import OwnPath
+from uwtrack_cli.motion.target_motion.own_ship import OwnPath
 
 LONGEST_EXTRAPOLATION_S = 60.0
 """Beyond the last row of navigation own ship may have turned."""

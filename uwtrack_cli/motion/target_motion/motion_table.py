@@ -10,11 +10,11 @@ from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, flatten, reason_columns
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.target.contact import ContactAnswer
-from uwtrack_cli.motion.target.cross_fix import grid_state
-from uwtrack_cli.motion.target.last_leg import state_now
-from uwtrack_cli.motion.target.model import to_motion
-from uwtrack_cli.motion.target.modes import Interval, ModeAnswer, TmaOptions
+from uwtrack_cli.motion.target_motion.contact import ContactAnswer
+from uwtrack_cli.motion.target_motion.cross_fix import grid_state
+from uwtrack_cli.motion.target_motion.last_leg import state_now
+from uwtrack_cli.motion.target_motion.model import to_motion
+from uwtrack_cli.motion.target_motion.modes import Interval, ModeAnswer, TmaOptions
 
 LARGEST_LOG_RANGE_STD = 1.0
 """Deviation of ln R above which the range is not given."""

@@ -20,14 +20,14 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.motion.coloured_noise import fit_coloured_noise
-from uwtrack_cli.motion.target.model import state_jacobian
-from uwtrack_cli.motion.target.objective import Residuals, loss_weight, residuals
-from uwtrack_cli.motion.target.observability import (
+from uwtrack_cli.motion.target_motion.model import state_jacobian
+from uwtrack_cli.motion.target_motion.objective import Residuals, loss_weight, residuals
+from uwtrack_cli.motion.target_motion.observability import (
     Information,
     design_rows,
     series_slopes,
 )
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 MOST_CELLS = 1000
 """Cells of a series beyond which rows are summed before their covariance is taken."""

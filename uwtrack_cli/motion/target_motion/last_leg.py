@@ -19,18 +19,18 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.solvers.marquardt import SearchBounds
-from uwtrack_cli.motion.target.manoeuvre import Manoeuvre
-from uwtrack_cli.motion.target.model import state_jacobian, to_motion
-from uwtrack_cli.motion.target.modes import (
+from uwtrack_cli.motion.target_motion.manoeuvre import Manoeuvre
+from uwtrack_cli.motion.target_motion.model import state_jacobian, to_motion
+from uwtrack_cli.motion.target_motion.modes import (
     ModeAnswer,
     Modes,
     TmaOptions,
     describe_mode,
     last_position,
 )
-from uwtrack_cli.motion.target.objective import loss_weight, misfit, residuals
-from uwtrack_cli.motion.target.observability import design_rows, information
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.objective import loss_weight, misfit, residuals
+from uwtrack_cli.motion.target_motion.observability import design_rows, information
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 CHANGE_STD_MPS = 4.0
 """Deviation of each component of the change before the fit."""

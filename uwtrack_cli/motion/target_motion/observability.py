@@ -19,15 +19,15 @@ import numpy as np
 
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.motion.target.model import motion_jacobian, state_jacobian
-from uwtrack_cli.motion.target.objective import (
+from uwtrack_cli.motion.target_motion.model import motion_jacobian, state_jacobian
+from uwtrack_cli.motion.target_motion.objective import (
     Residuals,
     loss_curvature,
     loss_weight,
     residuals,
 )
-from uwtrack_cli.motion.target.own_ship import ObserverTrack
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.own_ship import ObserverTrack
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 RANK_THRESHOLD = 1e-13
 """Relative size of an eigenvalue of the unit-diagonal information that counts as 0."""

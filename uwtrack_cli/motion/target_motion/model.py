@@ -20,7 +20,7 @@ import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.motion.target.own_ship import ObserverTrack
+from uwtrack_cli.motion.target_motion.own_ship import ObserverTrack
 
 
 def to_state(q: FloatArray, *, polar: bool = False) -> FloatArray:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.motion.target.own_ship import ObserverTrack
+from uwtrack_cli.motion.target_motion.own_ship import ObserverTrack
 
 Loss = Literal["squares", "huber", "student", "tukey"]
 

@@ -19,9 +19,9 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.target.model import predict_values
-from uwtrack_cli.motion.target.objective import bearing_errors, medium_of
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.model import predict_values
+from uwtrack_cli.motion.target_motion.objective import bearing_errors, medium_of
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 PASSES = 3
 """Passes that bring the constant errors to their best."""

@@ -20,14 +20,14 @@ import numpy as np
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.target.model import (
+from uwtrack_cli.motion.target_motion.model import (
     Prediction,
     predict,
     predict_values,
     state_jacobian,
     to_state,
 )
-from uwtrack_cli.motion.target.problem import Loss, Problem
+from uwtrack_cli.motion.target_motion.problem import Loss, Problem
 
 HUBER, TUKEY, STUDENT = 1.345, 4.685, 4.0
 
