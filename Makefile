@@ -6,8 +6,10 @@ DEMO := demo
 # One thread per process: the suite runs its processes side by side.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# Processes that tests start find the package compiled.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo test long bench check format samples figures docs build clean
+.PHONY: help install demo test acceptance freeze long bench check format samples figures docs build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -29,14 +31,22 @@ demo: $(BIN)/uwtrack  ## run the chain on a sample and draw a picture
 	$(BIN)/uwtrack run $(DEMO)/pass.wav --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --output $(DEMO)/pass.png --overwrite
 
-test: $(VENV)/.development  ## the whole suite: style, types, tests, doctests, README
+test: $(VENV)/.development  ## the suite: style, types, tests, doctests, documents
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
+acceptance: $(VENV)/.development  ## what the program can do is as frozen: all parts, or PART="quiet lines"
+	$(BIN)/python -m tests.acceptance check $(PART)
+
+freeze: $(VENV)/.development  ## make what comes out now the frozen state: all parts, or PART=...
+	$(BIN)/python -m tests.acceptance freeze $(PART)
+
 long: $(VENV)/.development  ## the Monte-Carlo and stress runs that take long
+	$(BIN)/python -m tests.acceptance long
+	$(BIN)/python -m tests.acceptance faults
 	$(BIN)/python -m pytest -m long --timeout 0
 
-bench: $(VENV)/.development  ## the benchmarks alone, with their figures
-	$(BIN)/python -m pytest tests/benchmarks -s
+bench: $(VENV)/.development  ## speed as ratios and memory, with their figures
+	$(BIN)/python -m pytest tests/benchmarks -m "benchmark and not long" -s
 
 check: $(VENV)/.development  ## style and types only
 	$(BIN)/ruff format --check .

@@ -1,17 +1,24 @@
 """Fixtures that several folders of tests share."""
 
-from collections.abc import Iterator
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from tests.command_server import command_server
 from uwtrack_cli.flow.shipped_recipes import shipped_folder
 
 USUAL_TIMEOUT_S = 300
+
+
+def pytest_configure():
+    """Let an interrupt interrupt: a shell starts what it runs behind deaf to it."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items):
@@ -42,6 +49,17 @@ def program(tmp_path_factory) -> Iterator[Path]:
     """The folder of an `uwtrack` for scripts, which needs no start."""
     with command_server(tmp_path_factory.mktemp("program")) as folder:
         yield folder
+
+
+@pytest.fixture(scope="session")
+def start(program) -> Callable[..., subprocess.Popen]:
+    """Start a command line as a process of its own that may be sent signals."""
+
+    def begin(*words: object, **options: object) -> subprocess.Popen:
+        command = [str(program / "uwtrack"), *map(str, words)]
+        return subprocess.Popen(command, **options)
+
+    return begin
 
 
 @pytest.fixture(scope="session")
@@ -77,24 +95,30 @@ def pass_run(tmp_path_factory, samples) -> Path:
 @pytest.fixture(scope="session")
 def short_run(short_pass) -> Path:
     """The product of the middle of the passage, to be copied or read only."""
-    return _product(short_pass, "short.run.h5")
+    return _product(short_pass, "short.run.h5")[0]
 
 
 @pytest.fixture(scope="session")
-def timed_run(short_pass) -> Path:
-    """The same with its start time."""
+def timed_result(short_pass) -> tuple[Path, Result]:
+    """The same with its start time, and what its run printed."""
     start = ("--start-utc", "2024-05-01T12:01:30Z")
     return _product(short_pass, "timed.run.h5", *start)
 
 
-def _product(sound: Path, name: str, *words: str) -> Path:
+@pytest.fixture(scope="session")
+def timed_run(timed_result) -> Path:
+    """The same with its start time."""
+    return timed_result[0]
+
+
+def _product(sound: Path, name: str, *words: str) -> tuple[Path, Result]:
     from uwtrack_cli.cli.app import app
 
     path = sound.with_name(name)
-    done = CliRunner().invoke(app, ["run", str(sound), "-o", str(path), "-q", *words])
+    done = CliRunner().invoke(app, ["run", str(sound), "-o", str(path), *words])
     assert done.exit_code == 0, done.output
     path.chmod(0o444)
-    return path
+    return path, done
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,14 @@
-"""What several tests need: recordings made of arrays."""
+"""What several tests need: recordings of arrays, exact intervals of counts, our modules."""
 
+import ast
+import functools
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
+from scipy.stats import beta, chi2
 
+import uwtrack_cli
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 
@@ -36,3 +41,26 @@ def white_noise(n: int, seed: int, density: float = 1.0, rate_hz: float = 4000.0
     """White noise of a one-sided power density."""
     rng = np.random.default_rng(seed)
     return rng.standard_normal(n) * np.sqrt(density * rate_hz / 2.0)
+
+
+def binomial_interval(hits: int, count: int) -> tuple[float, float]:
+    """Exact 95 % interval of a share (Clopper and Pearson 1934)."""
+    low = beta.ppf(0.025, hits, count - hits + 1) if hits else 0.0
+    high = beta.ppf(0.975, hits + 1, count - hits) if hits < count else 1.0
+    return float(low), float(high)
+
+
+def poisson_interval(count: int) -> tuple[float, float]:
+    """Exact 95 % interval of the mean of a Poisson count (Garwood 1936)."""
+    low = 0.5 * chi2.ppf(0.025, 2 * count) if count else 0.0
+    return float(low), float(0.5 * chi2.ppf(0.975, 2 * count + 2))
+
+
+@functools.cache
+def package_modules() -> dict[Path, ast.Module]:
+    """Every module of the package as a tree, by its place below the package."""
+    package = Path(uwtrack_cli.__file__).parent
+    return {
+        path.relative_to(package): ast.parse(path.read_text(encoding="utf-8"))
+        for path in sorted(package.rglob("*.py"))
+    }

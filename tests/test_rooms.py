@@ -1,16 +1,18 @@
 """Imports point down only, libraries live in their rooms, and names mean one thing."""
 
 import ast
+import functools
+import re
+import sys
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
-import pytest
+from tests.support import package_modules
 
-import uwtrack_cli
-
-ROOT = Path(uwtrack_cli.__file__).parent
-MODULES = sorted(ROOT.rglob("*.py"))
+ROOT = Path(__file__).parent.parent
 
 ROOMS = {
     "data": set(),
@@ -32,11 +34,7 @@ ROOMS = {
     "plotting": {
         "data", "acoustics", "estimation", "spectra", "arrays", "motion", "files", "flow",
     },
-    "studies": {
-        "data", "acoustics", "estimation", "simulate", "spectra", "arrays", "lines", "motion",
-        "presence", "clutter", "discrimination", "files", "flow",
-    },
-    "cli": {"data", "files", "flow", "plotting", "studies"},
+    "cli": {"data", "files", "flow", "plotting"},
 }  # fmt: skip
 """What a room may import beside itself and the ground (errors, constants)."""
 
@@ -53,60 +51,72 @@ LIBRARIES = {
 """Rooms in which a library may be imported."""
 
 
-def imported(path: Path) -> set[str]:
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
-    return names
+@functools.cache
+def imports() -> dict[Path, set[str]]:
+    """What every module imports, by its place."""
+    found: dict[Path, set[str]] = {}
+    for path, tree in package_modules().items():
+        names = found.setdefault(path, set())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
+    return found
 
 
 def room_of(path: Path) -> str:
-    parts = path.relative_to(ROOT).parts
-    return parts[0] if len(parts) > 1 else ""
+    return path.parts[0] if len(path.parts) > 1 else ""
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_point_down(path):
-    room = room_of(path)
-    if not room:
-        return
-    allowed = ROOMS[room] | {room}
-    for name in imported(path):
-        parts = name.split(".")
-        if parts[0] == "uwtrack_cli" and len(parts) > 1 and parts[1] in ROOMS:
-            assert parts[1] in allowed, f"{room} imports {name}"
+def test_imports_point_down():
+    wrong = [
+        f"{path} imports {name}"
+        for path, names in imports().items()
+        for room in [room_of(path)]
+        for name in names
+        for parts in [name.split(".")]
+        if room and parts[0] == "uwtrack_cli" and len(parts) > 1
+        and parts[1] in ROOMS.keys() - ROOMS[room] - {room}
+    ]  # fmt: skip
+    assert wrong == []
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_libraries_stay_in_their_rooms(path):
-    room = room_of(path)
-    for name in imported(path):
-        library = name.split(".")[0]
-        if library in LIBRARIES:
-            assert room in LIBRARIES[library], f"{room} imports {library}"
-        assert library != "click", "Typer vendors click: it is not ours to import"
+def test_libraries_stay_in_their_rooms():
+    used = {
+        (path, name.split(".")[0])
+        for path, names in imports().items()
+        for name in names
+    }
+    wrong = [
+        f"{path} imports {library}"
+        for path, library in sorted(used)
+        if room_of(path) not in LIBRARIES.get(library, {room_of(path)})
+    ]
+    assert wrong == []
+    # Typer vendors click: it is not ours to import
+    strange = {"click", "pickle", "dill", "cloudpickle", "joblib"}
+    assert not strange & {library for _, library in used}
 
 
-def test_nothing_is_unpickled():
-    for path in MODULES:
-        assert not imported(path) & {"pickle", "dill", "cloudpickle", "joblib"}, path
+def test_what_is_imported_is_declared():
+    """The extras are asked for where they are needed; they are declared, too."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = chain.from_iterable(project["optional-dependencies"].values())
+    told = [*project["dependencies"], *extras]
+    declared = {re.split(r"[<>=\[ ]", text, maxsplit=1)[0] for text in told}
+    used = {name.split(".")[0] for names in imports().values() for name in names}
+    others = used - sys.stdlib_module_names - {"uwtrack_cli", "studies"}
+    assert {"numpy", "scipy", "matplotlib"} <= others <= declared
 
 
-def classes(path: Path) -> list[ast.ClassDef]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+def classes() -> Iterator[ast.ClassDef]:
+    for tree in package_modules().values():
+        yield from (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
 
 
 def test_no_two_public_classes_have_one_name():
-    names = Counter(
-        one.name
-        for path in MODULES
-        for one in classes(path)
-        if not one.name.startswith("_")
-    )
+    names = Counter(one.name for one in classes() if not one.name.startswith("_"))
     assert [name for name, count in names.items() if count > 1] == []
 
 
@@ -129,11 +139,10 @@ def unexplained(record: ast.ClassDef) -> Iterator[str]:
             yield f"{record.name}.{name}"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_every_field_of_a_record_says_what_it_is(path):
+def test_every_field_of_a_record_says_what_it_is():
     records = [
         one
-        for one in classes(path)
+        for one in classes()
         if any("dataclass" in ast.unparse(mark) for mark in one.decorator_list)
         or any(ast.unparse(base) == "NamedTuple" for base in one.bases)
     ]

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from tests.draws.array_scenes import TURN, scene, truth_at
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
@@ -17,54 +18,14 @@ from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.tma import estimate_motion
 from uwtrack_cli.simulate.recordings import simulate_recordings
-from uwtrack_cli.simulate.scenario import make_scenario
-from uwtrack_cli.simulate.trajectories import array_place, vessel_trajectory
 
 pytestmark = pytest.mark.filterwarnings("ignore:hydrophones 3 m apart")
-
-
-LINES = [{"frequency_hz": f, "source_level_db": 141.0} for f in (141.0, 213.0)]
-
-
-def scene(
-    seed=7, turn=(), course_deg=20.0, duration_s=280.0, place=(1200.0, 600.0), **sound
-):
-    """Eight hydrophones 80 m behind a ship; one vessel, of two lines unless given."""
-    array = {
-        "id": "tow1", "kind": "array", "depth_m": 20.0, "full_scale_db": 140.0,
-        "element_along_m": [10.5 - 3.0 * k for k in range(8)], "tow_offset_m": 80.0,
-        "track": {"course_deg": course_deg, "speed_mps": 4.0, "turn": list(turn)},
-    }  # fmt: skip
-    vessel = {
-        "source_depth_m": 4.0,
-        "track": {"east_m": place[0], "north_m": place[1], "course_deg": 310.0,
-                  "speed_mps": 6.0},
-        **(sound or {"line": LINES}),
-    }  # fmt: skip
-    return make_scenario(
-        {"seed": seed, "duration_s": duration_s, "sample_rate_hz": 500.0,
-         "sensor": [array], "vessel": [vessel],
-         "noise": {"density_db": 62.0, "reference_hz": 100.0}}
-    )  # fmt: skip
 
 
 def run(scenario, *settings) -> dict[type[Container], Container]:
     (recording,) = simulate_recordings(scenario)
     recipe = load_recipe("towed-array").with_settings(settings)
     return {type(made): made for made in run_recipe(recording, recipe)}
-
-
-def truth_at(scenario, time_s):
-    """Range and bearing from the array's middle, and the vessel's course and speed."""
-    here = array_place(scenario.sensors[0], (0.0,) * 3).at(np.array(time_s))
-    there = vessel_trajectory(scenario.vessels[0], scenario).at(np.array(time_s))
-    east, north = there[0] - here[0], there[1] - here[1]
-    return {
-        "range_m": np.hypot(east, north),
-        "bearing_deg": np.degrees(np.arctan2(east, north)) % 360.0,
-        "speed_mps": 6.0,
-        "course_deg": 310.0,
-    }
 
 
 def assert_near_truth(motions, row, scenario, deviations=4.0):
@@ -76,9 +37,6 @@ def assert_near_truth(motions, row, scenario, deviations=4.0):
         if unit == "deg":
             error = (error + 180.0) % 360.0 - 180.0
         assert abs(error) < deviations * std, (name, got, wanted, std)
-
-
-TURN = {"at_s": 110.0, "course_deg": 320.0, "rate_deg_per_s": 2.0}
 
 
 def test_lines_of_a_vessel_on_the_other_side_hold_through_the_turn():
@@ -105,9 +63,15 @@ def test_a_vessel_without_lines_is_followed_by_its_noise():
     assert motions.range_std_m[0] < 0.25 * motions.range_m[0]
 
 
-def test_a_turn_settles_the_side_and_the_motion():
+@pytest.fixture(scope="session")
+def turned():
+    """What a run makes of the scene with a turn."""
+    return run(scene(turn=[TURN]))
+
+
+def test_a_turn_settles_the_side_and_the_motion(turned):
     scenario = scene(turn=[TURN])
-    motions = run(scenario)[Motions]
+    motions = turned[Motions]
     assert motions.contact.tolist() == [1]
     assert motions.weight[0] > 0.95
     assert_near_truth(motions, 0, scenario)
@@ -166,10 +130,10 @@ def test_run_ends_in_the_motion_of_the_sample(in_sample, sample):
 
 def test_stage_by_stage_gives_what_run_gives(in_sample):
     for words in (
-        ("beamform", "towed-array.wav", "--stop-s", 100),
+        ("beamform", "towed-array.wav", "--stop-s", 60),
         ("track", "towed-array.beams.h5"),
         ("tma", "towed-array.lines.h5"),
-        ("run", "towed-array.wav", "-o", "whole.run.h5", "--stop-s", 100),
+        ("run", "towed-array.wav", "-o", "whole.run.h5", "--stop-s", 60),
     ):
         done = in_sample(*words, "--overwrite")
         assert done.exit_code == 0, done.output
@@ -247,8 +211,7 @@ def test_own_ship_of_a_fixed_array_is_refused(in_sample, sample):
     assert "leave out one of them" in " ".join(done.output.split())
 
 
-def test_the_ships_navigation_is_refused_where_the_arrays_is_known():
-    made = run(scene(duration_s=80.0))
+def test_the_ships_navigation_is_refused_where_the_arrays_is_known(turned):
     from uwtrack_cli.data.bearing_time import BearingTime
 
     time_s = np.arange(100.0)
@@ -257,7 +220,7 @@ def test_the_ships_navigation_is_refused_where_the_arrays_is_known():
     )
     with pytest.raises(DataError, match="uwtrack beamform"):
         estimate_motion(
-            None, made[Lines], ship, None, made[BearingTime], array_heading="auto"
+            None, turned[Lines], ship, None, turned[BearingTime], array_heading="auto"
         )
 
 

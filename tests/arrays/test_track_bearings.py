@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 
-from uwtrack_cli.arrays.track_bearings import track_bearings
+from studies.line_scene import second_frames
+from uwtrack_cli.arrays.track_bearings import prominent_peaks, track_bearings
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.studies.line_scene import second_frames
 
 HOP_S, BEAMS, NOISE = 1.0, 53, 0.03
 
@@ -120,3 +121,17 @@ def test_an_array_that_is_no_line_has_its_directions_elsewhere():
     )  # fmt: skip
     with pytest.raises(DataError, match="no line"):
         track_bearings(planar)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.5])
+def test_peaks_and_their_heights_are_those_of_scipy(step):
+    rng = np.random.default_rng(3)
+    for size in (1, 2, 3, *rng.integers(4, 60, 200)):
+        values = rng.standard_normal(size)
+        if step:  # with flat tops
+            values = step * np.round(values / step)
+        for least in (0.0, 0.5, 2.0):
+            wanted, facts = find_peaks(values, prominence=least)
+            top, height = prominent_peaks(values, least)
+            assert np.array_equal(top, wanted)
+            assert np.array_equal(height, facts["prominences"])

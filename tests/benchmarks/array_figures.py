@@ -1,4 +1,4 @@
-"""Figures of line arrays for `tests/baselines/arrays.md`.
+"""Figures of line arrays.
 
 All of them, or those named: python -m tests.benchmarks.array_figures [NAME ...]
 """

@@ -1,7 +1,6 @@
 """Figures of vector sensors: how calibrations hold, and how ambient sound pulls bearings.
 
-`python -m tests.benchmarks.difar_figures [RUNS [SEED]]`, with RUNS = 0 the lines alone;
-tests/baselines/difar.md has them.
+`python -m tests.benchmarks.difar_figures [RUNS [SEED]]`, with RUNS = 0 the lines alone.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Figures of small arrays for `tests/baselines/arrays.md`.
+"""Figures of small arrays.
 
 python -m tests.benchmarks.small_array_figures [directions | several | noise ...]
 """
@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.arrays.test_spatial_array import TETRAHEDRON, C, sensor_of
+from tests.arrays.test_spatial_array import C
+from tests.draws.array_scenes import TETRAHEDRON, frames_from_anywhere, sensor_of
 from tests.support import recording_of
 from uwtrack_cli.arrays.beamform import form_beams
 from uwtrack_cli.arrays.delays import measure_delays
@@ -21,22 +22,6 @@ from uwtrack_cli.files.audio.recording_file import open_recording
 
 RATE_HZ, FRAMES = 4000, 100
 WEIGHTINGS = ("plain", "phat", "ml")
-
-
-def frames_from_anywhere(rho_db, seed=7):
-    """Seconds of sound, each from a direction of its own, in independent noise."""
-    rng = np.random.default_rng(seed)
-    azimuth = rng.uniform(0.0, 2.0 * np.pi, FRAMES)
-    elevation = np.radians(rng.uniform(-30.0, 30.0, FRAMES))
-    frequency_hz = np.fft.rfftfreq(RATE_HZ, 1.0 / RATE_HZ)
-    parts = []
-    for a, e in zip(azimuth, elevation, strict=True):
-        toward = [np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)]
-        source = np.fft.rfft(rng.standard_normal(RATE_HZ)) * 10.0 ** (rho_db / 20.0)
-        turn = np.exp(2j * np.pi * np.outer(TETRAHEDRON @ toward / C, frequency_hz))
-        heard = np.fft.irfft(source * turn, RATE_HZ).T
-        parts.append(heard + rng.standard_normal((RATE_HZ, 4)))
-    return np.concatenate(parts), np.degrees(azimuth), np.degrees(elevation)
 
 
 def bound_deg(band_hz, rho_db):

@@ -1,6 +1,6 @@
 """Tables of bearings of several sensors, and of a platform that circles, over many draws.
 
-The figures in tests/baselines/buoys.md are made by:
+Prints them:
 python -m tests.benchmarks.table_figures still 100 5000 (boats 200 6000, drifting 200 8000,
 circling 40 7000, structured 60 9000, structured-untold 60 9000)
 """
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import binomtest
 
-from tests.motion.sensor_tables import buoys, untold
+from tests.draws.sensor_tables import buoys, untold
 from tests.motion.test_sensor_tables import circling
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.motion.locate import locate_vessels

@@ -8,14 +8,14 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from studies.line_scene import second_frames
+from studies.trace_noise import noise_recording
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.lines.classify import classify_peaks
 from uwtrack_cli.lines.trace import trace_lines
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.tracker_options import Feedback, Harmonics
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
-from uwtrack_cli.studies.line_scene import second_frames
-from uwtrack_cli.studies.trace_noise import noise_recording
 
 N_LINES, SPACING_HZ = 50, 17.3
 CLUTTER_SHARE = 0.4

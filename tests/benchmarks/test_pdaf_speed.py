@@ -12,6 +12,8 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from studies.clutter_runs import setting_of
+from studies.rows import load_reference
 from uwtrack_cli.clutter.clutter_filter import Scan, step
 from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
 from uwtrack_cli.clutter.pdaf import track_in_clutter
@@ -23,8 +25,6 @@ from uwtrack_cli.estimation.information_reduction import (
     information_reduction,
 )
 from uwtrack_cli.estimation.operating_curve import constant_curve
-from uwtrack_cli.studies.clutter_runs import setting_of
-from uwtrack_cli.studies.study import load_reference
 
 GOLDEN = load_reference("clutter_golden")
 BEGIN = datetime(2001, 8, 27)  # noqa: DTZ001 - Stone Soup compares naive times

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.motion.solvers.recursive import estimate_recursively
-from uwtrack_cli.studies.tma_runs import (
+from studies.tma_runs import (
     PAPER,
     cpu_of,
     one_record,
     solve_by_descent,
     solve_by_peer,
 )
+from uwtrack_cli.motion.solvers.recursive import estimate_recursively
 
 pytestmark = pytest.mark.benchmark
 

@@ -49,12 +49,10 @@ def test_help_shows_range_and_unit_in_panels(uwtrack):
 
 
 def test_a_second_product_that_a_page_would_not_show_is_refused(
-    uwtrack, short_pass, short_run, tmp_path
+    uwtrack, short_run, timed_run, tmp_path
 ):
     shutil.copy(short_run, tmp_path / "one.run.h5")
-    settings = ["--set", "levels.n_bands=8"]
-    done = uwtrack("run", short_pass, *settings, "-o", "two.run.h5")
-    assert done.exit_code == 0, done.output
+    shutil.copy(timed_run, tmp_path / "two.run.h5")
     done = uwtrack("plot", "one.run.h5", "two.run.h5", "-o", "page.png")
     assert done.exit_code == 1
     said = " ".join(done.stderr.split())
@@ -62,12 +60,12 @@ def test_a_second_product_that_a_page_would_not_show_is_refused(
     assert uwtrack("plot", "one.run.h5", "one.run.h5", "-o", "p.png").exit_code == 0
 
 
-def test_show_alone_prints_the_table_of_the_command(uwtrack, samples, short_pass):
-    done = uwtrack("run", short_pass, "-o", "one.run.h5")
-    shown = uwtrack("show", "one.run.h5").stdout
+def test_show_alone_prints_the_table_of_the_command(uwtrack, samples, timed_result):
+    run, done = timed_result
+    shown = uwtrack("show", run).stdout
     assert "speed m/s" in shown
     assert shown in done.stderr
-    located = uwtrack("locate", "one.run.h5", "--at", 300, "-o", "one.fixes.h5")
+    located = uwtrack("locate", run, "--at", 300, "-o", "one.fixes.h5")
     shown = uwtrack("show", "one.fixes.h5").stdout
     assert "\u00b1 east m" in shown
     assert shown in located.stderr

@@ -1,5 +1,6 @@
 """What is exported is read back by another program's reader, with the same numbers."""
 
+import csv
 import json
 import shutil
 import subprocess
@@ -16,7 +17,7 @@ from geographiclib.geodesic import Geodesic
 from geojson_pydantic import FeatureCollection
 from typer.testing import CliRunner
 
-from tests.motion.sensor_tables import buoys
+from tests.draws.sensor_tables import buoys
 from uwtrack_cli.cli.app import app
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.files.hdf5.product import read_product
@@ -161,6 +162,17 @@ def test_kml_is_valid_and_read_by_fastkml(exported, found):
     assert mark.geometry.x == pytest.approx(found[1].longitude[0])
     assert mark.geometry.y == pytest.approx(found[1].latitude[0])
     assert mark.times.timestamp.dt.isoformat().startswith("2024-05-01T12:02:28")
+
+
+def test_the_name_of_a_recording_is_no_formula(uwtrack, short_pass, tmp_path):
+    shutil.copy(short_pass, tmp_path / "=1+1.wav")
+    assert (
+        uwtrack("run", "./=1+1.wav", "-o", "a.h5", "--channel", 1, "-q").exit_code == 0
+    )
+    assert uwtrack("export", "a.h5", "--to", "raven", "-o", "a.txt").exit_code == 0
+    lines = (tmp_path / "a.txt").read_text().splitlines()
+    rows = list(csv.DictReader(lines, delimiter="\t"))
+    assert {row["Begin File"] for row in rows} == {"'=1+1.wav"}
 
 
 def test_a_raven_selection_table_is_read_by_pandas(exported):

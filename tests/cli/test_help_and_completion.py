@@ -14,8 +14,9 @@ from uwtrack_cli.cli.app import COMMANDS, load_command
 def test_help_without_a_name_lists_every_command(uwtrack):
     done = uwtrack("help")
     assert done.exit_code == 0
-    listed = [line.split()[1] for line in done.stdout.splitlines() if "│ " in line]
-    assert set(COMMANDS) <= set(listed)
+    _, _, listed = done.stdout.partition("Commands:\n")
+    names = {line[2:].partition(" ")[0] for line in listed.splitlines()}
+    assert set(COMMANDS) == names - {""}
 
 
 def test_help_with_a_name_is_the_help_of_the_command(uwtrack):

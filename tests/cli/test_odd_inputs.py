@@ -4,7 +4,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 
 import numpy as np
@@ -27,7 +26,7 @@ def sound(seconds, seed=1, channels=1):
 @pytest.mark.skipif(os.name != "posix", reason="names are text there")
 def test_a_name_that_is_not_utf_8_goes_through_the_whole_chain(uwtrack, tmp_path):
     name = os.fsdecode(b"p\xff.wav")
-    soundfile.write(tmp_path / "a.wav", sound(20), RATE)
+    soundfile.write(tmp_path / "a.wav", sound(10), RATE)
     (tmp_path / "a.wav").rename(tmp_path / name)
     product = name.replace(".wav", ".run.h5")
     spectrogram = name.replace(".wav", ".spectrogram.h5")
@@ -110,7 +109,7 @@ def test_a_header_without_a_length_and_without_sound_has_none(tmp_path):
 
 
 def test_a_product_of_such_a_recording_is_that_of_the_whole_one(uwtrack, tmp_path):
-    soundfile.write(tmp_path / "a.wav", sound(20), RATE, subtype="PCM_16")
+    soundfile.write(tmp_path / "a.wav", sound(10), RATE, subtype="PCM_16")
     shutil.copy(tmp_path / "a.wav", tmp_path / "b.wav")
     without_length(tmp_path / "b.wav")
     assert uwtrack("run", "a.wav").exit_code == 0
@@ -123,21 +122,20 @@ def test_a_product_of_such_a_recording_is_that_of_the_whole_one(uwtrack, tmp_pat
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGKILL"])
-def test_a_report_that_is_ended_leaves_nothing(uwtrack, tmp_path, name):
-    soundfile.write(tmp_path / "a.wav", sound(20), RATE)
-    assert uwtrack("run", "a.wav").exit_code == 0
-    before = {path.name for path in tmp_path.iterdir()} | {"temporary"}
+def test_a_report_that_is_ended_leaves_nothing(start, timed_run, tmp_path, name):
+    shutil.copy(timed_run, tmp_path / "a.run.h5")
     (tmp_path / "temporary").mkdir()
-    program = "from uwtrack_cli.cli import main; main()"
-    for delay_s in (0.6, 1.2, 1.8):
-        running = subprocess.Popen(
-            [sys.executable, "-c", program, "report", "a.run.h5", "--overwrite"],
-            cwd=tmp_path, stderr=subprocess.PIPE, text=True,
-            env={**os.environ, "TMPDIR": str(tmp_path / "temporary")},
+    environment = {**os.environ, "TMPDIR": str(tmp_path / "temporary")}
+    for delay_s in (0.1, 0.3, 0.6):
+        running = start(
+            "report", "a.run.h5", "--overwrite", cwd=tmp_path, env=environment,
+            stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         time.sleep(delay_s)
         running.send_signal(getattr(signal, name))
-        _, said = running.communicate(timeout=60)
+        _, said = running.communicate(timeout=250)
         assert "Traceback" not in said
         assert list((tmp_path / "temporary").iterdir()) == []
-        assert {path.name for path in tmp_path.iterdir()} <= before | {"a.html"}
+        assert {path.name for path in tmp_path.iterdir()} <= (
+            {"a.run.h5", "temporary", "a.html"}
+        )

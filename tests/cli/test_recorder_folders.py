@@ -19,7 +19,7 @@ RATE, FILE_S, N_FILES = 1000, 20, 32
 TIMES_S = (100.0, 300.3, 520.0)
 """Closest approaches of three vessels; midnight is at 300 s."""
 START = datetime(2024, 5, 1, 23, 55)  # noqa: DTZ001 - the recorder's own clock
-BATCH = ("--join", "--jobs", 1, "--sensor", "m1.toml")
+BATCH = ("--join", "--jobs", 1, "--sensor", "m1.toml", "--recipe", "vessel")
 
 
 def name(k):
@@ -80,16 +80,27 @@ def seconds_of_passages(uwtrack, folder):
     return [(time - START).total_seconds() for time in zone]
 
 
-def test_a_day_has_a_row_for_each_vessel_also_at_midnight(recorder, day):
-    words = ["--per", "day", "--overlap-s", 150]
-    done = recorder("batch", day, "-o", "out", *BATCH, *words)
+def test_a_day_has_a_row_for_each_vessel_also_at_midnight(recorder, day, tmp_path):
+    (tmp_path / "day").mkdir()
+    for k in range(22):  # the third vessel is not there yet
+        (tmp_path / "day" / name(k)).symlink_to(day / name(k))
+    words = ["--per", "day", "--overlap-s", 100]
+    done = recorder("batch", "day", "-o", "out", *BATCH, *words)
     assert done.exit_code == 0, done.output
-    assert "32 files from m1_20240501_235500.wav on follow each other" in done.stderr
-    assert "2 done; 3 passages" in done.stderr
+    assert "22 files from m1_20240501_235500.wav on follow each other" in done.stderr
+    assert "2 done; 2 passages" in done.stderr
     found = seconds_of_passages(recorder, "out")
-    assert found == pytest.approx(TIMES_S, abs=1.5)
+    assert found == pytest.approx(TIMES_S[:2], abs=1.5)
+    counted = recorder("passages", "out", "--per", "day", "--to", "csv").stdout
+    assert counted.splitlines() == [
+        "day,passages,hours,passages_per_hour",
+        "2024-05-01,1,0.083,12.0",  # 300 of 440 s
+        "2024-05-02,1,0.039,25.714",
+    ]
+    assert recorder("report", "out", "-o", "out.html").exit_code == 0
+    assert "2 passages in 0.1 hours of sound" in Path("out.html").read_text()
     part = "out/m1_2024-05-02.run.h5"
-    again = recorder("rerun", part, "--source", day, "-o", "again.h5")
+    again = recorder("rerun", part, "--source", "day", "-o", "again.h5")
     assert again.exit_code == 0, again.output
     assert recorder("diff", part, "again.h5").exit_code == 0
 
@@ -125,8 +136,8 @@ def test_a_new_file_costs_its_own_part(recorder, tmp_path):
     for k in range(13, 18):
         sound = 0.1 * rng.standard_normal(FILE_S * RATE)
         soundfile.write(tmp_path / "in" / name(k), sound, RATE, "PCM_16")
-    options = [*BATCH[1:], "--recipe", "vessel"]
-    words = ["batch", "in", "-o", "out", "--join", *options]
+    options = BATCH[1:]
+    words = ["batch", "in", "-o", "out", *BATCH]
     words += ["--per", "day", "--overlap-s", 30]
     assert recorder(*words).exit_code == 0
     soundfile.write(tmp_path / "in" / name(18), sound, RATE, "PCM_16")

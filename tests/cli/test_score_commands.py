@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -100,3 +101,44 @@ def test_a_truth_that_is_none_is_refused(uwtrack, runs, tmp_path):
     done = uwtrack("score", runs / "one.h5", "--truth", "x.json")
     assert done.exit_code == 1
     assert "no truth file" in done.stderr
+
+
+def test_a_table_with_times_and_its_sensor_is_scored_against_ais(uwtrack, tmp_path):
+    """A vessel at 6 m/s passes 200 m north of 35 N 128.5 E; the table is in UTC."""
+    rng = np.random.default_rng(1)
+    time_s = np.arange(0.0, 300.0, 2.0)
+    east_m = 6.0 * (time_s - 150.0)
+    closing = 6.0 * east_m / np.hypot(200.0, east_m)
+    frequency_hz = 150.0 * (1.0 - closing / 1500.0) + 0.01 * rng.normal(size=150)
+    bearing_deg = np.degrees(np.arctan2(east_m, 200.0)) + rng.normal(size=150)
+    utc = [f"2024-05-01T12:{int(t) // 60:02d}:{int(t) % 60:02d}Z" for t in time_s]
+    heads = "time_utc,bearing_deg,bearing_std_deg,frequency_hz,frequency_std_hz"
+    rows = zip(utc, bearing_deg % 360.0, frequency_hz, strict=True)
+    lines = [f"{t},{b:.3f},1,{f:.4f},0.01" for t, b, f in rows]
+    (tmp_path / "t.csv").write_text("\n".join([heads, *lines]))
+    (tmp_path / "m1.toml").write_text(
+        'id = "m1"\nlatitude = 35.0\nlongitude = 128.5\ndepth_m = 20.0\n'
+    )
+    lines = [
+        f"123456789,{t},{35.0 + 200.0 / 110_940.0:.7f},{128.5 + x / 91_290.0:.7f},11.66,90"
+        for t, x in list(zip(utc, east_m, strict=True))[::15]
+    ]
+    heads = "mmsi,time_utc,latitude,longitude,speed_kn,course_deg"
+    (tmp_path / "ais.csv").write_text("\n".join([heads, *lines]))
+    made = uwtrack("cpa", "t.csv", "--sensor", "m1.toml", "-o", "e.h5")
+    assert made.exit_code == 0, made.output
+    (row,) = json.loads(
+        uwtrack("show", "e.h5", "encounters", "--format", "json").stdout
+    )
+    assert row["sensor"] == "m1"
+    assert row["horizontal_range_m"] == pytest.approx(200.0, abs=10.0)
+    found = json.loads(uwtrack("score", "e.h5", "--truth", "ais.csv", "--json").stdout)
+    errors = {one["quantity"]: one["sigmas"] for one in found["scores"]}
+    assert abs(errors["speed_mps"]) < 4.0
+    assert abs(errors["time_s"]) < 4.0
+    named = uwtrack("passages", "e.h5", "--ais", "ais.csv", "--fresh", "--to", "json")
+    assert json.loads(named.stdout)[0]["mmsi"] == "123456789"
+    assert uwtrack("rerun", "e.h5", "-o", "again.h5").exit_code == 0
+    assert uwtrack("diff", "e.h5", "again.h5").exit_code == 0
+    refused = uwtrack("cpa", "e.h5", "--sensor", "m1.toml", "-o", "x.h5")
+    assert "belongs to a table; products carry theirs" in refused.stderr

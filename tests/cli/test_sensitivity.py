@@ -44,7 +44,7 @@ def test_track_and_trace_say_what_they_would_have_found(uwtrack, spectrogram):
 
 
 def test_a_run_says_it_when_details_are_asked_for(uwtrack, short_pass):
-    command = ["run", short_pass, "--recipe", "vessel"]
+    command = ["run", short_pass, "--recipe", "vessel", "--stop-s", 20]
     loud = uwtrack(*command, "-o", "a.h5", "-v", "--set",
                    "track.score.false_lines_per_khz_hour=0.25")  # fmt: skip
     said = PROMISE.search(loud.stderr)

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from uwtrack_cli.studies import (
+from studies import (
     line_comb,
     line_sound,
     line_tracking,
 )
-from uwtrack_cli.studies.catalogue import STUDIES
-from uwtrack_cli.studies.line_sound import LineTrial
-from uwtrack_cli.studies.line_tracking import RunFigures
-from uwtrack_cli.studies.study import load_reference
+from studies.catalogue import STUDIES
+from studies.line_sound import LineTrial
+from studies.line_tracking import RunFigures
+from studies.rows import load_reference
 
 TRACKING = {"fixed", "moving", "parts", "dense", "other"}
 """Experiments of the trackers: the first word of their cases."""
@@ -74,3 +74,12 @@ def test_what_cannot_be_studied_is_refused(uwtrack, words, said) -> None:
     done = uwtrack("study", *words)
     assert done.exit_code == 2
     assert said in done.stderr
+
+
+def test_without_a_checkout_the_experiments_say_where_they_are(
+    uwtrack, monkeypatch, tmp_path
+) -> None:
+    monkeypatch.setattr("uwtrack_cli.__file__", str(tmp_path / "uwtrack_cli" / "x.py"))
+    done = uwtrack("study", "lines")
+    assert done.exit_code == 1
+    assert "clone the project" in done.stderr

@@ -25,11 +25,11 @@ def found(samples):
     return recording, told, encounters
 
 
-def test_a_run_says_the_result_and_its_file(uwtrack, short_pass):
-    done = uwtrack("run", short_pass, "-o", "a.h5", "--start-utc", "2024-05-01T12:00Z")
-    assert max(map(len, done.output.splitlines())) <= 80
+def test_a_run_says_the_result_and_its_file(timed_result):
+    path, done = timed_result
     wrote, head, row = done.stderr.splitlines()
-    assert wrote == "wrote a.h5"
+    assert max(len(head), len(row)) <= 80
+    assert wrote == f"wrote {path}"
     assert head.split()[:2] == ["contact", "status"]
     assert row.split()[:2] == ["1", "ok"]
     assert done.stdout == ""
@@ -103,7 +103,7 @@ def test_a_warning_that_many_recordings_share_is_said_once(
     for name in ("a", "b", "c"):
         target = tmp_path / "in" / f"{name}.wav"
         target.write_bytes(noise_wav.read_bytes())
-    done = uwtrack("batch", "in", "-o", "out", "--jobs", 1)
+    done = uwtrack("batch", "in", "-o", "out", "--jobs", 1, "--recipe", "vessel")
     assert done.exit_code == 0
     assert done.stderr.count("has no sensor file") == 1
     assert "(and 2 more like it)" in done.stderr

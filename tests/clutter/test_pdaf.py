@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from studies.rows import load_reference
 from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
 from uwtrack_cli.clutter.pdaf import track_in_clutter
 from uwtrack_cli.data.scans import Roc, Scans
@@ -15,7 +16,6 @@ from uwtrack_cli.simulate.clutter_scans import (
     constant_velocity_truth,
     simulate_scan,
 )
-from uwtrack_cli.studies.study import load_reference
 
 GOLDEN = load_reference("clutter_golden")
 MOTION = TargetMotion(acceleration_std=math.sqrt(10.0))

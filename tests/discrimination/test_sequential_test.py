@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from studies.discrimination_study import textbook_test
+from studies.rows import load_reference
 from uwtrack_cli.discrimination.pair_test import consistency
 from uwtrack_cli.discrimination.sequential_test import (
     Thresholds,
@@ -14,8 +16,6 @@ from uwtrack_cli.discrimination.sequential_test import (
     overshoot_error,
     wald_thresholds,
 )
-from uwtrack_cli.studies.discrimination_study import textbook_test
-from uwtrack_cli.studies.study import load_reference
 
 REFERENCE = load_reference("discriminate")
 RUNS = 20_000

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from studies.rows import load_reference
 from uwtrack_cli.estimation.detection_threshold import (
     background_extrema,
     best_posterior,
@@ -17,7 +18,6 @@ from uwtrack_cli.estimation.probabilistic_association import (
     correct,
     innovate,
 )
-from uwtrack_cli.studies.study import load_reference
 
 OPTIMA = load_reference("clutter")["prior_optimum"]
 MODELS = {"power": "fluctuating", "gaussian": "gaussian"}

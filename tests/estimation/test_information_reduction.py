@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from studies.rows import load_reference
 from uwtrack_cli.estimation.information_reduction import (
     gate_probability,
     information_reduction,
     unit_ball_volume,
 )
-from uwtrack_cli.studies.study import load_reference
 
 TABLES = load_reference("clutter")["information_reduction"]
 

@@ -98,11 +98,20 @@ def test_the_threshold_over_a_known_floor_is_that_of_exponential_noise():
     assert threshold_factor(1e-4, 1e7) == pytest.approx(-np.log(1e-4), rel=1e-3)
 
 
+@pytest.mark.parametrize("probability", [0.5, 1e-3, 1e-9])
+@pytest.mark.parametrize("n", [7, 301, 100_001])
+def test_the_threshold_solves_the_product_of_rohling(probability, n):
+    excess = np.longdouble(threshold_factor(probability, float(n))) / np.log(2.0)
+    others = np.arange(n, (n - 1) // 2, -1, dtype=np.longdouble)
+    rate = np.log1p(-excess / (others + excess)).sum()
+    assert float(rate / np.log(probability) - 1.0) == pytest.approx(0.0, abs=1e-13)
+
+
 @pytest.mark.parametrize("probability", [1e-1, 1e-2, 1e-3])
 def test_the_threshold_over_a_median_of_few_cells_keeps_the_rate(probability):
     rng = np.random.default_rng(2)
     n = 41
-    median = np.median(rng.exponential(size=(400_000, n)), axis=1)
+    median = np.median(rng.exponential(size=(150_000, n)), axis=1)
     factor = threshold_factor(probability, float(n))
     rate = np.exp(-factor * median / np.log(2.0)).mean()
     assert rate == pytest.approx(probability, rel=0.05)
@@ -173,3 +182,23 @@ def test_on_the_slope_of_a_recorder_noise_passes_about_as_seldom(order, corner):
     assert high[:, 700:900].mean() <= 4e-4
     assert high[:, 900:960].mean() <= 3e-4
     assert high[:, 960:].mean() <= 15e-4
+
+
+@pytest.mark.parametrize("silent", [4, 9, 12])
+def test_frames_of_digital_silence_are_no_part_of_the_floor_beside_them(silent):
+    power = cells((16, 1000))
+    power[-silent:] = 0.0
+    given = np.where(np.arange(16) < 16 - silent, 1.0, 0.0)
+    floor = noise_floor(power, np.ones(16))
+    assert np.array_equal(floor[:-silent], noise_floor(power, given)[:-silent])
+    assert floor[:-silent].mean() == pytest.approx(1.0, abs=0.1)
+    assert floor[-silent:].max() < 1e-30
+
+
+def test_ground_that_falls_into_silence_has_a_floor_without_a_warning():
+    power = cells((16, 400)) * np.float32(1e-3)
+    power[:, 100:] *= 10.0 ** -np.linspace(0.0, 4.0, 300, dtype=np.float32)
+    power[:, 250:] = 0.0
+    floor = noise_floor(power, np.ones(16))
+    assert np.isfinite(floor).all()
+    assert floor[:, :80].mean() == pytest.approx(1e-3, rel=0.2)

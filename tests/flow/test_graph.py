@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.arrays.test_array_chain import scene
-from tests.flow.auto_scores import car_by_auto
+from tests.draws.brief_passages import car_by_auto
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.directions import Delays
@@ -19,7 +19,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels, Spectrogram
-from uwtrack_cli.errors import OptionError, UwtrackWarning
+from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.hdf5.product import (
     HistoryStep,
@@ -31,7 +31,7 @@ from uwtrack_cli.files.hdf5.product import (
 from uwtrack_cli.files.tables.sensors import find_sensor
 from uwtrack_cli.flow.batch import Job, run_job
 from uwtrack_cli.flow.catalogue import STAGES
-from uwtrack_cli.flow.engine import Engine, MemorySink, run_recipe, shared_readers
+from uwtrack_cli.flow.engine import Engine, MemorySink, run_recipe
 from uwtrack_cli.flow.products import run_into_product
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.rerun_sources import (
@@ -276,36 +276,6 @@ def test_the_first_source_begins_whatever_ends_earlier():
     assert made[1:4] == ["short"] * 3
 
 
-@pytest.mark.parametrize("block", [700, 65_536])
-def test_several_sources_read_the_sound_once_and_see_the_same(block):
-    sound = tones(20.0)
-    passes: list[int] = []
-    plain = recording_of(sound, RATE_HZ, block=block)
-
-    def counted(n_samples):
-        passes.append(n_samples)
-        return plain.reader(n_samples)
-
-    recording = replace(plain, reader=counted)
-    readers = shared_readers(recording, 3)
-    taken = [reader(size) for reader, size in zip(readers, (256, 1000, 7), strict=True)]
-    parts: list[list[np.ndarray]] = [[], [], []]
-    open_ones = [0, 1, 2]
-    rng = np.random.default_rng(1)
-    while open_ones:
-        k = int(rng.choice(open_ones))
-        part = next(taken[k], None)
-        if part is None:
-            open_ones.remove(k)
-        else:
-            parts[k].append(part)
-    for pieces in parts:
-        np.testing.assert_array_equal(
-            np.concatenate(pieces), sound[:, None].astype("f4")
-        )
-    assert len(passes) == 1
-
-
 def test_results_of_a_step_keep_its_name_in_the_product(tmp_path):
     recipe = Recipe.from_toml("two", TWO_RUNGS)
     recording = recording_of(tones(), RATE_HZ)
@@ -327,7 +297,8 @@ def test_results_of_a_step_keep_its_name_in_the_product(tmp_path):
 
 def test_a_product_of_branches_is_made_again_from_its_history(uwtrack, short_pass):
     Path("two.toml").write_text(TWO_BRANCHES, encoding="utf-8")
-    done = uwtrack("run", short_pass, "--recipe", "two.toml", "-o", "p.run.h5")
+    words = ["--recipe", "two.toml", "--stop-s", 40, "-o", "p.run.h5"]
+    done = uwtrack("run", short_pass, *words)
     assert done.exit_code == 0, done.output
     again = uwtrack("rerun", "p.run.h5", "--source", short_pass, "-o", "again.run.h5")
     assert again.exit_code == 0, again.output
@@ -455,13 +426,18 @@ def test_a_table_of_delays_is_read_again_with_its_sensor(tmp_path):
     assert made[Sensor].id == "tripod"
 
 
-def test_a_batch_resumes_a_recipe_with_branches(short_pass, tmp_path):
+@pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")
+def test_a_batch_resumes_a_recipe_with_branches(noise_wav, tmp_path):
     recipe = Recipe.from_toml("two", TWO_BRANCHES)
-    job = Job((short_pass,), tmp_path / "p.run.h5", recipe)
+    job = Job((noise_wav,), tmp_path / "p.run.h5", recipe)
     assert run_job(job).status == "done"
     assert run_job(replace(job, resume=True)).status == "resumed"
     other = recipe.with_settings(["fine.window_s=0.2"])
-    assert run_job(replace(job, resume=True, recipe=other)).status == "done"
+    refused = run_job(replace(job, resume=True, recipe=other))
+    assert refused.status == "failed"
+    assert "another recipe" in refused.message
+    job = replace(job, resume=True, recipe=other, overwrite=True)
+    assert run_job(job).status == "done"
 
 
 def test_a_marked_output_is_kept_though_it_only_passes_by():
@@ -497,7 +473,7 @@ def test_the_graph_of_a_recipe_is_drawn(uwtrack, name):
 
 def test_a_product_of_single_commands_is_made_again(uwtrack, short_pass):
     for words in (
-        ("spectrogram", short_pass, "--band-hz", 10, 1000, "-o", "p.spectrogram.h5"),
+        ("spectrogram", short_pass, "--stop-s", 40, "-o", "p.spectrogram.h5"),
         ("peaks", "p.spectrogram.h5"),
         ("classify", "p.peaks.h5"),
         ("track", "p.families.h5"),
@@ -546,9 +522,23 @@ def test_a_recipe_is_slowed_down_for_a_recorder_of_low_frequencies():
     assert options["levels"]["band_hz"] == pytest.approx((100 / 30, 50.0))
     assert options["spectrogram"]["band_hz"] == pytest.approx((1 / 3, 200 / 3))
     assert options["spectrogram"]["window_s"] == pytest.approx(30.0)
-    for rate_hz in (1000.0, 96_000.0):
+    for rate_hz, decimation in ((1000.0, 1), (96_000.0, 8)):
         same = graph.resolved(recording_of(np.zeros((10, 1)), rate_hz))
-        assert [s.options for s in same.steps()] == [s.options for s in graph.steps()]
+        for own, before in zip(same.steps(), graph.steps(), strict=True):
+            given = dict(before.options)
+            if own.name == "spectrogram":  # no step reads more than its band
+                given["decimation"] = decimation
+            assert own.options == given
+
+
+def test_a_recorder_too_slow_for_any_recipe_is_told_so_and_not_of_a_window():
+    recording = recording_of(np.zeros((4000, 1)), 1.0)
+    with (
+        pytest.warns(UwtrackWarning, match="1600 times as long"),
+        pytest.raises(DataError, match="sample rate of 1 Hz") as refused,
+    ):
+        load_recipe("auto").graph().resolved(recording)
+    assert "window_s" not in str(refused.value)
 
 
 def test_a_band_that_a_person_sets_is_not_lowered():

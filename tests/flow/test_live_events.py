@@ -28,7 +28,7 @@ def scenario():
             "time_s": PASS_S, "horizontal_range_m": 60.0, "speed_mps": 10.0,
             "course_deg": 90.0, "side": "port",
         },
-        "line": [{"fundamental_hz": 60.0, "harmonics": 4, "cn0_db_hz": 40.0}],
+        "line": [{"fundamental_hz": 60.0, "harmonics": 3, "cn0_db_hz": 40.0}],
     }  # fmt: skip
     sensor = {"id": "h1", "kind": "omni", "depth_m": 10.0, "full_scale_db": 155.0}
     return make_scenario(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from geographiclib.geodesic import Geodesic
 
-from tests.motion.sensor_tables import buoys
+from tests.draws.sensor_tables import buoys
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.flow.exports.features import geographic_features
 from uwtrack_cli.flow.exports.geojson import geojson_text

@@ -4,10 +4,8 @@ import csv
 import gzip
 import io
 import json
-import shutil
 import sys
-import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import duckdb
@@ -22,20 +20,22 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.files.hdf5.checksum import LINE_BYTES, append_checksum
 from uwtrack_cli.files.hdf5.product import write_product
 from uwtrack_cli.flow import passages
-from uwtrack_cli.flow.passages import collect_passages, count_passages
+from uwtrack_cli.flow.passages import PassageRow, collect_passages, count_passages
+from uwtrack_cli.flow.sound_hours import SoundSpan
 
 START_NS = 1_714_564_800 * 10**9  # 2024-05-01T12:00:00Z
 
 
 def write_result(
-    path, day=0, times=(100.0,), sensor="h1", place=(35.0, 128.5), more=(), **facts
-):
+    path, day=0, times=(100.0,), sensor="h1", place=(35.0, 128.5), more=(),
+    start_ns=None, **facts,
+):  # fmt: skip
     """Write a product with passages at some times of a day."""
-    start = START_NS + day * 86_400 * 10**9
+    start = START_NS + day * 86_400 * 10**9 if start_ns is None else start_ns
     own = Sensor(id=sensor, latitude=place[0], longitude=place[1])
     recording = Recording(
         sensor=own, name=f"{path.stem}.wav", sample_rate_hz=1000.0, n_samples=600_000,
-        n_channels=1, start_utc_ns=start, digest=f"{day:064x}", **facts,
+        n_channels=1, start_utc_ns=start, **{"digest": f"{day:064x}", **facts},
     )  # fmt: skip
     rows = [
         {"sensor": sensor, "time_s": t, "time_utc_ns": start + round(t * 1e9),
@@ -194,31 +194,43 @@ def test_what_was_read_before_an_interrupt_is_not_read_again(
     assert collect_passages([folder], cache=cache).n_read == 1
 
 
-def test_ten_thousand_results_cost_little_once_they_are_known(tmp_path):
-    """The table of a year: the second time takes a hundredth of the first."""
-    one = write_result(tmp_path / "a0.run.h5", 0)
-    for k in range(1, 60):
-        shutil.copy(one, tmp_path / f"a{k}.run.h5")
-    cache = tmp_path / "p.sqlite"
-    begin = time.process_time()
-    assert collect_passages([tmp_path], cache=cache).n_read == 60
-    middle = time.process_time()
-    assert collect_passages([tmp_path], cache=cache).n_read == 0
-    assert time.process_time() - middle < 0.1 * (middle - begin)
-
-
 def test_counts_are_per_day_month_and_sensor(folder):
-    rows = collect_passages([folder]).passages
-    rows.append(replace(rows[0], time_utc=None, sensor="h2"))
-    assert count_passages(rows, "day") == [
-        {"day": "2024-05-01", "passages": 2},
-        {"day": "2024-05-02", "passages": 2},
-        {"day": "2024-05-03", "passages": 2},
-        {"day": "unknown", "passages": 1},
+    """Ten minutes a day, half an hour of a recording without a start time."""
+    table = collect_passages([folder])
+    row = table.passages[0]
+    table.passages.append(replace(row, time_utc=None, sensor="h2"))
+    table.sound.append(SoundSpan("h2", "x.wav", 0, 1800 * 10**9))
+    a_day = {"passages": 2, "hours": 0.167, "passages_per_hour": 12.0}
+    assert count_passages(table, "day") == [
+        {"day": "2024-05-01", **a_day},
+        {"day": "2024-05-02", **a_day},
+        {"day": "2024-05-03", **a_day},
+        {"day": "unknown", "passages": 1, "hours": 0.5, "passages_per_hour": 2.0},
     ]
-    assert count_passages(rows, "month")[0] == {"month": "2024-05", "passages": 6}
-    assert count_passages(rows, "sensor")[1] == {"sensor": "h2", "passages": 1}
-    assert count_passages(rows, "vessel") == [{"vessel": "unknown", "passages": 7}]
+    assert count_passages(table, "month")[0] == {
+        "month": "2024-05", "passages": 6, "hours": 0.5, "passages_per_hour": 12.0
+    }  # fmt: skip
+    h1, h2 = count_passages(table, "sensor")
+    assert (h1["sensor"], h1["hours"]) == ("h1", 0.5)
+    assert (h2["sensor"], h2["hours"]) == ("h2", 0.5)
+    assert count_passages(table, "vessel") == [{"vessel": "unknown", "passages": 7}]
+
+
+def test_sound_that_several_results_read_is_counted_once(tmp_path, uwtrack):
+    """Two recordings of ten minutes, the second begins five minutes into the first."""
+    write_result(tmp_path / "a.run.h5", 0, times=())
+    half = START_NS + 300 * 10**9
+    write_result(tmp_path / "b.run.h5", 0, start_ns=half, times=(), digest="b" * 64)
+    write_result(tmp_path / "c.run.h5", 0, times=(), sensor="h2")
+    words = ("passages", tmp_path, "--fresh", "--to", "json", "--per")
+    (day,) = json.loads(uwtrack(*words, "day").stdout)
+    assert day == {
+        "day": "2024-05-01", "passages": 0, "hours": 0.417, "passages_per_hour": 0.0
+    }  # fmt: skip
+    rows = json.loads(uwtrack(*words, "sensor").stdout)
+    assert [row["hours"] for row in rows] == [0.25, 0.167]
+    assert uwtrack("report", tmp_path, "-o", "r.html").exit_code == 0
+    assert "no passages in 0.4 hours" in (tmp_path / "r.html").read_text()
 
 
 @pytest.fixture
@@ -246,7 +258,7 @@ def test_the_command_prints_tables_that_others_read(listed, folder):
     assert len(found) == 6
     assert str(found[0][0]).startswith("2024-05-01 12:01")
     counted = listed("--per", "month", "--to", "csv").stdout.splitlines()
-    assert counted == ["month,passages", "2024-05,6"]
+    assert counted == ["month,passages,hours,passages_per_hour", "2024-05,6,0.5,12.0"]
 
 
 def test_sql_sees_the_table_and_nothing_else(listed, uwtrack, folder):
@@ -259,6 +271,28 @@ def test_sql_sees_the_table_and_nothing_else(listed, uwtrack, folder):
         done = uwtrack("passages", folder, "--sql", bad)
         assert done.exit_code == 2, done.output
         assert "is not understood" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("columns", "n_shown"), [(None, len(fields(PassageRow))), ("100", 9), ("40", 3)]
+)
+def test_a_wide_query_is_not_wrapped(listed, monkeypatch, columns, n_shown):
+    """As many columns as fit a screen, and the others named; a pipe takes all."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if columns is not None:
+        monkeypatch.setenv("COLUMNS", columns)
+    done = listed("--sql", "SELECT * FROM passages")
+    lines = done.stdout.splitlines()
+    assert len(lines) == 7  # a line a row, and the heads
+    assert len(lines[0].split()) == n_shown
+    assert columns is None or max(map(len, lines)) <= int(columns)
+    assert ("no room for" in done.stderr) == (columns is not None)
+
+
+def test_a_passage_is_named_by_recording_and_contact(listed):
+    heads, first, *_ = listed().stdout.splitlines()
+    assert heads.split()[-2:] == ["recording", "contact"]
+    assert first.split()[-2:] == ["day0.run.wav", "1"]
 
 
 @pytest.mark.parametrize("words", [("--sql", "SELECT 1"), ("--to", "parquet")])

@@ -98,6 +98,15 @@ def test_a_spectrogram_lies_on_time_and_frequency(results):
     assert grid.power_density.attrs["units"] == "reference^2/Hz"
 
 
+def test_decidecades_lie_on_time_and_their_bands(results):
+    bands, grid = results["decidecades"], results.to_xarray("decidecades")
+    assert grid.level_db.dims == ("time", "band")
+    passed_ns = (grid.time.values - START).astype(np.int64)
+    np.testing.assert_allclose(passed_ns / 1e9, bands.time_s, atol=1e-9)
+    assert grid.centre_hz.dims == ("band",)
+    np.testing.assert_array_equal(grid.coords["centre_hz"], bands.centre_hz)
+
+
 def test_times_are_seconds_where_the_start_is_not_known(results):
     levels = results["levels"]
     unknown = to_xarray(levels, None)

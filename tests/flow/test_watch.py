@@ -4,7 +4,6 @@ import json
 import shutil
 import signal
 import subprocess
-import sys
 import time
 
 import numpy as np
@@ -18,7 +17,6 @@ from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.watch import JOURNAL, Journal, WatchTimes, watch_folder
 
 RATE = 1000
-PROGRAM = [sys.executable, "-c", "from uwtrack_cli.cli import main; main()"]
 TIMES = WatchTimes(settle_s=5.0, idle_s=20.0)
 NOISE = 0.1 * np.random.default_rng(8).standard_normal(20 * RATE)
 
@@ -142,18 +140,70 @@ def test_half_a_line_of_the_journal_is_removed(folder):
     with Journal(folder / "out") as journal:
         assert journal.is_done(watch.Path("/x/a.wav"), (7, 9))
         assert not journal.is_done(watch.Path("/x/a.wav"), (8, 9))
-        journal.note({"source": "/x/c.wav"}, watch.Path("/x/c.wav"), (1, 2))
+        journal.note({"source": "/x/c.wav"}, (1, 2))
     rows = [json.loads(line) for line in path.read_text().splitlines()]
     assert [row["source"] for row in rows] == ["/x/a.wav", "/x/c.wav"]
 
 
-def test_a_file_that_is_no_journal_is_kept(folder):
-    (folder / "out").mkdir()
-    path = folder / "out" / JOURNAL
-    path.write_text("my notes\n")
-    with pytest.raises(DataError, match="is no journal of uwtrack watch"):
-        Journal(folder / "out")
-    assert path.read_text() == "my notes\n"
+@pytest.mark.parametrize("lost", ["out", f"out/{JOURNAL}"])
+def test_a_watch_whose_output_was_removed_ends(folder, clock, uwtrack, lost):
+    def remove():
+        path = folder / lost
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    write(folder / "in" / "a.wav")
+    clock.deeds = {1010.0: remove, 1011.0: lambda: write(folder / "in" / "b.wav")}
+    done = uwtrack("watch", "in", "-o", "out", "--idle-s", "20")
+    assert done.exit_code == 1
+    assert f"error: {lost} was removed while it was in use" in done.stderr
+    assert [name for name, _ in clock.ran] == ["a.wav"]
+    assert not (folder / lost).exists()
+
+
+def full_disk(monkeypatch, n_failures):
+    """Let the disk be full for the next files that are written."""
+    left = iter(range(n_failures))
+    sync = watch.os.fsync
+
+    def fsync(handle):
+        if next(left, None) is not None:
+            raise OSError(28, "No space left on device")
+        sync(handle)
+
+    monkeypatch.setattr("os.fsync", fsync)
+
+
+def last_row(folder):
+    return json.loads((folder / "out" / JOURNAL).read_text().splitlines()[-1])
+
+
+def test_what_a_full_disk_has_stopped_is_tried_again(folder, uwtrack, monkeypatch):
+    """First product and journal cannot be written, then the product, then nothing."""
+    monkeypatch.setattr(watch, "RETRY_S", (0.2, 0.2))
+    write(folder / "in" / "a.wav")
+    full_disk(monkeypatch, 2)
+    done = uwtrack(*WORDS, "--idle-s", "1")
+    assert done.exit_code == 0, done.output
+    assert "No space left on device. It is tried again later." in done.stderr
+    assert last_row(folder)["status"] == "done"
+    assert not verify_product(folder / "out" / "a.run.h5")
+
+
+def test_what_failed_for_want_of_another_file_is_tried_again(folder, uwtrack):
+    for name in ("a.wav", "bad.wav"):
+        write(folder / "in" / name)
+    (folder / "in" / "bad.wav").write_text("no sound")
+    (folder / "in" / "a.sensor.toml").write_text('id = "h1"\nnavigation = "n.csv"\n')
+    assert uwtrack(*WORDS, "--idle-s", "0.3").exit_code == 3
+    (folder / "in" / "n.csv").write_text("time_s,east_m,north_m\n0,0,0\n60,30,0\n")
+    done = uwtrack(*WORDS, "--idle-s", "0.3")
+    said = "2 recordings failed before; tried again: 1 now and 1 when they change."
+    assert f"out/{JOURNAL}: {said}" in done.stderr
+    assert done.exit_code == 0, done.output
+    assert last_row(folder)["target"] == "a.run.h5"
+    assert last_row(folder)["status"] == "done"
+    again = uwtrack(*WORDS, "--idle-s", "0.3")
+    assert "1 recording failed before; tried again: 1 when they change." in again.stderr
 
 
 def test_two_watches_do_not_share_a_journal(folder):
@@ -162,7 +212,8 @@ def test_two_watches_do_not_share_a_journal(folder):
         Journal(folder / "out")
 
 
-WORDS = ("watch", "in", "-o", "out", "--settle-s", "0.1")
+PLAIN = ("--recipe", "vessel")
+WORDS = ("watch", "in", "-o", "out", "--settle-s", "0.1", *PLAIN)
 
 
 def test_the_products_are_those_of_a_batch(folder, uwtrack):
@@ -173,7 +224,7 @@ def test_the_products_are_those_of_a_batch(folder, uwtrack):
     rows = {row["target"]: row for row in map(json.loads, done.stdout.splitlines())}
     assert rows["a.run.h5"]["status"] == "done"
     assert rows["bad.run.h5"]["status"] == "failed"
-    assert uwtrack("run", "in/a.wav", "-o", "b.h5", "-q").exit_code == 0
+    assert uwtrack("run", "in/a.wav", "-o", "b.h5", "-q", *PLAIN).exit_code == 0
     assert uwtrack("diff", "out/a.run.h5", "b.h5").exit_code == 0
     again = uwtrack(*WORDS, "--idle-s", "0.3", "--json")
     assert (again.exit_code, again.stdout) == (0, "")
@@ -194,36 +245,39 @@ def test_a_watch_that_cannot_be_is_one_sentence(folder, uwtrack, words, code, sa
     assert said in done.stderr
 
 
-def start(folder, *words):
-    return subprocess.Popen(
-        [*PROGRAM, *WORDS, *words], cwd=folder, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+@pytest.fixture
+def watching(start, folder):
+    """Start a watch of the folder."""
+
+    def begin(*words):
+        return start(
+            *WORDS, *words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            text=True,
+        )  # fmt: skip
+
+    return begin
 
 
-def test_a_signal_ends_the_watch_after_the_recording(folder):
+def test_a_signal_ends_the_watch_after_the_recording(folder, watching):
     write(folder / "in" / "a.wav")
-    running = start(folder, "--json")
+    running = watching("--json")
     assert json.loads(running.stdout.readline())["status"] == "done"
     running.send_signal(signal.SIGTERM)
-    _, said = running.communicate(timeout=60)
+    _, said = running.communicate(timeout=250)
     assert running.returncode == 0, said
 
 
-def kill_and_go_on(folder, n_recordings, n_kills, seed):
+def kill_and_go_on(folder, watching, n_recordings, n_kills, seed):
     """Kill a watch at random moments; what it has noted is not done again."""
     rng = np.random.default_rng(seed)
-    begin = time.monotonic()
-    start(folder, "--idle-s", "0.1").communicate(timeout=60)
-    startup_s = time.monotonic() - begin
     for k in range(n_recordings):
         sound = 0.1 * rng.standard_normal(20 * RATE)
         write(folder / "in" / f"{k:02}.wav", sound)
     journal = folder / "out" / JOURNAL
     noted = {}
     for _ in range(n_kills):
-        running = start(folder)
-        time.sleep(startup_s * float(rng.uniform(0.5, 3.0)))
+        running = watching()
+        time.sleep(float(rng.uniform(0.1, 1.0)))
         running.kill()
         running.communicate()
         lines = journal.read_text().splitlines() if journal.exists() else []
@@ -234,7 +288,7 @@ def kill_and_go_on(folder, n_recordings, n_kills, seed):
         products = list(folder.glob("out/*.h5"))
         assert [path for path in products if verify_product(path)] == []
         assert len(products) <= len(noted) + 1  # one placed, and not noted yet
-    running = start(folder, "--idle-s", "0.3")
+    running = watching("--idle-s", "0.3")
     running.communicate(timeout=600)
     assert running.returncode == 0
     rows = [json.loads(line) for line in journal.read_text().splitlines()]
@@ -245,29 +299,29 @@ def kill_and_go_on(folder, n_recordings, n_kills, seed):
     return len(noted)
 
 
-def test_after_a_kill_a_watch_goes_on_where_it_was(folder):
-    kill_and_go_on(folder, 3, 2, 1)
+def test_after_a_kill_a_watch_goes_on_where_it_was(folder, watching):
+    kill_and_go_on(folder, watching, 3, 2, 1)
 
 
-def test_kills_within_one_long_sound_lose_nothing_of_it(folder, uwtrack):
+def test_kills_within_one_long_sound_lose_nothing_of_it(folder, watching, uwtrack):
     """While it is written, and while it is run; the journal has it once, and whole."""
     rng = np.random.default_rng(5)
     path, whole = folder / "in" / "long.wav", folder / "whole.wav"
-    content = write(whole, 0.1 * rng.standard_normal(300 * RATE))
+    content = write(whole, 0.1 * rng.standard_normal(120 * RATE))
     for share in (0.3, 0.7):  # the header promises more: it is awaited
         path.write_bytes(content[: int(share * len(content))])
-        running = start(folder)
-        time.sleep(float(rng.uniform(1.0, 2.0)))
+        running = watching()
+        time.sleep(float(rng.uniform(0.2, 0.6)))
         running.kill()
         running.communicate()
         assert list(folder.glob("out/*.h5")) == []
     path.write_bytes(content)
     for _ in range(2):
-        running = start(folder)
-        time.sleep(float(rng.uniform(0.8, 2.0)))
+        running = watching()
+        time.sleep(float(rng.uniform(0.2, 0.8)))
         running.kill()
         running.communicate()
-    running = start(folder, "--idle-s", "0.3")
+    running = watching("--idle-s", "0.3")
     running.communicate(timeout=600)
     assert running.returncode == 0
     journal = (folder / "out" / JOURNAL).read_text().splitlines()
@@ -275,14 +329,16 @@ def test_kills_within_one_long_sound_lose_nothing_of_it(folder, uwtrack):
     # while it stood still it may have been taken for a truncated one
     assert [row["target"] for row in rows if row["status"] == "done"] == ["long.run.h5"]
     assert rows[-1]["status"] == "done"
-    assert uwtrack("run", "in/long.wav", "-q", "-o", "at-once.h5").exit_code == 0
+    assert (
+        uwtrack("run", "in/long.wav", "-q", "-o", "at-once.h5", *PLAIN).exit_code == 0
+    )
     assert uwtrack("diff", "at-once.h5", "out/long.run.h5").exit_code == 0
     assert len(list(folder.glob("out/*"))) == 2
 
 
 @pytest.mark.long
-def test_fifty_kills_lose_no_recording(folder):
-    n_noted = kill_and_go_on(folder, 40, 50, 2)
+def test_fifty_kills_lose_no_recording(folder, watching):
+    n_noted = kill_and_go_on(folder, watching, 40, 50, 2)
     print(f"50 kills, {n_noted} recordings noted before the last one")  # noqa: T201
 
 

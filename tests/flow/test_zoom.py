@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.flow.auto_scores import car, car_by_auto, passages
+from tests.draws.brief_passages import car, car_by_auto, passages
 from tests.flow.made_encounters import encounters_of
 from tests.motion.test_sub_bands import TIME, levels_of
 from tests.support import recording_of, white_noise

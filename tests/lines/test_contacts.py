@@ -26,6 +26,10 @@ def passage(rest_hz, closest_s, first_s, last_s):
 
 
 def contacts(*lines, std_hz=0.01):
+    return grouped(*lines, std_hz=std_hz)[0].tolist()
+
+
+def grouped(*lines, std_hz=0.01):
     frequency = np.stack(lines) + std_hz * np.random.default_rng(1).normal(
         size=(len(lines), TIME_S.size)
     )
@@ -35,7 +39,7 @@ def contacts(*lines, std_hz=0.01):
         np.searchsorted(line, np.arange(len(lines) + 1)), frame,
         frequency[line, frame], np.full(line.size, std_hz**2), unknown, unknown, 4.0,
     )  # fmt: skip
-    return group_lines(samples, np.full(len(lines), -1))[0].tolist()
+    return group_lines(samples, np.full(len(lines), -1))
 
 
 def test_lines_of_one_passage_are_one_contact_though_one_is_heard_for_longer():
@@ -94,3 +98,20 @@ def test_lines_that_are_not_resolved_are_told(bins, expected):
     samples.add(points(3, frame, np.full(200, 300.0)))
     found = unresolved_share(samples.samples(samples.line_seen(), 4.0), UNRESOLVED_BINS)
     assert found == pytest.approx([0.5 * expected, expected, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("lines_hz", "is_hum"),
+    [
+        ((1139.8,), False),  # a train's horn: 19 times 60 Hz by chance
+        ((1139.8, 1200.0), False),  # no grid is heard by its high multiples alone
+        ((60.0,), False),
+        ((60.0, 60.05), False),  # one multiple, followed twice
+        ((60.0, 300.0), True),
+        ((250.0, 1150.0), True),
+        ((50.0, 120.0), False),
+    ],
+)
+def test_hum_has_two_multiples_of_the_mains_one_of_them_low(lines_hz, is_hum):
+    status = grouped(*(np.full(TIME_S.size, each) for each in lines_hz))[1]
+    assert set(status.tolist()) == ({"hum"} if is_hum else {"steady"})

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from studies.line_comb import family_chances, noise_chances
 from uwtrack_cli.lines.families.comb_test import CombRule, comb_tests
 from uwtrack_cli.lines.families.harmonics import comb_fit, find_combs
-from uwtrack_cli.studies.line_comb import family_chances, noise_chances
 
 RULE = CombRule((2.0, 60.0), 18, 0.1, 10.0, 1000.0)
 

@@ -1,6 +1,6 @@
 """Rungs of a ladder are joined: each stretch once, by who hears it best, one number.
 
-The figures over many draws are in tests/baselines/ladder.md.
+Acceptance holds lines of two lengths of frames joined.
 """
 
 from dataclasses import replace
@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 import pytest
 
+from tests.draws.line_sounds import SCENES, score
 from tests.lines.ladder_scores import WINDOWS_S, doubled_share, rungs_of, spread
 from tests.lines.line_scenes import some_frames
-from tests.lines.line_scores import SCENES, score
 from uwtrack_cli.data.lines import DETECTED, Lines
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
@@ -19,7 +19,7 @@ from uwtrack_cli.lines.families.lasting_families import no_families
 from uwtrack_cli.lines.ladder import join_rungs
 from uwtrack_cli.lines.line_points import LinePoints, LineTable, to_lines
 from uwtrack_cli.lines.rungs.best_basis import is_finer_best
-from uwtrack_cli.motion.target.inputs import measurements_from_lines
+from uwtrack_cli.motion.target_motion.inputs import measurements_from_lines
 from uwtrack_cli.presence.line_summary import summarise
 
 RATE_HZ = 2000.0
@@ -141,6 +141,25 @@ def test_the_order_of_the_rungs_does_not_matter():
         drawn(w, (at(100.0), power(10.0)), (at(200.0), power(w))) for w in WINDOWS_S
     ]
     assert join_rungs(rungs).equals(join_rungs(rungs[::-1]))
+
+
+def test_false_lines_of_all_rungs_add_up_and_the_keenest_tells_the_weakest():
+    """Each rung starts lines of its own; SNRs of the cells of long frames are higher."""
+    rungs = [drawn(w, (at(100.0), power(10.0))) for w in (8.0, 1.0, 0.1)]
+    told = ((1.0, 5.0, 0.5), (2.0, 3.0, np.nan), (4.0, -7.0, 1.5))
+    rates = [
+        replace(
+            one, false_lines_per_khz_hour=stated, weakest_line_snr_db=weakest_db,
+            measured_false_lines_per_khz_hour=measured,
+        )
+        for one, (stated, weakest_db, measured) in zip(rungs, told, strict=True)
+    ]  # fmt: skip
+    joined = join_rungs(rates)
+    assert joined.false_lines_per_khz_hour == 7.0
+    assert joined.measured_false_lines_per_khz_hour == 2.0
+    # in 1 Hz: 5 - 9, 3 and -7 + 10 dB
+    assert joined.weakest_line_snr_db == 5.0
+    assert np.isnan(join_rungs(rungs).measured_false_lines_per_khz_hour)
 
 
 def test_one_rung_is_told_as_it_is():

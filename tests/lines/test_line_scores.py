@@ -1,6 +1,6 @@
 """One line, one id: scenes of lines in noise at the commands' defaults.
 
-The whole table is in tests/baselines/line_scenes.md; here is a draw or two of each of what broke lines once. Sweeps of two bins a frame are in test_ladder.py.
+Acceptance holds more of them; here is a draw or two of each of what broke lines once. Sweeps of two bins a frame are in test_ladder.py.
 """
 
 from dataclasses import replace
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.lines.line_scores import SCENES, bursts, score, tracked
+from tests.draws.line_sounds import SCENES, bursts, score, tracked
 
 SEED = 4242
 

@@ -24,6 +24,7 @@ from uwtrack_cli.lines.paths.trace_threshold import (
 from uwtrack_cli.lines.paths.trace_window import WindowData
 from uwtrack_cli.lines.sensitivity import (
     amplitude_log_ratio,
+    detection_probabilities,
     false_lines_by_count,
     line_power_density,
     weakest_by_count,
@@ -330,6 +331,14 @@ def test_a_lines_power_has_rices_density():
     snr, power = np.array([0.1, 1.0, 9.0]), np.linspace(0.01, 20.0, 7)
     wanted = 2.0 * ncx2.pdf(2.0 * power, 2, 2.0 * snr[:, None])
     assert np.allclose(line_power_density(snr, power), wanted)
+
+
+@pytest.mark.parametrize("threshold", [0.0, 3.0, 14.0, 80.0])
+def test_a_line_is_detected_as_often_as_the_noncentral_chi_square_says(threshold):
+    snr = np.array([0.0, 0.16, 2.0, 30.0, 316.0, 2000.0])
+    wanted = ncx2.sf(2.0 * threshold, 2, 2.0 * snr)
+    found = detection_probabilities(threshold, snr)
+    assert np.allclose(found, wanted, rtol=1e-12, atol=0.0)
 
 
 GRID_DB = np.arange(-8.0, 25.0, 0.1)

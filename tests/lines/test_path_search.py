@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 from scipy.stats import chi2
 
-from calibration.line_ends import scene, scores
+from studies.constants.line_ends import scene, scores
 from uwtrack_cli.lines.paths.path_search import (
     _centred,
     best_scores,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from studies.line_association import noise_lines, passage
 from tests.lines.line_scenes import line_peaks
 from tests.support import recording_of
 from uwtrack_cli.data.lines import Lines
@@ -16,7 +17,6 @@ from uwtrack_cli.lines.track_pda import track_lines_pda
 from uwtrack_cli.simulate.tones import simulate_tones
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
-from uwtrack_cli.studies.line_association import noise_lines, passage
 
 RATE_HZ = 1000.0
 TONES_HZ = np.array([120.3, 211.7, 333.2])

@@ -100,9 +100,8 @@ def assert_same(slow: Lines, usual: Lines, *, exact: bool = True) -> None:
 
 
 @pytest.mark.parametrize("how", ["score", "count", "pda"])
-@pytest.mark.parametrize("has_bearings", [False, True])
-def test_lines_of_slower_peaks_are_the_same(how: str, has_bearings: bool) -> None:
-    peaks = scene(1, has_bearings=has_bearings)
+def test_lines_of_slower_peaks_are_the_same(how: str) -> None:
+    peaks = scene(1, has_bearings=True)
     slow, usual = followed(slowed(peaks), SLOWER, how), followed(peaks, 1.0, how)
     # probabilities of doubtful peaks are rounded
     assert_same(slow, usual, exact=how != "pda")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.motion.passage_truth import Scene, received
+from tests.draws.passage_truth import Scene, received
 from tests.motion.passing_vessel import frames_of, levels_of_scene
 
 ISOTROPIC_SHARE = 0.05

@@ -1,27 +1,14 @@
-"""How often noise is taken for a passage, and how weak a passage is found.
+"""How often noise is taken for a passage, and how weak a passage is found."""
 
-Prints tables in Markdown, in half an hour or more; its three numbers are measured noise,
-recordings of noise, and passages of each strength:
-python -m tests.motion.false_alarms 1000 100 12
-"""
-
-import sys
-import warnings
 from dataclasses import replace
 
 import numpy as np
 from scipy.stats import beta
 
-from tests.motion.passage_truth import Scene
+from tests.draws.passage_truth import Scene
 from tests.motion.passing_vessel import levels_of_scene, lines_of_scenes
-from tests.motion.random_passages import DEPTH_M, LENGTH_S, RATE_HZ
-from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.flow.engine import run_recipe
-from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.simulate import make_scenario, simulate_recordings
 
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0)
 STATED = (0.1, 0.03, 0.01, 0.001)
@@ -109,71 +96,6 @@ def claims(lines, levels, sensor, stated):
     return [found[probability] for probability in stated]
 
 
-def heard_claims(scenario, stated):
-    """Run the chain over a drawn recording, and decide at each probability."""
-    (recording,) = simulate_recordings(scenario)
-    made = run_recipe(recording, load_recipe("vessel"))
-    lines, levels = (
-        next(item for item in made if isinstance(item, kind))
-        for kind in (Lines, Levels)
-    )
-    return claims(lines, levels, recording.sensor, stated)
-
-
-def noise_scenario(seed):
-    """Draw a recording of noise, half of them with a machine's hum that jitters."""
-    rng = np.random.default_rng([seed, 1])
-    noise = {
-        "density_db": 70.0,
-        "slope_db_per_decade": float(rng.uniform(-20.0, 0.0)),
-    }
-    if rng.random() < 0.5:
-        noise["hum"] = {
-            "mains_hz": float(rng.uniform(25.0, 60.0)),
-            "levels_db": list(rng.uniform(85.0, 100.0, rng.integers(1, 5))),
-            "fraction": float(10 ** rng.uniform(-5, -3)),
-            "correlation_s": float(10 ** rng.uniform(0.7, 2.3)),
-        }
-    return _scenario(rng, [], noise)
-
-
-def passage_scenario(seed, line_db_hz, band_db):
-    """Describe a passage that only one line, or only the broadband, tells of."""
-    rng = np.random.default_rng([seed, 2])
-    vessel = {
-        "source_depth_m": 3.0,
-        "closest_approach": {
-            "time_s": float(rng.uniform(0.4, 0.6) * LENGTH_S),
-            "horizontal_range_m": 250.0,
-            "speed_mps": 6.0,
-            "course_deg": float(rng.uniform(0.0, 360.0)),
-            "side": str(rng.choice(["port", "starboard"])),
-        },
-    }
-    if line_db_hz is not None:
-        vessel["line"] = [{"frequency_hz": 120.0, "cn0_db_hz": line_db_hz}]
-    if band_db is not None:
-        vessel["broadband"] = {"band_hz": [100.0, 900.0], "snr_db": band_db}
-    return _scenario(rng, [vessel], {"density_db": 70.0, "slope_db_per_decade": -10.0})
-
-
-def _scenario(rng, vessels, noise):
-    return make_scenario({
-            "seed": int(rng.integers(2**31)),
-            "duration_s": LENGTH_S,
-            "sample_rate_hz": RATE_HZ,
-            "sensor": [
-                {
-                    "id": "h1", "kind": "difar", "depth_m": DEPTH_M,
-                    "full_scale_db": 175.0,
-                }
-            ],
-            "vessel": vessels,
-            "noise": noise,
-        },
-    )  # fmt: skip
-
-
 def hump_claims(seed, snr_db, stated):
     """Decide on the levels of a passage alone, measured with 1 dB of noise."""
     rng = np.random.default_rng([seed, 3])
@@ -187,72 +109,3 @@ def interval(count, runs):
     low = beta.ppf(0.025, count, runs - count + 1) if count else 0.0
     high = beta.ppf(0.975, count + 1, runs - count) if count < runs else 1.0
     return float(low), float(high)
-
-
-def noise_table(kinds):
-    """Return the rates in noise beside the stated ones, in Markdown."""
-    lines = [
-        "| noise | runs | stated | claimed | rate | interval of 95 % |",
-        "|---|---|---|---|---|---|",
-    ]
-    for name, results in kinds.items():
-        for stated, count in zip(STATED, np.sum(results, axis=0), strict=True):
-            low, high = interval(int(count), len(results))
-            lines.append(
-                f"| {name} | {len(results)} | {stated:.1%} | {count} "
-                f"| {count / len(results):.2%} | {low:.2%} to {high:.2%} |"
-            )
-    return "\n".join(lines)
-
-
-def detection_table(kinds):
-    """Return the shares of passages found against the ratio, in Markdown."""
-    head = " | ".join(f"found at {stated:.1%}" for stated in STATED)
-    lines = [
-        f"| passage told by | ratio at closest approach | runs | {head} |",
-        "|---" * (3 + len(STATED)) + "|",
-    ]
-    for (name, ratio), results in kinds.items():
-        shares = " | ".join(f"{share:.0%}" for share in np.mean(results, axis=0))
-        lines.append(f"| {name} | {ratio} | {len(results)} | {shares} |")
-    return "\n".join(lines)
-
-
-def main(measured, recorded, passages):
-    """Print rates in noise and shares of passages found."""
-    warnings.simplefilter("ignore")
-    noise = {
-        "measured lines and levels": [
-            claims(*still_recording([11, k]), DIFAR, STATED) for k in range(measured)
-        ],
-        "recordings, whole chain": [
-            heard_claims(noise_scenario(k), STATED) for k in range(recorded)
-        ],
-    }
-    found = {}
-    for ratio in (-9.0, -6.0, -3.0, 0.0, 3.0):
-        found["levels of 1 dB each second", f"{ratio:+.0f} dB"] = [
-            hump_claims(k, ratio, STATED) for k in range(4 * passages)
-        ]
-    for ratio in (-21.0, -18.0, -15.0, -12.0, -9.0):
-        found["sound in 100-900 Hz, whole chain", f"{ratio:+.0f} dB"] = [
-            heard_claims(passage_scenario(k, None, ratio), STATED)
-            for k in range(passages)
-        ]
-    for ratio in (6.0, 9.0, 12.0, 15.0, 18.0):
-        found["a line at 120 Hz, whole chain", f"{ratio:.0f} dB-Hz"] = [
-            heard_claims(passage_scenario(k, ratio, None), STATED)
-            for k in range(passages)
-        ]
-    command = f"python -m tests.motion.false_alarms {measured} {recorded} {passages}"
-    sys.stdout.write(
-        "# Noise taken for passages, and passages found, at the same thresholds\n\n"
-        f"Made by `{command}`. Noise: machines that stay, their lines steady, walking or "
-        "jittering by up to a thousandth, levels that drift by up to 4 dB; recordings "
-        "of noise of 480 s, half of them with a jittering hum. Passages at 6 m/s, "
-        f"250 m.\n\n{noise_table(noise)}\n\n{detection_table(found)}\n"
-    )
-
-
-if __name__ == "__main__":
-    main(*(int(word) for word in sys.argv[1:4]))

@@ -5,20 +5,15 @@ levels by image sources of their own: the coherent sum of the direct sound and o
 images in the surface, and in the bottom of a shallow channel, too. They fade by 3 to
 8 dB with a correlation time of 2 to 60 s, each by itself, and the vessel by up to 3 dB
 as a whole; a line is lost where it fades into the noise. Each recording is analysed with
-the levels and without them, and the levels are asked by themselves, too. The table in
-tests/baselines/line_levels.md is made by (eight CPU minutes):
-python -m tests.motion.line_level_coverage 100 21000 > tests/baselines/line_levels.md
+the levels and without them, and the levels are asked by themselves, too.
 """
 
-import sys
-import warnings
 from dataclasses import dataclass, replace
 from unittest.mock import patch
 
 import numpy as np
 
-from tests.motion.drawn_readings import CLOSEST_S, received
-from tests.motion.nuisance_coverage import interval
+from tests.draws.measured_passages import CLOSEST_S, received
 from tests.motion.passing_vessel import frames_of, lines_of_columns
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.sensor import Sensor
@@ -203,79 +198,3 @@ def alone(drawn):
     _, gradient, matrix = levels.normal(theta, priors.medium, None)
     covariance = np.linalg.inv(matrix[:2, :2])
     return gradient[:2] @ covariance @ gradient[:2], np.sqrt(covariance[1, 1])
-
-
-def rows_of(name, drawn):
-    """Return the rows of a class: with the levels and without them."""
-    units = np.array([
-        [one.truth[3], one.truth[1], one.truth[2], one.truth[3], np.rad2deg(1.0)]
-        for one in drawn
-    ])  # fmt: skip
-    both = [
-        np.array([analyse(one, has_levels=has) for one in drawn])
-        for has in (False, True)
-    ]
-    lines = []
-    for place, quantity in enumerate(QUANTITIES[: 5 if KINDS[name].has_bearing else 4]):
-        cells = []
-        given = [np.isfinite(told[:, place]).all(axis=1) for told in both]
-        common = given[0] & given[1]
-        for told, known in zip(both, given, strict=True):
-            ratio = np.abs(told[known, place, 0] / told[known, place, 1])
-            held = int((ratio < 1.96).sum())
-            low, high = interval(held, ratio.size)
-            error = told[common, place, 0] / units[common, place]
-            std = told[common, place, 1] / units[common, place]
-            cells += [
-                f"{held} of {ratio.size} ({low:.0%} to {high:.0%})",
-                f"{int((ratio > 5).sum())}", f"{np.sqrt((error**2).mean()):.3f}",
-                f"{np.median(std):.3f}",
-            ]  # fmt: skip
-        lines.append(f"| {name} | {quantity} | " + " | ".join(cells) + " |")
-    return lines, both
-
-
-def main(count, first):
-    """Print the tables of so many recordings of each class."""
-    warnings.simplefilter("ignore")
-    head = "| drawn | quantity | " + " | ".join(
-        f"{name}{with_or_not}"
-        for with_or_not in (" without", "")
-        for name in ("held", "beyond 5", "RMSE", "stated")
-    ) + " |"  # fmt: skip
-    table = [head, "|---" * 10 + "|"]
-    asked = [
-        "| drawn | asked | beyond 5.99 (5 % due) | median deviation of ln d/v |",
-        "|---|---|---|---|",
-    ]
-    changed = [
-        "| drawn | given without | given | lost | gained |",
-        "|---|---|---|---|---|",
-    ]
-    for name in KINDS:
-        drawn = [draw(name, first + k) for k in range(count)]
-        found = [one for one in map(alone, drawn) if one is not None]
-        pull, std = np.array(found).T
-        asked.append(
-            f"| {name} | {pull.size} | {(pull > 5.99).sum()} | {np.median(std):.2f} |"
-        )
-        rows, both = rows_of(name, drawn)
-        table += rows
-        given = [np.isfinite(told[:, 0, 0]) for told in both]
-        changed.append(
-            f"| {name} | {given[0].sum()} | {given[1].sum()} "
-            f"| {(given[0] & ~given[1]).sum()} | {(given[1] & ~given[0]).sum()} |"
-        )
-    sys.stdout.write(
-        "# Levels of the lines in the fit of a passage\n\n"
-        f"Made by `python -m tests.motion.line_level_coverage {count} {first}`: omni sensor "
-        "or with bearings, no broadband; the exact 95 % interval of each share stands beside "
-        "it. RMSE and stated deviations (median) are over d/v, the true value, or a radian, "
-        "of those that both give.\n\nThe levels by themselves, at the true motion:\n\n"
-        + "\n".join(asked) + "\n\nWithout them and with them:\n\n" + "\n".join(table)
-        + "\n\nRows that are given:\n\n" + "\n".join(changed) + "\n"
-    )  # fmt: skip
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))

@@ -4,18 +4,14 @@ Passages of one vessel are drawn, and with them what the program cannot know: de
 source and sensor, sound speed and compass, from the priors that it is told (or the
 source depth uniformly from 0.4 to 7 m). Measurements come from the independent law of
 `passage_truth`. A quantity is covered when it lies within 1.96 stated deviations.
-
-The table in tests/baselines/nuisances.md is made by:
-python -m tests.motion.nuisance_coverage 400 1 > tests/baselines/nuisances.md
 """
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta, chi2
+from scipy.stats import chi2
 
-from tests.motion.passage_truth import Scene, measure
+from tests.draws.passage_truth import Scene, measure
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import FULL_SCALE
 from uwtrack_cli.motion.passage.candidates import examine
@@ -145,48 +141,3 @@ def holds_on_both_sides(deviations):
     low, high = chi2.ppf([1e-4, 1 - 1e-4], len(deviations)) / len(deviations)
     square = np.mean(np.square(deviations), axis=0)
     return bool(np.all((low < square) & (square < high)))
-
-
-def interval(hits, count):
-    """Exact 95 % binomial interval (Clopper and Pearson 1934)."""
-    low = beta.ppf(0.025, hits, count - hits + 1) if hits else 0.0
-    high = beta.ppf(0.975, hits + 1, count - hits) if hits < count else 1.0
-    return low, high
-
-
-def table(kind, draws):
-    """Return the rows of a class in Markdown."""
-    lines = []
-    for place, name in enumerate(QUANTITIES):
-        z = np.array([abs(d.error[place]) / d.std[place] for d in draws])
-        z = z[np.isfinite(z)]
-        if not z.size:
-            continue
-        hits = int((z <= 1.96).sum())
-        low, high = interval(hits, z.size)
-        lines.append(
-            f"| {kind} | {name} | {z.size} of {len(draws)} | {hits / z.size:.1%} "
-            f"| {low:.1%} to {high:.1%} | {np.median(z):.2f} "
-            f"| {int((z > 5).sum())} |"
-        )
-    sides = sum(d.wrong_side for d in draws)
-    lines.append(f"| {kind} | wrong side | {sides} of {len(draws)} | | | | |")
-    return lines
-
-
-def main(count, first, kinds):
-    """Print the table."""
-    sys.stdout.write(
-        "# Coverage with depths, sound speed and compass drawn from what is told\n\n"
-        f"Made by `python -m tests.motion.nuisance_coverage {count} {first}`.\n\n"
-        "| class | quantity | given | within 1.96 deviations | 95 % of that share "
-        "| median deviation | beyond 5 |\n|---|---|---|---|---|---|---|\n"
-    )
-    for kind in kinds:
-        draws = [score(kind, first + k) for k in range(count)]
-        sys.stdout.write("\n".join(table(kind, draws)) + "\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or list(CLASSES))

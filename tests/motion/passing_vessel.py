@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tests.motion.passage_truth import Scene, received
+from tests.draws.passage_truth import Scene, received
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families

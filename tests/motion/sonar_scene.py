@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from uwtrack_cli.motion.target.own_ship import OwnPath, make_sensors_track
-from uwtrack_cli.motion.target.problem import Problem
+from uwtrack_cli.motion.target_motion.own_ship import OwnPath, make_sensors_track
+from uwtrack_cli.motion.target_motion.problem import Problem
 
 SOUND_MPS, INTERVAL_S, ROWS = 1480.0, 8.0, 24
 STATE = np.array([np.log(2300.0), 0.7, 2.5, -3.5])

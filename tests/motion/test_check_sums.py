@@ -19,9 +19,9 @@ from uwtrack_cli.motion.fusion.motion_fit import (
 from uwtrack_cli.motion.passage import moving_lines
 from uwtrack_cli.motion.passage.checks import fit_checks, rest_frame
 from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP, Change, law_of
-from uwtrack_cli.motion.target import association, model, starts
-from uwtrack_cli.motion.target.inputs import correlation_inflation, rounding_std
-from uwtrack_cli.motion.target.observability import STRAIGHT_M, is_manoeuvring
+from uwtrack_cli.motion.target_motion import association, model, starts
+from uwtrack_cli.motion.target_motion.inputs import correlation_inflation, rounding_std
+from uwtrack_cli.motion.target_motion.observability import STRAIGHT_M, is_manoeuvring
 
 
 def least(columns, value, weight):
@@ -296,22 +296,6 @@ def test_readings_reach_apart_by_half_of_what_their_ends_do():
     assert rest_frame._reach(apart, (apart > 3.35) * 5.0) == pytest.approx(
         0.175, rel=0.01
     )
-
-
-def test_a_line_is_cut_out_as_it_is_and_turned_down_by_its_rest_frequency():
-    """A tone half a hertz above it stays a tone of half a hertz, of half the height."""
-    rate, rest, mach = 800.0, 100.2, 0.01
-    time = np.arange(int(60 * rate)) / rate
-    sound = 3.0 + 2.0 * np.cos(2 * np.pi * (rest + 0.5) * time + 0.3)
-    (band,) = rest_frame._bands(sound, rate, np.array([rest]), mach)
-    half = min(rest_frame.CONTEXT * mach, rest_frame.WIDEST) * rest
-    assert band.rate_hz == pytest.approx(2 * half, rel=0.01)
-    own = np.arange(band.sound.size) / band.rate_hz
-    inner = slice(band.sound.size // 8, -band.sound.size // 8)
-    turned = band.sound * np.exp(-2j * np.pi * 0.5 * own - 0.3j)
-    height = 0.5 * 2.0 * rate / band.rate_hz / (rate / band.rate_hz)
-    scale = band.sound.size / time.size
-    np.testing.assert_allclose(turned[inner] * scale, height, atol=0.02)
 
 
 def test_a_tone_gains_what_its_periodogram_does_over_noise():

@@ -1,5 +1,8 @@
 """One row for each passage, whichever frames have shown it best."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from tests.flow.made_encounters import encounters_of
@@ -82,6 +85,29 @@ def test_passages_at_other_times_and_those_of_one_table_do_not_compete():
     rows, refused = won([SLOW, SLOW], [later], highest=40)
     assert [row[0] for row in rows] == [1.0, 2.0, 41.0]
     assert refused == []
+
+
+def test_winners_of_one_table_get_numbers_that_nobody_has_had():
+    """Neither a row's, nor that of a refused contact, nor each other's."""
+    first = [SLOW, SLOW | {"time_s": 200.0}, SLOW | {"time_s": 300.0}]
+    second = [row | {"range_over_speed_std_s": 0.1} for row in first[:2]]
+    assert [row[0] for row in won(first, second)[0]] == [4.0, 5.0, 3.0]
+    refused = replace(
+        encounters_of(*first), refused_contact=np.array([7]),
+        refused_sensor=np.array(["h1"]), refused_from_s=np.array([1.0]),
+        refused_to_s=np.array([2.0]), refused_reason=np.array(["hum"]),
+        refused_code=np.array([""]), refused_reading=np.array([""]),
+        refused_reading_weight=np.array([np.nan]), refused_rival=np.array([""]),
+        refused_rival_weight=np.array([np.nan]),
+    )  # fmt: skip
+    made = compete(refused, [encounters_of(*second)])
+    assert made.contact.tolist() == [8, 9, 3]
+
+
+def test_what_lost_is_refused_for_the_time_it_claimed():
+    other = SLOW | {"speed_mps": 20.0, "time_s": 101.0, "rest_frame_evidence": 0.9}
+    _, ((contact, from_s, to_s, _),) = won([SLOW], [other])
+    assert (contact, from_s, to_s) == (1, 96.0, 104.0)
 
 
 def test_three_tables_give_one_row_and_the_order_does_not_matter():

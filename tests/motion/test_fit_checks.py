@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tests.motion.passage_truth import Scene, received, true_motion
+from tests.draws.passage_truth import Scene, received, true_motion
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
+from uwtrack_cli.motion.decision import reject
 from uwtrack_cli.motion.passage.candidates import (
     RecordingSpan,
     examine_contacts,
@@ -23,8 +24,8 @@ from uwtrack_cli.motion.passage.checks import fit_checks
 from uwtrack_cli.motion.passage.checks.fit_checks import (
     check_fit,
     doppler_misfit,
-    doubt_of_lines,
     level_slope,
+    stationary_lines,
 )
 from uwtrack_cli.motion.passage.fit.nuisances import nuisance_priors
 
@@ -66,11 +67,10 @@ def test_a_line_alone_must_follow_the_range_more_than_not(share, is_told):
     flat = mean + share * (lines.measured_level_db - mean)
     unknown = np.full(lines.line.size, np.nan)
     alone = replace(lines, measured_level_db=flat, measured_bearing_deg=unknown)
-    doubt = check_fit(candidate_of(alone), alone).doubt
-    assert ("its only line" in doubt) is not is_told
-    assert bool(doubt) is not is_told
+    against = check_fit(candidate_of(alone), alone).rejections
+    assert [one.code for one in against] == ([] if is_told else ["line-levels"])
     heard = replace(lines, measured_level_db=flat)  # bearings show the passage, too
-    assert not check_fit(candidate_of(heard), heard).doubt
+    assert not check_fit(candidate_of(heard), heard).rejections
 
 
 @pytest.mark.parametrize("is_known", [True, False])
@@ -87,7 +87,8 @@ def test_bearings_speak_for_a_line_alone_if_they_tell_a_direction(is_known):
         candidate = replace(
             candidate, fit=replace(candidate.fit, covariance=covariance)
         )
-    assert ("its only line" in check_fit(candidate, alone).doubt) is not is_known
+    against = check_fit(candidate, alone).rejections
+    assert any("its only line" in one.sentence for one in against) is not is_known
 
 
 @pytest.mark.parametrize(("share", "is_told"), [(0.7, True), (0.2, False)])
@@ -130,10 +131,10 @@ def test_lines_that_mostly_stand_still_are_not_of_the_vessel_that_passes(
     for part in one.blocks.parts[:2]:
         rows = value[0, part]
         rows[:n_still] = 1e-5 * noise.normal(size=rows[:n_still].shape)
-    doubt = doubt_of_lines(one.fit, replace(one.blocks, value=value))
-    assert (doubt == "") is is_told
-    if not is_told:
-        assert doubt == "2 of its 3 lines stand still"
+    against = stationary_lines(one.fit, replace(one.blocks, value=value))
+    assert (against is None) is is_told
+    if against is not None:
+        assert against.sentence == "2 of its 3 lines stand still"
 
 
 @pytest.mark.parametrize(("gain", "is_told"), [(6.0, True), (14.0, False)])
@@ -150,14 +151,14 @@ def test_a_line_stands_still_from_a_gain_in_likelihood_of_9_nepers_on(gain, is_t
     own = weight[0, frequencies][:2] / one.fit.noises[0].scale[0][:2, None] ** 2
     lost = 0.5 * (own * (ratio - np.median(ratio)) ** 2).sum(axis=1)
     weight[0, frequencies][:2] *= (gain / lost)[:, None]
-    doubt = doubt_of_lines(one.fit, replace(one.blocks, value=value, weight=weight))
-    assert (doubt == "") is is_told
+    blocks = replace(one.blocks, value=value, weight=weight)
+    assert (stationary_lines(one.fit, blocks) is None) is is_told
 
 
 def test_a_passage_of_one_motion_keeps_its_deviations():
     one = candidate_of(lines_of(SCENE))
     checked = check_fit(one, lines_of(SCENE))
-    assert not checked.doubt
+    assert not checked.rejections
     widened = np.diag(checked.fit.covariance[0]) / np.diag(one.fit.covariance[0])
     assert (widened < 2.0).all()
 
@@ -181,9 +182,10 @@ def test_one_passage_of_two_contacts_is_told_once():
     theta[0, 0] += 40.0
     again = replace(one, contacts=(9,))
     other = replace(one, contacts=(10,), fit=replace(one.fit, theta=theta))
-    doubts = {item.contacts[0]: item.doubt for item in tell_once([one, again, other])}
-    assert doubts[1] == doubts[10] == ""
-    assert doubts[9].startswith("the passage of contact 1")
+    told = {item.contacts[0]: item for item in tell_once([one, again, other])}
+    assert not told[1].rejections
+    assert not told[10].rejections
+    assert told[9].rejections[0].code == "duplicate"
 
 
 def test_contacts_that_fit_together_tell_the_passage_together():
@@ -193,10 +195,10 @@ def test_contacts_that_fit_together_tell_the_passage_together():
     again = replace(one, contacts=(9,))
     both = replace(one, contacts=(1, 9))
     assert tell_once([one, again], lambda *_: both) == [both]
-    for refused in (None, replace(both, doubt="its halves disagree")):
+    for refused in (None, both.rejected(reject("not-significant"))):
         first, second = tell_once([one, again], lambda *_, made=refused: made)
         assert first is one
-        assert second.doubt.startswith("the passage of contact 1")
+        assert second.rejections[0].sentence.startswith("the passage of contact 1")
 
 
 def test_bearings_decide_whether_two_contacts_are_one_vessel():
@@ -204,9 +206,10 @@ def test_bearings_decide_whether_two_contacts_are_one_vessel():
     turned = replace(one.fit, bearing_deg=one.fit.bearing_deg + 20.0)
     again = replace(one, contacts=(9,))
     other = replace(one, contacts=(10,), fit=turned)
-    doubts = {item.contacts[0]: item.doubt for item in tell_once([one, again, other])}
-    assert doubts[1] == doubts[10] == ""
-    assert doubts[9].startswith("the passage of contact 1")
+    told = {item.contacts[0]: item for item in tell_once([one, again, other])}
+    assert not told[1].rejections
+    assert not told[10].rejections
+    assert told[9].rejections[0].code == "duplicate"
 
 
 def made_passage(
@@ -279,7 +282,7 @@ def test_a_passage_that_hardly_turns_within_the_recording_is_none(width_s, refus
     told = not_a_passage(fit, blocks, RecordingSpan(1.0, 0.0, 600.0))
     assert (told is not None) == refused
     if refused:
-        assert "turns by 18 degrees" in told
+        assert "turns by 18 degrees" in told.sentence
 
 
 @pytest.mark.parametrize(("slope", "refused"), [(0.08, True), (0.78, False)])
@@ -297,11 +300,11 @@ def test_lines_without_doppler_shift_need_levels_that_follow(
     candidate = SimpleNamespace(
         line_ids=np.arange(count), fit=fit, likelihood_ratio=gain
     )
-    assert bool(fit_checks._doubt_of_levels(candidate, fit, object())) == refused
+    assert bool(fit_checks.contradicting_levels(candidate, fit, object())) == refused
 
 
 @pytest.mark.parametrize(
-    ("count", "kind", "slope", "gain", "bearing_std_deg", "doubt"),
+    ("count", "kind", "slope", "gain", "bearing_std_deg", "words"),
     [
         (
             5,
@@ -321,7 +324,7 @@ def test_lines_without_doppler_shift_need_levels_that_follow(
     ],
 )
 def test_lines_that_alone_show_a_passage_need_levels_that_do_not_stay(
-    monkeypatch, count, kind, slope, gain, bearing_std_deg, doubt
+    monkeypatch, count, kind, slope, gain, bearing_std_deg, words
 ):
     """A machine that slows down as its level swells, and true ones of line_level_coverage."""
     monkeypatch.setattr(fit_checks, "level_slope", lambda *_: (slope, 0.05))
@@ -332,6 +335,6 @@ def test_lines_that_alone_show_a_passage_need_levels_that_do_not_stay(
     )  # fmt: skip
     told = SimpleNamespace(level=0.0, threshold=12.8, line_level=gain)
     item = SimpleNamespace(line_ids=np.arange(count), fit=fit, likelihood_ratio=told)
-    found = fit_checks._doubt_of_levels(item, fit, object())
-    assert doubt in found
-    assert bool(found) == bool(doubt)
+    found = fit_checks.contradicting_levels(item, fit, object())
+    assert bool(found) == bool(words)
+    assert not found or words in found.sentence

@@ -40,8 +40,8 @@ def coverage(runs: int) -> tuple[float, float]:
 
 
 def test_raw_measurements_hold_their_intervals_and_smoothed_states_do_not() -> None:
-    raw, smoothed = coverage(24)
-    # 96 intervals: two deviations of 0.95 are 0.045
-    assert raw >= 0.90
+    raw, smoothed = coverage(10)
+    # 40 intervals: two deviations of 0.95 are 0.07
+    assert raw >= 0.88
     assert smoothed <= 0.75
     assert raw - smoothed >= 0.2

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.draws.passage_truth import Scene
 from tests.motion.line_level_coverage import alone, draw, transmission
-from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.passage.candidates import examine_contacts

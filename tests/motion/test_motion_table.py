@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from uwtrack_cli.motion.target.modes import Interval
-from uwtrack_cli.motion.target.motion_table import ellipse_agrees
+from uwtrack_cli.motion.target_motion.modes import Interval
+from uwtrack_cli.motion.target_motion.motion_table import ellipse_agrees
 
 RANGE_M, SPEED_MPS, COURSE = 5000.0, 6.0, np.radians(170.0)
 CENTRE = {"range": np.log(RANGE_M), "speed": SPEED_MPS, "course": COURSE}

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.draws.passage_truth import Scene
 from tests.motion.crowded_sound import drift
-from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters

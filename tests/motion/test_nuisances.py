@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
+from tests.draws.passage_truth import Scene
 from tests.motion.nuisance_coverage import (
     CLASSES,
     QUANTITIES,
     analyse,
     holds_on_both_sides,
-    interval,
     score,
     told,
 )
-from tests.motion.passage_truth import Scene
+from tests.support import binomial_interval
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.tables.sensors import load_sensor
@@ -26,13 +26,13 @@ def deviations(draws):
 
 @pytest.mark.parametrize("kind", ["overhead", "near, no line"])
 def test_intervals_hold_when_the_truth_is_drawn_from_what_is_told(kind):
-    """Errors of 15 drawn passages; coverage of many is in the baselines."""
-    draws = [score(kind, seed) for seed in range(1, 16)]
+    """Errors of 8 drawn passages; coverage of many is in tests/acceptance."""
+    draws = [score(kind, seed) for seed in range(1, 9)]
     values = deviations(draws)
     values = values[:, np.isfinite(values).all(axis=0)]
     assert values.shape[1] >= 4
     hits = (values <= 1.96).sum(axis=0)
-    assert all(interval(int(n), len(draws))[1] >= 0.95 for n in hits)
+    assert all(binomial_interval(int(n), len(draws))[1] >= 0.95 for n in hits)
     assert holds_on_both_sides(values)
     assert values.max() < 5
     assert not any(draw.wrong_side for draw in draws)
@@ -47,7 +47,7 @@ def test_intervals_hold_over_four_hundred_passages(kind):
     for place, name in enumerate(QUANTITIES):
         values = deviations(draws)[:, place]
         values = values[np.isfinite(values)]
-        low, high = interval(int((values <= 1.96).sum()), values.size)
+        low, high = binomial_interval(int((values <= 1.96).sum()), values.size)
         assert values.size == 0 or (low <= 0.97 and high >= 0.93), (name, first)
         assert (values > 5).mean() < 0.005 if values.size else True, (name, first)
 

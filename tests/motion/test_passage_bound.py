@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.motion.passage_truth import ROWS, Scene, bound, measure, true_motion
+from tests.draws.passage_truth import ROWS, Scene, bound, measure, true_motion
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.motion.passage.candidates import best_start
 from uwtrack_cli.motion.passage.fit.estimator import (
@@ -144,9 +144,8 @@ def test_the_search_finds_the_optimum_whatever_the_side(seed):
     assert abs(start.theta[0, 0] - scene.closest_s) < 1.0
 
 
-@pytest.mark.parametrize("jitter", [1e-4, 1e-3], ids=["1e-4", "1e-3"])
-def test_error_bars_hold_when_the_shaft_wanders(jitter):
-    scene = Scene(rest_hz=(63.0, 126.0, 189.0, 310.0), jitter=jitter)
+def test_error_bars_hold_when_the_shaft_wanders():
+    scene = Scene(rest_hz=(63.0, 126.0, 189.0, 310.0), jitter=1e-3)
     scores = []
     for seed in range(8):
         blocks = make_blocks(measure(scene, np.random.default_rng(seed), 1))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from tests.motion.drawn_readings import CLOSEST_S, bent
+from tests.draws.measured_passages import CLOSEST_S, bent
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.motion.passage.broadband_sum import (
     BroadbandSeries,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.motion.target.place_readings import (
+from uwtrack_cli.motion.target_motion.place_readings import (
     PlaceReading,
     Region,
     compete,

@@ -134,8 +134,33 @@ def test_another_vessel_at_the_same_time_spoils_the_level():
     assert reasons(made) == {f"contact {k} passes at the same time" for k in (1, 2)}
 
 
+def test_the_background_is_heard_far_from_every_vessel():
+    """A vessel of a hundred times the power passes four minutes later, heard near alone."""
+    time_s = np.arange(0.0, 700.0)
+    received = np.full(time_s.size, 1e6)
+    for at_s, source, reach_s in ((200.0, 1e13, 700.0), (440.0, 1e15, 60.0)):
+        square_m2 = RANGE_M**2 + (SPEED_MPS * (time_s - at_s)) ** 2
+        received += np.where(np.abs(time_s - at_s) < reach_s, source / square_m2, 0.0)
+    levels = Decidecades(
+        time_s=time_s, centre_hz=np.array([100.0]), average_s=1.0, sensor="h1",
+        level_db=10 * np.log10(received)[:, None], reference="1 uPa", start_utc_ns=None,
+    )  # fmt: skip
+    both = encounters_of(
+        *(
+            {
+                "time_s": t, "arrival_time_s": t, "slant_range_m": RANGE_M,
+                "slant_range_std_m": 2.0, "range_over_speed_s": RANGE_M / SPEED_MPS,
+            }
+            for t in (200.0, 440.0)
+        )
+    )  # fmt: skip
+    made = estimate_radiated_levels([levels], [both])
+    assert made.background_level_db[0] == pytest.approx(60.0, abs=0.1)
+    assert made.radiated_noise_level_db == pytest.approx([130.0, 150.0], abs=0.1)
+
+
 def test_an_uncalibrated_recording_has_none():
-    levels = recorded(5, {"full_scale_db": 170.0})
+    levels = recorded(5, {"full_scale_db": 170.0, "is_calibrated": False})
     made = estimate_radiated_levels([levels], [passage()])
     assert made.contact.size == 0
     assert isinstance(made, RadiatedLevels)

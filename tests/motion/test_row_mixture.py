@@ -8,13 +8,13 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.stats import norm
 
-from uwtrack_cli.motion.target.model import to_state
-from uwtrack_cli.motion.target.near_rows import near_rows
-from uwtrack_cli.motion.target.objective import misfit, misfit_value
-from uwtrack_cli.motion.target.observability import information
-from uwtrack_cli.motion.target.own_ship import ObserverTrack
-from uwtrack_cli.motion.target.problem import Problem, without_rows
-from uwtrack_cli.motion.target.row_mixture import RowMixture
+from uwtrack_cli.motion.target_motion.model import to_state
+from uwtrack_cli.motion.target_motion.near_rows import near_rows
+from uwtrack_cli.motion.target_motion.objective import misfit, misfit_value
+from uwtrack_cli.motion.target_motion.observability import information
+from uwtrack_cli.motion.target_motion.own_ship import ObserverTrack
+from uwtrack_cli.motion.target_motion.problem import Problem, without_rows
+from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
 
 PLACES_M = np.array([[0.0, 0.0], [2000.0, 0.0], [900.0, 1800.0]])
 STD_RAD, OFFSET_STD_RAD = np.radians(3.0), np.radians(6.0)

@@ -19,8 +19,8 @@ from uwtrack_cli.motion.passage.model.unknowns import (
     TURN,
     Change,
 )
-from uwtrack_cli.motion.target import motion_table as table
-from uwtrack_cli.motion.target.modes import Interval
+from uwtrack_cli.motion.target_motion import motion_table as table
+from uwtrack_cli.motion.target_motion.modes import Interval
 
 SPEED_MPS, WIDTH_S, COURSE_DEG, SOUND_MPS = 6.0, 30.0, 70.0, 1500.0
 

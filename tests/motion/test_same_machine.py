@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.motion.passage_truth import Scene
+from tests.draws.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.motion.sensor_tables import buoys, untold
+from tests.draws.sensor_tables import buoys, untold
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.motion.locate import locate_vessels
@@ -26,7 +26,7 @@ def errors(fixes, place, velocity):
     return np.hypot(*off), off @ np.linalg.solve(fixes.covariance_m2[0], off)
 
 
-@pytest.mark.parametrize(("told", "count"), [(True, 8), (False, 4)])
+@pytest.mark.parametrize(("told", "count"), [(True, 5), (False, 2)])
 def test_four_drifting_buoys_with_offsets_and_outliers_give_one_place(told, count):
     square, size = [], []
     for seed in range(count):
@@ -36,7 +36,7 @@ def test_four_drifting_buoys_with_offsets_and_outliers_give_one_place(told, coun
         far, chance = errors(fixes, place, velocity)
         square.append(chance)
         size.append(far)
-    # 95 % due: three or more of eight beyond happen once in 170 such tests; and the
+    # 95 % due: three or more of five beyond happen once in 860 such tests; and the
     # ellipses are not far too wide: chi-square of two has the median 1.4
     assert np.count_nonzero(np.array(square) > 5.99) < 3
     assert np.median(square) > 0.3
@@ -54,7 +54,7 @@ def test_a_still_source_has_a_fix_and_the_offsets_are_told():
 
 
 def test_a_source_at_rest_is_read_as_still_and_one_that_moves_as_moving():
-    for seed in (3, 11, 12):
+    for seed in (3, 11):
         series, place, _, _ = buoys(seed, moving=False, rows=40)
         fixes = locate_vessels(series=series, at=["0", "1200"])
         assert set(fixes.reading) == {"still"}
@@ -159,7 +159,11 @@ def circling(seed, *, strange, n_other):
 
 # in the second the scatter of all bearings together is 51 degrees, ten times the source's
 @pytest.mark.parametrize(
-    ("seed", "strange", "n_other"), [(4, 0.45, 1), (710088, 0.597927107898852, 2)]
+    ("seed", "strange", "n_other"),
+    [
+        (4, 0.45, 1),
+        pytest.param(710088, 0.597927107898852, 2, marks=pytest.mark.long),
+    ],
 )
 def test_a_source_among_bearings_of_others_is_found(seed, strange, n_other):
     series, ship, place, wrong = circling(seed, strange=strange, n_other=n_other)

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from studies.seatrial import analyse
+from tests.draws.passage_truth import Scene
 from tests.motion.crowded_sound import arrival_s, crowded_levels, drawn_scene
-from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.sensor import Sensor
@@ -15,7 +16,6 @@ from uwtrack_cli.motion.passage.candidates import examine
 from uwtrack_cli.motion.passage.encounter_rows import MOST_FRAMES, Row, add_levels
 from uwtrack_cli.motion.passage.model.measurements import PassageData, make_blocks
 from uwtrack_cli.simulate import make_scenario
-from uwtrack_cli.studies.seatrial import analyse
 
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0, compass_std_deg=0.0)
 CROWDS = {
@@ -50,8 +50,9 @@ def errors(found, scenes):
     )
 
 
-@pytest.mark.parametrize("has_bearing", [False, True], ids=["omni", "vector"])
-@pytest.mark.parametrize("name", CROWDS)
+@pytest.mark.parametrize(
+    ("name", "has_bearing"), [*((name, True) for name in CROWDS), ("three", False)]
+)
 def test_every_passage_is_found_once(name, has_bearing):
     scenes, snrs_db = crowd(name)
     rng = np.random.default_rng(3)
@@ -82,7 +83,7 @@ def test_one_passage_under_another_law_of_spreading_is_one(spreading_db, has_bea
 
 @pytest.mark.parametrize("has_bearing", [False, True], ids=["omni", "vector"])
 def test_a_background_that_drifts_is_no_vessel(has_bearing):
-    for seed in range(4):
+    for seed in range(2):
         levels = crowded_levels(
             [], [], np.random.default_rng(seed), has_bearing=has_bearing, drift_db=2.5
         )
@@ -151,7 +152,9 @@ def vessel(time_s, range_m, course_deg, snr_db):
 
 
 @pytest.mark.filterwarnings("ignore:no position for the encounter")
-@pytest.mark.parametrize("kind", ["omni", "difar"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("omni", marks=pytest.mark.long), "difar"]
+)
 def test_two_vessels_without_lines_are_found_in_their_sound(kind):
     scenario = make_scenario({
             "seed": 4, "duration_s": 480.0, "sample_rate_hz": 2000.0,

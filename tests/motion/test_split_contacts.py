@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.draws.measured_passages import SENSOR, draw, draw_pair, score_pair
+from tests.draws.passage_truth import Scene
 from tests.motion.crowded_sound import drift
-from tests.motion.drawn_readings import SENSOR, draw, draw_pair, score_pair
-from tests.motion.passage_truth import Scene
 from tests.motion.passing_vessel import lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
@@ -27,7 +27,7 @@ def one_contact(lines):
     return replace(lines, line_contact=np.ones(lines.line_id.size, np.int64))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_two_vessels_on_like_courses_in_one_contact_are_told_apart(seed):
     lines = lines_of_scenes([FIRST, SECOND], np.random.default_rng(seed))
     found = find_encounters(one_contact(lines), sensor=DIFAR)
@@ -55,7 +55,7 @@ def test_one_vessel_stays_one_though_its_shaft_wanders(jitter):
     assert found.rest_frequency_hz.size == 4
 
 
-@pytest.mark.parametrize("seed", [960003, 960108])
+@pytest.mark.parametrize("seed", [960003, pytest.param(960108, marks=pytest.mark.long)])
 def test_two_vessels_in_one_contact_of_a_table_are_told_apart(seed):
     """Their bearings and levels are sums, which neither is told from."""
     pair = draw_pair(seed)

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tests.motion.drawn_readings import (
+from tests.draws.measured_passages import (
     BEND,
     CLOSEST_S,
     LENGTH_S,

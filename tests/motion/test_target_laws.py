@@ -18,16 +18,24 @@ from tests.motion.sonar_scene import (
     Scene,
 )
 from uwtrack_cli.motion.solvers.marquardt import search_bounds
-from uwtrack_cli.motion.target.error_budget import NuisanceDeviations, error_budget
-from uwtrack_cli.motion.target.last_leg import _descend, _described, _Trial, _value
-from uwtrack_cli.motion.target.manoeuvre import _Parts, _search
-from uwtrack_cli.motion.target.modes import TmaOptions, last_position
-from uwtrack_cli.motion.target.objective import (
+from uwtrack_cli.motion.target_motion.error_budget import (
+    NuisanceDeviations,
+    error_budget,
+)
+from uwtrack_cli.motion.target_motion.last_leg import (
+    _descend,
+    _described,
+    _Trial,
+    _value,
+)
+from uwtrack_cli.motion.target_motion.manoeuvre import _Parts, _search
+from uwtrack_cli.motion.target_motion.modes import TmaOptions, last_position
+from uwtrack_cli.motion.target_motion.objective import (
     misfit,
     misfit_value,
     residuals,
 )
-from uwtrack_cli.motion.target.observability import information
+from uwtrack_cli.motion.target_motion.observability import information
 
 KINDS = [
     (1, "interval", False, 0.0, False), (1, "instantaneous", True, 40.0, False),

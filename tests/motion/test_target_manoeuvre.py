@@ -5,13 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.motion.sonar_tables import heard, own_ship
-from uwtrack_cli.constants import KNOT_MPS
-from uwtrack_cli.motion.options import MotionModel, Nuisances
-from uwtrack_cli.motion.target.last_leg import _linear, _Trial, bent
-from uwtrack_cli.motion.target.objective import residuals
-from uwtrack_cli.motion.tma import estimate_motion
-from uwtrack_cli.studies.tma_scenarios import (
+from studies.tma_scenarios import (
     COUNT,
     REST_HZ,
     SOUND_SPEED_MPS,
@@ -20,6 +14,12 @@ from uwtrack_cli.studies.tma_scenarios import (
     make_problem,
     make_scenario,
 )
+from tests.draws.sonar_tables import heard, own_ship
+from uwtrack_cli.constants import KNOT_MPS
+from uwtrack_cli.motion.options import MotionModel, Nuisances
+from uwtrack_cli.motion.target_motion.last_leg import _linear, _Trial, bent
+from uwtrack_cli.motion.target_motion.objective import residuals
+from uwtrack_cli.motion.tma import estimate_motion
 
 TURN_S = STEP_S * 500
 

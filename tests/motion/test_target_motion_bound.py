@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from studies.rows import load_reference
+from studies.tma_scenarios import (
+    TARGETS,
+    make_problem,
+    make_scenario,
+)
 from uwtrack_cli.constants import KNOT_MPS
-from uwtrack_cli.motion.target.model import to_motion
-from uwtrack_cli.motion.target.observability import (
+from uwtrack_cli.motion.target_motion.model import to_motion
+from uwtrack_cli.motion.target_motion.observability import (
     accuracy_probability,
     assess,
     criterion_probability,
     information,
-)
-from uwtrack_cli.studies.study import load_reference
-from uwtrack_cli.studies.tma_scenarios import (
-    TARGETS,
-    make_problem,
-    make_scenario,
 )
 
 REFERENCE = load_reference("tma")

@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.motion.solvers.marquardt import minimise, search_bounds
-from uwtrack_cli.motion.target.model import predict, to_state
-from uwtrack_cli.motion.target.own_ship import OwnPath, make_observer_track
-from uwtrack_cli.studies.study import load_reference
-from uwtrack_cli.studies.tma_scenarios import (
+from studies.rows import load_reference
+from studies.tma_scenarios import (
     COUNT,
     REST_HZ,
     SOUND_SPEED_MPS,
@@ -17,6 +13,10 @@ from uwtrack_cli.studies.tma_scenarios import (
     make_problem,
     make_scenario,
 )
+from uwtrack_cli.acoustics.medium import Medium
+from uwtrack_cli.motion.solvers.marquardt import minimise, search_bounds
+from uwtrack_cli.motion.target_motion.model import predict, to_state
+from uwtrack_cli.motion.target_motion.own_ship import OwnPath, make_observer_track
 
 REFERENCE = load_reference("tma")
 WIDE = search_bounds((50.0, 200_000.0), 15.0)

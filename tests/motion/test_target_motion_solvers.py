@@ -7,20 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize, rosen
 
-from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.solvers.marquardt import minimise
-from uwtrack_cli.motion.solvers.recursive import estimate_recursively
-from uwtrack_cli.motion.solvers.simplex import nelder_mead, simplex_about
-from uwtrack_cli.motion.solvers.solvers import solve_mle
-from uwtrack_cli.motion.target import modes
-from uwtrack_cli.motion.target.joint_region import QUANTILE, ellipse_holds
-from uwtrack_cli.motion.target.model import to_motion, to_polar
-from uwtrack_cli.motion.target.modes import find_modes, profile_interval
-from uwtrack_cli.motion.target.objective import misfit
-from uwtrack_cli.motion.target.observability import information
-from uwtrack_cli.motion.target.starts import multistart
-from uwtrack_cli.studies.study import load_reference
-from uwtrack_cli.studies.tma_runs import (
+from studies.rows import load_reference
+from studies.tma_runs import (
     PAPER,
     PAPER_BOX,
     WIDE,
@@ -32,13 +20,25 @@ from uwtrack_cli.studies.tma_runs import (
     single_shots,
     with_feedback,
 )
-from uwtrack_cli.studies.tma_scenarios import (
+from studies.tma_scenarios import (
     STEP_S,
     TARGETS,
     make_problem,
     make_scenario,
 )
-from uwtrack_cli.studies.tma_study import robust_fits
+from studies.tma_study import robust_fits
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.solvers.marquardt import minimise
+from uwtrack_cli.motion.solvers.recursive import estimate_recursively
+from uwtrack_cli.motion.solvers.simplex import nelder_mead, simplex_about
+from uwtrack_cli.motion.solvers.solvers import solve_mle
+from uwtrack_cli.motion.target_motion import modes
+from uwtrack_cli.motion.target_motion.joint_region import QUANTILE, ellipse_holds
+from uwtrack_cli.motion.target_motion.model import to_motion, to_polar
+from uwtrack_cli.motion.target_motion.modes import find_modes, profile_interval
+from uwtrack_cli.motion.target_motion.objective import misfit
+from uwtrack_cli.motion.target_motion.observability import information
+from uwtrack_cli.motion.target_motion.starts import multistart
 
 REFERENCE = load_reference("tma")
 LEAST_SUCCESS = {"S1-T1": 0.97, "S1-T2": 0.83, "S1-T3": 0.99, "S1-T4": 0.99,
@@ -165,6 +165,7 @@ def test_recursive_estimates_follow_the_batch(name, noise):
         assert excess < allowed
 
 
+@pytest.mark.long
 def test_the_criterion_holds_from_the_published_length_on():
     ends, met = follow("S1-T4", 1, runs=50, seed=3)
     reached = rows_until(ends, met)
@@ -187,6 +188,7 @@ def test_every_scenario_meets_the_criterion_where_an_efficient_estimator_does(ro
     assert reached > row["both"][0]
 
 
+@pytest.mark.long
 def test_hybrids_reach_the_minimum_as_often_as_published_and_always_with_feedback():
     runs = 30
     genetic = single_shots("S1-T3", 1, runs, 5, "genetic").is_reached.mean()
@@ -230,7 +232,11 @@ def test_a_simplex_finds_the_end_of_rosenbrocks_valley_as_fast_as_scipys():
         assert found.evaluations[row] < 1.5 * peer.nfev
 
 
-@pytest.mark.parametrize("loss", ["huber", "student", "tukey"])
+@pytest.mark.parametrize(
+    "loss",
+    [*(pytest.param(name, marks=pytest.mark.long) for name in ("huber", "student")),
+     "tukey"],
+)  # fmt: skip
 def test_robust_losses_withstand_a_tenth_of_outliers_from_many_starts(loss):
     published = REFERENCE["outliers"]["S3"][loss][0]
     ratio, met = robust_fits("S3", loss, runs=20, seed=13)
@@ -260,6 +266,7 @@ def test_the_profile_interval_is_the_ellipse_where_data_abound_and_open_where_no
     assert profile_interval(early, fit.q[0], 0, 1.0, WIDE, rise=3.841).open_high
 
 
+@pytest.mark.long
 def test_the_profile_interval_covers_the_true_range_in_the_weak_regime():
     scenario = make_scenario("S1-T4")
     problem = make_problem(scenario, noise=1, runs=60, seed=15).rows(slice(0, 200))

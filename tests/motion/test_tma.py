@@ -6,17 +6,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tests.motion.sonar_tables import heard, own_ship
+from studies.tma_scenarios import TARGETS, make_scenario
+from tests.draws.sonar_tables import heard, own_ship
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.motion.options import Misfit, MotionModel, Nuisances, Search
-from uwtrack_cli.motion.target.modes import Interval
-from uwtrack_cli.motion.target.motion_table import course_ends
+from uwtrack_cli.motion.target_motion.modes import Interval
+from uwtrack_cli.motion.target_motion.motion_table import course_ends
 from uwtrack_cli.motion.tma import estimate_motion
-from uwtrack_cli.studies.tma_scenarios import TARGETS, make_scenario
 
 PAPER = {
     "sound_speed_mps": 1480.0,

@@ -8,7 +8,7 @@ import pytest
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.motion.options import MotionModel, Nuisances
-from uwtrack_cli.motion.target.own_ship import OwnPath, bend_rad
+from uwtrack_cli.motion.target_motion.own_ship import OwnPath, bend_rad
 from uwtrack_cli.motion.tma import estimate_motion
 
 SPEED_MPS, TURN_S, TURN_DEG, TOW_M = 4.0, 300.0, 60.0, 400.0

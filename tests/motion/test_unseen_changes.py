@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from tests.motion.drawn_readings import analyse, draw
+from tests.draws.measured_passages import analyse, draw
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.motion.passage.model.unknowns import STEP
 from uwtrack_cli.motion.passage.readings.change_priors import ODDS, SIZES

@@ -11,7 +11,7 @@ from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.series import read_series
-from uwtrack_cli.motion.target.inputs import measurements_from_series
+from uwtrack_cli.motion.target_motion.inputs import measurements_from_series
 from uwtrack_cli.motion.tma import estimate_motion
 from uwtrack_cli.plotting.page import pages_of
 from uwtrack_cli.plotting.passage_map import scale_length

@@ -3,9 +3,12 @@
 import re
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
+import matplotlib.image
 import numpy as np
 import pytest
+import soundfile
 from geographiclib.geodesic import Geodesic
 from typer.testing import CliRunner
 
@@ -84,6 +87,16 @@ def passage(containers):
 @pytest.fixture(scope="session")
 def day(containers):
     return pages_of(containers)[0].draw(View())
+
+
+def test_a_page_tells_a_reading_that_is_not_the_usual_one(containers):
+    changed = {"reading": np.array(["manoeuvre"]), "reading_weight": np.array([0.67])}
+    other = [
+        replace(c, **changed) if isinstance(c, Encounters) else c for c in containers
+    ]
+    (page,) = [p for p in pages_of(other) if p.kind == "passage"]
+    texts = [text.get_text() for ax in page.draw(View()).axes for text in ax.texts]
+    assert any("manoeuvre, weight 0.67" in text for text in texts)
 
 
 def panels(figure):
@@ -321,6 +334,18 @@ def test_gaps_are_no_levels():
     assert np.isfinite(found[[0, 1, 3]]).all()
 
 
+def test_the_tail_of_a_recording_is_no_gap(tmp_path):
+    """Frames of 8 s, every 4 s, end 3 s before the sound of 67 s does."""
+    path = tmp_path / "a.wav"
+    sound = 0.1 * np.random.default_rng(4).standard_normal(67_000)
+    soundfile.write(path, sound, 1000)
+    made = tmp_path / "a.spectrogram.h5"
+    called("spectrogram", path, "--window-s", "8", "-o", made)
+    called("plot", made, "-o", tmp_path / "a.png")
+    pixels = np.round(255 * matplotlib.image.imread(tmp_path / "a.png")[..., :3])
+    assert not (pixels == [0xD9, 0xD9, 0xD9]).all(axis=-1).sum(axis=0).max() > 50
+
+
 @pytest.mark.parametrize("name", ["time_s", "frequency_hz"])
 def test_an_axis_that_holds_no_numbers_is_refused(name):
     picture = overview(np.arange(12.0).reshape(4, 3), np.arange(3.0))
@@ -337,6 +362,9 @@ def test_the_axis_is_logarithmic_where_the_lines_are_low(containers):
     )
     lines = next(c for c in containers if isinstance(c, Lines))
     assert choose_axis(picture, lines, None, is_log=None).is_log  # 63 to 310 Hz
+    most = np.array([63.0, 126.0, 189.0, 900.0, 1800.0])  # three of five
+    few = SimpleNamespace(line=np.arange(5), line_id=np.arange(5), frequency_hz=most)
+    assert choose_axis(picture, few, None, is_log=None).is_log
     assert not choose_axis(picture, lines, (50.0, 350.0), is_log=None).is_log
     assert not choose_axis(picture, lines, None, is_log=False).is_log
     edges = FrequencyAxis(10.0, 1000.0, is_log=True).edges_hz(2)

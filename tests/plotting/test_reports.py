@@ -6,6 +6,7 @@ import numpy as np
 
 from uwtrack_cli.flow.deployment import Deployment, Listened
 from uwtrack_cli.flow.passages import PassageRow
+from uwtrack_cli.flow.sound_hours import SoundSpan
 from uwtrack_cli.plotting.deployment_report import calendar_figure, deployment_html
 from uwtrack_cli.plotting.report import reasons_once
 
@@ -38,13 +39,16 @@ def passage(time_utc, sensor="h1", vessel=None, **more):
 
 def deployment(**changes):
     listened = [
-        Listened("a.wav", "h1", 7200.0, (DAY + 23 * HOUR_NS, DAY + 25 * HOUR_NS),
+        Listened("a.wav", "h1", (DAY + 23 * HOUR_NS, DAY + 25 * HOUR_NS),
                  ((DAY + 23 * HOUR_NS, DAY + 24 * HOUR_NS),)),
-        Listened("b.wav", "h2", 3600.0, None),
+        Listened("b.wav", "h2", None),
     ]  # fmt: skip
+    sound = [SoundSpan("h1", "", DAY + 23 * HOUR_NS, DAY + 25 * HOUR_NS),
+             SoundSpan("h2", "b.wav", 0, HOUR_NS)]  # fmt: skip
     rows = [passage("2024-05-01T23:30:00Z", vessel="FERRY"),
             passage("2024-05-02T00:30:00Z"), passage(None, "h2")]  # fmt: skip
-    return Deployment(**{"listened": listened, "passages": rows, **changes})
+    facts = {"listened": listened, "passages": rows, "sound": sound}
+    return Deployment(**{**facts, **changes})
 
 
 def test_a_folder_is_told_at_a_glance():
@@ -83,7 +87,8 @@ def test_names_of_a_folder_are_text_and_nothing_more():
     made = deployment(
         passages=[passage("2024-05-01T23:30:00Z", sensor=bad, vessel=bad)],
         problems=[bad],
-        listened=[Listened(bad, bad, 10.0, (DAY, DAY + HOUR_NS))],
+        listened=[Listened(bad, bad, (DAY, DAY + HOUR_NS))],
+        sound=[SoundSpan(bad, "", DAY, DAY + HOUR_NS)],
     )
     text = deployment_html(made, bad)
     page = Page(text)

@@ -14,6 +14,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import KINDS, Presence
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.hdf5.product import read_product
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.flow.unsought import unsought
@@ -179,14 +180,9 @@ def test_rain_is_rain_and_a_passing_hump_is_broadband():
     assert humps(quiet) == []
 
 
-def test_a_passage_is_a_vessel_with_its_contact(samples):
-    from uwtrack_cli.files.audio.recording_file import open_recording
-    from uwtrack_cli.files.tables.sensors import find_sensor
-
-    path = samples / "pass.wav"
-    recording = open_recording(path, sensor=find_sensor(path))
-    made = run_recipe(recording, load_recipe("presence"))
-    (presence,) = [c for c in made if isinstance(c, Presence)]
+def test_a_passage_is_a_vessel_with_its_contact(pass_run):
+    with read_product(pass_run) as product:
+        presence = product.read(Presence)
     row = int(np.flatnonzero(presence.encounter > 0)[0])
     assert presence.kind[row] == "vessel"
     assert presence.encounter[row] == 1

@@ -87,7 +87,10 @@ def test_gain_of_the_chain_scales_samples_alone():
 
 
 def test_uncalibrated_sensor_keeps_its_scale_from_the_user():
-    recording = simulate_recordings(scene(vessel=[vessel()]))[0]
+    told = simulate_recordings(scene(vessel=[vessel()]))[0].sensor
+    assert told.full_scale_db == OMNI["full_scale_db"]
+    unknown = {**OMNI, "is_calibrated": False}
+    recording = simulate_recordings(scene(vessel=[vessel()], sensor=[unknown]))[0]
     assert recording.sensor.full_scale_upa is None
     assert recording.sensor.gain_db is None
 

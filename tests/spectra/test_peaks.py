@@ -44,7 +44,7 @@ SINGLE_FRAME_RMSE = {6: 1.74, 10: 1.72, 15: 1.60, 20: 1.55, 30: 1.56, 40: 1.54}
 (the maximum of the transform; 4000 trials each)."""
 
 
-@pytest.mark.parametrize("cn0_db", SINGLE_FRAME_RMSE)
+@pytest.mark.parametrize("cn0_db", list(SINGLE_FRAME_RMSE)[::2])
 def test_frequency_error_is_within_five_percent_of_the_best_hann_estimator(cn0_db):
     rng = np.random.default_rng(cn0_db)
     rate, n_trials = 1024, 6000

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from tests.stress.mutants import MUTANTS, commands
 from uwtrack_cli.cli.app import app
 
-PATIENCE_S = 10
+PATIENCE_S = 60
 ACCEPTED = {0, 1, 2}
 AT_THE_HEADER = (
     "no recording that can be read", "is not an HDF5 file", "damaged or was cut short",
@@ -118,6 +118,12 @@ def _used_s() -> float:
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
+def _own_peak_mb() -> float:
+    """Most memory held; ru_maxrss begins with the size of whoever started this."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+
+
 def main(base: Path, first: int, count: int, kind: str = "") -> dict:
     """Meet mutants FIRST to FIRST + COUNT, and sum up."""
     import os
@@ -143,8 +149,8 @@ def main(base: Path, first: int, count: int, kind: str = "") -> dict:
         "trouble": [row for row in rows if row["trouble"]],
         "slowest_s": max(row["seconds"] for row in rows),
         "peak_mb": max(
-            resource.getrusage(who).ru_maxrss / 1024
-            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+            _own_peak_mb(),
+            resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024,
         ),
     }
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stress.fuzz import base_inputs
+from tests.stress.fuzz import PATIENCE_S, base_inputs
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -31,16 +31,16 @@ def meet(base, first, count, limit_s, *kind):
 def check(found):
     assert found["trouble"] == []
     assert found["past_header"] >= 0.5 * found["met"]
-    assert found["slowest_s"] < 10.0
+    assert found["slowest_s"] < PATIENCE_S
     assert found["peak_mb"] < 1024.0
 
 
-def test_two_hundred_mutants_are_met_with_a_sentence(base):
-    check(meet(base, 0, 200, 280))
+def test_sixty_mutants_are_met_with_a_sentence(base):
+    check(meet(base, 0, 60, 280))
 
 
 def test_products_with_a_checksum_written_anew_are_met_with_a_sentence(base):
-    check(meet(base, 0, 20, 280, "forged"))
+    check(meet(base, 0, 8, 280, "forged"))
 
 
 @pytest.mark.long

@@ -7,7 +7,6 @@ import os
 import resource
 import signal
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -22,7 +21,6 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.hdf5.product import verify_product
 
-PROGRAM = [sys.executable, "-c", "from uwtrack_cli.cli import main; main()"]
 NOISE = np.random.default_rng(1)
 
 
@@ -33,11 +31,17 @@ def sound(tmp_path_factory):
     return path
 
 
-def start(folder, *words, **options):
-    return subprocess.Popen(
-        [*PROGRAM, *map(str, words)], cwd=folder, stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE, text=True, **options,
-    )  # fmt: skip
+@pytest.fixture(scope="session")
+def begin(start):
+    """Start a command in a folder."""
+
+    def begin(folder, *words, **options):
+        return start(
+            *words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            text=True, **options,
+        )  # fmt: skip
+
+    return begin
 
 
 COMMANDS = {
@@ -61,14 +65,14 @@ COMMANDS = {
 
 
 @pytest.fixture(scope="session")
-def place(tmp_path_factory):
+def place(tmp_path_factory, begin):
     """A folder with what the commands read."""
     folder = tmp_path_factory.mktemp("killed")
     for name in ("in", "out", "temporary"):
         (folder / name).mkdir()
     for name in ("a.wav", "in/a.wav", "in/b.wav"):
         soundfile.write(folder / name, 0.1 * NOISE.standard_normal(20_000), 1000)
-    made = start(folder, "run", "a.wav", "-o", "made.h5")
+    made = begin(folder, "run", "a.wav", "-o", "made.h5")
     made.communicate(timeout=120)
     assert made.returncode == 0
     return folder
@@ -110,23 +114,23 @@ def orphans(folder):
     return found
 
 
-def kill_at_random(folder, command, n_kills, seed):
+def kill_at_random(begin, folder, command, n_kills, seed):
     """Kill a command at random moments; return how often its output was placed."""
     rng = np.random.default_rng(seed)
     words, wanted = COMMANDS[command]
     options = {"env": {**os.environ, "TMPDIR": str(folder / "temporary")}}
     empty(folder / "out")
-    begin = time.monotonic()
-    whole = start(folder, *words, **options)
+    begun = time.monotonic()
+    whole = begin(folder, *words, **options)
     _, said = whole.communicate(timeout=300)
     assert whole.returncode == 0, said
     assert {path.name for path in (folder / "out").iterdir()} == wanted
-    took_s = time.monotonic() - begin
+    took_s = time.monotonic() - begun
     before = digests(folder)
     n_placed = 0
     for _ in range(n_kills):
         empty(folder / "out")
-        running = start(folder, *words, **options)
+        running = begin(folder, *words, **options)
         time.sleep(float(rng.uniform(0.2, 1.1)) * took_s)
         running.kill()
         running.wait()
@@ -142,14 +146,14 @@ def kill_at_random(folder, command, n_kills, seed):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_killed_command_leaves_whole_files_or_none(place, command):
-    kill_at_random(place, command, 2, 1)
+def test_a_killed_command_leaves_whole_files_or_none(begin, place, command):
+    kill_at_random(begin, place, command, 2, 1)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_hundred_kills_leave_whole_files_or_none(place, command):
-    n_placed = kill_at_random(place, command, 100, 2)
+def test_a_hundred_kills_leave_whole_files_or_none(begin, place, command):
+    n_placed = kill_at_random(begin, place, command, 100, 2)
     print(f"{command}: 100 kills, {n_placed} after a file was placed")  # noqa: T201
     assert n_placed < 100
 
@@ -165,9 +169,9 @@ def small_disk(limit_bytes):
 @pytest.mark.parametrize("limit_bytes", [0, 5_000, 200_000])
 @pytest.mark.parametrize("command", ["spectrogram", "run"])
 def test_a_full_disk_ends_with_a_sentence_and_no_file(
-    sound, tmp_path, command, limit_bytes
+    begin, sound, tmp_path, command, limit_bytes
 ):
-    running = start(
+    running = begin(
         tmp_path, command, sound, "-o", "out.h5",
         preexec_fn=small_disk(limit_bytes),
     )  # fmt: skip
@@ -178,10 +182,10 @@ def test_a_full_disk_ends_with_a_sentence_and_no_file(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_keeps_the_product_that_was_there(sound, tmp_path, uwtrack):
+def test_a_full_disk_keeps_the_product_that_was_there(begin, sound, tmp_path, uwtrack):
     assert uwtrack("run", sound, "-o", "out.h5", "-q").exit_code == 0
     before = (tmp_path / "out.h5").read_bytes()
-    running = start(
+    running = begin(
         tmp_path, "run", sound, "-o", "out.h5", "--overwrite",
         preexec_fn=small_disk(5_000),
     )  # fmt: skip
@@ -209,28 +213,29 @@ def test_a_target_that_cannot_be_is_refused_before_work_begins(
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_standard_output_that_is_full_is_an_error(sound, tmp_path):
+def test_standard_output_that_is_full_is_an_error(start, sound, tmp_path):
     with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
-        done = subprocess.run(
-            [*PROGRAM, "run", str(sound), "-o", "out.h5", "--json"], cwd=tmp_path,
-            stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120,
+        running = start(
+            "run", sound, "-o", "out.h5", "--json", "--recipe", "vessel", cwd=tmp_path,
+            stdout=full, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
-    assert done.returncode == 1
-    assert "No space left" in done.stderr
-    assert "Traceback" not in done.stderr
+        _, said = running.communicate(timeout=120)
+    assert running.returncode == 1
+    assert "No space left" in said
+    assert "Traceback" not in said
 
 
-def test_a_closed_pipe_ends_quietly(uwtrack, sound, tmp_path):
-    assert uwtrack("run", sound, "-o", "out.h5", "-q").exit_code == 0
+def test_a_closed_pipe_ends_quietly(start, place, tmp_path):
     reading, writing = os.pipe()
     os.close(reading)
-    done = subprocess.run(
-        [*PROGRAM, "show", "out.h5", "levels", "--format", "csv"], cwd=tmp_path,
-        stdout=writing, stderr=subprocess.PIPE, text=True, check=False, timeout=120,
+    running = start(
+        "show", place / "made.h5", "levels", "--format", "csv", cwd=tmp_path,
+        stdout=writing, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     os.close(writing)
-    assert done.returncode == 0
-    assert done.stderr == ""
+    _, said = running.communicate(timeout=120)
+    assert running.returncode == 0
+    assert said == ""
 
 
 @pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackWarning")

@@ -203,15 +203,18 @@ def test_what_a_recorder_has_lost_is_a_gap_however_it_is_read(value, tmp_path):
     path = tmp_path / "lost.wav"
     soundfile.write(path, values, RATE, subtype="FLOAT")
     is_lost = np.zeros(24_000, bool)
-    is_lost[8_000:16_000] = True
+    is_lost[8_001:16_000] = True  # the first of them is the last that was heard
     for block in (777, 5_000, 24_000):
         recording = open_recording(path, sensor=DIFAR)
         with pytest.warns(UwtrackWarning, match=r"from 1\.0 to 2\.0 s: .* lost 1\.0 s"):
-            found = np.isnan(samples(recording, block)).all(axis=1)
-        late = np.flatnonzero(found != is_lost)  # a run is known when it has lasted
-        assert late.size < 0.5 * RATE
-        assert np.all((late >= 8_000) & (late < 12_000))
-    assert np.array_equal(np.isnan(recording.stretch(0.0, 3.0)).all(axis=1), is_lost)
+            blocks = list(recording.reader(block))
+        assert max(map(len, blocks)) <= block
+        found = np.isnan(np.concatenate(blocks)).all(axis=1)
+        np.testing.assert_array_equal(found, is_lost)
+    for start_s, stop_s in ((0.0, 3.0), (0.9, 1.1), (1.4, 1.6), (1.9, 2.5)):
+        found = np.isnan(recording.stretch(start_s, stop_s)).all(axis=1)
+        span = slice(round(start_s * RATE), round(stop_s * RATE))
+        np.testing.assert_array_equal(found, is_lost[span])
     before = open_recording(path, sensor=DIFAR, stop_s=0.9)
     assert not np.isnan(samples(before)).any()
 
@@ -348,3 +351,71 @@ def read_or_refuse(path):
             assert "\n" not in str(error)  # noqa: PT017
             return
     assert n_read == recording.n_samples
+
+
+def without_flac_length(content):
+    """Return a FLAC file as it is streamed: 36 bits of zero in its first block."""
+    found = bytearray(content)
+    found[21] &= 0xF0
+    found[22:26] = bytes(4)
+    return bytes(found)
+
+
+@pytest.mark.parametrize(
+    ("n_samples", "n_channels", "subtype"),
+    [(20, 1, "PCM_16"), (4096, 1, "PCM_16"), (4097, 2, "PCM_24"), (300_000, 1, "PCM_S8"),
+     (700_001, 3, "PCM_24")],
+)  # fmt: skip
+def test_a_streamed_flac_file_is_read_to_its_end(
+    n_samples, n_channels, subtype, tmp_path
+):
+    values = np.random.default_rng(8).uniform(-0.5, 0.5, (n_samples, n_channels))
+    soundfile.write(tmp_path / "a.flac", values, RATE, subtype)
+    content = (tmp_path / "a.flac").read_bytes()
+    (tmp_path / "b.flac").write_bytes(without_flac_length(content))
+    whole, streamed = (
+        open_recording(tmp_path / name, sensor=OMNI, channel=1)
+        for name in ("a.flac", "b.flac")
+    )
+    assert streamed.n_samples == whole.n_samples == n_samples
+    np.testing.assert_array_equal(samples(streamed), samples(whole))
+    last_s = max(0.0, streamed.duration_s - 0.2)
+    np.testing.assert_array_equal(
+        streamed.stretch(last_s, 1e6), whole.stretch(last_s, 1e6)
+    )
+
+
+@pytest.mark.parametrize("n_lost", [1, 500, 9000])
+def test_a_streamed_flac_file_that_was_cut_ends_with_its_last_whole_frame(
+    n_lost, tmp_path
+):
+    values = np.random.default_rng(9).uniform(-0.5, 0.5, 60_000)
+    soundfile.write(tmp_path / "a.flac", values, RATE, "PCM_16")
+    content = without_flac_length((tmp_path / "a.flac").read_bytes())
+    (tmp_path / "b.flac").write_bytes(content[:-n_lost])
+    found = samples(open_recording(tmp_path / "b.flac", sensor=OMNI))[:, 0]
+    assert 60_000 - 3 * 4096 <= found.size < 60_000
+    assert found.size % 4096 == 0
+    np.testing.assert_allclose(found, values[: found.size], atol=2.0**-15)
+
+
+def test_a_flac_file_of_nothing_holds_no_samples(tmp_path):
+    soundfile.write(tmp_path / "a.flac", np.zeros(5000), RATE)
+    content = without_flac_length((tmp_path / "a.flac").read_bytes())
+    for kept in (42, 60):
+        (tmp_path / "b.flac").write_bytes(content[:kept])
+        with pytest.raises(DataError, match=r"b\.flac"):
+            open_recording(tmp_path / "b.flac", sensor=OMNI)
+
+
+def test_an_rf64_file_with_an_empty_ds64_is_read_to_its_end(tmp_path):
+    path = tmp_path / "a.wav"
+    soundfile.write(path, sound(3), RATE, "PCM_16", format="RF64")
+    whole = samples(open_recording(path, sensor=DIFAR))
+    content = bytearray(path.read_bytes())
+    begin = content.index(b"ds64") + 8
+    content[begin : begin + 24] = bytes(24)
+    path.write_bytes(content)
+    recording = open_recording(path, sensor=DIFAR)
+    assert recording.n_samples == len(whole)
+    np.testing.assert_array_equal(samples(recording), whole)

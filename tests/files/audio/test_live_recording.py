@@ -6,6 +6,7 @@ import os
 import struct
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -285,7 +286,10 @@ def test_samples_that_are_no_number_and_sound_that_does_not_change_are_noted():
     header = StreamHeader(100.0, 1, SampleFormat("f", 4))
     stream = PipeStream("pipe", lambda: io.BytesIO(sound.tobytes()))
     reader = LiveReader(stream, header, (0,))
-    with pytest.warns(UwtrackWarning, match="no number"):
+    with (
+        pytest.warns(UwtrackWarning, match="no number"),
+        pytest.warns(UwtrackWarning, match="does not change from 100.0 to 180.0 s"),
+    ):
         found = [d for _ in reader(100) for d in reader.take_disturbances()]
     found += reader.take_disturbances()
     facts = [(d.reason, d.start_sample, d.n_samples, d.is_over) for d in found]
@@ -294,6 +298,52 @@ def test_samples_that_are_no_number_and_sound_that_does_not_change_are_noted():
         ("the sound does not change", 10_000, 6000, False),
         ("the sound does not change", 10_000, 8000, True),
     ]
+
+
+ODD_SOUNDS = {
+    "plain": lambda _: None,
+    "no number": lambda x: x.__setitem__((slice(1500, 1600), 0), np.nan),
+    "infinite": lambda x: x.__setitem__((700, 1), np.inf),
+    "silence": lambda x: x.__setitem__(slice(900, 2600), 0.0),
+    "stuck": lambda x: x.__setitem__(slice(1999, 3001), -0.25),
+    "short silence": lambda x: x.__setitem__(slice(900, 1300), 0.0),
+    "silence at the begin": lambda x: x.__setitem__(slice(0, 800), 0.0),
+    "silence at the end": lambda x: x.__setitem__(slice(3300, None), 0.0),
+    "short silence at the end": lambda x: x.__setitem__(slice(3700, None), 0.0),
+    "silence twice": lambda x: [
+        x.__setitem__(slice(*span), value)
+        for span, value in (((500, 1500), 0.0), ((1500, 2500), 0.5))
+    ],
+    "silence of one channel": lambda x: x.__setitem__((slice(900, 2600), 0), 0.0),
+    "a channel of zeros": lambda x: x.__setitem__((slice(None), 1), 0.0),
+    "nothing at all": lambda x: x.__setitem__(slice(None), 0.0),
+    "clipped": lambda x: np.clip(3.0 * x, -1.0, 1.0, out=x),
+    "a change of level": lambda x: x.__setitem__(slice(2000, None), 1e-3 * x[2000:]),
+}
+
+
+@pytest.mark.parametrize("odd", ODD_SOUNDS)
+def test_odd_sound_is_treated_as_in_the_file(tmp_path, odd):
+    """To the bit, with the same words, in blocks and when it is read again."""
+    values = np.random.default_rng(2).uniform(-0.9, 0.9, (4 * RATE, 2)).astype("f4")
+    ODD_SOUNDS[odd](values)
+    path = tmp_path / "a.wav"
+    soundfile.write(path, values, RATE, "FLOAT")
+    sensor = Sensor(id="a", kind="array", channels="a,b", element_along_m="0,1")
+    live = through_pipe(tmp_path, path.read_bytes(), sensor=sensor)
+    recording = open_recording(path, sensor=sensor)
+    found, said = [], []
+    for one, block in ((recording, 4 * RATE), (recording, 777), (live, RATE)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            found.append(read_all(one, block))
+        said.append([str(w.message).partition(" does")[2] for w in caught])
+    for one in found[1:]:
+        np.testing.assert_array_equal(one, found[0])
+    assert said[2] == said[0]
+    again = [one.stretch(1.2, 3.4) for one in (recording, live)]
+    np.testing.assert_array_equal(again[0], found[0][1200:3400])
+    np.testing.assert_array_equal(again[1], again[0])
 
 
 def test_a_growing_file_is_followed_to_its_end(tmp_path):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from uwtrack_cli.errors import DataError, OptionError
@@ -118,6 +118,7 @@ def test_pattern_that_does_not_fit_or_is_none_is_refused():
             start_of("pass.wav", start_utc=text)
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.datetimes(datetime(1970, 1, 2), datetime(2099, 12, 31), timezones=st.just(UTC))  # noqa: DTZ001
 )

@@ -50,7 +50,7 @@ def round_trip(container, path):
 
 
 @KINDS
-@pytest.mark.parametrize("n_rows", [0, 1, 4])
+@pytest.mark.parametrize("n_rows", [0, 4])
 def test_container_reads_back_as_it_was_written(kind, n_rows, tmp_path):
     container = synthetic(kind, n_rows)
     assert round_trip(container, tmp_path / "p.h5").equals(container)
@@ -70,8 +70,12 @@ def test_absent_columns_scalars_and_parts_read_back_as_none(kind, tmp_path):
     assert round_trip(container, tmp_path / "p.h5").equals(container)
 
 
-@KINDS
-@pytest.mark.parametrize("n_rows", [0, 3])
+@pytest.mark.parametrize(
+    ("kind", "n_rows"),
+    [(kind, 3) for kind in CONTAINERS.values()]
+    + [(kind, 0) for kind in (Peaks, Families, Lines, Encounters)],
+    ids=lambda value: getattr(value, "NAME", value),
+)
 def test_xarray_opens_every_group_with_named_axes_and_units(kind, n_rows, tmp_path):
     path = tmp_path / "p.h5"
     container = synthetic(kind, n_rows)
@@ -130,7 +134,7 @@ TEXT = st.text(
 
 
 @settings(
-    max_examples=40,
+    max_examples=20,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
@@ -274,7 +278,7 @@ def test_part_that_differs_stays_with_its_owner(tmp_path):
 
 
 @pytest.mark.parametrize("kind", [Spectrogram, Levels, Peaks, Families])
-@pytest.mark.parametrize("block_rows", [1, 7, 59, 60, 1000])
+@pytest.mark.parametrize("block_rows", [1, 59, 1000])
 def test_blocks_joined_are_the_whole(kind, block_rows, tmp_path):
     made = chain()[kind]
     write_product(tmp_path / "p.h5", [made])

@@ -388,7 +388,7 @@ def check_after_kills(tmp_path, delays):
 
 
 def test_kill_while_writing_leaves_no_half_file_under_the_name(tmp_path):
-    check_after_kills(tmp_path, [0.0, 0.01, 0.05, 0.1, 0.15, 0.2])
+    check_after_kills(tmp_path, [0.0, 0.05, 0.2])
 
 
 @pytest.mark.long
@@ -424,7 +424,7 @@ def test_full_disk_is_an_error_of_one_sentence_and_leaves_nothing(tmp_path, limi
         [sys.executable, "-c", LIMITED, str(target), here, str(limit)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=250,
         check=False,
     )
     assert done.returncode == 1, done.stderr

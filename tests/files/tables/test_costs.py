@@ -14,7 +14,7 @@ from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
 
 MEGABYTES = 500
-CPU_S = 30.0
+CPU_S = 120.0
 
 COLUMNS, CELLS = f"more than {MAX_COLUMNS} columns", f"more than {MAX_CELLS} cells"
 PARTS = "more than 32 parts"
@@ -50,13 +50,13 @@ from pathlib import Path
 from uwtrack_cli.files.tables.csv_table import read_table
 from uwtrack_cli.files.tables.sensors import load_sensor
 from uwtrack_cli.errors import DataError
-path = Path(sys.argv[1])
 begin = time.process_time()
-try:
-    read_table(path) if path.suffix == ".csv" else load_sensor(path)
-    said = "nothing"
-except DataError as error:
-    said = str(error)
+said = {}
+for path in map(Path, sys.argv[1:]):
+    try:
+        read_table(path) if path.suffix == ".csv" else load_sensor(path)
+    except DataError as error:
+        said[path.name] = str(error)
 # not ru_maxrss, which begins with the size of the process that started this one
 status = Path("/proc/self/status").read_text()
 used = int(status.partition("VmHWM:")[2].split()[0]) / 1024
@@ -64,18 +64,17 @@ print(json.dumps([said, used, time.process_time() - begin]))
 """
 
 
-@pytest.mark.parametrize("name", ATTACKS)
-def test_a_small_file_costs_little(tmp_path, name):
-    text, wanted = ATTACKS[name]
-    path = tmp_path / name
-    path.write_text(text())
+def test_small_files_cost_little(tmp_path):
+    for name, (text, _) in ATTACKS.items():
+        (tmp_path / name).write_text(text())
     done = subprocess.run(
-        [sys.executable, "-c", CHILD, str(path)], capture_output=True, text=True,
-        check=True, timeout=300,
+        [sys.executable, "-c", CHILD, *(tmp_path / name for name in ATTACKS)],
+        capture_output=True, text=True, check=True, timeout=300,
     )  # fmt: skip
     said, used_mb, cpu_s = json.loads(done.stdout)
-    assert wanted in said
-    assert len(said) < 1500
+    for name, (_, wanted) in ATTACKS.items():
+        assert wanted in said[name], name
+        assert len(said[name]) < 1500, name
     assert used_mb < MEGABYTES
     assert cpu_s < CPU_S
 

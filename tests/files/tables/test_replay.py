@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.motion.sensor_tables import buoys
+from tests.draws.sensor_tables import buoys
 from uwtrack_cli.errors import DataError, UwtrackNote
 from uwtrack_cli.files.tables.replay import (
     read_replay,
