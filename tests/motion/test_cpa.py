@@ -72,6 +72,10 @@ def test_a_mono_recording_gives_speed_and_range_but_no_course():
     assert reasons(found)["horizontal_range_m"] == (
         "the depth of the sensor is not known"
     )
+    # a sensor that has bearings is not said to have none
+    difar = Sensor(id="h1", kind="difar", channels="omni,east,north")
+    told = reasons(find_encounters(lines, None, difar))["course_deg"]
+    assert told == "no bearing that stands out"
 
 
 def test_levels_alone_give_range_over_speed_and_no_speed():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 
 from tests.flow.made_encounters import encounters_of
 from tests.support import DIFAR, OMNI, recording_of, white_noise
@@ -16,8 +17,8 @@ from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.product import read_product
 from uwtrack_cli.flow.engine import run_recipe
+from uwtrack_cli.flow.next_looks import next_looks
 from uwtrack_cli.flow.shipped_recipes import load_recipe
-from uwtrack_cli.flow.unsought import unsought
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.presence import find_presence
 from uwtrack_cli.presence.rate_families import rate_families
@@ -274,9 +275,37 @@ def test_what_was_not_looked_for_is_named_where_no_vessel_was_found(uwtrack, sam
     # it is not named where it would be refused, nor where it was looked for
     recording = recording_of(np.zeros(round(60 * RATE_HZ)), RATE_HZ)
     slow = replace(recording, sample_rate_hz=50.0)
-    assert "x.wav" in unsought({"trace"}, [("slow", slow), ("x.wav", recording)])
-    assert unsought({"trace"}, [("slow", slow)]) == ""
-    assert unsought({"trace", "demon"}, [("x.wav", recording)]) == ""
+    done = {"zoom", "trace"}
+    envelope = "--recipe presence"
+    assert envelope in next_looks(done, [("slow", slow), ("x.wav", recording)])[0]
+    assert not any(envelope in text for text in next_looks(done, [("slow", slow)]))
+    looked = next_looks(done | {"demon"}, [("x.wav", recording)])
+    assert not any(envelope in text for text in looked)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("--recipe vessel", "--recipe auto"),
+        ("--recipe auto", "--recipe ladder"),
+        ("", "--sound-speed-mps 343"),
+    ],
+)
+def test_every_place_that_finds_nobody_names_what_to_try(uwtrack, words, named):
+    """Noise without a sensor file: other frames, weaker lines, another medium."""
+    noise = np.random.default_rng(31).normal(size=round(20 * RATE_HZ))
+    soundfile.write("noise.wav", noise / 30, int(RATE_HZ))
+    done = uwtrack("run", "noise.wav", *words.split(), "-o", "n.run.h5")
+    live = uwtrack(
+        "run", "-", *words.split(), "-o", "l.run.h5",
+        input=Path("noise.wav").read_bytes(),
+    )  # fmt: skip
+    shown = uwtrack("show", "n.run.h5")
+    assert uwtrack("report", "n.run.h5").exit_code == 0
+    for text in (done.stderr, live.stderr, shown.stderr, Path("n.html").read_text()):
+        flat = " ".join(text.split())
+        assert "uwtrack run" in flat
+        assert named in flat
 
 
 def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):

@@ -9,6 +9,7 @@ import typer
 from uwtrack_cli.cli.command_factory import AsJson, Axis, Branch
 from uwtrack_cli.cli.console import FAILED, is_verbose, put, unread_too
 from uwtrack_cli.cli.targets import open_product
+from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.options import nearest
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
@@ -174,15 +175,16 @@ def show(
     with open_product(file) as product:
         refuse_unknown_step([product], step)
         found = read_of_branch(product, CONTAINERS[container], sensor, step)
-        print_container(found, form, axis, _not_sought(product))
+        print_container(found, form, axis, _next_looks(product))
 
 
-def _not_sought(product: "Product") -> str:
-    """Return what the steps of a product have not looked for."""
-    from uwtrack_cli.flow.unsought import unsought
+def _next_looks(product: "Product") -> tuple[str, ...]:
+    """Return what to try next where the steps of a product found no vessel."""
+    from uwtrack_cli.flow.next_looks import next_looks
 
     recordings = [(one.name, one) for one in product.read_all(Recording)]
-    return unsought({step.stage for step in product.history}, recordings)
+    stages = {step.stage for step in product.history}
+    return next_looks(stages, recordings, list(product.read_all(Encounters)))
 
 
 def _show_result(file: Path, form: str, sensor: str | None, step: str | None) -> None:
@@ -207,12 +209,12 @@ def _show_result(file: Path, form: str, sensor: str | None, step: str | None) ->
         presence = None
         if name == "encounters" and "presence" in held:
             presence = read_of_branch(product, Presence, sensor, step)
-        is_heard = name == "presence" or presence is not None
-        not_sought = _not_sought(product) if is_heard else ""
+        is_sought = name in {"presence", "encounters"}
+        looks = _next_looks(product) if is_sought else ()
     if form == "table" and is_shown(found):
         print_result(
             found, as_json=False, is_data=True, presence=presence,
-            not_sought=not_sought,
+            next_looks=looks,
         )  # fmt: skip
     else:
         put(write_table(found, form))

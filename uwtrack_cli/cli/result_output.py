@@ -29,20 +29,20 @@ def is_shown(container: Container) -> bool:
 
 
 def print_container(
-    container: Container, form: str, axis: str | None, not_sought: str = ""
+    container: Container, form: str, axis: str | None, next_looks: Sequence[str] = ()
 ) -> None:
     """Print a container that was asked for on standard output.
 
     ``form``: how it is written; a table of results has the columns that fit a screen.
     ``axis``: the axis whose rows are written; None for those of the container itself.
-    ``not_sought``: what was not looked for, which is told where no vessel was found.
+    ``next_looks``: what to try next, which is told where no vessel was found.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
 
     has_summary = form == "table" and axis is None and container.NAME in SUMMARIES
     has_words = isinstance(container, Presence)  # also where nothing was heard
     if has_summary and (has_words or container.sizes()[container.ROW]):
-        print_result(container, as_json=False, is_data=True, not_sought=not_sought)
+        print_result(container, as_json=False, is_data=True, next_looks=next_looks)
     else:
         put(write_table(container, form, axis=axis))
 
@@ -53,13 +53,13 @@ def print_result(
     as_json: bool,
     is_data: bool = False,
     presence: Presence | None = None,
-    not_sought: str = "",
+    next_looks: Sequence[str] = (),
 ) -> None:
     """Print a result as JSON on standard output, or as a summary for people.
 
     ``is_data``: whether the summary is what was asked for, and goes to standard output.
-    ``presence``: what was heard, which is told beside closest approaches. ``not_sought``:
-    what was not looked for, which is told where no vessel was found.
+    ``presence``: what was heard, which is told beside closest approaches. ``next_looks``:
+    what to try next, which is told where no vessel was found.
     """
     from uwtrack_cli.files.tables.container_tables import write_table
 
@@ -69,7 +69,7 @@ def print_result(
     if container.NAME in STATED:
         _print_statements(container, is_data=is_data)
     else:
-        _print_summary(container, presence, is_data=is_data, not_sought=not_sought)
+        _print_summary(container, presence, is_data=is_data, next_looks=next_looks)
 
 
 def _print_statements(container: Container, *, is_data: bool) -> None:
@@ -87,17 +87,21 @@ def _print_statements(container: Container, *, is_data: bool) -> None:
 
 
 def _print_summary(
-    container: Container, presence: Presence | None, *, is_data: bool, not_sought: str
+    container: Container,
+    presence: Presence | None,
+    *,
+    is_data: bool,
+    next_looks: Sequence[str],
 ) -> None:
     """Print the columns of the summary; what is missing goes to the console."""
     from uwtrack_cli.files.tables.json_rows import json_rows
 
     rows = json_rows(container)
     told = container if isinstance(container, Presence) else presence
-    heard = [] if told is None else _heard(told, not_sought)
+    heard = [] if told is None else _heard(told, next_looks)
     if not rows:
         why = getattr(container, "statement", "")
-        for text in heard or [why or NOTHING[container.NAME]]:
+        for text in heard or [why or NOTHING[container.NAME], *next_looks]:
             say(text)
         return
     summary = summary_of(container.NAME, rows)
@@ -137,14 +141,14 @@ def _why(
     return _reasons(container.NAME, rows, spoken)
 
 
-def _heard(presence: Presence, not_sought: str) -> list[str]:
+def _heard(presence: Presence, next_looks: Sequence[str]) -> list[str]:
     """Say what was heard beside the closest approaches."""
     from uwtrack_cli.files.tables.json_rows import json_rows
     from uwtrack_cli.files.tables.presence_words import presence_sentences
 
     has_passed = bool((presence.encounter > 0).any())
     return presence_sentences(
-        json_rows(presence), is_passed=has_passed, not_sought=not_sought
+        json_rows(presence), is_passed=has_passed, next_looks=next_looks
     )
 
 

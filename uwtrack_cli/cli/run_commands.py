@@ -302,7 +302,7 @@ def _print_all(
     as_json: bool,
 ) -> None:
     """Print the last result of a recipe, with what was heard beside it."""
-    from uwtrack_cli.flow.unsought import unsought
+    from uwtrack_cli.flow.next_looks import next_looks
 
     heard = [h.container for h in made if isinstance(h.container, Presence)]
     presence = Presence.join(heard) if heard else None
@@ -311,9 +311,10 @@ def _print_all(
         found = [h.container for h in made if isinstance(h.container, kind)]
         if found:
             stages = {step.stage_name for step in recipe.graph().steps()}
+            passages = [one for one in found if isinstance(one, Encounters)]
             print_result(
                 kind.join(found), as_json=as_json, presence=presence,
-                not_sought=unsought(stages, list(recordings)),
+                next_looks=next_looks(stages, list(recordings), passages),
             )  # fmt: skip
             return
 

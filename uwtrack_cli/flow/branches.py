@@ -5,9 +5,9 @@ read. The branch of a step is the step itself, all that it follows from and all 
 follows from it. Of several results of one kind that one is taken which the step itself
 made, or else which lies in the branch; of lines that were joined from several rungs, the
 points of the branch's own. Where no step is named, lines that `presence` or `ladder` alone
-read are not meant, nor those that a step reads after other lines, nor those of a
-table that a later step has made again, nor the picture of an envelope beside that of the
-sound.
+read are not meant, nor those that a step reads after other lines, nor what was read
+for a table alone that a later step has made again, nor the picture of an envelope beside
+that of the sound.
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -181,11 +181,10 @@ def _is_aside(product: Product, key: ContainerKey) -> bool:
         made = [past for past in product.history if past.step_name == name]
         return any(stages.get(one) == "demon" for past in made for one in past.inputs)
     readers = [past for past in product.history if name in past.inputs]
-    beside = [_reads_beside(product, past, name) for past in readers]
     held = {maker(product, other) for other in product.paths}
-    return any(beside) and all(
-        is_beside or past.step_name not in held
-        for past, is_beside in zip(readers, beside, strict=True)
+    return bool(readers) and all(
+        past.step_name not in held or _reads_beside(product, past, name)
+        for past in readers
     )
 
 

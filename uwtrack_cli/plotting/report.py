@@ -23,7 +23,7 @@ from uwtrack_cli.files.tables.presence_words import presence_sentences, stretch_
 from uwtrack_cli.files.tables.summaries import summary_of
 from uwtrack_cli.files.text_escaping import html_text
 from uwtrack_cli.files.utc import format_utc
-from uwtrack_cli.flow.unsought import unsought
+from uwtrack_cli.flow.next_looks import next_looks
 from uwtrack_cli.plotting.html_page import (
     facts_html,
     folded_html,
@@ -77,8 +77,9 @@ class Report:
 def report_html(product: Product, report: Report) -> str:
     """Return the report of a product as HTML."""
     recordings = [(one.name, one) for one in report.all(Recording)]
-    not_sought = unsought({step.stage for step in product.history}, recordings)
-    body = [*_summary(report, not_sought), *_pictures(report), *_tables(report)]
+    stages = {step.stage for step in product.history}
+    looks = next_looks(stages, recordings, report.all(Encounters))
+    body = [*_summary(report, looks), *_pictures(report), *_tables(report)]
     steps = "\n".join(map(_step, product.history))
     body.append(folded_html(f"History: {len(product.history)} steps", steps))
     footer = (
@@ -88,7 +89,7 @@ def report_html(product: Product, report: Report) -> str:
     return page_html(report.title or Path(product.name).name, body, footer)
 
 
-def _summary(report: Report, not_sought: str) -> Iterator[str]:
+def _summary(report: Report, looks: Sequence[str]) -> Iterator[str]:
     """Yield the result in a sentence, what to mind, and the facts."""
     passages, heard = report.passages, report.heard
     if report.all(Encounters):
@@ -96,11 +97,11 @@ def _summary(report: Report, not_sought: str) -> Iterator[str]:
         count = f"{n} passage{'' if n == 1 else 's'}" if n else "no closest approach"
         has_presence = bool(report.all(Presence))
         words = (
-            presence_sentences(heard, is_passed=n > 0, not_sought=not_sought)
+            presence_sentences(heard, is_passed=n > 0, next_looks=looks)
             if has_presence
             else []
         )
-        sentences = [count, *words] if n or not words else words
+        sentences = [count, *words] if n else words or [count, *looks]
         yield f'<p class="result">{html_text("; ".join(sentences))}</p>'
     yield list_html(warnings_of(report), "warnings")
     for recording in report.all(Recording):

@@ -41,12 +41,12 @@ NO_PASSAGE = "no closest approach"
 
 
 def presence_sentences(
-    rows: Sequence[Row], *, is_passed: bool, not_sought: str = ""
+    rows: Sequence[Row], *, is_passed: bool, next_looks: Sequence[str] = ()
 ) -> list[str]:
     """Say what was heard beside the closest approaches.
 
     ``is_passed``: whether there are closest approaches, which are told elsewhere.
-    ``not_sought``: what was not looked for, which is told where no vessel was found.
+    ``next_looks``: what to try next, which is told where no vessel was found.
     """
     rest = [row for row in rows if row["encounter"] is None]
     rest.sort(key=lambda row: (KINDS.index(row["kind"]), row["from_s"]))
@@ -58,12 +58,12 @@ def presence_sentences(
     elif vessels or others:
         told, start = vessels or others, f"{NO_PASSAGE}; "
     else:
-        return list(filter(None, ["; ".join([NOBODY, *known]), not_sought]))
+        return ["; ".join([NOBODY, *known]), *next_looks]
     sentences = [f"{start}{stretch_words(row)}" for row in told[:MOST_SENTENCES]]
     if len(told) > MOST_SENTENCES:
         more = len(told) - MOST_SENTENCES
         sentences.append(f"{more} more: uwtrack show FILE presence")
-    return sentences if vessels or is_passed else [*sentences, *known]
+    return sentences if vessels or is_passed else [*sentences, *known, *next_looks]
 
 
 def why_no_passage(rows: Sequence[Row]) -> list[str]:

@@ -224,7 +224,7 @@ def passage_row(
     _add_speed(row, fit, context, line_ids)
     delay = width * speed / context.sound_speed_mps
     row.values["arrival_time_s"] = row.values["time_s"] + delay
-    _add_direction(row, fit)
+    _add_direction(row, fit, context)
     if not fit.rest_hz.shape[1]:
         _without_speed(row, fit, context)
     told_by_level = not (np.isfinite(row.values["speed_mps"]) or row.side)
@@ -379,11 +379,13 @@ def _forget_speed(row: Row, reason: str, *keys: str) -> None:
     row.explain(reason, "rest_frequencies_hz", *keys)
 
 
-def _add_direction(row: Row, fit: PassageFit) -> None:
+def _add_direction(row: Row, fit: PassageFit, context: CpaContext) -> None:
     keys = ("bearing_deg", "course_deg", "side")
     variance = float(fit.covariance[0, 3, 3])
     if not np.isfinite(variance):
-        row.explain("no bearing channel", *keys)
+        is_omni = len(context.sensor.channel_names) == 1
+        why = "no bearing channel" if is_omni else "no bearing that stands out"
+        row.explain(why, *keys)
         return
     if np.sqrt(variance) > LARGEST_BEARING_STD_DEG:
         for covariance in (row.covariance, row.horizontal_covariance):

@@ -315,8 +315,10 @@ def _of_own_time(
 
     They have contact numbers of their own, from ``number`` on, and no line of the table.
     """
-    if terms.sound is None or terms.limits.window_s < own_time.FRAME_S:
-        return []  # shorter frames look again at what longer ones have searched
+    # beside frames that hold the narrowest; shorter ones look again at what these did
+    is_held = own_time.FRAME_S <= terms.limits.window_s <= own_time.NARROWEST_S
+    if terms.sound is None or not is_held:
+        return []
     found: list[CandidatePassage] = []
     there = [
         (float(item.fit.theta[0, 0]), float(item.fit.range_over_speed_s[0]))
