@@ -66,8 +66,9 @@ def write_array(path: Path, elements: int) -> None:
     noise = 0.1 * rng.standard_normal((int(ARRAY_S * ARRAY_RATE_HZ), elements))
     soundfile.write(path, noise.astype("f4"), int(ARRAY_RATE_HZ), "PCM_16")
     path.with_suffix(".sensor.toml").write_text(
-        'id = "a1"\nkind = "array"\nspacing_m = 0.5\ndepth_m = 30.0\n'
-        f"channels = {[f'e{k}' for k in range(elements)]}\n",
+        'id = "a1"\nkind = "array"\ndepth_m = 30.0\nheading_deg = 0.0\n'
+        f"channels = {[f'e{k}' for k in range(elements)]}\n"
+        f"element_along_m = {[0.5 * k for k in range(elements)]}\n",
         encoding="utf-8",
     )
 

@@ -140,5 +140,17 @@ def test_a_table_with_times_and_its_sensor_is_scored_against_ais(uwtrack, tmp_pa
     assert json.loads(named.stdout)[0]["mmsi"] == "123456789"
     assert uwtrack("rerun", "e.h5", "-o", "again.h5").exit_code == 0
     assert uwtrack("diff", "e.h5", "again.h5").exit_code == 0
+    # a table that says in its rows where it was heard needs no sensor file
+    lines = (tmp_path / "t.csv").read_text().splitlines()
+    placed = [f"{lines[0]},sensor,sensor_latitude,sensor_longitude"]
+    placed += [f"{line},m2,35.0,128.5" for line in lines[1:]]
+    (tmp_path / "p.csv").write_text("\n".join(placed))
+    assert uwtrack("cpa", "p.csv", "-o", "p.h5").exit_code == 0
+    found = json.loads(uwtrack("score", "p.h5", "--truth", "ais.csv", "--json").stdout)
+    assert {one["quantity"] for one in found["scores"]} >= {"speed_mps", "time_s"}
+    named = uwtrack("passages", "p.h5", "--ais", "ais.csv", "--fresh", "--to", "json")
+    assert json.loads(named.stdout)[0]["mmsi"] == "123456789"
+    assert uwtrack("rerun", "p.h5", "-o", "p_again.h5").exit_code == 0
+    assert uwtrack("diff", "p.h5", "p_again.h5").exit_code == 0
     refused = uwtrack("cpa", "e.h5", "--sensor", "m1.toml", "-o", "x.h5")
     assert "belongs to a table; products carry theirs" in refused.stderr

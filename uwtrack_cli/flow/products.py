@@ -14,8 +14,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
+from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Overview, Spectrogram
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, sensor_of
@@ -26,6 +29,7 @@ from uwtrack_cli.files.hdf5.product import (
     ProductWriter,
     Source,
 )
+from uwtrack_cli.files.tables.series import sensor_of_rows
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.branches import (
     keys_of_branch,
@@ -266,8 +270,10 @@ def whole_result(
         The files have nothing that the stage reads, or two different candidates.
     """
     there = _distinct(available)
-    given = [held.container for held in there]
     wanted = tuple(kind for i in step.stage.inputs for kind in i.kinds)
+    if step.stage.output is Encounters:
+        there += _sensors_of_rows(there)
+    given = [held.container for held in there]
     data = tuple(kind for kind in wanted if kind not in CONTEXT)
     required = [c for c in given if isinstance(c, data)]
     if not any(isinstance(c, wanted) for c in given):
@@ -290,6 +296,14 @@ def whole_result(
     rest = [held for held in carried if not _is_of_all_sensors(held.container)]
     rest += [Held(kind.join(several), name) for (kind, name), several in tables.items()]
     return [*rest, Held(result)]
+
+
+def _sensors_of_rows(held: Sequence[Held]) -> list[Held]:
+    """Return the sensor that a table of one sensor places in its rows, if none is there."""
+    if any(isinstance(one.container, Sensor) for one in held):
+        return []
+    tables = [one.container for one in held if isinstance(one.container, Series)]
+    return [Held(known) for table in tables if (known := sensor_of_rows(table))]
 
 
 def _with_one_picture(carried: Sequence[Held]) -> list[Held]:

@@ -96,6 +96,33 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
     return series if "sensor" not in table else _placed(series, table, sensors)
 
 
+def sensor_of_rows(series: Series) -> Sensor | None:
+    """Return the one sensor whose fixed place every row of a table gives, or None.
+
+    Parameters
+    ----------
+    series
+        Measurements as `read_series` returns them.
+
+    Returns
+    -------
+    Sensor | None
+        Its identifier and place; None where rows name no sensor, several, or places
+        that differ.
+    """
+    east, north = series.sensor_east_m, series.sensor_north_m
+    if series.sensor is None or east is None or north is None:
+        return None
+    if np.ptp(east) or np.ptp(north) or np.unique(series.sensor).size > 1:
+        return None
+    name = str(series.sensor[0])
+    if series.origin_latitude is None or series.origin_longitude is None:
+        return Sensor(id=name, east_m=float(east[0]), north_m=float(north[0]))
+    origin = Origin(series.origin_latitude, series.origin_longitude)
+    latitude, longitude = to_latitude_longitude(east[:1], north[:1], origin)
+    return Sensor(id=name, latitude=float(latitude[0]), longitude=float(longitude[0]))
+
+
 FEWEST_IN_A_UNIT = 3
 """Rows of either unit that a column must hold before it is told to mix them."""
 
