@@ -8,10 +8,18 @@ import pytest
 import soundfile
 from scipy.signal import butter, sosfreqz
 
-from tests.draws.buoys import BEARING_DEG, ROUGH, heard, held, scene
+from tests.draws.buoys import (
+    BEARING_DEG,
+    ROUGH,
+    heard,
+    held,
+    line_errors_deg,
+    line_scene,
+    scene,
+)
 from tests.support import recording_of
 from uwtrack_cli.data.lock import Lock
-from uwtrack_cli.data.recording import HeldSamples
+from uwtrack_cli.data.recording import HeldSamples, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels, Spectrogram
 from uwtrack_cli.files.hdf5.product import read_product
@@ -40,16 +48,32 @@ def rough():
 def composite(bearing_deg, n_seconds, rate=RATE, tone_hz=310.0, pilots=0.2):
     """Return the audio of a tone, by the equations of the published simulator.
 
-    `simulateDifar.m` of bsmUtils, with the emitter at an angle from magnetic north.
+    `simulateDifar.m` of bsmUtils, with the emitter on the reference axis, which is at
+    an angle from magnetic north ("magneticDeviation").
     """
     time_s = np.arange(n_seconds * rate) / rate
     phase = 2.0 * np.pi * 7500.0 * time_s
     sound = 0.1 * np.sin(2.0 * np.pi * tone_hz * time_s)
-    cosine = -sound * np.cos(np.radians(bearing_deg))
-    sine = sound * np.sin(np.radians(bearing_deg))
-    north = cosine * np.cos(2.0 * phase)
-    east = sine * -np.sin(2.0 * phase)
-    return pilots * (np.sin(phase) + np.sin(2.0 * phase + np.pi)) + sound + east + north
+    directed = -sound * np.cos(2.0 * phase + np.radians(bearing_deg))
+    return pilots * (np.sin(phase) + np.sin(2.0 * phase + np.pi)) + sound + directed
+
+
+def azigram_bearing_deg(audio, rate, band_hz):
+    """Return the bearing of a band after Thode et al. (2019), as PAMGuard has it.
+
+    `AzigramProcess.java`: sidebands about the second pilot, turned by its phase, and
+    the active intensity of their sum and difference.
+    """
+    spectrum, per_hz = np.fft.rfft(audio), audio.size // rate
+    pilot, low, high = (per_hz * f for f in (15_000, *band_hz))
+    turned = spectrum * np.exp(-1j * np.angle(spectrum[pilot]))
+    upper = turned[pilot + low : pilot + high]
+    lower = turned[pilot - high + 1 : pilot - low + 1][::-1]
+    first = (upper + lower).real + 1j * (upper - lower).imag
+    second = (upper + lower).imag - 1j * (upper - lower).real
+    omni = spectrum[low:high].conj()
+    east, north = -np.sum((omni * first).real), np.sum((omni * second).real)
+    return np.degrees(np.arctan2(east, north)) % 360.0
 
 
 def in_memory(audio, rate=RATE):
@@ -70,6 +94,16 @@ def test_bearings_come_through_radio_clock_wow_and_jitter(rough):
     assert there.mean() > 0.95
     assert abs(after[there].mean() - before[there].mean()) < 0.1
     assert after[there].std() < 1.05 * before[there].std()
+
+
+@pytest.mark.parametrize("bearing_deg", [20.0, 250.0])
+def test_bearings_of_lines_come_through_the_radio(bearing_deg):
+    direct = held(line_scene(1, 120.0, bearing_deg))
+    audio = held(line_scene(1, 120.0, bearing_deg, {"radio_snr_db": 20.0}))
+    before = line_errors_deg(direct, bearing_deg)
+    after = line_errors_deg(heard(audio)[0], bearing_deg)
+    assert abs(after.mean() - before.mean()) < 0.1
+    assert after.std() < 1.05 * before.std()
 
 
 def test_gains_are_those_of_the_sensor(rough):
@@ -113,12 +147,15 @@ def test_roll_offs_that_are_told_are_taken_off():
     ("told", "bearing_deg"),
     [
         (None, 60.0),
-        ("-east,north", 300.0),
-        ("north,east", 30.0),
-        ("-north,east", 150.0),
+        ("east,north", 300.0),
+        ("-east,-north", 120.0),
+        ("north,east", 150.0),
+        ("-north,east", 30.0),
     ],
 )
-def test_signs_are_those_of_the_published_simulator_unless_told(told, bearing_deg):
+def test_signs_are_those_of_the_compass_in_the_published_simulator_unless_told(
+    told, bearing_deg
+):
     found, _ = heard(in_memory(composite(60.0, 4)), multiplex=told)
     omni, east, north = found.reader.samples[6000:18000].T.astype(float)
     assert np.abs(omni).max() == pytest.approx(0.1, rel=1e-3)
@@ -127,6 +164,16 @@ def test_signs_are_those_of_the_published_simulator_unless_told(told, bearing_de
         bearing_deg, abs=0.01
     )
     assert np.hypot(east, north) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_signs_are_those_of_the_published_demultiplexer():
+    for bearing_deg in (20.0, 110.0, 245.0):
+        found = azigram_bearing_deg(composite(bearing_deg, 4), RATE, (200, 400))
+        assert found == pytest.approx(bearing_deg, abs=1e-6)
+    recording = held(scene(3, 12.0, {}))
+    samples = recording.reader.samples[:, 0].astype(float)
+    own = azigram_bearing_deg(samples, RATE, (100, 2000))
+    assert own == pytest.approx(bearings_deg(heard(recording)[0]).mean(), abs=0.5)
 
 
 @pytest.mark.parametrize("rate", [44_100, 48_000, 50_001, 96_000])
@@ -177,6 +224,43 @@ def test_the_clock_is_told():
     radio = {"radio_snr_db": 20.0, "clock_error_ppm": -80.0}
     clock = heard(held(scene(5, 20.0, radio)))[1].lock("b1").clock_error_ppm
     assert clock.mean() == pytest.approx(-80.0, abs=2.0)
+
+
+def test_a_clock_error_that_is_told_is_taken_off(uwtrack, tmp_path):
+    time_s = np.arange(22 * RATE) / RATE * (1.0 + 1e-3)
+    phase = 2.0 * np.pi * 7500.0 * time_s
+    tone = 0.1 * np.sin(2.0 * np.pi * 2000.0 * time_s)
+    pilots = 0.2 * (np.sin(phase) + np.sin(2.0 * phase + np.pi))
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(time_s.size)
+    soundfile.write("tape.wav", pilots + tone + noise, RATE, "FLOAT")
+    (tmp_path / "tape.sensor.toml").write_text(TOML)
+    words = ("--start-s", "1.5", "--start-utc", "2024-05-02T06:30:00Z")
+    done = uwtrack("spectrogram", "tape.wav", *words, "-o", "a.h5")
+    assert "its pilots are 1000e-6 off" in done.stderr
+    (tmp_path / "tape.sensor.toml").write_text(TOML + "clock_error_ppm = 1000.0\n")
+    done = uwtrack("spectrogram", "tape.wav", *words, "-o", "b.h5")
+    assert "pilots" not in done.stderr
+    assert uwtrack("difar", "tape.wav", "-o", "three.wav").exit_code == 0
+    assert uwtrack("spectrogram", "three.wav", *words, "-o", "c.h5").exit_code == 0
+    for name, factor in (("a", 1.001), ("b", 1.0), ("c", 1.0)):
+        with read_product(tmp_path / f"{name}.h5") as product:
+            found, recording = product.read(Spectrogram), product.read(Recording)
+        loudest = np.argmax(found.power_density.mean(axis=0)) * found.frames.bin_hz
+        assert loudest == pytest.approx(2000.0 * factor, abs=0.6)
+        assert recording.sample_rate_hz == pytest.approx(6000.0 * factor / 1.001)
+        assert recording.duration_s == pytest.approx(22.022 / factor - 1.5, abs=1e-3)
+        start_ns = recording.start_utc_ns % (60 * 10**9)
+        assert start_ns == pytest.approx(1.5e9, abs=1e5)
+    assert uwtrack("rerun", "b.h5", "-o", "again.h5").exit_code == 0
+    assert uwtrack("diff", "b.h5", "again.h5").exit_code == 0
+    for name in ("tape", "three"):  # and live
+        sound = (tmp_path / f"{name}.wav").read_bytes()
+        told = (*words, "--sensor", f"{name}.sensor.toml")
+        assert uwtrack("run", f"{name}.wav", *told, "-o", f"{name}.h5").exit_code == 0
+        assert (
+            uwtrack("run", "-", *told, "-o", f"{name}-2.h5", input=sound).exit_code == 0
+        )
+        assert uwtrack("diff", f"{name}.h5", f"{name}-2.h5").exit_code == 0
 
 
 def test_lost_samples_are_a_gap():
@@ -275,7 +359,8 @@ def test_a_file_without_pilots_is_a_gap_among_others():
 
 
 @pytest.mark.parametrize(
-    ("dipoles", "offset_deg"), [(["north", "-east"], 7.0), (["north", "east"], 0.0)]
+    ("dipoles", "offset_deg"),
+    [(["north", "-east"], 7.0), (["north", "east"], 0.0), (["east", "north"], -5.0)],
 )
 def test_a_calibration_tells_the_signs(uwtrack, tmp_path, dipoles, offset_deg):
     radio = {"radio_snr_db": 20.0, "dipoles": dipoles}
@@ -291,7 +376,7 @@ def test_a_calibration_tells_the_signs(uwtrack, tmp_path, dipoles, offset_deg):
     facts = (tmp_path / "buoy.sensor.toml").read_text()
     assert f"multiplex = {json.dumps(dipoles)}" in facts
     (tmp_path / "buoy.sensor.toml").write_text(
-        facts.replace(json.dumps(dipoles), '["east", "north"]')
+        facts.replace(json.dumps(dipoles), '["-east", "north"]')
     )
     done = uwtrack("calibrate", "buoy.wav", "--truth", "buoy.truth.json", "--json")
     assert done.exit_code == 0, done.stderr
@@ -306,9 +391,14 @@ def test_what_cannot_be_demultiplexed_is_told_in_one_sentence(uwtrack, tmp_path)
     noise = 0.1 * np.random.default_rng(2).standard_normal(2 * RATE)
     soundfile.write("noise.wav", noise, RATE)
     soundfile.write("slow.wav", noise, 32_000)
+    one = composite(60.0, 2) + 0.2 * np.sin(
+        4.0 * np.pi * 7500.0 * np.arange(2 * RATE) / RATE
+    )
+    soundfile.write("narrow.wav", one + 1e-3 * noise, RATE)
     soundfile.write("stereo.wav", np.stack([noise, noise], axis=1), RATE)
     for name, words in (
         ("noise", "noise.wav has no pilots of a DIFAR buoy at 7.5 and 15 kHz"),
+        ("narrow", "narrow.wav has a tone at 7.5 kHz, but no pilot of a DIFAR buoy at"),
         ("slow", "slow.wav has 32000 samples per second; the multiplex"),
         ("stereo", "stereo.wav has 2 channels, but sensor 'b1' names 1 (multiplex)"),
     ):
@@ -319,6 +409,15 @@ def test_what_cannot_be_demultiplexed_is_told_in_one_sentence(uwtrack, tmp_path)
             assert done.stderr.count("\n") == 1
             assert done.stderr.startswith(f"error: {words}"), done.stderr
     assert not list(tmp_path.glob("never*"))
+    done = uwtrack("difar", "noise.wav", "-o", ".")
+    assert done.stderr.startswith("error: cannot write .: it is a folder")
+
+
+def test_information_tells_what_is_in_the_file_and_what_is_read(uwtrack, tmp_path):
+    soundfile.write("buoy.wav", composite(60.0, 2), RATE)
+    (tmp_path / "buoy.sensor.toml").write_text(TOML)
+    found = uwtrack("info", "buoy.wav").stdout
+    assert "2 s at 48000 Hz, 1 channel; read: omni, east, north at 6000 Hz\n" in found
 
 
 def test_another_channel_may_hold_the_buoy(uwtrack, tmp_path):

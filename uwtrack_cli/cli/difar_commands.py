@@ -21,8 +21,8 @@ from uwtrack_cli.data.recording import LiveSource, Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError
 
-BLOCK_SAMPLES = 6000
-"""Samples that are written at once: a second."""
+RATE_HZ = 6000
+"""Sample rate in the header of what is written, Hz; a second is written at once."""
 
 
 @with_parameters([*SOURCE_PARAMETERS, *LIVE_PARAMETERS])
@@ -36,7 +36,7 @@ def difar(
         tuple[str, str] | None,
         typer.Option(
             help="Dipole in phase with the 15 kHz pilot and the one ahead of it, - "
-            "inverts one; east north, unless the sensor file says otherwise."
+            "inverts one; -east north, unless the sensor file says otherwise."
         ),
     ] = None,
     declination_deg: Annotated[
@@ -75,15 +75,13 @@ def difar(
     if target.suffix.lower() == ".flac":
         msg = f"{target}: FLAC holds no gaps; name it .wav, .w64, .rf64 or .aiff."
         raise OptionError(msg)
+    check_target(target, overwrite=overwrite, inputs=[source])
     beside = target.with_suffix(".lock.csv")
-    for one in (target, beside, *sensor_names(target, buoy)):
+    for one in (beside, *sensor_names(target, buoy)):
         check_target(one, overwrite=overwrite, inputs=[source])
     recording = _open(source, options, buoy, live if is_live else None)
     with _ending(recording), progress_bar("difar", recording.duration_s) as done:
-        write_wav(
-            target, _told(recording, done), recording.sample_rate_hz, "FLOAT",
-            overwrite=overwrite,
-        )  # fmt: skip
+        write_wav(target, _told(recording, done), RATE_HZ, "FLOAT", overwrite=overwrite)
     if recording.is_live and isinstance(recording.reader, LiveSource):
         say_disturbances(recording.reader, recording)
     made = replace(recording.sensor, kind="difar", multiplex=None, response=None)
@@ -153,6 +151,6 @@ def _ending(recording: Recording) -> AbstractContextManager[None]:
 def _told(recording: Recording, done: Callable[[float], None]) -> Iterator[Samples]:
     """Yield the samples, and tell how far they are."""
     assert recording.reader is not None  # noqa: S101 - it was opened
-    for number, block in enumerate(recording.reader(BLOCK_SAMPLES), 1):
+    for number, block in enumerate(recording.reader(RATE_HZ), 1):
         yield block
         done(float(number))

@@ -105,15 +105,21 @@ class Recording(Container):
         usual = max(1, READ_VALUES // self.n_channels)
         return min(usual, max(1, round(self.sample_rate_hz))) if self.is_live else usual
 
+    def elapsed_ns(self, n_samples: int) -> int:
+        """Return how long so many samples last, ns; exact where the rate is whole."""
+        rate_hz = self.sample_rate_hz
+        if rate_hz.is_integer():
+            return (n_samples * NANOSECONDS + int(rate_hz) // 2) // int(rate_hz)
+        return round(n_samples * NANOSECONDS / rate_hz)
+
     def part(self, first: int, last: int) -> "Recording":
         """Return the part from a sample to before another one.
 
         Its reader is a dataclass that has them as ``first`` and ``last``.
         """
-        rate = int(self.sample_rate_hz)
         start_ns = self.start_utc_ns
         if start_ns is not None:
-            start_ns += (first * NANOSECONDS + rate // 2) // rate
+            start_ns += self.elapsed_ns(first)
         reader: Any = self.reader
         own = replace(reader, first=reader.first + first, last=reader.first + last)
         return replace(

@@ -74,6 +74,10 @@ class Sensor(Container):
     )  # fmt: skip
     clock_offset_s: float = scalar("Added once to every time.", 0.0)
     clock_std_s: float | None = scalar("Deviation of the clock.", None)
+    clock_error_ppm: float | None = scalar(
+        "By how much the recorder's clock makes frequencies too high; it is taken off.",
+        None, unit="1e-6",
+    )  # fmt: skip
     sensitivity_db_re_v_per_upa: float | None = scalar("Sensitivity.", None, unit="dB")
     gain_db: float | None = scalar("Gain of the amplifier.", None)
     adc_peak_v: float | None = scalar("Input voltage at full scale.", None, unit="V")

@@ -16,7 +16,7 @@ from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.audio.opening import SUFFIXES, sound_facts
+from uwtrack_cli.files.audio.opening import SUFFIXES, SoundFacts, sound_facts
 from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.text_escaping import file_name, shell_word
 from uwtrack_cli.files.utc import format_utc
@@ -61,7 +61,7 @@ def recording_lines(path: Path) -> Iterator[str]:
     channel = 1 if sensor is None else None
     recording = open_with_options(path, {"channel": channel})
     yield f"{file_name(path)}: recording"
-    yield from _sound_lines(recording, sound_facts(path).n_channels)
+    yield from _sound_lines(recording, sound_facts(path))
     if sensor is None:
         yield "sensor: no sensor file beside it; give one with --sensor to what reads it"
     else:
@@ -95,17 +95,24 @@ def folder_lines(folder: Path) -> Iterator[str]:
     yield from describe_recorders(found, {})
 
 
-def _sound_lines(recording: Recording, n_in_file: int = 0) -> Iterator[str]:
-    """Yield what sound there is; ``n_in_file``: channels of its file, where it is read."""
+def _sound_lines(
+    recording: Recording, in_file: SoundFacts | None = None
+) -> Iterator[str]:
+    """Yield what sound there is; ``in_file``: what its file holds, where it is read."""
     n_read = recording.n_channels
-    n_channels = n_in_file or n_read
+    rate_hz, n_channels = recording.sample_rate_hz, n_read
+    if in_file is not None:
+        rate_hz, n_channels = in_file.sample_rate_hz, in_file.n_channels
     channels = "1 channel" if n_channels == 1 else f"{n_channels} channels"
-    if n_read < n_channels:
+    if recording.sample_rate_hz != rate_hz:
+        names = recording.sensor.channels.replace(",", ", ")
+        channels += f"; read: {names} at {recording.sample_rate_hz:.8g} Hz"
+    elif n_read < n_channels:
         taken = recording.file_channels.replace(",", ", ")
         channels += f"; read: {'channels' if n_read > 1 else 'channel'} {taken}"
     yield (
         f"sound: {recording.name}, {_duration(recording.duration_s)} at "
-        f"{recording.sample_rate_hz:g} Hz, {channels}"
+        f"{rate_hz:.8g} Hz, {channels}"
     )
     start = "not known; --start-utc or --time-pattern tells it"
     if recording.start_utc_ns is not None:

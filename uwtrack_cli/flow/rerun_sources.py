@@ -195,10 +195,9 @@ def _stored(product: Product, step: HistoryStep) -> Recording:
 
 
 def _reopen_one(path: Path, stored: Recording) -> Recording:
-    rate = int(stored.sample_rate_hz)
     start_utc_ns = stored.start_utc_ns
     if start_utc_ns is not None:
-        start_utc_ns -= (stored.first_sample * NANOSECONDS + rate // 2) // rate
+        start_utc_ns -= stored.elapsed_ns(stored.first_sample)
     return open_file(
         path,
         sensor=_sensor_of_file(path, stored),

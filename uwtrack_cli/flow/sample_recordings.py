@@ -54,6 +54,7 @@ def write_simulation(
     UwtrackWarning
         Samples exceed full scale and are clipped (not in a FLOAT file).
     """
+    check_target(path, overwrite=True)  # it has a name, and its folder is there
     recordings = simulate_recordings(scenario)
     several = len(recordings) > 1
     endings = [f"-{r.sensor.id}" if several else "" for r in recordings]
@@ -157,6 +158,7 @@ def sensor_text(sensor: Sensor, navigation_name: str = "") -> str:
         "compass_std_deg": sensor.compass_std_deg,
         "clock_offset_s": sensor.clock_offset_s,
         "clock_std_s": sensor.clock_std_s,
+        "clock_error_ppm": sensor.clock_error_ppm,
         "navigation": navigation_name or None,
         "sensitivity_db_re_v_per_upa": sensor.sensitivity_db_re_v_per_upa,
         "gain_db": sensor.gain_db,

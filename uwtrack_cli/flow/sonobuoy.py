@@ -6,6 +6,7 @@ blocks of any size, parts, stretches that are read again and live sound are the 
 bit. Where lock is lost all three channels are nan, which frames count as a gap.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -41,10 +42,21 @@ from uwtrack_cli.files.audio.reader import AudioReader
 from uwtrack_cli.files.audio.recording_file import open_recording, span_in
 from uwtrack_cli.spectra.demultiplex import (
     LEAST_RATE_HZ,
+    LOCKED_RAD,
     RATE_HZ,
     Demultiplexer,
     Second,
 )
+
+CRYSTALS_PPM = 200.0
+"""More than what the crystals of a buoy and of a recorder are apart, 1e-6."""
+
+LEAST_PILOT_DB = 10.0 * math.log10(2.0 / LOCKED_RAD**2)
+"""Least level of the first pilot over the noise in its band for lock, dB."""
+
+
+SILENT_DB = -100.0
+"""Level of a pilot that is not there, dB."""
 
 
 class NoPilotsError(DataError):
@@ -61,6 +73,8 @@ class DifarReader:
     """What it is made with."""
     name: str
     """File name of the audio."""
+    told_ppm: float
+    """Clock error that the sensor file tells, 1e-6."""
     first: int = 0
     """First sample to yield."""
     last: int = UNENDED
@@ -112,7 +126,7 @@ class DifarReader:
         return Lock(
             time_s=time_s - self.first / RATE_HZ,
             locked_share=share,
-            pilot_snr_db=10.0 * np.log10(np.maximum(snr, 1e-10)),
+            pilot_snr_db=10.0 * np.log10(np.maximum(snr, 10.0 ** (SILENT_DB / 10.0))),
             phase_pilot_db=20.0 * np.log10(np.maximum(phase, 1e-10)),
             clock_error_ppm=1e6 * clock,
             sensor=sensor,
@@ -212,14 +226,16 @@ class DifarReader:
         """
         lock = self.lock("")
         if not lock.locked_share.any():
-            best_db = lock.pilot_snr_db.max(initial=-100.0)
+            raise NoPilotsError(_why_no_lock(self.name, lock))
+        high_ppm = float(np.nanmedian(lock.clock_error_ppm)) - self.told_ppm
+        if abs(high_ppm) > CRYSTALS_PPM:
             msg = (
-                f"{self.name} has no pilots of a DIFAR buoy at 7.5 and 15 kHz (at 7.5 "
-                f"kHz a tone is {best_db:.0f} dB over the noise about it at most, 17 dB "
-                f"are needed): the receiver was off its channel, or the audio is that "
-                f'of another buoy, whose sensor file says kind = "omni".'
+                f"{self.name}: its pilots are {high_ppm:.0f}e-6 off 7.5 and 15 kHz, more "
+                f"than crystals are: the recorder was, and so are all frequencies; "
+                f"clock_error_ppm = {high_ppm + self.told_ppm:.0f} in its sensor file "
+                f"takes it off."
             )
-            raise NoPilotsError(msg)
+            warn(msg, UwtrackWarning, stacklevel=2)
         if isinstance(self.audio, LiveSource):  # its gaps are told as events
             return
         gaps = [(g.start_sample, g.start_sample + g.n_samples) for g in self._gaps]
@@ -232,6 +248,25 @@ class DifarReader:
                 f"gaps."
             )
             warn(msg, UwtrackWarning, stacklevel=2)
+
+
+def _why_no_lock(name: str, lock: Lock) -> str:
+    """Return the sentence about audio of which nothing can be demultiplexed."""
+    best_db = lock.pilot_snr_db.max(initial=SILENT_DB)
+    if best_db > LEAST_PILOT_DB:
+        return (
+            f"{name} has a tone at 7.5 kHz, but no pilot of a DIFAR buoy at 15 kHz: what "
+            f"received or compressed the audio has cut it off; record it without loss "
+            f"up to 18 kHz."
+        )
+    tone = f"a tone is {best_db:.0f} dB over the noise about it at most"
+    if best_db <= SILENT_DB:
+        tone = "there is no tone"
+    return (
+        f"{name} has no pilots of a DIFAR buoy at 7.5 and 15 kHz (at 7.5 kHz {tone}, "
+        f"{LEAST_PILOT_DB:.0f} dB are needed): the receiver was off its channel, or the audio is that of another "
+        f'buoy, whose sensor file says kind = "omni".'
+    )
 
 
 def _whole_seconds(blocks: Iterator[Samples], rate: int) -> Iterator[Samples]:
@@ -256,14 +291,17 @@ def open_file(
 ) -> Recording:
     """Open a recording; the audio of a buoy as omni, east and north.
 
-    As `open_recording`, with its options and errors.
+    As `open_recording`, with its options and errors; the sample rate is without the
+    clock error of the sensor, and the span is in true seconds.
     """
+    start_s, stop_s = _by_clock(sensor, start_s), _by_clock(sensor, stop_s)
     if sensor is None or not sensor.is_multiplexed:
-        return open_recording(
-            path, sensor=sensor, start_s=start_s, stop_s=stop_s, **how
+        return _in_true_time(
+            open_recording(path, sensor=sensor, start_s=start_s, stop_s=stop_s, **how)
         )
     whole = demultiplex(open_recording(path, sensor=sensor, **how))
-    return whole.part(*span_in(path, whole.n_samples, RATE_HZ, start_s, stop_s))
+    span = span_in(path, whole.n_samples, RATE_HZ, start_s, stop_s)
+    return _in_true_time(whole.part(*span))
 
 
 def open_live(
@@ -276,15 +314,41 @@ def open_live(
 ) -> Recording:
     """Open sound that is still coming; the audio of a buoy as omni, east and north.
 
-    As `open_live_recording`, with its options and errors.
+    As `open_live_recording`, with its options and errors; times as of `open_file`.
     """
+    start_s, stop_s = _by_clock(sensor, start_s), _by_clock(sensor, stop_s)
     if sensor is None or not sensor.is_multiplexed:
-        return open_live_recording(
-            path, sensor=sensor, start_s=start_s, stop_s=stop_s, **how
+        return _in_true_time(
+            open_live_recording(
+                path, sensor=sensor, start_s=start_s, stop_s=stop_s, **how
+            )
         )
     first, last = live_span(RATE_HZ, start_s, stop_s)
     whole = demultiplex(open_live_recording(path, sensor=sensor, **how))
-    return whole.part(first, UNENDED if last is None else last)
+    return _in_true_time(whole.part(first, UNENDED if last is None else last))
+
+
+def _by_clock(sensor: Sensor | None, time_s: float | None) -> float | None:
+    """Return a time since the first sample as the recorder's clock counts it."""
+    if sensor is None or time_s is None:
+        return time_s
+    return time_s / _clock_share(sensor)
+
+
+def _clock_share(sensor: Sensor) -> float:
+    """Return a frequency in a recording over what it is in truth."""
+    return 1.0 + 1e-6 * (sensor.clock_error_ppm or 0.0)
+
+
+def _in_true_time(recording: Recording) -> Recording:
+    """Return a recording with the sample rate that its recorder had in truth."""
+    rate_hz = recording.sample_rate_hz / _clock_share(recording.sensor)
+    true = replace(recording, sample_rate_hz=rate_hz)
+    if true.start_utc_ns is None:
+        return true
+    first = recording.first_sample
+    late_ns = true.elapsed_ns(first) - recording.elapsed_ns(first)
+    return replace(true, start_utc_ns=true.start_utc_ns + late_ns)
 
 
 def demultiplex(recording: Recording) -> Recording:
@@ -319,7 +383,9 @@ def demultiplex(recording: Recording) -> Recording:
         )
         raise DataError(msg)
     demultiplexer = Demultiplexer(int(rate), **_facts(sensor))
-    reader = DifarReader(recording.reader, demultiplexer, recording.name)
+    reader = DifarReader(
+        recording.reader, demultiplexer, recording.name, sensor.clock_error_ppm or 0.0
+    )
     n_samples = recording.n_samples * RATE_HZ // int(rate)
     if n_samples < 1:
         msg = f"{recording.name} is too short: it holds no sample at {RATE_HZ} Hz."
@@ -336,7 +402,7 @@ def demultiplex(recording: Recording) -> Recording:
 
 def _facts(sensor: Sensor) -> Mapping[str, Any]:
     """Return what a sensor says of its multiplex."""
-    first, second = (sensor.multiplex or "east,north").split(",")
+    first, second = (sensor.multiplex or "-east,north").split(",")
     pairs = [pair.split(":") for pair in (sensor.response or "").split(",") if pair]
     return {
         "dipoles": (first, second),

@@ -42,7 +42,7 @@ class Multiplex(OptionGroup):
     """Edges (-3 dB) of the sound that is sent, Hz: Butterworth filters of fourth order."""
     pilot_amplitude: Annotated[float, Above(0.0), AtMost(0.5)] = 0.1
     """Amplitude of each pilot."""
-    dipoles: tuple[DipoleName, DipoleName] = ("east", "north")
+    dipoles: tuple[DipoleName, DipoleName] = ("-east", "north")
     """Dipole in phase with the 15 kHz pilot, and the one a quarter of a period ahead."""
     radio_snr_db: Ratio | None = None
     """Power of both pilots over that of the radio's noise below 20 kHz, whose density

@@ -10,7 +10,8 @@ scenario there. Tiles have a fixed length, so that blocks of any size are the sa
 
 **References.** The composite signal is that of Greeneridge Sciences' simulator after
 MIL-S-81487D, 3.6.4.6.3, ported by B. S. Miller (bsmUtils, `simulateDifar.m`): pilots
-sin(w t) and sin(2 w t + pi), north -N cos(2 w t), east -E sin(2 w t). Noise of a frequency
+sin(w t) and sin(2 w t + pi), north -N cos(2 w t), the first dipole in phase with the
+second pilot, which real buoys' east is opposite to. Noise of a frequency
 discriminator: S. O. Rice, Noise in FM receivers (1963).
 """
 

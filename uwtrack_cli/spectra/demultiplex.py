@@ -16,15 +16,14 @@ A fiftieth of a second is locked where the standard deviation of the carrier's p
 either side. A dipole loses exp(-0.2^2 / 2) at that limit, 2 % of its gain.
 
 **Conventions.** With p the phase of the phase pilot cos(p), the audio about the carrier is
-E cos(p) - N sin(p): the east dipole is in phase with the pilot, north a quarter of a period
-ahead of it. North is that of the buoy's compass.
+-E cos(p) - N sin(p): the east dipole is opposite to the pilot, north a quarter of a period
+ahead of it. North is that of the buoy's compass. So have both demultiplexers of PAMGuard,
+which read real buoys, and so is the compass in the published simulator; its angle of the
+emitter has the other sign of east.
 
-**References.** MIL-S-81487D, 3.6.4.6.3 (cosine and sine information channels), as in the
-simulator of Greeneridge Sciences' demultiplexer, ported by B. S. Miller (bsmUtils,
-`simulateDifar.m`), whose signs these are; Delagrange (1992), DIFAR Multiplexer-Demultiplexer
-System, Latest Improvements, Naval Surface Warfare Center; Greene et al. (2004), J. Acoust.
-Soc. Am. 116, 2678; Miller et al. (2014), IWC SC/65b/SH06 (PAMGuard, whose own
-demultiplexer gives east the other sign).
+**References.** B. S. Miller, `AmmcDemux.java` of PAMGuard (after Delagrange 1992) and
+`AzigramProcess.java` (after Thode et al. 2019, J. Acoust. Soc. Am. 146, 95);
+`simulateDifar.m` of bsmUtils, ported from Greeneridge Sciences (MIL-S-81487D, 3.6.4.6.3).
 """
 
 from dataclasses import dataclass
@@ -91,7 +90,7 @@ class Demultiplexer:
 
     rate_hz: int
     """Sample rate of the audio, Hz, `LEAST_RATE_HZ` or more."""
-    dipoles: tuple[str, str] = ("east", "north")
+    dipoles: tuple[str, str]
     """Dipole in phase with the phase pilot, and the one ahead of it; "-" inverts one."""
     response: tuple[tuple[float, float], ...] = ()
     """Frequencies, Hz, and the response of the buoy there, dB, which is taken off."""

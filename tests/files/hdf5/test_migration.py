@@ -64,7 +64,7 @@ def test_what_version_2_printed_is_printed_of_its_files(second, uwtrack):
     sensor |= dict.fromkeys(
         ("navigation_position_std_m", "navigation_velocity_std_mps")
     )
-    sensor |= dict.fromkeys(("north", "multiplex", "response"))
+    sensor |= dict.fromkeys(("north", "multiplex", "response", "clock_error_ppm"))
     added = ("_std_m", "_over_speed_s", "_over_speed_std_s")
     for row in printed["encounters"]:
         row.update({f"horizontal_range{name}": None for name in added}, nuisances={})

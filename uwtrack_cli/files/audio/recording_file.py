@@ -183,10 +183,11 @@ def select_channels(
         return _unnamed(path, n_channels), (0,)
     names = sensor.channel_names
     if len(names) != n_channels:
+        one = ", or take one with --channel" if len(names) == 1 else ""
         msg = (
             f"{path} has {n_channels} channels, but sensor {sensor.id!r} names "
             f"{len(names)} ({sensor.channels}): correct `channels` in its file, with "
-            f'"-" for a channel to leave out.'
+            f'"-" for a channel to leave out{one}.'
         )
         raise DataError(msg)
     order = names if sensor.is_array else ORDER
@@ -234,7 +235,7 @@ def _unnamed(path: Path, n_channels: int = 1) -> Sensor:
 
 
 def span_in(
-    path: Path, n_samples: int, rate: int, start_s: float | None, stop_s: float | None
+    path: Path, n_samples: int, rate: float, start_s: float | None, stop_s: float | None
 ) -> tuple[int, int]:
     """Return the first sample of a span of a recording, and the one after its last.
 
@@ -254,7 +255,7 @@ def span_in(
             f"in this order, got {start} and {stop}."
         )
         raise OptionError(msg)
-    if stop > duration_s:
+    if round(stop * rate) > n_samples:
         msg = f"{path.name} ends at {duration_s:.3f} s, before stop_s = {stop}."
         warn(msg, UwtrackWarning, stacklevel=3)
     last = min(n_samples, round(min(stop, duration_s) * rate))

@@ -34,7 +34,10 @@ RENAMED_IN: Mapping[int, Mapping[tuple[str, str], str]] = {
 
 
 ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
-    4: frozenset(("sensor", name) for name in ("north", "multiplex", "response")),
+    4: frozenset(
+        ("sensor", name)
+        for name in ("north", "multiplex", "response", "clock_error_ppm")
+    ),
     3: frozenset(
         [
             *(

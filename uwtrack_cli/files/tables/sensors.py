@@ -79,7 +79,7 @@ DIPOLE_KEYS = ("dipole_gains", "dipole_crosstalk", "omni_crosstalk")
 MULTIPLEX_KEYS = ("multiplex", "response_db")
 """Keys that only a buoy whose audio is multiplexed has."""
 
-DIPOLES = ("east", "north")
+DIPOLES = ("-east", "north")
 """Dipole in phase with the phase pilot and the one ahead of it, unless told."""
 
 USUAL = {
@@ -145,7 +145,7 @@ class SensorTable:
     of the sensor and the start of the recording."""
     multiplex: tuple[DipoleName, DipoleName] | None = None
     """Dipole in phase with the 15 kHz pilot, and the one a quarter of a period ahead of
-    it; "east" and "north" if not given, "-east" inverts one."""
+    it; "-" inverts one. "-east" and "north" if not given."""
     response_db: list[tuple[Frequency, Decibel]] | None = None
     """Frequencies in Hz and the response of the buoy there in dB, which is equalised;
     flat if not given. Constant before the first and after the last."""
@@ -155,6 +155,9 @@ class SensorTable:
     """Added once to every time."""
     clock_std_s: Annotated[float, Unit("s"), AtLeast(0), AtMost(1e6)] | None = None
     """Standard deviation of the clock."""
+    clock_error_ppm: Annotated[float, AtLeast(-1e5), AtMost(1e5)] | None = None
+    """By how much the recorder's clock makes frequencies too high, 1e-6: its sample rate
+    is taken to be lower by that."""
     dipole_gains: tuple[Gain, Gain] | None = None
     """Output of the first and of the second dipole for sound along its axis, over that
     of the omni channel; 1 and 1 if not given. `uwtrack calibrate` measures it."""
