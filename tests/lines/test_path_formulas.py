@@ -312,7 +312,8 @@ def test_thresholds_follow_the_stated_rate_of_false_lines():
     """Twice as many lines or half as long windows: the slope of the tail times ln 2."""
     rule = TraceThreshold(2.0, 0.5, 2, 0.5, 120)
     slope, offset = 2.401, -17.0
-    per_window = 2.0 * (0.5 * 120 * 0.5) / 3600.0  # windows overlap by half
+    # windows overlap by half, and a kHz of one-second frames has a thousand bins
+    per_window = 2.0 * (0.5 * 120 * 0.5) / 3600.0
     new = offset - slope * np.log(per_window)
     assert rule.scores(120).new == pytest.approx(new)
     assert rule.scores(120).continued == pytest.approx(new - slope * np.log(1e3))
@@ -323,6 +324,9 @@ def test_thresholds_follow_the_stated_rate_of_false_lines():
     assert (mean, slope) == pytest.approx(((-15.47 - 34.78) / 2, slope_90))
     plain = rule.weakest_line_snr_db(has_bearing=False)
     assert plain == weakest_by_path(new, 120, 0.05)
+    # the product of hop and resolution counts, not the hop
+    longer = replace(rule, hop_s=4.0)
+    assert longer.scores(120) == rule.scores(120)
     with_bearing = rule.weakest_line_snr_db(has_bearing=True)
     assert with_bearing == weakest_by_path(-17.0 + 2.401, 120, 0.05) < plain
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import poisson
 
 from studies.line_sound import detect_line
+from studies.trace_noise import RATE_HZ as NOISE_RATE_HZ
 from studies.trace_noise import noise_recording
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
@@ -91,6 +92,23 @@ def test_false_lines_in_noise_come_at_the_stated_rate() -> None:
     # the stated rate, with a fifth for the fit of the tail
     assert poisson.ppf(0.001, 0.7 * expected) <= count
     assert count <= poisson.ppf(0.999, 1.2 * expected)
+
+
+def test_noise_in_longer_frames_is_the_same_noise_in_another_unit_of_time() -> None:
+    """Samples at a rate and in frames so many times slower hold the same kHz hours."""
+    noise = noise_recording(12, 0.1)
+    found = []
+    for window_s in (1.0, 0.5, 4.0, 8.0, 12.0):
+        slower = replace(noise, sample_rate_hz=NOISE_RATE_HZ / window_s)
+        blocks = list(compute_spectrogram(slower, window_s=window_s))
+        lines = joined(blocks, false_lines_per_khz_hour=60.0)
+        found.append(np.sort([
+            np.median(lines.frequency_hz[lines.line == k]) * window_s
+            for k in lines.line_id
+        ]))  # fmt: skip
+    assert found[0].size > 3
+    for other in found[1:]:
+        assert other == pytest.approx(found[0], abs=0.5)
 
 
 def directional_sound(

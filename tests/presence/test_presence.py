@@ -346,7 +346,7 @@ def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):
 def test_the_commands_one_by_one_tell_the_same(uwtrack, samples):
     for words in (
         ("demon", samples / "propeller.wav", "-o", "p.demon.h5"),
-        ("trace", "p.demon.h5", "--false-lines-per-khz-hour", 0.02, "-o", "r.h5"),
+        ("trace", "p.demon.h5", "--false-lines-per-khz-hour", 0.16, "-o", "r.h5"),
         ("presence", "r.h5", "-o", "p.presence.h5"),
     ):
         done = uwtrack(*words)

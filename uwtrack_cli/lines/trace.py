@@ -59,7 +59,7 @@ def trace_lines(
     blocks
         Spectrogram, block by block.
     false_lines_per_khz_hour
-        Lines that noise alone may cause, per kHz of band and hour.
+        Lines that noise alone may cause, per kHz of band and hour, in frames of any length.
     window_frames
         Frames that are searched together, a multiple of 4; also the latency.
     shortest_frames

@@ -1,9 +1,12 @@
 """The score that noise alone reaches at a stated rate, and what a bearing adds to it.
 
 **Method.** The best path's score in noise has an exponential tail: the number of
-windows per kHz of band that exceed a score T is exp(-(T - a)/b). The two numbers
-depend on the length of the window, the overlap of its frames and the zero padding, and
-were found by simulating noise through the whole stage (`studies.trace_noise`).
+windows of a thousand natural bins that exceed a score T is exp(-(T - a)/b). The two
+numbers depend on the number of frames in the window, their overlap and the zero padding,
+and were found by simulating noise through the whole stage (`studies.trace_noise`). What
+is searched in a kHz and an hour is counted in natural bins, which are as many per kHz as
+a frame has milliseconds: white noise in longer frames is the same noise with another
+unit of time.
 
 Along a path the active intensity of each cell is taken, less what the bearing of the
 noise around it predicts for the cell's power: ambient noise has a bearing, too. Whether
@@ -51,7 +54,8 @@ TAILS = {
         (2.671, 3.153, 3.615, 5.991),
     ),
 }
-"""By overlap and padding: frames in the window, a and b in nepers."""
+"""By overlap and padding: frames in the window, a and b in nepers; rates are those of a
+thousand natural bins."""
 
 SURROGATES = {
     (0.5, 2): (-6.69, -15.47, -34.78, -73.56),
@@ -101,19 +105,26 @@ class TraceThreshold:
     window_frames: int
     """Frames that are searched together."""
 
+    @property
+    def window_s(self) -> float:
+        """Length of a frame, s; it has so many natural bins per Hz."""
+        return self.hop_s / (1.0 - self.overlap)
+
     def scores(self, n_frames: int) -> PathScores:
         """Return the scores that paths of a window must exceed by their power alone."""
         offset, slope = self._tail(n_frames)
-        windows_per_hour = 3600.0 / (0.5 * n_frames * self.hop_s)
-        rate = self.false_lines_per_khz_hour / windows_per_hour
+        # of a thousand natural bins, in an hour of a kHz
+        searched = self.window_s * 3600.0 / (0.5 * n_frames * self.hop_s)
+        rate = self.false_lines_per_khz_hour / searched
         new = offset - slope * np.log(rate)
         return PathScores(new, new - slope * np.log(_CONTINUATION))
 
     def scores_with_bearing(self, data: WindowData) -> PathScores:
         """Return the scores when the evidence of one bearing is added to a path's.
 
-        A path whose bearing is looked at has at least the score that one path in a kHz
-        of noise has; the evidence is multiplied by the slope of the tail.
+        A path whose bearing is looked at has at least the score that one path in a
+        thousand natural bins of noise has; the evidence is multiplied by the slope of the
+        tail.
 
         Notes
         -----
