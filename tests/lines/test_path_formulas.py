@@ -224,6 +224,7 @@ def test_the_evidence_of_one_bearing_is_half_of_hotellings_statistic(is_masked):
         frame=np.arange(n), time_s=1.0 * np.arange(n), is_valid=np.arange(n) != 3,
         frequency_hz=1.0 * np.arange(n_cells), power=power, floor=floor,
         east=parts[0], north=parts[1], window_s=1.0, cells_per_bin=PER_BIN,
+        exponent=np.zeros(n),
     )  # fmt: skip
     mask = np.zeros(power.shape, bool)
     mask[10:14] = is_masked
@@ -256,6 +257,7 @@ def test_the_threshold_with_a_bearing_is_that_of_the_sum_of_two_exponentials():
     ones = np.ones((n, 80))
     data = WindowData(
         frame=np.arange(n), time_s=1.0 * np.arange(n), is_valid=np.ones(n, bool),
+        exponent=np.zeros(n),
         frequency_hz=1.0 * np.arange(80), power=ones, floor=ones, east=ones,
         north=ones, window_s=1.0, cells_per_bin=PER_BIN,
     )  # fmt: skip

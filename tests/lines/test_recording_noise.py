@@ -133,6 +133,20 @@ def test_noise_that_falls_by_six_decibels_an_octave_keeps_the_stated_rate():
     assert 0.3 * rate < lines.measured_false_lines_per_khz_hour < 2.0 * rate
 
 
+def test_noise_that_falls_from_zero_on_starts_no_lines_at_its_knee():
+    """Below 22 Hz the ground falls by half within a tile of the noise floor."""
+    rate_hz, hours = 256.0, 1.0
+    n = round(3600 * hours * rate_hz)
+    frequency = np.fft.rfftfreq(n, 1.0 / rate_hz)
+    spectrum = np.fft.rfft(np.random.default_rng(6).standard_normal(n))
+    noise = np.fft.irfft(spectrum / np.maximum(frequency, 0.5), n)
+    samples = (0.1 * noise / noise.std()).astype(np.float32)[:, None]
+    blocks = compute_spectrogram(recording_of(samples, rate_hz), band_hz=(5.0, 128.0))
+    lines = Lines.join(list(trace_lines(blocks)))
+    first_hz = lines.frequency_hz[np.searchsorted(lines.line, lines.line_id)]
+    assert np.count_nonzero(first_hz < 22.0) <= poisson.ppf(0.999, 1.5 * 0.017 * hours)
+
+
 def test_the_measured_rate_is_told_for_windows_that_are_long_enough():
     noise = np.random.default_rng(4).standard_normal(60 * int(RATE_HZ))
     once, again = traced(noise), traced(noise)

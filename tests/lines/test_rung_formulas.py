@@ -201,6 +201,7 @@ def window_of(power, *, window_s=2.0, per_bin=2, east=None, north=None):
         frequency_hz=50.0 + np.arange(n_cells) / (per_bin * window_s),
         power=power, floor=np.ones_like(power), east=east, north=north,
         window_s=window_s, cells_per_bin=per_bin,
+        exponent=np.zeros(n_frames),
     )  # fmt: skip
 
 

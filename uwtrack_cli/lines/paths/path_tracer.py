@@ -20,7 +20,6 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation.kalman import KalmanState
-from uwtrack_cli.estimation.noise_floor import noise_floor
 from uwtrack_cli.lines.contacts import ContactSamples, line_table
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import find_combs
@@ -43,6 +42,7 @@ from uwtrack_cli.lines.paths.trace_window import (
     Measured,
     WindowData,
     measure,
+    power_law,
     smooth_window,
     to_window,
 )
@@ -129,12 +129,8 @@ class PathTracer:
 
     def push(self, block: Spectrogram) -> list[LinePoints]:
         """Take a block; return the points that have become final."""
-        frames, power = block.frames, block.power_density[:, self.chosen]
-        floor = noise_floor(
-            power, frames.valid_fraction, zero_padding=frames.cells_per_bin
-        )
-        self.held.append(to_window(block, floor, self.chosen))
-        self.n_held += frames.n_frames
+        self.held.append(to_window(block, self.chosen))
+        self.n_held += block.frames.n_frames
         points = []
         while self.n_held >= self.rule.window_frames:
             data = WindowData.join(self.held)
@@ -169,7 +165,8 @@ class PathTracer:
             for living in self.living
             if living.frame[0] <= data.frame[0] <= living.frame[-1]
         ]
-        beyond = beyond_outer_tiles(data.floor, data.frequency_hz, data.cells_per_bin)
+        even = data.floor / power_law(data.frequency_hz, data.exponent)
+        beyond = beyond_outer_tiles(even, data.frequency_hz, data.cells_per_bin)
         ratio = whiten(data.power_ratio / beyond, data.cells_per_bin)
         places = np.array(expected, dtype=np.int64)
         search = find_paths(

@@ -19,7 +19,13 @@ from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.angles import compass_deg, wrap_deg
-from uwtrack_cli.estimation.noise_floor import LEAST_SHARE
+from uwtrack_cli.estimation.noise_floor import (
+    LEAST_SHARE,
+    SMALLEST,
+    TILE_BINS,
+    TILE_FRAMES,
+    noise_floor,
+)
 from uwtrack_cli.estimation.window import (
     NOISE_BANDWIDTH_BINS,
     frequency_std_hz,
@@ -29,6 +35,13 @@ from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
 
 _PEAK_SNR = 1.6
 """Mean power ratio of a line above which its peaks are interpolated (2 dB)."""
+
+_EXPONENTS = (0.0, 1.0, 2.0, 3.0, 4.0)
+"""Powers of frequency tried for the ground near zero, up to 12 dB per octave."""
+
+_MUCH_EVENER = 0.6
+"""Share of their spread that a ground's power law leaves at most: 6 dB per octave from 5 Hz
+leaves less than half, and lines beside each other on even ground most of it."""
 
 _PATH_CORRELATION = 9.0
 """Frames for which the error of a path's cells lasts: so many are as good as one
@@ -53,6 +66,8 @@ class WindowData(Rows):
     """Power density, shape (frame, cell)."""
     floor: FloatArray
     """Noise density in the same unit, nan in a gap, shape (frame, cell)."""
+    exponent: FloatArray
+    """Power of frequency by which the ground under it falls, shape (frame,)."""
     east: FloatArray | None
     """Active intensity to the east, in the unit of the power density; None if omni."""
     north: FloatArray | None
@@ -82,22 +97,71 @@ class Measured:
     """Frequency, deviation, bearing, deviation, level, SNR: (6, frame, line)."""
 
 
-def to_window(spectrogram: Spectrogram, floor: FloatArray, chosen: slice) -> WindowData:
-    """Take what is needed from a block of spectrogram."""
+def to_window(spectrogram: Spectrogram, chosen: slice) -> WindowData:
+    """Take what is needed from a block of spectrogram, and estimate its noise."""
     frames = spectrogram.frames
+    power, frequency = (
+        spectrogram.power_density[:, chosen],
+        spectrogram.frequency_hz[chosen],
+    )
+    exponent = ground_exponent(power, frequency, frames.cells_per_bin)
+    ground = power_law(frequency, exponent)
+    floor = noise_floor(
+        power / ground, frames.valid_fraction, zero_padding=frames.cells_per_bin
+    )
+    floor = np.maximum(floor * ground, SMALLEST)
     east, north = spectrogram.intensity_east, spectrogram.intensity_north
     return WindowData(
         frame=frames.first_frame + np.arange(frames.n_frames),
         time_s=frames.time_s,
         is_valid=frames.valid_fraction > 0.0,
-        frequency_hz=spectrogram.frequency_hz[chosen],
-        power=spectrogram.power_density[:, chosen],
+        frequency_hz=frequency,
+        power=power,
         floor=floor,
+        exponent=exponent,
         east=None if east is None else east[:, chosen],
         north=None if north is None else north[:, chosen],
         window_s=frames.window_s,
         cells_per_bin=frames.cells_per_bin,
     )
+
+
+def ground_exponent(
+    power: FloatArray, frequency_hz: FloatArray, cells_per_bin: int
+) -> FloatArray:
+    """Return the power of frequency by which each frame's ground falls, shape (frame,).
+
+    A tile of the noise floor is wider than the knee of steep ground near zero. Where the
+    lowest tile ends at three times the frequency of its beginning, the whole exponent is
+    taken that leaves the two lowest tiles most even (median deviation of mean powers over 16 frames);
+    elsewhere, and where that is not much evener, zero. The first frame starts a tile.
+    """
+    exponent = np.zeros(len(power), np.float32)
+    width = TILE_BINS * cells_per_bin
+    if frequency_hz.size < 2 * width or frequency_hz[width] < 3.0 * frequency_hz[0]:
+        return exponent
+    log_hz = np.log(frequency_hz[: 2 * width] / frequency_hz[0])
+    trials = np.array(_EXPONENTS)
+    for start in range(0, len(power), TILE_FRAMES):
+        tile = slice(start, start + TILE_FRAMES)
+        mean = power[tile, : 2 * width].mean(axis=0, dtype=float)
+        if not (np.isfinite(mean).all() and (mean > SMALLEST).all()):
+            continue
+        even = np.log(mean) + trials[:, None] * log_hz
+        off = np.abs(even - np.median(even, axis=1, keepdims=True))
+        spread = np.median(off, axis=1)
+        best = spread.argmin()
+        if spread[best] < _MUCH_EVENER * spread[0]:
+            exponent[tile] = trials[best]
+    return exponent
+
+
+def power_law(frequency_hz: FloatArray, exponent: FloatArray) -> FloatArray:
+    """Return the ground of such exponents, one at the lowest cell, (frame, cell)."""
+    law: FloatArray = (frequency_hz / frequency_hz[0]).astype(np.float32) ** -exponent[
+        :, None
+    ]
+    return law
 
 
 def measure(data: WindowData, cells: IntArray, is_line: BoolArray) -> Measured:
