@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.discrimination.contact_filters import (
-    DriftState,
+    GaussianSum,
     Observation,
-    _observe,
+    inverse_range_deviation,
+    observe_moving,
     predict_drift,
     predict_moving,
     start_drift,
@@ -33,51 +34,108 @@ def _seen(measured, position=(0.0, 0.0), velocity=(0.0, 0.0), variance=VARIANCE)
 def test_the_slopes_of_range_bearing_and_range_rate_are_their_derivatives():
     seen = _seen([0.0, 0.0, 0.0], (30.0, -20.0), (3.0, -1.0))
     state = np.array([400.0, 250.0, -7.0, 4.0])
-    _, slope = _observe(state, seen)
+    _, slope = observe_moving(state, seen)
     for k, step in enumerate(np.diag([1e-3, 1e-3, 1e-4, 1e-4])):
-        up, down = _observe(state + step, seen)[0], _observe(state - step, seen)[0]
+        up, down = (
+            observe_moving(state + step, seen)[0],
+            observe_moving(state - step, seen)[0],
+        )
         np.testing.assert_allclose(
             slope[:, k], (up - down) / (2 * step[k]), rtol=1e-6, atol=1e-9
         )
 
 
+def _one(mean, covariance):
+    """Return a sum of one model and one term."""
+    belief = Belief(
+        np.asarray(mean, float)[None, None], np.asarray(covariance)[None, None],
+        np.ones((1, 1)),
+    )  # fmt: skip
+    return GaussianSum(belief, np.zeros(1))
+
+
+def _drifted(mean, covariance, way, drift_std=0.0, intensity=0.0, interval=2.0):
+    state = predict_drift(
+        _one(mean, covariance), interval, np.asarray(way), drift_std,
+        np.array([intensity]), ONE,
+    )  # fmt: skip
+    return state.belief.mean[0, 0], state.belief.covariance[0, 0]
+
+
 def test_a_still_source_is_carried_exactly_over_own_ships_way():
-    source, before, after = (
-        np.array([300.0, 800.0]),
-        np.zeros(2),
-        np.array([40.0, 25.0]),
-    )
-    place = source - before
-    drift = DriftState(
-        np.array([np.arctan2(*place[::-1]), 1.0 / np.hypot(*place)]), np.eye(2) * 1e-6
-    )
-    moved = predict_drift(drift, 2.0, after - before, 1.0)
-    left = source - after
-    np.testing.assert_allclose(
-        moved.mean, [np.arctan2(*left[::-1]), 1.0 / np.hypot(*left)], rtol=1e-12
-    )
+    source, way = np.array([300.0, 800.0]), np.array([40.0, 25.0])
+    left = source - way
+    distance, after = np.hypot(*source), np.hypot(*left)
+    mean = [np.arctan2(*source[::-1]), 1.0 / distance, distance + 70.0, 12.8]
+    moved, _ = _drifted(mean, np.eye(4) * 1e-6, way)
+    # A false range grows by its false rate beside the true one.
+    expected = [np.arctan2(*left[::-1]), 1.0 / after, after + 70.0 + 2.0 * 12.8, 12.8]
+    np.testing.assert_allclose(moved, expected, rtol=1e-12)
 
 
 def test_the_covariance_of_the_drifting_state_follows_its_slopes():
-    mean, way = np.array([0.7, 1.0 / 600.0]), np.array([35.0, -20.0])
-    spread = np.diag([1e-3, 1e-8])
-    moved = predict_drift(DriftState(mean, spread), 2.0, way, 0.0)
-    slope = np.empty((2, 2))
-    for k, step in enumerate((1e-5, 1e-8)):
-        ends = []
-        for sign in (1.0, -1.0):
-            shifted = mean.copy()
-            shifted[k] += sign * step
-            ends.append(predict_drift(DriftState(shifted, spread), 2.0, way, 0.0).mean)
-        slope[:, k] = (ends[0] - ends[1]) / (2.0 * step)
-    np.testing.assert_allclose(moved.covariance, slope @ spread @ slope.T, rtol=1e-5)
+    mean, way = np.array([0.7, 1.0 / 600.0, 650.0, 12.8]), np.array([35.0, -20.0])
+    spread = np.diag([1e-3, 1e-8, 25.0, 1.0])
+    _, covariance = _drifted(mean, spread, way)
+    slope = np.empty((4, 4))
+    for k, step in enumerate((1e-5, 1e-8, 1e-3, 1e-3)):
+        up, down = (
+            _drifted(mean + sign * step * np.eye(4)[k], spread, way)[0]
+            for sign in (1, -1)
+        )
+        slope[:, k] = (up - down) / (2.0 * step)
+    np.testing.assert_allclose(covariance, slope @ spread @ slope.T, rtol=1e-5)
 
 
 def test_the_drift_widens_bearing_and_inverse_range_as_published():
-    mean = np.array([0.3, 1.0 / 500.0])
-    still = predict_drift(DriftState(mean, np.zeros((2, 2))), 2.0, np.zeros(2), 3.0)
+    mean = [0.3, 1.0 / 500.0, 500.0, 0.0]
+    _, still = _drifted(mean, np.zeros((4, 4)), np.zeros(2), drift_std=3.0)
     expected = np.diag([2.0 * 9.0 / 500.0**2, 2.0 * 9.0 / 500.0**4])
-    np.testing.assert_allclose(still.covariance, expected)
+    np.testing.assert_allclose(still[:2, :2], expected)
+    # Along the line of sight the range grows as its inverse shrinks.
+    assert still[1, 2] == pytest.approx(-2.0 * 9.0 / 500.0**2)
+    _, pushed = _drifted(mean, np.zeros((4, 4)), np.zeros(2), intensity=4.0)
+    np.testing.assert_allclose(pushed[2:, 2:], [[4.0 * 8 / 3, 8.0], [8.0, 8.0]])
+
+
+def test_the_terms_of_a_start_have_the_moments_of_its_prior():
+    seen = _seen([1000.0, 0.4, 3.0], (50.0, 20.0), (4.0, -7.0), [25.0, 0.2**2, 1.0])
+    rng = np.random.default_rng(3)
+    bearing = 0.4 + 0.2 * rng.standard_normal(400_000)
+    along = np.stack([np.cos(bearing), np.sin(bearing)])
+    across = np.stack([-along[1], along[0]])
+    shrunk = 400.0 / 401.0
+    radial = shrunk * (3.0 + np.array([4.0, -7.0]) @ along)
+    radial += np.sqrt(shrunk) * rng.standard_normal(bearing.size)
+    distance = 1000.0 + 5.0 * rng.standard_normal(bearing.size)
+    drawn = np.concatenate([
+        np.array([[50.0], [20.0]]) + distance * along,
+        radial * along + 20.0 * rng.standard_normal(bearing.size) * across,
+    ])  # fmt: skip
+    state = start_moving(seen, 20.0, 1)
+    weight = np.exp(state.log_weight)
+    assert weight.sum() == pytest.approx(1.0)
+    mean = weight @ state.belief.mean[0]
+    away = state.belief.mean[0] - mean
+    spread = np.einsum("t,tij->ij", weight, state.belief.covariance[0])
+    spread += np.einsum("t,ti,tj->ij", weight, away, away)
+    deviation = drawn.std(axis=1)
+    np.testing.assert_allclose((mean - drawn.mean(axis=1)) / deviation, 0.0, atol=0.03)
+    np.testing.assert_allclose(
+        spread / np.outer(deviation, deviation), np.corrcoef(drawn), atol=0.05
+    )
+
+
+def test_a_repeater_is_no_farther_than_it_was_measured():
+    state = start_drift(_seen([800.0, 0.1, 0.0]), 0.5, 20.0, 1)
+    inverse = 800.0 * state.belief.mean[0, :, 1]
+    assert inverse.min() == pytest.approx(1.0)
+    # A half-normal distribution from 1 on: mean 1 + 0.5 sqrt(2/pi).
+    mean = np.exp(state.log_weight) @ inverse
+    assert mean == pytest.approx(1.0 + 0.5 * np.sqrt(2.0 / np.pi), abs=0.04)
+    # Its deviation, and the width of the terms beside it.
+    deviation = np.hypot(0.5 * np.sqrt(1.0 - 2.0 / np.pi) / mean, 0.15)
+    assert inverse_range_deviation(state) == pytest.approx(deviation, abs=0.02)
 
 
 def test_the_noise_of_the_moving_state_is_the_published_matrix():
@@ -115,19 +173,24 @@ def test_a_true_repeater_and_a_true_mover_are_covered_at_the_stated_rates():
         line = buoy - own
         bearing = np.arctan2(line[:, 1], line[:, 0])
         echo = np.stack([np.hypot(*line.T), bearing, 0 * bearing], axis=1)
-        echoed = _seen(echo + np.sqrt(VARIANCE) * rng.standard_normal((runs, 3)), own)
+        echo[:, 2] = -(line * own_rate).sum(1) / echo[:, 0]
+        echoed = _seen(
+            echo + np.sqrt(VARIANCE) * rng.standard_normal((runs, 3)), own, own_rate
+        )
         if moving is None:
-            moving, drifting = start_moving(seen, 20.0, 1), start_drift(echoed)
+            moving = start_moving(seen, 20.0, 1)
+            drifting = start_drift(echoed, 0.5, 20.0, 1)
             continue
         moving = predict_moving(moving, interval, np.array([0.25]), ONE)
         moving, fit = update_moving(moving, seen)
-        drifting = predict_drift(drifting, interval, own_rate * interval, 1.0)
+        drifting = predict_drift(
+            drifting, interval, own_rate * interval, 1.0, np.array([0.25]), ONE
+        )
         drifting, line_fit = update_drift(drifting, echoed)
         inside.append((fit.distance2, line_fit.distance2))
-    error = moving.mean[0] - target
-    nees = (
-        error * np.linalg.solve(moving.covariance[0], error[..., None])[..., 0]
-    ).sum(1)
+    error = moving.belief.mean[0, 0] - target
+    covariance = moving.belief.covariance[0, 0]
+    nees = (error * np.linalg.solve(covariance, error[..., None])[..., 0]).sum(1)
     assert nees.mean() == pytest.approx(4.0, abs=0.6)
     mover, repeater = np.mean(inside, axis=(0, 2))
     assert mover == pytest.approx(3.0, abs=0.15)
@@ -135,30 +198,27 @@ def test_a_true_repeater_and_a_true_mover_are_covered_at_the_stated_rates():
 
 
 def test_a_missing_component_leaves_the_others_to_correct_the_state():
-    belief = Belief(
-        np.array([[300.0, 400.0, 1.0, 2.0]]), 50.0 * np.eye(4)[None], np.ones(1)
-    )
+    state = _one([300.0, 400.0, 1.0, 2.0], 50.0 * np.eye(4))
     whole = [500.0, np.arctan2(4.0, 3.0), 3.0]
-    after, fit = update_moving(belief, _seen([np.nan, whole[1], np.nan]))
+    after, fit = update_moving(state, _seen([np.nan, whole[1], np.nan]))
     assert fit.degrees == 1
-    assert after.covariance[0, 2, 2] == pytest.approx(50.0)
-    nothing, none = update_moving(belief, _seen([np.nan] * 3))
-    np.testing.assert_array_equal(nothing.mean, belief.mean)
+    assert after.belief.covariance[0, 0, 2, 2] == pytest.approx(50.0)
+    nothing, none = update_moving(state, _seen([np.nan] * 3))
+    np.testing.assert_array_equal(nothing.belief.mean, state.belief.mean)
     assert none.log_density == 0.0
-    still, fit = update_drift(
-        DriftState(np.array([0.1, 0.01]), np.eye(2)), _seen([1.0, np.nan, 1.0])
-    )
-    np.testing.assert_array_equal(still.mean, [0.1, 0.01])
-    assert fit.log_density == 0.0
+    drift = _one([0.1, 0.01, 100.0, 0.0], np.eye(4))
+    still, fit = update_drift(drift, _seen([np.nan] * 3))
+    np.testing.assert_array_equal(still.belief.mean, drift.belief.mean)
+    assert fit.log_density == fit.degrees == 0.0
 
 
 def test_bearings_across_south_west_are_differenced_the_short_way():
     ends = np.abs(wrap_rad(np.array([3.0 * np.pi, -np.pi])))
     assert ends.tolist() == pytest.approx([np.pi] * 2)
-    drift = DriftState(np.array([np.pi - 0.01, 1e-3]), 1e-4 * np.eye(2))
+    drift = _one([np.pi - 0.01, 1e-3, 1000.0, 0.0], 1e-4 * np.eye(4))
     after, fit = update_drift(drift, _seen([1000.0, -np.pi + 0.01, 0.0]))
     assert fit.distance2 < 1.0
-    assert after.mean[0] > np.pi - 0.01
+    assert after.belief.mean[0, 0, 0] > np.pi - 0.01
 
 
 def test_consistency_is_uniform_enough_and_sees_one_wild_scan():

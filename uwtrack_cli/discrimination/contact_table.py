@@ -1,8 +1,9 @@
 """A table of contacts with own ship's navigation, as pairs in the order of scans.
 
 **Conventions.** Compass bearings in, mathematical radians out. Own ship's position is
-linear between the rows of its navigation; times are brought to one clock when both
-tables know their UTC.
+linear between the rows of its navigation; where she turns, what the rows leave open of
+her position and velocity is added to the variances of the scan. Times are brought to one
+clock when both tables know their UTC.
 """
 
 from dataclasses import dataclass
@@ -47,7 +48,7 @@ def arrange_contacts(
         raise DataError(msg)
     measured, variance = _measurements(contacts, errors)
     times = np.unique(contacts.time_s)
-    position, velocity = _own_ship(contacts, navigation, times)
+    position, velocity, change, gap_s = _own_ship(contacts, navigation, times)
     tables = {}
     for number in numbers:
         rows = np.flatnonzero(contacts.contact == number)
@@ -59,7 +60,10 @@ def arrange_contacts(
             raise DataError(msg)
         table = np.full((times.size, 3), np.nan)
         spread = np.ones((times.size, 3))
-        table[at], spread[at] = measured[rows], variance[rows]
+        table[at] = measured[rows]
+        spread[at] = variance[rows] + _navigation_variance(
+            measured[rows], change[at], gap_s[at]
+        )
         tables[int(number)] = [
             Observation(table[i], spread[i], position[i], velocity[i])
             for i in range(times.size)
@@ -123,6 +127,26 @@ def _measurements(
     return measured, np.stack(deviations, axis=1) ** 2
 
 
+def _navigation_variance(
+    measured: FloatArray, change_mps: FloatArray, gap_s: FloatArray
+) -> FloatArray:
+    """Return the variances of range, bearing, range rate that own ship's turn adds.
+
+    Between two rows her velocity may be any on the way from that before to that after
+    them: uniform, a twelfth of the change squared; the place follows over half the gap.
+    """
+    line = np.stack([np.cos(measured[:, 1]), np.sin(measured[:, 1])], axis=-1)
+    side = np.stack([-line[:, 1], line[:, 0]], axis=-1)
+    # The two changes, at the row before and after, are halves of that over both.
+    along, across = (
+        ((change_mps * axis[:, None]).sum(axis=-1) ** 2).sum(axis=1) / 6.0
+        for axis in (line, side)
+    )
+    reach = (0.5 * gap_s) ** 2
+    bearing = across * reach / measured[:, 0] ** 2
+    return np.stack([along * reach, bearing, along], axis=1)
+
+
 def _deviation(contacts: Contacts, errors: ContactErrors, name: str) -> FloatArray:
     """Return a column of deviations, completed by the option."""
     option = getattr(errors, name)
@@ -142,8 +166,12 @@ def _deviation(contacts: Contacts, errors: ContactErrors, name: str) -> FloatArr
 
 def _own_ship(
     contacts: Contacts, navigation: Navigation, times_s: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return own ship's position and velocity at the scans."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return own ship's position and velocity at the scans, and what is open of them.
+
+    The last two are the changes of her mean velocity at the rows before and after each
+    scan, ``(scan, 2, 2)``, and the time between these rows, s.
+    """
     clock = navigation.time_s
     if clock.size < 2 or np.any(np.diff(clock) <= 0.0):
         msg = (
@@ -171,4 +199,9 @@ def _own_ship(
     rate = np.gradient(place, clock, axis=0)
     both = np.concatenate([place, rate], axis=1)
     found = np.stack([np.interp(now, clock, values) for values in both.T], axis=1)
-    return found[:, :2], found[:, 2:]
+    gap_s = np.diff(clock)
+    mean = np.diff(place, axis=0) / gap_s[:, None]
+    change = np.diff(np.pad(mean, ((1, 1), (0, 0)), mode="edge"), axis=0)
+    row = np.clip(np.searchsorted(clock, now) - 1, 0, gap_s.size - 1)
+    open_change = np.stack([change[row], change[row + 1]], axis=1)
+    return found[:, :2], found[:, 2:], open_change, gap_s[row]

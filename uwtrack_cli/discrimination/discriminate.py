@@ -42,6 +42,7 @@ from uwtrack_cli.discrimination.sequential_test import (
     first_crossing,
     fixed_scans,
     overshoot_error,
+    scans_to,
     wald_thresholds,
 )
 
@@ -51,7 +52,7 @@ ErrorProbability = Annotated[float, Unit("1"), AtLeast(1e-12), Below(0.5)]
 _IMPROBABLE = 0.05
 """Innovations less probable than this say that a filter's model is wrong."""
 _UNOBSERVED = 0.9
-"""Share of the first deviation of 1/range above which bearings do not determine the range."""
+"""Share of the first deviation of 1/range above which bearings do not determine it."""
 _VERDICTS = {-1: "first moves", 0: "undecided", 1: "second moves"}
 _BOTH_MOVE, _NEITHER = "both move", "neither reading"
 _REJECTION_SHARE = 0.1
@@ -119,9 +120,10 @@ def discriminate_contacts(
     repeater whose range and range rate are false. Scan by scan the
     likelihoods of both readings are compared until one is likely enough, or the scans
     end undecided. When the innovations of all scans reject both readings, the verdict
-    says so: "both move" where both contacts fit a vessel and neither fits a repeater,
-    "neither reading" otherwise. Far contacts fit both, since bearings alone tell a
-    repeater from a vessel; the test then takes one of them to be the repeater.
+    says so: "neither reading". It is "both move" where both contacts fit a vessel and
+    either is a far worse repeater. Far contacts fit both, since bearings alone tell a
+    repeater from a vessel: the test then stays undecided, or takes one of two vessels
+    for the repeater.
 
     Parameters
     ----------
@@ -204,13 +206,18 @@ def judge_pair(
     history = follow(pair.history, pair.history_times_s, filters)
     found = run_pair(*pair.observations, pair.times_s, filters, history=history)
     odds = np.concatenate([[0.0], found.log_odds])
-    terms = np.concatenate([np.zeros((1, 4)), np.cumsum(found.log_density, axis=0)])
+    sums = np.cumsum(found.log_density, axis=0)
+    terms = np.concatenate([np.zeros((1, 4)), sums[:, :4]])
     crossing = first_crossing(odds, thresholds)
     fits = consistency(found.distance2, found.degrees)
-    rejected = _rejected_verdict(fits < level)
+    # The one that moved before goes on, or a vessel begins anew. A repeater's density is
+    # as much smaller as this in less than the share of all cases.
+    vessel = np.maximum(sums[-1, [0, 3]], sums[-1, 4:])
+    is_vessel = vessel - sums[-1, [2, 1]] > -math.log(0.5 * level)
+    rejected = _rejected_verdict(fits < level, is_vessel)
     decision = 0 if rejected else int(crossing.decision)
     at = int(crossing.scan) if decision else odds.size - 1
-    observable = found.inverse_range_std < _UNOBSERVED * filters.inverse_range_std
+    observable = found.inverse_range_left < _UNOBSERVED
     mean_scans, fixed, fixed_verdict = _comparison(odds, thresholds)
     return PairVerdict(
         verdict=rejected or _VERDICTS[decision],
@@ -221,7 +228,7 @@ def judge_pair(
         expected_scans=mean_scans,
         fixed_scans=fixed,
         fixed_verdict=fixed_verdict,
-        consistency=fits,
+        consistency=fits[:4],
         inverse_range_std=found.inverse_range_std,
         observable=observable,
         reasons=_reasons(pair, decision, found, observable, rejected),
@@ -231,30 +238,37 @@ def judge_pair(
     )
 
 
-def _rejected_verdict(is_rejected: BoolArray) -> str:
+def _rejected_verdict(is_rejected: BoolArray, is_vessel: BoolArray) -> str:
     """Return the verdict where both readings are rejected; empty where one is not."""
-    first_moves, second_drifts, first_drifts, second_moves = is_rejected.tolist()
-    if not ((first_moves or second_drifts) and (first_drifts or second_moves)):
-        return ""
-    is_both = first_drifts and second_drifts and not (first_moves or second_moves)
-    return _BOTH_MOVE if is_both else _NEITHER
+    if is_vessel.all() and not (is_rejected[[0, 3]] & is_rejected[4:]).any():
+        return _BOTH_MOVE
+    first_moves, second_drifts, first_drifts, second_moves = is_rejected[:4].tolist()
+    if (first_moves or second_drifts) and (first_drifts or second_moves):
+        return _NEITHER
+    return ""
 
 
 def _comparison(odds: FloatArray, thresholds: Thresholds) -> tuple[float, float, str]:
     """Return expected scans, and length and verdict of a test of fixed length."""
-    # All scans: those up to the decision alone would overstate the mean.
-    steps = np.diff(odds)
-    mean = abs(float(steps.mean()))
-    if steps.size < 2 or mean == 0.0:
+    side = float(np.sign(odds[-1]))
+    walk = side * odds[1:]
+    mean = float(walk[-1]) / walk.size
+    if walk.size < 2 or mean == 0.0:
         return math.nan, math.nan, ""
     # The variance of a Gaussian log likelihood ratio is twice its mean.
     deviation = math.sqrt(2.0 * mean)
-    error = overshoot_error(thresholds, deviation)
-    length = fixed_scans(mean, deviation, error)
+    error = overshoot_error(thresholds, 0.0)
+    limit = thresholds.upper if side > 0.0 else -thresholds.lower
+    taken = scans_to(
+        walk, (1.0 - 2.0 * error) * limit,
+        expected_scans(mean, deviation, thresholds, error),
+    )  # fmt: skip
+    steady = fixed_scans(mean, deviation, error)
+    length = scans_to(walk, steady * mean, steady)
     # odds that hardly grow ask for more scans than any number holds
     last = math.ceil(min(length, odds.size))
     verdict = _VERDICTS[int(np.sign(odds[last]))] if last < odds.size else ""
-    return 1.0 + expected_scans(mean, deviation, thresholds, error), length, verdict
+    return 1.0 + taken, length, verdict
 
 
 def _reasons(
@@ -291,7 +305,7 @@ def _reasons(
 
 def _caution(pair: ContactPair, decision: int, found: PairTest) -> str:
     """Say whether the innovations speak against the verdict."""
-    wrong = consistency(found.distance2, found.degrees) < _IMPROBABLE
+    wrong = consistency(found.distance2, found.degrees)[:4] < _IMPROBABLE
     readings = (bool(wrong[:2].any()), bool(wrong[2:].any()))
     if all(readings):
         names = [name for name, bad in zip(FILTERS, wrong, strict=True) if bad]

@@ -42,11 +42,10 @@ class ContactFilters(OptionGroup):
     Parameters
     ----------
     acceleration_std_mps2
-        Root intensity of a moving contact's acceleration in m/s^2 over 1 s.
+        Root intensity of a moving contact's acceleration in m/s^2 over 1 s; a repeater's
+        false range rate wanders as much.
     manoeuvre_std_mps2
-        The same during a manoeuvre; when given, two filters interact. Decides faster for
-        a steady contact and survives turns at aspects where the single filter fails, but
-        a repeater's false range is explained more easily, too.
+        The same during a manoeuvre; when given, two filters interact.
     manoeuvre_start_probability
         Probability per scan that a manoeuvre begins.
     manoeuvre_stop_probability
@@ -54,9 +53,12 @@ class ContactFilters(OptionGroup):
     drift_std_mps
         Root intensity of a repeater's drift in m/s over 1 s.
     speed_std_mps
-        Standard deviation of each velocity component of a new contact in m/s.
+        Standard deviation of each velocity component of a new contact in m/s, and of a
+        repeater's false range rate.
     inverse_range_std
-        Relative standard deviation of a repeater's inverse range at first.
+        Scale of the half-normal prior of a repeater's inverse range over that measured,
+        above 1: it answers late and is no farther than it was measured. One much nearer
+        than that asks for more.
     """
 
     acceleration_std_mps2: Acceleration = 2.0

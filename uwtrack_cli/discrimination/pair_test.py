@@ -1,11 +1,14 @@
-"""The test between two contacts: four filters and their log likelihoods over scans.
+"""The test between two contacts: their filters and log likelihoods over scans.
 
 **Method.** Under the hypothesis that the first contact moves, a moving filter follows the
 first and a drifting filter the second; under the opposite the other way round. Every scan
-in which both contacts are measured completely adds to the log odds.
+in which both contacts are measured completely adds to the log odds, but for the first:
+without an earlier track it says the same under both hypotheses, a range and a bearing
+anywhere and a range rate of the same deviation.
 
-**Conventions.** As in `uwtrack_cli.discrimination.contact_filters`; the order of the four
-filters is: first moves, second drifts, first drifts, second moves.
+**Conventions.** As in `uwtrack_cli.discrimination.contact_filters`; the order of the
+filters is: first moves, second drifts, first drifts, second moves, and then both moving
+ones begun anew.
 
 **References.** Jeong and Hong (1996), equations 19-25, with the sum of its four terms.
 """
@@ -16,9 +19,10 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.discrimination.contact_filters import (
-    DriftState,
+    GaussianSum,
     InnovationFit,
     Observation,
+    inverse_range_deviation,
     predict_drift,
     predict_moving,
     start_drift,
@@ -27,14 +31,13 @@ from uwtrack_cli.discrimination.contact_filters import (
     update_moving,
 )
 from uwtrack_cli.discrimination.options import ContactFilters
-from uwtrack_cli.estimation.imm import Belief
 
 
 @dataclass(frozen=True)
 class EarlierTrack:
     """Track of a contact that was there before the second one."""
 
-    belief: Belief
+    state: GaussianSum
     """Its moving filter."""
     time_s: float
     """Time of the filter's state, s."""
@@ -42,25 +45,28 @@ class EarlierTrack:
 
 @dataclass(frozen=True)
 class PairTest:
-    """The four filters over the scans of a pair, the first scan excluded."""
+    """The filters over the scans of a pair, the first scan excluded."""
 
     log_density: FloatArray
-    """Increments, ``(scan, 4, ...)``; 0 in scans that do not count."""
+    """Increments, ``(scan, 6, ...)``; 0 in scans that do not count."""
     distance2: FloatArray
-    """Normalised squared innovations, ``(scan, 4, ...)``."""
+    """Normalised squared innovations, ``(scan, 6, ...)``."""
     degrees: FloatArray
-    """Their degrees of freedom, ``(scan, 4, ...)``."""
+    """Their degrees of freedom, ``(scan, 6, ...)``."""
     inverse_range_std: FloatArray
     """Relative deviation of the inverse range at the end, ``(2, ...)``: second, first
     contact."""
+    inverse_range_left: FloatArray
+    """The same over that at the start, ``(2, ...)``."""
 
     @property
     def log_odds(self) -> FloatArray:
         """Log odds of "the second moves" after every scan, ``(scan, ...)``."""
-        signs = np.array([-1.0, -1.0, 1.0, 1.0])
-        signs = signs.reshape(4, *(1,) * (self.log_density.ndim - 2))
-        odds: FloatArray = np.cumsum((signs * self.log_density).sum(axis=1), axis=0)
-        return odds
+        first_moves, second_drifts, first_drifts, second_moves = np.moveaxis(
+            self.log_density[:, :4], 1, 0
+        )
+        steps = (second_moves - second_drifts) - (first_moves - first_drifts)
+        return np.asarray(np.cumsum(steps, axis=0))
 
 
 def follow(
@@ -70,20 +76,20 @@ def follow(
 
     The first complete measurement starts the filter; None without one.
     """
-    belief: Belief | None = None
+    state: GaussianSum | None = None
     before = 0.0
     for observation, now in zip(scans, times_s, strict=True):
-        if belief is not None:
-            belief = predict_moving(
-                belief, float(now) - before, filters.intensities, filters.switching
+        if state is not None:
+            state = predict_moving(
+                state, float(now) - before, filters.intensities, filters.switching
             )
-            belief, _ = update_moving(belief, observation)
+            state, _ = update_moving(state, observation)
         elif np.isfinite(observation.measured[..., :2]).all():
-            belief = start_moving(
+            state = start_moving(
                 observation, filters.speed_std_mps, filters.intensities.size
             )
         before = float(now)
-    return None if belief is None else EarlierTrack(belief, before)
+    return None if state is None else EarlierTrack(state, before)
 
 
 def run_pair(
@@ -94,43 +100,37 @@ def run_pair(
     *,
     history: "EarlierTrack | None" = None,
 ) -> PairTest:
-    """Run the four filters through the scans of two contacts.
+    """Run the filters through the scans of two contacts.
 
     Measurements are nan where a scan lacks a contact; the first scan must be complete,
     and only starts the filters, which go on from ``history`` if there was one contact
     before.
     """
-    moving = [
-        _start(observation, filters, history, float(times_s[0]))
-        for observation in (first[0], second[0])
+    contacts = [
+        _start(scans[0], filters, history, times_s[0]) for scans in (first, second)
     ]
-    drifting = [
-        start_drift(s, filters.inverse_range_std) for s in (first[0], second[0])
-    ]
+    starts = [inverse_range_deviation(one.drifts) for one in contacts]
     fits: list[list[InnovationFit]] = []
     for scan in range(1, len(first)):
         interval = float(times_s[scan] - times_s[scan - 1])
         moved = first[scan].position - first[scan - 1].position
         pair = (first[scan], second[scan])
         found = [
-            _advance(moving[i], drifting[i], pair[i], interval, moved, filters)
-            for i in range(2)
+            _advance(one, seen, interval, moved, filters)
+            for one, seen in zip(contacts, pair, strict=True)
         ]
-        moving = [each[0] for each in found]
-        drifting = [each[1] for each in found]
-        (_, _, first_moves, first_drifts), (_, _, second_moves, second_drifts) = found
+        contacts = [each[0] for each in found]
+        (_, a_moves, a_drifts, a_anew), (_, b_moves, b_drifts, b_anew) = found
         counts = _complete(pair[0]) & _complete(pair[1])
-        order = (first_moves, second_drifts, first_drifts, second_moves)
+        order = (a_moves, b_drifts, a_drifts, b_moves, a_anew, b_anew)
         fits.append([_only(fit, counts) for fit in order])
-    ends = [
-        np.sqrt(drifting[i].covariance[..., 1, 1]) / drifting[i].mean[..., 1]
-        for i in (1, 0)
-    ]
+    ends = np.stack([inverse_range_deviation(contacts[i].drifts) for i in (1, 0)])
     return PairTest(
         np.stack([[fit.log_density for fit in row] for row in fits]),
         np.stack([[fit.distance2 for fit in row] for row in fits]),
         np.stack([[fit.degrees for fit in row] for row in fits]),
-        np.stack(ends),
+        ends,
+        ends / np.stack(starts[::-1]),
     )
 
 
@@ -157,36 +157,62 @@ def consistency(distance2: FloatArray, degrees: FloatArray) -> FloatArray:
     return probability
 
 
+@dataclass(frozen=True)
+class _Contact:
+    """Filters of one contact."""
+
+    moves: GaussianSum
+    """The moving one, which goes on from an earlier track if there was one."""
+    anew: GaussianSum
+    """The moving one that began with the pair; the same without an earlier track."""
+    drifts: GaussianSum
+    """The drifting one."""
+
+
 def _start(
     observation: Observation,
     filters: ContactFilters,
     history: "EarlierTrack | None",
     now: float,
-) -> Belief:
-    if history is None:
-        return start_moving(
-            observation, filters.speed_std_mps, filters.intensities.size
+) -> _Contact:
+    n_models, speed = filters.intensities.size, filters.speed_std_mps
+    anew = moves = start_moving(observation, speed, n_models)
+    if history is not None:
+        moves = predict_moving(
+            history.state, now - history.time_s, filters.intensities, filters.switching
         )
-    belief = predict_moving(
-        history.belief, now - history.time_s, filters.intensities, filters.switching
-    )
-    return update_moving(belief, observation)[0]
+        moves, _ = update_moving(moves, observation)
+    drifts = start_drift(observation, filters.inverse_range_std, speed, n_models)
+    return _Contact(moves, anew, drifts)
 
 
 def _advance(
-    moving: Belief,
-    drifting: DriftState,
+    contact: _Contact,
     observation: Observation,
     interval_s: float,
     moved: FloatArray,
     filters: ContactFilters,
-) -> tuple[Belief, DriftState, InnovationFit, InnovationFit]:
-    """Carry both filters of one contact to the next scan."""
-    belief = predict_moving(moving, interval_s, filters.intensities, filters.switching)
-    belief, moves = update_moving(belief, observation)
-    drift = predict_drift(drifting, interval_s, moved, filters.drift_std_mps)
-    drift, drifts = update_drift(drift, observation)
-    return belief, drift, moves, drifts
+) -> tuple[_Contact, InnovationFit, InnovationFit, InnovationFit]:
+    """Carry the filters of one contact to the next scan."""
+
+    def move(state: GaussianSum) -> tuple[GaussianSum, InnovationFit]:
+        ahead = predict_moving(
+            state, interval_s, filters.intensities, filters.switching
+        )
+        return update_moving(ahead, observation)
+
+    moves, moving = move(contact.moves)
+    anew, beginning = (
+        (moves, moving) if contact.anew is contact.moves else move(contact.anew)
+    )
+    drifts, drifting = update_drift(
+        predict_drift(
+            contact.drifts, interval_s, moved, filters.drift_std_mps,
+            filters.intensities, filters.switching,
+        ),
+        observation,
+    )  # fmt: skip
+    return _Contact(moves, anew, drifts), moving, drifting, beginning
 
 
 def _complete(observation: Observation) -> BoolArray:

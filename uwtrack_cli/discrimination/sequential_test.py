@@ -94,6 +94,21 @@ def expected_scans(
     return (1.0 - 2.0 * error) * height / mean
 
 
+def scans_to(walk: FloatArray, height: float, steady: float) -> float:
+    """Return the mean number of scans after which walks like one seen reach a height.
+
+    Log odds towards the truth, ``(scan,)``, need not grow evenly: the scans below the
+    height are counted, of which as many come too early as too late. ``steady`` is the
+    number at even growth, for a walk that ends below.
+
+    Examples
+    --------
+    >>> scans_to(np.array([0.1, 0.3, 2.0, 4.0, 3.5]), 2.5, 4.0)
+    4.0
+    """
+    return steady if walk[-1] < height else float(np.count_nonzero(walk < height) + 1)
+
+
 def overshoot_error(thresholds: Thresholds, deviation: float) -> float:
     """Return the error rate of a symmetric test, which its overshoot makes smaller.
 
