@@ -99,3 +99,32 @@ def test_a_lost_target_is_stated_as_lost(uwtrack, samples, tmp_path):
     assert done.exit_code == 0, done.output
     assert "the target is lost from scan" in done.stderr
     assert "its score no longer rises" in done.stderr
+
+
+def test_targets_that_nobody_told_are_numbered_in_every_form(
+    uwtrack, samples, tmp_path
+):
+    done = uwtrack(
+        "pdaf", samples / "scans.csv", *PDAF, "--targets", "auto", "--threshold", "fixed",
+        "--detector-false-alarm-probability", 0.03, "-o", tmp_path / "t.h5", "--json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    whole = json.loads(done.stdout)
+    assert {row["target_id"] for row in whole["scan"]} == {1}
+    assert {row["association_target_id"] for row in whole["association"]} == {1}
+    assert whole["false_tracks_per_hour"] == 1.0
+    shown = uwtrack("show", tmp_path / "t.h5")
+    assert shown.stdout.splitlines()[2].startswith("tracks begin at a score of 11.")
+    table = uwtrack("show", tmp_path / "t.h5", "target", "--format", "csv")
+    assert table.stdout.startswith("target_id,scan,time_s")
+
+
+def test_a_wrong_density_of_clutter_is_said(uwtrack, commands, tmp_path):
+    """The sample was recorded at 0.03, not at 0.3 that the range ends with."""
+    wrong = uwtrack(*commands["target"], "-o", tmp_path / "t.h5")
+    assert "0.10 ± 0.01 times as many false measurements as told" in wrong.stderr
+    right = uwtrack(
+        *commands["target"], "--detector-false-alarm-range", 1e-4, 0.03,
+        "-o", tmp_path / "u.h5",
+    )  # fmt: skip
+    assert "as told" not in right.stderr

@@ -8,6 +8,11 @@ from uwtrack_cli.data.scans import Scans
 
 SCANS, SPEED, STD_M, DETECTION, DENSITY, REACH_M = 50, 20.0, 5.0, 0.9, 1e-5, 400.0
 
+DETECTOR = Detector(
+    detection_probability=DETECTION, cell_volume=900.0,
+    false_alarm_probability=900.0 * DENSITY,
+)  # fmt: skip
+
 
 def crossing(seed, angle_deg):
     """Return scans of two targets that meet half way, and their ways (scan, 2)."""
@@ -30,16 +35,7 @@ def crossing(seed, angle_deg):
         heard = heard or [np.full(2, np.nan)]
         number += [scan] * len(heard)
         place += heard
-    scans = Scans(
-        scan=np.array(number) + 1,
-        time_s=np.array(number, float),
-        measured=np.array(place),
-        measured_std=np.full((len(place), 2), STD_M),
-        amplitude=np.full(len(place), np.nan),
-        component=np.array(["east", "north"]),
-        component_unit=np.array(["m", "m"]),
-    )
-    return scans, ways
+    return table_of(np.array(number), np.array(place), 1.0), ways
 
 
 def end_of(seed, angle_deg):
@@ -47,10 +43,7 @@ def end_of(seed, angle_deg):
     scans, (own, other) = crossing(seed, angle_deg)
     target = track_in_clutter(
         scans, threshold="fixed",
-        detector=Detector(
-            detection_probability=DETECTION, cell_volume=900.0,
-            false_alarm_probability=900.0 * DENSITY,
-        ),
+        detector=DETECTOR,
         motion=TargetMotion(acceleration_std=0.3),
         start=TargetStart(
             position=own[0].tolist(), velocity=(own[1] - own[0]).tolist(),
@@ -62,3 +55,43 @@ def end_of(seed, angle_deg):
     if min(near) > 10.0 * STD_M:
         return "lost"
     return "own" if near[0] < near[1] else "other"
+
+
+def ends_of_both(seed, angle_deg):
+    """Return at whose place each of two tracks ends that were told of both targets."""
+    scans, ways = crossing(seed, angle_deg)
+    tracks = track_in_clutter(
+        scans, threshold="fixed",
+        detector=DETECTOR, motion=TargetMotion(acceleration_std=0.3),
+        start=TargetStart(
+            position=np.concatenate([way[0] for way in ways]).tolist(),
+            velocity=np.concatenate([way[1] - way[0] for way in ways]).tolist(),
+            position_std=STD_M, velocity_std=2.0,
+        ),
+    )  # fmt: skip
+    return [at_end(track, ways) for track in tracks.targets]
+
+
+def at_end(track, ways):
+    """Return the target at which a track ends, from 0; None where it is lost."""
+    away = [np.hypot(*(track.state[-1, [0, 2]] - way[-1])) for way in ways]
+    return int(np.argmin(away)) if min(away) <= 10.0 * STD_M else None
+
+
+def false_only(seed, scans, density, period_s):
+    """Return scans of false measurements alone."""
+    draw = np.random.default_rng(seed)
+    count = draw.poisson(density * (2.0 * REACH_M) ** 2, scans)
+    number = np.repeat(np.arange(scans), np.maximum(count, 1))
+    place = draw.uniform(-REACH_M, REACH_M, (number.size, 2))
+    place[np.isin(number, np.flatnonzero(count == 0))] = np.nan
+    return table_of(number, place, period_s)
+
+
+def table_of(number, place, period_s):
+    """Return scans of places without amplitudes."""
+    return Scans(
+        scan=number + 1, time_s=period_s * number, measured=place,
+        measured_std=np.full(place.shape, STD_M), amplitude=np.full(number.size, np.nan),
+        component=np.array(["east", "north"]), component_unit=np.array(["m", "m"]),
+    )  # fmt: skip

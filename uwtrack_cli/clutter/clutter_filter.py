@@ -123,6 +123,42 @@ class ScanUpdate:
     association: Association
     """Probabilities of the hypotheses, averaged over the models."""
 
+    def take(self, kept: BoolArray) -> "ScanUpdate":
+        """Return the update of some of the targets."""
+        of_models, point = self.belief, self.point
+        return ScanUpdate(
+            Belief(
+                of_models.mean[:, kept], of_models.covariance[:, kept],
+                of_models.probability[:, kept],
+            ),
+            self.mean[kept], self.covariance[kept],
+            OperatingPoint(
+                point.false_alarm[kept], point.detection[kept], point.allowed[kept]
+            ),
+            self.gate[kept], self.gate_volume[kept], self.expected_clutter[kept],
+            self.association.take(kept),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Look:
+    """A scan against the predictions, before it is associated."""
+
+    predicted: Belief
+    """State of every motion model's filter at the time of the scan."""
+    each: Innovation
+    """The scan against every model."""
+    point: OperatingPoint
+    """Operating point of the detector."""
+    gate: FloatArray
+    """Radius of the validation region in standard deviations, ``()`` or ``(...)``."""
+    volume: FloatArray
+    """Volume of the region, ``(...)``."""
+    density: FloatArray
+    """False measurements per unit of measurement space, ``(...)``."""
+    inside: float
+    """Probability that the target's measurement lies in the region."""
+
 
 def step(
     belief: Belief,
@@ -134,7 +170,16 @@ def step(
     switching: FloatArray,
 ) -> ScanUpdate:
     """Carry the filters over one scan by F, and Q and switching of the models."""
-    predicted = advance(mix(belief, switching), transition, noise)
+    seen = look(advance(mix(belief, switching), transition, noise), scan, setting)
+    association = associate(
+        seen.each, seen.point.allowed[None], clutter_density=seen.density[None],
+        detection_probability=seen.point.detection[None], gate_probability=seen.inside,
+    )  # fmt: skip
+    return learn(seen, association)
+
+
+def look(predicted: Belief, scan: Scan, setting: ClutterSetting) -> Look:
+    """Compare a scan with predictions and choose threshold and gate."""
     each = innovate(
         predicted.mean, predicted.covariance, scan.measured, scan.present, scan.noise,
         setting.period,
@@ -152,16 +197,21 @@ def step(
     # The published rule shrinks the region and keeps P_G = 1.
     shrinks = setting.rule == "region"
     inside = 1.0 if shrinks else gate_probability(setting.gate, setting.dimension)
-    association = associate(
-        each, point.allowed[None], clutter_density=density[None],
-        detection_probability=point.detection[None], gate_probability=inside,
-    )  # fmt: skip
-    state, spread = correct(predicted.mean, predicted.covariance, each, association)
+    return Look(predicted, each, point, gate, volume, density, inside)
+
+
+def learn(seen: Look, association: Association) -> ScanUpdate:
+    """Correct the filters by the associations, and weigh the models by the scan."""
+    predicted = seen.predicted
+    state, spread = correct(
+        predicted.mean, predicted.covariance, seen.each, association
+    )
     weight = reweigh(predicted, association.log_likelihood_ratio)
     after = Belief(state, spread, weight)
     return ScanUpdate(
-        after, *moments(after), point, np.full(size.shape, gate), volume,
-        density * volume, _average(association, weight, predicted.probability),
+        after, *moments(after), seen.point, np.full(seen.volume.shape, seen.gate),
+        seen.volume, seen.density * seen.volume,
+        _average(association, weight, predicted.probability),
     )  # fmt: skip
 
 
@@ -273,7 +323,11 @@ def _operate(
     if setting.rule == "fixed":
         false_alarm = np.full(runs, setting.false_alarm)
     else:
-        size = _region_size(_merged(predicted, each, scan, setting), scan.noise)
+        if len(predicted.probability) == 1:
+            size = _region_size(each, scan.noise)[0]
+        else:
+            merged = _merged(predicted, each, scan, setting)
+            size = _region_size(merged, scan.noise)
         cells = unit_ball_volume(setting.dimension) * size / cell_volume
         false_alarm = setting.prior(cells * setting.gate**setting.dimension)
     detection = curve.detection(false_alarm)
@@ -289,9 +343,9 @@ def _average(
     association: Association, after: FloatArray, before: FloatArray
 ) -> Association:
     """Average the hypotheses' probabilities over the models."""
-    if after.shape[0] == 1:
-        return association.take(0)
     ratio = association.log_likelihood_ratio
+    if after.shape[0] == 1:
+        return Association(association.miss[0], association.weight[0], ratio[0])
     top = ratio.max(axis=0)
     ratio_over_models = top + np.log((before * np.exp(ratio - top)).sum(axis=0))
     return Association(

@@ -108,15 +108,15 @@ class TargetMotion(OptionGroup):
 
 @dataclass(frozen=True)
 class TargetStart(OptionGroup):
-    """Where the track begins.
+    """Where the tracks begin.
 
     Parameters
     ----------
     position
-        Components at the start in their units, one number each; the strongest
-        measurement of the first scan that has one, when not given.
+        Components at the start in their units, one number each, one target after the
+        other; the strongest measurement of the first scan that has one, when not given.
     velocity
-        Their rates in units per s; zero when not given.
+        Their rates in units per s, for each target or for all; zero when not given.
     position_std
         Standard deviation of each component of a given position in its units; needed
         with a position.

@@ -1,24 +1,28 @@
-"""Follow one target through false measurements, with an adaptive threshold.
+"""Follow targets through false measurements, one with an adaptive threshold.
 
 **Method.** A probabilistic data association filter with nearly constant velocity (two
 interacting motion models on request). Before or after each scan the detection threshold
-may be chosen so that the variance after the scan is least.
+may be chosen so that the variance after the scan is least. Several targets are
+associated jointly at a fixed threshold; their tracks may begin and end by themselves.
 
 **Conventions.** Components of a measurement are positions in any unit; rates are per
 second. Angles in degrees go round the circle; a range in metres with a bearing in
-degrees becomes east and north of the sensor. The track's score is the log likelihood ratio of a target being there against
-clutter alone; a target is lost when the score no longer rises.
+degrees becomes east and north of the sensor. The track's score is the log likelihood
+ratio of a target being there against clutter alone; a target is lost when the score no
+longer rises.
 
 **References.** Bar-Shalom and Tse (1975); Gelfand, Fortmann and Bar-Shalom (1996); Choi,
-Kim and Hong (2001), corrected; Sittler (1964) for the score.
+Kim and Hong (2001), corrected; Sittler (1964) for the score; Fortmann, Bar-Shalom and
+Scheffe (1983) for several targets.
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Annotated, Literal
 
 import numpy as np
 
-from uwtrack_cli.clutter.clutter_filter import ClutterSetting, ScanUpdate, step
+from uwtrack_cli.clutter.clutter_filter import ClutterSetting, step
 from uwtrack_cli.clutter.options import (
     Detector,
     Deviation,
@@ -29,29 +33,41 @@ from uwtrack_cli.clutter.options import (
     switching,
 )
 from uwtrack_cli.clutter.scan_table import (
+    FirstState,
     ScanTable,
+    begin_tracks,
     check_scans,
     component_period,
     is_polar,
+    least_amplitude,
+    n_told,
     scan_arrays,
+    scan_rows,
     scan_table,
     split_scans,
     start_belief,
+    usable_rows,
 )
-from uwtrack_cli.clutter.track_score import track_score
+from uwtrack_cli.clutter.several_targets import FollowedScan, TrackRule, follow_several
+from uwtrack_cli.clutter.track_table import Ending, target_table
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.data.targets import Target
+from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
-from uwtrack_cli.estimation.information_reduction import information_reduction
+from uwtrack_cli.estimation.imm import Belief
 
 
 @checked
-def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
+def track_in_clutter(  # noqa: PLR0913 - two containers and ten options
     scans: Scans,
     roc: Roc | None = None,
     *,
+    targets: Literal["told", "auto"] = "told",
+    false_tracks_per_hour: Annotated[
+        float, Unit("1/h"), AtLeast(1e-9), AtMost(1e9)
+    ] = 1.0,
     threshold: Literal["fixed", "prior", "posterior", "region"] = "prior",
     clutter: Literal["cells", "count"] = "cells",
     gate: Annotated[float, Unit("1"), AtLeast(1e-3), AtMost(10.0)] = 4.0,
@@ -61,11 +77,13 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
     motion: TargetMotion = TargetMotion(),  # noqa: B008 - frozen
     start: TargetStart = TargetStart(),  # noqa: B008 - frozen
 ) -> Target:
-    """Follow one target through false measurements.
+    """Follow one or several targets through false measurements.
 
     A scan brings many measurements and at most one of them is the vessel's. The filter
     weighs all that are near enough, and the detection threshold may follow its need: low
-    while the track is sharp, high when the region to be searched has grown.
+    while the track is sharp, high when the region to be searched has grown. Several
+    targets are associated jointly, at a fixed threshold: a measurement belongs to one of
+    them at most.
 
     Parameters
     ----------
@@ -75,12 +93,18 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
         of it, and the start's position and velocity are then east and north, too.
     roc
         Measured operating curve of the detector, in place of a model.
+    targets
+        Which targets there are: "told" (one, or one for each position of the start) or
+        "auto" (tracks begin at measurements and end by their score; targets of told
+        positions are there from the start).
+    false_tracks_per_hour
+        Bound on the tracks that clutter begins per hour, with targets "auto".
     threshold
         Rule for the detection threshold: "fixed"; "prior" (least expected variance,
         chosen before each scan; loses fewest tracks); "posterior" (least variance after
         looking; reports a variance that is too small and loses more tracks than prior);
         "region" (the published two-step rule that also shrinks the validation region;
-        loses several times more tracks than prior).
+        loses several times more tracks than prior). Several targets need "fixed".
     clutter
         Density of false measurements: "cells" (false alarm probability per resolution
         cell) or "count" (number of measurements in the region over its volume).
@@ -96,12 +120,12 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
     motion
         How the target moves.
     start
-        Where the track begins.
+        Where the tracks begin.
 
     Returns
     -------
     Target
-        The track with covariances, associations and thresholds.
+        The tracks with covariances, associations and thresholds.
 
     Raises
     ------
@@ -114,6 +138,11 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
     -----
     beta_i = e_i / (b + sum e_j), b = lambda (1 - P_D P_G) / P_D with the exact gate
     probability P_G. A scan without measurements leaves the prediction as it is.
+
+    A track is confirmed at the score ln(b / r), with b measurements per hour that may
+    begin a track and the rate r of false ones: clutter of the density told has a mean
+    likelihood ratio of one, and reaches a score s at any time with probability exp(-s)
+    at most (Ville 1939; Wald 1947). Not more than r false tracks per hour follow.
     """
     units = scans.component_unit
     setting = clutter_setting(
@@ -123,100 +152,97 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and eight options
     models = motion_models(motion)
     deviation = check_scans(scans, measured_std, adaptive=threshold != "fixed")
     table = scan_table(scans, deviation)
-    rows = split_scans(scans)
-    belief, first, time_s = start_belief(scans, table, rows, start, len(models))
-    switch = switching(motion)
-    outcomes = []
-    known: dict[float, tuple[FloatArray, FloatArray]] = {}
-    later = rows[first:]
-    for index, scan in zip(later, scan_arrays(scans, table, later), strict=True):
-        interval = float(scans.time_s[index[0]]) - time_s
-        time_s += interval
-        if interval not in known:
-            steps = [
-                constant_velocity(interval, variance, setting.dimension)
-                for variance in models
-            ]
-            known[interval] = steps[0][0], np.array([noise for _, noise in steps])
-        transition, noise = known[interval]
-        outcome = step(
-            belief, scan, setting, transition=transition, noise=noise, switching=switch
+    rows, switch = split_scans(scans), switching(motion)
+
+    @cache
+    def carry(interval_s: float) -> tuple[FloatArray, FloatArray]:
+        steps = [
+            constant_velocity(interval_s, variance, setting.dimension)
+            for variance in models
+        ]
+        return steps[0][0], np.array([noise for _, noise in steps])
+
+    def begin(place: FloatArray, spread: FloatArray) -> Belief:
+        return begin_tracks(place, spread, start, len(models))
+
+    begins = targets == "auto"
+    count = n_told(start, units.size)
+    told = FirstState(
+        begin(np.empty((0, units.size)), np.empty((0, units.size, units.size))),
+        0, float(scans.time_s[0]),
+    )  # fmt: skip
+    if count or not begins:
+        told = start_belief(scans, table, rows, start, begin)
+    later = rows[told.first_scan :]
+    if count <= 1 and not begins:
+        past = _follow_one(scans, table, later, told, setting, carry, switch)
+        return target_table(scans, table, later, past, setting, Ending(loss_score))
+    if threshold != "fixed":
+        msg = (
+            f"threshold {threshold!r} is chosen for the region of one target; "
+            "several need threshold 'fixed' (--threshold fixed)."
         )
-        outcomes.append(outcome)
-        belief = outcome.belief
-    return _target(scans, table, later, outcomes, setting, loss_score)
+        raise OptionError(msg)
+    if begins and clutter == "count":
+        msg = (
+            "the rate of false tracks rests on a density of clutter that is told: use "
+            "clutter 'cells' with targets 'auto'."
+        )
+        raise OptionError(msg)
+    least = least_amplitude(setting)
+    confirming = np.inf
+    if begins:
+        starts = usable_rows(scans, least)[np.concatenate(later)].sum()
+        confirming = _confirming_score(scans, later, int(starts), false_tracks_per_hour)
+    followed = follow_several(
+        scan_rows(scans, table, later, least), told.belief, told.time_s, setting,
+        TrackRule(begins, confirming, loss_score),
+        motion=carry, switching=switch, begin=begin,
+    )  # fmt: skip
+    ending = Ending(
+        loss_score, followed.ended, false_tracks_per_hour if begins else None,
+        confirming if begins else None, followed.n_crowded,
+    )  # fmt: skip
+    return target_table(scans, table, later, followed.scans, setting, ending)
 
 
-def _target(
+def _follow_one(
     scans: Scans,
     table: ScanTable,
     rows: list[IntArray],
-    outcomes: list[ScanUpdate],
+    told: FirstState,
     setting: ClutterSetting,
-    loss_score: float,
-) -> Target:
-    """Gather the scans into the container."""
-
-    def column(read: Callable[[ScanUpdate], FloatArray]) -> FloatArray:
-        return np.concatenate([read(outcome) for outcome in outcomes])
-
-    first = np.array([index[0] for index in rows])
-    taken = np.concatenate([outcome.point.allowed[0] for outcome in outcomes])
-    number = np.repeat(np.arange(len(rows)), [index.size for index in rows])
-    row = np.concatenate(rows)[taken]
-    false_alarm = column(lambda o: o.point.false_alarm)
-    detection = column(lambda o: o.point.detection)
-    gate, expected = column(lambda o: o.gate), column(lambda o: o.expected_clutter)
-    score, cusum = track_score(column(lambda o: o.association.log_likelihood_ratio))
-    return Target(
-        scan=scans.scan[first],
-        time_s=scans.time_s[first],
-        state=_in_circle(column(lambda o: o.mean), setting.period),
-        state_covariance=column(lambda o: o.covariance),
-        model_probability=column(lambda o: o.belief.probability.T),
-        false_alarm_probability=false_alarm,
-        detection_probability=detection,
-        threshold=setting.curve.threshold(false_alarm),
-        gate=gate,
-        gate_volume=column(lambda o: o.gate_volume),
-        expected_clutter=expected,
-        validated=np.bincount(number[taken], minlength=len(rows)),
-        miss_probability=column(lambda o: o.association.miss),
-        information_reduction=_expected_reduction(
-            detection, expected, gate, setting.dimension
-        ),
-        score=score,
-        loss_cusum=cusum,
-        lost=cusum > loss_score,
-        association_scan=scans.scan[row],
-        association_row=row,
-        association_probability=np.concatenate(
-            [outcome.association.weight[0] for outcome in outcomes]
-        )[taken],
-        component=table.component,
-        component_unit=table.component_unit,
-        threshold_rule=setting.rule,
-        start_utc_ns=scans.start_utc_ns,
-    )
-
-
-def _in_circle(state: FloatArray, period: FloatArray | None) -> FloatArray:
-    """Bring angles to where compass bearings lie, from 0 up to 360."""
-    if period is None:
-        return state
-    for i in np.flatnonzero(np.isfinite(period)):
-        state[:, 2 * i] %= period[i]
-    return state
-
-
-def _expected_reduction(
-    detection: FloatArray, expected: FloatArray, gate: FloatArray, dimension: int
-) -> FloatArray:
-    """Return q2 of each scan; the region rule has a gate of its own per scan."""
-    reduction = np.empty_like(detection)
-    for radius in np.unique(gate):
-        same = gate == radius
-        reduction[same] = information_reduction(
-            detection[same], expected[same], dimension=dimension, gate=float(radius)
+    carry: Callable[[float], tuple[FloatArray, FloatArray]],
+    switch: FloatArray,
+) -> list[FollowedScan]:
+    """Follow one target by the threshold's rule."""
+    belief, time_s = told.belief, told.time_s
+    track = np.ones(1, np.int64)
+    past = []
+    for place, (index, scan) in enumerate(
+        zip(rows, scan_arrays(scans, table, rows), strict=True)
+    ):
+        interval = float(scans.time_s[index[0]]) - time_s
+        time_s += interval
+        transition, noise = carry(interval)
+        update = step(
+            belief, scan, setting, transition=transition, noise=noise, switching=switch
         )
-    return reduction
+        past.append(FollowedScan(place, track, update, index[None]))
+        belief = update.belief
+    return past
+
+
+def _confirming_score(
+    scans: Scans, rows: list[IntArray], starts: int, false_tracks_per_hour: float
+) -> float:
+    """Return the score that clutter reaches at the rate told, at most.
+
+    Any of the measurements may begin a track.
+    """
+    if len(rows) < 2:
+        msg = "targets 'auto' need two scans or more, got one."
+        raise DataError(msg)
+    span = float(scans.time_s[rows[-1][0]] - scans.time_s[rows[0][0]])
+    hours = span * len(rows) / (len(rows) - 1) / 3600.0
+    return max(float(np.log(max(starts, 1) / hours / false_tracks_per_hour)), 0.0)

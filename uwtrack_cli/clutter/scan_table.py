@@ -3,14 +3,15 @@
 **Conventions.** Every message names the row (from 1), what is wrong and what is accepted.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.clutter.clutter_filter import Scan
+from uwtrack_cli.clutter.clutter_filter import ClutterSetting, Scan
 from uwtrack_cli.clutter.options import TargetStart
+from uwtrack_cli.clutter.several_targets import ScanRows
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.errors import DataError, OptionError
@@ -169,6 +170,33 @@ def scan_arrays(
         )  # fmt: skip
 
 
+def scan_rows(
+    scans: Scans, table: ScanTable, rows: Iterable[IntArray], least: float
+) -> Iterator[ScanRows]:
+    """Yield scans as several targets take them, from an amplitude on."""
+    usable = usable_rows(scans, least)
+    told = table.covariance[usable]
+    usual = told[0] if (told == told[:1]).all() else told.mean(axis=0)
+    for row in rows:
+        own = row[usable[row]]
+        yield ScanRows(
+            float(scans.time_s[row[0]]), own, table.measured[own],
+            table.covariance[own], usual,
+        )  # fmt: skip
+
+
+def least_amplitude(setting: ClutterSetting) -> float:
+    """Return the amplitude from which a measurement counts."""
+    if setting.rule != "fixed":
+        return -np.inf
+    return float(setting.curve.threshold(np.array(setting.false_alarm)))
+
+
+def usable_rows(scans: Scans, least: float) -> BoolArray:
+    """Tell which rows hold a measurement that is not below an amplitude."""
+    return has_measurement(scans) & ~(scans.amplitude < least)
+
+
 def _scan_noise(noise: FloatArray, present: BoolArray, usual: FloatArray) -> FloatArray:
     """Return the covariances of a scan's measurements, one where they are equal."""
     known: FloatArray = noise[present]
@@ -180,14 +208,14 @@ def _scan_noise(noise: FloatArray, present: BoolArray, usual: FloatArray) -> Flo
 
 
 class FirstState(NamedTuple):
-    """The state that a track starts from."""
+    """The states that tracks start from."""
 
     belief: Belief
-    """State and covariance under every model."""
+    """State and covariance under every model, ``(model, target, ...)``."""
     first_scan: int
     """Scan to begin with."""
     time_s: float
-    """Time of the state, s."""
+    """Time of the states, s."""
 
 
 def start_belief(
@@ -195,36 +223,51 @@ def start_belief(
     table: ScanTable,
     rows: list[IntArray],
     start: TargetStart,
-    n_models: int,
+    begin: Callable[[FloatArray, FloatArray], Belief],
 ) -> FirstState:
-    """Return the state that a track starts from."""
+    """Return the states that the tracks of told positions start from.
+
+    Without a position it is the strongest measurement of the first scan that has one.
+    """
     dimension = scans.measured.shape[1]
-    mean, spread = np.zeros(2 * dimension), np.zeros((2 * dimension, 2 * dimension))
-    place, rate = np.arange(0, 2 * dimension, 2), np.arange(1, 2 * dimension, 2)
-    spread[rate, rate] = _needed(start.velocity_std, "velocity_std") ** 2
-    if start.velocity is not None:
-        mean[1::2] = _components(start.velocity, "velocity", dimension)
-    if start.position is not None:
-        mean[::2] = _components(start.position, "position", dimension)
-        spread[place, place] = _needed(start.position_std, "position_std") ** 2
+    if start.position is None:
+        first, row = _strongest(scans, rows)
+        place, time_s = table.measured[row][None], float(scans.time_s[row])
+        spread = table.covariance[row][None]
+    else:
+        place = _by_target(start.position, "position", dimension)
+        deviation = _needed(start.position_std, "position_std")
+        spread = np.tile(deviation**2 * np.eye(dimension), (len(place), 1, 1))
         first, time_s = 0, float(scans.time_s[0])
         if start.time_s is not None:
             time_s = start.time_s
-            first = sum(scans.time_s[index[0]] < time_s for index in rows)
-    else:
-        first, row = _strongest(scans, rows)
-        mean[::2] = table.measured[row]
-        spread[::2, ::2] = table.covariance[row]
-        time_s = float(scans.time_s[row])
+            first = int(sum(scans.time_s[index[0]] < time_s for index in rows))
     if first >= len(rows):
         msg = f"there is no scan after the start of the track at {time_s:g} s."
         raise DataError(msg)
-    belief = Belief(
-        np.tile(mean, (n_models, 1, 1)),
-        np.tile(spread, (n_models, 1, 1, 1)),
-        np.array([[1.0]] if n_models == 1 else [[0.9], [0.1]]),
-    )
-    return FirstState(belief, int(first), time_s)
+    return FirstState(begin(place, spread), first, time_s)
+
+
+def begin_tracks(
+    place: FloatArray, spread: FloatArray, start: TargetStart, n_models: int
+) -> Belief:
+    """Return tracks at places, ``(target, m)``, of covariances, ``(target, m, m)``."""
+    count, dimension = place.shape
+    mean = np.zeros((count, 2 * dimension))
+    covariance = np.zeros((count, 2 * dimension, 2 * dimension))
+    rate = np.arange(1, 2 * dimension, 2)
+    mean[:, ::2], covariance[:, ::2, ::2] = place, spread
+    covariance[:, rate, rate] = _needed(start.velocity_std, "velocity_std") ** 2
+    if start.velocity is not None:
+        velocity = _by_target(start.velocity, "velocity", dimension)
+        # one velocity is that of all, those of told targets are theirs alone
+        if len(velocity) in {1, count}:
+            mean[:, 1::2] = velocity
+    prior = np.array([[1.0]] if n_models == 1 else [[0.9], [0.1]])
+    return Belief(
+        np.tile(mean, (n_models, 1, 1)), np.tile(covariance, (n_models, 1, 1, 1)),
+        np.tile(prior, (1, count)),
+    )  # fmt: skip
 
 
 def _strongest(scans: Scans, rows: list[IntArray]) -> tuple[int, int]:
@@ -244,11 +287,28 @@ def _strongest(scans: Scans, rows: list[IntArray]) -> tuple[int, int]:
     return scan + 1, int(index[best])
 
 
-def _components(values: list[float], name: str, dimension: int) -> FloatArray:
-    if len(values) != dimension:
-        msg = f"start.{name} must be {dimension} numbers, got {values}."
+def n_told(start: TargetStart, dimension: int) -> int:
+    """Return the number of targets whose position was told."""
+    count = 0
+    if start.position is not None:
+        count = len(_by_target(start.position, "position", dimension))
+    if start.velocity is not None:
+        rates = len(_by_target(start.velocity, "velocity", dimension))
+        if rates not in {1, count}:
+            msg = (
+                f"start.velocity must be {dimension} numbers for all targets or for "
+                f"each of the {count} told, got {start.velocity}."
+            )
+            raise OptionError(msg)
+    return count
+
+
+def _by_target(values: list[float], name: str, dimension: int) -> FloatArray:
+    """Return the components that were told for each target, ``(target, m)``."""
+    if not values or len(values) % dimension:
+        msg = f"start.{name} must be {dimension} numbers for each target, got {values}."
         raise OptionError(msg)
-    return np.array(values, dtype=np.float64)
+    return np.array(values, dtype=np.float64).reshape(-1, dimension)
 
 
 def _needed(value: float | None, name: str) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 
-_LEAST_RISE = 0.5
+LEAST_RISE = 0.5
 """Rise per scan that a track must show: between the -0.2 to -3 after a loss and the 1.4
 to 5 of kept tracks, in the scenes of the clutter study."""
 
@@ -36,6 +36,6 @@ def track_score(
     [0.0, 2.5, 5.0]
     """
     score: FloatArray = np.cumsum(log_likelihood_ratio, axis=0)
-    walk = np.cumsum(log_likelihood_ratio - _LEAST_RISE, axis=0)
+    walk = np.cumsum(log_likelihood_ratio - LEAST_RISE, axis=0)
     best = np.maximum.accumulate(np.maximum(walk, 0.0), axis=0)
     return score, best - walk

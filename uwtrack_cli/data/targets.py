@@ -1,7 +1,8 @@
-"""The track of one target through clutter."""
+"""Tracks of targets through clutter."""
 
+import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -15,10 +16,16 @@ from uwtrack_cli.data.base import (
     scalar,
 )
 
+CLUTTER_SIGMAS = 4.0
+"""Deviations by which a density of clutter must differ from the one told to say so."""
+
+CLUTTER_LEAST = 0.2
+"""Difference of its logarithm from which it is said."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Target(Container):
-    """One row per scan: the estimate after it, and how it was come by.
+    """One row per target and scan: the estimate after it, and how it was come by.
 
     The state interleaves each component with its rate: z_1, v_1, z_2, v_2 ... The
     associations list every measurement that took part, with its probability.
@@ -30,6 +37,9 @@ class Target(Container):
         "dimension", "state", "state_too", "model",
     )  # fmt: skip
 
+    target_id: IntArray | None = column(
+        "Number of the target, from 1 in the order of their beginning."
+    )
     scan: IntArray = column("Number of the scan.")
     time_s: FloatArray = column("Time of the scan.")
     state: FloatArray = column(
@@ -69,6 +79,9 @@ class Target(Container):
         "Cumulative sum (Page 1954) that detects the loss of the target."
     )
     lost: BoolArray = column("Whether this sum is above its limit.")
+    association_target_id: IntArray | None = column(
+        "Number of the target of the association.", "association"
+    )
     association_scan: IntArray = column(
         "Number of the scan of the association.", "association"
     )
@@ -83,6 +96,23 @@ class Target(Container):
         "Unit of each component; empty if not given.", "dimension"
     )
     threshold_rule: str = scalar("How the threshold was chosen.")
+    false_tracks_per_hour: float | None = scalar(
+        "Bound on the rate of tracks that clutter begins; none where targets were told.",
+        None,
+        unit="1/h",
+    )
+    confirming_score: float | None = scalar(
+        "Score at which a track was confirmed for it.", None
+    )
+    crowded_scans: int | None = scalar(
+        "Scans in which the least likely pairs of target and measurement were left out "
+        "of the joint hypotheses; none for one target.",
+        None,
+    )
+    clutter_ratio: float | None = scalar(
+        "Density of false measurements about the targets over the one told.", None
+    )
+    clutter_ratio_std: float | None = scalar("Its standard deviation.", None)
     start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
 
     @property
@@ -93,8 +123,47 @@ class Target(Container):
         return deviation
 
     @property
+    def targets(self) -> tuple[Self, ...]:
+        """One table for each target, in the order of their numbers."""
+        if self.target_id is None:
+            return (self,)
+        return tuple(
+            self.of_target(int(number)) for number in np.unique(self.target_id)
+        )
+
+    def of_target(self, number: int) -> Self:
+        """Return the rows and the associations of one target."""
+        if self.target_id is None or self.association_target_id is None:
+            return self
+        own = self.take("scan", self.target_id == number)
+        return own.take("association", self.association_target_id == number)
+
+    @property
     def statements(self) -> tuple[str, ...]:
-        """The outcome of the track in words."""
+        """The outcome of the tracks in words."""
+        targets = self.targets
+        told = [
+            text if len(targets) == 1 else f"target {number}: {text}"
+            for number, target in enumerate(targets, 1)
+            for text in target.outcome
+        ]
+        if not targets:
+            told = ["no target was found: no track's score reached the one asked for."]
+        if self.false_tracks_per_hour is not None:
+            told.append(
+                f"tracks begin at a score of {self.confirming_score:.1f}, which clutter "
+                f"reaches {self.false_tracks_per_hour:g} times an hour at most."
+            )
+        if self.crowded_scans:
+            told.append(
+                f"in {self.crowded_scans} scans too many targets shared too many "
+                "measurements: the least likely pairs were left out."
+            )
+        return (*told, *self._clutter())
+
+    @property
+    def outcome(self) -> tuple[str, str]:
+        """What became of the only target, and where it was last."""
         n_scans = self.scan.size
         lost = np.flatnonzero(self.lost)
         if lost.size and self.lost[-1]:
@@ -117,6 +186,21 @@ class Target(Container):
             )
         ]
         return outcome, f"at the last scan: {'; '.join(parts)}."
+
+    def _clutter(self) -> tuple[str, ...]:
+        """Say where the density of clutter is not the one told."""
+        ratio, std = self.clutter_ratio, self.clutter_ratio_std
+        if ratio is None or std is None:
+            return ()
+        if abs(math.log(ratio)) < max(CLUTTER_SIGMAS * std / ratio, CLUTTER_LEAST):
+            return ()
+        end = "probability" if self.threshold_rule == "fixed" else "range"
+        text = (
+            f"about the targets there are {ratio:.2f} ± {std:.2f} times as many false "
+            "measurements as told: correct the cell volume (--detector-cell-volume) or "
+            f"the false alarms (--detector-false-alarm-{end})."
+        )
+        return (text,)
 
     def _units(self) -> list[str]:
         """Units of the components with a space before, empty where not given."""

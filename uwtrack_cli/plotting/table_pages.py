@@ -32,11 +32,9 @@ if TYPE_CHECKING:
 HEIGHT_IN = 8.0
 """Height of these pages, inches."""
 
-_COLOR = contact_color(1)
-
 
 def target_figure(containers: Sequence[Container]) -> "Figure":
-    """Return the track of a target among false measurements, and its threshold.
+    """Return the tracks of targets among false measurements, and their threshold.
 
     Raises
     ------
@@ -84,8 +82,10 @@ def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
     if scans is not None:
         x, y = scans.measured[:, 0], scans.measured[:, 1]
         ax.plot(x, y, ".", markersize=1.5, color=NO_CONTACT, zorder=1)
-    ax.plot(target.state[:, 0], target.state[:, 2], "-o", markersize=2, color=_COLOR)
-    _draw_ellipses(target, ax)
+    for number, own in enumerate(target.targets, 1):
+        color = contact_color(number)
+        ax.plot(own.state[:, 0], own.state[:, 2], "-o", markersize=2, color=color)
+        _draw_ellipses(own, ax, color)
     lost = target.lost
     ax.plot(target.state[lost, 0], target.state[lost, 2], "kx", label="lost")
     _fit_view(target, ax)
@@ -95,14 +95,14 @@ def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
 
 def draw_threshold(target: Target, ax: "Axes") -> "Axes":
     """Draw the threshold used at each scan, and the score for a lost target."""
-    ax.step(target.time_s, target.threshold, where="mid", color=_COLOR)
+    for number, own in enumerate(target.targets, 1):
+        ax.step(own.time_s, own.threshold, where="mid", color=contact_color(number))
     ax.set(
         xlabel="time (s)", ylabel=f"threshold ({figure_text(target.threshold_rule)})"
     )
     other = ax.twinx()
-    other.fill_between(
-        target.time_s, target.loss_cusum, step="mid", alpha=0.2, color="k"
-    )
+    for own in target.targets:
+        other.fill_between(own.time_s, own.loss_cusum, step="mid", alpha=0.2, color="k")
     other.set(ylabel="score of loss", ylim=(0.0, None))
     return calm(ax)
 
@@ -112,20 +112,23 @@ def _draw_over_time(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
         ax.plot(
             scans.time_s, scans.measured[:, 0], ".", markersize=1.5, color=NO_CONTACT
         )
-    middle, half = target.state[:, 0], 1.96 * target.state_std[:, 0]
-    ax.plot(target.time_s, middle, color=_COLOR)
-    ax.fill_between(
-        target.time_s, middle - half, middle + half, alpha=0.25, color=_COLOR
-    )
-    ax.plot(target.time_s[target.lost], middle[target.lost], "kx", label="lost")
+    for number, own in enumerate(target.targets, 1):
+        middle, half = own.state[:, 0], 1.96 * own.state_std[:, 0]
+        color = contact_color(number)
+        ax.plot(own.time_s, middle, color=color)
+        ax.fill_between(
+            own.time_s, middle - half, middle + half, alpha=0.25, color=color
+        )
+    lost = target.lost
+    ax.plot(target.time_s[lost], target.state[lost, 0], "kx", label="lost")
     ax.set(xlabel="time (s)", ylabel=_label(target, 0))
     return calm(ax)
 
 
-def _draw_ellipses(target: Target, ax: "Axes") -> None:
+def _draw_ellipses(target: Target, ax: "Axes", color: str) -> None:
     for mean, covariance in zip(target.state, target.state_covariance, strict=True):
         place = covariance[np.ix_([0, 2], [0, 2])]
-        draw_ellipse(ax, mean[[0, 2]], place, _COLOR, alpha=0.1)
+        draw_ellipse(ax, mean[[0, 2]], place, color, alpha=0.1)
 
 
 def _fit_view(target: Target, ax: "Axes") -> None:

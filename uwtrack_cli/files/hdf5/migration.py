@@ -35,8 +35,24 @@ RENAMED_IN: Mapping[int, Mapping[tuple[str, str], str]] = {
 
 ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
     4: frozenset(
-        ("sensor", name)
-        for name in ("north", "multiplex", "response", "clock_error_ppm")
+        [
+            *(
+                ("sensor", name)
+                for name in ("north", "multiplex", "response", "clock_error_ppm")
+            ),
+            *(
+                ("target", name)
+                for name in (
+                    "target_id",
+                    "association_target_id",
+                    "false_tracks_per_hour",
+                    "confirming_score",
+                    "crowded_scans",
+                    "clutter_ratio",
+                    "clutter_ratio_std",
+                )
+            ),
+        ]
     ),
     3: frozenset(
         [

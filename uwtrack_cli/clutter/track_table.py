@@ -1,0 +1,215 @@
+"""The table of tracks: what the filters found scan by scan, one target after the other."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from uwtrack_cli.clutter.clutter_density import FoundClutter, neighbours_of
+from uwtrack_cli.clutter.clutter_filter import ClutterSetting, ScanUpdate
+from uwtrack_cli.clutter.scan_table import ScanTable, least_amplitude, usable_rows
+from uwtrack_cli.clutter.several_targets import FollowedScan
+from uwtrack_cli.clutter.track_score import track_score
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.scans import Scans
+from uwtrack_cli.data.targets import Target
+from uwtrack_cli.estimation.information_reduction import information_reduction
+
+
+class Ending(NamedTuple):
+    """When tracks count as lost, and what is told of all of them."""
+
+    loss_score: float
+    """Page's statistic at which a target counts as lost."""
+    ended: IntArray | tuple[()] = ()
+    """Numbers of the tracks that ended by it."""
+    false_tracks_per_hour: float | None = None
+    """Bound on the rate of false tracks, where tracks begin."""
+    confirming_score: float | None = None
+    """Score that they needed."""
+    crowded_scans: int | None = None
+    """Scans in which pairs were left out."""
+
+
+def target_table(
+    scans: Scans,
+    table: ScanTable,
+    rows: list[IntArray],
+    past: list[FollowedScan],
+    setting: ClutterSetting,
+    ending: Ending,
+) -> Target:
+    """Gather the tracks after each scan into the container.
+
+    ``rows``: rows of each scan that was followed.
+    """
+    track = np.concatenate([each.track for each in past])
+    scan = np.repeat([each.scan for each in past], [each.track.size for each in past])
+    order: IntArray = np.lexsort((scan, track))
+    number: IntArray = np.unique(track[order], return_inverse=True)[1]
+    rise = _joined(past, lambda u: u.association.log_likelihood_ratio)[order]
+    score, cusum = _scores(number, rise)
+    order, number, score, cusum = _cut(order, number, score, cusum, track, ending)
+
+    def column(read: Callable[[ScanUpdate], FloatArray]) -> FloatArray:
+        return _joined(past, read)[order]
+
+    owner, association_row, weight = _associations(past, order)
+    false_alarm = column(lambda u: u.point.false_alarm)
+    detection = column(lambda u: u.point.detection)
+    gate, expected = column(lambda u: u.gate), column(lambda u: u.expected_clutter)
+    volume = column(lambda u: u.gate_volume)
+    state = column(lambda u: u.mean)
+    lost = cusum > ending.loss_score
+    clutter = None
+    if not setting.count_clutter:
+        recorded = setting.false_alarm if setting.rule == "fixed" else setting.limits[1]
+        clutter = _found_clutter(
+            scans, table, [rows[place] for place in scan[order]], number, state, lost,
+            expected / volume * (recorded / false_alarm),
+            np.bincount(association_row, weight, scans.scan.size) >= 0.5, setting,
+        )  # fmt: skip
+    first = np.array([index[0] for index in rows])[scan[order]]
+    return Target(
+        target_id=number + 1,
+        scan=scans.scan[first],
+        time_s=scans.time_s[first],
+        state=_in_circle(state, setting.period),
+        state_covariance=column(lambda u: u.covariance),
+        model_probability=column(lambda u: u.belief.probability.T),
+        false_alarm_probability=false_alarm,
+        detection_probability=detection,
+        threshold=setting.curve.threshold(false_alarm),
+        gate=gate,
+        gate_volume=volume,
+        expected_clutter=expected,
+        validated=np.bincount(owner, minlength=order.size),
+        miss_probability=column(lambda u: u.association.miss),
+        information_reduction=_expected_reduction(
+            detection, expected, gate, setting.dimension
+        ),
+        score=score,
+        loss_cusum=cusum,
+        lost=lost,
+        association_target_id=number[owner] + 1,
+        association_scan=scans.scan[association_row],
+        association_row=association_row,
+        association_probability=weight,
+        component=table.component,
+        component_unit=table.component_unit,
+        threshold_rule=setting.rule,
+        false_tracks_per_hour=ending.false_tracks_per_hour,
+        confirming_score=ending.confirming_score,
+        crowded_scans=ending.crowded_scans,
+        clutter_ratio=None if clutter is None else clutter.ratio,
+        clutter_ratio_std=None if clutter is None else clutter.ratio_std,
+        start_utc_ns=scans.start_utc_ns,
+    )
+
+
+def _joined(
+    past: list[FollowedScan], read: Callable[[ScanUpdate], FloatArray]
+) -> FloatArray:
+    return np.concatenate([read(each.update) for each in past])
+
+
+def _scores(number: IntArray, rise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the score of every track and the statistic of the test for its loss."""
+    starts = np.flatnonzero(np.diff(number)) + 1
+    parts = [track_score(part) for part in np.split(rise, starts)]
+    return (
+        np.concatenate([score for score, _ in parts]),
+        np.concatenate([cusum for _, cusum in parts]),
+    )
+
+
+def _cut(
+    order: IntArray,
+    number: IntArray,
+    score: FloatArray,
+    cusum: FloatArray,
+    track: IntArray,
+    ending: Ending,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Let the tracks that ended do so where their evidence was greatest."""
+    if not len(ending.ended):
+        return order, number, score, cusum
+    place = np.arange(order.size)
+    best = np.full(number.max() + 1, -1)
+    np.maximum.at(best, number, np.where(cusum == 0.0, place, -1))
+    kept = ~np.isin(track[order], ending.ended) | (place <= best[number])
+    _, left = np.unique(number[kept], return_inverse=True)
+    return order[kept], left, score[kept], cusum[kept]
+
+
+def _associations(
+    past: list[FollowedScan], order: IntArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return place in the table, measured row and probability of all associations."""
+    count = np.concatenate([each.update.point.allowed.sum(axis=1) for each in past])
+    row = np.concatenate([each.row[each.update.point.allowed] for each in past])
+    weight = np.concatenate(
+        [each.update.association.weight[each.update.point.allowed] for each in past]
+    )
+    place = np.full(count.size, -1)
+    place[order] = np.arange(order.size)
+    owner = np.repeat(place, count)
+    sorting = np.argsort(owner, kind="stable")
+    sorting = sorting[owner[sorting] >= 0]
+    return owner[sorting], row[sorting], weight[sorting]
+
+
+def _found_clutter(
+    scans: Scans,
+    table: ScanTable,
+    rows: list[IntArray],
+    number: IntArray,
+    state: FloatArray,
+    lost: BoolArray,
+    density: FloatArray,
+    is_taken: BoolArray,
+    setting: ClutterSetting,
+) -> FoundClutter:
+    """Compare the false measurements about the targets with the density told."""
+    usable = usable_rows(scans, least_amplitude(setting))
+    scale = np.sqrt(table.covariance[usable].mean(axis=0).diagonal())
+    is_false = usable & ~is_taken
+    found = FoundClutter(0.0, 0.0)
+    for target in range(int(number.max(initial=-1)) + 1):
+        own = np.flatnonzero((number == target) & ~lost)
+        if not own.size:
+            continue
+        row = np.concatenate([rows[place] for place in own])
+        scan = np.repeat(np.arange(own.size), [rows[place].size for place in own])
+        row, scan = row[is_false[row]], scan[is_false[row]]
+        away = table.measured[row] - state[own][scan, ::2]
+        if setting.period is not None:
+            whole = np.where(np.isfinite(setting.period), setting.period, 0.0)
+            away -= np.round(away / setting.period) * whole
+        more = neighbours_of(away, scan, scale, density[own])
+        found = FoundClutter(
+            found.n_found + more.n_found, found.n_expected + more.n_expected
+        )
+    return found
+
+
+def _in_circle(state: FloatArray, period: FloatArray | None) -> FloatArray:
+    """Bring angles to where compass bearings lie, from 0 up to 360."""
+    if period is None:
+        return state
+    for i in np.flatnonzero(np.isfinite(period)):
+        state[:, 2 * i] %= period[i]
+    return state
+
+
+def _expected_reduction(
+    detection: FloatArray, expected: FloatArray, gate: FloatArray, dimension: int
+) -> FloatArray:
+    """Return q2 of each scan; the region rule has a gate of its own per scan."""
+    reduction = np.empty_like(detection)
+    for radius in np.unique(gate):
+        same = gate == radius
+        reduction[same] = information_reduction(
+            detection[same], expected[same], dimension=dimension, gate=float(radius)
+        )
+    return reduction
