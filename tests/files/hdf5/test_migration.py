@@ -65,6 +65,10 @@ def test_what_version_2_printed_is_printed_of_its_files(second, uwtrack):
         ("navigation_position_std_m", "navigation_velocity_std_mps")
     )
     sensor |= dict.fromkeys(("north", "multiplex", "response", "clock_error_ppm"))
+    printed["target"] |= dict.fromkeys(
+        ("clutter_ratio", "clutter_ratio_std", "confirming_score", "crowded_scans")
+    )
+    printed["target"]["false_tracks_per_hour"] = None
     added = ("_std_m", "_over_speed_s", "_over_speed_std_s")
     for row in printed["encounters"]:
         row.update({f"horizontal_range{name}": None for name in added}, nuisances={})
