@@ -8,6 +8,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,7 @@ def run_all(
         for key, case in cases.items():
             yield key, outcome(case)
         return
+    commit()
     _CASES.clear()
     _CASES.update(cases)
     context = multiprocessing.get_context("fork")
@@ -65,8 +67,13 @@ def run_all(
         yield from pool.imap_unordered(_numbered, list(cases), chunksize=1)
 
 
+@cache
 def commit() -> str:
-    """Return the commit of the tree, with a plus where it was changed since."""
+    """Return the commit of the tree, with a plus where it was changed since.
+
+    It is asked for before processes are forked: one that is forked while git is read
+    holds the pipe's other end, and the pipe would not end.
+    """
     words = [
         "git",
         "-C",
