@@ -23,7 +23,7 @@ switching, the terms of the sum second. A measurement that is nan is left out.
 (1983) for the modified polar state; Alspach and Sorenson (1972) for Gaussian sums.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -330,6 +330,33 @@ def start_drift(
     spread[..., 3, 3] = var_false + (gain * turned) ** 2 * var_b
     spread[..., 0, 3] = spread[..., 3, 0] = gain * turned * var_b
     return _sum_of(mean, spread, log_weight.reshape(axes), n_models)
+
+
+def separated(track: GaussianSum, observation: Observation) -> Observation:
+    """Return the first measurement of a contact with the bearing of an earlier track.
+
+    A repeater that a source leaves behind is where the source was. Were its bearing that
+    of one scan alone, a moving filter, which knows the track, would foresee the next ones
+    better though it is wrong. A bearing that the track, corrected by the scan, misses by
+    three deviations began elsewhere and stays as it is.
+    """
+    weight = np.exp(track.log_weight) * track.belief.probability
+    mean = (weight[..., None] * track.belief.mean).sum(axis=(0, 1))
+    away = track.belief.mean - mean
+    spread = track.belief.covariance + away[..., :, None] * away[..., None, :]
+    spread = (weight[..., None, None] * spread).sum(axis=(0, 1))[..., :2, :2]
+    place = mean[..., :2] - observation.position
+    side = np.stack([-place[..., 1], place[..., 0]], axis=-1)
+    square = (place**2).sum(axis=-1)
+    variance = np.einsum("...i,...ij,...j->...", side, spread, side) / square**2
+    bearing = np.arctan2(place[..., 1], place[..., 0])
+    off = wrap_rad(observation.measured[..., 1] - bearing)
+    is_there = off**2 < 9.0 * observation.variance[..., 1]
+    measured, known = observation.measured.copy(), observation.variance
+    known = np.broadcast_to(known, measured.shape).copy()
+    measured[..., 1] = np.where(is_there, bearing, measured[..., 1])
+    known[..., 1] = np.where(is_there, variance, known[..., 1])
+    return replace(observation, measured=measured, variance=known)
 
 
 def predict_drift(

@@ -25,6 +25,7 @@ from uwtrack_cli.discrimination.contact_filters import (
     inverse_range_deviation,
     predict_drift,
     predict_moving,
+    separated,
     start_drift,
     start_moving,
     update_drift,
@@ -182,6 +183,7 @@ def _start(
             history.state, now - history.time_s, filters.intensities, filters.switching
         )
         moves, _ = update_moving(moves, observation)
+        observation = separated(moves, observation)
     drifts = start_drift(observation, filters.inverse_range_std, speed, n_models)
     return _Contact(moves, anew, drifts)
 

@@ -51,6 +51,8 @@ class RepeaterScene:
         Root intensity of the repeater's drift, m/s^(1/2).
     false_rate_mps
         False part of the repeater's range rate, m/s.
+    acceleration_mps2
+        Root intensity of the source's accelerations, m/s^2 over 1 s; 0 runs straight.
     """
 
     aspect_deg: float = 80.0
@@ -64,6 +66,7 @@ class RepeaterScene:
     vessel_speed_mps: float = 12.0
     drift_mps: float = 1.0
     false_rate_mps: float = 12.8
+    acceleration_mps2: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,11 @@ def simulate_repeater(
         [scene.range_std_m, scene.bearing_std_deg, scene.range_rate_std_mps]
     )
     size = (time_s.size, runs)
-    seen = _measure(source[at] - own[at], source_rate[at] - own_rate[at])
+    off, off_rate = _wander(rng, scene.acceleration_mps2, clock, runs)
+    seen = _measure(
+        (source - own)[at][:, None] + off[at],
+        (source_rate - own_rate)[at][:, None] + off_rate[at],
+    )
     after = np.maximum(time_s - _SPLIT_S, 0.0)
     walk = np.diff(np.concatenate([[0.0], after]))
     drift = rng.standard_normal((*size, 2)) * np.sqrt(walk)[:, None, None]
@@ -119,7 +126,21 @@ def simulate_repeater(
     echo += deviation * rng.standard_normal((*size, 3))
     echo[time_s < _SPLIT_S - 1e-9] = np.nan
     noise = deviation * rng.standard_normal((*size, 3))
-    return RepeaterRuns(clock, own, time_s, seen[:, None] + noise, echo)
+    return RepeaterRuns(clock, own, time_s, seen + noise, echo)
+
+
+def _wander(
+    rng: np.random.Generator, acceleration_mps2: float, clock: FloatArray, runs: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return what accelerations add to place and velocity, 0 at the separation."""
+    if not acceleration_mps2:
+        return np.zeros((clock.size, 1, 2)), np.zeros((clock.size, 1, 2))
+    push = rng.standard_normal((clock.size, runs, 2))
+    rate = acceleration_mps2 * np.sqrt(_STEP_S) * np.cumsum(push, axis=0)
+    split = int(np.argmin(np.abs(clock - _SPLIT_S)))
+    rate -= rate[split]
+    place = _STEP_S * np.cumsum(rate, axis=0)
+    return place - place[split], rate
 
 
 def _path(
