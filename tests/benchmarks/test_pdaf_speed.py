@@ -14,6 +14,8 @@ import pytest
 
 from studies.clutter_runs import setting_of
 from studies.rows import load_reference
+from tests.clutter import test_several_targets as several
+from tests.draws.crossing_targets import crossing
 from uwtrack_cli.clutter.clutter_filter import Scan, step
 from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
 from uwtrack_cli.clutter.pdaf import track_in_clutter
@@ -183,6 +185,27 @@ def test_the_stage_costs_a_fraction_of_stone_soups_filter():
     assert ours["region"] < 2.0 * ours["prior"]
 
 
+def _two_targets(angle_deg):
+    """Follow two that cross, here and by Stone Soup; return both CPU times."""
+    scans, ways = crossing(1, angle_deg)
+    begin = time.process_time()
+    track_in_clutter(
+        scans, threshold="fixed", detector=several.DETECTOR, motion=several.MOTION,
+        start=several.told(ways),
+    )  # fmt: skip
+    middle = time.process_time()
+    several.stone_soup(scans, several.told(ways))
+    return middle - begin, time.process_time() - middle
+
+
+@pytest.mark.benchmark
+@pytest.mark.parametrize("angle_deg", [10.0, 90.0])
+def test_a_joint_association_costs_a_fraction_of_stone_soups(angle_deg):
+    _two_targets(angle_deg)
+    spent = np.median([_two_targets(angle_deg) for _ in range(9)], axis=0)
+    assert spent[1] / spent[0] >= 5.0
+
+
 @pytest.mark.benchmark
 def test_q2_is_a_hundred_times_faster_than_adaptive_quadrature_at_its_accuracy():
     from scipy.integrate import dblquad
@@ -231,6 +254,10 @@ def main():
         pairs = [(_stone_soup(track)[2], _stage(threshold)) for _ in range(15)]
         theirs, ours = np.median(np.array(pairs), axis=0)
         print(f"whole stage, {threshold}: {theirs / ours:.1f} times")
+    for angle_deg in (0.0, 10.0, 90.0):
+        pairs = [_two_targets(angle_deg) for _ in range(9)]
+        ours, theirs = np.median(np.array(pairs), axis=0)
+        print(f"two targets at {angle_deg:g} degrees: {theirs / ours:.1f} times")
     for copies in (1, 100):
         _ours(track, copies)
         pairs = [

@@ -100,6 +100,9 @@ class Scan:
     """Amplitudes in noise deviations, ``(..., k)``; nan passes every fixed threshold."""
     noise: FloatArray
     """Covariances of the measurements, ``(..., k or 1, m, m)``."""
+    origin: FloatArray | None = None
+    """Where a range and a bearing were measured from, east and north, ``(2,)``; None
+    where that is the origin."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,7 @@ def look(predicted: Belief, scan: Scan, setting: ClutterSetting) -> Look:
         predicted.mean, predicted.covariance, scan.measured, scan.present, scan.noise,
         setting.period,
     )  # fmt: skip
-    cell = _cell_volume(predicted, setting)
+    cell = _cell_volume(predicted, setting, scan.origin)
     point, gate = _operate(predicted, each, scan, setting, cell)
     # A target may be where any of the models expects it.
     sizes = _region_size(each, scan.noise)
@@ -267,12 +270,16 @@ def shrunk_gate(
     return radius
 
 
-def _cell_volume(predicted: Belief, setting: ClutterSetting) -> FloatArray:
+def _cell_volume(
+    predicted: Belief, setting: ClutterSetting, origin: FloatArray | None
+) -> FloatArray:
     """Return the volume of a resolution cell where the target is expected."""
     volume = np.full(predicted.mean.shape[1:-1], setting.cell_volume)
     if setting.is_polar:
-        mean = moments(predicted)[0]
-        volume *= np.radians(np.hypot(mean[..., 0], mean[..., 2]))
+        place = moments(predicted)[0][..., ::2]
+        if origin is not None:
+            place = place - origin
+        volume *= np.radians(np.hypot(place[..., 0], place[..., 1]))
     return volume
 
 

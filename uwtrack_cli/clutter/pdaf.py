@@ -53,16 +53,19 @@ from uwtrack_cli.clutter.track_table import Ending, target_table
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.scans import Roc, Scans
+from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.imm import Belief
+from uwtrack_cli.estimation.own_ship import own_places
 
 
 @checked
-def track_in_clutter(  # noqa: PLR0913 - two containers and ten options
+def track_in_clutter(  # noqa: PLR0913 - three containers and ten options
     scans: Scans,
     roc: Roc | None = None,
+    navigation: Navigation | None = None,
     *,
     targets: Literal["told", "auto"] = "told",
     false_tracks_per_hour: Annotated[
@@ -89,10 +92,13 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and ten options
     ----------
     scans
         Measurements, scan by scan. A bearing (unit deg) may be one of the components; a
-        range (m) and a bearing (deg) from a sensor at rest are tracked as east and north
-        of it, and the start's position and velocity are then east and north, too.
+        range (m) and a bearing (deg, from north) are tracked as east and north of the
+        sensor, and the start's position and velocity are then east and north, too.
     roc
         Measured operating curve of the detector, in place of a model.
+    navigation
+        Own ship's position where ranges and bearings are measured from her under way:
+        places are then east and north of the navigation's origin.
     targets
         Which targets there are: "told" (one, or one for each position of the start) or
         "auto" (tracks begin at measurements and end by their score; targets of told
@@ -151,7 +157,7 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and ten options
     )  # fmt: skip
     models = motion_models(motion)
     deviation = check_scans(scans, measured_std, adaptive=threshold != "fixed")
-    table = scan_table(scans, deviation)
+    table = scan_table(scans, deviation, _own_places(scans, navigation))
     rows, switch = split_scans(scans), switching(motion)
 
     @cache
@@ -177,18 +183,7 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and ten options
     if count <= 1 and not begins:
         past = _follow_one(scans, table, later, told, setting, carry, switch)
         return target_table(scans, table, later, past, setting, Ending(loss_score))
-    if threshold != "fixed":
-        msg = (
-            f"threshold {threshold!r} is chosen for the region of one target; "
-            "several need threshold 'fixed' (--threshold fixed)."
-        )
-        raise OptionError(msg)
-    if begins and clutter == "count":
-        msg = (
-            "the rate of false tracks rests on a density of clutter that is told: use "
-            "clutter 'cells' with targets 'auto'."
-        )
-        raise OptionError(msg)
+    _refuse_of_several(threshold, clutter, begins=begins)
     least = least_amplitude(setting)
     confirming = np.inf
     if begins:
@@ -204,6 +199,37 @@ def track_in_clutter(  # noqa: PLR0913 - two containers and ten options
         confirming if begins else None, followed.n_crowded,
     )  # fmt: skip
     return target_table(scans, table, later, followed.scans, setting, ending)
+
+
+def _own_places(scans: Scans, navigation: Navigation | None) -> FloatArray | None:
+    """Return where each range and bearing was measured from, if she is under way."""
+    if navigation is None:
+        return None
+    units = scans.component_unit
+    if not is_polar(units):
+        msg = (
+            "own ship's navigation belongs to scans of a range in m and a bearing in "
+            f"deg, these have {', '.join(map(repr, units.tolist()))}; leave --own-ship "
+            "out."
+        )
+        raise OptionError(msg)
+    return own_places(navigation, scans.time_s, scans.start_utc_ns)
+
+
+def _refuse_of_several(threshold: str, clutter: str, *, begins: bool) -> None:
+    """Refuse what several targets cannot have."""
+    if threshold != "fixed":
+        msg = (
+            f"threshold {threshold!r} is chosen for the region of one target; "
+            "several need threshold 'fixed' (--threshold fixed)."
+        )
+        raise OptionError(msg)
+    if begins and clutter == "count":
+        msg = (
+            "the rate of false tracks rests on a density of clutter that is told: use "
+            "clutter 'cells' with targets 'auto'."
+        )
+        raise OptionError(msg)
 
 
 def _follow_one(

@@ -100,6 +100,8 @@ class ScanTable:
     """Name of each component."""
     component_unit: TextArray
     """Unit of each component."""
+    origin: FloatArray | None = None
+    """Where each was measured from, east and north in m, ``(row, 2)``."""
 
 
 def is_polar(units: TextArray) -> bool:
@@ -118,11 +120,13 @@ def component_period(units: TextArray) -> FloatArray | None:
     return np.where(is_angle, 360.0, np.inf)
 
 
-def scan_table(scans: Scans, deviation: FloatArray) -> ScanTable:
+def scan_table(
+    scans: Scans, deviation: FloatArray, origin: FloatArray | None = None
+) -> ScanTable:
     """Return the measurements in components in which targets move straight.
 
-    A range in metres and a bearing in degrees become east and north; anything else is
-    kept, and angles keep their period.
+    A range in metres and a bearing in degrees become east and north, from ``origin``,
+    ``(row, 2)``, where that is told; anything else is kept, and angles keep their period.
 
     Notes
     -----
@@ -147,8 +151,15 @@ def scan_table(scans: Scans, deviation: FloatArray) -> ScanTable:
     both = less * sine * cosine + more * twice * np.sin(2 * bearing)
     covariance[:, 0, 1] = covariance[:, 1, 0] = both
     place = np.stack([sine, cosine], axis=1) * (distance / once)[:, None]
+    if origin is not None:
+        place += origin
     names, metres = np.array(["east", "north"]), np.array(["m", "m"])
-    return ScanTable(place, covariance, names, metres)
+    return ScanTable(place, covariance, names, metres, origin)
+
+
+def _origin(table: ScanTable, row: IntArray) -> FloatArray | None:
+    """Return where a scan was measured from, which its rows share."""
+    return None if table.origin is None else table.origin[row[0]]
 
 
 def scan_arrays(
@@ -166,7 +177,7 @@ def scan_arrays(
             noise = _scan_noise(table.covariance[row], present, usual)
         yield Scan(
             table.measured[row][None], present[None], scans.amplitude[row][None],
-            noise[None],
+            noise[None], _origin(table, row),
         )  # fmt: skip
 
 
@@ -181,7 +192,7 @@ def scan_rows(
         own = row[usable[row]]
         yield ScanRows(
             float(scans.time_s[row[0]]), own, table.measured[own],
-            table.covariance[own], usual,
+            table.covariance[own], usual, _origin(table, row),
         )  # fmt: skip
 
 

@@ -137,6 +137,8 @@ class ScanRows(NamedTuple):
     """Their covariances, ``(k, m, m)``."""
     usual_noise: FloatArray
     """Covariance that stands for a measurement where there is none, ``(m, m)``."""
+    origin: FloatArray | None
+    """Where they were measured from; see `Scan`."""
 
 
 def follow_several(
@@ -243,7 +245,7 @@ def _candidates(
         empty = np.zeros((n_tracks, 1, setting.dimension))
         absent = np.zeros((n_tracks, 1), dtype=bool)
         return absent.astype(np.int64), Scan(
-            empty, absent, np.full(absent.shape, np.nan), common
+            empty, absent, np.full(absent.shape, np.nan), common, scan.origin
         )
     variance = np.diagonal(predicted.covariance, axis1=-2, axis2=-1)[..., ::2]
     widest = np.diagonal(scan.noise, axis1=-2, axis2=-1).max(axis=0)
@@ -264,7 +266,7 @@ def _candidates(
         first = np.where(present[:, :1], order[:, :1], order)
         noise = scan.noise[np.where(present, order, first)]
     amplitude = np.full(order.shape, np.nan)  # those below the threshold are gone
-    return order, Scan(scan.measured[order], present, amplitude, noise)
+    return order, Scan(scan.measured[order], present, amplitude, noise, scan.origin)
 
 
 def _associate(

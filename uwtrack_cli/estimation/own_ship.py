@@ -1,0 +1,53 @@
+"""Where own ship is when something is measured from her.
+
+**Method.** Straight lines between the rows of her navigation.
+
+**Conventions.** Metres east and north of the navigation's origin. Her clock may be
+another than that of the measurements where both tell the UTC of their time zero.
+"""
+
+import numpy as np
+
+from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.sensor import Navigation
+from uwtrack_cli.errors import DataError
+
+
+def own_places(
+    navigation: Navigation, time_s: FloatArray, start_utc_ns: int | None
+) -> FloatArray:
+    """Return own ship's position at ascending times, ``(time, 2)``, m.
+
+    ``start_utc_ns``: UTC of time zero of the times, None where not known.
+
+    Raises
+    ------
+    DataError
+        The navigation has no rising times, tells another kind of time, or does not
+        cover the times.
+    """
+    clock = navigation.time_s
+    if clock.size < 2 or np.any(np.diff(clock) <= 0.0):
+        msg = (
+            "own ship's navigation needs two rows or more with rising times, "
+            f"it has {clock.size}."
+        )
+        raise DataError(msg)
+    if (start_utc_ns is None) != (navigation.start_utc_ns is None):
+        msg = (
+            "one of scans and navigation has UTC times and the other seconds alone; "
+            "give both in time_utc, or both in time_s of one clock."
+        )
+        raise DataError(msg)
+    now = time_s
+    if start_utc_ns is not None and navigation.start_utc_ns is not None:
+        now = time_s + (start_utc_ns - navigation.start_utc_ns) / NANOSECONDS
+    if now[0] < clock[0] or now[-1] > clock[-1]:
+        msg = (
+            f"the scans run from {now[0]:g} to {now[-1]:g} s, own ship's navigation "
+            f"from {clock[0]:g} to {clock[-1]:g} s; it must cover them."
+        )
+        raise DataError(msg)
+    places = (navigation.east_m, navigation.north_m)
+    return np.stack([np.interp(now, clock, values) for values in places], axis=1)
