@@ -101,7 +101,7 @@ def test_noise_in_longer_frames_is_the_same_noise_in_another_unit_of_time() -> N
     for window_s in (1.0, 0.5, 4.0, 8.0, 12.0):
         slower = replace(noise, sample_rate_hz=NOISE_RATE_HZ / window_s)
         blocks = list(compute_spectrogram(slower, window_s=window_s))
-        lines = joined(blocks, false_lines_per_khz_hour=60.0)
+        lines = joined(blocks, false_lines_per_khz_hour=90.0)
         found.append(np.sort([
             np.median(lines.frequency_hz[lines.line == k]) * window_s
             for k in lines.line_id
