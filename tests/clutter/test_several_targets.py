@@ -170,6 +170,12 @@ def test_tracks_that_begin_by_themselves_cross_without_a_takeover_or_a_loss():
     assert swapped <= 2
 
 
+@pytest.mark.long
+def test_of_a_thousand_crossings_at_10_degrees_hardly_any_is_a_takeover():
+    taken = sum(ends_of_both(seed, 10.0) != [0, 1] for seed in range(1000, 2000))
+    assert binomial_interval(taken, 1000)[1] <= 0.02
+
+
 def test_targets_are_found_and_counted_nearly_as_if_their_starts_were_told():
     """GOSPA (cut off at 50 m) of tracks without any start against Stone Soup's with."""
     found, best, excess = [], [], []

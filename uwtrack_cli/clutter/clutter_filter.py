@@ -12,7 +12,7 @@ Houles and Bar-Shalom (1989) for interacting models with data association.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -105,8 +105,7 @@ class Scan:
     where that is the origin."""
 
 
-@dataclass(frozen=True)
-class ScanUpdate:
+class ScanUpdate(NamedTuple):
     """The filter after a scan, with threshold, gate and associations of the scan."""
 
     belief: Belief
@@ -143,8 +142,7 @@ class ScanUpdate:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Look:
+class Look(NamedTuple):
     """A scan against the predictions, before it is associated."""
 
     predicted: Belief
