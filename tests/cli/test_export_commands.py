@@ -18,8 +18,11 @@ from geojson_pydantic import FeatureCollection
 from typer.testing import CliRunner
 
 from tests.draws.sensor_tables import buoys
+from tests.files.synthetic_containers import synthetic
 from uwtrack_cli.cli.app import app
 from uwtrack_cli.data.encounters import Encounters, Fixes
+from uwtrack_cli.files.hdf5.layout import CONTAINERS
+from uwtrack_cli.files.hdf5.netcdf import write_netcdf
 from uwtrack_cli.files.hdf5.product import read_product
 
 SPACE = "{http://www.opengis.net/kml/2.2}"
@@ -215,6 +218,19 @@ def test_netcdf_is_opened_by_xarray_with_its_times(exported, found):
         np.testing.assert_array_equal(data["encounters_status"], found[0].status)
         assert data["h1_sensor"].attrs["depth_m"] == 22.0
         assert "h1_lines_frequency_hz" in data
+
+
+@pytest.mark.parametrize("kind", CONTAINERS.values(), ids=list(CONTAINERS))
+def test_netcdf_takes_every_container(tmp_path, kind):
+    """No column has the name of a dimension, as `association_row` once had."""
+    made = synthetic(kind, 3)
+    write_netcdf(tmp_path / "x.nc", [(made, "")], [])
+    with xr.open_dataset(
+        tmp_path / "x.nc", engine="h5netcdf", decode_times=False
+    ) as held:
+        for name in made.columns():
+            if getattr(made, name) is not None:
+                assert any(k.endswith(f"{made.NAME}_{name}") for k in held.variables)
 
 
 @pytest.mark.parametrize("form", ["geojson", "kml"])

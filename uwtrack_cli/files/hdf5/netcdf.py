@@ -69,10 +69,12 @@ def _write(
     owners = [safe_name(n) for n in (sensor_of(container), step) if n]
     name = "_".join([*owners, container.NAME])
     own_ns = _own_start_ns(container, start_ns)
-    scales = {
-        axis: _scale(file, f"{name}_{axis}_row", size)
-        for axis, size in container.sizes().items()
-    }
+    scales = {}
+    for axis, size in container.sizes().items():
+        dimension = f"{axis}_row"
+        if dimension in container.columns():  # a column has this name already
+            dimension = f"{axis}_rows"
+        scales[axis] = _scale(file, f"{name}_{dimension}", size)
     for column, spec in container.columns().items():
         values = getattr(container, column)
         if values is not None:
