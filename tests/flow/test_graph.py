@@ -450,7 +450,10 @@ def test_a_marked_output_is_kept_though_it_only_passes_by():
 
 def test_a_graph_without_steps_lacks_what_they_alone_feed():
     graph = load_recipe("auto").graph()
-    names = [step.name for step in graph.without(["long-lines", "rises"]).steps()]
+    names = [
+        step.name
+        for step in graph.without(["long-lines", "long-levels", "rises"]).steps()
+    ]
     assert "long-cpa" not in names  # closest approaches of nothing
     left = {node.step.name: node for node in graph.without(["long-lines"]).nodes}
     (read,) = {n for n in left["presence"].sources.values() if "track" in n}

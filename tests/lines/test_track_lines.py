@@ -517,7 +517,7 @@ def test_families_are_sought_less_often_among_very_many_lines(
     assert (lines.line_family >= 0).any()
 
 
-@pytest.mark.parametrize(("command", "level_db"), [("track", -4.0), ("trace", -9.5)])
+@pytest.mark.parametrize(("command", "level_db"), [("track", -4.0), ("trace", -9.0)])
 def test_frames_of_eight_seconds_hear_steady_lines_far_below_those_of_one(
     command, level_db
 ):

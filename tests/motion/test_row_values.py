@@ -177,7 +177,7 @@ def test_speed_is_three_deviations_from_zero_and_a_range_two(std, status, has_ra
 def test_a_bearing_stands_out_up_to_sixty_degrees(std_deg, given):
     row = rows.Row(1, rows.OK)
     row.covariance = np.eye(4)
-    rows._add_direction(row, fit_of(std=(1, 1, 1, std_deg)))
+    rows._add_direction(row, fit_of(std=(1, 1, 1, std_deg)), context_of())
     assert np.isfinite(row.values["bearing_deg"]) == given
     assert np.isfinite(row.covariance[3, 3]) == given
     if given:
