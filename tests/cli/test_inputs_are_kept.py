@@ -144,7 +144,10 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
         ("contacts.csv --own-ship observer.csv -o aim.h5", "aim.h5",
          "contacts.csv observer.csv"),
     ],
-    "plot": [(f"{PEAKS} -o aim.png", "aim.png", PEAKS)],
+    "plot": [
+        (f"{PEAKS} -o aim.png", "aim.png", PEAKS),
+        (f"{SOUND} -o aim.png", "aim.png", SOUND_FILES),
+    ],
     "passages": [
         ("pass.run.h5 --to csv -o aim.csv --fresh", "aim.csv", "pass.run.h5"),
         ("pass.run.h5 --ais ais.csv --to csv -o aim.csv --fresh", "aim.csv", "ais.csv"),

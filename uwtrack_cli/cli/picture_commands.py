@@ -1,14 +1,19 @@
 """`plot` and `report`: what was found, for people."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from uwtrack_cli.cli.command_factory import Ais, Branch, Overwrite, WithinM
-from uwtrack_cli.cli.console import say
+from uwtrack_cli.cli.console import progress_bar, say
+from uwtrack_cli.cli.recording_arguments import (
+    SOURCE_PARAMETERS,
+    open_source,
+    with_parameters,
+)
 from uwtrack_cli.cli.targets import PIPE, Inputs, open_product, product_name
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
@@ -24,6 +29,7 @@ if TYPE_CHECKING:
     from uwtrack_cli.files.hdf5.product import Product
     from uwtrack_cli.flow.deployment import Deployment
     from uwtrack_cli.plotting.page import Page
+    from uwtrack_cli.plotting.view import View
 
 DRAWN = frozenset({"overview", "levels", "lines", "encounters", "fixes", "presence",
                    "bearing_time", "motions", "target", "decision"})  # fmt: skip
@@ -45,26 +51,49 @@ IsLog = Annotated[
     bool | None,
     typer.Option(
         "--log/--linear",
-        help="Frequency axis; logarithmic by itself where most lines are low.",
+        help="Frequency axis; logarithmic by itself where most lines are low, or the "
+        "band of a recording spans more than a factor of 20.",
     ),
 ]
 HasLines = Annotated[
     bool, typer.Option("--lines/--no-lines", help="Whether tracked lines are outlined.")
 ]
+HAS_NO_USE = {"sensor", "sensor_sound_speed_mps", "own_ship"}
+SOUND_PARAMETERS = [p for p in SOURCE_PARAMETERS if p.name not in HAS_NO_USE]
+"""How a recording is opened: what its picture depends on, beside the sensor file."""
+
+OF_SOUND = {
+    "window_s",
+    "db_range",
+    "colormap",
+    "size",
+    *(p.name for p in SOUND_PARAMETERS),
+}
+"""Options that have a meaning for recordings alone."""
+
+OF_PRODUCTS = {"contact", "has_lines", "ais", "within_m", "step"}
+"""Options that have a meaning for products alone."""
+
 Picture = Annotated[
     Path | None,
     typer.Option(
         "--output",
         "-o",
-        help="Picture: PNG, SVG, or PDF with all pages; else named after the product.",
+        help="Picture: PNG, SVG, or PDF with all pages; else named after the file.",
     ),
 ]
 
 
+@with_parameters(SOUND_PARAMETERS)
 def plot(  # noqa: PLR0913 (one parameter for each option)
     *,
+    context: typer.Context,
     files: Annotated[
-        list[Path], typer.Argument(help="Products of one recording, in any order.")
+        list[Path],
+        typer.Argument(
+            help="Products of one recording, in any order; or one recording: WAV, RF64, "
+            "W64, FLAC or AIFF."
+        ),
     ],
     output: Picture = None,
     contact: Annotated[
@@ -72,7 +101,11 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
         typer.Option("--contact", help="Draw the page of this contact's passage."),
     ] = None,
     sensor: Annotated[
-        str | None, typer.Option("--sensor", help="Sensor, where several heard it.")
+        str | None,
+        typer.Option(
+            "--sensor",
+            help="Sensor, where several heard it; of a recording, its sensor file.",
+        ),
     ] = None,
     begin: Begin = None,
     end: End = None,
@@ -82,40 +115,141 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     ais: Ais = None,
     within_m: WithinM = WITHIN_M,
     step: Branch = None,
+    window_s: Annotated[
+        float | None,
+        typer.Option(
+            help="Of a recording: length of the analysis window; else by its length. (s)"
+        ),
+    ] = None,
+    db_range: Annotated[
+        float | None,
+        typer.Option(
+            help="Of a recording: levels below the brightest that are told apart. (dB)"
+        ),
+    ] = None,
+    colormap: Annotated[
+        str | None,
+        typer.Option(
+            help="Of a recording: colours by matplotlib's name; else viridis."
+        ),
+    ] = None,
+    size: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Of a recording: width and height of the page. (inches)"),
+    ] = None,
+    dpi: Annotated[
+        float | None, typer.Option(help="Dots per inch; else 110, in a PDF 220.")
+    ] = None,
     overwrite: Overwrite = False,
+    **source: Any,
 ) -> None:
     """Draw a recording on a page, or with --contact one passage on a page of its own.
 
     A passage's page, and a part of a day, show the sound finely resolved if the recording
     still lies beside the product, else what the product carries of it.
+
+    Of a sound file, draw its spectrogram at once: density in dB re 1 uPa^2/Hz where its
+    sensor file calibrates it, else re full scale.
     """
     try:
-        from uwtrack_cli.plotting.page import (
-            check_picture,
-            choose_pages,
-            pages_of,
-            write_pages,
-        )
+        from uwtrack_cli.plotting.page import check_picture, write_pages
+        from uwtrack_cli.plotting.sound_page import sized
         from uwtrack_cli.plotting.view import View
     except ImportError as error:
         msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
+    is_sound = _is_sound(files)
+    _refuse_foreign(context, files[0], is_sound=is_sound)
     target = _picture_name(output, files, contact)
     check_picture(target, overwrite=overwrite)
-    view = View(
-        begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
-        has_lines=has_lines,
+    view = sized(
+        View(
+            begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
+            has_lines=has_lines,
+        ),
+        size, dpi,
     )  # fmt: skip
     is_document = target.suffix.lower() == ".pdf"
+    if is_sound:
+        style = {"window_s": window_s, "db_range": db_range, "colormap": colormap}
+        opening = {**source, "sensor": None if sensor is None else Path(sensor)}
+        _write_sound(files[0], target, view, opening, style, overwrite=overwrite)
+        return
     needs_sound = contact is not None or is_document or view.is_zoomed
     containers, tracks = _read(files, step, ais, within_m, needs_sound=needs_sound)
-    pages = choose_pages(pages_of(containers, tracks), contact, sensor)
-    if contact is not None and sensor is None and not is_document:
-        _refuse_several(pages)
+    pages = _chosen(containers, tracks, contact, sensor, is_document=is_document)
     write_pages(pages, target, view, overwrite=overwrite)
     say(f"wrote {target}")
     if contact is None and not is_document:
         _tell_others(pages)
+
+
+def _is_sound(files: Sequence[Path]) -> bool:
+    """Tell whether a recording is drawn.
+
+    Raises
+    ------
+    OptionError
+        There are other files beside it.
+    """
+    from uwtrack_cli.files.audio.opening import SUFFIXES
+
+    sounds = [path for path in files if path.suffix.lower() in SUFFIXES]
+    if sounds and len(files) > 1:
+        msg = (
+            f"{sounds[0]} is a recording, which is drawn by itself: plot one at a time."
+        )
+        raise OptionError(msg)
+    return bool(sounds)
+
+
+def _refuse_foreign(context: typer.Context, file: Path, *, is_sound: bool) -> None:
+    """Refuse options that have no meaning for what is drawn."""
+    foreign = OF_PRODUCTS if is_sound else OF_SOUND
+    for param in context.command.params:
+        source = context.get_parameter_source(str(param.name))
+        if param.name in foreign and source is not None and source.name != "DEFAULT":
+            flag = "/".join([*param.opts, *param.secondary_opts])
+            why = (
+                f"belongs to a product, and {file} is a recording: draw the file that "
+                f"'uwtrack run' makes of it"
+                if is_sound
+                else f"belongs to a recording, and {file} is a product: give the sound file"
+            )
+            msg = f"{flag} {why}, or leave it out."
+            raise OptionError(msg)
+
+
+def _write_sound(
+    file: Path, target: Path, view: "View", opening: Mapping[str, Any],
+    style: Mapping[str, Any], *, overwrite: bool,
+) -> None:  # fmt: skip
+    """Write the spectrogram of a sound file, opened as the options say."""
+    from uwtrack_cli.plotting.page import Page, write_pages
+    from uwtrack_cli.plotting.sound_page import checked_style, sound_figure
+
+    checked = checked_style(**style)
+    recording = open_source(file, opening)
+    with progress_bar("plot", recording.duration_s) as done:
+        page = Page(
+            "sound", None, None,
+            lambda asked: sound_figure(recording, checked, asked, done),
+        )  # fmt: skip
+        write_pages([page], target, view, overwrite=overwrite)
+    say(f"wrote {target}")
+
+
+def _chosen(
+    containers: Sequence[Container], tracks: Sequence[VesselTrack],
+    contact: int | None, sensor: str | None, *, is_document: bool,
+) -> "list[Page]":  # fmt: skip
+    """Return the pages of products that are asked for."""
+    from uwtrack_cli.plotting.page import choose_pages, pages_of
+
+    pages = choose_pages(pages_of(containers, tracks), contact, sensor)
+    if contact is not None and sensor is None and not is_document:
+        _refuse_several(pages)
+    return pages
 
 
 def _refuse_several(pages: "Sequence[Page]") -> None:

@@ -255,16 +255,37 @@ def draw_lofargram(
     edges = axis.edges_hz(PICTURE_ROWS)
     rows = _pooled_columns(part, overview.frequency_hz, edges)
     dark, bright = shades(rows)
+    image = draw_levels(
+        ax, (cell_edges(time_s, span_s), edges), rows, (dark, bright),
+        "dB over the noise floor",
+    )  # fmt: skip
+    is_envelope = overview.reference == MODULATION
+    axis.set_axis(ax, "modulation rate" if is_envelope else "frequency")
+    return image
+
+
+def draw_levels(
+    ax: "Axes",
+    edges: tuple[FloatArray, FloatArray],
+    level_db: FloatArray,
+    limits_db: tuple[float, float],
+    label: str,
+    colormap: str = LEVELS_MAP,
+) -> "QuadMesh":
+    """Draw levels over time and frequency, with a bar of their colours.
+
+    ``edges``: edges of the cells, s and Hz. ``level_db``: levels, shape (time,
+    frequency); nan in gaps. ``limits_db``: levels of the darkest and brightest colour.
+    ``label``: what the levels are. ``colormap``: name of the colours.
+    """
     image = ax.pcolormesh(
-        cell_edges(time_s, span_s), edges, np.ma.masked_invalid(rows.T),
-        cmap=LEVELS_MAP, vmin=dark, vmax=bright, rasterized=True,
+        *edges, np.ma.masked_invalid(level_db.T),
+        cmap=colormap, vmin=limits_db[0], vmax=limits_db[1], rasterized=True,
     )  # fmt: skip
     ax.set_facecolor(NO_SOUND)
     bar = ax.figure.colorbar(image, ax=ax, pad=0.01, aspect=30)
-    bar.set_label("dB over the noise floor", fontsize=8)
+    bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=7)
-    is_envelope = overview.reference == MODULATION
-    axis.set_axis(ax, "modulation rate" if is_envelope else "frequency")
     return image
 
 

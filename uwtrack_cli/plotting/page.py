@@ -47,7 +47,7 @@ class Page(NamedTuple):
     """A page that can be drawn."""
 
     kind: str
-    """'recording', 'passage', 'motion', 'target' or 'decision'."""
+    """'recording', 'passage', 'motion', 'target', 'decision' or 'sound'."""
     sensor: str | None
     """Sensor; None where it does not matter."""
     contact: int | None
@@ -209,10 +209,10 @@ def write_pages(
         temporary.open("wb") as file,
     ):
         if form != "pdf":
-            figures[0].savefig(file, format=form, dpi=DPI)
+            figures[0].savefig(file, format=form, dpi=view.dpi or DPI)
             return
         from matplotlib.backends.backend_pdf import PdfPages
 
         with PdfPages(file) as document:
             for figure in figures:
-                document.savefig(figure, dpi=2 * DPI)
+                document.savefig(figure, dpi=view.dpi or 2 * DPI)

@@ -41,12 +41,24 @@ class HeadLine(NamedTuple):
     """Whether a reader must not overlook it."""
 
 
+def span_title(span_s: tuple[float, float], clock: Clock, names: Sequence[str]) -> str:
+    """Return the title of a span of recordings: begin and end, s, and their names."""
+    step = 1.0 if np.ptp(span_s) < 7200 else 60.0
+    begin, end = clock.text(span_s[0], step), clock.text(span_s[1], step)
+    last = clock.day(span_s[1])
+    end = end if last == clock.day(span_s[0]) else f"{last} {end}"
+    span = f"{clock.day(span_s[0])} {begin} to {end}".strip()
+    unit = "UTC" if clock.start_utc_ns is not None else "s"
+    return "   ".join([f"{span} {unit}", ", ".join(dict.fromkeys(names))]).strip()
+
+
 def titled_figure(
     heads: Sequence[HeadLine], view: View, body_in: float
 ) -> tuple["Figure", "SubFigure"]:
     """Return a page with its title, and the part of it below the title.
 
-    ``body_in``: height of the part below the title, inches.
+    ``body_in``: height of the part below the title, inches, unless the view has a height
+    of the page, which leaves it at least half.
     """
     if not view.stands_alone:
         figure = new_figure(view.width_in, body_in)
@@ -64,6 +76,9 @@ def titled_figure(
         (TITLE_PT if is_title else LINE_PT) * 1.45 / 72 for _, is_title, _ in lines
     ]
     head_in = sum(steps) + 0.12
+    if view.height_in is not None:
+        body_in = max(0.5 * view.height_in, view.height_in - head_in)
+        head_in = view.height_in - body_in
     figure = new_figure(view.width_in, head_in + body_in)
     upper, body = stacked(figure, head_in, body_in)
     down = 0.06

@@ -49,6 +49,7 @@ from uwtrack_cli.plotting.page_layout import (
     PagePart,
     Panel,
     draw_parts,
+    span_title,
     stacked,
     titled_figure,
 )
@@ -174,14 +175,7 @@ def _heads(scenes: Sequence[Scene], span_s: tuple[float, float]) -> list[HeadLin
     """Return the title: what was recorded when; and what came of it."""
     clock = scenes[0].clock
     names = [r.name for s in scenes if (r := s.first(Recording)) is not None]
-    step = 1.0 if np.ptp(span_s) < 7200 else 60.0
-    begin, end = clock.text(span_s[0], step), clock.text(span_s[1], step)
-    last = clock.day(span_s[1])
-    end = end if last == clock.day(span_s[0]) else f"{last} {end}"
-    title = f"{clock.day(span_s[0])} {begin} to {end}".strip()
-    unit = "UTC" if clock.start_utc_ns is not None else "s"
-    first = "   ".join([f"{title} {unit}", ", ".join(dict.fromkeys(names))])
-    found = [HeadLine(first.strip())]
+    found = [HeadLine(span_title(span_s, clock, names))]
     sensors = [s for s in (scene.sensor for scene in scenes) if s]
     facts = [f"sensor {', '.join(sensors)}"] if sensors else []
     facts += _counts(scenes[0], span_s)

@@ -40,6 +40,10 @@ class View:
     """Whether tracked lines are drawn over the lofargram."""
     width_in: float = WIDE_IN
     """Width of the page, inches."""
+    height_in: float | None = None
+    """Height of the page, inches; None is what its panels need."""
+    dpi: float | None = None
+    """Dots per inch of a page that is stored as dots; None is the usual number."""
     stands_alone: bool = True
     """Whether the page has its title and numbers; else they stand beside it."""
 
