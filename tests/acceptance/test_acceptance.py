@@ -10,7 +10,9 @@ from tests.acceptance.running import FROZEN, load, run_all
 SHORT_CASES = [(part, name) for part, names in SHORT.items() for name in names]
 
 
-@pytest.mark.parametrize(("part", "name"), SHORT_CASES, ids="/".join)
+@pytest.mark.parametrize(
+    ("part", "name"), SHORT_CASES, ids=list(map("/".join, SHORT_CASES))
+)
 def test_a_case_is_as_good_as_frozen(part, name):
     case = PARTS[part]()[name]
     ((_, now),) = run_all({(part, name): case}, processes=0)
