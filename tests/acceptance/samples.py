@@ -48,9 +48,7 @@ def recording(name: str, recipe: str, folder: Path) -> Outcome:
     passages = _passages(path)
     if path.stem == "mono":  # a single hydrophone cannot tell course or side
         passages = [Passage(p.time_s, p.speed_mps, p.slant_range_m) for p in passages]
-    # the recipe of an array, which the default takes there, measures none
-    has_levels = bool(rows) and not recipe and name != "small-array"
-    values = radiated(path.with_suffix(".run.h5")) if has_levels else {}
+    values = radiated(path.with_suffix(".run.h5")) if rows and not recipe else {}
     return {**score(rows, passages), "codes": codes, "values": values}
 
 

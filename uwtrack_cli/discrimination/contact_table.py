@@ -11,13 +11,13 @@ from itertools import combinations
 
 import numpy as np
 
-from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.discrimination.contact_filters import Observation
 from uwtrack_cli.discrimination.options import ContactErrors
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.own_ship import times_of_navigation
 
 
 @dataclass(frozen=True)
@@ -173,28 +173,7 @@ def _own_ship(
     scan, ``(scan, 2, 2)``, and the time between these rows, s.
     """
     clock = navigation.time_s
-    if clock.size < 2 or np.any(np.diff(clock) <= 0.0):
-        msg = (
-            "own ship's navigation needs two rows or more with rising times, "
-            f"it has {clock.size}."
-        )
-        raise DataError(msg)
-    offset = 0.0
-    if contacts.start_utc_ns is not None and navigation.start_utc_ns is not None:
-        offset = (contacts.start_utc_ns - navigation.start_utc_ns) / NANOSECONDS
-    elif (contacts.start_utc_ns is None) != (navigation.start_utc_ns is None):
-        msg = (
-            "one of contacts and navigation has UTC times and the other seconds alone; "
-            "give both in time_utc, or both in time_s of one clock."
-        )
-        raise DataError(msg)
-    now = times_s + offset
-    if now[0] < clock[0] or now[-1] > clock[-1]:
-        msg = (
-            f"the contacts run from {now[0]:g} to {now[-1]:g} s, own ship's navigation "
-            f"from {clock[0]:g} to {clock[-1]:g} s; it must cover them."
-        )
-        raise DataError(msg)
+    now = times_of_navigation(navigation, times_s, contacts.start_utc_ns, "contacts")
     place = np.stack([navigation.east_m, navigation.north_m], axis=1)
     rate = np.gradient(place, clock, axis=0)
     both = np.concatenate([place, rate], axis=1)

@@ -14,12 +14,21 @@ from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.errors import DataError
 
 
-def own_places(
-    navigation: Navigation, time_s: FloatArray, start_utc_ns: int | None
+def times_of_navigation(
+    navigation: Navigation, time_s: FloatArray, start_utc_ns: int | None, what: str
 ) -> FloatArray:
-    """Return own ship's position at ascending times, ``(time, 2)``, m.
+    """Return ascending times of measurements on the clock of own ship's navigation, s.
 
-    ``start_utc_ns``: UTC of time zero of the times, None where not known.
+    Parameters
+    ----------
+    navigation
+        Positions of own ship.
+    time_s
+        Times of the measurements, ``(time,)``, s.
+    start_utc_ns
+        UTC of their time zero, None where not known.
+    what
+        What they are, in the plural, for an error.
 
     Raises
     ------
@@ -36,7 +45,7 @@ def own_places(
         raise DataError(msg)
     if (start_utc_ns is None) != (navigation.start_utc_ns is None):
         msg = (
-            "one of scans and navigation has UTC times and the other seconds alone; "
+            f"one of {what} and navigation has UTC times and the other seconds alone; "
             "give both in time_utc, or both in time_s of one clock."
         )
         raise DataError(msg)
@@ -45,9 +54,23 @@ def own_places(
         now = time_s + (start_utc_ns - navigation.start_utc_ns) / NANOSECONDS
     if now[0] < clock[0] or now[-1] > clock[-1]:
         msg = (
-            f"the scans run from {now[0]:g} to {now[-1]:g} s, own ship's navigation "
+            f"the {what} run from {now[0]:g} to {now[-1]:g} s, own ship's navigation "
             f"from {clock[0]:g} to {clock[-1]:g} s; it must cover them."
         )
         raise DataError(msg)
+    return now
+
+
+def own_places(
+    navigation: Navigation, time_s: FloatArray, start_utc_ns: int | None
+) -> FloatArray:
+    """Return own ship's position at ascending times of scans, ``(time, 2)``, m.
+
+    ``start_utc_ns``: UTC of time zero of the times, None where not known. Errors are
+    those of `times_of_navigation`.
+    """
+    now = times_of_navigation(navigation, time_s, start_utc_ns, "scans")
     places = (navigation.east_m, navigation.north_m)
-    return np.stack([np.interp(now, clock, values) for values in places], axis=1)
+    return np.stack(
+        [np.interp(now, navigation.time_s, values) for values in places], axis=1
+    )

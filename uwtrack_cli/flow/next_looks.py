@@ -71,7 +71,7 @@ def _looks(
             first, "--recipe ladder", "ladder",
         )  # fmt: skip
     if in_air and not falls:
-        yield _look("sound was taken to be in water, for air", in_air[0], *AIR)
+        yield _look("if the sound was recorded in air", in_air[0], *AIR)
 
 
 def _look(what: str, name: str, options: str, product: str) -> str:

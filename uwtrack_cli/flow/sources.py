@@ -15,7 +15,7 @@ from uwtrack_cli.files.audio.start_time import find_start_utc_ns
 from uwtrack_cli.files.checks import STANDARD_INPUT
 from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.sensors import find_sensor
-from uwtrack_cli.flow.sonobuoy import open_file, open_live
+from uwtrack_cli.flow.opened_sound import open_file, open_live
 from uwtrack_cli.flow.true_north import from_true_north
 
 NO_OPTIONS: dict[str, Any] = {

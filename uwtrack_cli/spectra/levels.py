@@ -3,13 +3,13 @@
 **Method.** The band is cut into sub-bands. In each frame and sub-band, cells far above
 the sub-band's own median are lines and left out. What remains is divided by a
 quiet-time density (the lowest of the tile medians within half an hour either way), so
-that every sub-band weighs as its noise is known, and averaged: the excess. A sub-band weighs as
-many cells as fill it, of which a filter's edge leaves few, and nothing where there is no
-more than the recorder's own noise, as beyond its anti-alias filter: what passes is not
-heard there. For a vector sensor the whitened intensity gives the bearing, and its scatter across the line of
-sight gives the deviation. Ambient sound that comes from somewhere (surf, a harbour) would
-draw the bearing of a weak vessel towards itself: its intensity is taken off, where it was
-the same in the quiet time before and after. (The quiet time of a single passage holds the
+that every sub-band weighs as its noise is known, and averaged: the excess. A sub-band
+weighs as many cells as fill it, of which a filter's edge leaves few, and nothing where
+there is no more than the recorder's own noise, as beyond its anti-alias filter: what
+passes is not heard there. For a vector sensor the whitened intensity gives the bearing,
+and its scatter across the line of sight gives the deviation. Ambient sound that comes
+from somewhere (surf, a harbour) would draw the bearing of a weak vessel towards itself:
+its intensity is taken off, where it was the same in the quiet time before and after. (The quiet time of a single passage holds the
 vessel itself, faintly; taken off, it would turn every bearing.)
 
 **Conventions.** Excess in dB above the quiet time; level in dB re the reference over
