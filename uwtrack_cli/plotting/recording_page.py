@@ -562,8 +562,9 @@ def _level(scene: Scene, span_s: tuple[float, float]) -> list[PagePart]:
 def _quantiles(
     time_s: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return middles of blocks of time, and quantiles of values in each."""
-    blocks = np.array_split(np.arange(time_s.size), min(LEVEL_BLOCKS, time_s.size))
+    """Return middles of blocks of as many frames, and quantiles of values in each."""
+    size = -(-time_s.size // LEVEL_BLOCKS)
+    blocks = np.split(np.arange(time_s.size), range(size, time_s.size, size))
     found = np.array([np.quantile(values[b], LEVEL_QUANTILES) for b in blocks])
     middle = np.array([time_s[b].mean() for b in blocks])
     steps = np.diff(middle, prepend=middle[0])

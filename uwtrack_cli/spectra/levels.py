@@ -9,8 +9,9 @@ there is no more than the recorder's own noise, as beyond its anti-alias filter:
 passes is not heard there. For a vector sensor the whitened intensity gives the bearing,
 and its scatter across the line of sight gives the deviation. Ambient sound that comes
 from somewhere (surf, a harbour) would draw the bearing of a weak vessel towards itself:
-its intensity is taken off, where it was the same in the quiet time before and after. (The quiet time of a single passage holds the
-vessel itself, faintly; taken off, it would turn every bearing.)
+its intensity is taken off, where it was the same in the quiet time before and after.
+(The quiet time of a single passage holds the vessel itself, faintly; taken off, it would
+turn every bearing.)
 
 **Conventions.** Excess in dB above the quiet time; level in dB re the reference over
 the whole band. Tiles count absolute frames, so blocks have no influence.
