@@ -7,13 +7,14 @@ and one that ends too early a gap from there on; both are told. A product counts
 complete when it is undamaged and its own history names this source, recipe and program:
 there is no other bookkeeping. One of the same recording and recipe that is damaged or out
 of date is made again. One of another job is replaced with ``overwrite`` only, and a
-file that is no product never.
+file that is no product never. What the products of many jobs say of themselves is read in
+one child process with limits (see `examination`), so that their files need no other one.
 """
 
 import contextlib
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -35,11 +36,13 @@ from uwtrack_cli.files.hdf5.product import (
     ProductWriter,
     Source,
     is_product,
+    read_in_child,
     read_product,
     source_of,
 )
 from uwtrack_cli.files.input_ledger import input_ledger, not_an_input
-from uwtrack_cli.files.tables.json_rows import json_rows
+from uwtrack_cli.files.limited_process import run_limited
+from uwtrack_cli.files.tables.json_rows import json_rows, nested
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.concatenate import clip_recording, join_recordings
@@ -54,6 +57,15 @@ from uwtrack_cli.flow.sources import open_with_options
 from uwtrack_cli.flow.vessel_names import WITHIN_M, read_vessels
 
 DONE, RESUMED, FAILED, TRUNCATED = "done", "resumed", "failed", "truncated"
+
+Statement = dict[str, Any]
+"""What a product says of itself, as JSON: of which recording, by which steps, what."""
+
+LOOKED_AT_ONCE = 64
+"""Products that one child process reads."""
+
+SECONDS_EACH = 3.0
+"""Processor time that it may take for each of them."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +94,8 @@ class Job:
     """Range within which its vessels are expected to be detected, m."""
     may_repeat: bool = False
     """Whether it may run twice: its worker can be lost after the product was placed."""
+    statement: Statement | None = None
+    """What the product that is there says; None if it has not been read."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +123,53 @@ class Outcome:
     message."""
     retry: bool = False
     """Whether it failed for what may pass: disk, memory, or an input that is not there."""
+
+
+def looked_over(jobs: Mapping[int, Job]) -> Iterator[tuple[int, Job]]:
+    """Yield jobs with their numbers, those that resume with what their products say."""
+    numbered = list(jobs.items())
+    for start in range(0, len(numbered), LOOKED_AT_ONCE):
+        some = numbered[start : start + LOOKED_AT_ONCE]
+        there = [job.target for _, job in some if job.resume and job.target.is_file()]
+        found = dict(zip(there, _statements(there), strict=True))
+        for number, job in some:
+            yield number, replace(job, statement=found.get(job.target))
+
+
+def _statements(paths: Sequence[Path]) -> list[Statement | None]:
+    """Return what products say; None for one that is damaged, or ends the child."""
+    if not paths:
+        return []
+    try:
+        found: list[Statement | None] = run_limited(
+            f"{__name__}:statements_in_child", *map(str, paths),
+            seconds=SECONDS_EACH * len(paths),
+        )  # fmt: skip
+    except DataError:
+        if len(paths) == 1:
+            return [None]
+        return [said for path in paths for said in _statements([path])]
+    return found
+
+
+def statements_in_child(*arguments: Any) -> list[Statement | None]:
+    """Read what products say of themselves, in a child process with limits.
+
+    ``arguments``: their paths, and nothing.
+    """
+    found: list[Statement | None] = []
+    for path in arguments[:-1]:
+        said: Statement | None = None
+        with contextlib.suppress(DataError), read_in_child(Path(path)) as product:
+            encounters = product.read_all(Encounters)
+            said = {
+                "history": [step.to_json() for step in product.history],
+                "recordings": [nested(r) for r in product.read_all(Recording)],
+                "encounters": [row for one in encounters for row in json_rows(one)],
+                "names": [[one.ais_digest, one.ais_within_m] for one in encounters],
+            }
+        found.append(said)
+    return found
 
 
 def run_job(job: Job) -> Outcome:
@@ -232,7 +293,8 @@ def finished(job: Job) -> Outcome | None:
         with warnings.catch_warnings(), input_ledger(), not_an_input():
             warnings.simplefilter("ignore")  # said when it was run
             opened = _opened(job)
-            found = _complete(job, opened.recording, opened.sources)
+            now = replace(job, statement=None)
+            found = _complete(now, opened.recording, opened.sources)
     except (DataError, OutputError, ValueError, OSError, MemoryError):
         return None
     if found is None:
@@ -341,19 +403,18 @@ def _complete(
     """Return the encounters of a product that need not be made again."""
     if not job.target.is_file():
         return None
+    said = job.statement or _statements([job.target])[0]
+    if said is None:
+        return None
     graph = job.recipe.graph().resolved(recording)
-    with contextlib.suppress(DataError), read_product(job.target) as product:
-        wanted = [step.to_json() for step in history_of_graph(graph, sources)]
-        if wanted != [step.to_json() for step in product.history]:
-            return None
-        stored = product.read(Recording)
-        if not stored.equals(replace(recording, reader=None)):
-            return None
-        found = product.read_all(Encounters)
-        if not all(_has_names(encounters, job) for encounters in found):
-            return None
-        return tuple(row for item in found for row in json_rows(item))
-    return None
+    history = [step.to_json() for step in history_of_graph(graph, sources)]
+    known = {
+        "history": history,
+        "recordings": [nested(replace(recording, reader=None))],
+        "names": [_names(job)] * len(said["names"]),
+    }
+    is_complete = all(said[key] == value for key, value in known.items())
+    return tuple(said["encounters"]) if is_complete else None
 
 
 def _other_job(job: Job) -> str:
@@ -392,8 +453,8 @@ def _settings(step: HistoryStep) -> str:
     return replace(step, sources=(), versions={}).to_json()
 
 
-def _has_names(encounters: Encounters, job: Job) -> bool:
-    """Tell whether encounters have their names from the AIS table of a job."""
-    digest = "" if job.ais is None else source_of(job.ais).digest
-    within_m = None if job.ais is None else job.within_m
-    return (encounters.ais_digest, encounters.ais_within_m) == (digest, within_m)
+def _names(job: Job) -> list[Any]:
+    """Return what gives the encounters of a job their names: AIS table and range."""
+    if job.ais is None:
+        return ["", None]
+    return [source_of(job.ais).digest, job.within_m]

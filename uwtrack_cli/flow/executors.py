@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import Any
 
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.flow.batch import Job, Outcome, run_job
+from uwtrack_cli.flow.batch import Job, Outcome, looked_over, run_job
 from uwtrack_cli.flow.worker_pool import run_in_processes
 
 CONNECT_S = 10.0
@@ -49,11 +49,13 @@ def run_jobs(
         raise OptionError(msg)
     numbered = dict(enumerate(jobs))
     if scheduler is None and n_workers == 1:
-        for number, job in numbered.items():
+        for number, job in looked_over(numbered):
             yield number, run_job(job)
         return
     if scheduler is None:
-        yield from run_in_processes(numbered, n_workers)
+        yield from run_in_processes(
+            looked_over(numbered), min(n_workers, len(numbered))
+        )
         return
     for number in [n for n, job in numbered.items() if _is_refused(job)]:
         yield number, run_job(numbered.pop(number))

@@ -18,7 +18,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.process import BaseProcess
@@ -37,42 +37,45 @@ HELD = {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}
 
 @dataclass
 class Worker:
-    """A process, the parent's end of the pipe to it, and the number of its job."""
+    """A process, the parent's end of the pipe to it, and its job with its number."""
 
     process: BaseProcess
     pipe: connection.Connection
-    number: int | None = None
+    number: int = 0
+    job: Job | None = None
 
 
 def run_in_processes(
-    jobs: Mapping[int, Job], n_workers: int
+    jobs: Iterable[tuple[int, Job]], n_workers: int
 ) -> Iterator[tuple[int, Outcome]]:
     """Run jobs in local processes and yield their outcomes as they are ready.
 
-    ``jobs``: what to make, by number. ``n_workers``: how many processes, 1 or more.
+    ``jobs``: what to make, with its number. ``n_workers``: how many processes, 1 or
+    more.
     """
-    waiting = list(jobs)[::-1]
-    workers = [_start() for _ in range(min(n_workers, len(waiting)))]
+    waiting = iter(jobs)
+    workers = [_start() for _ in range(n_workers)]
     try:
         while True:
             for worker in workers:
-                if worker.number is None and waiting:
-                    worker.number = waiting.pop()
+                if worker.job is None:
+                    worker.number, worker.job = next(waiting, (0, None))
                     with contextlib.suppress(OSError):  # it died: met below
-                        worker.pipe.send(jobs[worker.number])
-            busy = [worker for worker in workers if worker.number is not None]
+                        if worker.job is not None:
+                            worker.pipe.send(worker.job)
+            busy = [worker for worker in workers if worker.job is not None]
             if not busy:
                 return
             ready = connection.wait([worker.pipe for worker in busy])
             for worker in [worker for worker in busy if worker.pipe in ready]:
-                number, worker.number = worker.number, None
-                assert number is not None  # noqa: S101 - for the type checker
+                job, worker.job = worker.job, None
+                assert job is not None  # noqa: S101 - for the type checker
                 try:
                     outcome: Outcome = worker.pipe.recv()
                 except (EOFError, OSError):
                     workers[workers.index(worker)] = _start()
-                    outcome = _lost(worker, jobs[number])
-                yield number, outcome
+                    outcome = _lost(worker, job)
+                yield worker.number, outcome
     finally:
         _end(workers)
 
@@ -124,7 +127,7 @@ def _end(workers: Sequence[Worker]) -> None:
     """End all workers, those in the middle of a job by an interrupt."""
     for worker in workers:
         pid = worker.process.pid
-        if worker.number is not None and pid is not None and worker.process.is_alive():
+        if worker.job is not None and pid is not None and worker.process.is_alive():
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGINT)
         worker.pipe.close()

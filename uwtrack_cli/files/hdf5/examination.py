@@ -38,7 +38,6 @@ MAX_ATTRIBUTES = 500
 MAX_ATTRIBUTE_BYTES = 1 << 20
 PATIENCE_S = 6.0
 BYTES_PER_S = 5e6
-KNOWN_TYPES = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
 HDF5_ERRORS = (
     OSError, RuntimeError, KeyError, ValueError, TypeError, UnicodeError,
     AttributeError, IndexError, OverflowError, MemoryError, RecursionError,
@@ -197,22 +196,28 @@ def attribute(item: Any, name: str) -> Any:
     DataError
         The attribute is missing, too large, an array, or of a foreign type.
     """
-    key = name.encode()
-    if not h5py.h5a.exists(item.id, key):
+    try:
+        handle = h5py.h5a.open(item.id, name.encode())
+    except KeyError as error:
         msg = f"{item.name} lacks the attribute {name!r}"
-        raise DataError(msg)
-    handle = h5py.h5a.open(item.id, key)
-    if handle.shape != () or handle.get_type().get_class() not in KNOWN_TYPES:
+        raise DataError(msg) from error
+    dtype = handle.dtype
+    is_known = dtype.kind in "iufS" or h5py.check_string_dtype(dtype) is not None
+    if handle.shape != () or not is_known:
         msg = f"attribute {name!r} of {item.name} is no single number or text"
         raise DataError(msg)
-    size = handle.get_storage_size()
-    value = item.attrs[name] if size <= MAX_ATTRIBUTE_BYTES else ""
-    if size > MAX_ATTRIBUTE_BYTES or np.size(value) > MAX_ATTRIBUTE_BYTES:
-        msg = f"attribute {name!r} of {item.name} is too large"
-        raise DataError(msg)
-    if isinstance(value, bytes):
-        return value.decode()
-    return value.item() if isinstance(value, np.generic) else value
+    too_large = f"attribute {name!r} of {item.name} is too large"
+    if handle.get_storage_size() > MAX_ATTRIBUTE_BYTES:
+        raise DataError(too_large)
+    if dtype.kind == "O":  # a text of any length, in the heap of the file
+        value = item.attrs[name]
+        if len(value) > MAX_ATTRIBUTE_BYTES:
+            raise DataError(too_large)
+    else:
+        held = np.empty((), dtype)
+        handle.read(held)
+        value = held.item()
+    return value.decode() if isinstance(value, bytes) else value
 
 
 def check_stored(dataset: h5py.Dataset) -> None:

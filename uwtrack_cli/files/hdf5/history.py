@@ -9,7 +9,7 @@ import functools
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib import metadata
 from typing import Any, Self
 
@@ -76,9 +76,8 @@ class HistoryStep:
 
     def to_json(self) -> str:
         """Return the step as one line of JSON."""
-        return json.dumps(
-            asdict(self), default=_plain, ensure_ascii=False, sort_keys=True
-        )
+        said = {**vars(self), "sources": [vars(source) for source in self.sources]}
+        return json.dumps(said, default=_plain, ensure_ascii=False, sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str) -> Self:

@@ -7,7 +7,12 @@ Everything that reads or writes a product goes through the names of this module;
 from uwtrack_cli.files.hdf5.container_keys import ContainerKey
 from uwtrack_cli.files.hdf5.examination import is_product
 from uwtrack_cli.files.hdf5.history import HistoryStep, Source
-from uwtrack_cli.files.hdf5.reader import Product, read_product, read_product_bytes
+from uwtrack_cli.files.hdf5.reader import (
+    Product,
+    read_in_child,
+    read_product,
+    read_product_bytes,
+)
 from uwtrack_cli.files.hdf5.verify import source_of, verify_product
 from uwtrack_cli.files.hdf5.writer import ProductWriter, product_to_bytes, write_product
 
@@ -19,6 +24,7 @@ __all__ = [
     "Source",
     "is_product",
     "product_to_bytes",
+    "read_in_child",
     "read_product",
     "read_product_bytes",
     "source_of",

@@ -28,7 +28,9 @@ from uwtrack_cli.files.hdf5.container_keys import (
 )
 from uwtrack_cli.files.hdf5.examination import (
     attribute,
+    check_bytes,
     check_stored,
+    examined,
     open_examined,
     reading,
 )
@@ -219,6 +221,18 @@ def read_product(path: Path | str) -> Product:
     return _opened(Path(path), str(path))
 
 
+def read_in_child(path: Path) -> Product:
+    """Open a product in a process that may be lost: without the examination.
+
+    Raises
+    ------
+    DataError
+        As of `read_product`.
+    """
+    examined.add(check_bytes(path, str(path)).sha256)
+    return read_product(path)
+
+
 def read_product_bytes(data: bytes) -> Product:
     """Open a product that was read from a pipe.
 
@@ -311,16 +325,23 @@ def _read(
     own = _group(file, path, kind)
     absent, version = _absent(own.group), own.version
     values = _split(own, kind)
+    empty: set[str] = set()
     for name, spec in kind.columns().items():
         if name in values:
             continue
+        first = spec.axes[0]
         is_absent = name in absent or is_later(version, kind.NAME, name)
         if is_absent and spec.optional:
             values[name] = None
+        elif spec.axes in {(axis,) for axis in empty}:  # no file need be asked
+            plain = "U1" if spec.dtype.kind == "U" else spec.dtype
+            values[name] = hold(np.zeros(0, plain))
         else:
-            axis = kind.NAME, spec.axes[0]
+            axis = kind.NAME, first
             column = _column(own, name, spec, rows.get(axis, slice(None)))
             values[name] = hold(column[orders[axis]] if axis in orders else column)
+            if not len(column):
+                empty.add(first)
     values |= _scalars(own, kind, absent)
     for name, part in part_classes(kind).items():
         values[name] = None
@@ -362,10 +383,11 @@ def _dataset(own: _Stored, name: str, spec: Column) -> h5py.Dataset:
     """Return the dataset of a column, checked but not yet read."""
     group, container, version = own
     stored = stored_name(version, container, name)
-    dataset = group.get(stored)
-    if dataset is None:
+    try:
+        dataset = group[stored]
+    except KeyError as error:
         msg = f"{group.name} lacks the column {stored!r}"
-        raise DataError(msg)
+        raise DataError(msg) from error
     if not isinstance(dataset, h5py.Dataset) or dataset.ndim != len(spec.axes):
         msg = f"{group.name}/{stored} is no array with the axes {spec.axes}"
         raise DataError(msg)

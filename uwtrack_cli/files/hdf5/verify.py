@@ -22,7 +22,7 @@ from uwtrack_cli.files.hdf5.examination import (
 )
 from uwtrack_cli.files.hdf5.history import HistoryStep, Source
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
-from uwtrack_cli.files.hdf5.reader import Product, read_product
+from uwtrack_cli.files.hdf5.reader import Product, read_in_child, read_product
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.text_escaping import file_name
 
@@ -62,9 +62,8 @@ def content_problems(path: str, name: str, data: bytes) -> list[str]:
     ``data``: nothing: the file is read by its path.
     """
     structure_problem(path, name, data)
-    examined.add(check_bytes(Path(path), name).sha256)
     problems: list[str] = []
-    with read_product(path) as product:
+    with read_in_child(Path(path)) as product:
         product.file.visititems(lambda _, item: _read(item, problems))
         for key in product.paths:
             try:

@@ -129,6 +129,17 @@ def facts(container: Container) -> Row:
     }
 
 
+def nested(container: Container) -> Row:
+    """Return all values of a container, with those of its parts as objects within."""
+    parts = ((name, getattr(container, name)) for name in container.parts())
+    columns = {name: plain(getattr(container, name)) for name in container.columns()}
+    return (
+        facts(container)
+        | columns
+        | {name: None if part is None else nested(part) for name, part in parts}
+    )
+
+
 def _encounter(container: Encounters, i: int, values: Row) -> None:
     own = container.rest_encounter == i
     values["side"] = values["side"] or None
