@@ -23,15 +23,15 @@ from studies.rows import (
 )
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.study import Study, StudyRow
-from uwtrack_cli.motion.solvers.annealing import (
+from uwtrack_cli.motion.target_motion.solvers.annealing import (
     AnnealingPolicy,
     annealing_search,
 )
-from uwtrack_cli.motion.solvers.genetic import (
+from uwtrack_cli.motion.target_motion.solvers.genetic import (
     GeneticPolicy,
     genetic_search,
 )
-from uwtrack_cli.motion.solvers.simplex import (
+from uwtrack_cli.motion.target_motion.solvers.simplex import (
     Minima,
     nelder_mead,
     simplex_about,

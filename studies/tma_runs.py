@@ -21,22 +21,22 @@ from studies.tma_scenarios import (
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.solvers.hybrid import (
+from uwtrack_cli.motion.target_motion.model import to_motion, to_state
+from uwtrack_cli.motion.target_motion.objective import misfit_value
+from uwtrack_cli.motion.target_motion.observability import information
+from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.hybrid import (
     Box,
     Global,
     PenalisedMisfit,
     hybrid_search,
     to_solver,
 )
-from uwtrack_cli.motion.solvers.marquardt import (
+from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     minimise,
     search_bounds,
 )
-from uwtrack_cli.motion.target_motion.model import to_motion, to_state
-from uwtrack_cli.motion.target_motion.objective import misfit_value
-from uwtrack_cli.motion.target_motion.observability import information
-from uwtrack_cli.motion.target_motion.problem import Problem
 from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 
 WIDE = search_bounds((50.0, 200_000.0), 30.0 * KNOT_MPS)

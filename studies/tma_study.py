@@ -53,10 +53,10 @@ from studies.tma_scenarios import (
 )
 from uwtrack_cli.data.base import BoolArray
 from uwtrack_cli.data.study import Study, StudyRow
-from uwtrack_cli.motion.solvers.hybrid import Global, hybrid_search
-from uwtrack_cli.motion.solvers.recursive import estimate_recursively
 from uwtrack_cli.motion.target_motion.observability import information
 from uwtrack_cli.motion.target_motion.problem import Loss, Problem
+from uwtrack_cli.motion.target_motion.solvers.hybrid import Global, hybrid_search
+from uwtrack_cli.motion.target_motion.solvers.recursive import estimate_recursively
 from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 
 NOISES = (1, 5)

@@ -10,7 +10,7 @@ from studies.tma_runs import (
     solve_by_descent,
     solve_by_peer,
 )
-from uwtrack_cli.motion.solvers.recursive import estimate_recursively
+from uwtrack_cli.motion.target_motion.solvers.recursive import estimate_recursively
 
 pytestmark = pytest.mark.benchmark
 

@@ -41,9 +41,6 @@ from uwtrack_cli.motion.passage.model.measurements import (
     _deviation,
 )
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
-from uwtrack_cli.motion.solvers import genetic, hybrid
-from uwtrack_cli.motion.solvers.marquardt import SearchBounds, search_bounds
-from uwtrack_cli.motion.solvers.simplex import nelder_mead
 from uwtrack_cli.motion.target_motion import contact, joint_region, modes
 from uwtrack_cli.motion.target_motion.error_budget import NuisanceDeviations
 from uwtrack_cli.motion.target_motion.inputs import Measurements
@@ -55,6 +52,12 @@ from uwtrack_cli.motion.target_motion.observability import (
     criterion_probability,
 )
 from uwtrack_cli.motion.target_motion.own_ship import OwnPath, bend_rad
+from uwtrack_cli.motion.target_motion.solvers import genetic, hybrid
+from uwtrack_cli.motion.target_motion.solvers.marquardt import (
+    SearchBounds,
+    search_bounds,
+)
+from uwtrack_cli.motion.target_motion.solvers.simplex import nelder_mead
 from uwtrack_cli.motion.tma import _deviations
 
 

@@ -17,7 +17,6 @@ from tests.motion.sonar_scene import (
     STATE,
     Scene,
 )
-from uwtrack_cli.motion.solvers.marquardt import search_bounds
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
     error_budget,
@@ -36,6 +35,7 @@ from uwtrack_cli.motion.target_motion.objective import (
     residuals,
 )
 from uwtrack_cli.motion.target_motion.observability import information
+from uwtrack_cli.motion.target_motion.solvers.marquardt import search_bounds
 
 KINDS = [
     (1, "interval", False, 0.0, False), (1, "instantaneous", True, 40.0, False),

@@ -14,9 +14,9 @@ from studies.tma_scenarios import (
     make_scenario,
 )
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.motion.solvers.marquardt import minimise, search_bounds
 from uwtrack_cli.motion.target_motion.model import predict, to_state
 from uwtrack_cli.motion.target_motion.own_ship import OwnPath, make_observer_track
+from uwtrack_cli.motion.target_motion.solvers.marquardt import minimise, search_bounds
 
 REFERENCE = load_reference("tma")
 WIDE = search_bounds((50.0, 200_000.0), 15.0)

@@ -28,16 +28,16 @@ from studies.tma_scenarios import (
 )
 from studies.tma_study import robust_fits
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.solvers.marquardt import minimise
-from uwtrack_cli.motion.solvers.recursive import estimate_recursively
-from uwtrack_cli.motion.solvers.simplex import nelder_mead, simplex_about
-from uwtrack_cli.motion.solvers.solvers import solve_mle
 from uwtrack_cli.motion.target_motion import modes
 from uwtrack_cli.motion.target_motion.joint_region import QUANTILE, ellipse_holds
 from uwtrack_cli.motion.target_motion.model import to_motion, to_polar
 from uwtrack_cli.motion.target_motion.modes import find_modes, profile_interval
 from uwtrack_cli.motion.target_motion.objective import misfit
 from uwtrack_cli.motion.target_motion.observability import information
+from uwtrack_cli.motion.target_motion.solvers.marquardt import minimise
+from uwtrack_cli.motion.target_motion.solvers.recursive import estimate_recursively
+from uwtrack_cli.motion.target_motion.solvers.simplex import nelder_mead, simplex_about
+from uwtrack_cli.motion.target_motion.solvers.solvers import solve_mle
 from uwtrack_cli.motion.target_motion.starts import multistart
 
 REFERENCE = load_reference("tma")

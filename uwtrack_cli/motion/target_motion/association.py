@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
-from uwtrack_cli.motion.solvers.marquardt import SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.objective import loss_value, misfit, residuals
 from uwtrack_cli.motion.target_motion.problem import Problem
 from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
+from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.starts import multistart, subset_starts
 
 FEWEST_ROWS = 20

@@ -17,13 +17,6 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.estimation.robust import white_scatter
-from uwtrack_cli.motion.solvers.marquardt import (
-    DescentResult,
-    SearchBounds,
-    minimise,
-    search_bounds,
-)
-from uwtrack_cli.motion.solvers.solvers import SOLVERS
 from uwtrack_cli.motion.target_motion.association import BearingSource, associate
 from uwtrack_cli.motion.target_motion.conventions import other_convention
 from uwtrack_cli.motion.target_motion.inputs import (
@@ -62,6 +55,13 @@ from uwtrack_cli.motion.target_motion.own_ship import (
 )
 from uwtrack_cli.motion.target_motion.problem import Problem, without_rows
 from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
+from uwtrack_cli.motion.target_motion.solvers.marquardt import (
+    DescentResult,
+    SearchBounds,
+    minimise,
+    search_bounds,
+)
+from uwtrack_cli.motion.target_motion.solvers.solvers import SOLVERS
 from uwtrack_cli.motion.target_motion.starts import multistart
 
 

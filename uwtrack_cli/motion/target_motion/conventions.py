@@ -16,9 +16,9 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.solvers.marquardt import SearchBounds
 from uwtrack_cli.motion.target_motion.objective import loss_value, residuals
 from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds
 from uwtrack_cli.motion.target_motion.starts import multistart
 
 RADIANS = float(np.degrees(1.0))

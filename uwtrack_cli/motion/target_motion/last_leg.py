@@ -18,7 +18,6 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.solvers.marquardt import SearchBounds
 from uwtrack_cli.motion.target_motion.manoeuvre import Manoeuvre
 from uwtrack_cli.motion.target_motion.model import state_jacobian, to_motion
 from uwtrack_cli.motion.target_motion.modes import (
@@ -31,6 +30,7 @@ from uwtrack_cli.motion.target_motion.modes import (
 from uwtrack_cli.motion.target_motion.objective import loss_weight, misfit, residuals
 from uwtrack_cli.motion.target_motion.observability import design_rows, information
 from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds
 
 CHANGE_STD_MPS = 4.0
 """Deviation of each component of the change before the fit."""

@@ -23,8 +23,6 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.options import Misfit, MotionModel, Search
-from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
-from uwtrack_cli.motion.solvers.solvers import SolverName
 from uwtrack_cli.motion.target_motion.error_budget import (
     NuisanceDeviations,
     error_budget,
@@ -43,6 +41,12 @@ from uwtrack_cli.motion.target_motion.observability import (
     information,
 )
 from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.marquardt import (
+    DescentResult,
+    SearchBounds,
+    minimise,
+)
+from uwtrack_cli.motion.target_motion.solvers.solvers import SolverName
 
 STEPS = 12
 """Points of the profile on each side."""

@@ -17,10 +17,14 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.model import from_motion, from_state
 from uwtrack_cli.motion.target_motion.objective import loss_value, residuals
 from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.marquardt import (
+    DescentResult,
+    SearchBounds,
+    minimise,
+)
 
 BLOCKS = 40
 HOPELESS = 60.0

@@ -13,10 +13,10 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.solvers.hybrid import solve_hybrid
-from uwtrack_cli.motion.solvers.marquardt import SearchBounds
-from uwtrack_cli.motion.solvers.recursive import solve_recursive
 from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.hybrid import solve_hybrid
+from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds
+from uwtrack_cli.motion.target_motion.solvers.recursive import solve_recursive
 from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 
 SolverName = Literal["mle", "recursive", "genetic", "annealing"]

@@ -17,23 +17,23 @@ from typing import Literal
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.motion.solvers.annealing import (
+from uwtrack_cli.motion.target_motion.model import from_motion
+from uwtrack_cli.motion.target_motion.objective import misfit_value
+from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.annealing import (
     AnnealingPolicy,
     annealing_search,
 )
-from uwtrack_cli.motion.solvers.genetic import (
+from uwtrack_cli.motion.target_motion.solvers.genetic import (
     GeneticPolicy,
     genetic_search,
 )
-from uwtrack_cli.motion.solvers.marquardt import SearchBounds
-from uwtrack_cli.motion.solvers.simplex import (
+from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds
+from uwtrack_cli.motion.target_motion.solvers.simplex import (
     Minima,
     nelder_mead,
     simplex_about,
 )
-from uwtrack_cli.motion.target_motion.model import from_motion
-from uwtrack_cli.motion.target_motion.objective import misfit_value
-from uwtrack_cli.motion.target_motion.problem import Problem
 
 PENALTY = 1e6
 """Charge for a violation by the whole width of the box (Chang et al., eq. 8)."""

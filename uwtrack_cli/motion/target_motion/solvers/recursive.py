@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.motion.solvers.marquardt import DescentResult, SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.model import state_jacobian
 from uwtrack_cli.motion.target_motion.objective import (
     loss_value,
@@ -24,6 +23,11 @@ from uwtrack_cli.motion.target_motion.objective import (
 )
 from uwtrack_cli.motion.target_motion.observability import design_rows
 from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.marquardt import (
+    DescentResult,
+    SearchBounds,
+    minimise,
+)
 from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 
 FIRST_ROWS = 10
