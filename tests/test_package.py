@@ -12,7 +12,11 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
-SHIPPED = ("pipelines/vessel.toml", "sample_data/pass.wav", "sample_data/README.md")
+SHIPPED = (
+    "pipelines/vessel.toml",
+    "sample_data/pass.scenario.toml",
+    "sample_data/README.md",
+)
 
 
 def run(words, **options):
@@ -40,6 +44,7 @@ def test_the_wheel_carries_recipes_and_samples(distributions):
         assert f"uwtrack_cli/_shipped/{name}" in names
     assert {"uwtrack_cli/py.typed", "uwtrack_cli/__init__.pyi"} <= set(names)
     assert not any(name.startswith(("tests/", "studies/")) for name in names)
+    assert distributions[0].stat().st_size < 6_000_000
 
 
 def test_the_source_distribution_carries_recipes_samples_and_tests(distributions):

@@ -80,7 +80,7 @@ class CommandList(TyperGroup):
                 raise
             from uwtrack_cli.cli.usage_errors import usage_sentence
 
-            say(f"error: {usage_sentence(error, words)}", -1)
+            say(f"error: {usage_sentence(error, words, COMMANDS)}", -1)
             code = USAGE
         sys.exit(code if isinstance(code, int) else 0)
 

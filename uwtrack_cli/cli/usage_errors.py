@@ -6,10 +6,9 @@ option that belongs to a stage of a recipe is told in the form in which `--set` 
 """
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
-from uwtrack_cli.cli.app import COMMANDS
 from uwtrack_cli.flow.catalogue import STAGES
 
 OF_RECIPES = ("run", "batch", "watch")
@@ -22,12 +21,13 @@ COUNTS = {2: "two", 3: "three", 4: "four"}
 """Numbers of values of an option, in words."""
 
 
-def usage_sentence(error: Any, words: Sequence[str]) -> str:
+def usage_sentence(error: Any, words: Sequence[str], commands: Collection[str]) -> str:
     """Return what is wrong with a command line, in one sentence.
 
     ``error``: what the parser raised: an error with a message, and often the parameter.
+    ``commands``: names of all commands.
     """
-    name = words[0] if words and words[0] in COMMANDS else ""
+    name = words[0] if words and words[0] in commands else ""
     param = getattr(error, "param", None)
     if getattr(error, "option_name", None) and hasattr(error, "possibilities"):
         text = _unknown_option(error, name, words)

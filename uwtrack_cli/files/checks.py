@@ -1,6 +1,7 @@
-"""Whether a path names a file that can be read."""
+"""Whether a path names a file that can be read, and the digest of its bytes."""
 
 import difflib
+import hashlib
 import os
 import stat
 from pathlib import Path
@@ -60,3 +61,19 @@ def check_readable(path: Path) -> None:
     except OSError as error:
         msg = f"cannot read {path}: {error.strerror or error}."
         raise MissingError(msg) from error
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 digest of the bytes of a file, read block by block.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
+    """
+    try:
+        with as_input(path).open("rb") as handle:
+            return hashlib.file_digest(handle, "sha256").hexdigest()
+    except OSError as error:
+        msg = f"cannot read {path}: {error.strerror or error}."
+        raise DataError(msg) from error

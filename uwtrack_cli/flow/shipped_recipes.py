@@ -1,7 +1,14 @@
-"""What comes with the program: recipes and sample recordings."""
+"""What comes with the program: recipes and sample recordings.
+
+**Method.** A checkout has the samples as they were made. An installed package has all of
+them but the sound, which takes megabytes and is made again of its scenario when it is
+copied (see `sample_recordings`): to within one quantisation step, and to the bit where the
+mathematical library is the same.
+"""
 
 import re
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import uwtrack_cli
@@ -16,7 +23,8 @@ from uwtrack_cli.flow.recipe import Recipe
 FOLDERS = ("pipelines", "sample_data")
 """Folders that come with the program."""
 
-SAMPLE_SUFFIXES = (".wav", ".csv")
+SOUND, SENSOR, SCENARIO = ".wav", ".sensor.toml", ".scenario.toml"
+"""Endings of a sample recording and of what lies beside it."""
 
 DEFAULT_RECIPE = "auto"
 """Recipe of recordings by single sensors."""
@@ -110,8 +118,13 @@ def load_recipe(name: Path | str) -> Recipe:
 
 def sample_names() -> list[str]:
     """Return the names of the sample recordings and tables."""
-    found = shipped_folder("sample_data").iterdir()
-    return sorted(path.stem for path in found if path.suffix in SAMPLE_SUFFIXES)
+    names = [path.name for path in shipped_folder("sample_data").iterdir()]
+    return sorted(
+        name.removesuffix(ending)
+        for name in names
+        for ending in (SENSOR, ".csv")
+        if name.endswith(ending)
+    )
 
 
 def sample_texts() -> dict[str, str]:
@@ -159,17 +172,39 @@ def copy_sample(
         for path in source.iterdir()
         if path.name.startswith((f"{name}.", f"{name}-"))
     )
-    if not any(path.suffix in SAMPLE_SUFFIXES for path in found):
-        names = sample_names()
+    names = sample_names()
+    if not any(name == n or n.startswith(f"{name}-") for n in names):
         msg = f"there is no sample {name!r}.{nearest(name, names)} There are {', '.join(names)}."
         raise OptionError(msg)
     folder.mkdir(parents=True, exist_ok=True)
-    for path in found:  # all or none
-        check_target(folder / as_input(path).name, overwrite=overwrite)
-    written = []
-    for path in found:
-        target = folder / path.name
-        with atomic_target(target, overwrite=overwrite) as temporary:
-            temporary.write_bytes(as_input(path).read_bytes())
-        written.append(target)
-    return written
+    with tempfile.TemporaryDirectory(prefix="uwtrack-") as scratch:
+        here = {path.name: path for path in found}
+        here = dict(sorted((_missing_sound(here, Path(scratch)) | here).items()))
+        for path in here.values():  # all or none
+            check_target(folder / as_input(path).name, overwrite=overwrite)
+        for file_name, path in here.items():
+            target = folder / file_name
+            with atomic_target(target, overwrite=overwrite) as temporary:
+                temporary.write_bytes(as_input(path).read_bytes())
+    return [folder / file_name for file_name in here]
+
+
+def _missing_sound(found: Mapping[str, Path], scratch: Path) -> dict[str, Path]:
+    """Make the recordings that lie beside no sensor file, and return them by name.
+
+    ``found``: files of samples by name. ``scratch``: folder to make them in.
+    """
+    from uwtrack_cli.flow.sample_recordings import write_simulation
+    from uwtrack_cli.flow.scenario_file import read_scenario
+
+    wanted = {
+        name.removesuffix(SENSOR) + SOUND for name in found if name.endswith(SENSOR)
+    }
+    missing = wanted - found.keys()
+    for scenario in (
+        shipped_folder("sample_data").glob(f"*{SCENARIO}") if missing else ()
+    ):
+        own = scenario.name.removesuffix(SCENARIO)
+        if any(name.startswith((f"{own}.", f"{own}-")) for name in missing):
+            write_simulation(read_scenario(scenario), scratch / f"{own}{SOUND}")
+    return {name: scratch / name for name in sorted(missing)}

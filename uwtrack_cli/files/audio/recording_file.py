@@ -27,8 +27,7 @@ from uwtrack_cli.files.audio.opening import (
     why_no_recording,
 )
 from uwtrack_cli.files.audio.reader import AudioReader, file_stamp
-from uwtrack_cli.files.checks import check_readable
-from uwtrack_cli.files.hdf5.verify import file_digest
+from uwtrack_cli.files.checks import check_readable, file_digest
 from uwtrack_cli.files.text_escaping import file_name
 
 __all__ = ["open_recording", "write_wav"]

@@ -6,12 +6,12 @@ digests named in the history are compared with the files of these names that lie
 beside the product.
 """
 
-import hashlib
 from pathlib import Path
 
 import h5py
 
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.files.checks import file_digest
 from uwtrack_cli.files.hdf5.container_keys import ContainerKey
 from uwtrack_cli.files.hdf5.examination import (
     HDF5_ERRORS,
@@ -72,22 +72,6 @@ def content_problems(path: str, name: str, data: bytes) -> list[str]:
             except DataError as error:
                 problems.append(str(error))
     return problems
-
-
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 digest of the bytes of a file, read block by block.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read.
-    """
-    try:
-        with as_input(path).open("rb") as handle:
-            return hashlib.file_digest(handle, "sha256").hexdigest()
-    except OSError as error:
-        msg = f"cannot read {path}: {error.strerror or error}."
-        raise DataError(msg) from error
 
 
 def source_of(path: Path) -> Source:
