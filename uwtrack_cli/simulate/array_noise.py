@@ -15,6 +15,8 @@ ends well beyond it. The array is taken as straight: noise has no turn to follow
 Am. 54 (1973): the field as a superposition of plane waves.
 """
 
+from dataclasses import fields
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,8 +33,11 @@ from uwtrack_cli.simulate.noise import (
 from uwtrack_cli.simulate.scenario import Noise, Scenario
 from uwtrack_cli.simulate.trajectories import Array
 
-UNPLACED = ("hum", "clicks", "rain", "gusts", "shrimp", "knocks", "machines")
-"""Parts of the noise that the simulator gives no direction along an array."""
+PLACED = {
+    "density_db", "reference_hz", "slope_db_per_decade", "corner_hz", "features",
+    "drift", "swell",
+}  # fmt: skip
+"""Parts of the noise that an array hears; the others have no direction along it."""
 
 SPARE_NODES = 8
 """Nodes beyond those that the aperture needs."""
@@ -55,7 +60,8 @@ class ArrayNoise:
 
     def __init__(self, scenario: Scenario, noise: Noise, number: int) -> None:
         plan, rate = scenario.sensors[number], scenario.sample_rate_hz
-        other = [name for name in UNPLACED if getattr(noise, name)]
+        parts = [f.name for f in fields(noise) if f.name not in PLACED]
+        other = [name for name in parts if getattr(noise, name)]
         if other:
             msg = (
                 f"noise.{other[0]} is not simulated for arrays ({plan.id}); leave it "

@@ -3,7 +3,9 @@
 **Method.** What changed from each version to the next stands here once: columns that
 got another name, columns that were split into several, and element types. A reader
 asks under which name a column is stored, and passes what it read through all changes
-that follow the file's version. The file itself is never changed.
+that follow the file's version. The file itself is never changed. What came later needs no
+entry: an optional column that a file lacks is None, and so is a single value its default,
+where that says nothing (see `reader`).
 
 Version 1 kept every column of lines in double precision. Versions 1 and 2 kept reasons
 and ambiguities as JSON texts, one per row.
@@ -17,9 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import TextArray, flatten, reason_columns
-from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.errors import DataError
 
 Columns = dict[str, NDArray[Any]]
@@ -31,82 +31,6 @@ RENAMED_IN: Mapping[int, Mapping[tuple[str, str], str]] = {
     },
 }
 """By version: container and new name of a column, and the name it had before."""
-
-
-ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
-    4: frozenset(
-        [
-            *(
-                ("sensor", name)
-                for name in ("north", "multiplex", "response", "clock_error_ppm")
-            ),
-            *(
-                ("target", name)
-                for name in (
-                    "target_id",
-                    "association_target_id",
-                    "false_tracks_per_hour",
-                    "confirming_score",
-                    "crowded_scans",
-                    "clutter_ratio",
-                    "clutter_ratio_std",
-                )
-            ),
-        ]
-    ),
-    3: frozenset(
-        [
-            *(
-                ("sensor", name)
-                for name in (
-                    "depth_std_m",
-                    "sound_speed_std_mps",
-                    "full_scale_db",
-                    "element_along_m",
-                    "element_positions_m",
-                    "tow_offset_m",
-                    "heading_source",
-                    "navigation_position_std_m",
-                    "navigation_velocity_std_mps",
-                    "dipole_gains",
-                    "dipole_crosstalk",
-                    "omni_crosstalk",
-                )
-            ),
-            ("fixes", "statement"),
-            ("frames", "array_heading_deg"),
-            *(("encounters", f"ais_{key}") for key in ("name", "digest", "within_m")),
-            ("files", "first_sample"),
-            ("files", "own_start_utc_ns"),
-            ("files", "own_stop_utc_ns"),
-            ("peaks", "cone_deg"),
-            ("peaks", "cone_std_deg"),
-            ("peaks", "is_aliased"),
-            ("peaks", "elevation_deg"),
-            ("peaks", "elevation_std_deg"),
-            ("lines", "measured_false_lines_per_khz_hour"),
-            ("levels", "tilt_db"),
-            ("levels", "part_excess_db"),
-            *(
-                (kind.NAME, name)
-                for kind in (Encounters, Lines, Motions)
-                for name, spec in kind.columns().items()
-                if spec.optional
-            ),
-        ]
-    ),
-}
-"""By version: container and name of single values, and of optional columns, that older
-files do not have."""
-
-
-def is_later(version: int, container: str, name: str) -> bool:
-    """Tell whether a value came after a version: it has its default then, or is None."""
-    return any(
-        (container, name) in added
-        for newer, added in ADDED_IN.items()
-        if version < newer
-    )
 
 
 def stored_name(version: int, container: str, column: str) -> str:

@@ -44,7 +44,6 @@ from uwtrack_cli.files.hdf5.layout import (
     scalar_types,
 )
 from uwtrack_cli.files.hdf5.migration import (
-    is_later,
     migrate,
     split_columns,
     stored_name,
@@ -146,7 +145,7 @@ class Product(ContainerHolder):
             return {
                 column: _dataset(own, column, spec).shape
                 for column, spec in kind.columns().items()
-                if stored_name(self.schema_version, key.name, column) in own.group
+                if _name(own, column) in own.group
             }
 
     def has_part(self, key: ContainerKey, part: str) -> bool:
@@ -323,15 +322,14 @@ def _read(
 ) -> C:
     """Read a container, or some rows of it, with its parts."""
     own = _group(file, path, kind)
-    absent, version = _absent(own.group), own.version
+    absent, stored = _absent(own.group), set(own.group)
     values = _split(own, kind)
     empty: set[str] = set()
     for name, spec in kind.columns().items():
         if name in values:
             continue
         first = spec.axes[0]
-        is_absent = name in absent or is_later(version, kind.NAME, name)
-        if is_absent and spec.optional:
+        if spec.optional and (name in absent or _name(own, name) not in stored):
             values[name] = None
         elif spec.axes in {(axis,) for axis in empty}:  # no file need be asked
             plain = "U1" if spec.dtype.kind == "U" else spec.dtype
@@ -379,10 +377,15 @@ def _absent(group: h5py.Group) -> set[str]:
     return set(filter(None, str(attribute(group, "absent")).split(",")))
 
 
+def _name(own: _Stored, column: str) -> str:
+    """Return the name that a column of today has in the file."""
+    return stored_name(own.version, own.container, column)
+
+
 def _dataset(own: _Stored, name: str, spec: Column) -> h5py.Dataset:
     """Return the dataset of a column, checked but not yet read."""
     group, container, version = own
-    stored = stored_name(version, container, name)
+    stored = _name(own, name)
     try:
         dataset = group[stored]
     except KeyError as error:
@@ -423,11 +426,17 @@ def _split(own: _Stored, kind: type[Container]) -> dict[str, Any]:
 
 def _scalars(own: _Stored, kind: type[Container], absent: set[str]) -> dict[str, Any]:
     """Return the single values that the file has; the others have their defaults."""
+    stored, declared = set(own.group.attrs), kind.scalars()
     return {
         name: None if name in absent else _scalar(own.group, name, plain)
         for name, plain in scalar_types(kind).items()
-        if not is_later(own.version, kind.NAME, name)
+        if name in stored or not _says_nothing(declared[name].default)
     }
+
+
+def _says_nothing(default: Any) -> bool:
+    """Tell whether a default is none, empty, zero or nan: a fact that came later."""
+    return default in {None, "", 0.0} or default != default  # noqa: PLR0124 - nan
 
 
 def _scalar(group: h5py.Group, name: str, plain: type) -> Any:
