@@ -132,7 +132,6 @@ def part_classes(kind: type[Container]) -> dict[str, type[Container]]:
     return {name: _container_in(hints[name]) for name in kind.parts()}
 
 
-@cache
 def scalar_types(kind: type[Container]) -> Mapping[str, type]:
     """Return the plain type (str, bool, int or float) of every stored scalar."""
     hints = _hints(kind.NAME)
