@@ -147,9 +147,6 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "Nepers by which the sound of its lines is sharper in the vessel's own time "
         "than in any rival's; nan where the sound was not asked."
     )
-    n_shifts: FloatArray | None = column(
-        "Measurements of frequency that the passage rests on.", unit="1"
-    )
     misfit: FloatArray | None = column(
         "What its lines leave of their curve beyond noise, as a share of the Doppler "
         "shift; nan without lines."

@@ -29,7 +29,7 @@ ENCOUNTER_KEYS = (
     "received_level_std_db", "source_level_db", "source_level_std_db", "spreading_db",
     "level_reference", "level_band_hz", "horizontal_range_std_m",
     "horizontal_range_over_speed_s", "horizontal_range_over_speed_std_s", "nuisances",
-    "rest_frame_evidence", "misfit", "n_shifts",
+    "rest_frame_evidence", "misfit",
     "vessel", "reading", "reading_weight", "rival", "change", "covariance",
 )  # fmt: skip
 FIX_KEYS = (

@@ -94,7 +94,7 @@ VALUES = (
     "course_deg", "course_std_deg", "bearing_deg",
     "bearing_std_deg", "received_level_db", "received_level_std_db",
     "source_level_db", "source_level_std_db", "rest_frame_evidence", "misfit",
-    "n_shifts", "reading_weight", "rival_weight", "change_time_s", "change_time_std_s",
+    "reading_weight", "rival_weight", "change_time_s", "change_time_std_s",
     "frequency_change", "frequency_change_std", "frequency_slope_per_s",
     "frequency_slope_std_per_s", "other_leg_speed_mps", "other_leg_speed_std_mps",
     "other_leg_course_deg", "other_leg_course_std_deg", "turn_away_deg",
@@ -477,7 +477,6 @@ def add_checks(row: Row, candidate: CandidatePassage, *, has_sound: bool) -> Non
         row.values["change_time_std_s"] = reading.change_time_std_s
     row.values["rest_frame_evidence"] = candidate.rest_frame_evidence
     row.values["misfit"] = candidate.misfit
-    row.values["n_shifts"] = float(np.count_nonzero(candidate.blocks.shift.weight))
     for name in ("rest_frame_evidence", "misfit"):
         if np.isfinite(row.values[name]):
             row.reasons.pop(name, None)
