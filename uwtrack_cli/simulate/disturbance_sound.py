@@ -19,7 +19,6 @@ import numpy as np
 
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.disturbances import (
-    Chorus,
     Gusts,
     Knocks,
     LevelDrift,
@@ -140,17 +139,6 @@ def gust_density(plan: Gusts, frequency_hz: Array) -> Array:
     """Return the density of a gust at its middle, uPa^2/Hz."""
     above = np.maximum(frequency_hz / plan.corner_hz, 1.0)
     return np.asarray(10.0 ** (plan.density_db / 10.0) / above**4)
-
-
-def chorus_density(plan: Chorus, frequency_hz: Array) -> Array:
-    """Return the density of a chorus of fish at full strength, uPa^2/Hz."""
-    octaves = np.log2(np.maximum(frequency_hz, 1e-3) / plan.middle_hz) / plan.octaves
-    return np.asarray(10.0 ** (plan.density_db / 10.0) * np.exp(-0.5 * octaves**2))
-
-
-def chorus_envelope(plan: Chorus) -> Envelope:
-    """Return the share of the power of a chorus over time."""
-    return lambda time_s: np.exp(-0.5 * ((time_s - plan.peak_s) / plan.rise_s) ** 2)
 
 
 def rain_envelope(plan: Rain) -> Envelope:
@@ -421,10 +409,6 @@ def disturbances(
     if noise.gusts is not None:
         shape = gust_envelope(noise.gusts, (scenario.seed, 112), scenario.duration_s)
         found.append(weather(partial(gust_density, noise.gusts), 113, shape))
-
-    if noise.chorus is not None:
-        shape = chorus_envelope(noise.chorus)
-        found.append(weather(partial(chorus_density, noise.chorus), 115, shape))
 
     def impulses(plan: Shrimp | Knocks, stream: int, waves: Array) -> ImpulseSound:
         return ImpulseSound(

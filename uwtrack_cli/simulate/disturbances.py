@@ -116,22 +116,6 @@ class Knocks(OptionGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chorus(OptionGroup):
-    """A chorus of fish: noise about a frequency that rises and falls with the evening."""
-
-    peak_s: Moment
-    """Middle of the time of full strength, s."""
-    density_db: Level
-    """Density at full strength and the middle frequency, dB re 1 uPa^2/Hz."""
-    middle_hz: Frequency = 300.0
-    """Middle frequency, Hz."""
-    octaves: Annotated[float, Above(0.0), AtMost(4.0)] = 0.5
-    """Standard deviation of the frequencies about it, octaves."""
-    rise_s: Duration = 600.0
-    """Time in which it rises, and in which it falls, s."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Machine(OptionGroup):
     """A machine that stays where it is: harmonics that drift, step and switch."""
 

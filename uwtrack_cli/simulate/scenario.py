@@ -21,7 +21,6 @@ from uwtrack_cli.data.options import (
 )
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.simulate.disturbances import (
-    Chorus,
     Gusts,
     Knocks,
     LevelDrift,
@@ -262,8 +261,6 @@ class Noise(OptionGroup):
     """Snapping shrimp; None is none."""
     knocks: Knocks | None = None
     """Knocks; None is none."""
-    chorus: Chorus | None = None
-    """A chorus of fish; None is none."""
     machines: Annotated[tuple[Machine, ...], Key("machine")] = ()
     """Machines at rest: pumps, generators, ventilators."""
 
