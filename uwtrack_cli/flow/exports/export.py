@@ -22,15 +22,14 @@ from uwtrack_cli.flow.branches import (
 )
 from uwtrack_cli.flow.exports.features import geographic_features
 from uwtrack_cli.flow.exports.geojson import geojson_text
-from uwtrack_cli.flow.exports.gpx import gpx_text
 from uwtrack_cli.flow.exports.kml import kml_text
 from uwtrack_cli.flow.exports.raven import raven_text
 from uwtrack_cli.flow.products import small_containers
 
-Form = Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf", "gpx"]
+Form = Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"]
 ENDINGS: dict[Form, str] = {
     "csv": ".csv", "geojson": ".geojson", "kml": ".kml",
-    "raven": ".selections.txt", "netcdf": ".nc", "rep": ".rep", "dsf": ".dsf", "gpx": ".gpx",
+    "raven": ".selections.txt", "netcdf": ".nc", "rep": ".rep", "dsf": ".dsf",
 }  # fmt: skip
 SUMMARIES = ("fixes", "encounters", "motions", "target", "decision", "lines", "levels")
 """Containers that a CSV holds, the first one there is with a row in it."""
@@ -41,7 +40,6 @@ TAKEN: dict[str, frozenset[str]] = {
     "raven": frozenset({"lines"}),
     "rep": frozenset({"series", "fixes"}),
     "dsf": frozenset({"series"}),
-    "gpx": frozenset({"encounters", "fixes", "motions"}),
 }
 """Containers of which a format takes one for each sensor."""
 
@@ -96,10 +94,6 @@ def _kml(containers: list[Container], name: str) -> str:
     return kml_text(geographic_features(containers, name), Path(name).name)
 
 
-def _gpx(containers: list[Container], name: str) -> str:
-    return gpx_text(geographic_features(containers, name))
-
-
 def _rep(containers: list[Container], name: str) -> str:
     fixes = [c for c in containers if isinstance(c, Fixes)]
     return _replay(replay_lines(_series(containers), fixes, with_tracks=True), name)
@@ -130,7 +124,6 @@ TEXTS: dict[str, Callable[[list[Container], str], str]] = {
     "raven": raven_text,
     "rep": _rep,
     "dsf": _dsf,
-    "gpx": _gpx,
 }
 
 
