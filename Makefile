@@ -59,7 +59,7 @@ format: $(VENV)/.development  ## put the code into the house style
 
 samples: $(VENV)/.development  ## make the sample recordings and tables again
 	$(BIN)/python -c "from pathlib import Path; \
-	from uwtrack_cli.flow.sample_tables import write_sample_tables; \
+	from studies.sample_tables import write_sample_tables; \
 	from uwtrack_cli.flow.sample_recordings import remake_samples; \
 	remake_samples(Path('sample_data')); write_sample_tables(Path('sample_data'))"
 

@@ -15,6 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from studies.clutter_scans import (
+    ClutterScene,
+    SimulatedScan,
+    constant_velocity_truth,
+    simulate_scan,
+)
 from uwtrack_cli.clutter.clutter_filter import (
     ClutterSetting,
     Scan,
@@ -34,12 +40,6 @@ from uwtrack_cli.estimation.probabilistic_association import (
     Association,
     correct,
     innovate,
-)
-from uwtrack_cli.simulate.clutter_scans import (
-    ClutterScene,
-    SimulatedScan,
-    constant_velocity_truth,
-    simulate_scan,
 )
 
 N_SCANS = 50

@@ -24,6 +24,7 @@ from studies.clutter_runs import (
     run_scene,
     setting_of,
 )
+from studies.clutter_scans import ClutterScene, simulate_scan
 from studies.rows import (
     error_row,
     exact_row,
@@ -38,7 +39,6 @@ from uwtrack_cli.estimation.detection_threshold import best_prior
 from uwtrack_cli.estimation.imm import Belief
 from uwtrack_cli.estimation.information_reduction import information_reduction
 from uwtrack_cli.estimation.operating_curve import constant_curve, model_curve
-from uwtrack_cli.simulate.clutter_scans import ClutterScene, simulate_scan
 
 _LEGEND = (
     "lost: more than 100 m wrong, or a position variance above (100 m)^2, at any scan "

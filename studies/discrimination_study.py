@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.repeater import RepeaterScene, simulate_repeater
 from studies.rows import load_reference, mean_row, share_row
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.study import Study, StudyRow
@@ -41,7 +42,6 @@ from uwtrack_cli.discrimination.sequential_test import (
     wald_thresholds,
 )
 from uwtrack_cli.estimation.imm import Belief
-from uwtrack_cli.simulate.repeater import RepeaterScene, simulate_repeater
 
 _ERRORS = {1: 0.05, 2: 0.005, 3: 0.005}
 TWO_MODELS = ContactFilters(acceleration_std_mps2=1.0, manoeuvre_std_mps2=10.0)

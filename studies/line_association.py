@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from studies.rows import exact_row, mean_row
+from studies.tones import simulate_tones
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
@@ -27,7 +28,6 @@ from uwtrack_cli.estimation.operating_curve import model_curve
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.track_pda import track_lines_pda
 from uwtrack_cli.lines.tracker_options import ScoreLogic
-from uwtrack_cli.simulate.tones import simulate_tones
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from studies.clutter_scans import (
+    ClutterScene,
+    constant_velocity_truth,
+    simulate_scan,
+)
 from studies.rows import load_reference
 from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
 from uwtrack_cli.clutter.pdaf import track_in_clutter
 from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.simulate.clutter_scans import (
-    ClutterScene,
-    constant_velocity_truth,
-    simulate_scan,
-)
 
 GOLDEN = load_reference("clutter_golden")
 MOTION = TargetMotion(acceleration_std=math.sqrt(10.0))

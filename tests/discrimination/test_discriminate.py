@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from studies.discrimination_study import run_scenario
+from studies.repeater import RepeaterScene
 from tests.draws.contact_pairs import contact_pair as _case
 from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.discrimination.discriminate import discriminate_contacts
 from uwtrack_cli.discrimination.options import ContactErrors, ContactFilters
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.simulate.repeater import RepeaterScene
 
 SCENE = RepeaterScene(aspect_deg=140.0, turns=True)
 

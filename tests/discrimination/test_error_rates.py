@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from studies.repeater import RepeaterScene
 from tests.draws.contact_pairs import (
     SCENE,
     contact_pair,
@@ -11,7 +12,6 @@ from tests.draws.contact_pairs import (
     two_vessels,
 )
 from uwtrack_cli.discrimination.discriminate import discriminate_contacts
-from uwtrack_cli.simulate.repeater import RepeaterScene
 
 ROWS = [(True, "plain"), (False, "plain"), (False, "weak")]
 """Weak bearings after an earlier contact err oftener: docs/measured.md has by how much."""

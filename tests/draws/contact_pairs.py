@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import beta
 
+from studies.repeater import RepeaterScene, simulate_repeater
 from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.discrimination.contact_filters import Observation
@@ -19,7 +20,6 @@ from uwtrack_cli.discrimination.discriminate import discriminate_contacts
 from uwtrack_cli.discrimination.options import ContactFilters
 from uwtrack_cli.discrimination.pair_test import consistency, follow, run_pair
 from uwtrack_cli.discrimination.sequential_test import first_crossing, wald_thresholds
-from uwtrack_cli.simulate.repeater import RepeaterScene, simulate_repeater
 
 SCENE = RepeaterScene(aspect_deg=140.0, turns=True)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import ncx2
 
+from studies.clutter_scans import ClutterScene, simulate_scan
 from studies.rows import load_reference
 from uwtrack_cli.estimation.operating_curve import (
     measured_curve,
@@ -13,7 +14,6 @@ from uwtrack_cli.estimation.operating_curve import (
     rayleigh_false_alarm,
     rayleigh_threshold,
 )
-from uwtrack_cli.simulate.clutter_scans import ClutterScene, simulate_scan
 
 TABLE = np.array(load_reference("clutter")["detector"]["rows"])
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from uwtrack_cli.flow.sample_tables import write_sample_tables
+from studies.sample_tables import write_sample_tables
 
 
 def test_the_tables_are_made_again_to_the_byte(tmp_path, samples):

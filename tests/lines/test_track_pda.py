@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from studies.line_association import noise_lines, passage
+from studies.tones import simulate_tones
 from tests.lines.line_scenes import line_peaks
 from tests.support import recording_of
 from uwtrack_cli.data.lines import Lines
@@ -14,7 +15,6 @@ from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.lines.classify import classify_peaks
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.track_pda import track_lines_pda
-from uwtrack_cli.simulate.tones import simulate_tones
 from uwtrack_cli.spectra.peaks import find_peaks
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 

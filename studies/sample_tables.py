@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from uwtrack_cli.constants import KNOT_MPS
-from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.files.atomic import write_text
-from uwtrack_cli.simulate.clutter_scans import (
+from studies.clutter_scans import (
     ClutterScene,
     constant_velocity_truth,
     simulate_scan,
 )
-from uwtrack_cli.simulate.repeater import RepeaterScene, simulate_repeater
+from studies.repeater import RepeaterScene, simulate_repeater
+from uwtrack_cli.constants import KNOT_MPS
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.files.atomic import write_text
 
 SEED = 2003
 
