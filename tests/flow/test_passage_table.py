@@ -180,17 +180,18 @@ def test_what_was_read_before_an_interrupt_is_not_read_again(
     folder, tmp_path, monkeypatch
 ):
     cache = tmp_path / "p.sqlite"
-    whole = passages._read_result
+    whole = passages.read_many
 
-    def until_the_last(path, vessels):
-        if path.name == "day2.run.h5":
-            raise KeyboardInterrupt
-        return whole(path, vessels)
+    def until_the_last(function, paths):
+        for path, value in zip(paths, whole(function, paths), strict=True):
+            if path.name == "day2.run.h5":
+                raise KeyboardInterrupt
+            yield value
 
-    monkeypatch.setattr(passages, "_read_result", until_the_last)
+    monkeypatch.setattr(passages, "read_many", until_the_last)
     with pytest.raises(KeyboardInterrupt):
         collect_passages([folder], cache=cache)
-    monkeypatch.setattr(passages, "_read_result", whole)
+    monkeypatch.setattr(passages, "read_many", whole)
     assert collect_passages([folder], cache=cache).n_read == 1
 
 

@@ -11,7 +11,6 @@ file that is no product never. What the products of many jobs say of themselves 
 one child process with limits (see `examination`), so that their files need no other one.
 """
 
-import contextlib
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,12 +35,11 @@ from uwtrack_cli.files.hdf5.product import (
     ProductWriter,
     Source,
     is_product,
-    read_in_child,
+    read_many,
     read_product,
     source_of,
 )
 from uwtrack_cli.files.input_ledger import input_ledger, not_an_input
-from uwtrack_cli.files.limited_process import run_limited
 from uwtrack_cli.files.tables.json_rows import json_rows, nested
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.files.utc import parse_utc
@@ -60,12 +58,6 @@ DONE, RESUMED, FAILED, TRUNCATED = "done", "resumed", "failed", "truncated"
 
 Statement = dict[str, Any]
 """What a product says of itself, as JSON: of which recording, by which steps, what."""
-
-LOOKED_AT_ONCE = 64
-"""Products that one child process reads."""
-
-SECONDS_EACH = 3.0
-"""Processor time that it may take for each of them."""
 
 
 @dataclass(frozen=True)
@@ -127,49 +119,29 @@ class Outcome:
 
 def looked_over(jobs: Mapping[int, Job]) -> Iterator[tuple[int, Job]]:
     """Yield jobs with their numbers, those that resume with what their products say."""
-    numbered = list(jobs.items())
-    for start in range(0, len(numbered), LOOKED_AT_ONCE):
-        some = numbered[start : start + LOOKED_AT_ONCE]
-        there = [job.target for _, job in some if job.resume and job.target.is_file()]
-        found = dict(zip(there, _statements(there), strict=True))
-        for number, job in some:
-            yield number, replace(job, statement=found.get(job.target))
+    there = [j.target for j in jobs.values() if j.resume and j.target.is_file()]
+    statements = _statements(there)
+    known = frozenset(there)
+    for number, job in jobs.items():
+        said = next(statements) if job.target in known else None
+        yield number, replace(job, statement=said)
 
 
-def _statements(paths: Sequence[Path]) -> list[Statement | None]:
-    """Return what products say; None for one that is damaged, or ends the child."""
-    if not paths:
-        return []
-    try:
-        found: list[Statement | None] = run_limited(
-            f"{__name__}:statements_in_child", *map(str, paths),
-            seconds=SECONDS_EACH * len(paths),
-        )  # fmt: skip
-    except DataError:
-        if len(paths) == 1:
-            return [None]
-        return [said for path in paths for said in _statements([path])]
-    return found
+def _statements(paths: Sequence[Path]) -> Iterator[Statement | None]:
+    """Yield what products say of themselves; None for one that cannot be read."""
+    for said in read_many(f"{__name__}:statement_of", paths):
+        yield None if isinstance(said, DataError) else said
 
 
-def statements_in_child(*arguments: Any) -> list[Statement | None]:
-    """Read what products say of themselves, in a child process with limits.
-
-    ``arguments``: their paths, and nothing.
-    """
-    found: list[Statement | None] = []
-    for path in arguments[:-1]:
-        said: Statement | None = None
-        with contextlib.suppress(DataError), read_in_child(Path(path)) as product:
-            encounters = product.read_all(Encounters)
-            said = {
-                "history": [step.to_json() for step in product.history],
-                "recordings": [nested(r) for r in product.read_all(Recording)],
-                "encounters": [row for one in encounters for row in json_rows(one)],
-                "names": [[one.ais_digest, one.ais_within_m] for one in encounters],
-            }
-        found.append(said)
-    return found
+def statement_of(product: Product) -> Statement:
+    """Return what a product says of itself, as JSON."""
+    encounters = product.read_all(Encounters)
+    return {
+        "history": [step.to_json() for step in product.history],
+        "recordings": [nested(recording) for recording in product.read_all(Recording)],
+        "encounters": [row for one in encounters for row in json_rows(one)],
+        "names": [[one.ais_digest, one.ais_within_m] for one in encounters],
+    }
 
 
 def run_job(job: Job) -> Outcome:
@@ -403,7 +375,7 @@ def _complete(
     """Return the encounters of a product that need not be made again."""
     if not job.target.is_file():
         return None
-    said = job.statement or _statements([job.target])[0]
+    said = job.statement or next(_statements([job.target]))
     if said is None:
         return None
     graph = job.recipe.graph().resolved(recording)

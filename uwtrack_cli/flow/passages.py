@@ -29,7 +29,7 @@ from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, UwtrackError
-from uwtrack_cli.files.hdf5.product import Product, read_product
+from uwtrack_cli.files.hdf5.product import Product, read_many, read_product
 from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.utc import parse_utc
@@ -216,17 +216,19 @@ def collect_passages(
     results: list[Result] = []
     remembered = _Cache(cache, ais, within_m)
     vessels = None if ais is None else read_vessels(ais, within_m)
+    # an input, even if not opened
+    known = {path: remembered.find(as_input(path)) for path in find_results(sources)}
+    new = _read_results([p for p, found in known.items() if found is None], vessels)
     try:
-        for path in find_results(sources):
-            result = remembered.find(as_input(path))  # an input, even if not opened
-            if result is None:
+        for path, found in known.items():
+            result = next(new) if found is None else found
+            if isinstance(result, UwtrackError):
+                named = "" if str(path) in str(result) else f"{path}: "
+                table.problems.append(f"left out: {named}{result}")
                 table.n_read += 1
-                try:
-                    result = _read_result(path, vessels)
-                except UwtrackError as error:
-                    named = "" if str(path) in str(error) else f"{path}: "
-                    table.problems.append(f"left out: {named}{error}")
-                    continue
+                continue
+            if found is None:
+                table.n_read += 1
                 remembered.keep(path, result)
             results.append(result)
     finally:  # an interrupt, too: the next time goes on from here
@@ -307,32 +309,60 @@ def usual_cache() -> Path:
     return Path(base) / "uwtrack" / "passages.sqlite"
 
 
-def _read_result(path: Path, vessels: AisVessels | None) -> Result:
-    with read_product(path) as product:
-        recordings = product.read_all(Recording)
-        sensors = product.read_all(Sensor)
-        found = _distinct(product)
-        views = [f"{r.digest} {r.sensor.id} {r.first_sample}" for r in recordings]
-        rows: list[PassageRow] = []
-        unnamed: set[str] = set()
-        for encounters in found:
-            named, reason = _named(encounters, vessels, sensors, recordings)
-            unnamed.update({reason} if reason else ())
-            places = _positions(product.read_all(Fixes), encounters)
-            for row, place in zip(json_rows(named), places, strict=True):
-                if row["status"] in SCORED:
-                    rows.append(_passage(path, row, recordings, place))
-        joined = product.read_all(RecordedFiles)
-        return Result(
-            str(path), product.created_utc, tuple(sorted(views)),
-            {s.id: place for s in sensors if (place := _place(s)) is not None},
-            tuple(rows),
-            tuple(_levels(path, product)),
-            next((files.own_ns for files in joined), None),
-            tuple(str(digest) for files in joined for digest in files.digest),
-            tuple(sound_of(product)),
-            tuple(sorted(unnamed)),
-        )  # fmt: skip
+def _read_results(
+    paths: Sequence[Path], vessels: AisVessels | None
+) -> Iterator[Result | UwtrackError]:
+    """Yield what products say, or why one cannot be read.
+
+    They are read in a process of their own, many at once; but where there are vessels,
+    which it would have to read again.
+    """
+    if vessels is None:
+        for path, raw in zip(
+            paths, read_many(f"{__name__}:values_of", paths), strict=True
+        ):
+            is_wrong = isinstance(raw, DataError)
+            yield raw if is_wrong else _from_json(raw, path)
+        return
+    for path in paths:
+        try:
+            with read_product(path) as product:
+                yield _result_of(product, vessels)
+        except UwtrackError as error:
+            yield error
+
+
+def values_of(product: Product) -> dict[str, Any]:
+    """Return the fields of the `Result` of a product, for another process."""
+    return asdict(_result_of(product, None))
+
+
+def _result_of(product: Product, vessels: AisVessels | None) -> Result:
+    path = Path(product.name)
+    recordings = product.read_all(Recording)
+    sensors = product.read_all(Sensor)
+    found = _distinct(product)
+    views = [f"{r.digest} {r.sensor.id} {r.first_sample}" for r in recordings]
+    rows: list[PassageRow] = []
+    unnamed: set[str] = set()
+    for encounters in found:
+        named, reason = _named(encounters, vessels, sensors, recordings)
+        unnamed.update({reason} if reason else ())
+        places = _positions(product.read_all(Fixes), encounters)
+        for row, place in zip(json_rows(named), places, strict=True):
+            if row["status"] in SCORED:
+                rows.append(_passage(path, row, recordings, place))
+    joined = product.read_all(RecordedFiles)
+    return Result(
+        str(path), product.created_utc, tuple(sorted(views)),
+        {s.id: place for s in sensors if (place := _place(s)) is not None},
+        tuple(rows),
+        tuple(_levels(path, product)),
+        next((files.own_ns for files in joined), None),
+        tuple(str(digest) for files in joined for digest in files.digest),
+        tuple(sound_of(product)),
+        tuple(sorted(unnamed)),
+    )  # fmt: skip
 
 
 def _levels(path: Path, product: Product) -> Iterator[PassageLevel]:
@@ -455,6 +485,22 @@ def _apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
     return float(np.hypot(*to_grid(*b, Origin(*a))))
 
 
+def _from_json(raw: dict[str, Any], path: Path) -> Result:
+    """Return the result of a product from its fields as JSON has them."""
+    own_ns = raw["own_ns"]
+    lists = {name: tuple(raw[name]) for name in ("recordings", "files", "unnamed")}
+    return Result(**{
+        **raw,
+        **lists,
+        "path": str(path),
+        "places": {name: (a, b) for name, (a, b) in raw["places"].items()},
+        "passages": tuple(PassageRow(**row) for row in raw["passages"]),
+        "levels": tuple(PassageLevel(**row) for row in raw["levels"]),
+        "sound": tuple(SoundSpan(*span) for span in raw["sound"]),
+        "own_ns": None if own_ns is None else (own_ns[0], own_ns[1]),
+    })  # fmt: skip
+
+
 class _Cache:
     """Remembers what products gave, in a database of one table."""
 
@@ -477,19 +523,7 @@ class _Cache:
         if stamp != _stamp(path) + self._made_by:
             return None
         try:
-            raw = json.loads(text)
-            rows = tuple(PassageRow(**row) for row in raw.pop("passages"))
-            levels = tuple(PassageLevel(**row) for row in raw.pop("levels"))
-            places = {name: (a, b) for name, (a, b) in raw.pop("places").items()}
-            lists = ("recordings", "files", "unnamed")
-            raw |= {name: tuple(raw[name]) for name in lists}
-            raw["sound"] = tuple(SoundSpan(*span) for span in raw["sound"])
-            own_ns = raw.pop("own_ns")
-            return Result(
-                **{**raw, "path": str(path)}, places=places, passages=rows,
-                levels=levels,
-                own_ns=None if own_ns is None else (own_ns[0], own_ns[1]),
-            )  # fmt: skip
+            return _from_json(json.loads(text), path)
         except (ValueError, TypeError, KeyError):
             return None
 

@@ -9,11 +9,10 @@ from uwtrack_cli.files.hdf5.examination import is_product
 from uwtrack_cli.files.hdf5.history import HistoryStep, Source
 from uwtrack_cli.files.hdf5.reader import (
     Product,
-    read_in_child,
     read_product,
     read_product_bytes,
 )
-from uwtrack_cli.files.hdf5.verify import source_of, verify_product
+from uwtrack_cli.files.hdf5.verify import read_many, source_of, verify_product
 from uwtrack_cli.files.hdf5.writer import ProductWriter, product_to_bytes, write_product
 
 __all__ = [
@@ -24,7 +23,7 @@ __all__ = [
     "Source",
     "is_product",
     "product_to_bytes",
-    "read_in_child",
+    "read_many",
     "read_product",
     "read_product_bytes",
     "source_of",

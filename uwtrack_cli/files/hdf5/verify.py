@@ -1,12 +1,16 @@
-"""Whether a product file is what it was when it was written.
+"""What products say, read in a process that may be lost; whether they are undamaged.
 
 **Method.** Everything that opening a product checks, in a child process with limits
 (see `examination`); there every array and every container is read as well. Then the
 digests named in the history are compared with the files of these names that lie
-beside the product.
+beside the product. What is wanted of many products is read in one such process, which
+gives it back; where it is lost, each product is read in one of its own.
 """
 
+from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import h5py
 
@@ -14,7 +18,9 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.checks import file_digest
 from uwtrack_cli.files.hdf5.container_keys import ContainerKey
 from uwtrack_cli.files.hdf5.examination import (
+    BYTES_PER_S,
     HDF5_ERRORS,
+    PATIENCE_S,
     check_bytes,
     examined,
     look_apart,
@@ -24,7 +30,11 @@ from uwtrack_cli.files.hdf5.history import HistoryStep, Source
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
 from uwtrack_cli.files.hdf5.reader import Product, read_in_child, read_product
 from uwtrack_cli.files.input_ledger import as_input
+from uwtrack_cli.files.limited_process import run_limited
 from uwtrack_cli.files.text_escaping import file_name
+
+READ_AT_ONCE = 64
+"""Products that one child process reads."""
 
 BLOCK_BYTES = 1 << 22
 READ_WHOLE_BYTES = 1 << 26
@@ -72,6 +82,53 @@ def content_problems(path: str, name: str, data: bytes) -> list[str]:
             except DataError as error:
                 problems.append(str(error))
     return problems
+
+
+def read_many(function: str, paths: Sequence[Path]) -> Iterator[Any]:
+    """Yield what a function gives of each of many products, or why one cannot be read.
+
+    ``function``: its module and name, ``package.module:name``; it takes a product, and
+    returns what JSON can hold.
+
+    Yielded: for each path a value, or the DataError that says what is wrong.
+    """
+    for start in range(0, len(paths), READ_AT_ONCE):
+        some = paths[start : start + READ_AT_ONCE]
+        try:
+            yield from _in_one_child(function, some)
+        except DataError:  # the child is lost, and one of them was too much for it
+            for path in some:
+                try:
+                    yield from _in_one_child(function, [path])
+                except DataError as error:
+                    msg = f"{path} is damaged: {error}. Make it again from its source."
+                    yield DataError(msg)
+
+
+def _in_one_child(function: str, paths: Sequence[Path]) -> list[Any]:
+    sizes = [path.stat().st_size for path in paths if path.exists()]
+    found = run_limited(
+        f"{__name__}:values_in_child", function, *map(str, paths),
+        seconds=PATIENCE_S + sum(sizes) / BYTES_PER_S,
+    )  # fmt: skip
+    return [value if is_read else DataError(value) for is_read, value in found]
+
+
+def values_in_child(function: str, *arguments: Any) -> list[tuple[bool, Any]]:
+    """Return what a function gives of products, each with whether it could be read.
+
+    ``arguments``: the paths of the products, and nothing.
+    """
+    module, _, name = function.partition(":")
+    found: list[tuple[bool, Any]] = []
+    for path in arguments[:-1]:
+        try:
+            with read_in_child(Path(path)) as product:
+                value = getattr(import_module(module), name)(product)
+            found.append((True, value))
+        except DataError as error:
+            found.append((False, str(error)))
+    return found
 
 
 def source_of(path: Path) -> Source:
