@@ -11,9 +11,10 @@ from tests.support import package_modules
 from tests.test_rooms import ROOMS
 
 ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "uwtrack_cli"
 
-MOST_WITH_ONE_USER = 79
-"""Modules with one user in their own room that there may be; this only falls."""
+MOST_SMALL, SMALL_LINES = 18, 100
+"""Modules up to this length, with one user in their own room, that there may be."""
 
 
 def name_of(path: Path) -> str:
@@ -69,7 +70,7 @@ def test_no_folders_import_each_other_in_a_circle():
 def listed() -> set[str]:
     """Return the modules that a list of the program names: stages, commands, names."""
     text = "".join(
-        (ROOT / "uwtrack_cli" / place).read_text(encoding="utf-8")
+        (PACKAGE / place).read_text(encoding="utf-8")
         for place in (
             "__init__.py", "flow/catalogue.py", "cli/app.py", "files/hdf5/layout.py",
         )
@@ -81,20 +82,25 @@ def listed() -> set[str]:
     }
 
 
-def test_few_modules_have_one_user():
+def test_few_small_modules_have_one_user():
     """One that is no idea of its own belongs into its user, where both share a room."""
     users: dict[str, set[str]] = defaultdict(set)
     for name, used in graph().items():
         for other in used:
             users[other].add(name)
-    alone = [
+    lines = {
+        name_of(path): len((PACKAGE / path).read_text(encoding="utf-8").splitlines())
+        for path in package_modules()
+    }
+    small = [
         name
         for name, own in users.items()
         if len(own) == 1
+        and lines[name] <= SMALL_LINES
         and name not in listed()
         and name.split(".")[0] == next(iter(own)).split(".")[0]
     ]
-    assert len(alone) <= MOST_WITH_ONE_USER, sorted(alone)
+    assert len(small) <= MOST_SMALL, sorted(small)
 
 
 def test_the_page_says_what_a_room_may_import():

@@ -316,7 +316,7 @@ JUSTIFIED = {
         "flow/exports/passage_tables.py",
         "path.read_bytes",
     ): "a temporary file of its own",
-    ("files/mapped_columns.py", "np.memmap"): "a temporary file of its own",
+    ("files/hdf5/writer.py", "np.memmap"): "a temporary file of its own",
     ("files/audio/recording_file.py", "path.open"): "a temporary file of its own",
     ("cli/__init__.py", "open"): "the null device, to write to",
     ("flow/watch.py", "self.path.open"): "the journal, which it writes itself",

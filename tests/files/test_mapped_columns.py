@@ -6,13 +6,13 @@ import pytest
 
 from tests.files.synthetic_containers import synthetic
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.files import mapped_columns
+from uwtrack_cli.files.hdf5 import writer as hdf5_writer
 from uwtrack_cli.files.hdf5.product import ProductWriter, read_product
-from uwtrack_cli.files.mapped_columns import on_disk
+from uwtrack_cli.files.hdf5.writer import on_disk
 
 
 def test_what_a_writer_reads_back_is_what_the_product_holds(tmp_path, monkeypatch):
-    monkeypatch.setattr(mapped_columns, "LEAST_BYTES", 1000)
+    monkeypatch.setattr(hdf5_writer, "LEAST_MAPPED_BYTES", 1000)
     lines = synthetic(Lines, 300)
     with ProductWriter(tmp_path / "a.h5") as writer:
         writer.append(lines)
@@ -44,6 +44,6 @@ def test_on_a_full_disk_it_stays_in_memory(monkeypatch):
     def full(**_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(mapped_columns.tempfile, "TemporaryFile", full)
+    monkeypatch.setattr(hdf5_writer.tempfile, "TemporaryFile", full)
     values = np.arange(100_000.0)
     assert on_disk(values) is values

@@ -9,10 +9,16 @@ to its sensor's group, unless another one of its kind is there: then it is dropp
 the two are the same, and otherwise stays with its owner. Of two `Frames` with one time
 base that one is kept which knows the noise, since peaks are sought after the
 spectrogram has been written.
+
+What a run reads back of a day is mostly not looked at: noise that only pictures show,
+covariances that no fit takes, levels hours away from a passage. Long columns of it are
+written into a file without a name, in the folder for temporary files, and mapped: the
+system reads the pages that are asked for, and may drop them again.
 """
 
 import contextlib
 import io
+import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +26,7 @@ from typing import Any, Self
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli import __version__
 from uwtrack_cli.data.base import Container
@@ -43,7 +50,6 @@ from uwtrack_cli.files.hdf5.layout import (
 )
 from uwtrack_cli.files.hdf5.reader import C, read_whole
 from uwtrack_cli.files.held_signals import signals_held
-from uwtrack_cli.files.mapped_columns import on_disk
 
 LIBVER = ("v110", "v110")
 """HDF5 1.10 and later read the files: object headers carry checksums of their own."""
@@ -51,6 +57,10 @@ LIBVER = ("v110", "v110")
 CACHE_BYTES = CHUNK_BYTES
 """Bytes of chunks that HDF5 holds of each column: the one that is being filled, for
 rows are appended, and none is met again. By itself it holds 8 MB, a day of a column."""
+
+
+LEAST_MAPPED_BYTES = 1 << 18
+"""Columns that are read back stay in memory below this: hours of most columns do."""
 
 
 class ProductStore:
@@ -93,7 +103,7 @@ class ProductStore:
     def read_back(self, kind: type[C], step: str = "") -> C:
         """Finish a container that was appended, and read it as a product's reader does.
 
-        What is long of it stays on disk (see `mapped_columns`).
+        What is long of it stays on disk.
 
         Raises
         ------
@@ -366,3 +376,22 @@ def _all_groups(groups: Iterable[AppendableGroup]) -> list[AppendableGroup]:
         found[group.path] = group
         found |= {part.path: part for part in _all_groups(group.parts.values())}
     return list(found.values())
+
+
+def on_disk(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a long array as a mapped file with the same values, a short one as it is.
+
+    On a disk that is full it stays in memory, too.
+
+    ``values``: an array of any shape.
+    """
+    if values.nbytes < LEAST_MAPPED_BYTES:
+        return values
+    try:
+        with tempfile.TemporaryFile(prefix="uwtrack-") as file:
+            file.write(np.ascontiguousarray(values).data)
+            file.flush()
+            mapped = np.memmap(file, values.dtype, "r", shape=values.shape)
+    except OSError:
+        return values
+    return mapped.view(np.ndarray)
