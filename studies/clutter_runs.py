@@ -21,7 +21,7 @@ from uwtrack_cli.clutter.clutter_filter import (
     ThresholdRule,
     step,
 )
-from uwtrack_cli.clutter.track_score import track_score
+from uwtrack_cli.estimation.track_score import track_score
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.imm import Belief, advance, moments
