@@ -264,22 +264,21 @@ def shrunk_gate(
 def _cell_volume(
     predicted: Belief, setting: ClutterSetting, own: FloatArray | None
 ) -> FloatArray:
-    """Return the volume of a resolution cell where the target is expected."""
-    volume = np.full(predicted.mean.shape[1:-1], setting.cell_volume)
+    """Return the volume of a resolution cell where the target is expected.
+
+    ``(...)``, or one that is the same everywhere.
+    """
+    volume = np.asarray(setting.cell_volume)
     if setting.sensing.startswith("places"):
         place = moments(predicted)[0][..., ::2]
         if own is not None:
             place = place - own[:2]
-        volume *= np.radians(np.hypot(place[..., 0], place[..., 1]))
+        volume = volume * np.radians(np.hypot(place[..., 0], place[..., 1]))
     return volume
 
 
-def _merged(
-    predicted: Belief, each: Innovation, scan: Scan, setting: ClutterSetting
-) -> Innovation:
+def _merged(predicted: Belief, scan: Scan, setting: ClutterSetting) -> Innovation:
     """Compare the scan with the prediction over all models."""
-    if predicted.probability.shape[0] == 1:
-        return each.take(0)
     mean, covariance = moments(predicted)
     return innovate(
         mean, covariance, scan.measured, scan.present, scan.noise, setting.period,
@@ -313,12 +312,19 @@ def _operate(
     gate, curve = np.asarray(setting.gate), setting.curve
     runs = predicted.mean.shape[1:-1]
     if setting.rule == "posterior":
-        merged = _merged(predicted, each, scan, setting)
+        merged, amplitude = each, scan.amplitude[None]
+        allowed = _in_gate(each, gate)[None]
+        if len(predicted.probability) > 1:
+            merged = _merged(predicted, scan, setting)
+            amplitude, allowed = scan.amplitude, allowed[0]
         point, _ = best_posterior(
-            curve, setting.limits, merged, scan.amplitude,
-            _in_gate(each, gate), cell_volume=cell_volume, gate=setting.gate,
-            extrema=setting.extrema,
+            curve, setting.limits, merged, amplitude, allowed,
+            cell_volume=cell_volume, gate=setting.gate, extrema=setting.extrema,
         )  # fmt: skip
+        if merged is each:
+            point = OperatingPoint(
+                point.false_alarm[0], point.detection[0], point.allowed[0]
+            )
         return point, gate
     if setting.rule == "fixed":
         false_alarm = np.full(runs, setting.false_alarm)
@@ -326,7 +332,7 @@ def _operate(
         if len(predicted.probability) == 1:
             size = _region_size(each, scan.noise)[0]
         else:
-            merged = _merged(predicted, each, scan, setting)
+            merged = _merged(predicted, scan, setting)
             size = _region_size(merged, scan.noise)
         cells = unit_ball_volume(setting.dimension) * size / cell_volume
         false_alarm = setting.prior(cells * setting.gate**setting.dimension)

@@ -151,11 +151,12 @@ def scan_arrays(
     usual = told.mean(axis=0)[None]
     is_common = bool((told == told[0]).all())
     for row in rows:
-        present, noise = everywhere[row], told[:1]
+        one = slice(row[0], row[-1] + 1)  # the rows of a scan follow each other
+        present, noise = everywhere[one], told[:1]
         if not is_common:
-            noise = _scan_noise(table.covariance[row], present, usual)
+            noise = _scan_noise(table.covariance[one], present, usual)
         yield Scan(
-            table.measured[row][None], present[None], scans.amplitude[row][None],
+            table.measured[None, one], present[None], scans.amplitude[None, one],
             noise[None], _own(table, row),
         )  # fmt: skip
 

@@ -19,6 +19,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.estimation.track_score import DISMISSED
 from uwtrack_cli.estimation.window import cell_correlation
 from uwtrack_cli.lines.sensitivity import (
     MINUTE_S,
@@ -27,7 +28,6 @@ from uwtrack_cli.lines.sensitivity import (
     weakest_by_score,
 )
 from uwtrack_cli.lines.tracker_options import ScoreLogic
-from uwtrack_cli.estimation.track_score import DISMISSED
 from uwtrack_cli.lines.tracking.clutter_density import ClutterDensity
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks
 from uwtrack_cli.lines.tracking.track_management import NOISE_PEAKS_PER_CELL
