@@ -1,9 +1,15 @@
-"""Targets among false measurements as own ship under way measures them, and one that turns."""
+"""Targets among false measurements as own ship under way measures them, and one that turns.
+
+`python -m tests.draws.targets_under_way DRAWS` prints errors of turns, by the smoothing.
+"""
+
+import sys
 
 import numpy as np
 
-from tests.draws.crossing_targets import table_of
-from uwtrack_cli.clutter.options import Detector
+from tests.draws.crossing_targets import DETECTOR, STD_M, table_of
+from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
+from uwtrack_cli.clutter.pdaf import track_in_clutter
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.sensor import Navigation
 
@@ -98,3 +104,40 @@ def turning(seed, turn_degps=3.0, scans=60, density=1e-5):
         number += [k] * len(heard)
         rows += heard
     return table_of(np.array(number), np.array(rows), 1.0), way
+
+
+def turn_errors(motion, lag, draws):
+    """Return the root mean square error of place, m, of turns that are followed, smoothed."""
+    squares = []
+    for seed in range(draws):
+        scans, way = turning(seed)
+        track = track_in_clutter(
+            scans, threshold="fixed", detector=DETECTOR, motion=motion,
+            start=TargetStart(way[0].tolist(), (way[1] - way[0]).tolist(), STD_M, 2.0),
+            smoothing_scans=lag,
+        )  # fmt: skip
+        off = track.state[:, ::2] - way[track.scan - 1]
+        squares.append((off**2).sum(axis=1).mean())
+    return float(np.sqrt(np.mean(squares)))
+
+
+def _table(draws):
+    """Yield errors of place by motion models and by the lag of smoothing."""
+    lags = (0, 2, 5, 10, 20, 1000)
+    models = {
+        "straight, turns": TargetMotion(acceleration_std=0.3, turn_rate_degps=3.0),
+        "straight, accelerations of 3 m/s^2": TargetMotion(
+            acceleration_std=0.3, manoeuvre_std=3.0
+        ),
+    }
+    titles = ["motion models", "filter", *(f"lag {lag}" for lag in lags[1:-1]), "whole"]
+    yield "| " + " | ".join(titles) + " |"
+    yield "|" + "---|" * len(titles)
+    for name, motion in models.items():
+        errors = [f"{turn_errors(motion, lag, draws):.1f}" for lag in lags]
+        yield f"| {name} | {' | '.join(errors)} |"
+
+
+if __name__ == "__main__":
+    for line in _table(int(sys.argv[1])):
+        sys.stdout.write(line + "\n")

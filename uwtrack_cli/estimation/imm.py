@@ -192,8 +192,8 @@ def _step_back(
     # where association is doubtful a later scan may widen a state; that is not told
     push = axes @ np.where(size[..., None] > 0.0, side @ after @ moved[..., None], 0.0)
     gained = (axes * np.maximum(size, 0.0)[..., None, :]) @ side
-    apart: FloatArray = (now.mean[:, None] - mixed.mean[None])[..., None]
-    mean, spread, agreement = _told(own[:, None], apart, gained, push)
+    away = (now.mean[:, None] - mixed.mean[None])[..., None]
+    mean, spread, agreement = _told(own[:, None], away, gained, push)
     _, _, usual = _told(before, np.zeros_like(push), gained, push)
     joint = switching[..., None] * now.probability[:, None] * ahead.probability
     joint = joint / np.maximum(mixed.probability, np.finfo(np.float64).tiny)
@@ -203,10 +203,9 @@ def _step_back(
     share = joint / np.maximum(probability, np.finfo(np.float64).tiny)[:, None]
     mean = mixed.mean + mean
     middle = (share[..., None] * mean).sum(axis=1)
-    away = mean - middle[:, None]
-    spread = spread + away[..., :, None] * away[..., None, :]
-    covariance = (share[..., None, None] * spread).sum(axis=1)
-    return Belief(middle, covariance, probability)
+    off = mean - middle[:, None]
+    spread = spread + off[..., :, None] * off[..., None, :]
+    return Belief(middle, (share[..., None, None] * spread).sum(axis=1), probability)
 
 
 def _told(
