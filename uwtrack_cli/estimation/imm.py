@@ -193,19 +193,20 @@ def _step_back(
     push = axes @ np.where(size[..., None] > 0.0, side @ after @ moved[..., None], 0.0)
     gained = (axes * np.maximum(size, 0.0)[..., None, :]) @ side
     away = (now.mean[:, None] - mixed.mean[None])[..., None]
-    mean, spread, agreement = _told(own[:, None], away, gained, push)
+    told, wide, agreement = _told(own[:, None], away, gained, push)
     _, _, usual = _told(before, np.zeros_like(push), gained, push)
-    joint = switching[..., None] * now.probability[:, None] * ahead.probability
+    joint: FloatArray = switching[..., None] * now.probability[:, None]
+    joint = joint * ahead.probability
     joint = joint / np.maximum(mixed.probability, np.finfo(np.float64).tiny)
     joint = joint * np.exp(np.minimum(agreement - usual, _MOST_AGREEMENT))
     joint = joint / joint.sum(axis=(0, 1))
-    probability = joint.sum(axis=1)
+    probability: FloatArray = joint.sum(axis=1)
     share = joint / np.maximum(probability, np.finfo(np.float64).tiny)[:, None]
-    mean = mixed.mean + mean
+    mean: FloatArray = mixed.mean + told
     middle = (share[..., None] * mean).sum(axis=1)
-    off = mean - middle[:, None]
-    spread = spread + off[..., :, None] * off[..., None, :]
-    return Belief(middle, (share[..., None, None] * spread).sum(axis=1), probability)
+    apart = mean - middle[:, None]
+    wide = wide + apart[..., :, None] * apart[..., None, :]
+    return Belief(middle, (share[..., None, None] * wide).sum(axis=1), probability)
 
 
 def _told(
