@@ -27,7 +27,6 @@ from uwtrack_cli.clutter.clutter_filter import (
     ThresholdRule,
     step,
 )
-from uwtrack_cli.clutter.track_score import track_score
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.imm import Belief, advance, moments
@@ -41,6 +40,7 @@ from uwtrack_cli.estimation.probabilistic_association import (
     correct,
     innovate,
 )
+from uwtrack_cli.estimation.track_score import track_score
 
 N_SCANS = 50
 _SETTLED = 6
