@@ -35,6 +35,7 @@ from uwtrack_cli.motion.evidence.fringe_template import (
     FringeModel,
     Hypothesis,
     Template,
+    contrast_of,
     pattern_in,
     smooth_courses,
 )
@@ -47,6 +48,9 @@ LONGEST_WIDTH = 1.5
 
 ROWS_OF_WIDTH, PLACES_OF_WIDTH, REACH = 8.0, 4.0, 5.0
 """Rows and instants that are tried in each R/v, and R/v on either side that are stacked."""
+
+LEAST_ROWS = 48
+"""Rows of what is searched at once, where R/v is as long as the recording."""
 
 OUTSIDE = 3.0
 """R/v before and after the recording up to which a passage is sought, as a rival."""
@@ -147,6 +151,11 @@ class FringeEvidence:
         self._stacks: dict[float, _Stack | None] = {}
         self._known: list[FringePassage] = []
 
+    @property
+    def has_known(self) -> bool:
+        """Whether some patterns are taken out."""
+        return bool(self._known)
+
     def explained(self, known: Sequence["FringePassage"]) -> "FringeEvidence":
         """Return the evidence of what some passages leave."""
         rest = FringeEvidence(self.fringes, self.mach)
@@ -154,14 +163,19 @@ class FringeEvidence:
         return rest
 
     def panel(self, step_s: float, cells: int = 1) -> Panel | None:
-        """Return the image, less the patterns that are known."""
-        panel = panel_of(self.fringes, step_s, cells)
+        """Return the image, less the patterns that are known.
+
+        ``step_s``: time that a row is averaged over; less where that leaves few rows.
+        """
+        span_s = self.fringes.time_s.size * self.fringes.average_s
+        panel = panel_of(self.fringes, min(step_s, span_s / LEAST_ROWS), cells)
         if panel is None:
             return None
         for one in self._known:
-            panel = panel._replace(value=panel.value - pattern_in(
-                panel, one.passage, one.template, one.pattern, one.panel
-            ))  # fmt: skip
+            own = _changing(one.fitted, self.fringes.time_s)
+            for passage, pattern in zip(own, one.pattern, strict=True):
+                made = pattern_in(panel, passage, one.template, pattern, one.panel)
+                panel = panel._replace(value=panel.value - made)
         return panel
 
     def _stack(self, width_s: float) -> _Stack | None:
@@ -205,7 +219,7 @@ FIT_ROWS, FIT_REACH, FIT_CELLS = 10.0, 6.0, 2
 KNOTS = (1.5, 3.0, 6.0)
 """Distances of a template's knots that are tried, in the fit's cells."""
 
-FADING_PRIOR = (float(np.log(USUAL_FADING)), 1.2)
+FADING_PRIOR = (float(np.log(USUAL_FADING)), 0.7)
 """Mean and deviation of the logarithm of the fading: from noise alone to no noise."""
 
 INVARIANT_PRIOR = (1.1, 0.25)
@@ -248,6 +262,9 @@ the other way, and a source that comes or goes all the time, or drifts evenly.""
 
 AWAY = (0.2, 0.6, 2.0, 6.0)
 """How far outside the rows a source that comes or goes is, in their length."""
+
+STILL_VARIANCES = (0.01, 0.1, 1.0)
+"""Variances of what rises and falls in place, nepers^2."""
 
 MOST_PASSAGES = 3
 """Passages of a stretch at most."""
@@ -382,16 +399,22 @@ class FringePassage:
     """What that gains."""
     template: Template
     """Prior of its pattern."""
-    pattern: FloatArray
-    """Coefficients of its pattern."""
+    fitted: Hypothesis
+    """The one that its pattern was found by."""
+    pattern: list[FloatArray]
+    """Coefficients of its pattern, and of what of it changes in time."""
+    misfit: float
+    """What the residuals' variance and correlation in time make of one measurement."""
     panel: Panel
     """The rows that it was found in."""
 
     @property
     def log_odds(self) -> float:
         """Log of the odds that something passes, against its strongest rival."""
-        more = self.gain - self.rival_gain
-        scale = TEMPERED_NEPERS + TEMPERED_SHARE * max(self.gain, self.rival_gain)
+        more = (self.gain - self.rival_gain) / self.misfit
+        scale = TEMPERED_NEPERS + TEMPERED_SHARE * max(
+            self.gain, self.rival_gain
+        ) / self.misfit
         return float(PRIOR_LOG_ODDS + more / scale)
 
     @property
@@ -463,18 +486,51 @@ def _weighed(
     both = both + np.diag(np.square([CHANNEL_TIME, CHANNEL_WIDTH]))
     if share > 0.5:
         (found,) = free.passages(broad.place)
-    told = model.explain([found])
+    own = _changing(found, model.panel.time_s)
+    told = FringeModel(model.panel, model.templates * len(own)).explain(own)
+    misfit = _misfit(told.residual, model.panel.precision)
+    likelihood = model.log_likelihood([found])
+    if evidence.has_known:  # what they leave of themselves may be there besides
+        likelihood = _with_still(model.panel, found, model.templates[0])
     nothing = FringeModel(model.panel, []).log_likelihood([])
-    rival, likelihood = _strongest_rival(model, found)
+    rival, other = _strongest_rival(model, found)
     width_s = unknowns.scale_s * float(np.exp(mean[1]))
-    found = found._replace(
+    middle = found._replace(
         time_s=unknowns.time_s + unknowns.scale_s * float(mean[0]), width_s=width_s
     )
     slope = np.array([unknowns.scale_s, width_s])
     return FringePassage(
-        found, both * np.outer(slope, slope), told.log_likelihood - nothing, rival,
-        likelihood - nothing, model.templates[0], told.pattern[0], model.panel,
+        middle, misfit * both * np.outer(slope, slope), likelihood - nothing, rival,
+        other - nothing, model.templates[0], found, told.pattern, misfit, model.panel,
     )  # fmt: skip
+
+
+def _changing(passage: Hypothesis, time_s: FloatArray) -> list[Hypothesis]:
+    """Return a passage, and the same with contrasts that change in time.
+
+    A source sounds otherwise ahead than astern: what is taken out of the image may change.
+    """
+    contrast = contrast_of(time_s, passage)
+    lag = np.clip((time_s - passage.time_s) / passage.width_s, -3.0, 3.0)
+    return [passage, passage._replace(course=(time_s, contrast * lag))]
+
+
+def _misfit(residual: FloatArray, precision: FloatArray) -> float:
+    """Return by what the variance of residuals is more than noise gives, one at least.
+
+    Correlation along time is summed up to the lag at which it is lost.
+    """
+    own = residual * np.sqrt(precision)
+    variance = float((own**2).mean())
+    usual = float((precision * (own**2).mean(axis=0)).sum() / precision.sum())
+    # precision counts neighbours: of independent cells the mean square is below one
+    total = 1.0
+    for lag in range(1, len(own) // 4):
+        told = float((own[lag:] * own[:-lag]).mean()) / max(variance, 1e-9)
+        if told < 2.0 / np.sqrt(own.size / 4.0):
+            break
+        total += 2.0 * told
+    return max(total, 1.0) * max(usual, 1.0)
 
 
 def _of_speed(
@@ -498,13 +554,6 @@ def _of_speed(
 def _strongest_rival(model: FringeModel, found: Hypothesis) -> tuple[str, float]:
     """Return the likeliest explanation in which nothing passes, and its likelihood."""
     panel = model.panel
-    courses = np.linalg.svd(
-        flattened(panel) * np.sqrt(panel.precision), full_matrices=False
-    )[0][:, :1].T
-    still = [
-        Hypothesis(0.0, 1.0, 0.0, course=(panel.time_s, one / np.abs(one).max()))
-        for one in courses
-    ]
     upside = [
         found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
         for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -516,17 +565,32 @@ def _strongest_rival(model: FringeModel, found: Hypothesis) -> tuple[str, float]
         for share in AWAY
         for place in (first - share * (last - first), last + share * (last - first))
     ]
-    best = ("", -np.inf)
-    priors = [Template(k, v) for k in KNOTS[:2] for v in (0.01, 0.1, 1.0)]
-    for code, passages, tried in (
-        (STAYS, still, priors), (UPSIDE_DOWN, upside, model.templates),
-        (OUTSIDE_ALONE, away, model.templates),
-    ):  # fmt: skip
-        for one in passages:
-            for prior in tried:
-                told = FringeModel(panel, [prior]).log_likelihood([one])
-                best = max(best, (code, told), key=lambda each: each[1])
-    return best
+    still, prior = _likeliest_still(panel, flattened(panel))
+    told = [(FringeModel(panel, [prior]).log_likelihood([still]), STAYS)]
+    for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
+        told += [(model.log_likelihood([one]), code) for one in tried]
+    likelihood, code = max(told)
+    return code, likelihood
+
+
+def _with_still(panel: Panel, one: Hypothesis, prior: Template) -> float:
+    """Return how likely something is, with what rises and falls in place beside it."""
+    alone = FringeModel(panel, [prior]).explain([one])
+    still, its = _likeliest_still(panel, alone.residual)
+    both = FringeModel(panel, [prior, its]).log_likelihood([one, still])
+    return max(alone.log_likelihood, both)
+
+
+def _likeliest_still(panel: Panel, value: FloatArray) -> tuple[Hypothesis, Template]:
+    """Return the pattern in place, of any course in time, that explains values best."""
+    course = np.linalg.svd(value * np.sqrt(panel.precision), full_matrices=False)[0]
+    shape = course[:, 0] / np.abs(course[:, 0]).max()
+    still = Hypothesis(0.0, 1.0, 0.0, course=(panel.time_s, shape))
+    rest = panel._replace(value=value)
+    priors = [Template(k, v) for k in KNOTS[:2] for v in STILL_VARIANCES]
+    return still, max(
+        priors, key=lambda each: FringeModel(rest, [each]).log_likelihood([still])
+    )
 
 
 STRETCH_S = 3600.0

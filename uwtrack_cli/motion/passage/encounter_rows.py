@@ -76,6 +76,7 @@ from uwtrack_cli.motion.passage.readings.change_priors import (
 )
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
+NO_SPEED = "no-speed"
 
 LARGEST_RELATIVE_DEVIATION = 0.5
 """A quantity less certain than this is not given."""
@@ -154,7 +155,7 @@ class Row:
     contact: int
     """Contact number, from 1."""
     status: str
-    """'ok', 'extrapolated' or 'level-only'."""
+    """'ok', 'extrapolated', 'level-only' or 'no-speed'."""
     values: dict[str, float] = field(
         default_factory=lambda: dict.fromkeys(VALUES, float("nan"))
     )
