@@ -51,7 +51,11 @@ class Source:
 
 
 def images(
-    source: Source, sensor_m: float, water_m: float | None, bounce_db: float, orders: int
+    source: Source,
+    sensor_m: float,
+    water_m: float | None,
+    bounce_db: float,
+    orders: int,
 ) -> list[tuple[float, float]]:
     """Return height above or below the sensor, m, and share of amplitude of each image."""
     found = [
@@ -142,9 +146,7 @@ def draw(
     sea = coloured(rng, n, rate, place.sea_slope_db, 30.0, 0.48 * rate)
     sea *= 10.0 ** (swing_db * wander(rng, n, rate, 20.0) / 20.0)
     vessel = heard(rng, source, place, rate)
-    near = slice(
-        *(int((source.time_s + k) * rate) for k in (-2, 2))
-    )
+    near = slice(*(int((source.time_s + k) * rate) for k in (-2, 2)))
     scale = 10.0 ** (snr_db / 20.0) * sea.std() / vessel[near].std()
     total = sea + scale * vessel
     if line_db is not None:
@@ -183,9 +185,9 @@ def draw_power(
         cycles = frequency[0] * delay
         first = np.exp(-2j * np.pi * cycles) * share / np.interp(begun, emitted, slant)
         turn = np.exp(-2j * np.pi * step_hz * delay)
-        block = np.exp(
-            -2j * np.pi * step_hz * delay[:, None] * np.arange(64)
-        ).astype(np.complex64)
+        block = np.exp(-2j * np.pi * step_hz * delay[:, None] * np.arange(64)).astype(
+            np.complex64
+        )
         at = first
         leap = turn**64
         for k in range(0, frequency.size, 64):

@@ -187,15 +187,10 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     limits = _limits(lines, levels, series)
     has_sound = sound is not None and sound.can_be_read_again
     with failed_fits() as failed:
-        if lines is None and levels is None and series is None:
-            found, still = [], []
-        elif series is not None:
-            found, still = _from_series(series, medium, false_alarm_probability)
-        else:
-            found, still = examine_recording(
-                lines, levels, medium, false_alarm_probability, limits, sound,
-                directions,
-            )  # fmt: skip
+        found, still = _examined(
+            lines, levels, series, (medium, false_alarm_probability), limits, sound,
+            directions,
+        )  # fmt: skip
         made = partial(
             _row, context=context, limits=limits, levels=levels, has_sound=has_sound
         )
@@ -224,6 +219,23 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     told = {row.contact for row in rows} | {one.contact for one in refusals}
     refusals += _not_fitted([one for one in failed if one.contact not in told])
     return make_encounters(rows, refusals, context)
+
+
+def _examined(
+    lines: Lines | None,
+    levels: Levels | None,
+    series: Series | None,
+    terms: tuple[Medium, float],
+    limits: RecordingSpan,
+    sound: Recording | None,
+    directions: Directions | None,
+) -> tuple[list[CandidatePassage], list[Still]]:
+    """Examine lines and levels, or a series; neither is there beside fringes alone."""
+    if series is not None:
+        return _from_series(series, *terms)
+    if lines is None and levels is None:
+        return [], []
+    return examine_recording(lines, levels, *terms, limits, sound, directions)
 
 
 def _not_fitted(failed: list[FailedFit]) -> list[Refusal]:
@@ -263,9 +275,7 @@ def _check_array(sensor: Sensor | None) -> None:
         raise DataError(msg)
 
 
-def _name(
-    lines: Lines | None, levels: Levels | None, fringes: Fringes | None
-) -> str:
+def _name(lines: Lines | None, levels: Levels | None, fringes: Fringes | None) -> str:
     """Return what the sensor is called in the measurements."""
     frames = levels.frames if levels else lines.frames if lines else fringes
     return (frames.sensor if frames else "series") or "sensor"

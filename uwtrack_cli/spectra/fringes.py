@@ -103,9 +103,7 @@ class _Cells(NamedTuple):
     """Width, in bins."""
 
 
-def _cells(
-    block: Spectrogram, band_hz: tuple[float, float], per_octave: int
-) -> _Cells:
+def _cells(block: Spectrogram, band_hz: tuple[float, float], per_octave: int) -> _Cells:
     frequency, frames = block.frequency_hz, block.frames
     step_hz = float(frequency[1] - frequency[0])
     low = max(band_hz[0], float(frequency[0]) + 0.5 * step_hz)

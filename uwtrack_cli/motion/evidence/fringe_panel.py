@@ -79,7 +79,8 @@ def panel_of(fringes: Fringes, step_s: float, cells: int = 1) -> Panel | None:
         return None
     size = count * per_row
     shade = fringes.shade[:size, : width * cells]
-    has_sound: BoolArray = (fringes.shade[:size, 0] > 0).reshape(count, per_row).all(1)
+    is_heard = (fringes.shade[:size, 0] > 0).reshape(count, per_row)
+    has_sound: BoolArray = np.asarray(is_heard.all(axis=1))
     value = np.empty((count, width), np.float32)
     strip = max(1, 4096 // per_row)
     for first in range(0, count, strip):  # flat memory, whatever the length

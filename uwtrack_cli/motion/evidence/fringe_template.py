@@ -109,7 +109,7 @@ class _Spline(NamedTuple):
     """First of its four coefficients, shape (row, cell)."""
     weight: FloatArray
     """Their weights, shape (row, cell, 4)."""
-    count: int
+    size: int
     """Coefficients of the template."""
 
     def values(self, pattern: FloatArray) -> FloatArray:
@@ -178,9 +178,9 @@ class FringeModel:
         whole, at = np.zeros_like(self._value), 0
         parts = []
         for spline in splines:
-            parts.append(pattern[at : at + spline.count])
+            parts.append(pattern[at : at + spline.size])
             whole += spline.values(parts[-1])
-            at += spline.count
+            at += spline.size
         return Explained(likelihood, parts, self._value - self._free(whole))
 
     def _solved(
@@ -195,7 +195,7 @@ class FringeModel:
         if not splines:
             nothing = np.zeros(0)
             return self._logs - 0.5 * self._square, nothing, nothing, splines
-        starts = np.cumsum([0, *(spline.count for spline in splines)]).tolist()
+        starts = np.cumsum([0, *(spline.size for spline in splines)]).tolist()
         count = starts.pop()
         pairs = zip(splines, starts, strict=True)
         # design: for each cell of each row, some coefficients and their weights
@@ -216,7 +216,7 @@ class FringeModel:
         stays = stays.reshape(n_cells, count) / np.sqrt(n_rows * self._weight)[:, None]
         normal -= stays.T @ stays
         prior = np.concatenate(
-            [np.full(s.count, t.variance)
+            [np.full(s.size, t.variance)
              for s, t in zip(splines, self.templates, strict=True)]
         )  # fmt: skip
         place = np.arange(count)
@@ -239,7 +239,9 @@ def _products(
     for a in range(width):
         for b in range(a, width):
             at = (index[:, :, a] * count + index[:, :, b]).ravel()
-            both = np.bincount(at, (share[:, :, a] * weighted[:, :, b]).ravel(), count * count)
+            both = np.bincount(
+                at, (share[:, :, a] * weighted[:, :, b]).ravel(), count * count
+            )
             found += both
             if a != b:
                 found += both.reshape(count, count).T.ravel()
@@ -264,4 +266,4 @@ def pattern_in(
     )
     padded = np.concatenate([np.zeros(8), pattern, np.zeros(8)])
     first = np.clip(spline.first + 8, 4, padded.size - 5)
-    return _Spline(first, spline.weight, spline.count).values(padded)
+    return _Spline(first, spline.weight, spline.size).values(padded)

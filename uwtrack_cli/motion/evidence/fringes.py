@@ -107,7 +107,8 @@ class _Stack(NamedTuple):
             place, (contrast[:, None] ** 2 * self.precision).ravel(), count
         )
         return max(
-            0.5 * float((total**2 * s / (1.0 + s * weight) - np.log1p(s * weight)).sum())
+            0.5
+            * float((total**2 * s / (1.0 + s * weight) - np.log1p(s * weight)).sum())
             for s in VARIANCES
         )
 
@@ -207,7 +208,9 @@ class FringeEvidence:
             grid += [(float(time_s[0] + place), float(width_s)) for place in places]
         gains = self.gain(grid)
         order = np.argsort(-np.nan_to_num(gains, nan=-np.inf))
-        return [Proposal(float(gains[k]), *grid[k]) for k in order if np.isfinite(gains[k])]
+        return [
+            Proposal(float(gains[k]), *grid[k]) for k in order if np.isfinite(gains[k])
+        ]
 
 
 # Fit
@@ -232,7 +235,7 @@ LARGEST_STEP = 3.0
 BROAD_SHARE = 0.5
 """Prior probability that the invariant is not that of a mirror."""
 
-CHANNEL_WIDTH, CHANNEL_TIME = 0.01, 0.002
+CHANNEL_WIDTH, CHANNEL_TIME = 0.02, 0.002
 """Deviation of the logarithm of R/v, and of the time in R/v, by what a channel's images
 do beyond an invariant."""
 
@@ -412,9 +415,10 @@ class FringePassage:
     def log_odds(self) -> float:
         """Log of the odds that something passes, against its strongest rival."""
         more = (self.gain - self.rival_gain) / self.misfit
-        scale = TEMPERED_NEPERS + TEMPERED_SHARE * max(
-            self.gain, self.rival_gain
-        ) / self.misfit
+        scale = (
+            TEMPERED_NEPERS
+            + TEMPERED_SHARE * max(self.gain, self.rival_gain) / self.misfit
+        )
         return float(PRIOR_LOG_ODDS + more / scale)
 
     @property
@@ -454,9 +458,7 @@ def fit_passage(
 
 def _best_template(panel: Panel, passage: Hypothesis) -> Template:
     """Return the prior of a pattern that makes the image likeliest."""
-    tried = [
-        Template(knots, variance) for knots in KNOTS for variance in VARIANCES
-    ]
+    tried = [Template(knots, variance) for knots in KNOTS for variance in VARIANCES]
     return max(tried, key=lambda t: FringeModel(panel, [t]).log_likelihood([passage]))
 
 
@@ -597,9 +599,7 @@ STRETCH_S = 3600.0
 """Length of what is searched at once; the next begins in its middle, s."""
 
 
-def fringe_passages(
-    fringes: Fringes, mach: tuple[float, float]
-) -> list[FringePassage]:
+def fringe_passages(fringes: Fringes, mach: tuple[float, float]) -> list[FringePassage]:
     """Return the passages that an image of fringes tells, in the order of time.
 
     Parameters
@@ -614,15 +614,19 @@ def fringe_passages(
         return []
     first, last = float(time_s[0]), float(time_s[-1])
     found: list[FringePassage] = []
-    for start_s in np.arange(first, max(last - 0.5 * STRETCH_S, first + 1.0), 0.5 * STRETCH_S):
+    for start_s in np.arange(
+        first, max(last - 0.5 * STRETCH_S, first + 1.0), 0.5 * STRETCH_S
+    ):
         rows = (time_s >= start_s) & (time_s < start_s + STRETCH_S)
         part = fringes.take("row", np.flatnonzero(rows))
         middle_s = start_s + 0.5 * STRETCH_S
         for one in _of_stretch(FringeEvidence(part, mach)):
             lag_s = one.passage.time_s - middle_s
-            is_own = -0.25 * STRETCH_S <= lag_s < 0.25 * STRETCH_S
-            is_own |= lag_s < 0.0 and start_s == first
-            is_own |= lag_s >= 0.0 and start_s + STRETCH_S > last
+            is_own = (
+                -0.25 * STRETCH_S <= lag_s < 0.25 * STRETCH_S
+                or (lag_s < 0.0 and start_s == first)
+                or (lag_s >= 0.0 and start_s + STRETCH_S > last)
+            )
             reach_s = INSIDE * one.passage.width_s
             if is_own and first - reach_s < one.passage.time_s < last + reach_s:
                 found.append(one)

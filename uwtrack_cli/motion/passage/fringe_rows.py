@@ -110,7 +110,10 @@ def _take(row: Row, one: FringePassage, mach: float) -> None:
     """Give a row time and range over speed of the fringes, and nothing of levels."""
     values, (time_var, width_var) = row.values, np.diag(one.covariance)
     row.status = NO_SPEED
-    values["time_s"], values["range_over_speed_s"] = one.passage.time_s, one.passage.width_s
+    values["time_s"], values["range_over_speed_s"] = (
+        one.passage.time_s,
+        one.passage.width_s,
+    )
     values["time_std_s"] = float(np.sqrt(time_var))
     values["range_over_speed_std_s"] = float(np.sqrt(width_var))
     values["arrival_time_s"] = values["time_s"] + mach * values["range_over_speed_s"]
@@ -176,7 +179,9 @@ def _add_ranges(row: Row, old_width_s: float) -> None:
     row.horizontal_covariance[1, :] *= share
     row.horizontal_covariance[:, 1] *= share
     values["horizontal_range_over_speed_s"] = flat_s
-    values["horizontal_range_over_speed_std_s"] = share * values["range_over_speed_std_s"]
+    values["horizontal_range_over_speed_std_s"] = (
+        share * values["range_over_speed_std_s"]
+    )
     if np.isfinite(values["horizontal_range_m"]):
         values["horizontal_range_m"] = flat_s * speed
         values["horizontal_range_std_m"] = float(np.hypot(
