@@ -1,7 +1,7 @@
 """Sound of vessels without a line, whose images in surface and bottom make fringes.
 
 The sound of every image of the source is read at its own time of emission, out of one
-process that is made at four times the rate. Images in the bottom are those of a channel
+process that is made at four times the rate; `draw_power` draws its power without sound. Images in the bottom are those of a channel
 of flat bottom (Brekhovskikh and Lysanov, Fundamentals of Ocean Acoustics, section 5.1);
 nothing is said of fringes, and nothing is shared with the program's simulator.
 """
@@ -13,6 +13,10 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from tests.draws.recordings import Drawn, Passage
 from tests.draws.vehicle_sounds import coloured, wander
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.fringes import Fringes
+from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.spectra.fringes import measure_fringes
 
 RATE_HZ, SOUND_MPS, LEAD_S, FINER = 16000.0, 1500.0, 5.0, 4
 STRETCH = 1 << 20
@@ -200,14 +204,38 @@ def draw_power(
     scale = 10.0 ** (snr_db / 10.0) * sea.sum() / vessel[near].mean(axis=0).sum()
     swing = 10.0 ** (swing_db * wander(rng, n_frames, 2.0 / window_s, 20.0) / 10.0)
     density = sea * swing[:, None] + scale * vessel
-    shape = (n_frames + 1, frequency.size + 2)
+    return frequency, noisy(rng, density), source
+
+
+def noisy(rng: np.random.Generator, density: np.ndarray) -> np.ndarray:
+    """Draw the power of noise of a density in Hann windows that overlap by half."""
+    shape = (density.shape[0] + 1, density.shape[1] + 2)
     # halves of a window: neighbours share one, and Hann joins three cells
     halves = rng.standard_normal((2, *shape), np.float32)
     white = halves[0] + 1j * halves[1]
     joined = 0.25 * white[:, :-2] + 0.5 * white[:, 1:-1] + 0.25 * white[:, 2:]
     joined = joined[1:] + (1.0 / 6.0) * joined[:-1]
     noise = np.abs(joined) ** 2
-    return frequency, (density * noise / noise.mean()).astype(np.float32), source
+    return (density * noise / noise.mean()).astype(np.float32)
+
+
+def fringes_of(
+    frequency: np.ndarray, power: np.ndarray, rate: float = RATE_HZ
+) -> Fringes:
+    """Return the image of power in windows of half a second that overlap by half."""
+    n, window = power.shape[0], round(0.5 * rate)
+    frames = Frames(
+        start_sample=np.arange(n) * (window // 2), time_s=(np.arange(n) + 1.0) * 0.25,
+        valid_fraction=np.ones(n), band_low_hz=np.zeros(0), band_high_hz=np.zeros(0),
+        noise_db=np.zeros((n, 0)), threshold_db=np.full(n, np.nan), sensor="h1",
+        sample_rate_hz=rate, window_samples=window, hop_samples=window // 2,
+        fft_length=window,
+    )  # fmt: skip
+    block = Spectrogram(
+        frames=frames, frequency_hz=frequency, power_density=power,
+        reference="full scale",
+    )  # fmt: skip
+    return Fringes.join(list(measure_fringes(iter([block]))))
 
 
 def _line(

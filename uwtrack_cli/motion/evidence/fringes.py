@@ -250,14 +250,14 @@ INSIDE = 0.25
 TEMPERED_NEPERS, TEMPERED_SHARE = 3.0, 0.012
 """What the difference of two explanations is divided by: nepers, and a share of what the
 better one explains, since neither is all that the sea does
-(studies/constants/fringe_odds.py)."""
+(tests/draws/fringe_rates.py)."""
 
 PRIOR_LOG_ODDS = -7.0
 """Log of the rate of passages over that of sounds whose tempered evidence is as good."""
 
 LEAST_GAIN = 20.0
 """Gain of a proposal, nepers, from which it is fitted: rows in random order have 6 at
-most (studies/constants/fringe_odds.py)."""
+most (tests/draws/fringe_rates.py)."""
 
 STAYS, UPSIDE_DOWN, OUTSIDE_ALONE = "stays", "upside-down", "outside"
 """Codes of what else may be: a pattern that rises and falls where it is, one that moves

@@ -19,6 +19,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import Fringes
+from uwtrack_cli.motion.decision import PassageDecision
 from uwtrack_cli.motion.evidence.fringes import FringePassage, fringe_passages
 from uwtrack_cli.motion.passage.encounter_rows import (
     KEYS,
@@ -110,6 +111,9 @@ def _take(row: Row, one: FringePassage, mach: float) -> None:
     """Give a row time and range over speed of the fringes, and nothing of levels."""
     values, (time_var, width_var) = row.values, np.diag(one.covariance)
     row.status = NO_SPEED
+    row.decision = PassageDecision(
+        one.probability, one.rival, 1.0 - one.probability, ((one.rival, one.log_odds),)
+    )
     values["time_s"], values["range_over_speed_s"] = (
         one.passage.time_s,
         one.passage.width_s,
