@@ -252,7 +252,7 @@ TEMPERED_NEPERS, TEMPERED_SHARE = 3.0, 0.012
 better one explains, since neither is all that the sea does
 (tests/draws/fringe_rates.py)."""
 
-PRIOR_LOG_ODDS = -7.0
+PRIOR_LOG_ODDS = -9.0
 """Log of the rate of passages over that of sounds whose tempered evidence is as good."""
 
 LEAST_GAIN = 20.0
@@ -567,8 +567,15 @@ def _strongest_rival(model: FringeModel, found: Hypothesis) -> tuple[str, float]
         for share in AWAY
         for place in (first - share * (last - first), last + share * (last - first))
     ]
-    still, prior = _likeliest_still(panel, flattened(panel))
-    told = [(FringeModel(panel, [prior]).log_likelihood([still]), STAYS)]
+    course, prior = _likeliest_still(panel, flattened(panel))
+    still, bent = _still(panel, course), _still(panel, np.square(course))
+    # rain adds power: where its logarithm bends, the square of its course is there, too
+    bending = [Template(prior.knots, v) for v in STILL_VARIANCES]
+    told = [
+        (FringeModel(panel, [prior, one]).log_likelihood([still, bent]), STAYS)
+        for one in bending
+    ]
+    told.append((FringeModel(panel, [prior]).log_likelihood([still]), STAYS))
     for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
         told += [(model.log_likelihood([one]), code) for one in tried]
     likelihood, code = max(told)
@@ -578,19 +585,24 @@ def _strongest_rival(model: FringeModel, found: Hypothesis) -> tuple[str, float]
 def _with_still(panel: Panel, one: Hypothesis, prior: Template) -> float:
     """Return how likely something is, with what rises and falls in place beside it."""
     alone = FringeModel(panel, [prior]).explain([one])
-    still, its = _likeliest_still(panel, alone.residual)
-    both = FringeModel(panel, [prior, its]).log_likelihood([one, still])
+    course, its = _likeliest_still(panel, alone.residual)
+    both = FringeModel(panel, [prior, its]).log_likelihood([one, _still(panel, course)])
     return max(alone.log_likelihood, both)
 
 
-def _likeliest_still(panel: Panel, value: FloatArray) -> tuple[Hypothesis, Template]:
-    """Return the pattern in place, of any course in time, that explains values best."""
+def _still(panel: Panel, course: FloatArray) -> Hypothesis:
+    """Return a pattern that stays where it is, and rises and falls in time."""
+    return Hypothesis(0.0, 1.0, 0.0, course=(panel.time_s, course))
+
+
+def _likeliest_still(panel: Panel, value: FloatArray) -> tuple[FloatArray, Template]:
+    """Return the course, and its pattern's prior, that explain values best in place."""
     course = np.linalg.svd(value * np.sqrt(panel.precision), full_matrices=False)[0]
     shape = course[:, 0] / np.abs(course[:, 0]).max()
-    still = Hypothesis(0.0, 1.0, 0.0, course=(panel.time_s, shape))
+    still = _still(panel, shape)
     rest = panel._replace(value=value)
     priors = [Template(k, v) for k in KNOTS[:2] for v in STILL_VARIANCES]
-    return still, max(
+    return shape, max(
         priors, key=lambda each: FringeModel(rest, [each]).log_likelihood([still])
     )
 
