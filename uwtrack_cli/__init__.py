@@ -64,6 +64,7 @@ _HOMES = {
     "Overview": "data.spectra",
     "Levels": "data.spectra",
     "Decidecades": "data.decidecades",
+    "Fringes": "data.fringes",
     "RadiatedLevels": "data.decidecades",
     "Delays": "data.directions",
     "Directions": "data.directions",

@@ -48,6 +48,9 @@ from uwtrack_cli.data.encounters import (
 from uwtrack_cli.data.frames import (
     Frames as Frames,
 )
+from uwtrack_cli.data.fringes import (
+    Fringes as Fringes,
+)
 from uwtrack_cli.data.lines import (
     Lines as Lines,
 )

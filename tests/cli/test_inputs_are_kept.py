@@ -118,6 +118,7 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
     "overview": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "levels": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "decidecades": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
+    "fringes": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "peaks": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "rises": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "classify": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],

@@ -57,7 +57,10 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
 
     contact: IntArray = column("Contact, from 1.")
     sensor: TextArray = column("Identifier of the sensor.")
-    status: TextArray = column("'ok', 'extrapolated' or 'level-only'.")
+    status: TextArray = column(
+        "'ok', 'extrapolated', 'level-only' (told by the level alone) or 'no-speed' "
+        "(time and range over speed are told by fringes)."
+    )
     time_s: FloatArray = column(
         "Geometric closest approach, counted from the first sample."
     )

@@ -19,6 +19,7 @@ STAGES: dict[str, str] = {
     "overview": "uwtrack_cli.spectra.overview:pool_overview",
     "levels": "uwtrack_cli.spectra.levels:measure_levels",
     "decidecades": "uwtrack_cli.spectra.decidecades:measure_decidecades",
+    "fringes": "uwtrack_cli.spectra.fringes:measure_fringes",
     "peaks": "uwtrack_cli.spectra.peaks:find_peaks",
     "rises": "uwtrack_cli.spectra.rises:find_rises",
     "beamform": "uwtrack_cli.arrays.beamform:form_beams",

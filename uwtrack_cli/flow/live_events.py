@@ -66,7 +66,7 @@ FINAL_WIDTHS, FINAL_S = 4.0, 60.0
 HEARD_WIDTHS = 8.0
 """d/v on either side of a passage in which its level is heard: 18 dB down."""
 
-PASSED = ("ok", "level-only")
+PASSED = ("ok", "level-only", "no-speed")
 """Status of a closest approach that lies in the sound."""
 
 KNOWN_WIDTH_S = 10.0

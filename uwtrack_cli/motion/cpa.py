@@ -27,6 +27,7 @@ from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.recording import Recording
@@ -72,6 +73,7 @@ from uwtrack_cli.motion.passage.encounter_rows import (
 from uwtrack_cli.motion.passage.failed_fits import FailedFit, attempted, failed_fits
 from uwtrack_cli.motion.passage.fit.directivity import consider_directivity
 from uwtrack_cli.motion.passage.fit.nuisances import NuisancePriors, nuisance_priors
+from uwtrack_cli.motion.passage.fringe_rows import add_fringes
 from uwtrack_cli.motion.passage.model.direction_bearings import (
     bearing_series,
     with_directions,
@@ -97,6 +99,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     recording: Recording | None = None,
     directions: Directions | None = None,
     bearing_time: BearingTime | None = None,
+    fringes: Fringes | None = None,
     *,
     sound_speed_mps: SoundSpeed | None = None,
     sound_speed_std_mps: Annotated[
@@ -136,6 +139,8 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         a series of bearings by themselves.
     bearing_time
         Record of an array, whose directions are taken in the same way.
+    fringes
+        Image of the sound, in whose fringes passages are seen that have no line.
     sound_speed_mps
         Sound speed; by default that of the sensor. An error of 1 % in it is an error
         of 1 % in speed and range.
@@ -174,26 +179,24 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     if directions is None and bearing_time is not None:
         directions = bearing_time.directions
     levels = with_directions(levels, directions)
-    if lines is None and levels is None and series is None:
+    if lines is None and levels is None and series is None and fringes is None:
         series = _bearings_alone(directions)
-    known = sensor if sensor is not None else Sensor(id=_name(lines, levels))
+    name = _name(lines, levels, fringes)
+    known = sensor if sensor is not None else Sensor(id=name)
     sound = recording if ask_sound else None
     priors = nuisance_priors(
         known, sound_speed_mps, sound_speed_std_mps, source_depth_m, source_depth_std_m
     )
     _check_one_sensor(series)
-    context = _context((lines, levels, series), known, priors, spreading_db)
+    context = _context((lines, levels, series, fringes), known, priors, spreading_db)
     medium = priors.medium
     limits = _limits(lines, levels, series)
     has_sound = sound is not None and sound.can_be_read_again
     with failed_fits() as failed:
-        if series is not None:
-            found, still = _from_series(series, medium, false_alarm_probability)
-        else:
-            found, still = examine_recording(
-                lines, levels, medium, false_alarm_probability, limits, sound,
-                directions,
-            )  # fmt: skip
+        found, still = _examined(
+            lines, levels, series, (medium, false_alarm_probability), limits, sound,
+            directions,
+        )  # fmt: skip
         made = partial(
             _row, context=context, limits=limits, levels=levels, has_sound=has_sound
         )
@@ -216,11 +219,29 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
             rows.append(row)
         else:
             refusals.append(_refused(item, turned))
+    rows = add_fringes(rows, fringes, context, _free_number(lines, found))
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     refusals += [still_contact(one) for one in still]
     told = {row.contact for row in rows} | {one.contact for one in refusals}
     refusals += _not_fitted([one for one in failed if one.contact not in told])
     return make_encounters(rows, refusals, context)
+
+
+def _examined(
+    lines: Lines | None,
+    levels: Levels | None,
+    series: Series | None,
+    terms: tuple[Medium, float],
+    limits: RecordingSpan,
+    sound: Recording | None,
+    directions: Directions | None,
+) -> tuple[list[CandidatePassage], list[Still]]:
+    """Examine lines and levels, or a series; neither is there beside fringes alone."""
+    if series is not None:
+        return _from_series(series, *terms)
+    if lines is None and levels is None:
+        return [], []
+    return examine_recording(lines, levels, *terms, limits, sound, directions)
 
 
 def _not_fitted(failed: list[FailedFit]) -> list[Refusal]:
@@ -260,23 +281,31 @@ def _check_array(sensor: Sensor | None) -> None:
         raise DataError(msg)
 
 
-def _name(lines: Lines | None, levels: Levels | None) -> str:
+def _name(lines: Lines | None, levels: Levels | None, fringes: Fringes | None) -> str:
     """Return what the sensor is called in the measurements."""
-    frames = levels.frames if levels else lines.frames if lines else None
+    frames = levels.frames if levels else lines.frames if lines else fringes
     return (frames.sensor if frames else "series") or "sensor"
 
 
+def _free_number(lines: Lines | None, found: list[CandidatePassage]) -> int:
+    """Return the first contact number that nothing has."""
+    taken = [number for item in found for number in item.contacts]
+    if lines is not None:
+        taken.append(int(lines.line_contact.max(initial=0)))
+    return max(taken, default=0) + 1
+
+
 def _context(
-    sources: tuple[Lines | None, Levels | None, Series | None],
+    sources: tuple[Lines | None, Levels | None, Series | None, Fringes | None],
     sensor: Sensor,
     priors: NuisancePriors,
     spreading_db: float,
 ) -> CpaContext:
-    lines, levels, series = sources
-    frames = levels.frames if levels else lines.frames if lines else None
+    lines, levels, series, fringes = sources
+    frames = levels.frames if levels else lines.frames if lines else fringes
     start = frames.start_utc_ns if frames else series.start_utc_ns if series else None
     band = (levels.band_low_hz, levels.band_high_hz) if levels else None
-    source = levels or lines
+    source = levels or lines or fringes
     reference = source.reference if source else FULL_SCALE
     return CpaContext(sensor, priors, start, reference, band, spreading_db)
 

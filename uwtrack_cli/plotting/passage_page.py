@@ -14,12 +14,14 @@ import numpy as np
 
 from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.files.tables.json_rows import Row
 from uwtrack_cli.files.tables.summaries import Head, utc_text
 from uwtrack_cli.files.text_escaping import figure_text
+from uwtrack_cli.plotting.fringe_image import draw_fringes
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
     PagePart,
@@ -75,6 +77,7 @@ def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
     page = PassagePage(scene, ReportedPassage(encounters, row), view)
     span_s = page.span_s()
     parts = [*line_strips(page, span_s), *_residuals(page, span_s)]
+    parts += _fringes(page, span_s)
     parts += [*_level(page, span_s), *_bearing(page, span_s)]
     is_mapped, right = has_map(encounters, row), None
     heads = title_lines(page)
@@ -165,6 +168,20 @@ def _mark(fit: ReportedPassage, ax: "Axes") -> None:
         ax.axvline(
             fit.arrival_s, linewidth=0.7, linestyle=(0, (1, 3)), color="black", zorder=1
         )
+
+
+def _fringes(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
+    """Return the image of fringes with the curves of the passage."""
+    fringes, fit = page.scene.first(Fringes), page.fit
+    if fringes is None or not fringes.frequency_hz.size or not np.isfinite(fit.width_s):
+        return []
+    told = [(fit.time_s, fit.width_s, fit.mach)]
+
+    def draw(ax: "Axes") -> None:
+        calm(ax)
+        draw_fringes(ax, fringes, span_s, told)
+
+    return [PagePart(1.9, draw)]
 
 
 def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:

@@ -57,6 +57,7 @@ _PLACES = {
     "overview": "spectra:Overview",
     "levels": "spectra:Levels",
     "decidecades": "decidecades:Decidecades",
+    "fringes": "fringes:Fringes",
     "delays": "directions:Delays",
     "directions": "directions:Directions",
     "bearing_time": "bearing_time:BearingTime",

@@ -21,7 +21,7 @@ from uwtrack_cli.flow.scoring.matching import Matching, match_encounters
 from uwtrack_cli.flow.scoring.recorded_sensors import RecordedSensors
 from uwtrack_cli.flow.scoring.tolerances import Limits, Requirements
 
-SCORED = ("ok", "extrapolated", "level-only")
+SCORED = ("ok", "extrapolated", "level-only", "no-speed")
 """Statuses of encounters that claim a vessel."""
 
 QUANTITIES = (

@@ -25,7 +25,7 @@ CLOCK_STD_S = 5.0
 SIDES = {"starboard": 1.0, "port": -1.0}
 """Sign of the bearing trend by the side of the vessel on which the sensor lies."""
 
-USABLE = ("ok", "extrapolated", "level-only")
+USABLE = ("ok", "extrapolated", "level-only", "no-speed")
 
 
 @dataclass(frozen=True)

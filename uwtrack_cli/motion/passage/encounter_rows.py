@@ -78,6 +78,7 @@ from uwtrack_cli.motion.passage.readings.change_priors import (
 )
 
 OK, EXTRAPOLATED, LEVEL_ONLY = "ok", "extrapolated", "level-only"
+NO_SPEED = "no-speed"
 
 LARGEST_RELATIVE_DEVIATION = 0.5
 """A quantity less certain than this is not given."""
@@ -158,7 +159,7 @@ class Row:
     contact: int
     """Contact number, from 1."""
     status: str
-    """'ok', 'extrapolated' or 'level-only'."""
+    """'ok', 'extrapolated', 'level-only' or 'no-speed'."""
     values: dict[str, float] = field(
         default_factory=lambda: dict.fromkeys(VALUES, float("nan"))
     )

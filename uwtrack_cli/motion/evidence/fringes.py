@@ -1,0 +1,668 @@
+"""Closest approaches told by interference fringes alone.
+
+**Method.** *Propose*: for every time and range over speed of a grid, the rows of the
+image are shifted as the law says and stacked; what a free template explains is the gain,
+and noise gains nothing, since the template has a prior. *Fit*: the exact likelihood of the
+image (`fringe_template`) is climbed by Newton's method, with its curvature as precision;
+the waveguide invariant is one for a mirror, or free with a broad prior, and both count by
+their evidence. *Weigh*: against the same pattern that stays, is upside down, shifts
+evenly, or belongs to a ship outside the recording, and against the rows in random order.
+*Assign*: what the strongest explains is taken out, the rest is searched again, and in the
+end all are fitted together.
+
+**Conventions.** Times are those of the closest approach as it is, by the law at the time
+of emission; the speed enters by R0/c alone, with its prior among vessels unless lines
+tell it. Nepers throughout.
+
+**References.** Chuprov (1982); D'Spain and Kuperman, JASA 106, 2454 (1999); Cockrell and
+Schmidt, JASA 127, 2780 (2010), for the spread of the invariant in shallow water.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.fringes import Fringes
+from uwtrack_cli.motion.evidence.fringe_panel import (
+    FEWEST_ROWS,
+    Panel,
+    panel_of,
+)
+from uwtrack_cli.motion.evidence.fringe_template import (
+    FringeModel,
+    Hypothesis,
+    Template,
+    contrast_of,
+    pattern_in,
+    smooth_courses,
+)
+
+LEAST_WIDTH_S, WIDTH_STEP = 6.0, 1.5
+"""Smallest R/v that is sought, s, and the ratio of one to the next."""
+
+LONGEST_WIDTH = 1.5
+"""Largest R/v that is sought, over the length of what is searched at once."""
+
+ROWS_OF_WIDTH, PLACES_OF_WIDTH, REACH = 8.0, 4.0, 5.0
+"""Rows and instants that are tried in each R/v, and R/v on either side that are stacked."""
+
+LEAST_ROWS = 48
+"""Rows of what is searched at once, where R/v is as long as the recording."""
+
+OUTSIDE = 3.0
+"""R/v before and after the recording up to which a passage is sought, as a rival."""
+
+VARIANCES = (0.002, 0.01, 0.05, 0.25)
+"""Variances of a template that are tried, nepers^2."""
+
+USUAL_FADING = 0.4
+"""Fading of the contrast that proposals assume."""
+
+
+class Proposal(NamedTuple):
+    """A passage of the grid."""
+
+    gain: float
+    """Nepers over noise."""
+    time_s: float
+    """Closest approach, s."""
+    width_s: float
+    """Range over speed, s."""
+
+
+class _Stack(NamedTuple):
+    """Rows that can be shifted and stacked."""
+
+    time_s: FloatArray
+    """Middles of the rows, s."""
+    weighted: FloatArray
+    """Values times precision, shape (row, cell)."""
+    precision: FloatArray
+    """Precision, shape (cell,)."""
+    cell: float
+    """Step of the logarithm of frequency."""
+
+    @classmethod
+    def of(cls, panel: Panel) -> "_Stack":
+        """Return the rows of a panel."""
+        weighted = flattened(panel) * panel.precision
+        return cls(panel.time_s, weighted, panel.precision, panel.cell)
+
+    def gain(self, rows: slice, shift: FloatArray, contrast: FloatArray) -> float:
+        """Return what a free template gains over noise in some rows.
+
+        ``shift``: of each row along log frequency. ``contrast``: of each.
+        """
+        cells = np.rint(shift / self.cell).astype(np.int64)
+        cells -= cells.max()
+        n_cells = self.precision.size
+        place = (np.arange(n_cells) - cells[:, None]).ravel()
+        count = n_cells - int(cells.min())
+        part = contrast[:, None] * self.weighted[rows]
+        total = np.bincount(place, part.ravel(), count)
+        weight = np.bincount(
+            place, (contrast[:, None] ** 2 * self.precision).ravel(), count
+        )
+        return max(
+            0.5
+            * float((total**2 * s / (1.0 + s * weight) - np.log1p(s * weight)).sum())
+            for s in VARIANCES
+        )
+
+    def passage(
+        self, time_s: float, width_s: float, invariant: float = 1.0
+    ) -> float | None:
+        """Return what a passage gains; None where too little of it was recorded."""
+        first, last = np.searchsorted(
+            self.time_s, [time_s - REACH * width_s, time_s + REACH * width_s]
+        )
+        if last - first < FEWEST_ROWS:
+            return None
+        rows = slice(int(first), int(last))
+        square = ((self.time_s[rows] - time_s) / width_s) ** 2
+        shift = 0.5 * invariant * np.log1p(square)
+        return self.gain(rows, shift, 1.0 / (1.0 + USUAL_FADING * square))
+
+
+def flattened(panel: Panel) -> FloatArray:
+    """Return the values less the course of each row and the usual of each cell.
+
+    For proposals alone: what is taken off here takes some of a pattern with it.
+    """
+    courses = smooth_courses(panel.precision)
+    value = panel.value - np.median(panel.value, axis=0)
+    for _ in range(2):
+        value = value - ((value * panel.precision) @ courses.T) @ courses
+        value = value - value.mean(axis=0)
+    return np.asarray(value)
+
+
+class FringeEvidence:
+    """What an image of fringes says of passages: proposals, residuals, likelihood.
+
+    ``fringes``: the image. ``mach``: speed of vessels over that of sound, and its
+    deviation.
+    """
+
+    def __init__(self, fringes: Fringes, mach: tuple[float, float]) -> None:
+        self.fringes, self.mach = fringes, mach
+        self._stacks: dict[float, _Stack | None] = {}
+        self._known: list[FringePassage] = []
+
+    @property
+    def has_known(self) -> bool:
+        """Whether some patterns are taken out."""
+        return bool(self._known)
+
+    def explained(self, known: Sequence["FringePassage"]) -> "FringeEvidence":
+        """Return the evidence of what some passages leave."""
+        rest = FringeEvidence(self.fringes, self.mach)
+        rest._known = list(known)
+        return rest
+
+    def panel(self, step_s: float, cells: int = 1) -> Panel | None:
+        """Return the image, less the patterns that are known.
+
+        ``step_s``: time that a row is averaged over; less where that leaves few rows.
+        """
+        span_s = self.fringes.time_s.size * self.fringes.average_s
+        panel = panel_of(self.fringes, min(step_s, span_s / LEAST_ROWS), cells)
+        if panel is None:
+            return None
+        for one in self._known:
+            own = _changing(one.fitted, self.fringes.time_s)
+            for passage, pattern in zip(own, one.pattern, strict=True):
+                made = pattern_in(panel, passage, one.template, pattern, one.panel)
+                panel = panel._replace(value=panel.value - made)
+        return panel
+
+    def _stack(self, width_s: float) -> _Stack | None:
+        if width_s not in self._stacks:
+            panel = self.panel(width_s / ROWS_OF_WIDTH)
+            self._stacks[width_s] = None if panel is None else _Stack.of(panel)
+        return self._stacks[width_s]
+
+    def gain(self, grid: Sequence[tuple[float, float]]) -> FloatArray:
+        """Return the gain of passages, time and R/v in s, in nepers; nan for unseen ones."""
+        found = np.full(len(grid), np.nan)
+        for k, (time_s, width_s) in enumerate(grid):
+            stack = self._stack(width_s)
+            told = None if stack is None else stack.passage(time_s, width_s)
+            found[k] = np.nan if told is None else told
+        return found
+
+    def proposals(self) -> list[Proposal]:
+        """Return every passage of the grid, the likeliest first."""
+        time_s = self.fringes.time_s
+        if time_s.size < FEWEST_ROWS:
+            return []
+        span_s = float(time_s[-1] - time_s[0])
+        count = int(np.log(LONGEST_WIDTH * span_s / LEAST_WIDTH_S) / np.log(WIDTH_STEP))
+        grid = []
+        for width_s in LEAST_WIDTH_S * WIDTH_STEP ** np.arange(max(0, count + 1)):
+            out_s = min(OUTSIDE * width_s, span_s)
+            places = np.arange(-out_s, span_s + out_s, width_s / PLACES_OF_WIDTH)
+            grid += [(float(time_s[0] + place), float(width_s)) for place in places]
+        gains = self.gain(grid)
+        order = np.argsort(-np.nan_to_num(gains, nan=-np.inf))
+        return [
+            Proposal(float(gains[k]), *grid[k]) for k in order if np.isfinite(gains[k])
+        ]
+
+
+# Fit
+
+
+FIT_ROWS, FIT_REACH, FIT_CELLS = 10.0, 6.0, 2
+"""Rows of R/v, R/v on either side and neighbouring cells that the fit takes together."""
+
+KNOTS = (1.5, 3.0, 6.0)
+"""Distances of a template's knots that are tried, in the fit's cells."""
+
+FADING_PRIOR = (float(np.log(USUAL_FADING)), 0.7)
+"""Mean and deviation of the logarithm of the fading: from noise alone to no noise."""
+
+INVARIANT_PRIOR = (1.1, 0.25)
+"""Mean and deviation of the invariant of a waveguide."""
+
+LARGEST_STEP = 3.0
+"""Deviations, of the curvature so far, of a step of Newton's method at most."""
+
+
+BROAD_SHARE = 0.5
+"""Prior probability that the invariant is not that of a mirror."""
+
+CHANNEL_WIDTH, CHANNEL_TIME = 0.02, 0.002
+"""Deviation of the logarithm of R/v, and of the time in R/v, by what a channel's images
+do beyond an invariant."""
+
+LARGEST_STEP = 2.5
+"""Deviations, of the curvature so far, of a step of Newton's method at most."""
+
+# Weigh
+
+INSIDE = 0.25
+"""R/v beyond the ends of the recording up to which a closest approach is told."""
+
+TEMPERED_NEPERS, TEMPERED_SHARE = 3.0, 0.012
+"""What the difference of two explanations is divided by: nepers, and a share of what the
+better one explains, since neither is all that the sea does
+(tests/draws/fringe_rates.py)."""
+
+PRIOR_LOG_ODDS = -9.0
+"""Log of the rate of passages over that of sounds whose tempered evidence is as good."""
+
+LEAST_GAIN = 20.0
+"""Gain of a proposal, nepers, from which it is fitted: rows in random order have 6 at
+most (tests/draws/fringe_rates.py)."""
+
+STAYS, UPSIDE_DOWN, OUTSIDE_ALONE = "stays", "upside-down", "outside"
+"""Codes of what else may be: a pattern that rises and falls where it is, one that moves
+the other way, and a source that comes or goes all the time, or drifts evenly."""
+
+AWAY = (0.2, 0.6, 2.0, 6.0)
+"""How far outside the rows a source that comes or goes is, in their length."""
+
+STILL_VARIANCES = (0.01, 0.1, 1.0)
+"""Variances of what rises and falls in place, nepers^2."""
+
+MOST_PASSAGES = 3
+"""Passages of a stretch at most."""
+
+
+class _Unknowns(NamedTuple):
+    """How a vector of numbers is a passage."""
+
+    scale_s: float
+    """R/v in which times are counted, s."""
+    time_s: float
+    """Time from which they count, s."""
+    mach: float
+    """Speed over that of sound."""
+    is_free: bool
+    """Whether the invariant is an unknown."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return 4 if self.is_free else 3
+
+    def passage(self, x: FloatArray) -> Hypothesis:
+        """Return the passage of a vector."""
+        return Hypothesis(
+            self.time_s + self.scale_s * float(x[0]),
+            self.scale_s * float(np.exp(np.clip(x[1], -5.0, 5.0))),
+            float(x[3]) if self.is_free else 1.0,
+            float(np.exp(np.clip(x[2], -9.0, 4.0))),
+            self.mach,
+        )  # fmt: skip
+
+    def penalty(self, x: FloatArray) -> float:
+        """Return the log of the prior's density, up to what is the same for all."""
+        off = [(x[2] - FADING_PRIOR[0]) / FADING_PRIOR[1]]
+        if self.is_free:
+            off.append((x[3] - INVARIANT_PRIOR[0]) / INVARIANT_PRIOR[1])
+        return -0.5 * float(np.sum(np.square(off)))
+
+
+class Maximum(NamedTuple):
+    """Where a function is largest."""
+
+    place: FloatArray
+    """Its unknowns."""
+    covariance: FloatArray
+    """Minus the inverse of its curvature."""
+    value: float
+    """The function there."""
+
+
+class _Posterior:
+    """The log probability of vectors of unknowns, one passage after the other."""
+
+    def __init__(self, model: FringeModel, unknowns: Sequence[_Unknowns]) -> None:
+        self.model, self.unknowns = model, list(unknowns)
+
+    def passages(self, x: FloatArray) -> list[Hypothesis]:
+        """Return the passages of a vector."""
+        return [one.passage(part) for one, part in self._parts(x)]
+
+    def _parts(self, x: FloatArray) -> Iterator[tuple[_Unknowns, FloatArray]]:
+        at = 0
+        for one in self.unknowns:
+            yield one, x[at : at + one.size]
+            at += one.size
+
+    def __call__(self, x: FloatArray) -> float:
+        """Return the log of the probability, nepers."""
+        prior = sum(one.penalty(part) for one, part in self._parts(x))
+        return self.model.log_likelihood(self.passages(x)) + prior
+
+
+def climb(
+    function: _Posterior, start: FloatArray, spread: FloatArray, most: int
+) -> Maximum:
+    """Return the maximum of a smooth function, by Newton's method.
+
+    Differences are as wide as the deviations so far: ``spread``, to begin with.
+    """
+    x, here = start.copy(), function(start)
+    covariance = np.diag(spread**2)
+    for _ in range(most):
+        gradient, curvature = _differences(function, x, here, spread)
+        value, axes = np.linalg.eigh(-curvature)
+        value = np.maximum(value, 0.05)
+        inverse = (axes / value) @ axes.T
+        step = inverse @ gradient
+        size = float(np.sqrt(max(step @ gradient, 0.0)))
+        step = step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-9))
+        covariance = inverse * np.outer(spread, spread)
+        for _ in range(4):
+            there = function(x + step * spread)
+            if there >= here - 1e-9:
+                x, here = x + step * spread, there
+                break
+            step = 0.3 * step
+        if size < 0.2:
+            break
+        spread = np.clip(np.sqrt(np.diag(covariance)), 0.03 * spread, 2.0 * spread)
+    return Maximum(x, covariance, here)
+
+
+def _differences(
+    function: _Posterior, x: FloatArray, here: float, spread: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return gradient and curvature, in units of the spread."""
+    steps = np.diag(spread)
+    up = np.array([function(x + step) for step in steps])
+    down = np.array([function(x - step) for step in steps])
+    curvature = np.diag(up + down - 2.0 * here)
+    for i in range(x.size):
+        for j in range(i):
+            both = function(x + steps[i] + steps[j])
+            curvature[i, j] = curvature[j, i] = both - up[i] - up[j] + here
+    return 0.5 * (up - down), curvature
+
+
+@dataclass(frozen=True)
+class FringePassage:
+    """A passage that fringes tell."""
+
+    passage: Hypothesis
+    """The likeliest one; its time is the mean, and so is its R/v."""
+    covariance: FloatArray
+    """Of time (s) and range over speed (s), shape (2, 2)."""
+    gain: float
+    """Nepers over an image without a pattern."""
+    rival: str
+    """Code of the strongest explanation in which nothing passes."""
+    rival_gain: float
+    """What that gains."""
+    template: Template
+    """Prior of its pattern."""
+    fitted: Hypothesis
+    """The one that its pattern was found by."""
+    pattern: list[FloatArray]
+    """Coefficients of its pattern, and of what of it changes in time."""
+    misfit: float
+    """What the residuals' variance and correlation in time make of one measurement."""
+    panel: Panel
+    """The rows that it was found in."""
+
+    @property
+    def log_odds(self) -> float:
+        """Log of the odds that something passes, against its strongest rival."""
+        more = (self.gain - self.rival_gain) / self.misfit
+        scale = (
+            TEMPERED_NEPERS
+            + TEMPERED_SHARE * max(self.gain, self.rival_gain) / self.misfit
+        )
+        return float(PRIOR_LOG_ODDS + more / scale)
+
+    @property
+    def probability(self) -> float:
+        """Probability that something passes."""
+        return float(1.0 / (1.0 + np.exp(-np.clip(self.log_odds, -50.0, 50.0))))
+
+
+def fit_passage(
+    evidence: FringeEvidence, start: Proposal, fading: float = USUAL_FADING
+) -> FringePassage | None:
+    """Return the passage about a proposal; None where too little of it was recorded."""
+    time_s, width_s = start.time_s, start.width_s
+    spread = np.array([0.06, 0.06, 0.5])
+    template: Template | None = None
+    for _ in range(3):
+        panel = evidence.panel(width_s / FIT_ROWS, FIT_CELLS)
+        if panel is None:
+            return None
+        panel = panel.near(time_s, FIT_REACH * width_s)
+        if panel.time_s.size < FEWEST_ROWS:
+            return None
+        unknowns = _Unknowns(width_s, time_s, evidence.mach[0], False)
+        x = np.array([0.0, 0.0, np.log(fading)])
+        if template is None:
+            template = _best_template(panel, unknowns.passage(x))
+        function = _Posterior(FringeModel(panel, [template]), [unknowns])
+        told = climb(function, x, spread, 5)
+        (found,) = function.passages(told.place)
+        moved = max(abs(np.log(found.width_s / width_s)), abs(told.place[0]))
+        time_s, width_s, fading = found.time_s, found.width_s, found.fading
+        if moved < 0.1:
+            break
+        spread = np.clip(np.sqrt(np.diag(told.covariance)), 1e-3, [0.06, 0.06, 0.5])
+    return _weighed(evidence, function, told)
+
+
+def _best_template(panel: Panel, passage: Hypothesis) -> Template:
+    """Return the prior of a pattern that makes the image likeliest."""
+    tried = [Template(knots, variance) for knots in KNOTS for variance in VARIANCES]
+    return max(tried, key=lambda t: FringeModel(panel, [t]).log_likelihood([passage]))
+
+
+def _weighed(
+    evidence: FringeEvidence, function: _Posterior, mirror: Maximum
+) -> FringePassage:
+    """Add the waveguide to the mirror, and hold both against what else may be."""
+    model = function.model
+    unknowns = function.unknowns[0]
+    (found,) = function.passages(mirror.place)
+    covariance = mirror.covariance + _of_speed(evidence, function, mirror)
+    # the waveguide, from there
+    free = _Posterior(model, [unknowns._replace(is_free=True)])
+    spread = np.append(np.sqrt(np.diag(mirror.covariance)), 0.02)
+    broad = climb(free, np.append(mirror.place, 1.0), spread, 3)
+    own = np.log(np.sqrt(broad.covariance[3, 3]) / INVARIANT_PRIOR[1])
+    own += 0.5 * np.linalg.slogdet(broad.covariance[:3, :3])[1]
+    own -= 0.5 * np.linalg.slogdet(mirror.covariance)[1]
+    odds = broad.value - mirror.value + own + np.log(BROAD_SHARE / (1.0 - BROAD_SHARE))
+    share = float(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))))
+    off = broad.place[:2] - mirror.place[:2]
+    mean = mirror.place[:2] + share * off
+    both = (1.0 - share) * covariance[:2, :2] + share * (
+        broad.covariance[:2, :2] + covariance[:2, :2] - mirror.covariance[:2, :2]
+    )
+    both = both + share * (1.0 - share) * np.outer(off, off)
+    both = both + np.diag(np.square([CHANNEL_TIME, CHANNEL_WIDTH]))
+    if share > 0.5:
+        (found,) = free.passages(broad.place)
+    own = _changing(found, model.panel.time_s)
+    told = FringeModel(model.panel, model.templates * len(own)).explain(own)
+    misfit = _misfit(told.residual, model.panel.precision)
+    likelihood = model.log_likelihood([found])
+    if evidence.has_known:  # what they leave of themselves may be there besides
+        likelihood = _with_still(model.panel, found, model.templates[0])
+    nothing = FringeModel(model.panel, []).log_likelihood([])
+    rival, other = _strongest_rival(model, found)
+    width_s = unknowns.scale_s * float(np.exp(mean[1]))
+    middle = found._replace(
+        time_s=unknowns.time_s + unknowns.scale_s * float(mean[0]), width_s=width_s
+    )
+    slope = np.array([unknowns.scale_s, width_s])
+    return FringePassage(
+        middle, misfit * both * np.outer(slope, slope), likelihood - nothing, rival,
+        other - nothing, model.templates[0], found, told.pattern, misfit, model.panel,
+    )  # fmt: skip
+
+
+def _changing(passage: Hypothesis, time_s: FloatArray) -> list[Hypothesis]:
+    """Return a passage, and the same with contrasts that change in time.
+
+    A source sounds otherwise ahead than astern: what is taken out of the image may change.
+    """
+    contrast = contrast_of(time_s, passage)
+    lag = np.clip((time_s - passage.time_s) / passage.width_s, -3.0, 3.0)
+    return [passage, passage._replace(course=(time_s, contrast * lag))]
+
+
+def _misfit(residual: FloatArray, precision: FloatArray) -> float:
+    """Return by what the variance of residuals is more than noise gives, one at least.
+
+    Correlation along time is summed up to the lag at which it is lost.
+    """
+    own = residual * np.sqrt(precision)
+    variance = float((own**2).mean())
+    usual = float((precision * (own**2).mean(axis=0)).sum() / precision.sum())
+    # precision counts neighbours: of independent cells the mean square is below one
+    total = 1.0
+    for lag in range(1, len(own) // 4):
+        told = float((own[lag:] * own[:-lag]).mean()) / max(variance, 1e-9)
+        if told < 2.0 / np.sqrt(own.size / 4.0):
+            break
+        total += 2.0 * told
+    return max(total, 1.0) * max(usual, 1.0)
+
+
+def _of_speed(
+    evidence: FringeEvidence, function: _Posterior, mirror: Maximum
+) -> FloatArray:
+    """Return what the unknown speed adds to the covariance: sound takes time to come."""
+    unknowns, std = function.unknowns[0], evidence.mach[1]
+    steps = np.diag(np.sqrt(np.diag(mirror.covariance)))
+    slope = np.zeros(len(steps))
+    for sign in (1.0, -1.0):
+        other = _Posterior(
+            function.model, [unknowns._replace(mach=unknowns.mach + sign * std)]
+        )
+        for k, step in enumerate(steps):
+            rise = other(mirror.place + step) - other(mirror.place - step)
+            slope[k] += 0.5 * sign * rise / (2.0 * step[k])
+    moved = mirror.covariance @ slope
+    return np.outer(moved, moved)
+
+
+def _strongest_rival(model: FringeModel, found: Hypothesis) -> tuple[str, float]:
+    """Return the likeliest explanation in which nothing passes, and its likelihood."""
+    panel = model.panel
+    upside = [
+        found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
+        for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
+    ]
+    first, last = float(panel.time_s[0]), float(panel.time_s[-1])
+    even = (panel.time_s, np.ones(panel.time_s.size))
+    away = [
+        Hypothesis(place, 1.0, 1.0, course=even)
+        for share in AWAY
+        for place in (first - share * (last - first), last + share * (last - first))
+    ]
+    course, prior = _likeliest_still(panel, flattened(panel))
+    still, bent = _still(panel, course), _still(panel, np.square(course))
+    # rain adds power: where its logarithm bends, the square of its course is there, too
+    bending = [Template(prior.knots, v) for v in STILL_VARIANCES]
+    told = [
+        (FringeModel(panel, [prior, one]).log_likelihood([still, bent]), STAYS)
+        for one in bending
+    ]
+    told.append((FringeModel(panel, [prior]).log_likelihood([still]), STAYS))
+    for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
+        told += [(model.log_likelihood([one]), code) for one in tried]
+    likelihood, code = max(told)
+    return code, likelihood
+
+
+def _with_still(panel: Panel, one: Hypothesis, prior: Template) -> float:
+    """Return how likely something is, with what rises and falls in place beside it."""
+    alone = FringeModel(panel, [prior]).explain([one])
+    course, its = _likeliest_still(panel, alone.residual)
+    both = FringeModel(panel, [prior, its]).log_likelihood([one, _still(panel, course)])
+    return max(alone.log_likelihood, both)
+
+
+def _still(panel: Panel, course: FloatArray) -> Hypothesis:
+    """Return a pattern that stays where it is, and rises and falls in time."""
+    return Hypothesis(0.0, 1.0, 0.0, course=(panel.time_s, course))
+
+
+def _likeliest_still(panel: Panel, value: FloatArray) -> tuple[FloatArray, Template]:
+    """Return the course, and its pattern's prior, that explain values best in place."""
+    course = np.linalg.svd(value * np.sqrt(panel.precision), full_matrices=False)[0]
+    shape = course[:, 0] / np.abs(course[:, 0]).max()
+    still = _still(panel, shape)
+    rest = panel._replace(value=value)
+    priors = [Template(k, v) for k in KNOTS[:2] for v in STILL_VARIANCES]
+    return shape, max(
+        priors, key=lambda each: FringeModel(rest, [each]).log_likelihood([still])
+    )
+
+
+STRETCH_S = 3600.0
+"""Length of what is searched at once; the next begins in its middle, s."""
+
+
+def fringe_passages(fringes: Fringes, mach: tuple[float, float]) -> list[FringePassage]:
+    """Return the passages that an image of fringes tells, in the order of time.
+
+    Parameters
+    ----------
+    fringes
+        The image.
+    mach
+        Speed of vessels over that of sound, and its deviation.
+    """
+    time_s = fringes.time_s
+    if time_s.size < FEWEST_ROWS or not fringes.frequency_hz.size:
+        return []
+    first, last = float(time_s[0]), float(time_s[-1])
+    found: list[FringePassage] = []
+    for start_s in np.arange(
+        first, max(last - 0.5 * STRETCH_S, first + 1.0), 0.5 * STRETCH_S
+    ):
+        rows = (time_s >= start_s) & (time_s < start_s + STRETCH_S)
+        part = fringes.take("row", np.flatnonzero(rows))
+        middle_s = start_s + 0.5 * STRETCH_S
+        for one in _of_stretch(FringeEvidence(part, mach)):
+            lag_s = one.passage.time_s - middle_s
+            is_own = (
+                -0.25 * STRETCH_S <= lag_s < 0.25 * STRETCH_S
+                or (lag_s < 0.0 and start_s == first)
+                or (lag_s >= 0.0 and start_s + STRETCH_S > last)
+            )
+            reach_s = INSIDE * one.passage.width_s
+            if is_own and first - reach_s < one.passage.time_s < last + reach_s:
+                found.append(one)
+    return sorted(found, key=lambda one: one.passage.time_s)
+
+
+def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
+    """Return the passages of a stretch, those outside it included."""
+    known: list[FringePassage] = []
+    for _ in range(MOST_PASSAGES):
+        rest = evidence.explained(known)
+        first = next(iter(rest.proposals()), None)
+        if first is None or first.gain < LEAST_GAIN:
+            break
+        one = fit_passage(rest, first)
+        if one is None or one.log_odds < 0.0:
+            break
+        known.append(one)
+    if len(known) < 2:
+        return known
+    # each once more, with the others taken out as they are in the end
+    for k, one in enumerate(known):
+        start = Proposal(one.gain, one.passage.time_s, one.passage.width_s)
+        rest = evidence.explained(known[:k] + known[k + 1 :])
+        again = fit_passage(rest, start, one.passage.fading)
+        known[k] = one if again is None or again.log_odds < 0.0 else again
+    return known

@@ -1,0 +1,194 @@
+"""Rows of encounters that interference fringes tell, confirm or sharpen.
+
+**Method.** A passage told by fringes is the same vessel as a row whose closest approach
+lies within the wider R/v of the two. If that row has lines or bearings and agrees, both
+are weighed by their deviations: fringes know range over speed, and lines the speed, so
+that the range gains. If levels alone tell it, time and range over speed are those of the
+fringes, since a level may swing and a pattern cannot. A passage without a row is one of
+its own, whose speed is not known.
+
+**Conventions.** As in `encounter_rows`; what disagrees with lines by more than
+`LARGEST_CHI2` is left to them.
+
+**References.** Kapolka (2008), doi 10.1121/1.2934751: Doppler and fringes give range.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.fringes import Fringes
+from uwtrack_cli.motion.decision import PassageDecision
+from uwtrack_cli.motion.evidence.fringes import FringePassage, fringe_passages
+from uwtrack_cli.motion.passage.encounter_rows import (
+    KEYS,
+    LEVEL_ONLY,
+    NO_SPEED,
+    CpaContext,
+    Row,
+)
+from uwtrack_cli.motion.passage.readings.change_priors import (
+    VESSEL_MPS,
+    VESSEL_STD_MPS,
+)
+
+LARGEST_CHI2 = 25.0
+"""Square of the difference of time and R/v over its deviations up to which two answers
+are of one vessel: five deviations."""
+
+UNKNOWN_SPEED = (
+    "speed_mps", "slant_range_m", "horizontal_range_m", "source_level_db",
+    "horizontal_range_over_speed_s", "rest_frequencies_hz", "rest_frame_evidence",
+    "misfit",
+)  # fmt: skip
+NO_LINE = "no line: fringes tell time and range over speed"
+
+
+def add_fringes(
+    rows: Sequence[Row], fringes: Fringes | None, context: CpaContext, number: int
+) -> list[Row]:
+    """Return the rows with what fringes tell of them, and those of fringes alone.
+
+    Parameters
+    ----------
+    rows
+        Rows of the passages that lines, bearings and levels tell.
+    fringes
+        The image; None leaves the rows as they are.
+    context
+        Sensor and medium.
+    number
+        First contact number that is free.
+    """
+    told = list(rows)
+    if fringes is None:
+        return told
+    sound_mps = context.sound_speed_mps
+    mach = VESSEL_MPS / sound_mps, VESSEL_STD_MPS / sound_mps
+    for one in fringe_passages(fringes, mach):
+        own = _nearest(told, one)
+        if own is None:
+            told.append(_row(one, number, fringes, mach[0], context))
+            number += 1
+        elif own.status == LEVEL_ONLY:
+            _take(own, one, mach[0])
+        else:
+            _sharpen(own, one, sound_mps)
+    return told
+
+
+def _nearest(rows: Sequence[Row], one: FringePassage) -> Row | None:
+    """Return the row of the same vessel; None if there is none."""
+    passage = one.passage
+    near = [
+        (abs(row.values["time_s"] - passage.time_s), k)
+        for k, row in enumerate(rows)
+        if abs(row.values["time_s"] - passage.time_s)
+        < max(passage.width_s, row.values["range_over_speed_s"])
+    ]
+    return rows[min(near)[1]] if near else None
+
+
+def _row(
+    one: FringePassage, number: int, fringes: Fringes, mach: float, context: CpaContext
+) -> Row:
+    """Return the row of a passage that fringes alone tell."""
+    row = Row(number, NO_SPEED)
+    _take(row, one, mach)
+    is_omni = len(context.sensor.channel_names) == 1
+    why = "no bearing channel" if is_omni else "fringes tell no bearing"
+    row.explain(why, "bearing_deg", "course_deg", "side")
+    row.explain(NO_LINE, *KEYS)
+    row.values["reading_weight"] = one.probability
+    row.values["rival_weight"] = 0.0
+    time_s = row.values["time_s"]
+    row.extrapolated = not fringes.time_s[0] <= time_s <= fringes.time_s[-1]
+    return row
+
+
+def _take(row: Row, one: FringePassage, mach: float) -> None:
+    """Give a row time and range over speed of the fringes, and nothing of levels."""
+    values, (time_var, width_var) = row.values, np.diag(one.covariance)
+    row.status = NO_SPEED
+    row.decision = PassageDecision(
+        one.probability, one.rival, 1.0 - one.probability, ((one.rival, one.log_odds),)
+    )
+    values["time_s"], values["range_over_speed_s"] = (
+        one.passage.time_s,
+        one.passage.width_s,
+    )
+    values["time_std_s"] = float(np.sqrt(time_var))
+    values["range_over_speed_std_s"] = float(np.sqrt(width_var))
+    values["arrival_time_s"] = values["time_s"] + mach * values["range_over_speed_s"]
+    for covariance in (row.covariance, row.horizontal_covariance):
+        covariance[:2, :], covariance[:, :2] = np.nan, np.nan
+    row.covariance[:2, :2] = one.covariance
+    row.reasons = {
+        name: text for name, text in row.reasons.items() if name not in UNKNOWN_SPEED
+    }
+    row.explain(NO_LINE, *UNKNOWN_SPEED)
+
+
+def _sharpen(row: Row, one: FringePassage, sound_mps: float) -> None:
+    """Weigh a row by its deviations with what fringes tell, if they agree."""
+    values = row.values
+    own = np.array([values["time_s"], values["range_over_speed_s"]])
+    off = np.array([one.passage.time_s, one.passage.width_s]) - own
+    total = row.covariance[:2, :2] + one.covariance
+    if not np.isfinite(total).all() or off @ np.linalg.solve(total, off) > LARGEST_CHI2:
+        return
+    known = np.flatnonzero(np.isfinite(np.diag(row.covariance)))
+    before = row.covariance[np.ix_(known, known)]
+    gain = np.linalg.solve(total, before[:2]).T
+    moved = dict(zip(known.tolist(), (gain @ off).tolist(), strict=True))
+    after = before - gain @ before[:2]
+    row.covariance[np.ix_(known, known)] = after
+    width_s = own[1]
+    values["time_s"] += moved[0]
+    values["range_over_speed_s"] += moved[1]
+    deviation: FloatArray = np.sqrt(np.diag(row.covariance))
+    values["time_std_s"], values["range_over_speed_std_s"] = deviation[:2]
+    if 3 in moved and np.isfinite(values["bearing_deg"]):
+        for name in ("bearing_deg", "course_deg"):
+            values[name] = (values[name] + moved[3]) % 360.0
+            values[name.replace("_deg", "_std_deg")] = float(deviation[3])
+    if 2 in moved and np.isfinite(values["speed_mps"]):
+        values["speed_mps"] += moved[2]
+        values["speed_std_mps"] = float(deviation[2])
+        _add_ranges(row, width_s)
+    speed = values["speed_mps"] if np.isfinite(values["speed_mps"]) else VESSEL_MPS
+    delay_s = values["range_over_speed_s"] * speed / sound_mps
+    values["arrival_time_s"] = values["time_s"] + delay_s
+
+
+def _add_ranges(row: Row, old_width_s: float) -> None:
+    """Give the ranges again by the sharper range over speed."""
+    values = row.values
+    width_s, speed = values["range_over_speed_s"], values["speed_mps"]
+    slope = np.array([speed, width_s])
+    std_m = float(np.sqrt(slope @ row.covariance[1:3, 1:3] @ slope))
+    if np.isfinite(values["slant_range_m"]):
+        values["slant_range_m"], values["slant_range_std_m"] = width_s * speed, std_m
+    flat_s = values["horizontal_range_over_speed_s"]
+    if not np.isfinite(flat_s):
+        return
+    # heights stay: the squares of both ranges change alike
+    square = flat_s**2 + width_s**2 - old_width_s**2
+    if square <= 0.0:
+        return
+    flat_s = float(np.sqrt(square))
+    share = width_s / flat_s
+    row.horizontal_covariance = row.covariance.copy()
+    row.horizontal_covariance[1, :] *= share
+    row.horizontal_covariance[:, 1] *= share
+    values["horizontal_range_over_speed_s"] = flat_s
+    values["horizontal_range_over_speed_std_s"] = (
+        share * values["range_over_speed_std_s"]
+    )
+    if np.isfinite(values["horizontal_range_m"]):
+        values["horizontal_range_m"] = flat_s * speed
+        values["horizontal_range_std_m"] = float(np.hypot(
+            share * values["range_over_speed_std_s"] * speed,
+            flat_s * values["speed_std_mps"],
+        ))  # fmt: skip

@@ -1,0 +1,72 @@
+"""The image of fringes of a passage, with the curves that its law draws over it.
+
+**Method.** Level and slope of each row and the median of each cell are taken off, and
+rows are averaged to some hundred. A pattern of the closest approach moves along log
+frequency as the range grows: curves through some frequencies there show how.
+
+**Conventions.** A passage whose speed is not known is drawn at the usual speed of a
+vessel: only the time that sound takes depends on it. Curves are those of a mirror; a
+waveguide's lie a few percent beside them.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from uwtrack_cli.data.fringes import MIDDLE, STEP_DB, Fringes
+from uwtrack_cli.motion.evidence.fringe_template import Hypothesis, relative_range
+from uwtrack_cli.plotting.lofargram import cell_edges
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_ROWS = 300
+"""Rows that are drawn."""
+
+REACH_DB = 3.0
+"""Height above and below the median that has the strongest colours."""
+
+N_CURVES = 5
+"""Curves over the image."""
+
+USUAL_MACH = 0.0037
+"""Speed of a vessel over that of sound, where it is not known."""
+
+
+def draw_fringes(
+    ax: "Axes",
+    fringes: Fringes,
+    span_s: tuple[float, float],
+    passages: list[tuple[float, float, float]],
+) -> "Axes":
+    """Draw the image of a stretch, and the curves of passages over it.
+
+    ``span_s``: begin and end, s. ``passages``: time and range over speed of each, s, and
+    its speed over that of sound, nan if unknown.
+    """
+    inside = (fringes.time_s >= span_s[0]) & (fringes.time_s <= span_s[1])
+    rows = np.flatnonzero(inside & (fringes.shade[:, :1] > 0).any(axis=1))
+    frequency = fringes.frequency_hz
+    ax.set_yscale("log")
+    ax.set_ylabel("Hz", fontsize=8)
+    if rows.size < 2 or not frequency.size:
+        return ax
+    height_db = STEP_DB * (fringes.shade[rows].astype(np.float32) - MIDDLE)
+    height_db = height_db - np.median(height_db, axis=0)
+    each = -(-rows.size // MOST_ROWS)
+    count = rows.size // each
+    image = height_db[: count * each].reshape(count, each, -1).mean(axis=1)
+    time_s = fringes.time_s[rows[: count * each]].reshape(count, each).mean(axis=1)
+    reach = max(REACH_DB / np.sqrt(each), 2.0 * float(np.abs(image).mean()))
+    ax.pcolormesh(
+        cell_edges(time_s), np.exp(cell_edges(np.log(frequency))), image.T,
+        cmap="RdBu_r", vmin=-reach, vmax=reach, rasterized=True,
+    )  # fmt: skip
+    ax.set_ylim(frequency[0], frequency[-1])
+    grid = np.linspace(*span_s, 300)
+    for at_s, width_s, mach in passages:
+        known = mach if np.isfinite(mach) and mach > 0 else USUAL_MACH
+        far = relative_range(grid, Hypothesis(at_s, width_s, mach=known))
+        for start_hz in np.geomspace(frequency[0], 0.8 * frequency[-1], N_CURVES):
+            ax.plot(grid, start_hz * far, color="black", lw=0.8)
+    return ax
