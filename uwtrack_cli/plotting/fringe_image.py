@@ -1,8 +1,9 @@
 """The image of fringes of a passage, with the curves that its law draws over it.
 
-**Method.** Level and slope of each row and the median of each cell are taken off, and
-rows are averaged to some hundred. A pattern of the closest approach moves along log
-frequency as the range grows: curves through some frequencies there show how.
+**Method.** Level and slope of each row and the median of each cell are taken off, rows
+are averaged to some hundred, and each cell is drawn in units of its own noise. A pattern
+of the closest approach moves along log frequency as the range grows: curves through some
+frequencies there show how.
 
 **Conventions.** A passage whose speed is not known is drawn at the usual speed of a
 vessel: only the time that sound takes depends on it. Curves are those of a mirror; a
@@ -23,8 +24,12 @@ if TYPE_CHECKING:
 MOST_ROWS = 300
 """Rows that are drawn."""
 
-REACH_DB = 3.0
-"""Height above and below the median that has the strongest colours."""
+NOISES = 3.0
+"""Height above and below the median that has the strongest colours, in the noise of a
+cell: the median step from one row to the next."""
+
+TICKS_HZ = (100, 200, 500, 1000, 2000, 5000)
+"""Frequencies that are named."""
 
 N_CURVES = 5
 """Curves over the image."""
@@ -57,11 +62,15 @@ def draw_fringes(
     count = rows.size // each
     image = height_db[: count * each].reshape(count, each, -1).mean(axis=1)
     time_s = fringes.time_s[rows[: count * each]].reshape(count, each).mean(axis=1)
-    reach = max(REACH_DB / np.sqrt(each), 2.0 * float(np.abs(image).mean()))
+    # low cells hold few degrees of freedom: each is drawn in its own noise
+    noise_db = np.median(np.abs(np.diff(image, axis=0)), axis=0)
+    image = image / np.maximum(noise_db, STEP_DB)
     ax.pcolormesh(
         cell_edges(time_s), np.exp(cell_edges(np.log(frequency))), image.T,
-        cmap="RdBu_r", vmin=-reach, vmax=reach, rasterized=True,
+        cmap="RdBu_r", vmin=-NOISES, vmax=NOISES, rasterized=True,
     )  # fmt: skip
+    ax.set_yticks(TICKS_HZ, [str(tick) for tick in TICKS_HZ], fontsize=8)
+    ax.minorticks_off()
     ax.set_ylim(frequency[0], frequency[-1])
     grid = np.linspace(*span_s, 300)
     for at_s, width_s, mach in passages:
