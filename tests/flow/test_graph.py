@@ -476,7 +476,7 @@ def test_a_graph_without_steps_lacks_what_they_alone_feed():
     assert "long-cpa" not in names  # closest approaches of nothing
     left = {node.step.name: node for node in graph.without(["long-lines"]).nodes}
     (read,) = {n for n in left["presence"].sources.values() if "track" in n}
-    assert read == ("track", "slow-lines")
+    assert read == ("track", "slow-lines", "combs", "slow-combs")
     assert "cpa" in names
     names = [step.name for step in graph.without(["spectrogram"]).steps()]
     assert not {"peaks", "track", "levels", "cpa"} & set(names)

@@ -56,7 +56,7 @@ def test_a_comb_is_found_of_which_no_tooth_is_heard():
     assert np.abs(found.frequency_hz - 8.3 * order).max() < 0.2
     teeth = {round(float(np.median(found.frequency_hz[found.line == k])) / 8.3)
              for k in found.line_id}  # fmt: skip
-    assert len(teeth & set(range(2, 14))) >= 9
+    assert len(teeth & set(range(2, 14))) >= 8  # two in three
     assert set(found.line_contact) == {1}
 
 

@@ -22,7 +22,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.lines.comb_search.comb_tracker import CombRule, CombTracker
+from uwtrack_cli.lines.comb_search.comb_tracker import CombSearch, CombTracker
 from uwtrack_cli.lines.line_points import no_table, to_lines
 from uwtrack_cli.lines.tracker_options import ProcessNoise
 
@@ -98,7 +98,7 @@ def find_combs(
     for block in blocks:
         frames, reference = block.frames, block.reference
         if tracker is None:
-            rule = CombRule(
+            rule = CombSearch(
                 false_combs_per_hour,
                 window_frames(search_s, frames.hop_s),
                 fundamental_hz,
@@ -129,7 +129,7 @@ def window_frames(search_s: float, hop_s: float) -> int:
     return int(np.clip(2 ** round(np.log2(search_s / hop_s)), least, most))
 
 
-def _tracker(rule: CombRule, block: Spectrogram) -> CombTracker:
+def _tracker(rule: CombSearch, block: Spectrogram) -> CombTracker:
     frequency, band = block.frequency_hz, rule.band_hz
     inside = (frequency >= band[0]) & (frequency <= band[1])
     least = 64 * block.frames.cells_per_bin

@@ -35,7 +35,7 @@ CONTINUATION = 30.0
 REMAINDER = 1e3
 """Factor on the rate at which combs may come by chance without their loudest tooth."""
 
-PRIOR_WINDOWS = 0.5
+PRIOR_WINDOWS = 0.0
 """Windows that the absence of any excess is worth before any is seen."""
 
 

@@ -54,8 +54,12 @@ from uwtrack_cli.lines.sensitivity import weakest_by_path
 from uwtrack_cli.lines.tracker_options import ProcessNoise
 from uwtrack_cli.lines.tracking.track_store import UNKNOWN_BEARING_VARIANCE
 
-FEWEST_FRAMES = 8
-"""Frames with sound in a window below which no comb is sought: levels are not known."""
+FEWEST_FRAMES, LEAST_FILLED = 8, 0.25
+"""Frames with sound, and their share of a window, below which no comb is sought there: so
+few do not tell teeth from what noise does for some seconds."""
+
+PLACES_GAIN = 3.0
+"""Evidence, nepers, that the places of few loud teeth may add to that of their cells."""
 
 REACH_CELLS = 4.0
 """Cells at the highest tooth within which a comb is expected in the next window."""
@@ -64,18 +68,19 @@ OWN_PEAK_SNR = 1.6
 """Mean power ratio of a tooth from which its own peak is measured (2 dB), as in
 `lines.paths.trace_window`."""
 
-MOST_RATIO = 8
-"""Greatest whole number in the ratio of two fundamentals of one machine."""
+MOST_RATIO, MOST_PARTS = 8, 4
+"""Greatest whole number in the ratio of two fundamentals of one machine, and greatest
+denominator."""
 
-SAME_SIGMAS, SAME_SHARE = 3.0, 2e-3
-"""Deviations, and share, by which fundamentals may miss such a ratio."""
+SAME_SIGMAS, LEAST_SHARE, MOST_SHARE = 3.0, 1e-3, 2e-3
+"""Deviations by which fundamentals may miss such a ratio, and limits of that as a share."""
 
 MEMORY = 0.5
 """Share of what a tooth has said that counts in the next window: they overlap by half."""
 
 
 @dataclass(frozen=True)
-class CombRule:
+class CombSearch:
     """Options of the search, and what follows from them and the recording."""
 
     false_combs_per_hour: float
@@ -146,7 +151,7 @@ class _Heard:
 class CombTracker:
     """Takes blocks of spectrogram, finds the combs of each window, lets points out."""
 
-    def __init__(self, rule: CombRule, first: Spectrogram) -> None:
+    def __init__(self, rule: CombSearch, first: Spectrogram) -> None:
         self.rule = rule
         frames = first.frames
         self.bin_hz = 1.0 / frames.window_s
@@ -232,7 +237,7 @@ class CombTracker:
 
     def _heard(self, window: CombWindow, seed: int) -> tuple[list[_Heard], list[_Comb]]:
         """Return the combs of a window, and those that have ended."""
-        if window.n_known < FEWEST_FRAMES:
+        if window.n_known < max(FEWEST_FRAMES, LEAST_FILLED * window.n_frames):
             return [], self.living
         heard = self._expected(window)
         there = {one.comb.family for one in heard}
@@ -240,12 +245,12 @@ class CombTracker:
         surrogate = window.surrogate(seed)
         for _ in range(MOST_COMBS):
             least = self.threshold.new(self.threshold.excess(surrogate))
-            own = window.take_best(least)
+            own = window.take_best(least - PLACES_GAIN)
             if own is None:
                 break
             surrogate = window.surrogate(seed)
             left = self.threshold.remainder(self.threshold.excess(surrogate))
-            if is_comb(own, left):
+            if own.evidence >= least and is_comb(own, left):
                 heard = self._with_new(heard, own, seed, least)
         self.threshold.note(surrogate)
         for comb in dict.fromkeys(one.comb for one in heard):
@@ -474,9 +479,9 @@ class CombTracker:
 def _machine_ratio(one: FoundComb, two: FoundComb) -> Fraction | None:
     """Return the ratio of two fundamentals if it is that of small whole numbers."""
     exact = one.middle_hz / two.middle_hz
-    ratio = Fraction(exact).limit_denominator(MOST_RATIO)
+    ratio = Fraction(exact).limit_denominator(MOST_PARTS)
     if not 0 < ratio.numerator <= MOST_RATIO:
         return None
     std = np.hypot(one.middle_std_hz / one.middle_hz, two.middle_std_hz / two.middle_hz)
-    is_near = abs(exact / float(ratio) - 1.0) <= SAME_SIGMAS * std + SAME_SHARE
-    return ratio if is_near else None
+    reach = np.clip(SAME_SIGMAS * std, LEAST_SHARE, MOST_SHARE)
+    return ratio if abs(exact / float(ratio) - 1.0) <= reach else None

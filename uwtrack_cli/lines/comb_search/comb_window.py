@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.estimation.window import cell_correlation
+from uwtrack_cli.estimation.window import cell_correlation, parabola_offset
 from uwtrack_cli.lines.comb_search.comb_grid import (
     FEWEST_TEETH,
     CombGrid,
@@ -69,6 +69,21 @@ NEAR_SHARE = 2e-3
 FINER = 2.5
 """Evidence, nepers, that the teeth between those of a multiple must add: of half, third and
 other parts of a true fundamental one always finds a tooth of noise."""
+
+LOUD_SIGMAS = 4.0
+"""Deviations of the noise's mean power from which a tooth has a place of its own."""
+
+TOOTH_CELLS = 0.2
+"""Deviation, in cells, of the place of a tooth: machines do not turn evenly."""
+
+STRAY_CELLS = 3.0
+"""Cells in which a stray line is taken for a tooth, wherever in them it is."""
+
+STRAY_TOOTH = 0.1
+"""Share of the teeth of a comb that are strays."""
+
+FITTED = 1.5
+"""Evidence, nepers, that an unknown gains by being fitted to the places of teeth."""
 
 LENGTHENINGS = 3
 """How often a comb that was found is followed on to higher teeth."""
@@ -268,13 +283,15 @@ class CombWindow:
             drift = slope / fundamental_hz
             highest = self.grid.first_hz + self.grid.cell_hz * self.grid.n_cells
             known = KNOWN_CELLS * self.grid.cell_hz / float(std.mean())
-            longer = int(min(highest / fundamental_hz, known))
-            if longer <= evidence.size or lengthening == LENGTHENINGS:
+            n_known = max(int(min(highest / fundamental_hz, known)), n_teeth)
+            is_settled = lengthening > 0 and n_known <= evidence.size
+            if is_settled or lengthening == LENGTHENINGS:
                 break
-            evidence = self.tooth_evidence(fundamental_hz, drift, longer)
+            evidence = self.tooth_evidence(fundamental_hz, drift, n_known)
         ratio = self._along(path, teeth)
         strength = np.maximum(_frame_mean(ratio) - 1.0, 0.02)
         begin, stop = self._ends(ratio, strength, weight)
+        total += self._agreement(path, teeth)
         return FoundComb(
             path, std, teeth, np.where(sounds, evidence, np.minimum(evidence, 0.0)),
             strength, total, begin, stop,
@@ -289,6 +306,31 @@ class CombWindow:
         cells = self._cells(path_hz[:, None] * teeth)
         return np.take_along_axis(self.ratio, cells, axis=1).astype(float)
 
+    def _agreement(self, path_hz: FloatArray, teeth: IntArray) -> float:
+        """Return what the places of loud teeth say for one comb against strays, nepers."""
+        place = (path_hz[:, None] * teeth - self.grid.first_hz) / self.grid.cell_hz
+        cell = np.clip(np.rint(place), 2, self.grid.n_cells - 3).astype(np.int64)
+        mean = np.array([
+            _frame_mean(np.take_along_axis(self.ratio, cell + k, axis=1))
+            for k in range(-2, 3)
+        ])  # fmt: skip
+        snr = np.maximum(mean[1:4].max(axis=0) - 1.0, 1e-3)
+        noise = 1.0 / np.sqrt(max(self.n_known * self.independent, 1.0))
+        is_loud = snr > LOUD_SIGMAS * noise
+        if not is_loud.any():
+            return 0.0
+        logs = np.log(np.maximum(mean[:, is_loud], 1e-6))
+        peak = 1 + logs[1:4].argmax(axis=0)
+        column = np.arange(peak.size)
+        sides = [logs[peak + k, column] for k in (-1, 0, 1)]
+        off = peak - 2 + parabola_offset(*sides)
+        off -= (place - cell).mean(axis=0)[is_loud]
+        std = np.hypot(TOOTH_CELLS, noise * (1.0 + 1.0 / snr[is_loud]))
+        density = np.exp(-0.5 * (off / std) ** 2) / (np.sqrt(2.0 * np.pi) * std)
+        ratio = STRAY_TOOTH + (1.0 - STRAY_TOOTH) * STRAY_CELLS * density
+        unknowns = min(2, off.size)  # fundamental and drift were fitted to them
+        return float(np.log(ratio).sum() - FITTED * unknowns)
+
     def _path(
         self, straight_hz: FloatArray, teeth: IntArray, weight: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
@@ -301,13 +343,28 @@ class CombWindow:
         emission = np.zeros((self.n_frames, beside.size))
         for tooth, own, share in zip(teeth, level, weight, strict=True):
             frequency = tooth * straight_hz[:, None] * (1.0 + step * beside)
-            here = np.take_along_axis(self.ratio, self._cells(frequency), axis=1)
-            gain = share * amplitude_log_ratio(np.asarray(here, float), float(own))
+            here = self._between_cells(frequency)
+            gain = share * amplitude_log_ratio(here, float(own))
             emission += self.independent * np.nan_to_num(gain, nan=0.0)
         offset, variance = _smoothed_states(emission)
         variance += 1.0 / 12.0
         scale = straight_hz * step
         return straight_hz + scale * offset, scale * np.sqrt(variance)
+
+    def _between_cells(self, frequency_hz: FloatArray) -> FloatArray:
+        """Return the power over noise at any frequency, (frame, state).
+
+        By a parabola through the logarithms of three cells: Hann's main lobe is nearly one.
+        """
+        place = (frequency_hz - self.grid.first_hz) / self.grid.cell_hz
+        cell = np.clip(np.rint(place), 1, self.grid.n_cells - 2).astype(np.int64)
+        off = np.clip(place - cell, -0.5, 0.5)
+        left, middle, right = (
+            np.log(np.maximum(np.take_along_axis(self.ratio, cell + k, axis=1), 1e-3))
+            for k in (-1, 0, 1)
+        )
+        bend = 0.5 * (left + right) - middle
+        return np.exp(middle + off * (0.5 * (right - left) + off * bend))
 
     def _ends(
         self, ratio: FloatArray, strength: FloatArray, weight: FloatArray
