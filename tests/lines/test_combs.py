@@ -78,6 +78,19 @@ def test_blocks_do_not_matter():
     assert one.equals(two)
 
 
+def test_a_live_sound_is_known_so_far():
+    """Of the windows that were searched, as the whole has them."""
+    sound = recording_of(np.concatenate([weak_comb(2)] * 2), RATE_HZ, block=8000)
+    stream = find_combs(compute_spectrogram(sound, window_s=4.0, band_hz=BAND_HZ))
+    stream.remember(1e6)
+    assert stream.so_far(0.0) is None
+    known = [stream.so_far(0.0) for _ in stream]
+    last = known[-2]  # before the sound has ended
+    assert last is not None
+    assert last.families.spacing_hz == pytest.approx([8.3], rel=5e-4)
+    assert 60.0 < np.ptp(last.time_s) < 2.0 * SECONDS
+
+
 def test_a_gain_changes_levels_alone():
     one, two = (combs(k * weak_comb(2)) for k in (1.0, 8.0))
     assert np.allclose(one.frequency_hz, two.frequency_hz, rtol=1e-6)

@@ -17,13 +17,15 @@ from typing import Annotated
 
 import numpy as np
 
-from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import Above, AtLeast, AtMost, Increasing, Unit, checked
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.lines.comb_search.comb_tracker import CombSearch, CombTracker
-from uwtrack_cli.lines.line_points import no_table, to_lines
+from uwtrack_cli.lines.comb_search.comb_tracker import (
+    CombSearch,
+    CombStream,
+    CombTracker,
+)
 from uwtrack_cli.lines.tracker_options import ProcessNoise
 
 _MOTION = ProcessNoise()
@@ -92,29 +94,22 @@ def find_combs(
     L is the likelihood ratio of a steady line along the drift, q = 0.6 the share of teeth
     that sound, s the share of cells in which the window has lines at all.
     """
-    tracker: CombTracker | None = None
-    frames: Frames | None = None
-    reference = ""
-    for block in blocks:
-        frames, reference = block.frames, block.reference
-        if tracker is None:
-            rule = CombSearch(
+
+    def make_tracker(block: Spectrogram) -> CombTracker:
+        return _tracker(
+            CombSearch(
                 false_combs_per_hour,
-                window_frames(search_s, frames.hop_s),
+                window_frames(search_s, block.frames.hop_s),
                 fundamental_hz,
                 teeth,
                 drift_ps,
                 band_hz or (0.0, float(block.frequency_hz[-1])),
                 motion,
-            )
-            tracker = _tracker(rule, block)
-        points = tracker.push(block)
-        yield to_lines(frames, points, no_table(), tracker.scalars(reference))
-    if tracker is not None and frames is not None:
-        points = tracker.finish()
-        nothing = frames.take("frame", slice(0, 0))
-        scalars = tracker.scalars(reference)
-        yield to_lines(nothing, points, tracker.line_table(), scalars)
+            ),
+            block,
+        )
+
+    return CombStream(blocks, make_tracker)
 
 
 def window_frames(search_s: float, hop_s: float) -> int:

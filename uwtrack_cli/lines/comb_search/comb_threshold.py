@@ -3,12 +3,11 @@
 **Method.** The greatest evidence of a window of noise grows with the logarithm of the
 combs that are asked for, and its tail is exponential. What combs out of tune reach in the
 recording beyond that, by its stray lines and the shape of its noise, is a mean over the
-windows so far, drawn to nothing while they are few. Thresholds are raised by it.
+windows so far. Thresholds are raised by it.
 
 **Conventions.** Evidence in nepers; rates are of combs an hour, at any fundamental.
 
-**References.** Gumbel, "Statistics of Extremes" (1958), for the tail; Efron and Morris
-(1975) for the shrinkage.
+**References.** Gumbel, "Statistics of Extremes" (1958), for the tail.
 """
 
 from dataclasses import dataclass
@@ -34,9 +33,6 @@ CONTINUATION = 30.0
 
 REMAINDER = 1e3
 """Factor on the rate at which combs may come by chance without their loudest tooth."""
-
-PRIOR_WINDOWS = 0.0
-"""Windows that the absence of any excess is worth before any is seen."""
 
 
 @dataclass
@@ -72,7 +68,7 @@ class CombThreshold:
         By the windows so far, and what combs out of tune reach in this one.
         """
         total = self.total + surrogate - self.white_surrogate
-        return max(total / (self.windows + 1 + PRIOR_WINDOWS), 0.0)
+        return max(total / (self.windows + 1), 0.0)
 
     def new(self, excess: float) -> float:
         """Return the evidence that a comb needs to begin, nepers."""
@@ -100,7 +96,7 @@ class CombThreshold:
         """Return the rate of false combs as the recording tells it; nan without any."""
         if not self.windows:
             return float("nan")
-        left = self.total / (self.windows + PRIOR_WINDOWS)
+        left = self.total / self.windows
         return float(
             self.false_combs_per_hour * np.exp(left / TAIL) * self.passed / self.windows
         )

@@ -13,6 +13,7 @@ what was heard of it, and no more.
 **References.** See `lines.comb_search.comb_window`.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
@@ -20,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.data.lines import DETECTED, SUB_THRESHOLD
+from uwtrack_cli.data.frames import Frames
+from uwtrack_cli.data.lines import DETECTED, SUB_THRESHOLD, Lines
 from uwtrack_cli.data.peaks import Families
 from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.data.streams import RememberedStream
 from uwtrack_cli.estimation.window import frequency_std_hz
 from uwtrack_cli.lines.comb_search.comb_grid import CombGrid, comb_grid
 from uwtrack_cli.lines.comb_search.comb_threshold import TAIL, CombThreshold
@@ -40,7 +43,12 @@ from uwtrack_cli.lines.contacts import (
     unresolved_share,
 )
 from uwtrack_cli.lines.families.lasting_families import no_families
-from uwtrack_cli.lines.line_points import LinePoints, LineTable
+from uwtrack_cli.lines.line_points import (
+    LinePoints,
+    LineTable,
+    no_table,
+    to_lines,
+)
 from uwtrack_cli.lines.paths.path_search import beyond_outer_tiles, whiten
 from uwtrack_cli.lines.paths.trace_window import (
     Measured,
@@ -416,15 +424,28 @@ class CombTracker:
             association=np.where(detected, DETECTED, SUB_THRESHOLD),
         )
 
+    def pending(self) -> LinePoints:
+        """Return the points that leave if the sound ends here, of windows searched."""
+        return LinePoints.join([comb.pending for comb in self.living]).sorted()
+
     def line_table(self) -> LineTable:
         """Return what is known of the lines, at the end."""
-        lines = self.samples.line_seen()
+        return self._table(self.samples)
+
+    def table_of(self, points: LinePoints) -> LineTable:
+        """Return what is known of the lines of some points."""
+        samples = ContactSamples(self.samples.stride)
+        samples.add(points)
+        return self._table(samples)
+
+    def _table(self, samples: ContactSamples) -> LineTable:
+        lines = samples.line_seen()
         family_of = {
             line: comb.family for comb in self.combs for line in comb.lines.values()
         }
         family = np.array([family_of[int(line)] for line in lines], np.int64)
         window_frames = 1.0 / (self.bin_hz * self.hop_s)
-        held = self.samples.samples(lines, CORRELATION_WINDOWS * window_frames)
+        held = samples.samples(lines, CORRELATION_WINDOWS * window_frames)
         contact, status = group_lines(held, family)
         beside = unresolved_share(held, UNRESOLVED_BINS * self.bin_hz)
         return LineTable(lines, contact, family, status, beside, self._families(family))
@@ -485,3 +506,59 @@ def _machine_ratio(one: FoundComb, two: FoundComb) -> Fraction | None:
     std = np.hypot(one.middle_std_hz / one.middle_hz, two.middle_std_hz / two.middle_hz)
     reach = np.clip(SAME_SIGMAS * std, LEAST_SHARE, MOST_SHARE)
     return ratio if abs(exact / float(ratio) - 1.0) <= reach else None
+
+
+class CombStream(RememberedStream[Lines, tuple[Frames, LinePoints]]):
+    """The combs of a stream of spectrogram, found while it comes.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of spectrogram.
+    make_tracker
+        Makes the tracker from the first block.
+    """
+
+    def __init__(
+        self,
+        blocks: Iterator[Spectrogram],
+        make_tracker: Callable[[Spectrogram], CombTracker],
+    ) -> None:
+        self._make_tracker = make_tracker
+        self._tracker: CombTracker | None = None
+        self._reference = ""
+        super().__init__(self._follow(blocks))
+
+    def so_far(self, start_s: float) -> Lines | None:
+        """Return the lines and their table as the windows that were searched have them.
+
+        They begin with the first block that reaches beyond a time, s; None before the
+        first one.
+        """
+        past = self._since(start_s)
+        if self._tracker is None or not past:
+            return None
+        frames = Frames.join([frames for frames, _ in past])
+        begin_s = float(frames.time_s[0])
+        parts = [*(points for _, points in past), self._tracker.pending()]
+        points = LinePoints.join(parts).since(begin_s).sorted()
+        table = self._tracker.table_of(points)
+        return to_lines(frames, points, table, self._tracker.scalars(self._reference))
+
+    def _follow(self, blocks: Iterator[Spectrogram]) -> Iterator[Lines]:
+        frames: Frames | None = None
+        for block in blocks:
+            frames, self._reference = block.frames, block.reference
+            if self._tracker is None:
+                self._tracker = self._make_tracker(block)
+            tracker = self._tracker
+            points = tracker.push(block)
+            if frames.n_frames:
+                end_s = float(frames.time_s[-1])
+                self._keep(end_s, (frames, points), end_s)
+            yield to_lines(frames, points, no_table(), tracker.scalars(self._reference))
+        if self._tracker is not None and frames is not None:
+            points = self._tracker.finish()
+            nothing = frames.take("frame", slice(0, 0))
+            scalars = self._tracker.scalars(self._reference)
+            yield to_lines(nothing, points, self._tracker.line_table(), scalars)

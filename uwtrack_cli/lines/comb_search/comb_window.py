@@ -364,7 +364,7 @@ class CombWindow:
             for k in (-1, 0, 1)
         )
         bend = 0.5 * (left + right) - middle
-        return np.exp(middle + off * (0.5 * (right - left) + off * bend))
+        return np.asarray(np.exp(middle + off * (0.5 * (right - left) + off * bend)))
 
     def _ends(
         self, ratio: FloatArray, strength: FloatArray, weight: FloatArray
