@@ -155,3 +155,11 @@ def test_what_cannot_be_searched_is_refused(options, words):
 def test_a_short_recording_has_none():
     found = combs(np.zeros(3000), window_s=1.0)
     assert found.line_id.size == 0
+
+
+def test_any_noise_is_searched_whatever_is_asked():
+    """Thresholds below what noise reaches try every comb, those of noise alone too."""
+    sound = comb_samples(np.zeros(0), 0.0, seconds=SECONDS, seed=21)
+    found = combs(sound, false_combs_per_hour=1e5)
+    assert np.isfinite(found.frequency_hz).all()
+    assert np.isfinite(found.families.spacing_hz).all()

@@ -273,6 +273,8 @@ class CombWindow:
             sounds = (number >= first) & (
                 evidence > np.where(number > last, DOUBT, 0.0)
             )
+            if not sounds.any():  # where it was refined to, noise was all there was
+                sounds = (number >= first) & (number <= last)
             teeth = number[sounds]
             weight = 1.0 - (1.0 - SOUNDING) * np.exp(
                 -np.minimum(evidence[sounds], 30.0)
