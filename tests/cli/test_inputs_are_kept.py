@@ -125,6 +125,7 @@ CASES: dict[str, list[tuple[str, str, str]]] = {
     "track": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "track-pda": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "ladder": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
+    "combs": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "trace": [(f"{SPECTRA} -o aim.h5", "aim.h5", SPECTRA)],
     "presence": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],
     "radiated": [(f"{PEAKS} -o aim.h5", "aim.h5", PEAKS)],

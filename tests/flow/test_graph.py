@@ -11,6 +11,7 @@ import pytest
 
 from tests.arrays.test_array_chain import scene
 from tests.draws.brief_passages import car_by_auto
+from tests.draws.comb_sounds import comb_sound
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.directions import Delays
@@ -143,6 +144,8 @@ def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, 
     whole = results(recipe, recording, made)
     # auto has the steps of vessel, which are tried there, and its own
     known = load_recipe("vessel").steps if name == "auto" else ()
+    # a car has no comb: `test_combs_of_auto_are_heard_in_presence` tries them
+    known += tuple(step for step in recipe.steps if step.stage.name == "combs")
     for gone in (step for step in recipe.steps if step not in known):
         readers = {
             node.step.name
@@ -159,6 +162,22 @@ def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, 
         made = results(up_to(left, kept), recording) if kept else {}
         changed = [r for r in kept if not made[r].equals(whole[r])]
         assert changed or not readers, gone.name
+
+
+@pytest.mark.parametrize("gone", ["combs", "slow-combs"])
+def test_combs_of_auto_are_heard_in_presence(gone):
+    """A machine and a slow shaft of which no line is heard alone."""
+    spacing_hz = {"combs": 8.3, "slow-combs": 0.9}[gone]
+    teeth = np.arange(2, 14) if gone == "combs" else np.arange(8, 30)
+    recording = comb_sound(spacing_hz * teeth, level_db=-5.0, seconds=200.0, seed=5)
+    recipe = load_recipe("auto")
+    steps = {step.name: step for step in recipe.steps}
+    resolution = {"combs": "long-spectrogram", "slow-combs": "slow-spectrogram"}[gone]
+    own = [steps[resolution], steps[gone]]
+    read = replace(steps["presence"], inputs=(gone,))
+    found = results(replace(recipe, steps=(*own, read)), recording)["presence"]
+    vessel = found.kind == "vessel"
+    assert np.abs(found.spacing_hz[vessel] / spacing_hz - 1.0).max() < 2e-3
 
 
 def test_what_is_written_is_read_whatever_is_nearer():
@@ -457,7 +476,7 @@ def test_a_graph_without_steps_lacks_what_they_alone_feed():
     assert "long-cpa" not in names  # closest approaches of nothing
     left = {node.step.name: node for node in graph.without(["long-lines"]).nodes}
     (read,) = {n for n in left["presence"].sources.values() if "track" in n}
-    assert read == ("track", "slow-lines")
+    assert read == ("track", "slow-lines", "combs", "slow-combs")
     assert "cpa" in names
     names = [step.name for step in graph.without(["spectrogram"]).steps()]
     assert not {"peaks", "track", "levels", "cpa"} & set(names)

@@ -30,6 +30,7 @@ STAGES: dict[str, str] = {
     "track": "uwtrack_cli.lines.track:track_lines",
     "track-pda": "uwtrack_cli.lines.track_pda:track_lines_pda",
     "trace": "uwtrack_cli.lines.trace:trace_lines",
+    "combs": "uwtrack_cli.lines.combs:find_combs",
     "ladder": "uwtrack_cli.lines.ladder:join_rungs",
     "cpa": "uwtrack_cli.motion.cpa:find_encounters",
     "zoom": "uwtrack_cli.flow.zoom:zoom_in",

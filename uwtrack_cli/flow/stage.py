@@ -36,7 +36,10 @@ from uwtrack_cli.data.recording import Recording
 
 Kind = Literal["source", "map", "scan", "whole"]
 
-PRODUCTS = {"trace": "trace", "demon": "demon", "beamform": "beams", "zoom": "zoom"}
+PRODUCTS = {
+    "trace": "trace", "combs": "combs", "demon": "demon", "beamform": "beams",
+    "zoom": "zoom",
+}  # fmt: skip
 """What the product of a stage is called where it is not called by its container."""
 
 

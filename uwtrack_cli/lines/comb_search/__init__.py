@@ -1,0 +1,1 @@
+"""Combs before their lines: one fundamental that explains all of its teeth."""
