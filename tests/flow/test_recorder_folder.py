@@ -120,9 +120,9 @@ def test_two_vessels_at_the_cut_are_two():
     assert sum(map(len, kept)) == 2
 
 
-def test_times_that_are_not_sure_are_one_passage_within_three_deviations():
+def test_times_that_are_not_sure_are_one_passage_farther_apart():
     owns = [own(0, 100, "a", "b"), own(100, 200, "b")]
-    for apart_s, count in ((16.5, 1), (17.5, 2)):  # 3 sqrt(2) 4 s = 17.0 s
+    for apart_s, count in ((11.0, 1), (30.0, 2)):
         parts = [[90.0], [90.0 + apart_s]]
         kept = distinct_passages(parts, owns, lambda row: (round(row * S), 4.0))
         assert sum(map(len, kept)) == count

@@ -122,7 +122,8 @@ def test_what_is_too_fast_for_water_is_told_where_nothing_passes(monkeypatch):
         encounters_of(), refused_contact=np.array([2]), refused_sensor=np.array(["h1"]),
         refused_from_s=np.array([9.0]), refused_to_s=np.array([11.0]),
         refused_reason=np.array(["149 m/s"]), refused_code=np.array([TOO_FAST]),
-        refused_reading=np.array([""]), refused_reading_weight=np.array([np.nan]),
+        refused_probability=np.array([np.nan]), refused_reading=np.array([""]),
+        refused_reading_weight=np.array([np.nan]),
         refused_rival=np.array([""]), refused_rival_weight=np.array([np.nan]),
     )  # fmt: skip
     monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: look)

@@ -96,7 +96,8 @@ def test_winners_of_one_table_get_numbers_that_nobody_has_had():
         encounters_of(*first), refused_contact=np.array([7]),
         refused_sensor=np.array(["h1"]), refused_from_s=np.array([1.0]),
         refused_to_s=np.array([2.0]), refused_reason=np.array(["hum"]),
-        refused_code=np.array([""]), refused_reading=np.array([""]),
+        refused_code=np.array([""]), refused_probability=np.array([np.nan]),
+        refused_reading=np.array([""]),
         refused_reading_weight=np.array([np.nan]), refused_rival=np.array([""]),
         refused_rival_weight=np.array([np.nan]),
     )  # fmt: skip

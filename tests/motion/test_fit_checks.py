@@ -16,7 +16,6 @@ from uwtrack_cli.motion.decision import reject
 from uwtrack_cli.motion.passage.candidates import (
     RecordingSpan,
     examine_contacts,
-    is_one,
     not_a_passage,
     tell_once,
 )
@@ -203,55 +202,13 @@ def test_contacts_that_fit_together_tell_the_passage_together():
 
 def test_bearings_decide_whether_two_contacts_are_one_vessel():
     one = candidate_of(lines_of(SCENE))
-    turned = replace(one.fit, bearing_deg=one.fit.bearing_deg + 20.0)
+    turned = replace(one.fit, bearing_deg=one.fit.bearing_deg + 60.0)
     again = replace(one, contacts=(9,))
     other = replace(one, contacts=(10,), fit=turned)
     told = {item.contacts[0]: item for item in tell_once([one, again, other])}
     assert not told[1].rejections
     assert not told[10].rejections
     assert told[9].rejections[0].code == "duplicate"
-
-
-def made_passage(
-    time_s=100.0, width_s=8.0, speed_mps=4.0, bearing_deg=350.0, std=0.01, silent=False
-):
-    """A candidate with nothing but its answer, surer of it than a passage may be."""
-    fit = SimpleNamespace(
-        theta=np.array([[time_s, np.log(width_s), speed_mps, 0.0]]),
-        range_over_speed_s=np.array([width_s]), bearing_deg=np.array([bearing_deg]),
-        covariance=std**2 * np.eye(4)[None],
-    )  # fmt: skip
-    bearing = SimpleNamespace(is_empty=silent)
-    return SimpleNamespace(fit=fit, blocks=SimpleNamespace(bearing=bearing))
-
-
-# A quarter of 8 s is 2 s, a quarter more are 10 s and 5 m/s, a fifth less, of the smaller
-# of two a quarter, 6.4 s and 3.2 m/s, and the angle of a quarter is 14.04 degrees.
-@pytest.mark.parametrize(
-    ("same", "other"),
-    [
-        ({"time_s": 101.9}, {"time_s": 102.1}),
-        ({"time_s": 98.1}, {"time_s": 97.9}),
-        ({"width_s": 9.9}, {"width_s": 10.1}),
-        ({"width_s": 6.5}, {"width_s": 6.3}),
-        ({"speed_mps": 4.95}, {"speed_mps": 5.05}),
-        ({"speed_mps": 3.25}, {"speed_mps": 3.15}),
-        ({"bearing_deg": 3.9}, {"bearing_deg": 4.2}),
-        ({"bearing_deg": 20.0, "silent": True}, {"bearing_deg": 20.0}),
-        ({"speed_mps": 5.2, "std": 0.4}, {"speed_mps": 5.2, "std": 0.2}),
-        ({"time_s": 103.9, "std": 9.0}, {"time_s": 104.1, "std": 9.0}),
-        ({"time_s": 102.4, "std": 0.62}, {"time_s": 102.4, "std": 0.58}),
-        ({"time_s": 98.5, "width_s": 6.5}, {"time_s": 98.3, "width_s": 6.5}),
-        ({"speed_mps": 3.25}, {"speed_mps": 0.0, "std": 9.0}),
-    ],
-)  # fmt: skip
-def test_two_passages_within_a_quarter_of_d_over_v_and_speed_are_one(same, other):
-    """Whatever their deviations, which frames as long as d/v make too small; times may be
-    apart by four of theirs, up to half of d/v."""
-    first = made_passage()
-    for item, is_same in ((made_passage(**same), True), (made_passage(**other), False)):
-        assert is_one(item, first) is is_same
-        assert is_one(first, item) is is_same
 
 
 def test_a_line_whose_bearings_are_anothers_widens_the_course():

@@ -25,7 +25,6 @@ from uwtrack_cli.motion.passage.broadband_sum import (
 from uwtrack_cli.motion.passage.candidates import (
     LEAST_TURN_DEG,
     RecordingSpan,
-    is_one,
     not_a_passage,
 )
 from uwtrack_cli.motion.passage.checks import sub_bands, surface_image
@@ -131,34 +130,6 @@ def test_a_passage_turns_the_line_of_sight_by_thirty_degrees(half_deg, expected)
     )
     assert LEAST_TURN_DEG == 30.0
     assert (found is not None and found.code == "small-turn-of-sight") is expected
-
-
-@pytest.mark.parametrize(
-    ("change", "bearing", "expected"),
-    [
-        ({}, True, True), ({"time_s": 104.9}, True, True), ({"time_s": 105.1}, True, False),
-        ({"time_s": 95.1}, True, True), ({"time_s": 94.9}, True, False),
-        # known within tenths: a quarter of d/v; else up to a half of it
-        ({"time_s": 102.4, "std": SHARP}, True, True),
-        ({"time_s": 102.6, "std": SHARP}, True, False),
-        # four deviations of both, or a quarter
-        ({"width_s": 15.6}, True, True), ({"width_s": 15.7}, True, False),
-        ({"width_s": 4.4}, True, True), ({"width_s": 4.3}, True, False),
-        ({"bearing_deg": 44.0}, True, True), ({"bearing_deg": 45.0}, True, False),
-        ({"bearing_deg": 45.0}, False, True), ({"bearing_deg": 376.0}, True, True),
-    ],
-)  # fmt: skip
-def test_passages_are_one_within_four_deviations_or_a_quarter(
-    change, bearing, expected
-):
-    pair = [
-        SimpleNamespace(
-            fit=fit_of(**told), blocks=blocks_of(0.0, 200.0, bearing=bearing)
-        )
-        for told in ({k: v for k, v in change.items() if k == "std"}, change)
-    ]
-    assert is_one(*pair) is expected
-    assert candidates.SAME_DEVIATIONS == 4.0
 
 
 @pytest.mark.parametrize("line_level", [-5.0, 0.0, 1.0, 1e3])

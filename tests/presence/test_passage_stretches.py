@@ -66,6 +66,7 @@ def passage(*refused):
         refused_to_s=np.array(end, float),
         refused_reason=np.array(reason, np.str_),
         refused_code=np.full(len(refused), ""),
+        refused_probability=np.full(len(refused), np.nan),
         refused_reading=np.array([STILL.get(one, "") for one in reason], np.str_),
         refused_reading_weight=np.array([WEIGHT.get(one, np.nan) for one in contact]),
         refused_rival=np.full(len(refused), "constant"),

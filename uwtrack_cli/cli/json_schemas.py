@@ -117,6 +117,15 @@ _DERIVED: dict[str, dict[str, Schema]] = {
             "Vessel by AIS, and the probability that it was that one.",
             ["object", "null"],
         ),
+        "alternative": _maybe(
+            "string",
+            "Code of the strongest explanation in which no vessel passes as the row has "
+            "it; null if none speaks against it.",
+        ),
+        "evidence": _list(
+            _object({"alternative": _TEXT, "nepers": _NUMBER}),
+            "Log evidence of the passage over each explanation, as it is weighed.",
+        ),
         "reading": _READING,
         "rival": _RIVAL,
         "change": _object(

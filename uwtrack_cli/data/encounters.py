@@ -151,6 +151,27 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "What its lines leave of their curve beyond noise, as a share of the Doppler "
         "shift; nan without lines."
     )
+    probability: FloatArray | None = column(
+        "Probability that a vessel passes as the row has it."
+    )
+    alternative: TextArray | None = column(
+        "Code of the strongest explanation in which no vessel passes so, such as "
+        "'nothing-passes' or 'misfit'."
+    )
+    alternative_probability: FloatArray | None = column(
+        "Probability of that explanation."
+    )
+    evidence_encounter: IntArray | None = column(
+        "Row of the encounter that a log evidence belongs to.",
+        "evidence", owner="encounter",
+    )  # fmt: skip
+    evidence_alternative: TextArray | None = column(
+        "Code of the explanation that a log evidence speaks against.", "evidence"
+    )
+    evidence_nepers: FloatArray | None = column(
+        "Log evidence of the passage over that explanation, as it is weighed.",
+        "evidence", unit="neper",
+    )  # fmt: skip
     reading: TextArray | None = column(
         "How the measurements are read: 'straight', 'frequency-step', "
         "'frequency-ramp', 'manoeuvre' or 'two-targets' (its contact was divided)."
@@ -217,6 +238,10 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_reason: TextArray | None = column("Why it is no passage.", "refusal")
     refused_code: TextArray | None = column(
         "The same as a code, such as 'too-fast', 'mains' or 'rest-frame'.", "refusal",
+    )  # fmt: skip
+    refused_probability: FloatArray | None = column(
+        "Probability that a vessel passes all the same; nan where it was not weighed.",
+        "refusal",
     )  # fmt: skip
     refused_reading: TextArray | None = column(
         "What it is read as where nothing passes: 'constant', 'machinery' or 'joined', "
@@ -289,6 +314,16 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         name, rival = ("" if one is None else str(one[row]) for one in names)
         weight, other = (np.nan if one is None else float(one[row]) for one in weights)
         return name, weight, rival, other
+
+    def evidence(self, row: int) -> list[dict[str, str | float]]:
+        """Return the log evidence of a row over each explanation, as it is weighed."""
+        codes, nepers = self.evidence_alternative, self.evidence_nepers
+        if self.evidence_encounter is None or codes is None or nepers is None:
+            return []
+        return [
+            {"alternative": str(codes[i]), "nepers": float(nepers[i])}
+            for i in self.owned_rows("evidence_encounter", row)
+        ]
 
     def ambiguities(self, row: int) -> list[dict[str, str | float]]:
         """Return the other solutions of an encounter, with their weights."""

@@ -43,6 +43,7 @@ from uwtrack_cli.flow.live_activity import (
 )
 from uwtrack_cli.flow.live_presence import LivePresence, with_told_encounter
 from uwtrack_cli.flow.step import Step
+from uwtrack_cli.motion.association import PassageReport, same_vessel
 
 Event = dict[str, Any]
 """A JSON object: ``event`` names its kind, ``revision`` and ``final`` its state."""
@@ -404,36 +405,35 @@ def _needed_from_s(row: Event) -> float:
     return float(row["time_s"] - widths * _width_s(row))
 
 
-def _apart(row: Event, other: Event) -> float:
-    """Return how far two passages are apart, in what they may differ; 1 is the limit."""
-    allowed_s = 3.0 * float(np.hypot(row["time_std_s"] or 0, other["time_std_s"] or 0))
-    allowed_s = max(allowed_s, 0.5 * min(_width_s(row), _width_s(other)), 1.0)
-    apart = abs(row["time_s"] - other["time_s"]) / allowed_s
-    pair = row["rest_frequencies_hz"], other["rest_frequencies_hz"]
-    if all(pair):
-        ratio = np.divide.outer(*map(np.asarray, pair))
-        if np.abs(ratio - 1.0).min() > 5e-3:  # other machines: another vessel
-            return np.inf
-    return float(apart)
+def _log_odds(row: Event, other: Event) -> float:
+    """Return the log odds that two events are of one vessel, by time, R/v and lines."""
+    return same_vessel(*(
+        PassageReport(
+            one["time_s"], one["time_std_s"] or np.nan, _width_s(one),
+            one["range_over_speed_std_s"] or np.nan,
+            rest_frequencies_hz=one["rest_frequencies_hz"] or (),
+        )
+        for one in (row, other)
+    ))  # fmt: skip
 
 
 def _nearest(row: Event, known: Sequence[_Passage]) -> _Passage | None:
-    near = [(_apart(row, p.row), k) for k, p in enumerate(known)]
-    best = min(near, default=(np.inf, 0))
-    return known[best[1]] if best[0] <= 1.0 else None
+    odds = [(_log_odds(row, p.row), -k) for k, p in enumerate(known)]
+    best = max(odds, default=(-np.inf, 0))
+    return known[-best[1]] if best[0] > 0.0 else None
 
 
 def _paired(rows: Sequence[Event], known: Sequence[_Passage]) -> dict[int, Event]:
-    """Pair rows with passages one to one, the nearest first."""
-    near = sorted(
-        (_apart(row, p.row), k, n)
+    """Pair rows with passages one to one, the likeliest first."""
+    likely = sorted(
+        (-_log_odds(row, p.row), k, n)
         for n, row in enumerate(rows)
         for k, p in enumerate(known)
     )
     found: dict[int, Event] = {}
     taken: set[int] = set()
-    for apart, k, n in near:
-        if apart <= 1.0 and k not in found and n not in taken:
+    for against, k, n in likely:
+        if against < 0.0 and k not in found and n not in taken:
             found[k] = rows[n]
             taken.add(n)
     return found

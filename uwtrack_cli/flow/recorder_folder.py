@@ -30,6 +30,7 @@ from uwtrack_cli.files.audio.opening import sound_facts
 from uwtrack_cli.files.audio.start_time import find_start_utc_ns
 from uwtrack_cli.files.tables.sensors import find_sensor
 from uwtrack_cli.files.utc import format_utc
+from uwtrack_cli.motion.association import PassageReport, same_vessel
 
 Cut = Literal["day", "file"]
 
@@ -41,9 +42,6 @@ OVERLAP_S = 900.0
 """Sound before and after its own span that a part reads, s."""
 
 DAY_NS = 86_400 * NANOSECONDS
-
-SAME_PASSAGE_S = 5.0
-"""Least difference in time up to which two parts may mean one passage, s."""
 
 T = TypeVar("T")
 
@@ -261,16 +259,15 @@ class _Counted(Generic[T]):
 def _twin(new: _Counted[T], others: Sequence[_Counted[T]]) -> _Counted[T] | None:
     """Return the passage that is the same as one of a later part, if there is one."""
 
-    def apart_s(other: _Counted[T]) -> float:
-        return abs(other.time_ns - new.time_ns) / NANOSECONDS
+    def log_odds(other: _Counted[T]) -> float:
+        apart_s = (other.time_ns - new.time_ns) / NANOSECONDS
+        return same_vessel(
+            PassageReport(apart_s, other.time_std_s),
+            PassageReport(0.0, new.time_std_s),
+        )
 
-    near = [
-        other
-        for other in others
-        if apart_s(other)
-        <= max(SAME_PASSAGE_S, 3.0 * math.hypot(other.time_std_s, new.time_std_s))
-    ]
-    return min(near, key=apart_s, default=None)
+    best = max(others, key=log_odds, default=None)
+    return best if best is not None and log_odds(best) > 0.0 else None
 
 
 def _chains(owns: Sequence[OwnSpan | None]) -> Iterator[list[tuple[int, OwnSpan]]]:

@@ -58,11 +58,14 @@ SMALLEST_GAIN = 2.0
 """Gain in log-likelihood below which the noise counts as white."""
 
 
+MOST_PRODUCTS = 2e6
+"""Products of columns of all rivals that are held at once."""
+
 STRENGTHS = np.geomspace(1e-3, 1e6, 46)
 """Strengths of coloured noise to try, over the white noise of a cell."""
 
-FINE_STRENGTHS = np.geomspace(0.65, 1.55, 9)
-"""Strengths to try beside the best of them, over it."""
+FINE_STRENGTHS = np.geomspace(0.62, 1.6, 9)
+"""Strengths to try beside the best of every second of them, over it."""
 
 
 @dataclass(frozen=True)
@@ -210,14 +213,35 @@ def likelihoods_by_noise(
     rivals = [(value, orthonormal(columns)) for value, columns, _, _ in cells]
     white = np.array([_white_likelihood(e, x, None)[1] for e, x in rivals])
     best = np.full((1 + smooth, white.size), -np.inf)
-    for kind, row_of_kind in enumerate(best):
+    groups = list(_alike(rivals))
+    for kind, of_kind in enumerate(best):
         for _, values, vectors in _spectra(root, time, smooth=kind > 0):
-            for row, (value, columns) in enumerate(rivals):
-                turned = vectors.T @ value, vectors.T @ columns
-                found = _best_variance(*turned, values, root)
-                row_of_kind[row] = max(row_of_kind[row], found[0])
+            for rows, value, columns in groups:
+                found = _best_variance(
+                    value @ vectors, vectors.T @ columns, values, root
+                )[0]
+                of_kind[rows] = np.maximum(of_kind[rows], found)
     mean = np.logaddexp.reduce(best, axis=0) - np.log(len(best))
     return np.stack([white, mean])
+
+
+def _alike(
+    rivals: list[tuple[FloatArray, FloatArray]],
+) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
+    """Yield rivals with as many columns together, as far as they fit into the memory.
+
+    Rows, values of shape (rivals, n) and columns of shape (rivals, n, p).
+    """
+    width = np.array([columns.shape[1] for _, columns in rivals])
+    for p in np.unique(width):
+        rows = np.flatnonzero(width == p)
+        most = max(1, int(MOST_PRODUCTS / (rivals[0][0].size * max(p, 1) ** 2)))
+        for first in range(0, rows.size, most):
+            part = rows[first : first + most]
+            yield (
+                part, np.stack([rivals[k][0] for k in part]),
+                np.stack([rivals[k][1] for k in part]),
+            )  # fmt: skip
 
 
 def gains_of_shapes(
@@ -252,7 +276,8 @@ def gains_of_shapes(
             turned = vectors.T @ value, vectors.T @ free, vectors.T @ more
             found, variance = _best_variance(turned[0], turned[1], values, root)
             if found > best:
-                best, chosen = found, (*turned, 1 / (1 + variance * values))
+                best = float(found)
+                chosen = (*turned, 1 / (1 + variance * values))
         value, free, more, weight = chosen
     scale = np.sqrt(weight)
     free = orthonormal(free * scale[:, None])
@@ -342,15 +367,22 @@ def _spectrum_of(
 
 def _best_variance(
     turned: FloatArray, design: FloatArray, values: FloatArray, root: FloatArray
-) -> tuple[float, float]:
-    """Maximise the likelihood over the variances, for one correlation time; and where."""
-    variances = _variances(root)
+) -> tuple[FloatArray, FloatArray]:
+    """Maximise the likelihood over the variances, for one correlation time; and where.
+
+    One series, or several with as many columns: values of shape (..., n) and columns of
+    shape (..., n, p) give results of shape (...).
+    """
+    variances = _variances(root)[::2]
     likelihood = _likelihood(turned, design, values, variances, None)[0]
-    middle = int(np.argmax(likelihood))
-    fine = variances[middle] * FINE_STRENGTHS
+    middle = np.argmax(likelihood, axis=-1)
+    fine = variances[middle][..., None] * FINE_STRENGTHS
     likelihood = _likelihood(turned, design, values, fine, None)[0]
-    best = int(np.argmax(likelihood))
-    return float(likelihood[best]), float(fine[best])
+    best = np.argmax(likelihood, axis=-1)[..., None]
+    return (
+        np.take_along_axis(likelihood, best, axis=-1)[..., 0],
+        np.take_along_axis(fine, best, axis=-1)[..., 0],
+    )
 
 
 def _likelihood(
@@ -360,15 +392,23 @@ def _likelihood(
     variances: FloatArray,
     freedom: int | None,
 ) -> tuple[FloatArray, FloatArray]:
-    spread = 1 + variances[:, None] * eigen[None, :]
+    """Return log-likelihood and inflation for every variance, shape (..., variances).
+
+    Values of shape (..., n), columns of shape (..., n, p), variances of shape
+    (variances,) or (..., variances).
+    """
+    spread = 1 + variances[..., None] * eigen
     weight = 1 / spread
     # the products of the columns are the same for every variance
-    products = (design[:, :, None] * design[:, None, :]).reshape(value.size, -1)
-    normal = (weight @ products).reshape(-1, *design.shape[1:] * 2)
-    right = weight @ (design * value[:, None])
+    size, p = design.shape[-2:]
+    products = design[..., :, None] * design[..., None, :]
+    normal = weight @ products.reshape(*design.shape[:-2], size, p * p)
+    normal = normal.reshape(*normal.shape[:-1], p, p)
+    right = weight @ (design * value[..., None])
     solved = np.linalg.solve(normal, right[..., None])[..., 0]
-    square = weight @ value**2 - (right * solved).sum(axis=-1)
-    likelihood, inflation = _with_inflation(square, value.size, freedom)
+    square = (weight @ (value**2)[..., None])[..., 0]
+    square = square - (right * solved).sum(axis=-1)
+    likelihood, inflation = _with_inflation(square, size, freedom)
     likelihood = likelihood - 0.5 * np.log(spread).sum(axis=-1)
     if freedom is not None:
         likelihood = likelihood - 0.5 * np.linalg.slogdet(normal)[1]

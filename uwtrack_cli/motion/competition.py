@@ -19,10 +19,11 @@ import numpy as np
 
 from uwtrack_cli.data.base import IntArray
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.decision import OTHER_RESOLUTION, Rejection, reject
 
 DEVIATIONS = 3.0
-"""Deviations within which two answers agree."""
+"""Standard deviations of time within which two rows claim the same sound."""
 
 WIDTHS = 1.0
 """d/v, of the shorter passage, within which two rows claim the same time."""
@@ -76,7 +77,9 @@ def compete(
         losers: dict[int, Rejection | None] = {}
         winners, numbers = [], []
         for row in range(other.n_encounters):
-            rivals = [k for k in range(kept.n_encounters) if meet(kept, k, other, row)]
+            rivals = [
+                k for k in range(kept.n_encounters) if overlaps(kept, k, other, row)
+            ]
             reasons = [_beaten(kept, k, other, row) for k in rivals]
             if keeps_first:
                 pairs = zip(rivals, reasons, strict=True)
@@ -103,7 +106,7 @@ def compete(
     return kept.take("encounter", np.argsort(np.nan_to_num(kept.time_s, nan=np.inf)))
 
 
-def meet(one: Encounters, k: int, two: Encounters, n: int) -> bool:
+def overlaps(one: Encounters, k: int, two: Encounters, n: int) -> bool:
     """Tell whether row k of one table and row n of another claim the same time."""
     widths = (one.range_over_speed_s[k], two.range_over_speed_s[n])
     known = [width for width in widths if np.isfinite(width)]
@@ -151,12 +154,18 @@ def _holds(one: Encounters, k: int, two: Encounters, n: int) -> bool:
 
 
 def _agree(one: Encounters, k: int, two: Encounters, n: int) -> bool:
-    for value, std in COMPARED:
-        apart = abs(getattr(one, value)[k] - getattr(two, value)[n])
-        allowed = DEVIATIONS * _spread(getattr(one, std)[k], getattr(two, std)[n])
-        if apart > allowed:  # what one of them does not know is no disagreement
-            return False
-    return True
+    """Tell whether two rows are of one vessel."""
+    return same_vessel(closest_approach(one, k), closest_approach(two, n)) > 0.0
+
+
+def closest_approach(table: Encounters, row: int) -> PassageReport:
+    """Return what a row reports; its lines are those of its own frames."""
+    values = [
+        float(getattr(table, name)[row])
+        for name in PassageReport._fields
+        if name != "rest_frequencies_hz"
+    ]
+    return PassageReport._make([*values, ()])
 
 
 def _exchanged(
@@ -183,6 +192,9 @@ def _exchanged(
         refused_to_s=(kept.time_s + kept.range_over_speed_s)[told],
         refused_reason=np.array([one.sentence for one in reasons.values()], np.str_),
         refused_code=np.array([one.code for one in reasons.values()], np.str_),
+        refused_probability=None
+        if kept.probability is None
+        else kept.probability[told],
         refused_reading=np.full(len(told), ""),
         refused_reading_weight=np.full(len(told), np.nan),
         refused_rival=np.full(len(told), ""),

@@ -34,7 +34,12 @@ from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, UwtrackWarning
-from uwtrack_cli.motion.decision import OUTSIDE_WITHOUT_DOPPLER, Rejection, reject
+from uwtrack_cli.motion.decision import (
+    OUTSIDE_WITHOUT_DOPPLER,
+    Rejection,
+    decide,
+    reject,
+)
 from uwtrack_cli.motion.options import Probability, Spreading
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
@@ -72,6 +77,7 @@ from uwtrack_cli.motion.passage.model.direction_bearings import (
     with_directions,
 )
 from uwtrack_cli.motion.passage.model.measurements import PassageData, series_data
+from uwtrack_cli.motion.passage.passage_evidence import passage_evidence
 from uwtrack_cli.motion.passage.readings.competing_readings import (
     TWO_TARGETS,
     read_passage,
@@ -347,6 +353,10 @@ def _row(
     has_sound: bool,
 ) -> Row | Refusal:
     """Turn a candidate into a row, or say why it is no passage."""
+    if candidate.blocks.shift.is_empty:  # it was not read with any lines
+        reading = read_passage(candidate.fit, candidate.blocks)[1]
+        candidate = replace(candidate, reading=reading)
+    decision = decide(passage_evidence(candidate, limits))
     contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
     first = not_a_passage(fit, candidate.blocks, limits)
@@ -362,10 +372,9 @@ def _row(
     if row.status == LEVEL_ONLY and levels is not None:
         against += against or ask_the_parts(candidate, levels).rejections
     if against:
-        return _refused(candidate, against[0])
-    if candidate.blocks.shift.is_empty:  # it was not read with any lines
-        reading = read_passage(fit, candidate.blocks)[1]
-        candidate = replace(candidate, reading=reading)
+        refused = _refused(candidate, against[0])
+        return refused._replace(probability=decision.probability)
+    row.decision = decision
     add_checks(row, candidate, has_sound=has_sound)
     if row.side and candidate.other_turn > 1e-3:
         other = "port" if row.side == "starboard" else "starboard"

@@ -1,14 +1,26 @@
-"""Whether a candidate is a passage: every reason to reject one, by its code.
+"""Whether a vessel passes: the probability of a candidate, and every reason against one.
+
+**Method.** A candidate is held against every explanation of `ALTERNATIVES`. The log odds
+that a vessel passes as it has it are those before anything was measured, and the sum of
+all log evidences, each to a power below one: kinds of data share their errors, and no
+model is right. None speaks for or against a passage by more than `MOST_NEPERS`, since the list of
+explanations is never complete. Odds and powers are those that drawn recordings near the
+threshold ask for: `studies/constants/passage_probability.py` draws and fits them, and says how
+far probabilities are right on others.
 
 A check that speaks against a candidate returns a `Rejection`: a code that a script can
 rely on, and the sentence that people read. All of them stand in `REASONS`, so that they
 can be compared, counted and replaced by the alternatives that they stand for.
 """
 
+from collections.abc import Mapping
+from math import exp, isfinite
 from typing import NamedTuple
 
 from uwtrack_cli.data.encounters import MAINS, TOO_FAST
 from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY
+from uwtrack_cli.motion import alternatives
+from uwtrack_cli.motion.alternatives import Alternative
 
 UNDETERMINED = "undetermined"
 SHORTER_THAN_FRAMES = "shorter-than-frames"
@@ -125,6 +137,10 @@ REASONS = {
 """Sentence of every code of a rejection, with the names of what it states."""
 
 
+Evidence = Mapping[str, float]
+"""What the checks of a candidate measured, by name."""
+
+
 class Rejection(NamedTuple):
     """What speaks against a passage."""
 
@@ -143,3 +159,69 @@ def reject(code: str, **values: object) -> Rejection:
     '2 of its 3 lines stand still'
     """
     return Rejection(code, REASONS[code].format(**values))
+
+
+LOG_ODDS_OF_LINES, LOG_ODDS_OF_LEVELS, LOG_ODDS_IN_AIR = -0.50, -0.56, -0.11
+"""Log odds of a candidate before anything was measured: with lines, by level or bearing
+alone, and what is added in air."""
+
+MOST_NEPERS = 8.0
+"""Log evidence beyond which an explanation is as good as refused, or proved."""
+
+ALTERNATIVES = (
+    Alternative(NOTHING_PASSES, alternatives.stationary_bearing, 0.47),
+    Alternative(LINE_LEVELS, alternatives.stationary_levels, 0.41),
+    Alternative(STATIONARY_LINES, alternatives.stationary_lines, 0.42),
+    Alternative(HALVES, alternatives.halves, 0.24),
+    Alternative(TOO_FAST, alternatives.unusual_speed, 0.15),
+    Alternative(MAINS, alternatives.mains, 0.50),
+    Alternative(OTHER_RISE, alternatives.other_rise, 0.22),
+    Alternative(TOO_LITTLE, alternatives.undetermined, 1.36),
+    Alternative(SHORTER_THAN_FRAMES, alternatives.short_frames, 0.24),
+)
+"""Every explanation in which no vessel passes as the row has it."""
+
+
+class PassageDecision(NamedTuple):
+    """How sure it is that a vessel passes."""
+
+    probability: float
+    """That a vessel passes as the candidate has it."""
+    alternative: str
+    """Code of the explanation that speaks most against it; empty if none does."""
+    alternative_probability: float
+    """Of that explanation."""
+    nepers: tuple[tuple[str, float], ...]
+    """Log evidence over every explanation, as it is weighed, by code."""
+
+
+UNDECIDED = PassageDecision(float("nan"), "", float("nan"), ())
+"""Nothing was asked."""
+
+
+def decide(measured: Evidence) -> PassageDecision:
+    """Return the probability that a vessel passes, from all that was measured.
+
+    Parameters
+    ----------
+    measured
+        What the checks of a candidate measured, by name.
+    """
+    odds = LOG_ODDS_OF_LINES if measured["has_lines"] else LOG_ODDS_OF_LEVELS
+    odds += LOG_ODDS_IN_AIR * measured["is_air"]
+    nepers = []
+    for one in ALTERNATIVES:
+        value = one.log_evidence(measured)
+        if isfinite(value):
+            held = max(-MOST_NEPERS, min(MOST_NEPERS, value))
+            nepers.append((one.code, one.exponent * held))
+    odds += sum(value for _, value in nepers)
+    probability = 1.0 / (1.0 + exp(-odds))
+    against = [(value, code) for code, value in nepers if value < 0.0]
+    if not against:
+        return PassageDecision(probability, "", 0.0, tuple(nepers))
+    least, code = min(against)
+    share = exp(-least) / sum(exp(-value) for value, _ in against)
+    return PassageDecision(
+        probability, code, (1.0 - probability) * share, tuple(nepers)
+    )

@@ -21,7 +21,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.motion.competition import meet
+from uwtrack_cli.motion.competition import overlaps
 
 DEVIATIONS = 3.0
 """Deviations within which a measurement lies on a path."""
@@ -64,7 +64,7 @@ def unexplained(
 
 def _is_better(other: Encounters, k: int, table: Encounters, row: int) -> bool:
     """Tell whether a row is another passage whose speed is better known."""
-    if other.sensor[k] != table.sensor[row] or meet(other, k, table, row):
+    if other.sensor[k] != table.sensor[row] or overlaps(other, k, table, row):
         return False  # rows that claim one time compete
     known = other.speed_mps[k] / other.speed_std_mps[k]
     own = table.speed_mps[row] / table.speed_std_mps[row]

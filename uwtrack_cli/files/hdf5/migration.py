@@ -37,6 +37,18 @@ ADDED_IN: Mapping[int, frozenset[tuple[str, str]]] = {
     4: frozenset(
         [
             *(
+                ("encounters", name)
+                for name in (
+                    "probability",
+                    "alternative",
+                    "alternative_probability",
+                    "evidence_encounter",
+                    "evidence_alternative",
+                    "evidence_nepers",
+                    "refused_probability",
+                )
+            ),
+            *(
                 ("sensor", name)
                 for name in ("north", "multiplex", "response", "clock_error_ppm")
             ),

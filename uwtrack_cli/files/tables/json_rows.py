@@ -29,7 +29,8 @@ ENCOUNTER_KEYS = (
     "received_level_std_db", "source_level_db", "source_level_std_db", "spreading_db",
     "level_reference", "level_band_hz", "horizontal_range_std_m",
     "horizontal_range_over_speed_s", "horizontal_range_over_speed_std_s", "nuisances",
-    "rest_frame_evidence", "misfit",
+    "rest_frame_evidence", "misfit", "probability", "alternative",
+    "alternative_probability", "evidence",
     "vessel", "reading", "reading_weight", "rival", "change", "covariance",
 )  # fmt: skip
 FIX_KEYS = (
@@ -140,6 +141,8 @@ def _encounter(container: Encounters, i: int, values: Row) -> None:
     band = (container.band_low_hz, container.band_high_hz)
     values["level_band_hz"] = None if None in band else list(band)
     values["nuisances"] = plain(container.nuisances(i))
+    values["alternative"] = values.get("alternative") or None
+    values["evidence"] = plain(container.evidence(i))
     values["change"] = _change(values)
     values["vessel"] = _vessel(values)
     values["reasons"] = _reasons(container, i, values)

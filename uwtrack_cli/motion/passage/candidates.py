@@ -19,7 +19,7 @@ noise; see `likelihood_ratio`. The strongest vessel keeps the contact number.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -28,7 +28,8 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import STILL
-from uwtrack_cli.estimation.angles import wrap_deg, wrap_rad
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.decision import (
     BEGINS_AT_CLOSEST,
     DUPLICATE,
@@ -39,6 +40,7 @@ from uwtrack_cli.motion.decision import (
     SMALL_TURN,
     TOO_LITTLE,
     UNDETERMINED,
+    Evidence,
     Rejection,
     reject,
 )
@@ -128,6 +130,12 @@ class CandidatePassage:
     """What speaks against the passage, the first thing found first."""
     reading: Reading = STRAIGHT_READING
     """How its measurements are read."""
+    evidence: Evidence = field(default_factory=dict)
+    """What each check measured, by name: see `motion/decision.py`."""
+
+    def measured(self, **found: float) -> Self:
+        """Return the same with what a check has measured."""
+        return replace(self, evidence={**self.evidence, **found})
 
     def rejected(self, *reasons: Rejection | None) -> Self:
         """Return the same with more that speaks against it; None does not."""
@@ -572,9 +580,8 @@ def tell_once(
     """Return the candidates, one for those that claim the same passage.
 
     Lines of one vessel that were followed in their own ways may not agree by their
-    likelihoods, which keep them apart. Two vessels with one time, speed and
-    range (and bearing, where both have bearings) within deviations, or within a share of
-    their own (`SAME_SHARE`), are hardly ever met.
+    likelihoods, which keep them apart; `association.same_vessel` holds their answers
+    against each other.
     All their lines tell the passage together where one fit passes all checks; else the
     weaker candidate is rejected.
 
@@ -602,43 +609,29 @@ def tell_once(
 
 
 def is_one(item: CandidatePassage, leader: CandidatePassage) -> bool:
-    """Return whether two candidates claim one passage: see studies/constants/same_passage.py.
+    """Return whether two candidates claim one passage.
 
     Parameters
     ----------
     item, leader
         Candidates with lines.
     """
-    fits = item.fit, leader.fit
-    if min(float(fit.theta[0, 2]) for fit in fits) <= 0.0:
+    if min(float(one.fit.theta[0, 2]) for one in (item, leader)) <= 0.0:
         return False
-    values = np.array(
-        [
-            [
-                fit.theta[0, 0],
-                fit.range_over_speed_s[0],
-                fit.theta[0, 2],
-                *fit.bearing_deg,
-            ]
-            for fit in fits
-        ]
-    )
-    variances = np.array([np.diag(fit.covariance[0]) for fit in fits])
-    apart = np.abs(values[0] - values[1])
-    apart[3] = abs(float(wrap_deg(apart[3])))
-    # frames that are long beside d/v leave errors that no deviation knows of
-    smallest = SAME_SHARE * values.min(axis=0)
-    reach = np.array([smallest[1], *smallest[1:3], np.degrees(np.arctan(SAME_SHARE))])
-    near = apart < np.maximum(
-        SAME_DEVIATIONS * np.sqrt(variances[:, :4].sum(axis=0)), reach
-    )
-    at_most = OVERLAP * float(values[:, 1].min())
-    near[0] = apart[0] < max(
-        reach[0], min(SAME_DEVIATIONS * float(np.sqrt(variances[:, 0].sum())), at_most)
-    )
-    if item.blocks.bearing.is_empty or leader.blocks.bearing.is_empty:
-        near = near[:3]
-    return bool(near.all())
+    return same_vessel(_closest_approach(item), _closest_approach(leader)) > 0.0
+
+
+def _closest_approach(item: CandidatePassage) -> PassageReport:
+    """Return what a candidate claims."""
+    fit = item.fit
+    std = np.sqrt(np.diag(fit.covariance[0])[:4])
+    bearing = (float("nan"), float("nan"))
+    if not item.blocks.bearing.is_empty:
+        bearing = float(fit.bearing_deg[0]), float(std[3])
+    return PassageReport(
+        float(fit.theta[0, 0]), float(std[0]), float(fit.range_over_speed_s[0]),
+        float(std[1]), float(fit.theta[0, 2]), float(std[2]), *bearing,
+    )  # fmt: skip
 
 
 def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
@@ -655,21 +648,6 @@ def agrees(item: CandidatePassage, leader: CandidatePassage) -> bool:
     other = motion_likelihood(item.blocks, item.fit, leader.fit)
     return own - other < AGREEMENT
 
-
-SAME_DEVIATIONS = 4.0
-"""Deviations within which d/v, speed and bearing of two passages are the same: normal
-errors of one passage leave it in one pair of 4000."""
-
-SAME_SHARE = 0.25
-"""Share of d/v within which their times are: of 60 drawn passages whose measurements were
-parted into two, all lie within 0.22 (studies/constants/same_passage.py). Within the same share
-of their own, d/v and speed are the same whatever their deviations, and bearings within its
-angle: two vessels are hardly ever that much alike."""
-
-OVERLAP = 0.5
-"""Share of d/v, of the shorter passage, within which times that agree within their
-deviations are the same: two vessels so near to each other in time would have to have one
-speed and one range, too."""
 
 LARGEST_RELATIVE_WIDTH = 1.0 / 3.0
 """A bend whose d/v is less certain than this is no passage: machinery drifts, too."""
@@ -717,7 +695,7 @@ def not_a_passage(
         return reject(SHORTER_THAN_FRAMES, width_s=width, window_s=limits.window_s)
     if deviation[1] > LARGEST_RELATIVE_WIDTH * width or deviation[0] > width:
         return reject(TOO_LITTLE)
-    extent = _extent(blocks)
+    extent = measured_extent(blocks)
     ends = np.arctan((np.array(extent) - closest) / width)
     turn_deg = float(np.degrees(ends[1] - ends[0]))
     if turn_deg < LEAST_TURN_DEG:
@@ -739,7 +717,8 @@ def _one_sided(
     return None
 
 
-def _extent(blocks: Blocks) -> tuple[float, float]:
+def measured_extent(blocks: Blocks) -> tuple[float, float]:
+    """Return first and last instant with a measurement, s."""
     used = np.zeros(blocks.time_s.size, np.bool_)
     for block in (blocks.shift, blocks.bearing, blocks.level):
         used |= (block.weight[0] > 0).any(axis=0)

@@ -49,6 +49,8 @@ from uwtrack_cli.motion.correlation import long_run_excess
 from uwtrack_cli.motion.decision import (
     NOT_SIGNIFICANT,
     SENSOR_TURNED,
+    UNDECIDED,
+    PassageDecision,
     Rejection,
     reject,
 )
@@ -145,6 +147,8 @@ class Refusal(NamedTuple):
     """The next reading; empty if it has less than 5 %."""
     rival_weight: float = np.nan
     """Its probability; 0 without one."""
+    probability: float = np.nan
+    """That a vessel passes all the same; nan if that was not asked."""
 
 
 @dataclass
@@ -184,6 +188,8 @@ class Row:
     """How the measurements are read."""
     rival: str = ""
     """The next reading; empty if it has less than 5 %."""
+    decision: PassageDecision = UNDECIDED
+    """How sure it is that a vessel passes."""
     change_follows: bool = False
     """Whether what changed follows its time; else it goes before it."""
 
@@ -540,6 +546,8 @@ def make_encounters(
     columns |= reason_columns("reason_encounter", [row.reasons for row in rows])
     moved = np.array([_place_and_velocity(row) for row in rows]).reshape(-1, 4)
     holder, left = flatten(row.nuisances for row in rows)
+    weighed, nepers = flatten(row.decision.nepers for row in rows)
+    decisions = [row.decision for row in rows]
     return Encounters(
         **columns,
         contact=np.array([row.contact for row in rows], np.int64),
@@ -547,6 +555,14 @@ def make_encounters(
         status=np.array([row.status for row in rows], dtype=np.str_),
         time_utc_ns=np.array(utc, np.int64),
         side=np.array([row.side for row in rows], dtype=np.str_),
+        probability=np.array([one.probability for one in decisions], float),
+        alternative=np.array([one.alternative for one in decisions], np.str_),
+        alternative_probability=np.array(
+            [one.alternative_probability for one in decisions], float
+        ),
+        evidence_encounter=weighed,
+        evidence_alternative=np.array([code for code, _ in nepers], np.str_),
+        evidence_nepers=np.array([value for _, value in nepers], float),
         reading=np.array([row.reading for row in rows], dtype=np.str_),
         rival=np.array([row.rival for row in rows], dtype=np.str_),
         change_follows=np.array([row.change_follows for row in rows], np.bool_),
@@ -578,6 +594,7 @@ def make_encounters(
         refused_to_s=np.array([one.to_s for one in refusals], float),
         refused_reason=np.array([one.reason.sentence for one in refusals], np.str_),
         refused_code=np.array([one.reason.code for one in refusals], np.str_),
+        refused_probability=np.array([one.probability for one in refusals], float),
         refused_reading=np.array([one.reading for one in refusals], dtype=np.str_),
         refused_reading_weight=np.array([one.weight for one in refusals], float),
         refused_rival=np.array([one.rival for one in refusals], dtype=np.str_),

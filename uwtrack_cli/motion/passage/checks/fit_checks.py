@@ -128,12 +128,21 @@ def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePass
     fit, blocks = candidate.fit, candidate.blocks
     if blocks.shift.is_empty:
         return candidate
+    n_stationary, n_lines = count_stationary_lines(fit, blocks)
+    candidate = candidate.measured(
+        stationary_share=n_stationary / max(n_lines, 1), n_lines=n_lines,
+        moves=float(_moves(fit)),
+    )  # fmt: skip
+    if lines is not None:
+        slope, std = level_slope(candidate, lines)
+        candidate = candidate.measured(level_slope=slope, level_slope_std=std)
     if not _moves(fit):
         return candidate.rejected(
             stationary_lines(fit, blocks), contradicting_levels(candidate, fit, lines)
         )
     misfit = doppler_misfit(fit, blocks)
-    scale, halves = _influence(fit, blocks)
+    scale, halves, apart = _influence(fit, blocks)
+    candidate = candidate.measured(misfit=misfit, halves_apart=apart)
     every = np.append(scale, np.ones(fit.full_covariance.shape[1] - 4))
     wider = replace(
         fit,
@@ -254,6 +263,22 @@ def stationary_lines(fit: PassageFit, blocks: Blocks) -> Rejection | None:
     blocks
         The measurements that it was made from.
     """
+    still, n_lines = count_stationary_lines(fit, blocks)
+    if still <= MOST_STILL * n_lines:
+        return None
+    return reject(STATIONARY_LINES, n_stationary=still, n_lines=n_lines)
+
+
+def count_stationary_lines(fit: PassageFit, blocks: Blocks) -> tuple[int, int]:
+    """Return how many lines rather stand still than pass, and how many there are.
+
+    Parameters
+    ----------
+    fit
+        Fit of one data set with lines.
+    blocks
+        The measurements that it was made from.
+    """
     passing = passage_residuals(fit, blocks)
     bearing = blocks.bearing
     resting = blocks.shift.value[0], wrap_rad(bearing.value[0])
@@ -264,9 +289,7 @@ def stationary_lines(fit: PassageFit, blocks: Blocks) -> Rejection | None:
         gain += _square(passing[number], weight) - _square(resting[number], weight)
     known = blocks.shift.weight[0].any(axis=1)
     still = int(np.count_nonzero(0.5 * gain[known] > STANDS_STILL))
-    if still <= MOST_STILL * np.count_nonzero(known):
-        return None
-    return reject(STATIONARY_LINES, n_stationary=still, n_lines=np.count_nonzero(known))
+    return still, int(np.count_nonzero(known))
 
 
 def _square(value: FloatArray, weight: FloatArray) -> FloatArray:
@@ -353,22 +376,29 @@ def _numbers(fit: PassageFit, time_s: FloatArray) -> IntArray:
     return np.asarray(number - number.min(), np.int64)
 
 
-def _influence(fit: PassageFit, blocks: Blocks) -> tuple[FloatArray, Rejection | None]:
-    """Return factors on the four deviations, and a rejection where halves disagree."""
+def _influence(
+    fit: PassageFit, blocks: Blocks
+) -> tuple[FloatArray, Rejection | None, float]:
+    """Return factors on the four deviations, and a rejection where halves disagree.
+
+    The last is by how many deviations their speeds are apart; nan with one half alone.
+    """
     is_late = blocks.time_s > _heard_s(fit)
     early, late = (_refit(fit, blocks, keep) for keep in (~is_late, is_late))
     factor = np.ones(4)
     rejection: Rejection | None = None
+    disagreement = float("nan")
     if early is not None and late is not None:
         (first, a), (second, b) = early, late
         apart = _apart(first, second) / np.sqrt(a + b)
+        disagreement = float(apart[2])
         factor = np.fmax(1.0, apart / CHANCE)
         speeds = abs(float(first[2] - second[2]))
         if apart[2] > LARGEST_DISAGREEMENT and speeds > fit.theta[0, 2]:
             rejection = reject(
                 HALVES, first_mps=first[2], second_mps=second[2], apart=apart[2]
             )
-    return np.fmax(factor, _without_each_line(fit, blocks)), rejection
+    return np.fmax(factor, _without_each_line(fit, blocks)), rejection, disagreement
 
 
 def _apart(one: FloatArray, other: FloatArray) -> FloatArray:

@@ -144,7 +144,9 @@ def ask_the_sound(
         against = reject(REST_FRAME, rival=heard.rival, evidence=heard.evidence)
     elif heard.gain < LEAST_GAIN:
         against = reject(NO_TONES, gain=heard.gain, least=LEAST_GAIN)
-    asked = replace(candidate, rest_frame_evidence=heard.evidence)
+    asked = replace(candidate, rest_frame_evidence=heard.evidence).measured(
+        rest_frame=heard.evidence, tones=heard.gain
+    )
     return asked.rejected(against)
 
 

@@ -258,7 +258,12 @@ def ask_the_parts(
     if candidate.rejections or gain.bearing > gain.threshold:
         return candidate
     told = agreement(levels, *Rise.of(candidate), beside)
-    return candidate.rejected(told.rejection) if told else candidate
+    if told is None:
+        return candidate
+    return candidate.measured(
+        sub_bands_flank=told.flank, sub_bands=told.n_parts,
+        sub_bands_agree=told.probability, sub_bands_gain=told.gain,
+    ).rejected(told.rejection)  # fmt: skip
 
 
 def ask_the_parts_of_all(

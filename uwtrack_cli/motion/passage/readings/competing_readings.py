@@ -138,6 +138,8 @@ class Reading(NamedTuple):
     """Deviation of the instant of the change, s."""
     nothing: float = 0.0
     """Probability that nothing passes, in whatever way."""
+    log_odds: float = np.inf
+    """Logarithm of the odds of all that passes over all that does not, nepers."""
 
 
 STRAIGHT_READING = Reading()
@@ -301,7 +303,8 @@ def weigh_readings(tried: Tried, blocks: Blocks) -> tuple[PassageFit, Reading]:
         for one, share in zip(fits, chance, strict=True)
     ]
     fit = mixed(whole, best, chance, weighed)
-    return fit, reading._replace(change_time_std_s=time_std_s)
+    log_odds = passing - float(np.logaddexp.reduce(list(still.values())))
+    return fit, reading._replace(change_time_std_s=time_std_s, log_odds=log_odds)
 
 
 def _evidences(
