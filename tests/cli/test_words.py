@@ -30,7 +30,7 @@ def test_a_run_says_the_result_and_its_file(timed_result):
     wrote, head, row = done.stderr.splitlines()
     assert max(len(head), len(row)) <= 80
     assert wrote == f"wrote {path}"
-    assert head.split()[:2] == ["contact", "status"]
+    assert head.split()[:2] == ["passage", "status"]
     assert row.split()[:2] == ["1", "ok"]
     assert done.stdout == ""
 

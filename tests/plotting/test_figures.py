@@ -1,5 +1,6 @@
 """Every picture of README and documents says what it shows, and is what is drawn."""
 
+import functools
 import re
 import shlex
 from pathlib import Path
@@ -30,7 +31,9 @@ def pictures():
 
 def recipe():
     """The commands of `make figures`, with the recipes' pictures written out."""
-    rule = re.search(r"^figures:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.M)
+    rule = re.search(
+        r"^figures:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE
+    )
     text = rule[1].replace("\\\n", " ")
     loop = re.search(r"for name in ([^;]+); do (.*?)done", text)
     lines = [loop[2].replace("$$name", name) for name in loop[1].split()]
@@ -51,9 +54,9 @@ def test_every_picture_says_what_it_shows_and_is_drawn_by_the_makefile():
 @pytest.mark.long
 def test_the_pictures_are_what_is_drawn_today(tmp_path):
     """No more than one dot in a hundred differs visibly."""
-    for words in recipe():
-        words = [w.replace("$(DEMO)", str(tmp_path)).replace("$(CURDIR)", str(ROOT))
-                 for w in words]  # fmt: skip
+    places = (("$(DEMO)", str(tmp_path)), ("$(CURDIR)", str(ROOT)))
+    for line in recipe():
+        words = [functools.reduce(lambda w, p: w.replace(*p), places, w) for w in line]
         if words[:2] == ["ln", "-sf"]:
             Path(words[3]).symlink_to(words[2])
         if words[:1] != ["$(BIN)/uwtrack"]:

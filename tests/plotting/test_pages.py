@@ -619,8 +619,8 @@ def test_a_page_is_the_same_file_again_and_says_what_it_shows(product, tmp_path,
         called("plot", product, "--passage", "1", "-o", path)
         made.append(path.read_bytes())
     assert made[0] == made[1]
-    assert b"2024-05-01 12:02:28" in made[0]
     if form != "pdf":
+        assert b"2024-05-01 12:02:28" in made[0]
         assert b"Panels: off the rest frequency" in made[0]
 
 
@@ -671,7 +671,7 @@ def test_a_comb_is_drawn_by_its_multiples():
     (panel,) = labelled(page.draw(View()), "multiple of")
     mesh = panel.collections[0]
     edges = mesh.get_coordinates()[:, 0, 1]
-    rows = np.median(mesh.get_array(), axis=1)
+    rows = np.median(mesh.get_array().filled(np.nan), axis=1)
     top = 0.5 * (edges[1:] + edges[:-1])[rows > 10.0]
     assert np.abs(top / 25.0 - np.round(top / 25.0)).max() < 0.05
     assert [t.get_text() for t in panel.get_yticklabels()] == [

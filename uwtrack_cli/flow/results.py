@@ -7,7 +7,7 @@ file where no output is named, and reads it back: library and command cannot dif
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from html import escape
 from importlib import import_module
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 import numpy as np
 
 from uwtrack_cli.data.base import Container, html_table
-from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.recording import Reader, Recording
 from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
 from uwtrack_cli.files.hdf5.container_keys import ContainerHolder
@@ -85,6 +85,8 @@ class Results(ContainerHolder, Mapping[str, Container]):
     """The containers by sensor, name and step."""
     history: tuple[HistoryStep, ...]
     """What was done, with the options used."""
+    sound: Mapping[str, Reader | None] = field(default_factory=dict)
+    """Readers of the recordings that a run read, by sensor, for pictures of them."""
 
     def __getitem__(self, name: str) -> Container:
         """Return the container of a name; see `read` where there are several."""
@@ -159,7 +161,9 @@ class Results(ContainerHolder, Mapping[str, Container]):
             There is no such option, or it is not accepted.
         """
         shown = [
-            c for key, c in self.tables.items()
+            replace(c, reader=self.sound.get(c.sensor.id)) if isinstance(c, Recording)
+            else c
+            for key, c in self.tables.items()
             if not key.step or (isinstance(c, Overview) and c.reference == MODULATION)
         ]  # fmt: skip
         try:  # as pandas finds what draws its tables: this room knows no pictures
@@ -314,10 +318,7 @@ def run(
                 keep=kinds, progress=progress,
             )  # fmt: skip
         found = _read_all(target, path.name if output is None else str(output))
-    return replace(found, tables={  # what draws them reads the sound again
-        key: replace(one, reader=recording.reader) if isinstance(one, Recording) else one
-        for key, one in found.tables.items()
-    })  # fmt: skip
+    return replace(found, sound={recording.sensor.id: recording.reader})
 
 
 def _opening(given: SourceOptions) -> dict[str, object]:

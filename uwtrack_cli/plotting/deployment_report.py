@@ -370,7 +370,7 @@ def _tables(deployment: Deployment, units: Units) -> Iterator[Block]:
     yield "heading", "Passages"
     cells = [_cells(row, k, units) for k, row in enumerate(passages[:MOST_PASSAGES], 1)]
     titles = [head.title for head in _heads(units)]
-    heads = ("", "time UTC", "sensor", "vessel", "status", *titles, "result")
+    heads = ("passage", "time UTC", "sensor", "vessel", "status", *titles, "result")
     columns = zip(heads, zip(*cells, strict=True), strict=True)
     known = [(head, column) for head, column in columns if set(column) != {NOT_KNOWN}]
     rows_known = list(zip(*(column for _, column in known), strict=True))

@@ -56,7 +56,10 @@ class HeadLine(NamedTuple):
 
 def span_title(span_s: tuple[float, float], clock: Clock, names: Sequence[str]) -> str:
     """Return the title of a span of recordings: begin and end, s, and their names."""
-    step = 1.0 if np.ptp(span_s) < 7200 else 60.0
+    length_s = np.ptp(span_s)
+    step = 1.0 if length_s < 7200 else 60.0
+    if clock.start_utc_ns is None and length_s < 20:
+        step = 0.5
     begin, end = clock.text(span_s[0], step), clock.text(span_s[1], step)
     last = clock.day(span_s[1])
     end = end if last == clock.day(span_s[0]) else f"{last} {end}"

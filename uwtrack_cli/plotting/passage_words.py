@@ -96,6 +96,12 @@ def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
     ]
     if row.get("probability") is not None:
         found.append(("probability", f"{row['probability']:.2f} that it passes"))
+        if row.get("alternative"):
+            other = f"{row['alternative'].replace('-', ' ')}"
+            chance = row.get("alternative_probability")
+            found.append(
+                ("else", other + ("" if chance is None else f", {chance:.2f}"))
+            )
     if row["misfit"] is not None:
         left = f"{100 * row['misfit']:.0f} % of the shift unexplained"
         follows = row["misfit"] < MARKED_MISFIT

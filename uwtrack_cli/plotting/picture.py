@@ -151,7 +151,7 @@ class Picture(NamedTuple):
     """Levels, dB, shape (column, row); nan where there is no sound."""
 
 
-class Frames(NamedTuple):
+class Framing(NamedTuple):
     """How the sound of some rows is cut into frames."""
 
     rows: slice
@@ -200,7 +200,7 @@ def choose_axis(
 
 def plan_frames(
     recording: Recording, axis: FrequencyAxis, window_s: float | None = None
-) -> tuple[FrequencyAxis, list[Frames]]:
+) -> tuple[FrequencyAxis, list[Framing]]:
     """Return how a recording is cut, the main part last, and the axis it can fill.
 
     ``axis``: what is asked for; where the sound is too short for its lowest octave, it
@@ -243,7 +243,7 @@ def plan_frames(
 
 def _frames(
     recording: Recording, axis: FrequencyAxis, window_s: float, rows: slice
-) -> Frames:
+) -> Framing:
     rate_hz, column_s = recording.sample_rate_hz, recording.duration_s / COLUMNS
     count = max(1, math.ceil(column_s / (0.5 * window_s)))
     overlap = min(1.0 - column_s / (count * window_s), 0.999)
@@ -251,7 +251,7 @@ def _frames(
     decimation = usual_decimation(rate_hz, top_hz, LEAST_RATE_HZ)
     if window_s * rate_hz < 2 * LEAST_SAMPLES * decimation:
         decimation = 1
-    return Frames(rows, window_s, overlap, count, decimation)
+    return Framing(rows, window_s, overlap, count, decimation)
 
 
 def _check_window(recording: Recording, window_s: float, *, is_asked: bool) -> None:
@@ -285,7 +285,7 @@ def part_of(recording: Recording, span_s: tuple[float, float]) -> Recording:
 def sound_picture(
     recording: Recording,
     axis: FrequencyAxis,
-    parts: Sequence[Frames],
+    parts: Sequence[Framing],
     *,
     is_strongest: bool = False,
     progress: Callable[[float], None] = lambda _: None,
@@ -308,7 +308,7 @@ def sound_picture(
 
 
 def _columns(
-    recording: Recording, part: Frames, axis: FrequencyAxis,
+    recording: Recording, part: Framing, axis: FrequencyAxis,
     progress: Callable[[float], None], *, is_strongest: bool,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return times of columns, and densities of shape (column, row) of some rows."""

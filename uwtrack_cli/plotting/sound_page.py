@@ -24,7 +24,7 @@ from uwtrack_cli.plotting.page_layout import (
 )
 from uwtrack_cli.plotting.picture import (
     LONGEST_WINDOW_S,
-    Frames,
+    Framing,
     choose_axis,
     draw_picture,
     part_of,
@@ -136,7 +136,7 @@ def _clock(recording: Recording) -> Clock:
     return Clock(recording.start_utc_ns + offset_ns)
 
 
-def _facts(recording: Recording, frames: list[Frames]) -> str:
+def _facts(recording: Recording, frames: list[Framing]) -> str:
     """Say in a line of what the picture is."""
     main = frames[-1]
     width_hz = 1.5 / main.window_s  # equivalent noise bandwidth of a Hann window
