@@ -34,9 +34,6 @@ DRAWN = frozenset({"overview", "levels", "lines", "encounters", "fixes", "presen
                    "bearing_time", "motions", "target", "decision"})  # fmt: skip
 """Containers of which a page shows one."""
 
-SHORT_SAMPLES = 1 << 25
-"""Samples up to which the page of a recording is drawn from its sound."""
-
 WITHIN_M = 2000.0
 """Range within which AIS vessels are expected unless told, m."""
 
@@ -365,11 +362,12 @@ def with_more(
     """
     from uwtrack_cli.flow.rerun_sources import with_sound
     from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
+    from uwtrack_cli.plotting.picture import MOST_SAMPLES
 
     navigation = [n for product in products for n in product.read_all(Navigation)]
     found: list[Container] = [
         with_sound(c, products)
-        if isinstance(c, Recording) and (needs_sound or c.n_samples <= SHORT_SAMPLES)
+        if isinstance(c, Recording) and (needs_sound or c.n_samples <= MOST_SAMPLES)
         else c
         for c in containers
     ]
