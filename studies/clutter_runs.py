@@ -21,7 +21,6 @@ from uwtrack_cli.clutter.clutter_filter import (
     ThresholdRule,
     step,
 )
-from uwtrack_cli.clutter.track_score import track_score
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.imm import Belief, advance, moments
@@ -35,6 +34,7 @@ from uwtrack_cli.estimation.probabilistic_association import (
     correct,
     innovate,
 )
+from uwtrack_cli.estimation.track_score import track_score
 from uwtrack_cli.simulate.clutter_scans import (
     ClutterScene,
     SimulatedScan,

@@ -2,9 +2,10 @@
 
 **Method.** The three published experiments are run over the aspects, since the figures
 with their geometry are lost; the machinery is checked on the textbook's Gaussian walk.
-The test as published takes a repeater's bearing alone, and lets its range be any: the
-program's own has a density for the false range and range rate, too, and bounds the range
-by that measured. Both are run.
+The test as published follows the source in east and north, takes a repeater's bearing
+alone, and lets its range be any: the program's own follows both in polar coordinates, has
+a density for the false range and range rate, too, and bounds the range by that measured.
+Both are run.
 
 **References.** Jeong and Hong (1996); Wald (1947); Siegmund (1985).
 """
@@ -23,13 +24,11 @@ from uwtrack_cli.discrimination.contact_filters import (
     InnovationFit,
     Observation,
     predict_drift,
-    predict_moving,
     update_drift,
-    update_moving,
+    velocity_noise,
 )
 from uwtrack_cli.discrimination.options import ContactFilters
 from uwtrack_cli.discrimination.pair_test import (
-    EarlierTrack,
     PairTest,
     consistency,
     follow,
@@ -40,7 +39,9 @@ from uwtrack_cli.discrimination.sequential_test import (
     first_crossing,
     wald_thresholds,
 )
-from uwtrack_cli.estimation.imm import Belief
+from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.estimation.constant_velocity import transition
+from uwtrack_cli.estimation.imm import Belief, advance, mix, reweigh
 from uwtrack_cli.simulate.repeater import RepeaterScene, simulate_repeater
 
 _ERRORS = {1: 0.05, 2: 0.005, 3: 0.005}
@@ -171,12 +172,13 @@ def _run_filters(
 
     source, repeater = observations(drawn.source), observations(drawn.repeater)
     split = int(np.flatnonzero(np.isfinite(drawn.repeater[:, 0, 0]))[0])
-    history = follow(source[:split], drawn.time_s[:split], filters)
-    source, repeater, times_s = source[split:], repeater[split:], drawn.time_s[split:]
     if not is_published:
-        return run_pair(source, repeater, times_s, filters, history=history)
+        return run_pair(
+            source[split:], repeater[split:], drawn.time_s[split:], filters,
+            history=follow(source[:split], drawn.time_s[:split], filters),
+        )  # fmt: skip
     a, b = (
-        _published_fits(scans, times_s, filters, history)
+        _published_fits(scans[split:], drawn.time_s, split, filters, source[:split])
         for scans in (source, repeater)
     )
     fits = [(a[0][k], b[1][k], a[1][k], b[0][k]) for k in range(len(a[0]))]
@@ -190,14 +192,15 @@ def _run_filters(
 def _published_fits(
     scans: list[Observation],
     times_s: FloatArray,
+    split: int,
     filters: ContactFilters,
-    history: EarlierTrack | None,
+    history: list[Observation],
 ) -> tuple[list[InnovationFit], list[InnovationFit]]:
-    """Follow a contact as a moving and, by bearings alone, as a drifting one."""
-    if history is None:
-        msg = "the published test goes on from an earlier track."
-        raise ValueError(msg)
-    moving, before_s = history.state, history.time_s
+    """Follow a contact as a moving and, by bearings alone, as a drifting one.
+
+    ``split``: place of the first of its scans among the times; ``history``: the scans of
+    the one contact before it.
+    """
     distance, bearing, _ = np.moveaxis(scans[0].measured, -1, 0)
     mean = np.stack([bearing, 1.0 / distance, distance, 0.0 * bearing], axis=-1)
     spread = np.zeros((*bearing.shape, 4, 4))
@@ -208,28 +211,86 @@ def _published_fits(
     drifting = GaussianSum(
         Belief(mean[None, None], spread[None, None], one), np.log(one[0])
     )
-    moves, drifts = [], []
-    for scan, seen in enumerate(scans):
-        interval = float(times_s[scan] - before_s)
-        before_s = float(times_s[scan])
-        moving = predict_moving(
-            moving, interval, filters.intensities, filters.switching
-        )
-        moving, moved = update_moving(moving, seen)
-        if not scan:
-            continue
+    drifts = []
+    for scan, seen in enumerate(scans[1:], 1):
         alone = np.where([False, True, False], seen.measured, np.nan)
-        way = seen.position - scans[scan - 1].position
         drifting, drifted = update_drift(
             predict_drift(
-                drifting, interval, way, filters.drift_std_mps, np.zeros(1),
-                np.ones((1, 1)),
+                drifting, float(times_s[split + scan] - times_s[split + scan - 1]),
+                seen.position - scans[scan - 1].position, filters.drift_std_mps,
+                np.zeros(1), np.ones((1, 1)),
             ),
             replace(seen, measured=alone),
         )  # fmt: skip
-        moves.append(moved)
         drifts.append(drifted)
-    return moves, drifts
+    return _published_moving([*history, *scans], times_s, filters)[split:], drifts
+
+
+def _published_moving(
+    scans: list[Observation], times_s: FloatArray, filters: ContactFilters
+) -> list[InnovationFit]:
+    """Follow a contact in east and north; how the scans after the first agree."""
+    first, intensity = scans[0], filters.intensities
+    distance, bearing, _ = np.moveaxis(first.measured, -1, 0)
+    var_r, var_b, _ = np.moveaxis(first.variance, -1, 0)
+    along = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
+    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    nothing = np.zeros_like(along)
+    mean = np.concatenate(
+        [first.position + distance[..., None] * along, nothing], axis=-1
+    )
+    spread = np.zeros((*mean.shape, 4))
+    for line, variance in ((along, var_r), (across, distance**2 * var_b)):
+        square = line[..., :, None] * line[..., None, :]
+        spread[..., :2, :2] += np.asarray(variance)[..., None, None] * square
+    spread[..., 2:, 2:] = filters.speed_std_mps**2 * np.eye(2)
+    models = (intensity.size, *mean.shape[:-1])
+    belief = Belief(
+        np.broadcast_to(mean, (*models, 4)), np.broadcast_to(spread, (*models, 4, 4)),
+        np.full(models, 1.0 / intensity.size),
+    )  # fmt: skip
+    fits = []
+    for seen, step_s in zip(scans[1:], np.diff(times_s), strict=True):
+        belief = advance(
+            mix(belief, filters.switching),
+            np.kron(transition(float(step_s)), np.eye(2)),
+            velocity_noise(float(step_s), intensity),
+        )
+        expected, slope = _seen_from(belief.mean, seen)
+        residual = seen.measured - expected
+        residual[..., 1] = wrap_rad(residual[..., 1])
+        cross = belief.covariance @ np.swapaxes(slope, -1, -2)
+        innovation = slope @ cross + seen.variance[..., None] * np.eye(3)
+        gain = cross @ np.linalg.inv(innovation)
+        solved = np.linalg.solve(innovation, residual[..., None])[..., 0]
+        distance2 = (residual * solved).sum(axis=-1)
+        density = -0.5 * (np.log(np.linalg.det(innovation)) + distance2)
+        total = np.log((belief.probability * np.exp(density)).sum(axis=0))
+        weight = reweigh(belief, density)
+        belief = Belief(
+            belief.mean + (gain @ residual[..., None])[..., 0],
+            belief.covariance - gain @ innovation @ np.swapaxes(gain, -1, -2), weight,
+        )  # fmt: skip
+        fits.append(InnovationFit(
+            total, (weight * distance2).sum(axis=0), np.full(total.shape, 3)
+        ))  # fmt: skip
+    return fits
+
+
+def _seen_from(mean: FloatArray, seen: Observation) -> tuple[FloatArray, FloatArray]:
+    """Return expected range, bearing and range rate, and their slopes."""
+    place, rate = mean[..., :2] - seen.position, mean[..., 2:] - seen.velocity
+    distance = np.hypot(place[..., 0], place[..., 1])[..., None]
+    along, nothing = place / distance, np.zeros_like(place)
+    across = np.stack([-along[..., 1], along[..., 0]], axis=-1) / distance
+    closing = (along * rate).sum(axis=-1)
+    turning = (rate - closing[..., None] * along) / distance
+    bearing = np.arctan2(place[..., 1], place[..., 0])
+    slope = np.stack([
+        np.concatenate(pair, axis=-1)
+        for pair in ((along, nothing), (across, nothing), (turning, along))
+    ], axis=-2)  # fmt: skip
+    return np.stack([distance[..., 0], bearing, closing], axis=-1), slope
 
 
 def _scenario_rows(

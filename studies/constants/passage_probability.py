@@ -18,6 +18,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from itertools import pairwise
+from math import isfinite, log, log1p, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -35,17 +36,71 @@ from tests.draws.vehicle_sounds import SOUND_MPS, SPEEDS_MPS, recording_file
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.flow import zoom
 from uwtrack_cli.motion import alternatives, cpa
+from uwtrack_cli.motion.alternatives import (
+    ENOUGH_SUB_BANDS,
+    Measured,
+    compressed,
+    two_scales,
+    value_of,
+)
 from uwtrack_cli.motion.decision import MOST_NEPERS
 
+MISFIT, OTHER_MISFIT = 0.1, 0.5
+"""Scale of the misfit of lines of a passage, and of what is none, as shares of v/c."""
+
+ENOUGH_FLANK = 0.7
+"""R/v before or after the closest approach from which a drift no longer looks like it."""
+
+
+def noise(measured: Measured) -> float:
+    """Return what the passage gains over noise of any colour, a drift and a break."""
+    names = ("gain", "gain_over_line", "gain_over_break")
+    return compressed(min(value_of(measured, name) for name in names))
+
+
+def stationary_source(measured: Measured) -> float:
+    """Return what is gained over a source that stays: steady, changing or joined lines."""
+    return compressed(value_of(measured, "log_odds"))
+
+
+def misfit(measured: Measured) -> float:
+    """Return what lines that keep to their curve, or leave it, say."""
+    return two_scales(value_of(measured, "misfit"), MISFIT, OTHER_MISFIT)
+
+
+def no_tones(measured: Measured) -> float:
+    """Return what tones, or noise that was tracked, say in the sound itself."""
+    return log1p(max(value_of(measured, "tones"), 0.0) / 10.0) - log(2.0)
+
+
+def few_sub_bands(measured: Measured) -> float:
+    """Return what the number of sub-bands that rise says."""
+    return value_of(measured, "sub_bands") - ENOUGH_SUB_BANDS
+
+
+def sub_bands_disagree(measured: Measured) -> float:
+    """Return what times and widths of the sub-bands say of one rise."""
+    chance = value_of(measured, "sub_bands_agree")
+    return log(max(chance, 1e-5) / 0.05) if isfinite(chance) else nan
+
+
+def short_flank(measured: Measured) -> float:
+    """Return what was recorded on the shorter side says of a drift."""
+    flank = min(value_of(measured, "before"), value_of(measured, "after"))
+    return log(min(max(flank, 0.05) / ENOUGH_FLANK, 1.0))
+
+
 TRIED = (
-    alternatives.noise, alternatives.stationary_source, alternatives.stationary_bearing,
-    alternatives.stationary_levels, alternatives.stationary_lines, alternatives.misfit,
-    alternatives.halves, alternatives.other_time, alternatives.no_tones,
-    alternatives.unusual_speed, alternatives.other_rise, alternatives.few_sub_bands,
-    alternatives.sub_bands_disagree, alternatives.short_flank, alternatives.undetermined,
-    alternatives.small_turn, alternatives.short_frames,
+    alternatives.stationary_bearing, alternatives.stationary_levels,
+    alternatives.stationary_lines, alternatives.halves, alternatives.unusual_speed,
+    alternatives.other_rise, alternatives.undetermined, alternatives.short_frames, noise,
+    stationary_source, misfit, no_tones, few_sub_bands, sub_bands_disagree,
+    short_flank, alternatives.other_time, alternatives.small_turn,
 )  # fmt: skip
 """Every log evidence that is tried."""
+
+FIXED = alternatives.unusual_speed
+"""A prior, which no exponent tempers."""
 
 N_ODDS, RIDGE, USUAL_EXPONENT = 3, 1.5, 0.15
 """Log odds before; strength of the ridge, and the exponent that it draws to."""
@@ -110,7 +165,7 @@ def candidates(path: Path, words: tuple[str, ...]) -> list[Record]:
 
     def made(*given: Any, **more: Any) -> Any:
         row = make_row(*given, **more)
-        found[-1]["is_given"] = isinstance(row, cpa.Row)
+        found[-1]["gate"] = "" if isinstance(row, cpa.Row) else row.reason.code
         return row
 
     def looked(part: Any, graph: Any) -> Any:
@@ -183,6 +238,7 @@ def terms(measured: Record) -> list[float]:
 
 def fitted(columns: FloatArray, right: BoolArray) -> FloatArray:
     """Return odds and exponents by logistic regression with a ridge."""
+    place = N_ODDS + TRIED.index(FIXED)
 
     def cost(weight: FloatArray) -> tuple[float, FloatArray]:
         odds = columns @ weight
@@ -193,22 +249,26 @@ def fitted(columns: FloatArray, right: BoolArray) -> FloatArray:
         return float(value), slope
 
     count = columns.shape[1]
-    limits = [(None, None)] * N_ODDS + [(0.0, None)] * (count - N_ODDS)
-    return np.asarray(
-        minimize(cost, np.zeros(count), jac=True, bounds=limits, method="L-BFGS-B").x
-    )
+    limits: list[tuple[float | None, float | None]] = [(None, None)] * N_ODDS
+    limits += [(0.0, None)] * (count - N_ODDS)
+    limits[place] = (1.0, 1.0)
+    start = np.zeros(count)
+    start[place] = 1.0
+    found = minimize(cost, start, jac=True, bounds=limits, method="L-BFGS-B")
+    return np.asarray(found.x)
 
 
 def fit(path: Path) -> None:
     """Print odds, exponents, and how far probabilities are right."""
-    columns, right, given, owner = [], [], [], list[int]()
+    columns, right, gates, owner = [], [], list[str](), list[int]()
     for number, (_, _, passing, rows) in enumerate(read(path)):
         for one in rows:
             columns.append(terms(one))
             right.append(is_right(one, passing))
-            given.append(bool(one["is_given"]))
+            gates.append(one["gate"] or "given")
             owner.append(number)
-    table, is_true, is_given = np.array(columns), np.array(right), np.array(given)
+    table, is_true, gate = np.array(columns), np.array(right), np.array(gates)
+    is_given = gate == "given"
     names = ["lines", "levels", "air", *(one.__name__ for one in TRIED)]
     for name, value in zip(names, fitted(table, is_true), strict=True):
         print(f"{name:22} {value:6.2f}")
@@ -222,6 +282,14 @@ def fit(path: Path) -> None:
         print(
             f"{low:.1f} to {high:.1f}: {within.sum()} candidates, "
             f"{chance[within].sum():.1f} expected right, {is_true[within].sum()} are"
+        )
+    for name in sorted(set(gates), key=gates.count, reverse=True):
+        own = gate == name
+        agreed = (chance[own] > 0.5) == is_true[own]
+        print(
+            f"{name:24} {own.sum()} candidates, {is_true[own].sum()} right, "
+            f"{chance[own].sum():.1f} expected; the probability decides {agreed.sum()} "
+            f"of them rightly"
         )
     for name, told in (("gates of 0.2.0", is_given), ("probability", chance > 0.5)):
         print(

@@ -14,6 +14,7 @@ from tests.acceptance import (
     real_sounds,
     samples,
     tables,
+    targets,
 )
 from tests.acceptance.outcomes import Outcome
 
@@ -32,6 +33,7 @@ PARTS: dict[str, Callable[[], dict[str, Case]]] = {
     "lines": partial(line_sounds.cases, 381900),
     "tables": partial(tables.cases, 382000),
     "arrays": partial(arrays.cases, 382100),
+    "targets": partial(targets.cases, 382300),
     "real": real_sounds.cases,
 }
 """60 drawn recordings with vessels, 40 without, and what is no drawn recording.
@@ -52,6 +54,7 @@ SHORT: dict[str, tuple[str, ...]] = {
     "lines": ("track: fades of 10 s at 10 dB", "two lengths of frames joined", "sensitivity of track"),
     "tables": ("cpa straight 382000", "tma S1-T1, compass 1 degree", "discriminate", "pdaf crossing at 20"),
     "arrays": ("directions at 10 dB",),
+    "targets": ("own ship under way, bearings",),
     "quiet": ("quiet 381402",),
     "vehicles": ("two cars 381605",),
     "two-vessels": ("two vessels 381200",),

@@ -182,6 +182,7 @@ ONE = ("quiet", "disturbed")
 
 WITH_BOUND = (*ONE, "two-vessels")
 DECISION, MOTION = "specification, decision 6", "specification, motion 7"
+TARGETS = "specification, pdaf and discriminate"
 NAMES_OF_TABLES = ("time", "speed", "range", "range over speed", "course")
 
 
@@ -251,6 +252,25 @@ RATES: tuple[Rate, ...] = (
     _at_most("discriminate: wrong", counted("tables", "pairs wrong"), ("tables",), 0.01, 0.01, "specification, discriminate"),
     _at_least("pdaf: own target after a crossing at 20 degrees", counted("tables", "own at 20"), ("tables",), 0.9, 0.9, "specification, pdaf"),
     _at_most("pdaf: lost", counted("tables", "lost"), ("tables",), 0.01, 0.01, "specification, pdaf"),
+    *(
+        _at_most(f"discriminate: {what} at an accepted {share:g} %", counted("targets", f"{name} of pairs at {share:g} %"), ("targets",), limit * share / 100.0, limit * share / 100.0, TARGETS)
+        for share in (5, 1) for what, name, limit in (("wrong", "wrong", 1.0), ("neither reading", "neither", 0.2))
+    ),
+    _at_most("pdaf: takeovers at 10 degrees", counted("targets", "takeovers"), ("targets",), 0.02, 0.02, TARGETS),
+    _at_most("pdaf: one of two lost", counted("targets", "lost of two"), ("targets",), 0.02, 0.02, TARGETS),
+    _at_least("pdaf: states of Stone Soup's JPDA", counted("targets", "states of"), ("targets",), 1.0, 1.0, TARGETS),
+    _at_least("pdaf: GOSPA within 15 % of Stone Soup's, without a start", counted("targets", "GOSPA"), ("targets",), 0.9, 0.9, TARGETS),
+    _each_hour("pdaf: false tracks over those stated", counted("targets", "false tracks"), ("targets",), 1.0, 1.0, TARGETS),
+    *(
+        rate
+        for kind in ("places", "rates", "bearings")
+        for rate in (
+            _at_most(f"pdaf: lost under way, {kind}", counted("targets", f"lost under way, {kind}"), ("targets",), 0.05, 0.05, TARGETS),
+            _at_least(f"pdaf: ellipses under way, {kind}", counted("targets", f"ellipses under way, {kind}"), ("targets",), 0.93, 0.93, TARGETS),
+        )
+    ),
+    _at_most("pdaf: lost in turns", counted("targets", "lost in turns"), ("targets",), 0.02, 0.02, TARGETS),
+    _at_least("pdaf: smoothed ellipses of turns", counted("targets", "smoothed ellipses"), ("targets",), 0.93, 0.93, TARGETS),
     _at_least("track: half of the bursts at 1.5 dB", counted("lines", "track at 1.5 dB"), ("lines",), 0.5, 0.5, "specification, lines, second part, 2"),
     _at_least("trace: half of the bursts at 0.5 dB", counted("lines", "trace at 0.5 dB"), ("lines",), 0.5, 0.5, "specification, combs 1"),
     *(

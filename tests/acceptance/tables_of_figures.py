@@ -40,7 +40,7 @@ def write_tables() -> None:
     ]
     _write("real_sound", "Real recordings by the default recipe", head, lines)
     lines = ["| case | figures |", "|---|---|"]
-    for part in ("lines", "arrays", "tables"):
+    for part in ("lines", "arrays", "tables", "targets"):
         for name, one in results[part].items():
             told = [f"{k} {v['value']:.3f}" for k, v in one.get("scores", {}).items()]
             told += [

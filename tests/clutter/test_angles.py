@@ -153,7 +153,7 @@ def test_converted_measurements_have_neither_bias_nor_wrong_covariance():
         math.degrees(0.6) + 6.0 * rng.standard_normal(n), np.full(n, 9.0),
     ], axis=1)  # fmt: skip
     scans = table_of([rows], ["m", "deg"], [20.0, 6.0])
-    table = scan_table(scans, scans.measured_std)
+    table = scan_table(scans, scans.measured_std, "places")
     error = table.measured - true
     scatter = np.cov(error.T)
     np.testing.assert_allclose(error.mean(axis=0), 0.0, atol=4.0 * 210.0 / math.sqrt(n))

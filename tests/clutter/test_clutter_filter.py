@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.clutter.clutter_filter import ClutterSetting, Scan, step
-from uwtrack_cli.clutter.track_score import track_score
 from uwtrack_cli.estimation.constant_velocity import constant_velocity
 from uwtrack_cli.estimation.imm import Belief
 from uwtrack_cli.estimation.operating_curve import model_curve
+from uwtrack_cli.estimation.track_score import track_score
 
 CURVE = model_curve("fluctuating", 10.0)
 QUIET, LIVELY = 1.0, 400.0

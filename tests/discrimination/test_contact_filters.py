@@ -7,14 +7,12 @@ from uwtrack_cli.discrimination.contact_filters import (
     GaussianSum,
     Observation,
     inverse_range_deviation,
-    observe_moving,
     predict_drift,
     predict_moving,
     start_drift,
     start_moving,
     update_drift,
     update_moving,
-    velocity_noise,
 )
 from uwtrack_cli.discrimination.pair_test import consistency
 from uwtrack_cli.estimation.angles import wrap_rad
@@ -29,20 +27,6 @@ def _seen(measured, position=(0.0, 0.0), velocity=(0.0, 0.0), variance=VARIANCE)
         np.asarray(measured, float), np.asarray(variance, float),
         np.asarray(position, float), np.asarray(velocity, float),
     )  # fmt: skip
-
-
-def test_the_slopes_of_range_bearing_and_range_rate_are_their_derivatives():
-    seen = _seen([0.0, 0.0, 0.0], (30.0, -20.0), (3.0, -1.0))
-    state = np.array([400.0, 250.0, -7.0, 4.0])
-    _, slope = observe_moving(state, seen)
-    for k, step in enumerate(np.diag([1e-3, 1e-3, 1e-4, 1e-4])):
-        up, down = (
-            observe_moving(state + step, seen)[0],
-            observe_moving(state - step, seen)[0],
-        )
-        np.testing.assert_allclose(
-            slope[:, k], (up - down) / (2 * step[k]), rtol=1e-6, atol=1e-9
-        )
 
 
 def _one(mean, covariance):
@@ -60,6 +44,66 @@ def _drifted(mean, covariance, way, drift_std=0.0, intensity=0.0, interval=2.0):
         np.array([intensity]), ONE,
     )  # fmt: skip
     return state.belief.mean[0, 0], state.belief.covariance[0, 0]
+
+
+def _moved(mean, covariance, way, intensity=0.0, interval=2.0):
+    state = predict_moving(
+        _one(mean, covariance), interval, np.asarray(way), np.array([intensity]), ONE
+    )
+    return state.belief.mean[0, 0], state.belief.covariance[0, 0]
+
+
+def _plane(state):
+    """Return place and velocity, east and north, of moving states about the origin."""
+    theta, across, distance, along = np.moveaxis(state, -1, 0)
+    line = np.stack([np.cos(theta), np.sin(theta)], axis=-1)
+    side = np.stack([-line[..., 1], line[..., 0]], axis=-1)
+    rate = along[..., None] * line + across[..., None] * side
+    return np.concatenate([distance[..., None] * line, rate], axis=-1)
+
+
+def test_a_vessel_is_carried_straight_over_own_ships_way():
+    mean, way = np.array([2.9, 6.0, 300.0, -11.0]), np.array([40.0, 25.0])
+    before = _plane(mean)
+    expected = before + np.array([*(2.0 * before[2:] - way), 0.0, 0.0])
+    moved, _ = _moved(mean, np.eye(4) * 1e-6, way)
+    np.testing.assert_allclose(_plane(moved), expected, rtol=1e-12)
+
+
+def test_the_covariance_of_the_moving_state_follows_its_slopes_and_the_published_noise():
+    mean, way = np.array([0.7, -4.0, 650.0, 12.8]), np.array([35.0, -20.0])
+    spread = np.diag([1e-3, 4.0, 25.0, 1.0])
+    _, covariance = _moved(mean, spread, way)
+    slope = np.empty((4, 4))
+    for k, step in enumerate((1e-5, 1e-4, 1e-3, 1e-4)):
+        up, down = (
+            _moved(mean + sign * step * np.eye(4)[k], spread, way)[0]
+            for sign in (1, -1)
+        )
+        slope[:, k] = (up - down) / (2.0 * step)
+    np.testing.assert_allclose(
+        covariance, slope @ spread @ slope.T, rtol=1e-5, atol=1e-12
+    )
+    # The published matrix in east and north, drawn and turned into bearing and range.
+    after, noise = _moved(mean, 1e-9 * np.eye(4), way, intensity=4.0)
+    drawn = _plane(after) + _pushes(np.random.default_rng(1), 2.0, 4.0, 200_000)
+    distance = np.hypot(drawn[:, 0], drawn[:, 1])
+    line = drawn[:, :2] / distance[:, None]
+    bearing = np.arctan2(drawn[:, 1], drawn[:, 0])
+    across = line[:, 0] * drawn[:, 3] - line[:, 1] * drawn[:, 2]
+    along = (line * drawn[:, 2:]).sum(axis=1)
+    found = np.cov(np.stack([bearing, across, distance, along]))
+    scale = np.sqrt(np.diag(found))
+    np.testing.assert_allclose(
+        noise / np.outer(scale, scale), found / np.outer(scale, scale), atol=0.02
+    )
+
+
+def _pushes(rng, interval, intensity, runs):
+    """Draw what white acceleration adds to place and velocity (Jeong and Hong, eq. 12)."""
+    block = [[interval**3 / 3.0, interval**2 / 2.0], [interval**2 / 2.0, interval]]
+    noise = intensity * np.kron(block, np.eye(2))
+    return rng.multivariate_normal(np.zeros(4), noise, runs)
 
 
 def test_a_still_source_is_carried_exactly_over_own_ships_way():
@@ -103,15 +147,13 @@ def test_the_terms_of_a_start_have_the_moments_of_its_prior():
     rng = np.random.default_rng(3)
     bearing = 0.4 + 0.2 * rng.standard_normal(400_000)
     along = np.stack([np.cos(bearing), np.sin(bearing)])
-    across = np.stack([-along[1], along[0]])
     shrunk = 400.0 / 401.0
     radial = shrunk * (3.0 + np.array([4.0, -7.0]) @ along)
     radial += np.sqrt(shrunk) * rng.standard_normal(bearing.size)
     distance = 1000.0 + 5.0 * rng.standard_normal(bearing.size)
-    drawn = np.concatenate([
-        np.array([[50.0], [20.0]]) + distance * along,
-        radial * along + 20.0 * rng.standard_normal(bearing.size) * across,
-    ])  # fmt: skip
+    drawn = np.stack(
+        [bearing, 20.0 * rng.standard_normal(bearing.size), distance, radial]
+    )
     state = start_moving(seen, 20.0, 1)
     weight = np.exp(state.log_weight)
     assert weight.sum() == pytest.approx(1.0)
@@ -138,13 +180,6 @@ def test_a_repeater_is_no_farther_than_it_was_measured():
     assert inverse_range_deviation(state) == pytest.approx(deviation, abs=0.02)
 
 
-def test_the_noise_of_the_moving_state_is_the_published_matrix():
-    expected = 4.0 * np.array(
-        [[8 / 3, 0, 2, 0], [0, 8 / 3, 0, 2], [2, 0, 2, 0], [0, 2, 0, 2]]
-    )
-    np.testing.assert_allclose(velocity_noise(2.0, np.array([4.0]))[0], expected)
-
-
 def test_a_true_repeater_and_a_true_mover_are_covered_at_the_stated_rates():
     rng = np.random.default_rng(6)
     runs, interval, own_rate = 400, 2.0, np.array([10.0, 5.0])
@@ -155,9 +190,7 @@ def test_a_true_repeater_and_a_true_mover_are_covered_at_the_stated_rates():
     for scan in range(20):
         own = own_rate * interval * scan
         if scan:
-            push = rng.multivariate_normal(
-                np.zeros(4), velocity_noise(interval, np.array([0.25]))[0], runs
-            )
+            push = _pushes(rng, interval, 0.25, runs)
             target[:, :2] += interval * target[:, 2:]
             target += push
             buoy += np.sqrt(interval) * rng.standard_normal(buoy.shape)
@@ -181,14 +214,21 @@ def test_a_true_repeater_and_a_true_mover_are_covered_at_the_stated_rates():
             moving = start_moving(seen, 20.0, 1)
             drifting = start_drift(echoed, 0.5, 20.0, 1)
             continue
-        moving = predict_moving(moving, interval, np.array([0.25]), ONE)
+        moving = predict_moving(
+            moving, interval, own_rate * interval, np.array([0.25]), ONE
+        )
         moving, fit = update_moving(moving, seen)
         drifting = predict_drift(
             drifting, interval, own_rate * interval, 1.0, np.array([0.25]), ONE
         )
         drifting, line_fit = update_drift(drifting, echoed)
         inside.append((fit.distance2, line_fit.distance2))
-    error = moving.belief.mean[0, 0] - target
+    along = place / distance[:, None]
+    speed = (along * target[:, 2:]).sum(axis=1)
+    across = along[:, 0] * target[:, 3] - along[:, 1] * target[:, 2]
+    true = np.stack([exact[:, 1], across, distance, speed], axis=1)
+    error = moving.belief.mean[0, 0] - true
+    error[:, 0] = wrap_rad(error[:, 0])
     covariance = moving.belief.covariance[0, 0]
     nees = (error * np.linalg.solve(covariance, error[..., None])[..., 0]).sum(1)
     assert nees.mean() == pytest.approx(4.0, abs=0.6)
@@ -198,7 +238,7 @@ def test_a_true_repeater_and_a_true_mover_are_covered_at_the_stated_rates():
 
 
 def test_a_missing_component_leaves_the_others_to_correct_the_state():
-    state = _one([300.0, 400.0, 1.0, 2.0], 50.0 * np.eye(4))
+    state = _one([0.9, 400.0, 500.0, 2.0], 50.0 * np.eye(4))
     whole = [500.0, np.arctan2(4.0, 3.0), 3.0]
     after, fit = update_moving(state, _seen([np.nan, whole[1], np.nan]))
     assert fit.degrees == 1

@@ -1,10 +1,14 @@
 """Wald's law: a sequential test errs no oftener than accepted, averaged over drawn pairs."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.stats import binom
 
 from tests.draws.contact_pairs import (
+    BEARING_STD_DEG,
+    MOTIONS,
     SCENE,
     contact_pair,
     error_rates,
@@ -13,8 +17,7 @@ from tests.draws.contact_pairs import (
 from uwtrack_cli.discrimination.discriminate import discriminate_contacts
 from uwtrack_cli.simulate.repeater import RepeaterScene
 
-ROWS = [(True, "plain"), (False, "plain"), (False, "weak")]
-"""Weak bearings after an earlier contact err oftener: docs/measured.md has by how much."""
+ROWS = list(product((True, False), BEARING_STD_DEG))
 
 
 def _holds(count, total, accepted):
@@ -22,8 +25,8 @@ def _holds(count, total, accepted):
     return binom.sf(count - 1, total, accepted) > 0.025
 
 
-def _rows_hold(seed, pairs, data, has_history):
-    for row in error_rates(seed, pairs, "as assumed", data, has_history=has_history):
+def _rows_hold(seed, pairs, data, has_history, motion="as assumed"):
+    for row in error_rates(seed, pairs, motion, data, has_history=has_history):
         assert _holds(row.wrong, pairs, row.error)
         # Two filters of the right reading, at a tenth of the accepted error each.
         assert _holds(row.neither, pairs, 0.2 * row.error)
@@ -36,9 +39,10 @@ def test_errors_are_those_accepted(data, has_history):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize(("has_history", "data"), ROWS)
-def test_errors_of_many_pairs_are_those_accepted(data, has_history):
-    _rows_hold(1000, 2000, data, has_history)
+def test_errors_of_many_pairs_are_those_accepted(data, has_history, motion):
+    _rows_hold(1000, 2000, data, has_history, motion)
 
 
 @pytest.mark.parametrize("scene", [SCENE, RepeaterScene(aspect_deg=80.0)])

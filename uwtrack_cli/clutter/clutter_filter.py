@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from uwtrack_cli.clutter.sensing import SensedKind, expect
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.estimation.detection_threshold import (
     OperatingPoint,
@@ -63,9 +64,9 @@ class ClutterSetting:
     """False alarm probabilities that the other rules may choose."""
     period: FloatArray | None = None
     """Period of each component, infinite for none; None where no component has one."""
-    is_polar: bool = False
-    """Whether the components are east and north of measured ranges and bearings: a cell
-    in metres times degrees then grows with the range."""
+    sensing: SensedKind = "components"
+    """What the measurements are of the state; a cell of ranges in metres times bearings
+    in degrees grows with the range."""
     count_clutter: bool = False
     """Take the density from the number of measurements in the gate."""
     prior: Callable[[FloatArray], FloatArray] = field(init=False, repr=False)
@@ -100,9 +101,9 @@ class Scan:
     """Amplitudes in noise deviations, ``(..., k)``; nan passes every fixed threshold."""
     noise: FloatArray
     """Covariances of the measurements, ``(..., k or 1, m, m)``."""
-    origin: FloatArray | None = None
-    """Where a range and a bearing were measured from, east and north, ``(2,)``; None
-    where that is the origin."""
+    own: FloatArray | None = None
+    """Own ship's east, north and their rates, ``(4,)``; None where she lies at the
+    origin."""
 
 
 class ScanUpdate(NamedTuple):
@@ -127,17 +128,9 @@ class ScanUpdate(NamedTuple):
 
     def take(self, kept: BoolArray) -> "ScanUpdate":
         """Return the update of some of the targets."""
-        of_models, point = self.belief, self.point
         return ScanUpdate(
-            Belief(
-                of_models.mean[:, kept], of_models.covariance[:, kept],
-                of_models.probability[:, kept],
-            ),
-            self.mean[kept], self.covariance[kept],
-            OperatingPoint(
-                point.false_alarm[kept], point.detection[kept], point.allowed[kept]
-            ),
-            self.gate[kept], self.gate_volume[kept], self.expected_clutter[kept],
+            self.belief.take(kept), self.mean[kept], self.covariance[kept],
+            self.point.take(kept), self.gate[kept], self.gate_volume[kept], self.expected_clutter[kept],
             self.association.take(kept),
         )  # fmt: skip
 
@@ -183,9 +176,9 @@ def look(predicted: Belief, scan: Scan, setting: ClutterSetting) -> Look:
     """Compare a scan with predictions and choose threshold and gate."""
     each = innovate(
         predicted.mean, predicted.covariance, scan.measured, scan.present, scan.noise,
-        setting.period,
+        setting.period, expect(predicted.mean, setting.sensing, scan.own),
     )  # fmt: skip
-    cell = _cell_volume(predicted, setting, scan.origin)
+    cell = _cell_volume(predicted, setting, scan.own)
     point, gate = _operate(predicted, each, scan, setting, cell)
     # A target may be where any of the models expects it.
     sizes = _region_size(each, scan.noise)
@@ -269,27 +262,28 @@ def shrunk_gate(
 
 
 def _cell_volume(
-    predicted: Belief, setting: ClutterSetting, origin: FloatArray | None
+    predicted: Belief, setting: ClutterSetting, own: FloatArray | None
 ) -> FloatArray:
-    """Return the volume of a resolution cell where the target is expected."""
-    volume = np.full(predicted.mean.shape[1:-1], setting.cell_volume)
-    if setting.is_polar:
+    """Return the volume of a resolution cell where the target is expected.
+
+    ``(...)``, or one that is the same everywhere.
+    """
+    volume = np.asarray(setting.cell_volume)
+    if setting.sensing.startswith("places"):
         place = moments(predicted)[0][..., ::2]
-        if origin is not None:
-            place = place - origin
-        volume *= np.radians(np.hypot(place[..., 0], place[..., 1]))
+        if own is not None:
+            place = place - own[:2]
+        volume = volume * np.radians(np.hypot(place[..., 0], place[..., 1]))
     return volume
 
 
-def _merged(
-    predicted: Belief, each: Innovation, scan: Scan, setting: ClutterSetting
-) -> Innovation:
+def _merged(predicted: Belief, scan: Scan, setting: ClutterSetting) -> Innovation:
     """Compare the scan with the prediction over all models."""
-    if predicted.probability.shape[0] == 1:
-        return each.take(0)
+    mean, covariance = moments(predicted)
     return innovate(
-        *moments(predicted), scan.measured, scan.present, scan.noise, setting.period
-    )
+        mean, covariance, scan.measured, scan.present, scan.noise, setting.period,
+        expect(mean, setting.sensing, scan.own),
+    )  # fmt: skip
 
 
 def _region_size(innovation: Innovation, noise: FloatArray) -> FloatArray:
@@ -318,12 +312,19 @@ def _operate(
     gate, curve = np.asarray(setting.gate), setting.curve
     runs = predicted.mean.shape[1:-1]
     if setting.rule == "posterior":
-        merged = _merged(predicted, each, scan, setting)
+        merged, amplitude = each, scan.amplitude[None]
+        allowed = _in_gate(each, gate)[None]
+        if len(predicted.probability) > 1:
+            merged = _merged(predicted, scan, setting)
+            amplitude, allowed = scan.amplitude, allowed[0]
         point, _ = best_posterior(
-            curve, setting.limits, merged, scan.amplitude,
-            _in_gate(each, gate), cell_volume=cell_volume, gate=setting.gate,
-            extrema=setting.extrema,
+            curve, setting.limits, merged, amplitude, allowed,
+            cell_volume=cell_volume, gate=setting.gate, extrema=setting.extrema,
         )  # fmt: skip
+        if merged is each:
+            point = OperatingPoint(
+                point.false_alarm[0], point.detection[0], point.allowed[0]
+            )
         return point, gate
     if setting.rule == "fixed":
         false_alarm = np.full(runs, setting.false_alarm)
@@ -331,7 +332,7 @@ def _operate(
         if len(predicted.probability) == 1:
             size = _region_size(each, scan.noise)[0]
         else:
-            merged = _merged(predicted, each, scan, setting)
+            merged = _merged(predicted, scan, setting)
             size = _region_size(merged, scan.noise)
         cells = unit_ball_volume(setting.dimension) * size / cell_volume
         false_alarm = setting.prior(cells * setting.gate**setting.dimension)

@@ -4,12 +4,13 @@
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from uwtrack_cli.clutter.clutter_filter import ClutterSetting, ThresholdRule
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.clutter.sensing import Sensing
+from uwtrack_cli.data.base import FloatArray, TextArray
 from uwtrack_cli.data.options import (
     AtLeast,
     AtMost,
@@ -20,6 +21,10 @@ from uwtrack_cli.data.options import (
 )
 from uwtrack_cli.data.scans import Roc
 from uwtrack_cli.errors import DataError, OptionError
+from uwtrack_cli.estimation.constant_velocity import (
+    constant_velocity,
+    coordinated_turn,
+)
 from uwtrack_cli.estimation.operating_curve import (
     OperatingCurve,
     constant_curve,
@@ -73,7 +78,7 @@ class Detector(OptionGroup):
 
 @dataclass(frozen=True)
 class TargetMotion(OptionGroup):
-    """How the target moves: nearly constant velocity, perhaps with manoeuvres.
+    """How the target moves: nearly constant velocity, perhaps with manoeuvres or turns.
 
     Parameters
     ----------
@@ -84,15 +89,21 @@ class TargetMotion(OptionGroup):
         The same during manoeuvres; when given, a quiet and a manoeuvring filter
         interact.
     manoeuvre_start_probability
-        Probability per scan that a quiet target begins to manoeuvre.
+        Probability per scan that a quiet target begins to manoeuvre or to turn.
     manoeuvre_stop_probability
-        Probability per scan that a manoeuvre ends.
+        Probability per scan that a manoeuvre or a turn ends.
+    turn_rate_degps
+        Rate of a turn to either side in a plane, in degrees per s; when given, filters
+        that turn left and right interact with the others.
     """
 
     acceleration_std: Deviation | None = None
     manoeuvre_std: Deviation | None = None
     manoeuvre_start_probability: Probability = 0.02
     manoeuvre_stop_probability: Probability = 0.2
+    turn_rate_degps: Annotated[
+        float | None, Unit("degree/s"), AtLeast(1e-6), AtMost(360.0)
+    ] = None
 
     def __post_init__(self) -> None:
         """Refuse a manoeuvre that is no stronger than the quiet motion."""
@@ -124,6 +135,9 @@ class TargetStart(OptionGroup):
         Standard deviation of each rate in units per s; needed.
     time_s
         Time of the given position in s; the first scan's when not given.
+    range_m
+        Least and greatest range at which a track may begin from bearings alone, in m;
+        needed there without a position.
     """
 
     position: list[Coordinate] | None = None
@@ -131,6 +145,9 @@ class TargetStart(OptionGroup):
     position_std: Deviation | None = None
     velocity_std: Deviation | None = None
     time_s: Annotated[float | None, Unit("s"), AtLeast(-1e12), AtMost(1e12)] = None
+    range_m: Annotated[
+        tuple[float, float] | None, Unit("m"), AtLeast(1e-3), AtMost(1e9), Increasing()
+    ] = None
 
 
 def clutter_setting(
@@ -141,8 +158,7 @@ def clutter_setting(
     rule: ThresholdRule,
     gate: float,
     clutter: str,
-    period: FloatArray | None,
-    is_polar: bool,
+    sensing: Sensing,
 ) -> ClutterSetting:
     """Return the filter's setting from the options.
 
@@ -170,7 +186,7 @@ def clutter_setting(
     curve = _curve(detector, roc, adaptive=adaptive)
     return ClutterSetting(
         rule=rule, curve=curve, dimension=dimension, gate=gate,
-        period=period, is_polar=is_polar,
+        period=sensing.period, sensing=sensing.kind,
         cell_volume=np.nan if volume is None else volume,
         false_alarm=_within(detector.false_alarm_probability, curve),
         limits=_limits(detector, curve), count_clutter=clutter == "count",
@@ -244,8 +260,51 @@ def _limits(detector: Detector, curve: OperatingCurve) -> tuple[float, float]:
     return low, high
 
 
-def motion_models(motion: TargetMotion) -> list[float]:
-    """Return the acceleration variance of each motion model."""
+class MotionModels(NamedTuple):
+    """Ways in which a target may move, quiet first."""
+
+    acceleration_variance: tuple[float, ...]
+    """Variance of the acceleration of each."""
+    turn_rate_radps: tuple[float, ...]
+    """Rate of its turn, 0 for none."""
+    switching: FloatArray
+    """Probabilities of changing from that of the row to that of the column."""
+    prior: FloatArray
+    """Probabilities at the start, ``(model,)``."""
+
+    def each(self, count: int) -> "MotionModels":
+        """Let every model have a number of filters that never change into each other."""
+        return MotionModels(
+            tuple(np.repeat(self.acceleration_variance, count).tolist()),
+            tuple(np.repeat(self.turn_rate_radps, count).tolist()),
+            np.kron(self.switching, np.eye(count)),
+            np.repeat(self.prior, count) / count,
+        )
+
+    def carry(self, interval_s: float, dimension: int) -> tuple[FloatArray, FloatArray]:
+        """Return F, common or of each model, and Q of each over an interval."""
+        steps = [
+            constant_velocity(interval_s, variance, dimension)
+            for variance in self.acceleration_variance
+        ]
+        noise = np.array([each for _, each in steps])
+        if not any(self.turn_rate_radps):
+            return steps[0][0], noise
+        turned = [
+            coordinated_turn(interval_s, rate) if rate else straight
+            for rate, (straight, _) in zip(self.turn_rate_radps, steps, strict=True)
+        ]
+        return np.array(turned), noise
+
+
+def motion_models(motion: TargetMotion, component_unit: TextArray) -> MotionModels:
+    """Return the motion models of a target with components of some units.
+
+    Raises
+    ------
+    OptionError
+        The quiet acceleration is missing, or turns are told outside a plane.
+    """
     quiet, manoeuvre = motion.acceleration_std, motion.manoeuvre_std
     if quiet is None:
         msg = (
@@ -253,14 +312,25 @@ def motion_models(motion: TargetMotion) -> list[float]:
             "of the components per s^2."
         )
         raise OptionError(msg)
-    if manoeuvre is None:
-        return [quiet**2]
-    return [quiet**2, manoeuvre**2]
-
-
-def switching(motion: TargetMotion) -> FloatArray:
-    """Return the probabilities of changing from one motion model to another."""
-    if motion.manoeuvre_std is None:
-        return np.ones((1, 1))
+    variance, turn = [quiet**2], [0.0]
+    if manoeuvre is not None:
+        variance, turn = [*variance, manoeuvre**2], [*turn, 0.0]
+    if motion.turn_rate_degps is not None:
+        if component_unit.size != 2 or component_unit[0] != component_unit[1]:
+            msg = (
+                "motion.turn_rate_degps is of a target in a plane, whose two components "
+                f"have one unit; these have {', '.join(map(repr, component_unit.tolist()))}."
+            )
+            raise OptionError(msg)
+        rate = float(np.radians(motion.turn_rate_degps))
+        variance, turn = [*variance, quiet**2, quiet**2], [*turn, rate, -rate]
+    others = len(variance) - 1
+    if not others:
+        return MotionModels((*variance,), (*turn,), np.ones((1, 1)), np.ones(1))
     enter, leave = motion.manoeuvre_start_probability, motion.manoeuvre_stop_probability
-    return np.array([[1.0 - enter, enter], [leave, 1.0 - leave]])
+    switching = np.diag(np.full(others + 1, 1.0 - leave))
+    switching[0] = enter / others
+    switching[1:, 0] = leave
+    switching[0, 0] = 1.0 - enter
+    prior = np.array([0.9, *(0.1 / others,) * others])
+    return MotionModels((*variance,), (*turn,), switching, prior)

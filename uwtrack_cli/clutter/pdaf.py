@@ -1,13 +1,15 @@
 """Follow targets through false measurements, one with an adaptive threshold.
 
-**Method.** A probabilistic data association filter with nearly constant velocity (two
-interacting motion models on request). Before or after each scan the detection threshold
-may be chosen so that the variance after the scan is least. Several targets are
-associated jointly at a fixed threshold; their tracks may begin and end by themselves.
+**Method.** A probabilistic data association filter with nearly constant velocity
+(interacting motion models for manoeuvres and turns on request). Before or after each scan
+the detection threshold may be chosen so that the variance after the scan is least.
+Several targets are associated jointly at a fixed threshold; their tracks may begin and end
+by themselves. What is found may be smoothed by later scans.
 
 **Conventions.** Components of a measurement are positions in any unit; rates are per
 second. Angles in degrees go round the circle; a range in metres with a bearing in
-degrees becomes east and north of the sensor. The track's score is the log likelihood
+degrees becomes east and north of the sensor, and so does the place of a target of which
+own ship under way has bearings alone. The track's score is the log likelihood
 ratio of a target being there against clutter alone; a target is lost when the score no
 longer rises.
 
@@ -30,39 +32,38 @@ from uwtrack_cli.clutter.options import (
     TargetStart,
     clutter_setting,
     motion_models,
-    switching,
 )
 from uwtrack_cli.clutter.scan_table import (
-    FirstState,
     ScanTable,
-    begin_tracks,
     check_scans,
-    component_period,
-    is_polar,
     least_amplitude,
-    n_told,
     scan_arrays,
     scan_rows,
     scan_table,
     split_scans,
-    start_belief,
     usable_rows,
 )
+from uwtrack_cli.clutter.sensing import Sensing, sensing_of
 from uwtrack_cli.clutter.several_targets import FollowedScan, TrackRule, follow_several
-from uwtrack_cli.clutter.track_table import Ending, target_table
+from uwtrack_cli.clutter.track_start import (
+    FirstState,
+    TrackStarts,
+    n_told,
+    told_starts,
+    track_starts,
+)
+from uwtrack_cli.clutter.track_table import Ending, Smoothing, target_table
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, checked
 from uwtrack_cli.data.scans import Roc, Scans
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.constant_velocity import constant_velocity
-from uwtrack_cli.estimation.imm import Belief
-from uwtrack_cli.estimation.own_ship import own_places
+from uwtrack_cli.estimation.own_ship import own_motion
 
 
 @checked
-def track_in_clutter(  # noqa: PLR0913 - three containers and ten options
+def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
     scans: Scans,
     roc: Roc | None = None,
     navigation: Navigation | None = None,
@@ -76,6 +77,7 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and ten options
     gate: Annotated[float, Unit("1"), AtLeast(1e-3), AtMost(10.0)] = 4.0,
     measured_std: list[Deviation] | None = None,
     loss_score: Annotated[float, Unit("1"), AtLeast(1e-3), AtMost(1e9)] = 10.0,
+    smoothing_scans: Annotated[int, AtLeast(0), AtMost(10**9)] = 0,
     detector: Detector = Detector(),  # noqa: B008 - frozen
     motion: TargetMotion = TargetMotion(),  # noqa: B008 - frozen
     start: TargetStart = TargetStart(),  # noqa: B008 - frozen
@@ -92,13 +94,14 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and ten options
     ----------
     scans
         Measurements, scan by scan. A bearing (unit deg) may be one of the components; a
-        range (m) and a bearing (deg, from north) are tracked as east and north of the
-        sensor, and the start's position and velocity are then east and north, too.
+        range (m) and a bearing (deg, from north), perhaps with a range rate (m/s, opening
+        positive), are tracked as east and north of the sensor, and the start's position
+        and velocity are then east and north, too.
     roc
         Measured operating curve of the detector, in place of a model.
     navigation
-        Own ship's position where ranges and bearings are measured from her under way:
-        places are then east and north of the navigation's origin.
+        Own ship's position where bearings, alone or with ranges, are measured from her
+        under way: places are then east and north of the navigation's origin.
     targets
         Which targets there are: "told" (one, or one for each position of the start) or
         "auto" (tracks begin at measurements and end by their score; targets of told
@@ -121,6 +124,9 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and ten options
     loss_score
         Sum at which the target counts as lost: the score's shortfall against a rise of
         one half per scan (Page 1954).
+    smoothing_scans
+        Number of later scans that each state learns from, too: 0 for the filter alone, a
+        fixed lag, or all of the record from the number of its scans on.
     detector
         How the measurements were detected.
     motion
@@ -150,70 +156,75 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and ten options
     likelihood ratio of one, and reaches a score s at any time with probability exp(-s)
     at most (Ville 1939; Wald 1947). Not more than r false tracks per hour follow.
     """
-    units = scans.component_unit
+    units, is_under_way = scans.component_unit, navigation is not None
+    sensing = sensing_of(scans.component, units, is_under_way=is_under_way)
     setting = clutter_setting(
         detector, roc, units.size, rule=threshold, gate=gate, clutter=clutter,
-        period=component_period(units), is_polar=is_polar(units),
+        sensing=sensing,
     )  # fmt: skip
-    models = motion_models(motion)
+    begins = targets == "auto"
+    starts = track_starts(
+        start, sensing, motion_models(motion, sensing.component_unit), begins=begins
+    )
     deviation = check_scans(scans, measured_std, adaptive=threshold != "fixed")
-    table = scan_table(scans, deviation, _own_places(scans, navigation))
-    rows, switch = split_scans(scans), switching(motion)
+    own = _own_ship(scans, navigation, sensing)
+    table = scan_table(scans, deviation, sensing.kind, own)
+    rows = split_scans(scans)
 
     @cache
     def carry(interval_s: float) -> tuple[FloatArray, FloatArray]:
-        steps = [
-            constant_velocity(interval_s, variance, setting.dimension)
-            for variance in models
-        ]
-        return steps[0][0], np.array([noise for _, noise in steps])
+        return starts.models.carry(interval_s, sensing.component.size)
 
-    def begin(place: FloatArray, spread: FloatArray) -> Belief:
-        return begin_tracks(place, spread, start, len(models))
-
-    begins = targets == "auto"
-    count = n_told(start, units.size)
+    count = n_told(start, sensing.component.size)
+    nowhere: FloatArray = np.empty((0, sensing.component.size))
     told = FirstState(
-        begin(np.empty((0, units.size)), np.empty((0, units.size, units.size))),
-        0, float(scans.time_s[0]),
+        starts.at(nowhere, nowhere[..., None] * nowhere[:, None]), 0,
+        float(scans.time_s[0]),
     )  # fmt: skip
     if count or not begins:
-        told = start_belief(scans, table, rows, start, begin)
+        told = told_starts(scans, table, rows, starts)
     later = rows[told.first_scan :]
+    ending = Ending(loss_score)
     if count <= 1 and not begins:
-        past = _follow_one(scans, table, later, told, setting, carry, switch)
-        return target_table(scans, table, later, past, setting, Ending(loss_score))
-    _refuse_of_several(threshold, clutter, begins=begins)
-    least = least_amplitude(setting)
-    confirming = np.inf
-    if begins:
-        starts = usable_rows(scans, least)[np.concatenate(later)].sum()
-        confirming = _confirming_score(scans, later, int(starts), false_tracks_per_hour)
-    followed = follow_several(
-        scan_rows(scans, table, later, least), told.belief, told.time_s, setting,
-        TrackRule(begins, confirming, loss_score),
-        motion=carry, switching=switch, begin=begin,
-    )  # fmt: skip
-    ending = Ending(
-        loss_score, followed.ended, false_tracks_per_hour if begins else None,
-        confirming if begins else None, followed.n_crowded,
-    )  # fmt: skip
-    return target_table(scans, table, later, followed.scans, setting, ending)
+        past = _follow_one(scans, table, later, told, setting, carry, starts)
+    else:
+        _refuse_of_several(threshold, clutter, begins=begins)
+        least = least_amplitude(setting)
+        confirming = np.inf
+        if begins:
+            able = usable_rows(scans, least)[np.concatenate(later)].sum()
+            confirming = _confirming_score(
+                scans, later, int(able), false_tracks_per_hour
+            )
+        followed = follow_several(
+            scan_rows(scans, table, later, least), told.belief, told.time_s, setting,
+            TrackRule(begins, confirming, loss_score), motion=carry,
+            switching=starts.models.switching, begin=starts.at_measurements,
+        )  # fmt: skip
+        past = followed.scans
+        ending = Ending(
+            loss_score, followed.ended, false_tracks_per_hour if begins else None,
+            confirming if begins else None, followed.n_crowded,
+        )  # fmt: skip
+    smoothing = Smoothing(smoothing_scans, carry, starts)
+    return target_table(scans, table, later, past, setting, ending, smoothing)
 
 
-def _own_places(scans: Scans, navigation: Navigation | None) -> FloatArray | None:
-    """Return where each range and bearing was measured from, if she is under way."""
+def _own_ship(
+    scans: Scans, navigation: Navigation | None, sensing: Sensing
+) -> FloatArray | None:
+    """Return own ship's place and velocity at each row, if she is under way."""
     if navigation is None:
         return None
-    units = scans.component_unit
-    if not is_polar(units):
+    if sensing.kind == "components":
         msg = (
-            "own ship's navigation belongs to scans of a range in m and a bearing in "
-            f"deg, these have {', '.join(map(repr, units.tolist()))}; leave --own-ship "
-            "out."
+            "own ship's navigation belongs to scans of bearings in deg, alone or with a "
+            "range in m and perhaps a range rate in m/s, these have "
+            f"{', '.join(map(repr, scans.component_unit.tolist()))}; leave --own-ship out."
         )
         raise OptionError(msg)
-    return own_places(navigation, scans.time_s, scans.start_utc_ns)
+    found = own_motion(navigation, scans.time_s, scans.start_utc_ns, "scans")
+    return np.concatenate([found.position, found.velocity], axis=1)
 
 
 def _refuse_of_several(threshold: str, clutter: str, *, begins: bool) -> None:
@@ -239,7 +250,7 @@ def _follow_one(
     told: FirstState,
     setting: ClutterSetting,
     carry: Callable[[float], tuple[FloatArray, FloatArray]],
-    switch: FloatArray,
+    starts: TrackStarts,
 ) -> list[FollowedScan]:
     """Follow one target by the threshold's rule."""
     belief, time_s = told.belief, told.time_s
@@ -252,8 +263,9 @@ def _follow_one(
         time_s += interval
         transition, noise = carry(interval)
         update = step(
-            belief, scan, setting, transition=transition, noise=noise, switching=switch
-        )
+            belief, scan, setting, transition=transition, noise=noise,
+            switching=starts.models.switching,
+        )  # fmt: skip
         past.append(FollowedScan(place, track, update, index[None]))
         belief = update.belief
     return past

@@ -1,24 +1,19 @@
-"""A table of scans: checked, cut into scans, and the start of a track in it.
+"""A table of scans: checked, in components that are tracked, and cut into scans.
 
 **Conventions.** Every message names the row (from 1), what is wrong and what is accepted.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from uwtrack_cli.clutter.clutter_filter import ClutterSetting, Scan
-from uwtrack_cli.clutter.options import TargetStart
+from uwtrack_cli.clutter.sensing import DEGREES, SensedKind
 from uwtrack_cli.clutter.several_targets import ScanRows
-from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray, TextArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.estimation.imm import Belief
-
-DEGREES = ("deg", "degree", "degrees", "°")
-"""Units of an angle."""
 
 
 def check_scans(
@@ -96,37 +91,17 @@ class ScanTable:
     """Components, ``(row, m)``; nan in an empty scan."""
     covariance: FloatArray
     """Covariance of each measurement, ``(row, m, m)``."""
-    component: TextArray
-    """Name of each component."""
-    component_unit: TextArray
-    """Unit of each component."""
-    origin: FloatArray | None = None
-    """Where each was measured from, east and north in m, ``(row, 2)``."""
-
-
-def is_polar(units: TextArray) -> bool:
-    """Tell whether the components are a range in metres and a bearing in degrees."""
-    return units.size == 2 and "m" in units and bool(np.isin(units, DEGREES).any())
-
-
-def component_period(units: TextArray) -> FloatArray | None:
-    """Return the period of each tracked component, infinite for none.
-
-    None where no component is an angle, or where it becomes east and north.
-    """
-    is_angle = np.isin(units, DEGREES)
-    if is_polar(units) or not is_angle.any():
-        return None
-    return np.where(is_angle, 360.0, np.inf)
+    own: FloatArray | None = None
+    """Own ship's east, north and their rates at each, ``(row, 4)``."""
 
 
 def scan_table(
-    scans: Scans, deviation: FloatArray, origin: FloatArray | None = None
+    scans: Scans, deviation: FloatArray, kind: SensedKind, own: FloatArray | None = None
 ) -> ScanTable:
     """Return the measurements in components in which targets move straight.
 
-    A range in metres and a bearing in degrees become east and north, from ``origin``,
-    ``(row, 2)``, where that is told; anything else is kept, and angles keep their period.
+    A range in metres and a bearing in degrees become east and north, from own ship, ``(row,
+    4)``, where she is told; anything else is kept, and angles keep their period.
 
     Notes
     -----
@@ -136,30 +111,34 @@ def scan_table(
     (Longbin, Xiaoquan, Yizhong, Kang and Bar-Shalom 1998, IEEE Trans. AES 34, 1023).
     """
     units = scans.component_unit
-    if not is_polar(units):
+    if not kind.startswith("places"):
         covariance = (deviation**2)[..., None] * np.eye(units.size)
-        return ScanTable(scans.measured, covariance, scans.component, units)
-    angle = int(np.isin(units, DEGREES).argmax())
-    distance, spread = scans.measured[:, 1 - angle], deviation[:, 1 - angle]
+        return ScanTable(scans.measured, covariance, own)
+    is_angle = np.isin(units, DEGREES)
+    angle, reach = int(is_angle.argmax()), int((units == "m").argmax())
+    distance, spread = scans.measured[:, reach], deviation[:, reach]
     bearing, std = np.radians(scans.measured[:, angle]), np.radians(deviation[:, angle])
     once, twice = np.exp(-0.5 * std**2), np.exp(-2.0 * std**2)
     sine, cosine = np.sin(bearing), np.cos(bearing)
     less, more = (once**-2 - 2.0) * distance**2, 0.5 * (distance**2 + spread**2)
-    covariance = np.empty((distance.size, 2, 2))
+    covariance = np.zeros((distance.size, units.size, units.size))
     covariance[:, 0, 0] = less * sine**2 + more * (1.0 - twice * np.cos(2 * bearing))
     covariance[:, 1, 1] = less * cosine**2 + more * (1.0 + twice * np.cos(2 * bearing))
     both = less * sine * cosine + more * twice * np.sin(2 * bearing)
     covariance[:, 0, 1] = covariance[:, 1, 0] = both
     place = np.stack([sine, cosine], axis=1) * (distance / once)[:, None]
-    if origin is not None:
-        place += origin
-    names, metres = np.array(["east", "north"]), np.array(["m", "m"])
-    return ScanTable(place, covariance, names, metres, origin)
+    if own is not None:
+        place += own[:, :2]
+    if kind == "places and rates":
+        rate = int((~is_angle & (units != "m")).argmax())
+        place = np.concatenate([place, scans.measured[:, rate, None]], axis=1)
+        covariance[:, 2, 2] = deviation[:, rate] ** 2
+    return ScanTable(place, covariance, own)
 
 
-def _origin(table: ScanTable, row: IntArray) -> FloatArray | None:
-    """Return where a scan was measured from, which its rows share."""
-    return None if table.origin is None else table.origin[row[0]]
+def _own(table: ScanTable, row: IntArray) -> FloatArray | None:
+    """Return own ship at a scan, which its rows share."""
+    return None if table.own is None else table.own[row[0]]
 
 
 def scan_arrays(
@@ -172,12 +151,13 @@ def scan_arrays(
     usual = told.mean(axis=0)[None]
     is_common = bool((told == told[0]).all())
     for row in rows:
-        present, noise = everywhere[row], told[:1]
+        one = slice(row[0], row[-1] + 1)  # the rows of a scan follow each other
+        present, noise = everywhere[one], told[:1]
         if not is_common:
-            noise = _scan_noise(table.covariance[row], present, usual)
+            noise = _scan_noise(table.covariance[one], present, usual)
         yield Scan(
-            table.measured[row][None], present[None], scans.amplitude[row][None],
-            noise[None], _origin(table, row),
+            table.measured[None, one], present[None], scans.amplitude[None, one],
+            noise[None], _own(table, row),
         )  # fmt: skip
 
 
@@ -192,7 +172,7 @@ def scan_rows(
         own = row[usable[row]]
         yield ScanRows(
             float(scans.time_s[row[0]]), own, table.measured[own],
-            table.covariance[own], usual, _origin(table, row),
+            table.covariance[own], usual, _own(table, row),
         )  # fmt: skip
 
 
@@ -216,114 +196,3 @@ def _scan_noise(noise: FloatArray, present: BoolArray, usual: FloatArray) -> Flo
     if (known == known[0]).all():
         return known[:1]
     return np.where(present[:, None, None], noise, usual)
-
-
-class FirstState(NamedTuple):
-    """The states that tracks start from."""
-
-    belief: Belief
-    """State and covariance under every model, ``(model, target, ...)``."""
-    first_scan: int
-    """Scan to begin with."""
-    time_s: float
-    """Time of the states, s."""
-
-
-def start_belief(
-    scans: Scans,
-    table: ScanTable,
-    rows: list[IntArray],
-    start: TargetStart,
-    begin: Callable[[FloatArray, FloatArray], Belief],
-) -> FirstState:
-    """Return the states that the tracks of told positions start from.
-
-    Without a position it is the strongest measurement of the first scan that has one.
-    """
-    dimension = scans.measured.shape[1]
-    if start.position is None:
-        first, row = _strongest(scans, rows)
-        place, time_s = table.measured[row][None], float(scans.time_s[row])
-        spread = table.covariance[row][None]
-    else:
-        place = _by_target(start.position, "position", dimension)
-        deviation = _needed(start.position_std, "position_std")
-        spread = np.tile(deviation**2 * np.eye(dimension), (len(place), 1, 1))
-        first, time_s = 0, float(scans.time_s[0])
-        if start.time_s is not None:
-            time_s = start.time_s
-            first = int(sum(scans.time_s[index[0]] < time_s for index in rows))
-    if first >= len(rows):
-        msg = f"there is no scan after the start of the track at {time_s:g} s."
-        raise DataError(msg)
-    return FirstState(begin(place, spread), first, time_s)
-
-
-def begin_tracks(
-    place: FloatArray, spread: FloatArray, start: TargetStart, n_models: int
-) -> Belief:
-    """Return tracks at places, ``(target, m)``, of covariances, ``(target, m, m)``."""
-    count, dimension = place.shape
-    mean = np.zeros((count, 2 * dimension))
-    covariance = np.zeros((count, 2 * dimension, 2 * dimension))
-    rate = np.arange(1, 2 * dimension, 2)
-    mean[:, ::2], covariance[:, ::2, ::2] = place, spread
-    covariance[:, rate, rate] = _needed(start.velocity_std, "velocity_std") ** 2
-    if start.velocity is not None:
-        velocity = _by_target(start.velocity, "velocity", dimension)
-        # one velocity is that of all, those of told targets are theirs alone
-        if len(velocity) in {1, count}:
-            mean[:, 1::2] = velocity
-    prior = np.array([[1.0]] if n_models == 1 else [[0.9], [0.1]])
-    return Belief(
-        np.tile(mean, (n_models, 1, 1)), np.tile(covariance, (n_models, 1, 1, 1)),
-        np.tile(prior, (1, count)),
-    )  # fmt: skip
-
-
-def _strongest(scans: Scans, rows: list[IntArray]) -> tuple[int, int]:
-    """Return the scan after the first that is not empty, and its strongest row."""
-    measured = has_measurement(scans)
-    scan = next(i for i, index in enumerate(rows) if measured[index].any())
-    index = rows[scan][measured[rows[scan]]]
-    amplitude = scans.amplitude[index]
-    if index.size > 1 and np.isnan(amplitude).any():
-        msg = (
-            f"scan {int(scans.scan[index[0]])} has {index.size} measurements without "
-            "amplitude, and any may be the target: give start.position "
-            "(--start-position)."
-        )
-        raise DataError(msg)
-    best = 0 if index.size == 1 else int(amplitude.argmax())
-    return scan + 1, int(index[best])
-
-
-def n_told(start: TargetStart, dimension: int) -> int:
-    """Return the number of targets whose position was told."""
-    count = 0
-    if start.position is not None:
-        count = len(_by_target(start.position, "position", dimension))
-    if start.velocity is not None:
-        rates = len(_by_target(start.velocity, "velocity", dimension))
-        if rates not in {1, count}:
-            msg = (
-                f"start.velocity must be {dimension} numbers for all targets or for "
-                f"each of the {count} told, got {start.velocity}."
-            )
-            raise OptionError(msg)
-    return count
-
-
-def _by_target(values: list[float], name: str, dimension: int) -> FloatArray:
-    """Return the components that were told for each target, ``(target, m)``."""
-    if not values or len(values) % dimension:
-        msg = f"start.{name} must be {dimension} numbers for each target, got {values}."
-        raise OptionError(msg)
-    return np.array(values, dtype=np.float64).reshape(-1, dimension)
-
-
-def _needed(value: float | None, name: str) -> float:
-    if value is None:
-        msg = f"start.{name} (--start-{name.replace('_', '-')}) must be given."
-        raise OptionError(msg)
-    return value

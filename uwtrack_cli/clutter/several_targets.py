@@ -28,14 +28,12 @@ from uwtrack_cli.clutter.clutter_filter import (
     learn,
     look,
 )
-from uwtrack_cli.clutter.track_score import LEAST_RISE
+from uwtrack_cli.clutter.sensing import expect_with_spread
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.estimation.imm import Belief, advance, mix
 from uwtrack_cli.estimation.joint_association import associate_jointly
 from uwtrack_cli.estimation.probabilistic_association import Association
-
-DISMISSED = -2.0
-"""Score at which a tentative track is given up, as with tentative lines."""
+from uwtrack_cli.estimation.track_score import DISMISSED, shortfall
 
 LIKELY = 0.5
 """Association probability from which a measurement counts as a track's own."""
@@ -101,27 +99,20 @@ class _Tracks:
         """Keep some of them, the confirmed before the tentative."""
         places = np.flatnonzero(chosen)
         places = places[np.argsort(~self.is_confirmed[places], kind="stable")]
-        self.belief = Belief(
-            self.belief.mean[:, places],
-            self.belief.covariance[:, places],
-            self.belief.probability[:, places],
-        )
+        self.belief = self.belief.take(places)
         self.number = self.number[places]
         self.is_confirmed = self.is_confirmed[places]
         self.score, self.cusum = self.score[places], self.cusum[places]
 
-    def add(self, belief: Belief, first: int, *, is_confirmed: bool) -> None:
-        """Add new tracks behind the others."""
+    def add(self, belief: Belief, first: int) -> None:
+        """Add new tentative tracks behind the others."""
         count = belief.mean.shape[1]
-        self.belief = Belief(
-            np.concatenate([self.belief.mean, belief.mean], axis=1),
-            np.concatenate([self.belief.covariance, belief.covariance], axis=1),
-            np.concatenate([self.belief.probability, belief.probability], axis=1),
-        )
+        nothing = np.zeros(count)
+        self.belief = Belief.join([self.belief, belief])
         self.number = np.append(self.number, np.arange(first, first + count))
-        self.is_confirmed = np.append(self.is_confirmed, np.full(count, is_confirmed))
-        self.score = np.append(self.score, np.zeros(count))
-        self.cusum = np.append(self.cusum, np.zeros(count))
+        self.is_confirmed = np.append(self.is_confirmed, nothing > 0.0)
+        self.score = np.append(self.score, nothing)
+        self.cusum = np.append(self.cusum, nothing)
 
 
 class ScanRows(NamedTuple):
@@ -137,8 +128,8 @@ class ScanRows(NamedTuple):
     """Their covariances, ``(k, m, m)``."""
     usual_noise: FloatArray
     """Covariance that stands for a measurement where there is none, ``(m, m)``."""
-    origin: FloatArray | None
-    """Where they were measured from; see `Scan`."""
+    own: FloatArray | None
+    """Own ship; see `Scan`."""
 
 
 def follow_several(
@@ -150,7 +141,7 @@ def follow_several(
     *,
     motion: Callable[[float], tuple[FloatArray, FloatArray]],
     switching: FloatArray,
-    begin: Callable[[FloatArray, FloatArray], Belief],
+    begin: Callable[[ScanRows, BoolArray], Belief],
 ) -> Followed:
     """Follow targets through scans.
 
@@ -171,8 +162,7 @@ def follow_several(
     switching
         Probabilities of changing the motion model.
     begin
-        Returns the state of tracks that begin at measurements, of their components and
-        covariances.
+        Returns the state of tracks that begin at some of a scan's measurements.
 
     Returns
     -------
@@ -180,11 +170,10 @@ def follow_several(
         The tracks that were confirmed, from their first measurement on.
     """
     n_told = told.mean.shape[1]
-    nothing = Belief(told.mean[:, :0], told.covariance[:, :0], told.probability[:, :0])
     tracks = _Tracks(
-        nothing, np.empty(0, np.int64), np.empty(0, bool), np.empty(0), np.empty(0)
-    )
-    tracks.add(told, 1, is_confirmed=True)
+        told, np.arange(1, n_told + 1), np.full(n_told, fill_value=True),
+        np.zeros(n_told), np.zeros(n_told),
+    )  # fmt: skip
     next_number, n_crowded = n_told + 1, 0
     confirmed: list[int] = tracks.number.tolist()
     ended: list[int] = []
@@ -213,8 +202,7 @@ def follow_several(
             continue
         free = claimed < LIKELY
         if free.any():
-            started = begin(scan.measured[free], scan.noise[free])
-            tracks.add(started, next_number, is_confirmed=False)
+            tracks.add(begin(scan, free), next_number)
             next_number += int(free.sum())
         if len(past) - remembered >= FORGET_SCANS:
             known = np.union1d(confirmed, tracks.number)
@@ -245,14 +233,14 @@ def _candidates(
         empty = np.zeros((n_tracks, 1, setting.dimension))
         absent = np.zeros((n_tracks, 1), dtype=bool)
         return absent.astype(np.int64), Scan(
-            empty, absent, np.full(absent.shape, np.nan), common, scan.origin
+            empty, absent, np.full(absent.shape, np.nan), common, scan.own
         )
-    variance = np.diagonal(predicted.covariance, axis1=-2, axis2=-1)[..., ::2]
+    expected, variance = expect_with_spread(predicted, setting.sensing, scan.own)
     widest = np.diagonal(scan.noise, axis1=-2, axis2=-1).max(axis=0)
     reach = setting.gate * np.sqrt(variance + widest)
     near = np.ones((*predicted.mean.shape[:2], count), dtype=bool)
     for i in range(setting.dimension):
-        away = scan.measured[:, i] - predicted.mean[..., 2 * i, None]
+        away = scan.measured[:, i] - expected[..., i, None]
         if setting.period is not None and np.isfinite(setting.period[i]):
             away -= setting.period[i] * np.round(away / setting.period[i])
         near &= np.abs(away) <= reach[..., i, None]
@@ -266,7 +254,7 @@ def _candidates(
         first = np.where(present[:, :1], order[:, :1], order)
         noise = scan.noise[np.where(present, order, first)]
     amplitude = np.full(order.shape, np.nan)  # those below the threshold are gone
-    return order, Scan(scan.measured[order], present, amplitude, noise, scan.origin)
+    return order, Scan(scan.measured[order], present, amplitude, noise, scan.own)
 
 
 def _associate(
@@ -331,7 +319,7 @@ def _judge(
     """
     rise = association.log_likelihood_ratio
     tracks.score = tracks.score + rise
-    tracks.cusum = np.maximum(tracks.cusum + LEAST_RISE - rise, 0.0)
+    tracks.cusum = shortfall(tracks.cusum, rise)
     best = association.weight.argmax(axis=1)[:, None]
     is_own = np.take_along_axis(association.weight, best, axis=1)[:, 0] >= LIKELY
     own = np.take_along_axis(near, best, axis=1)[:, 0]

@@ -8,12 +8,15 @@ import numpy as np
 from uwtrack_cli.clutter.clutter_density import FoundClutter, neighbours_of
 from uwtrack_cli.clutter.clutter_filter import ClutterSetting, ScanUpdate
 from uwtrack_cli.clutter.scan_table import ScanTable, least_amplitude, usable_rows
+from uwtrack_cli.clutter.sensing import Sensing, expect
 from uwtrack_cli.clutter.several_targets import FollowedScan
-from uwtrack_cli.clutter.track_score import track_score
+from uwtrack_cli.clutter.track_start import TrackStarts
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
+from uwtrack_cli.estimation.imm import Belief, moments, smooth
 from uwtrack_cli.estimation.information_reduction import information_reduction
+from uwtrack_cli.estimation.track_score import track_score
 
 
 class Ending(NamedTuple):
@@ -31,6 +34,17 @@ class Ending(NamedTuple):
     """Scans in which pairs were left out."""
 
 
+class Smoothing(NamedTuple):
+    """What it takes to let states learn from later scans."""
+
+    lag: int
+    """Number of later scans; 0 for none."""
+    carry: Callable[[float], tuple[FloatArray, FloatArray]]
+    """Returns F and Q of the models for an interval in s."""
+    starts: TrackStarts
+    """Motion models, and what is tracked."""
+
+
 def target_table(
     scans: Scans,
     table: ScanTable,
@@ -38,6 +52,7 @@ def target_table(
     past: list[FollowedScan],
     setting: ClutterSetting,
     ending: Ending,
+    smoothing: Smoothing,
 ) -> Target:
     """Gather the tracks after each scan into the container.
 
@@ -59,24 +74,36 @@ def target_table(
     detection = column(lambda u: u.point.detection)
     gate, expected = column(lambda u: u.gate), column(lambda u: u.expected_clutter)
     volume = column(lambda u: u.gate_volume)
-    state = column(lambda u: u.mean)
     lost = cusum > ending.loss_score
+    first = np.array([index[0] for index in rows])[scan[order]]
+    belief = Belief.join([each.update.belief for each in past]).take(order)
+    state, covariance = column(lambda u: u.mean), column(lambda u: u.covariance)
+    if smoothing.lag:
+        belief = _smoothed(belief, number, scans.time_s[first], smoothing)
+        state, covariance = moments(belief)
+    chance = belief.probability
+    n_ranges = smoothing.starts.range_m.size
+    chance = chance.reshape(len(chance) // n_ranges, n_ranges, order.size).sum(axis=1)
+    own = None if table.own is None else table.own[first]
+    found = expect(state, setting.sensing, own)
+    expected_of_state = state[:, ::2] if found is None else found.measured
     clutter = None
     if not setting.count_clutter:
         recorded = setting.false_alarm if setting.rule == "fixed" else setting.limits[1]
         clutter = _found_clutter(
-            scans, table, [rows[place] for place in scan[order]], number, state, lost,
+            scans, table, [rows[place] for place in scan[order]], number,
+            expected_of_state, lost,
             expected / volume * (recorded / false_alarm),
             np.bincount(association_row, weight, scans.scan.size) >= 0.5, setting,
         )  # fmt: skip
-    first = np.array([index[0] for index in rows])[scan[order]]
+    sensing = smoothing.starts.sensing
     return Target(
         target_id=number + 1,
         scan=scans.scan[first],
         time_s=scans.time_s[first],
-        state=_in_circle(state, setting.period),
-        state_covariance=column(lambda u: u.covariance),
-        model_probability=column(lambda u: u.belief.probability.T),
+        state=_in_circle(state, sensing),
+        state_covariance=covariance,
+        model_probability=chance.T,
         false_alarm_probability=false_alarm,
         detection_probability=detection,
         threshold=setting.curve.threshold(false_alarm),
@@ -95,12 +122,13 @@ def target_table(
         association_scan=scans.scan[association_row],
         association_row=association_row,
         association_probability=weight,
-        component=table.component,
-        component_unit=table.component_unit,
+        component=sensing.component,
+        component_unit=sensing.component_unit,
         threshold_rule=setting.rule,
         false_tracks_per_hour=ending.false_tracks_per_hour,
         confirming_score=ending.confirming_score,
         crowded_scans=ending.crowded_scans,
+        smoothing_scans=smoothing.lag or None,
         clutter_ratio=None if clutter is None else clutter.ratio,
         clutter_ratio_std=None if clutter is None else clutter.ratio_std,
         start_utc_ns=scans.start_utc_ns,
@@ -164,7 +192,7 @@ def _found_clutter(
     table: ScanTable,
     rows: list[IntArray],
     number: IntArray,
-    state: FloatArray,
+    expected: FloatArray,
     lost: BoolArray,
     density: FloatArray,
     is_taken: BoolArray,
@@ -182,7 +210,7 @@ def _found_clutter(
         row = np.concatenate([rows[place] for place in own])
         scan = np.repeat(np.arange(own.size), [rows[place].size for place in own])
         row, scan = row[is_false[row]], scan[is_false[row]]
-        away = table.measured[row] - state[own][scan, ::2]
+        away = table.measured[row] - expected[own][scan]
         if setting.period is not None:
             whole = np.where(np.isfinite(setting.period), setting.period, 0.0)
             away -= np.round(away / setting.period) * whole
@@ -193,9 +221,33 @@ def _found_clutter(
     return found
 
 
-def _in_circle(state: FloatArray, period: FloatArray | None) -> FloatArray:
+def _smoothed(
+    belief: Belief, number: IntArray, time_s: FloatArray, smoothing: Smoothing
+) -> Belief:
+    """Smooth the states of every target, whose scans follow each other."""
+    parts = []
+    for target in range(int(number.max(initial=-1)) + 1):
+        own = number == target
+        steps = [smoothing.carry(float(step)) for step in np.diff(time_s[own])]
+        one = belief.take(own)
+        if steps:
+            count, states = len(one.mean), one.mean.shape[-1]
+            shape = (count, len(steps), states, states)
+            forward, noise = (np.array(each) for each in zip(*steps, strict=True))
+            if forward.ndim == 3:  # one for all models
+                forward = forward[:, None]
+            one = smooth(
+                one, np.broadcast_to(forward.swapaxes(0, 1), shape),
+                noise.swapaxes(0, 1), smoothing.starts.models.switching, smoothing.lag,
+            )  # fmt: skip
+        parts.append(one)
+    return Belief.join(parts) if parts else belief
+
+
+def _in_circle(state: FloatArray, sensing: Sensing) -> FloatArray:
     """Bring angles to where compass bearings lie, from 0 up to 360."""
-    if period is None:
+    period = sensing.period
+    if period is None or sensing.kind != "components":
         return state
     for i in np.flatnonzero(np.isfinite(period)):
         state[:, 2 * i] %= period[i]

@@ -109,6 +109,10 @@ class Target(Container):
         "of the joint hypotheses; none for one target.",
         None,
     )
+    smoothing_scans: int | None = scalar(
+        "Number of later scans that each state learns from; none for the filter alone.",
+        None,
+    )
     clutter_ratio: float | None = scalar(
         "Density of false measurements about the targets over the one told.", None
     )

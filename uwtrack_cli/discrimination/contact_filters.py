@@ -1,26 +1,27 @@
 """The filters of a contact that moves and of one that only drifts.
 
-**Method.** *Moving*: an extended Kalman filter of nearly constant velocity on range,
-bearing and range rate. *Drifting*: an extended Kalman filter of bearing and inverse
-range, which own ship's motion past the contact must give, beside the range and range
-rate with which it answers. These are false, but go on as steadily as a vessel's: were
-they free in every scan, their noise alone would tell one repeater from the other.
-Both filters have one or more process noises that interact, and both are Gaussian sums
-over what their first measurement leaves open, the moving one over the speed across the
-line of sight and over the bearing, the drifting one over the inverse range: each term
-is narrow enough to be linear in it. Both return the logarithm of the density of what
-was measured, without the factors of 2 pi.
+**Method.** Both are extended Kalman filters in polar coordinates about own ship, in which
+what is measured is linear: a bearing that is some degrees wrong bends a place in east and
+north by more than a range is wrong. *Moving*: nearly constant velocity. *Drifting*:
+bearing and inverse range, which own ship's motion past the contact must give, beside the
+range and range rate with which it answers. These are false, but go on as steadily as a
+vessel's: were they free in every scan, their noise alone would tell one repeater from the
+other. Both filters have one or more process noises that interact, and both are Gaussian
+sums over what their first measurement leaves open, the moving one over the speed across
+the line of sight, the drifting one over the inverse range: each term is narrow enough to
+be linear in it. Both return the logarithm of the density of what was measured, without
+the factors of 2 pi.
 
 **Conventions.** Metres, seconds; bearings are mathematical, atan2(north, east), in
-radians. A moving state is east, north and their rates on a fixed grid, which equals the
-published relative state with own ship's accelerations as an input. A drifting state is
-bearing, inverse range, measured range and the false part of the range rate. Leading
-axes are anything stepped together; the models of `uwtrack_cli.estimation.imm` come
-first, with their intensities of white acceleration, sigma_v^2, and chances of
-switching, the terms of the sum second. A measurement that is nan is left out.
+radians, and go on beyond half a circle. A state is the bearing, then the speed over ground
+across the line of sight of a moving contact or the inverse range of a drifting one, then
+the range and the speed over ground along the line of sight as they are measured. Leading
+axes are anything stepped together; the models of `uwtrack_cli.estimation.imm` come first,
+with their intensities of white acceleration, sigma_v^2, and chances of switching, the
+terms of the sum second. A measurement that is nan is left out.
 
 **References.** Jeong and Hong (1996), equations 5-18 as corrected; Aidala and Hammel
-(1983) for the modified polar state; Alspach and Sorenson (1972) for Gaussian sums.
+(1983) for polar states; Alspach and Sorenson (1972) for Gaussian sums.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +31,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.estimation.constant_velocity import transition, white_acceleration
-from uwtrack_cli.estimation.imm import Belief, advance, mix, reweigh
+from uwtrack_cli.estimation.imm import Belief, mix, reweigh
 
 _SPEED_SHARE = 0.25
 """Deviation of a term over that of the speed across the line of sight."""
@@ -97,49 +98,11 @@ def start_moving(
 
     Velocity is zero but for the measured range rate, each component with a deviation.
     """
-    distance, bearing, rate = np.moveaxis(observation.measured, -1, 0)
-    var_r, var_b, _ = np.moveaxis(observation.variance, -1, 0)
-    # The arc of a term leaves its tangent by an eighth of the deviation of the range.
-    narrow = 0.5 * np.sqrt(np.sqrt(var_r) / distance / var_b).min()
-    turns, turn_weight = _terms(max(float(narrow), 0.1))
-    speeds, speed_weight = _terms(_SPEED_SHARE)
-    axes = (-1, *(1,) * distance.ndim)
-    turned = np.tile(turns, speeds.size).reshape(axes)
-    sideways = speed_std_mps * np.repeat(speeds, turns.size).reshape(axes)
-    bearing = bearing + turned * np.sqrt(var_b)
-    along = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
-    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    gain, var_towards = _radial_prior(observation, speed_std_mps)
-    # Own ship's motion along the line of sight belongs to the measured rate.
-    own = (observation.velocity * along).sum(axis=-1)
-    towards = np.where(np.isfinite(rate), gain * (rate + own), 0.0)
-    sideways = np.broadcast_to(sideways, bearing.shape)
-    mean = np.concatenate(
-        [
-            observation.position + distance[..., None] * along,
-            towards[..., None] * along + sideways[..., None] * across,
-        ],
-        -1,
+    speeds, log_weight = _terms(_SPEED_SHARE)
+    width = _SPEED_SHARE * speed_std_mps
+    return _begun(
+        observation, speed_std_mps, speed_std_mps * speeds, width, log_weight, n_models
     )
-    # Columns: errors of range, bearing, radial speed and speed across. A bearing that is
-    # wrong lets the rate measured be that along another line.
-    slip = gain * ((observation.velocity * across).sum(axis=-1) - sideways)
-    slope = np.zeros((*bearing.shape, 4, 4))
-    slope[..., :2, 0] = along
-    slope[..., :2, 1] = distance[..., None] * across
-    slope[..., 2:, 1] = slip[..., None] * along
-    slope[..., 2:, 2] = along
-    slope[..., 2:, 3] = across
-    free = (_SPEED_SHARE * speed_std_mps) ** 2
-    variance = np.stack(
-        np.broadcast_arrays(
-            var_r, var_b * min(narrow, 1.0) ** 2, var_towards, free, bearing
-        )[:4],
-        axis=-1,
-    )
-    spread = (slope * variance[..., None, :]) @ np.swapaxes(slope, -1, -2)
-    weight = np.add.outer(speed_weight, turn_weight).reshape(axes)
-    return _sum_of(mean, spread, weight, n_models)
 
 
 def _terms(share: float) -> tuple[FloatArray, FloatArray]:
@@ -155,47 +118,117 @@ def _terms(share: float) -> tuple[FloatArray, FloatArray]:
     return centres, np.log(weight / weight.sum())
 
 
-def _radial_prior(
-    observation: Observation, speed_std_mps: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return the gain of a measured range rate over none, and the variance left."""
-    free, var_d = speed_std_mps**2, observation.variance[..., 2]
-    known = np.isfinite(observation.measured[..., 2])
-    gain = np.where(known, free / (free + var_d), 0.0)
-    return gain, free * (1.0 - gain)
-
-
-def _sum_of(
-    mean: FloatArray, spread: FloatArray, log_weight: FloatArray, n_models: int
+def _begun(
+    observation: Observation,
+    speed_std_mps: float,
+    centres: FloatArray,
+    width: float | FloatArray,
+    log_weight: FloatArray,
+    n_models: int,
 ) -> GaussianSum:
-    """Give all models the same terms."""
+    """Return the terms of a filter that begins, all models with the same ones.
+
+    ``centres`` and ``width`` are of the second component of the state, ``(term, ...)``.
+    Own ship's motion along the line of sight belongs to the rate measured, so that its
+    error goes with that of the bearing.
+    """
+    distance, bearing, rate = np.moveaxis(observation.measured, -1, 0)
+    var_r, var_b, var_d = np.moveaxis(observation.variance, -1, 0)
+    free = speed_std_mps**2
+    gain = np.where(np.isfinite(rate), free / (free + var_d), 0.0)
+    own, turned = _along_and_across(observation.velocity, bearing)
+    along = np.where(np.isfinite(rate), gain * (rate + own), 0.0)
+    axes = (-1, *(1,) * distance.ndim)
+    if centres.ndim == 1:
+        centres = centres.reshape(axes)
+    mean = np.stack(np.broadcast_arrays(bearing, centres, distance, along), axis=-1)
+    spread = np.zeros((*mean.shape, 4))
+    spread[..., 0, 0], spread[..., 1, 1], spread[..., 2, 2] = var_b, width**2, var_r
+    spread[..., 3, 3] = free * (1.0 - gain) + (gain * turned) ** 2 * var_b
+    spread[..., 0, 3] = spread[..., 3, 0] = gain * turned * var_b
     size = mean.shape[:-1]
     belief = Belief(
         np.broadcast_to(mean, (n_models, *mean.shape)),
         np.broadcast_to(spread, (n_models, *spread.shape)),
         np.full((n_models, *size), 1.0 / n_models),
     )
-    return GaussianSum(belief, np.broadcast_to(log_weight, size))
+    return GaussianSum(belief, np.broadcast_to(log_weight.reshape(axes), size))
+
+
+def _along_and_across(
+    vector: FloatArray, bearing: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return components along and across (to the left of) a line of sight."""
+    sine, cosine = np.sin(bearing), np.cos(bearing)
+    east, north = vector[..., 0], vector[..., 1]
+    return east * cosine + north * sine, north * cosine - east * sine
 
 
 def predict_moving(
-    state: GaussianSum, interval_s: float, intensity: FloatArray, switching: FloatArray
+    state: GaussianSum,
+    interval_s: float,
+    displacement: FloatArray,
+    intensity: FloatArray,
+    switching: FloatArray,
 ) -> GaussianSum:
-    """Carry a moving filter over a step by each model's intensity, m^2/s^3."""
-    belief = advance(
-        mix(state.belief, switching),
-        np.kron(transition(interval_s), np.eye(2)),
-        velocity_noise(interval_s, intensity),
+    """Carry a moving filter over own ship's displacement, east and north, m.
+
+    Notes
+    -----
+    In the frame of the line of sight before the step the contact is carried straight;
+    the noise, alike in all directions, is added in the frame of that after it.
+    """
+    belief = mix(state.belief, switching)
+    theta, across, distance, along = np.moveaxis(belief.mean, -1, 0)
+    own_along, own_across = _along_and_across(displacement, theta)
+    ahead = distance + interval_s * along - own_along
+    aside = interval_s * across - own_across
+    after = np.hypot(ahead, aside)
+    cosine, sine = ahead / after, aside / after
+    new_along, new_across = (
+        along * cosine + across * sine,
+        across * cosine - along * sine,
     )
-    return GaussianSum(belief, state.log_weight)
+    mean = np.stack(
+        [theta + np.arctan2(aside, ahead), new_across, after, new_along], axis=-1
+    )
+    one, none = np.ones_like(theta), np.zeros_like(theta)
+    step = interval_s * one
+    # place and velocity in the old frame by the old state, both carried over the step
+    carried = _matrix([
+        [-step * across, none, one, step],
+        [distance + step * along, step, none, none],
+        [-across, none, none, one],
+        [along, one, none, none],
+    ])  # fmt: skip
+    turned = _matrix([
+        [cosine, sine, none, none], [-sine, cosine, none, none],
+        [none, none, cosine, sine], [none, none, -sine, cosine],
+    ])  # fmt: skip
+    # the new state by place and velocity in the new frame
+    polar = _matrix([
+        [none, one / after, none, none],
+        [none, -new_along / after, none, one],
+        [one, none, none, none],
+        [none, new_across / after, one, none],
+    ])  # fmt: skip
+    slope = polar @ turned @ carried
+    noise = velocity_noise(interval_s, intensity)
+    noise = noise.reshape(-1, *(1,) * (theta.ndim - 1), 4, 4)
+    covariance = slope @ belief.covariance @ np.swapaxes(slope, -1, -2)
+    covariance = covariance + polar @ noise @ np.swapaxes(polar, -1, -2)
+    return GaussianSum(Belief(mean, covariance, belief.probability), state.log_weight)
+
+
+def _matrix(rows: list[list[FloatArray]]) -> FloatArray:
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def update_moving(
     state: GaussianSum, observation: Observation
 ) -> tuple[GaussianSum, InnovationFit]:
     """Correct a predicted filter by a scan; say how it agrees with the prediction."""
-    expected, slope = observe_moving(state.belief.mean, observation)
-    return _correct(state, observation, expected, slope, slice(0, 3))
+    return _correct(state, observation, slice(0, 3))
 
 
 def _merged(state: GaussianSum) -> GaussianSum:
@@ -221,12 +254,16 @@ def _merged(state: GaussianSum) -> GaussianSum:
 def _correct(
     state: GaussianSum,
     observation: Observation,
-    expected: FloatArray,
-    slope: FloatArray,
     trusted: slice,
 ) -> tuple[GaussianSum, InnovationFit]:
     """Correct all terms and models and weigh them by what they foresaw."""
     belief = state.belief
+    theta, _, distance, along = np.moveaxis(belief.mean, -1, 0)
+    own, turned = _along_and_across(observation.velocity, theta)
+    expected = np.stack([distance, theta, along - own], axis=-1)
+    slope = np.zeros((*theta.shape, 3, 4))
+    slope[..., 0, 2] = slope[..., 1, 0] = slope[..., 2, 3] = 1.0
+    slope[..., 2, 0] = -turned
     known = np.isfinite(observation.measured)
     residual = np.where(known, observation.measured - expected, 0.0)
     residual[..., 1] = wrap_rad(residual[..., 1])
@@ -267,32 +304,6 @@ def _log_sum(log_value: FloatArray) -> FloatArray:
     return np.asarray(top + np.log(np.exp(log_value - top).sum(axis=0)))
 
 
-def observe_moving(
-    mean: FloatArray, observation: Observation
-) -> tuple[FloatArray, FloatArray]:
-    """Return expected range, bearing, range rate and their slopes."""
-    place = mean[..., :2] - observation.position
-    rate = mean[..., 2:] - observation.velocity
-    distance = np.hypot(place[..., 0], place[..., 1])
-    along = place / distance[..., None]
-    closing = (along * rate).sum(axis=-1)
-    expected = np.stack(
-        [distance, np.arctan2(place[..., 1], place[..., 0]), closing], axis=-1
-    )
-    nothing = np.zeros_like(along)
-    across = np.stack([-along[..., 1], along[..., 0]], axis=-1) / distance[..., None]
-    turning = (rate - closing[..., None] * along) / distance[..., None]
-    slope = np.stack(
-        [
-            np.concatenate([along, nothing], axis=-1),
-            np.concatenate([across, nothing], axis=-1),
-            np.concatenate([turning, along], axis=-1),
-        ],
-        axis=-2,
-    )
-    return expected, slope
-
-
 def start_drift(
     observation: Observation, relative_std: float, speed_std_mps: float, n_models: int
 ) -> GaussianSum:
@@ -306,8 +317,6 @@ def start_drift(
     A half-normal prior of 1/range from 1/z_range on, its deviation 0.5/z_range where the
     source has P = diag(s_b^2, (2/z_range)^2) (Jeong and Hong 1996, eq. 28, corrected).
     """
-    distance, bearing, rate = np.moveaxis(observation.measured, -1, 0)
-    var_r, var_b, _ = np.moveaxis(observation.variance, -1, 0)
     share = min(_RANGE_SHARE, relative_std)
     # Terms that are equally apart in ratio: a range is as linear as another then.
     reach = np.log1p(_REACH * relative_std)
@@ -315,21 +324,10 @@ def start_drift(
     log_weight = np.log(ratio) - 0.5 * ((ratio - 1.0) / relative_std) ** 2
     log_weight[0] -= np.log(2.0)  # the edge, by the trapezium rule
     log_weight -= _log_sum(log_weight)
-    axes = (-1, *(1,) * distance.ndim)
-    inverse = ratio.reshape(axes) / distance
-    gain, var_false = _radial_prior(observation, speed_std_mps)
-    sine, cosine = np.sin(bearing), np.cos(bearing)
-    own = observation.velocity[..., 0] * cosine + observation.velocity[..., 1] * sine
-    turned = observation.velocity[..., 1] * cosine - observation.velocity[..., 0] * sine
-    false = np.where(np.isfinite(rate), gain * (rate + own), 0.0)
-    mean = np.stack(np.broadcast_arrays(bearing, inverse, distance, false), axis=-1)
-    spread = np.zeros((*inverse.shape, 4, 4))
-    spread[..., 0, 0] = var_b
-    spread[..., 1, 1] = (share * inverse) ** 2
-    spread[..., 2, 2] = var_r
-    spread[..., 3, 3] = var_false + (gain * turned) ** 2 * var_b
-    spread[..., 0, 3] = spread[..., 3, 0] = gain * turned * var_b
-    return _sum_of(mean, spread, log_weight.reshape(axes), n_models)
+    inverse = np.divide.outer(ratio, observation.measured[..., 0])
+    return _begun(
+        observation, speed_std_mps, inverse, share * inverse, log_weight, n_models
+    )
 
 
 def separated(track: GaussianSum, observation: Observation) -> Observation:
@@ -341,15 +339,10 @@ def separated(track: GaussianSum, observation: Observation) -> Observation:
     three deviations began elsewhere and stays as it is.
     """
     weight = np.exp(track.log_weight) * track.belief.probability
-    mean = (weight[..., None] * track.belief.mean).sum(axis=(0, 1))
-    away = track.belief.mean - mean
-    spread = track.belief.covariance + away[..., :, None] * away[..., None, :]
-    spread = (weight[..., None, None] * spread).sum(axis=(0, 1))[..., :2, :2]
-    place = mean[..., :2] - observation.position
-    side = np.stack([-place[..., 1], place[..., 0]], axis=-1)
-    square = (place**2).sum(axis=-1)
-    variance = np.einsum("...i,...ij,...j->...", side, spread, side) / square**2
-    bearing = np.arctan2(place[..., 1], place[..., 0])
+    angle = track.belief.mean[..., 0]
+    bearing = (weight * angle).sum(axis=(0, 1))
+    spread = track.belief.covariance[..., 0, 0] + (angle - bearing) ** 2
+    variance = (weight * spread).sum(axis=(0, 1))
     off = wrap_rad(observation.measured[..., 1] - bearing)
     is_there = off**2 < 9.0 * observation.variance[..., 1]
     measured, known = observation.measured.copy(), observation.variance
@@ -380,11 +373,9 @@ def predict_drift(
     """
     belief = mix(state.belief, switching)
     theta, inverse, distance, false = np.moveaxis(belief.mean, -1, 0)
-    sine, cosine = np.sin(theta), np.cos(theta)
-    u1, u2 = displacement[..., 0], displacement[..., 1]
-    side = u1 * sine - u2 * cosine
-    ahead = u1 * cosine + u2 * sine
-    way2 = u1**2 + u2**2
+    ahead, aside = _along_and_across(displacement, theta)
+    side = -aside
+    way2 = ahead**2 + side**2
     s1, s2 = inverse * side, 1.0 - inverse * ahead
     square = s1**2 + s2**2
     root = np.sqrt(square)
@@ -392,7 +383,7 @@ def predict_drift(
     grown = (inverse * way2 - 2.0 * ahead) / (root + 1.0)
     mean = np.stack(
         [
-            wrap_rad(theta + np.arctan2(s1, s2)), inverse / root,
+            theta + np.arctan2(s1, s2), inverse / root,
             distance + grown + interval_s * false, false,
         ],
         axis=-1,
@@ -425,15 +416,7 @@ def update_drift(
     state: GaussianSum, observation: Observation
 ) -> tuple[GaussianSum, InnovationFit]:
     """Correct a predicted drifting filter by a scan; say how its bearing agrees."""
-    theta, _, distance, false = np.moveaxis(state.belief.mean, -1, 0)
-    sine, cosine = np.sin(theta), np.cos(theta)
-    east, north = observation.velocity[..., 0], observation.velocity[..., 1]
-    rate = false - east * cosine - north * sine
-    slope = np.zeros((*theta.shape, 3, 4))
-    slope[..., 0, 2] = slope[..., 1, 0] = slope[..., 2, 3] = 1.0
-    slope[..., 2, 0] = east * sine - north * cosine
-    expected = np.stack([distance, theta, rate], axis=-1)
-    state, fit = _correct(state, observation, expected, slope, slice(1, 2))
+    state, fit = _correct(state, observation, slice(1, 2))
     # A range cannot be negative; the bearing alone does not know that.
     state.belief.mean[..., 1] = np.maximum(state.belief.mean[..., 1], 1e-6)
     return state, fit

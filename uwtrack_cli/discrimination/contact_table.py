@@ -17,7 +17,7 @@ from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.discrimination.contact_filters import Observation
 from uwtrack_cli.discrimination.options import ContactErrors
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.estimation.own_ship import times_of_navigation
+from uwtrack_cli.estimation.own_ship import own_motion
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def arrange_contacts(
         raise DataError(msg)
     measured, variance = _measurements(contacts, errors)
     times = np.unique(contacts.time_s)
-    position, velocity, change, gap_s = _own_ship(contacts, navigation, times)
+    own = own_motion(navigation, times, contacts.start_utc_ns, "contacts")
     tables = {}
     for number in numbers:
         rows = np.flatnonzero(contacts.contact == number)
@@ -62,10 +62,10 @@ def arrange_contacts(
         spread = np.ones((times.size, 3))
         table[at] = measured[rows]
         spread[at] = variance[rows] + _navigation_variance(
-            measured[rows], change[at], gap_s[at]
+            measured[rows], own.change[at], own.gap_s[at]
         )
         tables[int(number)] = [
-            Observation(table[i], spread[i], position[i], velocity[i])
+            Observation(table[i], spread[i], own.position[i], own.velocity[i])
             for i in range(times.size)
         ]
     return [
@@ -162,25 +162,3 @@ def _deviation(contacts: Contacts, errors: ContactErrors, name: str) -> FloatArr
         )
         raise DataError(msg)
     return np.where(np.isfinite(values), values, 1.0)
-
-
-def _own_ship(
-    contacts: Contacts, navigation: Navigation, times_s: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return own ship's position and velocity at the scans, and what is open of them.
-
-    The last two are the changes of her mean velocity at the rows before and after each
-    scan, ``(scan, 2, 2)``, and the time between these rows, s.
-    """
-    clock = navigation.time_s
-    now = times_of_navigation(navigation, times_s, contacts.start_utc_ns, "contacts")
-    place = np.stack([navigation.east_m, navigation.north_m], axis=1)
-    rate = np.gradient(place, clock, axis=0)
-    both = np.concatenate([place, rate], axis=1)
-    found = np.stack([np.interp(now, clock, values) for values in both.T], axis=1)
-    gap_s = np.diff(clock)
-    mean = np.diff(place, axis=0) / gap_s[:, None]
-    change = np.diff(np.pad(mean, ((1, 1), (0, 0)), mode="edge"), axis=0)
-    row = np.clip(np.searchsorted(clock, now) - 1, 0, gap_s.size - 1)
-    open_change = np.stack([change[row], change[row + 1]], axis=1)
-    return found[:, :2], found[:, 2:], open_change, gap_s[row]

@@ -42,6 +42,8 @@ class EarlierTrack:
     """Its moving filter."""
     time_s: float
     """Time of the filter's state, s."""
+    position: FloatArray
+    """Own ship's east and north then, m, ``(..., 2)``."""
 
 
 @dataclass(frozen=True)
@@ -77,20 +79,32 @@ def follow(
 
     The first complete measurement starts the filter; None without one.
     """
-    state: GaussianSum | None = None
-    before = 0.0
+    track: EarlierTrack | None = None
     for observation, now in zip(scans, times_s, strict=True):
-        if state is not None:
-            state = predict_moving(
-                state, float(now) - before, filters.intensities, filters.switching
-            )
-            state, _ = update_moving(state, observation)
+        if track is not None:
+            state, _ = _go_on(track, observation, float(now), filters)
         elif np.isfinite(observation.measured[..., :2]).all():
             state = start_moving(
                 observation, filters.speed_std_mps, filters.intensities.size
             )
-        before = float(now)
-    return None if state is None else EarlierTrack(state, before)
+        else:
+            continue
+        track = EarlierTrack(state, float(now), observation.position)
+    return track
+
+
+def _go_on(
+    track: EarlierTrack,
+    observation: Observation,
+    now: float,
+    filters: ContactFilters,
+) -> tuple[GaussianSum, InnovationFit]:
+    """Carry a moving filter to a scan."""
+    ahead = predict_moving(
+        track.state, now - track.time_s, observation.position - track.position,
+        filters.intensities, filters.switching,
+    )  # fmt: skip
+    return update_moving(ahead, observation)
 
 
 def run_pair(
@@ -113,11 +127,10 @@ def run_pair(
     starts = [inverse_range_deviation(one.drifts) for one in contacts]
     fits: list[list[InnovationFit]] = []
     for scan in range(1, len(first)):
-        interval = float(times_s[scan] - times_s[scan - 1])
-        moved = first[scan].position - first[scan - 1].position
+        before, now = first[scan - 1].position, float(times_s[scan])
         pair = (first[scan], second[scan])
         found = [
-            _advance(one, seen, interval, moved, filters)
+            _advance(one, seen, float(times_s[scan - 1]), before, now, filters)
             for one, seen in zip(contacts, pair, strict=True)
         ]
         contacts = [each[0] for each in found]
@@ -179,10 +192,7 @@ def _start(
     n_models, speed = filters.intensities.size, filters.speed_std_mps
     anew = moves = start_moving(observation, speed, n_models)
     if history is not None:
-        moves = predict_moving(
-            history.state, now - history.time_s, filters.intensities, filters.switching
-        )
-        moves, _ = update_moving(moves, observation)
+        moves, _ = _go_on(history, observation, now, filters)
         observation = separated(moves, observation)
     drifts = start_drift(observation, filters.inverse_range_std, speed, n_models)
     return _Contact(moves, anew, drifts)
@@ -191,17 +201,16 @@ def _start(
 def _advance(
     contact: _Contact,
     observation: Observation,
-    interval_s: float,
-    moved: FloatArray,
+    before_s: float,
+    before: FloatArray,
+    now: float,
     filters: ContactFilters,
 ) -> tuple[_Contact, InnovationFit, InnovationFit, InnovationFit]:
     """Carry the filters of one contact to the next scan."""
 
     def move(state: GaussianSum) -> tuple[GaussianSum, InnovationFit]:
-        ahead = predict_moving(
-            state, interval_s, filters.intensities, filters.switching
-        )
-        return update_moving(ahead, observation)
+        track = EarlierTrack(state, before_s, before)
+        return _go_on(track, observation, now, filters)
 
     moves, moving = move(contact.moves)
     anew, beginning = (
@@ -209,8 +218,8 @@ def _advance(
     )
     drifts, drifting = update_drift(
         predict_drift(
-            contact.drifts, interval_s, moved, filters.drift_std_mps,
-            filters.intensities, filters.switching,
+            contact.drifts, now - before_s, observation.position - before,
+            filters.drift_std_mps, filters.intensities, filters.switching,
         ),
         observation,
     )  # fmt: skip

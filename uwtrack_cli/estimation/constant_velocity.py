@@ -8,7 +8,8 @@ filter takes its transition and its process noise from here.
 components are Kronecker products with the identity.
 
 **References.** Bar-Shalom, Li & Kirubarajan, "Estimation with Applications to Tracking
-and Navigation" (2001), sections 6.2.2 (continuous) and 6.3.2 (piecewise constant).
+and Navigation" (2001), sections 6.2.2 (continuous), 6.3.2 (piecewise constant) and 11.7.1
+(turns).
 """
 
 from typing import NamedTuple
@@ -83,3 +84,22 @@ def constant_velocity(
     both = acceleration_variance * (to_position * to_rate)
     noise[position, rate] = noise[rate, position] = both
     return forward, noise
+
+
+def coordinated_turn(interval_s: float, turn_rate_radps: float) -> FloatArray:
+    """Return F of two components of a plane whose velocity turns from first to second.
+
+    The rate is not 0; the state is in the order z_1, v_1, z_2, v_2.
+
+    Examples
+    --------
+    >>> (coordinated_turn(1.0, np.pi / 2) @ [0.0, 3.0, 0.0, 0.0]).round(3).tolist()
+    [1.91, 0.0, 1.91, 3.0]
+    """
+    angle = turn_rate_radps * interval_s
+    sine, cosine = np.sin(angle), np.cos(angle)
+    along, aside = sine / turn_rate_radps, (1.0 - cosine) / turn_rate_radps
+    return np.array([
+        [1.0, along, 0.0, -aside], [0.0, cosine, 0.0, -sine],
+        [0.0, aside, 1.0, along], [0.0, sine, 0.0, cosine],
+    ])  # fmt: skip

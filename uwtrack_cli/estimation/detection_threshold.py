@@ -21,6 +21,7 @@ from functools import lru_cache
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
+from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.estimation.information_reduction import (
     gate_probability,
     information_reduction,
@@ -33,7 +34,7 @@ _COARSE, _FINE, _ZOOMS = 48, 13, 3
 
 
 @dataclass(frozen=True)
-class OperatingPoint:
+class OperatingPoint(Rows):
     """Where the detector is set, per run."""
 
     false_alarm: FloatArray

@@ -28,6 +28,7 @@ _FEW_NODES, _MANY_NODES, _SMALL_GATE = 40, 100, 4.0
 _POINTS_AT_ONCE = 1024
 
 
+@lru_cache(maxsize=32)
 def unit_ball_volume(dimension: int) -> float:
     """Return the volume of the unit ball of so many dimensions, c_M.
 

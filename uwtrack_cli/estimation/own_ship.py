@@ -1,10 +1,13 @@
-"""Where own ship is when something is measured from her.
+"""Where own ship is, and how fast, when something is measured from her.
 
-**Method.** Straight lines between the rows of her navigation.
+**Method.** Straight lines between the rows of her navigation, and between the central
+differences of these; where she turns, the rows leave her position and velocity open.
 
 **Conventions.** Metres east and north of the navigation's origin. Her clock may be
 another than that of the measurements where both tell the UTC of their time zero.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,16 +64,34 @@ def times_of_navigation(
     return now
 
 
-def own_places(
-    navigation: Navigation, time_s: FloatArray, start_utc_ns: int | None
-) -> FloatArray:
-    """Return own ship's position at ascending times of scans, ``(time, 2)``, m.
+class OwnMotion(NamedTuple):
+    """Where own ship was at some times, how fast, and what her rows leave open."""
 
-    ``start_utc_ns``: UTC of time zero of the times, None where not known. Errors are
-    those of `times_of_navigation`.
-    """
-    now = times_of_navigation(navigation, time_s, start_utc_ns, "scans")
-    places = (navigation.east_m, navigation.north_m)
-    return np.stack(
-        [np.interp(now, navigation.time_s, values) for values in places], axis=1
-    )
+    position: FloatArray
+    """East and north, m, ``(time, 2)``."""
+    velocity: FloatArray
+    """Their rates, m/s, ``(time, 2)``."""
+    change: FloatArray
+    """Changes of her mean velocity at the rows before and after, m/s, ``(time, 2, 2)``."""
+    gap_s: FloatArray
+    """Time between these rows, s, ``(time,)``."""
+
+
+def own_motion(
+    navigation: Navigation, time_s: FloatArray, start_utc_ns: int | None, what: str
+) -> OwnMotion:
+    """Return own ship's motion at ascending times; as for `times_of_navigation`."""
+    now = times_of_navigation(navigation, time_s, start_utc_ns, what)
+    clock = navigation.time_s
+    place = np.stack([navigation.east_m, navigation.north_m], axis=1)
+    rate = np.gradient(place, clock, axis=0)
+    both = np.concatenate([place, rate], axis=1)
+    found = np.stack([np.interp(now, clock, values) for values in both.T], axis=1)
+    gap_s = np.diff(clock)
+    mean = np.diff(place, axis=0) / gap_s[:, None]
+    change = np.diff(np.pad(mean, ((1, 1), (0, 0)), mode="edge"), axis=0)
+    row = np.clip(np.searchsorted(clock, now) - 1, 0, gap_s.size - 1)
+    return OwnMotion(
+        found[:, :2], found[:, 2:],
+        np.stack([change[row], change[row + 1]], axis=1), gap_s[row],
+    )  # fmt: skip

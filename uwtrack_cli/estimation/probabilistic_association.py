@@ -16,6 +16,7 @@ from the same mixture with a gain of their own each.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,15 @@ _TINY = float(np.finfo(np.float64).tiny)
 _SIGNS = np.array([[1.0, -1.0], [-1.0, 1.0]])
 """Of the entries of a symmetric matrix of two rows, turned by half a circle, that make its
 adjugate."""
+
+
+class Expected(NamedTuple):
+    """What is expected to be measured of a state, where that is not its components."""
+
+    measured: FloatArray
+    """Measurement, ``(..., m)``."""
+    slope: FloatArray
+    """Its derivative by the state, ``(..., m, n)``."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +80,7 @@ def innovate(
     present: BoolArray,
     noise: FloatArray,
     period: FloatArray | None = None,
+    expected: Expected | None = None,
 ) -> Innovation:
     """Compare a scan with a predicted state.
 
@@ -88,6 +99,8 @@ def innovate(
     period
         Period of each component, ``(m,)``, infinite for none: 360 for a bearing in
         degrees. Residuals are the short way round.
+    expected
+        What is expected of the state; its components when not given.
 
     Returns
     -------
@@ -99,12 +112,19 @@ def innovate(
     DataError
         A covariance of the innovation is not positive definite.
     """
-    predicted = mean[..., None, ::2]
+    if expected is None:
+        predicted = mean[..., None, ::2]
+        cross = covariance[..., None, :, ::2]
+        spread = covariance[..., None, ::2, ::2] + noise
+    else:
+        predicted = expected.measured[..., None, :]
+        slope = expected.slope
+        cross = (covariance @ slope.swapaxes(-1, -2))[..., None, :, :]
+        spread = slope[..., None, :, :] @ cross + noise
     residual = np.where(present[..., None], measured - predicted, 0.0)
     if period is not None:
         whole = np.where(np.isfinite(period), period, 0.0)
         residual = residual - np.round(residual / period) * whole
-    spread = covariance[..., None, ::2, ::2] + noise
     determinant = _determinant(spread)
     # up to two components a positive determinant and one variance are enough
     smallest = spread[..., 0, 0]
@@ -117,7 +137,6 @@ def innovate(
         )
         raise DataError(msg)
     inverse = _inverse(spread, determinant)
-    cross = covariance[..., None, :, ::2]
     gain = cross @ inverse
     turned = cross.swapaxes(-1, -2)
     if spread.shape[-3] == 1:  # one product for all measurements

@@ -17,14 +17,11 @@ MacKay (2003), Information Theory, ch. 28.
 """
 
 from collections.abc import Callable, Mapping
-from math import asinh, isfinite, log, log1p, nan
+from math import asinh, isfinite, log, nan, sqrt
 from typing import NamedTuple
 
 Measured = Mapping[str, float]
 """What was measured of a candidate, by name."""
-
-MISFIT, OTHER_MISFIT = 0.1, 0.5
-"""Scale of the misfit of lines of a passage, and of what is none, as shares of v/c."""
 
 HALVES, OTHER_HALVES = 1.5, 6.0
 """Scale by which the speeds of both halves differ, in standard deviations: of a passage,
@@ -40,57 +37,54 @@ STATIONARY_LINES, OTHER_STATIONARY_LINES = 0.1, 0.6
 WATER_SPEEDS_MPS, AIR_SPEEDS_MPS = (0.5, 25.0), (5.0, 80.0)
 """Speeds between which vessels, and vehicles, usually are."""
 
-SPEED_NEPERS = 4.0
+SPEED_NEPERS = 1.2
 """How fast other speeds get rarer: nepers for an e-fold, squared."""
+
+CHANCE_TURN = 1.0
+"""Log evidence that bearings gain as often where nothing passes: scatter turns, too."""
 
 ENOUGH_SUB_BANDS = 4.0
 """Sub-bands that rise as often where a vessel passes as where something else rises."""
 
-ENOUGH_FLANK = 0.7
-"""R/v before or after the closest approach from which a drift no longer looks like it."""
-
 LARGEST_WIDTH_STD = 1.0 / 3.0
 """Relative standard deviation of R/v at which a row is as often of no use."""
+
 
 ENOUGH_TURN_DEG = 30.0
 """Turn of the line of sight below which a drift looks like a passage."""
 
 
-def _of(measured: Measured, name: str) -> float:
+def value_of(measured: Measured, name: str) -> float:
+    """Return what was measured under a name, nan if nothing was."""
     return float(measured.get(name, nan))
 
 
-def _compressed(gain: float) -> float:
+def compressed(gain: float) -> float:
+    """Return the gain of a long series as it is weighed."""
     return asinh(0.5 * gain)
 
 
-def _two_scales(value: float, narrow: float, wide: float) -> float:
+def two_scales(value: float, narrow: float, wide: float) -> float:
     """Return the log ratio of two half-normal densities."""
     return 0.5 * (value / wide) ** 2 - 0.5 * (value / narrow) ** 2 + log(wide / narrow)
 
 
-def noise(measured: Measured) -> float:
-    """Return what the passage gains over noise of any colour, a drift and a break."""
-    names = ("gain", "gain_over_line", "gain_over_break")
-    return _compressed(min(_of(measured, name) for name in names))
-
-
-def stationary_source(measured: Measured) -> float:
-    """Return what is gained over a source that stays: steady, changing or joined lines."""
-    return _compressed(_of(measured, "log_odds"))
-
-
 def stationary_bearing(measured: Measured) -> float:
-    """Return what bearings without lines gain over one that stays or drifts."""
-    if _of(measured, "has_lines"):
-        return nan  # they are in the odds of the lines
-    return _compressed(_of(measured, "bearing"))
+    """Return what bearings gain over one that stays or drifts."""
+    gain = value_of(measured, "bearing")
+    return compressed(gain) - CHANCE_TURN if gain else nan
 
 
 def stationary_levels(measured: Measured) -> float:
-    """Return what levels of lines that rise and fall with the range say."""
-    slope, std = _of(measured, "level_slope"), _of(measured, "level_slope_std")
-    if not isfinite(std):
+    """Return what levels of lines that rise and fall with the range say.
+
+    In air nothing: a vehicle is louder, too, where its engine changes its speed.
+    """
+    slope, std = (
+        value_of(measured, "level_slope"),
+        value_of(measured, "level_slope_std"),
+    )
+    if not isfinite(std) or value_of(measured, "is_air"):
         return nan
     passing, resting = std**2 + SLOPE_STD**2, std**2 + STATIONARY_SLOPE_STD**2
     return 0.5 * (
@@ -99,85 +93,57 @@ def stationary_levels(measured: Measured) -> float:
 
 
 def stationary_lines(measured: Measured) -> float:
-    """Return what lines that rather stand still say of the contact as one vessel."""
-    share = _of(measured, "stationary_share")
+    """Return what lines that rather stand still say of the contact as one vessel.
+
+    Lines of one machine wander together: their evidence grows as the root of their number.
+    """
+    share, count = value_of(measured, "stationary_share"), value_of(measured, "n_lines")
     here, else_ = STATIONARY_LINES, OTHER_STATIONARY_LINES
-    return share * log(here / else_) + (1.0 - share) * log((1 - here) / (1 - else_))
-
-
-def misfit(measured: Measured) -> float:
-    """Return what lines that keep to their curve, or leave it, say."""
-    return _two_scales(_of(measured, "misfit"), MISFIT, OTHER_MISFIT)
+    one = share * log(here / else_) + (1.0 - share) * log((1 - here) / (1 - else_))
+    return sqrt(count) * one
 
 
 def halves(measured: Measured) -> float:
     """Return what the speeds of both halves say."""
-    return _two_scales(_of(measured, "halves_apart"), HALVES, OTHER_HALVES)
-
-
-def other_time(measured: Measured) -> float:
-    """Return by how much tones are sharper in source time than in any other."""
-    return _of(measured, "rest_frame")
-
-
-def no_tones(measured: Measured) -> float:
-    """Return what tones, or noise that was tracked, say in the sound itself."""
-    return log1p(max(_of(measured, "tones"), 0.0) / 10.0) - log(2.0)
+    return two_scales(value_of(measured, "halves_apart"), HALVES, OTHER_HALVES)
 
 
 def unusual_speed(measured: Measured) -> float:
     """Return the prior of the speed, over that of calls, sweeps and wandering engines."""
-    speed = _of(measured, "speed_mps")
-    if not _of(measured, "has_lines") or not speed > 3.0 * _of(
+    speed = value_of(measured, "speed_mps")
+    if not value_of(measured, "has_lines") or not speed > 3.0 * value_of(
         measured, "speed_std_mps"
     ):
         return nan
-    low, high = AIR_SPEEDS_MPS if _of(measured, "is_air") else WATER_SPEEDS_MPS
+    low, high = AIR_SPEEDS_MPS if value_of(measured, "is_air") else WATER_SPEEDS_MPS
     return -SPEED_NEPERS * log(max(speed / high, low / speed, 1.0)) ** 2
-
-
-def mains(measured: Measured) -> float:
-    """Return the log of the chance that all lines lie at multiples of mains."""
-    return _of(measured, "mains")
 
 
 def other_rise(measured: Measured) -> float:
     """Return what sub-bands gain over rain, squalls, doors and one gain for all."""
-    if _of(measured, "sub_bands") < ENOUGH_SUB_BANDS:
+    if value_of(measured, "sub_bands") < ENOUGH_SUB_BANDS:
         return nan
-    return _compressed(_of(measured, "sub_bands_gain"))
-
-
-def few_sub_bands(measured: Measured) -> float:
-    """Return what the number of sub-bands that rise says."""
-    return _of(measured, "sub_bands") - ENOUGH_SUB_BANDS
-
-
-def sub_bands_disagree(measured: Measured) -> float:
-    """Return what times and widths of the sub-bands say of one rise."""
-    chance = _of(measured, "sub_bands_agree")
-    return log(max(chance, 1e-5) / 0.05) if isfinite(chance) else nan
-
-
-def short_flank(measured: Measured) -> float:
-    """Return what was recorded on the shorter side says of a drift."""
-    flank = min(_of(measured, "before"), _of(measured, "after"))
-    return log(min(max(flank, 0.05) / ENOUGH_FLANK, 1.0))
+    return compressed(value_of(measured, "sub_bands_gain"))
 
 
 def undetermined(measured: Measured) -> float:
     """Return how well R/v is known."""
-    return -((_of(measured, "relative_width_std") / LARGEST_WIDTH_STD) ** 2)
-
-
-def small_turn(measured: Measured) -> float:
-    """Return what the turn of the line of sight says of a drift."""
-    return log(min(max(_of(measured, "turn_deg"), 1.0) / ENOUGH_TURN_DEG, 1.0))
+    return -((value_of(measured, "relative_width_std") / LARGEST_WIDTH_STD) ** 2)
 
 
 def short_frames(measured: Measured) -> float:
     """Return what R/v in frames says of a change between two of them."""
-    return log(min(max(_of(measured, "widths_in_frames"), 0.05), 1.0))
+    return log(min(max(value_of(measured, "widths_in_frames"), 0.05), 1.0))
+
+
+def other_time(measured: Measured) -> float:
+    """Return by how much tones are sharper in source time than in any other."""
+    return value_of(measured, "rest_frame")
+
+
+def small_turn(measured: Measured) -> float:
+    """Return what the turn of the line of sight says of a drift."""
+    return log(min(max(value_of(measured, "turn_deg"), 1.0) / ENOUGH_TURN_DEG, 1.0))
 
 
 class Alternative(NamedTuple):

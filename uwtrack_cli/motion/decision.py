@@ -14,7 +14,7 @@ can be compared, counted and replaced by the alternatives that they stand for.
 """
 
 from collections.abc import Mapping
-from math import exp, isfinite
+from math import exp, isnan
 from typing import NamedTuple
 
 from uwtrack_cli.data.encounters import MAINS, TOO_FAST
@@ -161,7 +161,7 @@ def reject(code: str, **values: object) -> Rejection:
     return Rejection(code, REASONS[code].format(**values))
 
 
-LOG_ODDS_OF_LINES, LOG_ODDS_OF_LEVELS, LOG_ODDS_IN_AIR = -0.50, -0.56, -0.11
+LOG_ODDS_OF_LINES, LOG_ODDS_OF_LEVELS, LOG_ODDS_IN_AIR = -1.27, -0.71, -0.18
 """Log odds of a candidate before anything was measured: with lines, by level or bearing
 alone, and what is added in air."""
 
@@ -169,15 +169,16 @@ MOST_NEPERS = 8.0
 """Log evidence beyond which an explanation is as good as refused, or proved."""
 
 ALTERNATIVES = (
-    Alternative(NOTHING_PASSES, alternatives.stationary_bearing, 0.47),
-    Alternative(LINE_LEVELS, alternatives.stationary_levels, 0.41),
-    Alternative(STATIONARY_LINES, alternatives.stationary_lines, 0.42),
-    Alternative(HALVES, alternatives.halves, 0.24),
-    Alternative(TOO_FAST, alternatives.unusual_speed, 0.15),
-    Alternative(MAINS, alternatives.mains, 0.50),
-    Alternative(OTHER_RISE, alternatives.other_rise, 0.22),
-    Alternative(TOO_LITTLE, alternatives.undetermined, 1.36),
-    Alternative(SHORTER_THAN_FRAMES, alternatives.short_frames, 0.24),
+    Alternative(NOTHING_PASSES, alternatives.stationary_bearing, 0.54),
+    Alternative(LINE_LEVELS, alternatives.stationary_levels, 0.20),
+    Alternative(STATIONARY_LINES, alternatives.stationary_lines, 0.91),
+    Alternative(HALVES, alternatives.halves, 0.10),
+    Alternative(REST_FRAME, alternatives.other_time, 0.23),
+    Alternative(TOO_FAST, alternatives.unusual_speed, 1.00),
+    Alternative(OTHER_RISE, alternatives.other_rise, 0.18),
+    Alternative(TOO_LITTLE, alternatives.undetermined, 1.05),
+    Alternative(SMALL_TURN, alternatives.small_turn, 0.16),
+    Alternative(SHORTER_THAN_FRAMES, alternatives.short_frames, 0.16),
 )
 """Every explanation in which no vessel passes as the row has it."""
 
@@ -212,7 +213,7 @@ def decide(measured: Evidence) -> PassageDecision:
     nepers = []
     for one in ALTERNATIVES:
         value = one.log_evidence(measured)
-        if isfinite(value):
+        if not isnan(value):
             held = max(-MOST_NEPERS, min(MOST_NEPERS, value))
             nepers.append((one.code, one.exponent * held))
     odds += sum(value for _, value in nepers)

@@ -79,7 +79,8 @@ def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
     """
     if target.component.size == 1:
         return _draw_over_time(target, scans, ax)
-    if scans is not None:
+    # ranges, bearings and rates are measured of what is drawn in east and north
+    if scans is not None and scans.component.tolist() == target.component.tolist():
         x, y = scans.measured[:, 0], scans.measured[:, 1]
         ax.plot(x, y, ".", markersize=1.5, color=NO_CONTACT, zorder=1)
     for number, own in enumerate(target.targets, 1):

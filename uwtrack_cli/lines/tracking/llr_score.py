@@ -19,6 +19,7 @@ import numpy as np
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.peaks import Peaks
+from uwtrack_cli.estimation.track_score import DISMISSED
 from uwtrack_cli.estimation.window import cell_correlation
 from uwtrack_cli.lines.sensitivity import (
     MINUTE_S,
@@ -47,12 +48,9 @@ RATE_FRAMES = 63
 START_RATE = 0.02
 """Noise peaks per resolution that may start a line. Weaker ones serve lines that have
 begun: a line of a minute has one as high in its first seconds, and most work is with
-lines that noise has begun."""
-
-DISMISSED = -2.0
-"""Score in nepers at which a tentative line is given up. With this and `START_RATE` the
-tracker carries 400 lines in 2 kHz of noise with peaks kept at 0.1, 970 with -4 and 0.09,
-and half of the bursts are followed at a level 0.1 dB higher."""
+lines that noise has begun. With this and `DISMISSED` the tracker carries 400 lines in 2 kHz
+of noise with peaks kept at 0.1, 970 with -4 and 0.09, and half of the bursts are followed
+at a level 0.1 dB higher."""
 
 SETTLED_WITHIN = 2.0
 """Fall of the score, in nepers, within which a hit still belongs to the line."""

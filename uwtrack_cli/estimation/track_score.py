@@ -1,4 +1,4 @@
-"""The score of a track, and a sequential test for the loss of its target.
+"""The score of a track, when it is given up, and a test for the loss of its target.
 
 **Method.** The score adds up how much likelier each scan is with the target than with
 clutter alone. While the target is followed it rises; after a loss it stands still or
@@ -16,6 +16,19 @@ LEAST_RISE = 0.5
 """Rise per scan that a track must show: between the -0.2 to -3 after a loss and the 1.4
 to 5 of kept tracks, in the scenes of the clutter study."""
 
+DISMISSED = -2.0
+"""Score, in nepers, at which what may become a track is given up."""
+
+
+def shortfall(statistic: FloatArray, log_likelihood_ratio: FloatArray) -> FloatArray:
+    """Return the statistic of the test for a loss after one more scan.
+
+    Notes
+    -----
+    C(k) = max(0, C(k-1) + 1/2 - LLR(k)), C(0) = 0 (Page 1954).
+    """
+    return np.maximum(statistic + LEAST_RISE - log_likelihood_ratio, 0.0)
+
 
 def track_score(
     log_likelihood_ratio: FloatArray,
@@ -23,12 +36,7 @@ def track_score(
     """Return the score after each scan and the statistic of the test for a loss.
 
     Of ln p(scan | target) - ln p(scan | clutter alone), ``(scan, ...)``. The statistic
-    is the cumulative sum of the score's shortfall, 0 or more; 10 flags most lost tracks
-    within twenty scans and few others.
-
-    Notes
-    -----
-    C(k) = max(0, C(k-1) + 1/2 - LLR(k)), C(0) = 0 (Page 1954).
+    is that of `shortfall`; 10 flags most lost tracks within twenty scans and few others.
 
     Examples
     --------
