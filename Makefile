@@ -68,10 +68,12 @@ figures: $(VENV)/.development  ## draw the pictures of README and docs again
 	$(BIN)/uwtrack recipes --graph $$name -o docs/recipes/$$name.svg --overwrite; done
 	mkdir -p $(DEMO)
 	$(BIN)/uwtrack run sample_data/propeller.wav --recipe presence -o $(DEMO)/propeller.run.h5 --overwrite
+	ln -sf $(CURDIR)/sample_data/propeller.wav $(DEMO)/propeller.wav
 	$(BIN)/uwtrack plot $(DEMO)/propeller.run.h5 -o docs/presence.png --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/propeller.run.h5 --demon -o docs/demon.png --overwrite
 	$(BIN)/uwtrack sample pass --output $(DEMO) --overwrite
 	$(BIN)/uwtrack run $(DEMO)/pass.wav --start-utc 2024-05-01T12:00:00Z --overwrite
-	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --contact 1 -o docs/pass.png --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --passage 1 -o docs/pass.png --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 -o docs/recording.png --overwrite
 	if command -v chromium >/dev/null; then $(MAKE) docs && chromium --headless --no-sandbox \
 	--hide-scrollbars --window-size=1280,1000 --screenshot=docs/site.png \

@@ -44,6 +44,7 @@ LIBRARIES = {
     "typer": {"cli"},
     "rich": {"cli"},
     "matplotlib": {"plotting"},
+    "jinja2": {"plotting"},
     "distributed": {"flow"},
     "duckdb": {"flow"},
     "geographiclib": {"acoustics", "files"},

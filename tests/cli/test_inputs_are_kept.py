@@ -323,7 +323,6 @@ JUSTIFIED = {
     ("cli/__init__.py", "open"): "the null device, to write to",
     ("flow/watch.py", "self.path.open"): "the journal, which it writes itself",
     ("flow/catalogue.py", "Path(spec.origin).read_text"): "the program itself",
-    ("plotting/html_page.py", "source.read_text"): "comes with the program",
 }
 
 

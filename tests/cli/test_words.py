@@ -30,7 +30,7 @@ def test_a_run_says_the_result_and_its_file(timed_result):
     wrote, head, row = done.stderr.splitlines()
     assert max(len(head), len(row)) <= 80
     assert wrote == f"wrote {path}"
-    assert head.split()[:2] == ["contact", "status"]
+    assert head.split()[:2] == ["passage", "status"]
     assert row.split()[:2] == ["1", "ok"]
     assert done.stdout == ""
 
@@ -64,7 +64,7 @@ def test_a_reason_of_some_contacts_names_them(found, capsys):
         reason_text=known.reason_text[keep],
     )
     print_result(mixed, as_json=False)
-    assert "contact 1: no bearing_deg, course_deg, side" in capsys.readouterr().err
+    assert "passage 1: no bearing_deg, course_deg, side" in capsys.readouterr().err
 
 
 def test_the_progress_is_whole_when_the_fits_are_done(found):

@@ -158,3 +158,17 @@ def test_results_are_read_by_class_and_refused_by_name(results):
     with pytest.raises(ValueError, match="holds no motions"):
         results.to_pandas("motions")
     assert all(isinstance(one, Container) for one in results.values())
+
+
+def test_results_draw_themselves_and_show_as_tables(results, tmp_path):
+    figure = results.plot(tmp_path / "a.png", passage=1, units="m/s")
+    assert "m/s" in figure.get_label()
+    assert figure._repr_png_()[:4] == b"\x89PNG"
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(OptionError, match="no option 'colour'"):
+        results.plot(colour="red")
+    shown = results._repr_html_()
+    assert "encounters" in shown
+    assert "passage" in shown
+    assert "slant_range_m" in results["encounters"]._repr_html_()
+    assert "<script" not in results["recording"]._repr_html_()

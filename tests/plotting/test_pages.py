@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import matplotlib.image
 import numpy as np
@@ -21,24 +20,26 @@ from uwtrack_cli.data.spectra import MODULATION, Overview
 from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.product import read_product
+from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.flow.branches import without_asides
 from uwtrack_cli.flow.products import small_containers
 from uwtrack_cli.flow.rerun_sources import with_sound
 from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
-from uwtrack_cli.plotting.lofargram import (
+from uwtrack_cli.plotting.page import pages_of
+from uwtrack_cli.plotting.panels import Outlined, lines_part
+from uwtrack_cli.plotting.passage_fit import ReportedPassage
+from uwtrack_cli.plotting.passage_words import cautions, fact_lines
+from uwtrack_cli.plotting.picture import (
     FrequencyAxis,
     choose_axis,
-    finer_overview,
+    lofargram,
     over_floor,
+    overview_levels,
     shades,
 )
-from uwtrack_cli.plotting.page import pages_of
-from uwtrack_cli.plotting.passage_fit import ReportedPassage
 from uwtrack_cli.plotting.style import CONTACT_COLORS, Clock, contact_color
 from uwtrack_cli.plotting.view import Scene, View, to_seconds
 from uwtrack_cli.presence.stretch import Stretch, make_presence
-from uwtrack_cli.spectra.overview import pool_overview
-from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 START = "2024-05-01T12:01:30Z"
 
@@ -173,18 +174,21 @@ def test_a_contact_has_one_colour_on_every_page(passage, day):
 
 def test_a_day_shows_what_was_heard_with_its_passages_numbered(day):
     assert "1 passage" in words(day)
-    assert len([ax for ax in day.axes if ax.get_label() == "<colorbar>"]) == 1
+    assert "2024-05-01 12:02:28" in words(day)  # what was found stands above
+    assert len([ax for ax in day.axes if ax.get_label() == "<colorbar>"]) == 2
     names = [ax.get_ylabel().partition("\n")[0].split(" (")[0] for ax in panels(day)]
-    assert names == ["frequency", "", "level 100-1000 Hz", "bearing"]
-    assert panels(day)[1].patches  # bars of presence
+    assert names == ["frequency", "frequency", "", "level 100-1000 Hz", "bearing"]
+    bars = panels(day)[2]
+    assert len(bars.patches) == 1
+    assert [t.get_text() for t in bars.get_yticklabels()] == ["passage 1"]
     assert "UTC 2024-05-01" in panels(day)[-1].get_xlabel()
     assert all(ax.has_data() for ax in panels(day))
 
 
 def test_lines_are_outlined_unless_left_out(containers, day):
     bare = pages_of(containers)[0].draw(View(has_lines=False))
-    assert len(curves(panels(day)[0])) == 2 * 4
-    assert not curves(panels(bare)[0])
+    assert len(curves(panels(day)[1])) == 2 * 4  # in the part that is enlarged
+    assert not any(curves(ax) for ax in panels(bare)[:1])
 
 
 def test_what_a_fit_leaves_is_marked(containers):
@@ -196,8 +200,7 @@ def test_what_a_fit_leaves_is_marked(containers):
         return pages[0].draw(View()), pages[1].draw(View())
 
     for figure in drawn(0.5):
-        assert "misfit" in words(figure)
-        assert "50 %" in words(figure)
+        assert "50 % of the Doppler shift" in words(figure)
     figure = drawn(0.05)[1]
     assert "⚠" not in words(figure)
 
@@ -245,7 +248,12 @@ def test_a_passage_without_course_has_no_map(containers):
              if isinstance(c, Encounters) else c for c in containers]  # fmt: skip
     blind = [replace(c, reader=None) if isinstance(c, Recording) else c for c in blind]
     figure = pages_of(blind)[1].draw(View())
-    assert not labelled(figure, "north")
+    (ax,) = labelled(figure, "north")  # a circle of the range, and no way
+    found = next(c for c in blind if isinstance(c, Encounters))
+    (circle,) = [line for line in ax.lines if len(line.get_xdata()) > 100]
+    radius = np.hypot(*circle.get_data())
+    np.testing.assert_allclose(radius, found.horizontal_range_m[0])
+    assert "direction not known" in words(figure)
     assert "course" not in words(figure)
 
 
@@ -315,7 +323,7 @@ def test_noise_is_calm_and_a_steady_line_stays():
     slope = -20.0 * np.log10(frequency / 10.0)
     level = slope + rng.normal(0.0, 1.5, (200, frequency.size))
     level[:, 120] += 15.0
-    found = over_floor(overview(level, frequency))
+    found = over_floor(overview_levels(overview(level, frequency)))
     others = np.delete(found, slice(117, 124), axis=1)
     assert np.abs(np.median(others, axis=0)).max() < 2.5
     assert np.median(found[:, 120]) == pytest.approx(15.5, abs=2.0)
@@ -329,7 +337,7 @@ def test_gaps_are_no_levels():
     picture = overview(level, np.arange(40.0))
     shade = picture.shade.copy()
     shade[2] = 0
-    found = over_floor(replace(picture, shade=shade))
+    found = over_floor(overview_levels(replace(picture, shade=shade)))
     assert np.isnan(found[2]).all()
     assert np.isfinite(found[[0, 1, 3]]).all()
 
@@ -353,22 +361,57 @@ def test_an_axis_that_holds_no_numbers_is_refused(name):
     broken[1] = np.nan
     picture = replace(picture, **{name: broken})
     with pytest.raises(DataError, match=f"{name} of the overview holds values"):
-        choose_axis(picture, None, None, is_log=None)
+        pages_of([picture])[0].draw(View())
 
 
-def test_the_axis_is_logarithmic_where_the_lines_are_low(containers):
-    picture = overview(
-        np.zeros((2, 500)) + np.arange(500), np.arange(10.0, 2010.0, 4.0)
-    )
-    lines = next(c for c in containers if isinstance(c, Lines))
-    assert choose_axis(picture, lines, None, is_log=None).is_log  # 63 to 310 Hz
-    most = np.array([63.0, 126.0, 189.0, 900.0, 1800.0])  # three of five
-    few = SimpleNamespace(line=np.arange(5), line_id=np.arange(5), frequency_hz=most)
-    assert choose_axis(picture, few, None, is_log=None).is_log
-    assert not choose_axis(picture, lines, (50.0, 350.0), is_log=None).is_log
-    assert not choose_axis(picture, lines, None, is_log=False).is_log
+def test_the_axis_follows_from_the_band_and_lines_are_enlarged():
+    """A band beyond a factor of 20 is logarithmic; its lines have a linear part."""
+    axis = choose_axis((0.0, 8000.0), View())
+    assert (axis.low_hz, axis.high_hz, axis.is_log) == (10.0, 8000.0, True)
+    assert not choose_axis((0.0, 8000.0), View(is_log=False)).is_log
+    assert not choose_axis((0.0, 8000.0), View(band_hz=(50.0, 350.0))).is_log
     edges = FrequencyAxis(10.0, 1000.0, is_log=True).edges_hz(2)
     np.testing.assert_allclose(edges, [10.0, 100.0, 1000.0])
+    lines = [Outlined(np.arange(2.0), np.full(2, f), 0) for f in (40.0, 80.0, 120.0)]
+    part = lines_part(lines, axis)
+    assert part.low_hz < 40.0
+    assert 120.0 < part.high_hz < 200.0
+    assert not part.is_log
+    wide = [*lines, Outlined(np.arange(2.0), np.full(2, 5000.0), 0)]
+    assert lines_part(wide, axis) is None
+
+
+def test_fragments_are_drawn_on_request_alone(containers):
+    (lines,) = [c for c in containers if isinstance(c, Lines)]
+    few = np.flatnonzero(lines.line == lines.line_id[0])[:4]
+    rest = np.flatnonzero(lines.line != lines.line_id[0])
+    cut = lines.take("point", np.sort(np.concatenate([few, rest])))
+    changed = [cut if isinstance(c, Lines) else c for c in containers]
+
+    def drawn(**how):
+        figure = pages_of(changed)[0].draw(View(**how))
+        return sum(len(line.get_xdata()) > 1 and line.get_linewidth() == 0.7
+                   for ax in panels(figure)[:2] for line in ax.lines)  # fmt: skip
+
+    assert drawn() == 2 * 3
+    assert drawn(has_lines=True) == 2 * 4
+
+
+def test_passages_are_numbered_by_time_whatever_their_contacts(containers):
+    (found,) = [c for c in containers if isinstance(c, Encounters)]
+    (lines,) = [c for c in containers if isinstance(c, Lines)]
+    other = replace(found, contact=np.array([15]))
+    contact = np.where(lines.line_contact == 1, 15, lines.line_contact)
+    changed = [other if c is found else replace(lines, line_contact=contact)
+               if c is lines else c for c in containers]  # fmt: skip
+    page, passage = pages_of(changed)
+    assert (passage.contact, passage.number) == (15, 1)
+    figure = page.draw(View())
+    badges = [
+        t.get_text() for ax in panels(figure) for t in ax.texts if t.get_bbox_patch()
+    ]
+    assert badges == ["1"]
+    assert "passage 1" in words(passage.draw(View()))
 
 
 @pytest.mark.parametrize(
@@ -435,6 +478,8 @@ def test_a_document_has_every_page_and_a_passage_a_name_of_its_own(product, tmp_
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "a.pdf").read_bytes())) == 2
     done = called("plot", product, "--contact", "1", "--overwrite")
     assert "timed.contact-1.png" in done.stderr
+    done = called("plot", product, "--passage", "1", "--overwrite")
+    assert "timed.passage-1.png" in done.stderr
     assert product.with_name("timed.contact-1.png").read_bytes()[:4] == b"\x89PNG"
 
 
@@ -442,6 +487,10 @@ def test_a_document_has_every_page_and_a_passage_a_name_of_its_own(product, tmp_
     ("options", "code", "said"),
     [
         (["--contact", "7"], 1, "contacts with one: 1"),
+        (["--passage", "7"], 1, "passages with one: 1"),
+        (["--demon", "--passage", "1"], 2, "leave --passage and --contact out"),
+        (["--within-m", "500"], 2, "give it with --ais"),
+        (["--size", "1", "4"], 2, "--size"),
         (["--sensor", "x", "--contact", "1"], 1, "sensors with one: h1"),
         (["--from", "13:00"], 1, "nothing was recorded"),
         (["--from", "60", "--to", "50"], 2, "not after its begin"),
@@ -460,30 +509,28 @@ def test_what_cannot_be_drawn_is_said(uwtrack, product, options, code, said, tmp
     assert not list(tmp_path.glob("a.*"))
 
 
-def test_a_part_of_a_day_is_as_fine_as_its_sound():
-    rng = np.random.default_rng(8)
-    samples = rng.standard_normal((120_000, 1)).astype(np.float32)
-    recording = replace(recording_of(samples, 1000.0), reader=Held(samples))
-
-    def pooled(max_pixels):
-        blocks = compute_spectrogram(recording, window_s=1.0)
-        return Overview.join(list(pool_overview(blocks, max_pixels=max_pixels)))
-
-    coarse, fine = pooled(32), pooled(1024)
-    found = finer_overview(coarse, recording, 1.0, (40.0, 60.0))
-    same = np.isin(fine.time_s, found.time_s)
-    assert same.sum() == found.time_s.size == 39
-
-    def levels(picture):
-        step = (picture.ceiling_db - picture.floor_db) / 255
-        return picture.floor_db + step * picture.shade.astype(float)
-
-    wanted = np.maximum(levels(fine)[same], found.floor_db)
-    np.testing.assert_allclose(levels(found), wanted, atol=0.3)
-    silent = replace(recording, reader=None)
-    assert finer_overview(coarse, silent, 1.0, (40.0, 60.0)) is coarse
-    envelope = replace(coarse, reference=MODULATION)  # not that of the sound
-    assert finer_overview(envelope, recording, 1.0, (40.0, 60.0)) is envelope
+def test_a_lofargram_of_the_sound_fits_its_length():
+    """Some 800 columns, each octave with a window that holds ten periods, lines kept."""
+    rng, rate = np.random.default_rng(8), 2000.0
+    time_s = np.arange(round(20 * rate)) / rate
+    samples = rng.standard_normal((time_s.size, 1)) + 0.6 * np.sin(
+        2 * np.pi * np.multiply.outer(time_s, [15.0, 400.0])
+    ).sum(axis=1, keepdims=True)  # fmt: skip
+    samples = samples.astype(np.float32)
+    recording = replace(recording_of(samples, rate), reader=Held(samples))
+    axis = FrequencyAxis(10.0, 1000.0, is_log=True)
+    found = lofargram(recording, axis, (4.0, 20.0))
+    assert 700 < found.level_db.shape[0] < 900
+    assert found.edges_s[0] == 4.0
+    assert found.edges_s[-1] == pytest.approx(20.0)
+    edges = found.axis.edges_hz()
+    middle = np.median(found.level_db, axis=0)
+    for frequency in (15.0, 400.0):
+        row = int(np.searchsorted(edges, frequency)) - 1
+        assert middle[row] > 6.0
+    near_hz = edges[1:][middle > 0.5 * middle[: edges.size // 2].max()]
+    low = near_hz[near_hz < 40.0]
+    assert np.ptp(low) < 4.0  # 1.5 Hz wide, where a window of 0.16 s had 9 Hz
 
 
 def test_short_and_empty_products_have_pages(containers):
@@ -562,3 +609,96 @@ def test_rates_lie_on_the_spectrum_of_their_envelope():
     (alone,) = pages_of([envelope])
     assert labelled(alone.draw(View()), "modulation rate (Hz)")
     assert not labelled(alone.draw(View()), "frequency (Hz)")
+
+
+@pytest.mark.parametrize("form", ["png", "svg", "pdf"])
+def test_a_page_is_the_same_file_again_and_says_what_it_shows(product, tmp_path, form):
+    made = []
+    for name in ("a", "b"):
+        path = tmp_path / f"{name}.{form}"
+        called("plot", product, "--passage", "1", "-o", path)
+        made.append(path.read_bytes())
+    assert made[0] == made[1]
+    if form != "pdf":
+        assert b"2024-05-01 12:02:28" in made[0]
+        assert b"Panels: off the rest frequency" in made[0]
+
+
+def test_one_unit_of_speed_is_on_a_page(containers):
+    for units, other in (("kn", "m/s\n"), ("m/s", " kn")):
+        for page in pages_of(containers):
+            text = words(page.draw(View(units=units)))
+            assert f" {units}" in text
+            assert other not in text.replace("1500 m/s", "")
+
+
+def test_a_paper_column_has_panels_that_keep_apart(containers):
+    figure = pages_of(containers)[1].draw(View(width_in=3.4, height_in=5.0))
+    figure.draw_without_rendering()
+    assert tuple(figure.get_size_inches()) == (3.4, 5.0)
+    boxes = [ax.get_tightbbox() for ax in panels(figure)]
+    assert len(boxes) >= 3
+    for one, other in pairwise(boxes):
+        assert (
+            min(one.y1, other.y1) - max(one.y0, other.y0) < 5.0
+        )  # pixels of 100 an inch
+    assert all(box.x0 > -1.0 and box.x1 < 341.0 for box in boxes)
+
+
+def test_a_doubtful_passage_says_its_probability(containers):
+    row = dict(json_rows(next(c for c in containers if isinstance(c, Encounters)))[0])
+    row |= {"probability": 0.62, "alternative": "level-hump", "misfit": 0.3}
+    assert cautions(row) == [
+        "uncertain: it passes with a probability of 0.62, else level hump",
+        "the lines leave the fit by 30 % of the Doppler shift beyond their noise",
+    ]
+    facts = dict(fact_lines(row, "kn"))
+    assert facts["probability"] == "0.62 that it passes"
+    assert not {"evidence", "misfit"} & set(facts)
+
+
+def test_a_comb_is_drawn_by_its_multiples():
+    """Teeth of a family lie at whole numbers, whatever its fundamental."""
+    rng = np.random.default_rng(9)
+    frequency = np.arange(1.0, 401.0)
+    level = rng.normal(60, 1, (60, 400))
+    level[:, (frequency % 25) == 0] += 20.0
+    heard = make_presence(
+        {"h1": [Stretch("vessel", 4.0, 56.0, spacing_hz=25.0)]}, {}, "1 uPa"
+    )
+    heard = replace(heard, n_lines=np.array([3]))
+    (page,) = pages_of([overview(level, frequency), heard])
+    (panel,) = labelled(page.draw(View()), "multiple of")
+    mesh = panel.collections[0]
+    edges = mesh.get_coordinates()[:, 0, 1]
+    rows = np.median(mesh.get_array().filled(np.nan), axis=1)
+    top = 0.5 * (edges[1:] + edges[:-1])[rows > 10.0]
+    assert np.abs(top / 25.0 - np.round(top / 25.0)).max() < 0.05
+    assert [t.get_text() for t in panel.get_yticklabels()] == [
+        "1",
+        "2",
+        "3",
+        "4",
+        "5",
+        "6",
+    ]
+
+
+def test_a_demon_page_marks_shaft_and_blades():
+    rng = np.random.default_rng(8)
+    rates_hz = np.arange(1, 401) / 16
+    spectrum = rng.normal(-40, 1, (60, rates_hz.size))
+    spectrum[:, np.isin(rates_hz, (2.5, 10.0))] = -20.0
+    envelope = replace(overview(spectrum, rates_hz), reference=MODULATION)
+    stretch = Stretch("rates", 4.0, 56.0, spacing_hz=2.5, blade_rate_hz=10.0,
+                      rates_hz=[2.5, 10.0])  # fmt: skip
+    heard = make_presence({"h1": [stretch]}, {}, "1 uPa")
+    (page,) = pages_of([envelope, heard], is_demon=True)
+    figure = page.draw(View())
+    assert "shaft 2.50 Hz (150 rpm), blades 10.00 Hz (4 to a shaft)" in words(figure)
+    ax = figure.axes[0]
+    (curve,) = curves(ax)
+    peaks = curve.get_xdata()[curve.get_ydata() > 10.0]
+    np.testing.assert_allclose(peaks, [2.5, 10.0])
+    marks = {t.get_text(): t.get_position()[0] for t in ax.texts}
+    assert marks == {"shaft": 2.5, "blades": 10.0}

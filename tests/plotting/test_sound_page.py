@@ -127,8 +127,7 @@ def test_the_axis_follows_from_the_band(plotted, tone):
         assert found.ax.get_yscale() == scale, words
         low, high = found.ax.get_ylim()
         assert high == pytest.approx(ends[1])
-        # two cells of the window where no lowest frequency is told
-        assert low == pytest.approx(ends[0] if words else 2 / 0.12)
+        assert low == pytest.approx(ends[0])
 
 
 def test_range_colours_and_size_are_those_asked_for(plotted, tone):
@@ -236,7 +235,7 @@ def test_what_does_not_fit_a_recording_is_one_sentence(uwtrack, tone, words):
 
 
 @pytest.mark.parametrize(
-    "words", ["--window-s 1", "--db-range 30", "--colormap magma", "--size 5 3",
+    "words", ["--window-s 1", "--db-range 30", "--colormap magma",
               "--channel 1", "--start-s 1", "--allow-truncated", "--time-zone UTC"],
 )  # fmt: skip
 def test_what_only_recordings_have_is_refused_with_a_product(uwtrack, words):

@@ -46,7 +46,7 @@ def _scans(dimension=2):
     return Scans(
         scan=[0, 1], time_s=[0.0, 1.0], measured=np.full((2, dimension), 7.0),
         measured_std=np.ones((2, dimension)), amplitude=[1.0, 1.0],
-        component=["z"] * dimension, component_unit=["m"] * dimension,
+        component=[f"z_{k + 1}" for k in range(dimension)], component_unit=["m"] * dimension,
     )  # fmt: skip
 
 

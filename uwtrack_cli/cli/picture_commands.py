@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -27,7 +27,6 @@ from uwtrack_cli.errors import DataError, OptionError
 
 if TYPE_CHECKING:
     from uwtrack_cli.files.hdf5.product import Product
-    from uwtrack_cli.flow.deployment import Deployment
     from uwtrack_cli.plotting.page import Page
     from uwtrack_cli.plotting.view import View
 
@@ -56,22 +55,25 @@ IsLog = Annotated[
     ),
 ]
 HasLines = Annotated[
-    bool, typer.Option("--lines/--no-lines", help="Whether tracked lines are outlined.")
+    bool | None,
+    typer.Option(
+        "--lines/--no-lines",
+        help="Whether all tracked lines are outlined, or none; by itself those that last.",
+    ),
+]
+UnitsOption = Annotated[
+    Literal["kn", "mps"], typer.Option("--units", help="Unit of every speed.")
 ]
 HAS_NO_USE = {"sensor", "sensor_sound_speed_mps", "own_ship"}
 SOUND_PARAMETERS = [p for p in SOURCE_PARAMETERS if p.name not in HAS_NO_USE]
 """How a recording is opened: what its picture depends on, beside the sensor file."""
 
-OF_SOUND = {
-    "window_s",
-    "db_range",
-    "colormap",
-    "size",
-    *(p.name for p in SOUND_PARAMETERS),
-}
+OF_SOUND = {"window_s", "db_range", "colormap", *(p.name for p in SOUND_PARAMETERS)}
 """Options that have a meaning for recordings alone."""
 
-OF_PRODUCTS = {"contact", "has_lines", "ais", "within_m", "step"}
+OF_PRODUCTS = {
+    "contact", "passage", "is_demon", "has_lines", "units", "ais", "within_m", "step",
+}  # fmt: skip
 """Options that have a meaning for products alone."""
 
 Picture = Annotated[
@@ -98,8 +100,18 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     output: Picture = None,
     contact: Annotated[
         int | None,
-        typer.Option("--contact", help="Draw the page of this contact's passage."),
+        typer.Option("--contact", help="Draw the page of this contact."),
     ] = None,
+    passage: Annotated[
+        int | None,
+        typer.Option(
+            "--passage", help="Draw the page of this passage, as numbered by time."
+        ),
+    ] = None,
+    is_demon: Annotated[
+        bool,
+        typer.Option("--demon", help="Draw the averaged spectrum of the envelope."),
+    ] = False,
     sensor: Annotated[
         str | None,
         typer.Option(
@@ -111,7 +123,8 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     end: End = None,
     band_hz: Band = None,
     is_log: IsLog = None,
-    has_lines: HasLines = True,
+    has_lines: HasLines = None,
+    units: UnitsOption = "kn",
     ais: Ais = None,
     within_m: WithinM = WITHIN_M,
     step: Branch = None,
@@ -135,15 +148,22 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     ] = None,
     size: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="Of a recording: width and height of the page. (inches)"),
+        typer.Option(help="Width and height of the page. (inches)"),
     ] = None,
+    has_title: Annotated[
+        bool,
+        typer.Option(
+            "--title/--no-title",
+            help="Whether the page has its title, or a caption does.",
+        ),
+    ] = True,
     dpi: Annotated[
         float | None, typer.Option(help="Dots per inch; else 110, in a PDF 220.")
     ] = None,
     overwrite: Overwrite = False,
     **source: Any,
 ) -> None:
-    """Draw a recording on a page, or with --contact one passage on a page of its own.
+    """Draw a recording on a page, or with --passage one passage on a page of its own.
 
     A passage's page, and a part of a day, show the sound finely resolved if the recording
     still lies beside the product, else what the product carries of it.
@@ -152,36 +172,55 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     sensor file calibrates it, else re full scale.
     """
     try:
-        from uwtrack_cli.plotting.page import check_picture, write_pages
-        from uwtrack_cli.plotting.sound_page import sized
-        from uwtrack_cli.plotting.view import View
+        from uwtrack_cli.plotting.page import (
+            check_picture,
+            choose_pages,
+            pages_of,
+            write_pages,
+        )
+        from uwtrack_cli.plotting.view import View, sized
     except ImportError as error:
         msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
     is_sound = _is_sound(files)
     _refuse_foreign(context, files[0], is_sound=is_sound)
-    target = _picture_name(output, files, contact)
+    refuse_without_ais(context, ais)
+    target = _picture_name(output, files, contact, passage, is_demon=is_demon)
     check_picture(target, overwrite=overwrite)
     view = sized(
         View(
             begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
-            has_lines=has_lines,
+            has_lines=has_lines, units="kn" if units == "kn" else "m/s",
+            stands_alone=has_title,
         ),
         size, dpi,
     )  # fmt: skip
-    is_document = target.suffix.lower() == ".pdf"
     if is_sound:
         style = {"window_s": window_s, "db_range": db_range, "colormap": colormap}
         opening = {**source, "sensor": None if sensor is None else Path(sensor)}
         _write_sound(files[0], target, view, opening, style, overwrite=overwrite)
         return
-    needs_sound = contact is not None or is_document or view.is_zoomed
+    is_document = target.suffix.lower() == ".pdf"
+    is_one = is_demon or not contact is passage is None
+    needs_sound = is_one or is_document or view.is_zoomed
     containers, tracks = _read(files, step, ais, within_m, needs_sound=needs_sound)
-    pages = _chosen(containers, tracks, contact, sensor, is_document=is_document)
+    pages = choose_pages(
+        pages_of(containers, tracks, is_demon=is_demon), contact, sensor, passage
+    )
+    if sensor is None and not is_document:
+        _refuse_several(pages if is_one else pages[:1])
     write_pages(pages, target, view, overwrite=overwrite)
     say(f"wrote {target}")
-    if contact is None and not is_document:
+    if not is_one and not is_document:
         _tell_others(pages)
+
+
+def refuse_without_ais(context: typer.Context, ais: Path | None) -> None:
+    """Refuse --within-m where there is no table that it would apply to."""
+    given = context.get_parameter_source("within_m")
+    if ais is None and given is not None and given.name != "DEFAULT":
+        msg = "--within-m is the range of vessels of an AIS table: give it with --ais."
+        raise OptionError(msg)
 
 
 def _is_sound(files: Sequence[Path]) -> bool:
@@ -239,49 +278,42 @@ def _write_sound(
     say(f"wrote {target}")
 
 
-def _chosen(
-    containers: Sequence[Container], tracks: Sequence[VesselTrack],
-    contact: int | None, sensor: str | None, *, is_document: bool,
-) -> "list[Page]":  # fmt: skip
-    """Return the pages of products that are asked for."""
-    from uwtrack_cli.plotting.page import choose_pages, pages_of
-
-    pages = choose_pages(pages_of(containers, tracks), contact, sensor)
-    if contact is not None and sensor is None and not is_document:
-        _refuse_several(pages)
-    return pages
-
-
 def _refuse_several(pages: "Sequence[Page]") -> None:
     sensors = sorted({page.sensor for page in pages if page.sensor is not None})
     if len(sensors) > 1:
         msg = (
-            f"contact {pages[0].contact} was heard by {', '.join(sensors)}: name one with "
-            f"--sensor, or write all their pages with -o NAME.pdf."
+            f"the page that is asked for is one of {', '.join(sensors)} each: name one "
+            f"with --sensor, or write all their pages with -o NAME.pdf."
         )
         raise OptionError(msg)
 
 
 def _tell_others(pages: "Sequence[Page]") -> None:
     """Say which pages there are beside the one that was written."""
-    contacts = dict.fromkeys(
-        str(page.contact) for page in pages[1:] if page.contact is not None
-    )
-    if contacts:
-        say(f"a page each with --contact: {', '.join(contacts)}; all with -o NAME.pdf")
+    for flag, key in (("--passage", "number"), ("--contact", "contact")):
+        own = [page for page in pages[1:] if flag == "--passage" or page.number is None]
+        found = dict.fromkeys(getattr(page, key) for page in own)
+        names = ", ".join(str(name) for name in found if name is not None)
+        if names:
+            say(f"a page each with {flag}: {names}; all with -o NAME.pdf")
 
 
 def _picture_name(
-    output: Path | None, files: Sequence[Path], contact: int | None
-) -> Path:
+    output: Path | None, files: Sequence[Path], contact: int | None,
+    passage: int | None, *, is_demon: bool,
+) -> Path:  # fmt: skip
     if output == PIPE or (output is None and files[0] == PIPE):
         msg = "a picture is written to a file of its own: name it with -o FILE."
         raise OptionError(msg)
+    if is_demon and not contact is passage is None:
+        msg = "--demon is a page of the recording: leave --passage and --contact out."
+        raise OptionError(msg)
     if output is not None:
         return output
-    return product_name(
-        files[0], ".png" if contact is None else f".contact-{contact}.png"
-    )
+    words = [".demon"] if is_demon else []
+    words += [f".{name}-{number}" for name, number in
+              (("contact", contact), ("passage", passage)) if number is not None]  # fmt: skip
+    return product_name(files[0], f"{''.join(words)}.png")
 
 
 def _checked_band(band_hz: tuple[float, float] | None) -> tuple[float, float] | None:
@@ -295,13 +327,9 @@ def _checked_band(band_hz: tuple[float, float] | None) -> tuple[float, float] | 
 
 
 def _read(
-    files: Sequence[Path],
-    step: str | None,
-    ais: Path | None,
-    within_m: float,
-    *,
-    needs_sound: bool,
-) -> tuple[list[Container], list[VesselTrack]]:
+    files: Sequence[Path], step: str | None, ais: Path | None, within_m: float,
+    *, needs_sound: bool,
+) -> tuple[list[Container], list[VesselTrack]]:  # fmt: skip
     """Read what the pages show, with the sound where it is at hand, and AIS."""
     from uwtrack_cli.files.hdf5.layout import CONTAINERS
     from uwtrack_cli.flow.branches import refuse_unknown_step
@@ -328,13 +356,19 @@ def with_more(
     *,
     needs_sound: bool,
 ) -> tuple[list[Container], list[VesselTrack]]:
-    """Add own ship's way, peaks of an array, envelopes, sound, and what AIS knows."""
+    """Add own ship's way, peaks of an array, envelopes, sound, and what AIS knows.
+
+    ``needs_sound``: whether long sound is wanted, too, which is checked for changes.
+    """
     from uwtrack_cli.flow.rerun_sources import with_sound
     from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
+    from uwtrack_cli.plotting.picture import MOST_SAMPLES
 
     navigation = [n for product in products for n in product.read_all(Navigation)]
     found: list[Container] = [
-        with_sound(c, products) if needs_sound and isinstance(c, Recording) else c
+        with_sound(c, products)
+        if isinstance(c, Recording) and (needs_sound or c.n_samples <= MOST_SAMPLES)
+        else c
         for c in containers
     ]
     if any(isinstance(c, BearingTime) for c in found):  # beams show where peaks lie
@@ -379,8 +413,22 @@ def _refuse_second(
             raise DataError(msg)
 
 
-def report(
+Sound = Annotated[
+    bool,
+    typer.Option(
+        "--sound",
+        help="Whether the page carries the sound of every passage, its band alone.",
+    ),
+]
+SpeedUp = Annotated[
+    float | None,
+    typer.Option(help="How many times faster the sound is played: 4 for low lines."),
+]
+
+
+def report(  # noqa: PLR0913 (one parameter for each option)
     *,
+    context: typer.Context,
     source: Annotated[
         Path,
         typer.Argument(
@@ -389,8 +437,17 @@ def report(
         ),
     ],
     step: Branch = None,
+    units: UnitsOption = "kn",
     ais: Ais = None,
     within_m: WithinM = WITHIN_M,
+    sound: Sound = False,
+    speed_up: SpeedUp = None,
+    pages: Annotated[
+        bool,
+        typer.Option(
+            "--pages", help="Of a folder: write the page of every product, too."
+        ),
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="HTML file; else named after the product."),
@@ -400,32 +457,57 @@ def report(
     """Write a page about a recording, or about a folder: results, pictures, history.
 
     Everything is in one file: a card for every passage, with its page. Of a folder, the
-    deployment at a glance: when there was sound, when vessels were heard and passed.
+    deployment at a glance: when there was sound, when vessels were heard and passed, its
+    levels by the hour, and a small picture of every passage, which leads to the page of
+    its product where that lies beside it.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
 
     try:
-        from uwtrack_cli.plotting import deployment_report
-        from uwtrack_cli.plotting import report as product_report
+        from uwtrack_cli.plotting.listen import Ear
+        from uwtrack_cli.plotting.report import Report, report_html
     except ImportError as error:
-        msg = f"reports need matplotlib ({error}); pip install 'uwtrack[plot]'."
+        msg = f"reports need matplotlib and jinja2 ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
+    refuse_without_ais(context, ais)
+    ear = None if not sound else Ear(_checked_speed_up(speed_up))
+    if speed_up is not None and not sound:
+        msg = "--speed-up is how fast the sound is played: give it with --sound."
+        raise OptionError(msg)
     target = _report_name(output, source)
     is_folder = source.is_dir()
+    if pages and not is_folder:
+        msg = "--pages writes the pages of a folder's products; this is one product."
+        raise OptionError(msg)
     inputs = () if is_folder or source == PIPE else (source,)
     check_target(target, overwrite=overwrite, inputs=inputs)
-    if is_folder:
-        if step is not None:
-            msg = "--step chooses within one product, and a folder holds many."
-            raise OptionError(msg)
-        text = _of_folder(source, ais, within_m, deployment_report.deployment_html)
+    made: dict[str, Any] = {"units": "kn" if units == "kn" else "m/s", "ear": ear}
+
+    def text_of(path: Path) -> str:
+        with open_product(path) as product:
+            found, tracks = _reported(product, step, ais, within_m)
+            return report_html(product, Report(found, tracks, **made))
+
+    if not is_folder:
+        text = text_of(source)
+    elif step is not None:
+        msg = "--step chooses within one product, and a folder holds many."
+        raise OptionError(msg)
     else:
-        with open_product(source) as product:
-            containers, tracks = _reported(product, step, ais, within_m)
-            made = product_report.Report(containers, tracks)
-            text = product_report.report_html(product, made)
+        if pages:
+            _write_pages_of(source, text_of, overwrite=overwrite)
+        text = _of_folder(source, target.parent, ais, within_m, made)
     write_text(target, text, overwrite=overwrite, inputs=inputs)
     say(f"wrote {target}")
+
+
+def _checked_speed_up(speed_up: float | None) -> float:
+    if speed_up is None:
+        return 1.0
+    if not 0.1 <= speed_up <= 32:
+        msg = f"--speed-up takes 0.1 to 32, got {speed_up:g}."
+        raise OptionError(msg)
+    return speed_up
 
 
 def _report_name(output: Path | None, source: Path) -> Path:
@@ -437,18 +519,50 @@ def _report_name(output: Path | None, source: Path) -> Path:
     return source / "report.html" if source.is_dir() else product_name(source, ".html")
 
 
+def _write_pages_of(
+    folder: Path, text_of: Callable[[Path], str], *, overwrite: bool
+) -> None:
+    """Write the page of every product of a folder that has none, or all anew."""
+    from uwtrack_cli.files.atomic import write_text
+    from uwtrack_cli.flow.passages import find_results
+
+    paths = find_results([folder])
+    with progress_bar("pages", len(paths)) as done:
+        for number, path in enumerate(paths, 1):
+            page = path.with_suffix(".html")
+            if overwrite or not page.exists():
+                write_text(page, text_of(path), overwrite=overwrite, inputs=(path,))
+            done(number)
+
+
 def _of_folder(
     folder: Path,
+    beside: Path,
     ais: Path | None,
     within_m: float,
-    write: "Callable[[Deployment, str], str]",
+    made: Mapping[str, Any],
 ) -> str:
     """Return the report of a folder."""
+    from uwtrack_cli.files.hdf5.product import read_product
     from uwtrack_cli.flow.deployment import read_deployment
     from uwtrack_cli.flow.passages import collect_passages, usual_cache
+    from uwtrack_cli.flow.rerun_sources import with_sound
+    from uwtrack_cli.plotting.deployment_report import deployment_html
+    from uwtrack_cli.plotting.thumbnail import MOST_THUMBNAILS, Gallery
 
     table = collect_passages([folder], ais=ais, within_m=within_m, cache=usual_cache())
-    return write(read_deployment([folder], table), folder.resolve().name)
+    deployment = read_deployment([folder], table, glanced=MOST_THUMBNAILS)
+
+    def read(path: Path) -> list[Container]:
+        found = deployment.held.get(str(path.resolve()), [])
+        if made["ear"] is None:
+            return found
+        with read_product(path) as product:
+            return [with_sound(c, [product]) if isinstance(c, Recording) else c
+                    for c in found]  # fmt: skip
+
+    gallery = Gallery(beside, read, **made)
+    return deployment_html(deployment, folder.resolve().name, gallery, made["units"])
 
 
 def _reported(

@@ -6,7 +6,7 @@ from typing import Any
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.data.base import Container, HasReasons
 from uwtrack_cli.data.presence import Presence
-from uwtrack_cli.files.tables.summaries import SUMMARIES, summary_of
+from uwtrack_cli.files.tables.summaries import SUMMARIES, numbered, summary_of
 
 NOTHING = {
     "encounters": "no closest approach was found",
@@ -97,6 +97,8 @@ def _print_summary(
     from uwtrack_cli.files.tables.json_rows import json_rows
 
     rows = json_rows(container)
+    if container.NAME == "encounters":
+        rows = numbered(rows)
     told = container if isinstance(container, Presence) else presence
     heard = [] if told is None else _heard(told, next_looks)
     if not rows:
@@ -159,17 +161,18 @@ def _reasons(
     shown = {head.key for head in SUMMARIES[name]}
     if all(row.get("vessel") is None for row in rows):
         shown.discard("vessel")
+    whom = "passage" if name == "encounters" else "contact"
     keys: dict[str, dict[str, None]] = {}
     contacts: dict[str, dict[int, None]] = {}
     for row in rows:
         for key, reason in (row.get("reasons") or {}).items():
             if key in shown and not any(reason in text for text in spoken):
                 keys.setdefault(reason, {})[key] = None
-                contacts.setdefault(reason, {})[row["contact"] or 0] = None
-    everyone = {row["contact"] or 0 for row in rows}
+                contacts.setdefault(reason, {})[row.get(whom) or 0] = None
+    everyone = {row.get(whom) or 0 for row in rows}
     for reason, missing in keys.items():
         whose = ""
         if set(contacts[reason]) != everyone:
             numbers = ", ".join(map(str, contacts[reason]))
-            whose = f"contact {numbers}: "
+            whose = f"{whom} {numbers}: "
         yield f"{whose}no {', '.join(missing)}: {reason}"

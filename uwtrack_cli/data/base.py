@@ -17,6 +17,7 @@ one with an ``owner``, holds the row of that axis that each row belongs to.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from html import escape
 from inspect import get_annotations
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Self, TypeVar, get_args
@@ -43,6 +44,18 @@ ELEMENTS: dict[Any, type[np.generic]] = {
     FloatArray: np.float64, IntArray: np.int64, BoolArray: np.bool_, TextArray: np.str_
 }  # fmt: skip
 """Elements of a column that names no narrower type, by its annotation."""
+
+
+SHOWN = 4
+"""Values of a column that a notebook shows."""
+
+
+def html_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a table for a notebook; its text cannot take effect."""
+    marked = [("th", heads), *(("td", row) for row in rows)]
+    lines = ("".join(f"<{tag}>{escape(text)}</{tag}>" for text in row)
+             for tag, row in marked)  # fmt: skip
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
 @dataclass(frozen=True)
@@ -311,6 +324,28 @@ class Container:
             if part is not None:
                 changes[name] = type(part).join([getattr(b, name) for b in blocks])
         return replace(last, **changes)
+
+    def _repr_html_(self) -> str:
+        """Show the columns in a notebook: name, unit, size, first values, meaning."""
+        rows = []
+        for name, spec in self.columns().items():
+            values = getattr(self, name)
+            if values is not None:
+                size = " x ".join(map(str, values.shape))
+                first = ", ".join(f"{v:.6g}" if spec.dtype.kind == "f" else str(v)
+                                  for v in values.ravel()[:SHOWN])  # fmt: skip
+                more = ", ..." if values.size > SHOWN else ""
+                rows.append((name, spec.unit, size, first + more, spec.description))
+        for name, one in self.scalars().items():
+            text = str(one.metadata["description"])
+            rows.append(
+                (name, one.metadata["unit"], "", str(getattr(self, name)), text)
+            )
+        count = (
+            f"{self.sizes().get(self.ROW, 1)} rows of {self.ROW}" if self.ROW else ""
+        )
+        heads = ("column", "unit", "size", "values", "meaning")
+        return f"<b>{self.NAME}</b> {count}{html_table(heads, rows)}"
 
     def equals(self, other: object) -> bool:
         """Tell whether all values are the same, bit for bit (nan equals nan)."""

@@ -7,17 +7,20 @@ file where no output is named, and reads it back: library and command cannot dif
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import datetime
+from html import escape
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 
-from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.recording import Recording
-from uwtrack_cli.errors import OptionError, UwtrackNote
+from uwtrack_cli.data.base import Container, html_table
+from uwtrack_cli.data.recording import Reader, Recording
+from uwtrack_cli.data.spectra import MODULATION, Overview
+from uwtrack_cli.errors import DataError, OptionError, UwtrackNote
 from uwtrack_cli.files.hdf5.container_keys import ContainerHolder
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, container_class
 from uwtrack_cli.files.hdf5.product import (
@@ -27,6 +30,8 @@ from uwtrack_cli.files.hdf5.product import (
     read_product,
 )
 from uwtrack_cli.files.tables.dataframes import to_pandas, to_xarray
+from uwtrack_cli.files.tables.json_rows import json_rows
+from uwtrack_cli.files.tables.summaries import SUMMARIES, summary_of
 from uwtrack_cli.flow.engine import Progress
 from uwtrack_cli.flow.products import run_into_product
 from uwtrack_cli.flow.recipe import Recipe
@@ -80,6 +85,8 @@ class Results(ContainerHolder, Mapping[str, Container]):
     """The containers by sensor, name and step."""
     history: tuple[HistoryStep, ...]
     """What was done, with the options used."""
+    sound: Mapping[str, Reader | None] = field(default_factory=dict)
+    """Readers of the recordings that a run read, by sensor, for pictures of them."""
 
     def __getitem__(self, name: str) -> Container:
         """Return the container of a name; see `read` where there are several."""
@@ -98,6 +105,76 @@ class Results(ContainerHolder, Mapping[str, Container]):
     def __repr__(self) -> str:
         """Name the file and what it holds."""
         return f"<uwtrack results of {self.name}: {', '.join(self)}>"
+
+    def _repr_html_(self) -> str:
+        """Show in a notebook what is there, and the answer as a table."""
+        counts = [(name, self._rows(name)) for name in self]
+        text = f"<b>{escape(self.name)}</b>{html_table(('container', 'rows'), counts)}"
+        for key, container in self.tables.items():
+            if key.name in SUMMARIES and container.sizes().get(container.ROW, 0):
+                summary = summary_of(key.name, json_rows(container))
+                text += f"<b>{key.name}</b>{html_table(summary.titles, summary.rows)}"
+        return text
+
+    def _rows(self, name: str) -> str:
+        own = [c for key, c in self.tables.items() if key.name == name]
+        return str(sum(c.sizes().get(c.ROW, 1) for c in own))
+
+    def plot(
+        self,
+        output: Path | str | None = None,
+        *,
+        passage: int | None = None,
+        sensor: str | None = None,
+        demon: bool = False,
+        overwrite: bool = False,
+        **view: Any,
+    ) -> Any:
+        """Draw the page of the recording, or of one passage, as `uwtrack plot` does.
+
+        Parameters
+        ----------
+        output
+            Picture to write: PNG, SVG or PDF; without one, the figure is returned alone.
+        passage
+            Number of a passage, by time from 1; None for the page of the recording.
+        sensor
+            Whose page, where several sensors have one.
+        demon
+            Whether the averaged spectrum of the envelope is drawn.
+        overwrite
+            Whether an existing picture may be replaced.
+        **view
+            How it is drawn: ``begin``, ``end``, ``band_hz``, ``is_log``, ``has_lines``,
+            ``units`` (``"kn"`` or ``"m/s"``), ``width_in``, ``height_in``, ``dpi``.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The page, which a notebook shows by itself.
+
+        Raises
+        ------
+        DataError
+            There is no such page, or matplotlib is not installed.
+        OptionError
+            There is no such option, or it is not accepted.
+        """
+        shown = [
+            replace(c, reader=self.sound.get(c.sensor.id)) if isinstance(c, Recording)
+            else c
+            for key, c in self.tables.items()
+            if not key.step or (isinstance(c, Overview) and c.reference == MODULATION)
+        ]  # fmt: skip
+        try:  # as pandas finds what draws its tables: this room knows no pictures
+            pages = import_module("uwtrack_cli.plotting.page")
+        except ImportError as error:
+            msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
+            raise DataError(msg) from error
+        return pages.draw_page(
+            shown, output, passage=passage, sensor=sensor, is_demon=demon,
+            overwrite=overwrite, **view,
+        )  # fmt: skip
 
     def _held(self) -> Collection[ContainerKey]:
         return self.tables.keys()
@@ -240,7 +317,8 @@ def run(
                 recording, chosen.with_settings(settings), writer,
                 keep=kinds, progress=progress,
             )  # fmt: skip
-        return _read_all(target, path.name if output is None else str(output))
+        found = _read_all(target, path.name if output is None else str(output))
+    return replace(found, sound={recording.sensor.id: recording.reader})
 
 
 def _opening(given: SourceOptions) -> dict[str, object]:

@@ -10,7 +10,7 @@ from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.plotting.lofargram import check_axes
+from uwtrack_cli.plotting.picture import check_axes
 from uwtrack_cli.plotting.style import (
     LEVELS_MAP,
     MEASURED,
@@ -18,6 +18,7 @@ from uwtrack_cli.plotting.style import (
     calm,
     contact_color,
 )
+from uwtrack_cli.plotting.view import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +39,8 @@ def draw_bearing_time(
 ) -> "Axes":
     """Draw the record: angle from the array's head over time, level as shade.
 
-    Of an array that is no line the angle goes all around, clockwise.
+    Of an array that is no line the angle goes all around, clockwise: from true north
+    where its heading is known.
 
     The shade is the level over the background of all beams, whitened over the band, so
     that a few loud frequencies do not hide the rest.
@@ -56,19 +58,35 @@ def draw_bearing_time(
     rows = np.arange(0, chosen.size, step)
     excess_db = np.fmax.reduceat(record.excess_db[chosen], rows, axis=0)
     angle_deg, inside = _angles(record)
+    beams = np.broadcast_to(inside, (rows.size, inside.size))
+    if is_true(record):  # the beams turn with the array
+        turned = np.round(record.heading_deg[chosen][rows] / 360.0 * (inside.size - 1))
+        beams = (beams - turned.astype(int)[:, None]) % (inside.size - 1)
     image = ax.pcolormesh(
-        time_s[chosen][rows], angle_deg, excess_db[:, inside].T,
+        time_s[chosen][rows], angle_deg, np.take_along_axis(excess_db, beams, axis=1).T,
         cmap=LEVELS_MAP, vmin=-1.0, vmax=6.0, shading="nearest", rasterized=True,
     )  # fmt: skip
     band = f"{record.band_low_hz:.0f}-{record.band_high_hz:.0f} Hz"
     bar = ax.figure.colorbar(image, ax=ax, pad=0.01, aspect=30)
     bar.set_label(f"dB over the background, {band}", fontsize=8)
     bar.ax.tick_params(labelsize=7)
-    ax.set_ylabel("angle from ahead (deg)", fontsize=9)
     ax.tick_params(labelsize=8)
     widest = 360 if record.cos_angle is None else 180
-    ax.set(yticks=range(0, widest + 1, 30), ylim=(widest, 0.0))
+    ax.set(yticks=range(0, widest + 1, widest // 6), ylim=(widest, 0.0))
+    ax.set_ylabel(angle_name(record), fontsize=9)
     return ax
+
+
+def is_true(record: BearingTime) -> bool:
+    """Tell whether angles are given from true north: of an array that is no line."""
+    return record.azimuth_deg is not None and bool(
+        np.isfinite(record.heading_deg).all()
+    )
+
+
+def angle_name(record: BearingTime) -> str:
+    """Return what the angles of a record are."""
+    return "bearing (deg)" if is_true(record) else "angle from ahead (deg)"
 
 
 def _angles(record: BearingTime) -> tuple[FloatArray, IntArray]:
@@ -84,14 +102,16 @@ def _angles(record: BearingTime) -> tuple[FloatArray, IntArray]:
     return np.degrees(np.arccos(record.cos_angle[inside])), inside
 
 
-def draw_line_angles(record: BearingTime, lines: Lines, ax: "Axes") -> "Axes":
+def draw_line_angles(
+    record: BearingTime, lines: Lines, scene: Scene, ax: "Axes"
+) -> "Axes":
     """Draw measured angles of contacts over the record, in the contacts' colours."""
     angle_deg = _angle_from_ahead(record, lines.time_s, lines.measured_bearing_deg)
     contacts = zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True)
     for line, contact in contacts:
         if contact > 0:
             own = lines.line == line
-            _mark(ax, lines.time_s[own], angle_deg[own], contact)
+            _mark(ax, lines.time_s[own], angle_deg[own], scene.number(contact))
     return ax
 
 
@@ -107,6 +127,8 @@ def draw_contact_angles(record: BearingTime, series: Series, ax: "Axes") -> "Axe
 def _angle_from_ahead(
     record: BearingTime, time_s: FloatArray, bearing_deg: FloatArray
 ) -> FloatArray:
+    if is_true(record):
+        return np.mod(bearing_deg, 360.0)
     heading = np.unwrap(record.heading_deg, period=360.0)
     at = np.interp(time_s, record.frames.time_s, heading)
     side = 1.0 if record.side == "starboard" else -1.0
@@ -156,7 +178,7 @@ def draw_frequency_azimuth(
     ax.set(xlim=(record.band_low_hz, record.band_high_hz), ylim=(widest, 0.0))
     ax.set(yticks=range(0, widest + 1, 30))
     ax.set_xlabel("frequency (Hz)", fontsize=9)
-    ax.set_ylabel("angle from ahead (deg)", fontsize=9)
+    ax.set_ylabel(angle_name(record), fontsize=9)
     return ax
 
 

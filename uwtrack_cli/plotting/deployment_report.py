@@ -1,24 +1,29 @@
 """The report of a folder: a deployment at a glance, its days, its passages.
 
 **Method.** The calendar has a row per day and sensor: grey where there is sound, darker
-where a vessel is heard, a mark where one passes. Beside it stand the passages of each
-hour of the day. Of more days than there is room for, the last ones are drawn.
+where a vessel is heard, a mark where one passes. Below it stand the medians of every
+hour in decidecade bands and of the whole band, the ways of the vessels past their
+sensors, how many passed at which hour, speed and range, and a picture of each passage
+that leads to its page. Of more days or passages than there is room for, the last days
+and the first passages are drawn, which is said.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from datetime import timedelta
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from uwtrack_cli import __version__
-from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.files.tables.summaries import NOT_KNOWN, Head, utc_text
-from uwtrack_cli.files.text_escaping import figure_text, html_text
+from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.files.utc import EPOCH, parse_utc
 from uwtrack_cli.flow.deployment import Deployment
+from uwtrack_cli.flow.long_term import HourLevel, by_hour
 from uwtrack_cli.flow.passages import PassageRow
 from uwtrack_cli.flow.recorder_folder import DAY_NS
 from uwtrack_cli.flow.sound_hours import (
@@ -29,21 +34,23 @@ from uwtrack_cli.flow.sound_hours import (
     hours_per_day,
     total_h,
 )
-from uwtrack_cli.plotting.html_page import (
-    facts_html,
-    list_html,
-    page_html,
-    picture_html,
-    table_html,
-)
+from uwtrack_cli.plotting.html_page import Block, page_html, picture_block
+from uwtrack_cli.plotting.maps import draw_circle, draw_way, fit_limits, furnish
+from uwtrack_cli.plotting.page_layout import stacked
+from uwtrack_cli.plotting.picture import FrequencyAxis, cell_edges
 from uwtrack_cli.plotting.style import (
     CONTACT_COLORS,
-    NARROW_IN,
+    LEVELS_MAP,
+    MEASURED,
     NO_SOUND,
     WIDE_IN,
+    Clock,
     calm,
+    contact_color,
+    name_place,
     new_figure,
 )
+from uwtrack_cli.plotting.view import Units
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,6 +62,9 @@ MOST_ROWS = 62
 MOST_PASSAGES = 1000
 """Passages that are listed."""
 
+MOST_WAYS = 300
+"""Passages on the map."""
+
 MARKERS = "ov^sD*"
 """Marks of the sensors, beside their colours."""
 
@@ -62,31 +72,38 @@ CAPTION = "Grey: sound. Dark: a vessel may be heard. Marks: passages."
 
 HEARD_COLOR = "#8c8c8c"
 
-HEADS = (
-    Head("speed m/s", "speed_mps", 2, "speed_std_mps"),
-    Head("range m", "slant_range_m", 0, "slant_range_std_m"),
-    Head("course deg", "course_deg", 0, "course_std_deg"),
-    Head("level dB", "received_level_db", 1, "received_level_std_db"),
-)
+BINS = 12
+"""Bars of speed and range."""
+
+Gallery = Callable[[PassageRow, int], dict[str, Any] | None]
 
 
-def deployment_html(deployment: Deployment, title: str) -> str:
-    """Return the report of a folder as HTML."""
+def deployment_html(
+    deployment: Deployment,
+    title: str,
+    gallery: Gallery = lambda _row, _number: None,
+    units: Units = "kn",
+) -> str:
+    """Return the report of a folder as HTML.
+
+    ``gallery``: gives picture and link of a passage with its number, None for none.
+    ``units``: unit of every speed.
+    """
     n = len(deployment.passages)
     count = f"{n or 'no'} passage{'' if n == 1 else 's'}"
     hours = total_h(deployment.sound)
-    body = [
-        f'<p class="result">{count} in {hours:.1f} hours of sound</p>',
-        list_html(deployment.problems, "warnings"),
-        facts_html(_facts(deployment)),
+    blocks: list[Block] = [
+        ("result", f"{count} in {hours:.1f} hours of sound"),
+        ("warnings", deployment.problems),
+        ("facts", _facts(deployment)),
+        *_pictures(deployment, units),
     ]
-    if _days(deployment):
-        wide, narrow = (calendar_figure(deployment, w) for w in (WIDE_IN, NARROW_IN))
-        body.append("<h2>Calendar</h2>")
-        body.append(f"<p>{CAPTION}</p>")
-        body.append(picture_html(wide, narrow, "calendar of sound and passages"))
-    body += _tables(deployment)
-    return page_html(title, body, f"uwtrack {__version__}")
+    shown = [gallery(row, k) for k, row in enumerate(deployment.passages, 1)]
+    if any(shown):
+        blocks.append(("heading", "Passages at a glance"))
+        blocks.append(("gallery", [one for one in shown if one is not None]))
+    blocks += _tables(deployment, units)
+    return page_html(title, blocks, f"uwtrack {__version__}")
 
 
 def _facts(deployment: Deployment) -> list[tuple[str, str]]:
@@ -102,7 +119,7 @@ def _facts(deployment: Deployment) -> list[tuple[str, str]]:
     unknown = len(listened) - len(spans)
     if unknown:
         facts.append(("Without a start time", str(unknown)))
-    vessels = Counter(p.vessel for p in deployment.passages if p.vessel)
+    vessels = {p.vessel for p in deployment.passages if p.vessel}
     if vessels:
         facts.append(("Vessels by AIS", str(len(vessels))))
     return facts
@@ -110,6 +127,53 @@ def _facts(deployment: Deployment) -> list[tuple[str, str]]:
 
 def _utc(time_ns: int) -> str:
     return f"{EPOCH + timedelta(seconds=time_ns // NANOSECONDS):%Y-%m-%d %H:%M}"
+
+
+def _pictures(deployment: Deployment, units: Units) -> Iterator[Block]:
+    """Yield the pictures of the whole, each where it has something to say."""
+    passages = deployment.passages
+    days = _days(deployment)
+    if days:
+        more = (
+            f" The last {MOST_ROWS} of {len(days)} days."
+            if len(days) > MOST_ROWS
+            else ""
+        )
+        yield "heading", "Calendar"
+        yield "text", CAPTION + more
+        yield picture_block(
+            lambda width_in: calendar_figure(deployment, width_in),
+            f"Calendar of {len(days)} days of sound with {len(passages)} passages.",
+        )
+    hours = by_hour(hour for one in deployment.listened for hour in one.hours)
+    for sensor, reference in dict.fromkeys((h.sensor, h.reference) for h in hours):
+        own = [h for h in hours if (h.sensor, h.reference) == (sensor, reference)]
+        yield "heading", f"Levels by the hour, sensor {sensor}"
+        yield picture_block(
+            lambda width_in, own=own: hours_figure(own, width_in),  # type: ignore[misc]
+            f"Medians of {len(own)} hours in decidecade bands, and of the whole band.",
+        )
+    if not passages:
+        return
+    yield "heading", "Passages by hour, speed and range"
+    yield picture_block(
+        lambda width_in: histogram_figure(passages, width_in, units),
+        f"Histograms of {len(passages)} passages by hour of the day, speed and range.",
+    )
+    ways = [row for row in passages if row.slant_range_m is not None][:MOST_WAYS]
+    if ways:
+        yield "heading", "Map"
+        yield (
+            "text",
+            (
+                "Ways past the sensor, which is the origin, by their course and bearing; a "
+                "circle is the range of a vessel whose direction is not known."
+            ),
+        )
+        yield picture_block(
+            lambda width_in: map_figure(ways, width_in),
+            f"Map of {len(ways)} passages about their sensors.",
+        )
 
 
 def _days(deployment: Deployment) -> list[int]:
@@ -126,29 +190,21 @@ def calendar_figure(deployment: Deployment, width_in: float) -> "Figure":
     sensors = sorted({span.sensor for _, span in by_day(deployment.sound)})
     place = {day: len(days) - 1 - number for number, day in enumerate(days)}
     rows_in = max(0.28 * len(days) * max(1, len(sensors)) ** 0.5, 0.6)
-    figure = new_figure(width_in, rows_in + 2.2)
-    upper, lower = figure.subplots(2, 1, height_ratios=[rows_in, 1.0], sharex=True)
+    figure = new_figure(width_in, rows_in + 0.8)
+    ax = figure.subplots()
     height = 0.8 / max(1, len(sensors))
     for number, sensor in enumerate(sensors):
         shift = 0.4 - (number + 0.5) * height
-        _draw_sensor(deployment, sensor, number, place, shift, height, upper)
+        _draw_sensor(deployment, sensor, number, place, shift, height, ax)
     every = max(1, len(days) // 31)
     names = [day_name(day) for day in days]
-    upper.set_yticks([place[d] for d in days][::every], names[::every], fontsize=8)
-    upper.set(ylim=(-0.6, len(days) - 0.4), xlim=(0, 24))
-    calm(upper)
+    ax.set_yticks([place[d] for d in days][::every], names[::every], fontsize=8)
+    ax.set(ylim=(-0.6, len(days) - 0.4), xlim=(0, 24))
+    calm(ax)
     if len(sensors) > 1 and deployment.passages:
-        upper.legend(fontsize=8, loc="upper right", ncols=min(4, len(sensors)))
-    hours = [
-        parse_utc(p.time_utc) % DAY_NS / DAY_NS * 24
-        for p in deployment.passages if p.time_utc
-    ]  # fmt: skip
-    lower.hist(hours, bins=np.arange(25), color=HEARD_COLOR, rwidth=0.85)
-    calm(lower)
-    lower.set_ylabel("passages\nper hour", fontsize=8)
-    lower.yaxis.get_major_locator().set_params(integer=True)
-    lower.set_xticks(range(0, 25, 3 if width_in > 0.7 * WIDE_IN else 6))
-    lower.set_xlabel("hour of the day (UTC)", fontsize=9)
+        ax.legend(fontsize=8, loc="upper right", ncols=min(4, len(sensors)))
+    ax.set_xticks(range(0, 25, 3 if width_in > 0.7 * WIDE_IN else 6))
+    ax.set_xlabel("hour of the day (UTC)", fontsize=9)
     return figure
 
 
@@ -178,54 +234,172 @@ def _draw_sensor(
         )  # fmt: skip
 
 
-def _tables(deployment: Deployment) -> Iterator[str]:
-    """Yield the counts per day and vessel, and all passages."""
+def hours_figure(hours: Sequence[HourLevel], width_in: float) -> "Figure":
+    """Return medians of hours: in decidecade bands, and of the whole band below.
+
+    ``hours``: hours of one sensor, in order.
+    """
+    first, last = hours[0].hour, hours[-1].hour
+    known = {one.hour: one for one in hours}
+    centre = max((one.centre_hz for one in hours), key=len)
+    level = np.full((last - first + 1, centre.size), np.nan)
+    whole = np.full((last - first + 1, 3), np.nan)
+    for hour, one in known.items():
+        level[
+            hour - first, np.isin(np.round(centre, 3), np.round(one.centre_hz, 3))
+        ] = one.median_db[np.isin(np.round(one.centre_hz, 3), np.round(centre, 3))]
+        whole[hour - first] = one.whole_db
+    figure = new_figure(width_in, 4.4)
+    upper, lower = figure.subplots(2, 1, height_ratios=[2.0, 1.0])
+    edges_s = 3600.0 * np.arange(last - first + 2)
+    edges_hz = 10.0 ** cell_edges(np.log10(centre)) if centre.size > 1 else centre[0] * (
+        np.array([0.9, 1.1]))  # fmt: skip
+    image = upper.pcolormesh(
+        edges_s,
+        edges_hz,
+        np.ma.masked_invalid(level.T),
+        cmap=LEVELS_MAP,
+        rasterized=True,
+    )
+    unit = f"dB re {hours[0].reference}".replace("1 uPa", "1 \u00b5Pa")
+    figure.colorbar(image, ax=upper, pad=0.01, label="median in a decidecade\n" + unit)
+    upper.set_facecolor(NO_SOUND)
+    FrequencyAxis(edges_hz[0], edges_hz[-1], is_log=True).set_axis(upper)
+    middle = 0.5 * (edges_s[1:] + edges_s[:-1])
+    lower.fill_between(middle, whole[:, 0], whole[:, 2], color=MEASURED, alpha=0.3, lw=0,
+                       step="mid")  # fmt: skip
+    lower.step(middle, whole[:, 1], where="mid", color=MEASURED, lw=1.0)
+    lower.set_ylabel(f"all bands, median\nand 10-90 % ({unit})", fontsize=8)
+    calm(lower)
+    clock, span_s = Clock(first * HOUR_NS), (0.0, float(edges_s[-1]))
+    for ax in (upper, lower):
+        clock.set_axis(ax, span_s, 8 if width_in > 0.7 * WIDE_IN else 4)
+    lower.set_xlabel(clock.label(span_s), fontsize=9)
+    return figure
+
+
+def histogram_figure(
+    passages: Sequence[PassageRow], width_in: float, units: Units
+) -> "Figure":
+    """Return how many passed at which hour, speed and range; who has none is counted."""
+    scale = KNOT_MPS if units == "kn" else 1.0
+    hours = [parse_utc(p.time_utc) % DAY_NS / HOUR_NS for p in passages if p.time_utc]
+    speeds = [p.speed_mps / scale for p in passages if p.speed_mps is not None]
+    ranges = [p.slant_range_m for p in passages if p.slant_range_m is not None]
+    is_wide = width_in > 0.7 * WIDE_IN
+    figure = new_figure(width_in, 2.3 if is_wide else 6.0)
+    panels = np.ravel(figure.subplots(*((1, 3) if is_wide else (3, 1))))
+    named = (
+        (hours, "hour of the day (UTC)", np.arange(25.0)),
+        (speeds, f"speed ({units})", _bins(speeds)),
+        (ranges, "range at closest approach (m)", _bins(ranges)),
+    )
+    for ax, (values, name, bins) in zip(panels, named, strict=True):
+        ax.hist(values, bins=bins, color=HEARD_COLOR, rwidth=0.85)
+        calm(ax)
+        missing = len(passages) - len(values)
+        ax.set_xlabel(name + (f"; {missing} not known" if missing else ""), fontsize=8)
+        ax.yaxis.get_major_locator().set_params(integer=True)
+    panels[0].set_ylabel("passages", fontsize=8)
+    panels[0].set_xticks(range(0, 25, 6))
+    return figure
+
+
+def _bins(values: Sequence[float]) -> FloatArray:
+    """Return edges of bars from zero on that hold every value."""
+    top = max(values, default=1.0)
+    step = 10.0 ** np.floor(np.log10(max(top / BINS, 1e-6)))
+    step *= next(n for n in (1.0, 2.0, 5.0, 10.0) if n * step * BINS >= top)
+    return np.asarray(step * np.arange(int(top / step) + 2))
+
+
+def map_figure(ways: Sequence[PassageRow], width_in: float) -> "Figure":
+    """Return the ways of passages past their sensors, which are the origin."""
+    is_wide = width_in > 0.7 * WIDE_IN
+    figure = new_figure(width_in, 5.0 if is_wide else width_in)
+    ax = stacked(figure, 1.0)[0].subplots()
+    for number, row in enumerate(ways, 1):
+        distance = row.horizontal_range_m or row.slant_range_m or 0.0
+        if row.bearing_deg is None or row.course_deg is None:
+            draw_circle(ax, distance, 0.0, number)
+            place = np.array([0.0, distance])
+            name_place(ax, place, str(number), contact_color(number), (1, 2))
+            continue
+        bearing = np.radians(row.bearing_deg)
+        place = distance * np.array([np.sin(bearing), np.cos(bearing)])
+        draw_way(ax, place, row.course_deg, 2.0 * distance, number)
+        name_place(ax, place, str(number), contact_color(number), (4, 4))
+    ax.plot(0.0, 0.0, "k^", ms=7)
+    fit_limits(ax, 0.9 * width_in / 4.5 if is_wide else 1.0)
+    furnish(ax)
+    return figure
+
+
+def _heads(units: Units) -> tuple[Head, ...]:
+    return (
+        Head(f"speed {units}", "speed", 2 if units == "m/s" else 1, "speed_std"),
+        Head("range m", "slant_range_m", 0, "slant_range_std_m"),
+        Head("course deg", "course_deg", 0, "course_std_deg"),
+        Head("level dB", "received_level_db", 1, "received_level_std_db"),
+    )
+
+
+def _tables(deployment: Deployment, units: Units) -> Iterator[Block]:
+    """Yield the counts per day and vessel, and all passages; the counts add up."""
     passages = deployment.passages
     if not passages:
         return
-    yield "<h2>Days</h2>"
-    yield table_html(("day", "sound h", "passages"), _day_rows(deployment))
-    vessels = Counter(p.vessel for p in passages if p.vessel).most_common()
-    if vessels:
-        yield "<h2>Vessels</h2>"
-        yield table_html(("vessel", "passages"), [(n, str(k)) for n, k in vessels])
-    yield "<h2>Passages</h2>"
-    rows = [_cells(row) for row in passages[:MOST_PASSAGES]]
-    heads = (
-        "time UTC",
-        "sensor",
-        "vessel",
-        "status",
-        *(h.title for h in HEADS),
-        "result",
-    )
-    columns = list(zip(heads, zip(*rows, strict=True), strict=True))
-    known = [(head, cells) for head, cells in columns if set(cells) != {"-"}]
-    yield table_html(
-        [h for h, _ in known], list(zip(*(c for _, c in known), strict=True))
-    )
-    if len(passages) > MOST_PASSAGES:
-        more = len(passages) - MOST_PASSAGES
-        yield f"<p>{html_text(f'{more} more: uwtrack passages lists them.')}</p>"
-
-
-def _day_rows(deployment: Deployment) -> list[tuple[str, str, str]]:
+    yield "heading", "Days"
     hours = hours_per_day(deployment.sound)
-    counts = Counter((p.time_utc or "unknown")[:10] for p in deployment.passages)
-    return [
-        (day, f"{hours[day]:.1f}" if day in hours else "-", str(counts[day]))
+    counts = Counter((p.time_utc or "unknown")[:10] for p in passages)
+    days = [
+        (day, f"{hours[day]:.1f}" if day in hours else NOT_KNOWN, str(counts[day]))
         for day in sorted(hours.keys() | counts.keys())
     ]
+    total: tuple[str, ...] = (
+        "all", f"{sum(hours.values()):.1f}", str(len(passages))
+    )  # fmt: skip
+    heads: tuple[str, ...] = ("day", "sound h", "passages")
+    yield "table", {"heads": heads, "rows": days, "total": total}
+    vessels = Counter(p.vessel or "" for p in passages).most_common()
+    if any(name for name, _ in vessels):
+        yield "heading", "Vessels"
+        rows = [(name or "not named", str(count)) for name, count in vessels]
+        total = ("all", str(len(passages)))
+        yield "table", {"heads": ("vessel", "passages"), "rows": rows, "total": total}
+    yield "heading", "Passages"
+    cells = [_cells(row, k, units) for k, row in enumerate(passages[:MOST_PASSAGES], 1)]
+    titles = [head.title for head in _heads(units)]
+    heads = ("passage", "time UTC", "sensor", "vessel", "status", *titles, "result")
+    columns = zip(heads, zip(*cells, strict=True), strict=True)
+    known = [(head, column) for head, column in columns if set(column) != {NOT_KNOWN}]
+    rows_known = list(zip(*(column for _, column in known), strict=True))
+    yield "table", {"heads": [head for head, _ in known], "rows": rows_known}
+    if len(passages) > MOST_PASSAGES:
+        yield (
+            "text",
+            f"{len(passages) - MOST_PASSAGES} more: uwtrack passages lists them.",
+        )
 
 
-def _cells(row: PassageRow) -> tuple[str, ...]:
-    when = f"{row.time_s:.1f} s" if row.time_s is not None else "-"
-    when = utc_text(row.time_utc) if row.time_utc else when
-    name = row.vessel or "-"
+def when_of(row: PassageRow) -> str:
+    """Return when a passage was: UTC, or seconds from the first sample."""
+    if row.time_utc:
+        return utc_text(row.time_utc)
+    return NOT_KNOWN if row.time_s is None else f"{row.time_s:.1f} s"
+
+
+def _cells(row: PassageRow, number: int, units: Units) -> tuple[str, ...]:
+    name = row.vessel or NOT_KNOWN
     if row.vessel_probability is not None:
         name += f" {100 * row.vessel_probability:.0f} %"
+    scale = KNOT_MPS if units == "kn" else 1.0
     facts = asdict(row)
-    numbers = [head.text(facts) for head in HEADS]
+    for key in ("speed", "speed_std"):
+        value = facts[f"{key}_mps"]
+        facts[key] = None if value is None else value / scale
+    numbers = [head.text(facts) for head in _heads(units)]
     if numbers[-1] != NOT_KNOWN and row.level_reference:
         numbers[-1] += f" re {row.level_reference}"  # the two never mix
-    return (when, row.sensor, name, row.status, *numbers, row.file.rpartition("/")[2])
+    file = row.file.rpartition("/")[2]
+    return (str(number), when_of(row), row.sensor, name, row.status, *numbers, file)

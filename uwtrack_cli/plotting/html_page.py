@@ -1,78 +1,57 @@
-"""Pieces of a page in HTML: text that cannot take effect, tables, pictures inside.
+"""A page in HTML: blocks of text, tables and pictures, in one file.
 
-**Conventions.** Pictures are inlined as data, each in a rendering for wide screens and
-paper and one for telephones; a page has no script and refers to no address. All text
-that comes from a file is escaped.
+**Conventions.** A block is the name of a part of `report.html` and what it shows. A
+picture is inlined as data, in a rendering for wide screens and paper and one for
+telephones, with a text for who cannot see it; a page has no script and refers to no
+address but pages beside it. All text is escaped where it stands.
 """
 
 import base64
-import io
-from collections.abc import Sequence
-from importlib import resources
-from string import Template
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
-from uwtrack_cli.files.text_escaping import html_text
-from uwtrack_cli.plotting.page import DPI
+from jinja2 import Environment, PackageLoader
+
+from uwtrack_cli.files.text_escaping import plain_text
+from uwtrack_cli.plotting.page import png_of
+from uwtrack_cli.plotting.page_layout import alternative_text
+from uwtrack_cli.plotting.style import NARROW_IN, WIDE_IN
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Block = tuple[str, Any]
 
-def page_html(title: str, body: Sequence[str], footer: str) -> str:
+
+def page_html(title: str, blocks: Iterable[Block], footer: str) -> str:
     """Return a whole page.
 
     ``title``: its title, any text. ``footer``: its last line, any text.
     """
-    source = resources.files("uwtrack_cli.plotting") / "report.html"
-    return Template(source.read_text(encoding="utf-8")).substitute(
-        title=html_text(title), body="\n".join(body), footer=html_text(footer)
-    )
+    pages = Environment(
+        loader=PackageLoader("uwtrack_cli.plotting", "."), autoescape=True,
+        trim_blocks=True, lstrip_blocks=True,
+        finalize=lambda value: plain_text(value) if type(value) is str else value,
+    )  # fmt: skip
+    page = pages.get_template("report.html")
+    return page.render(title=title, blocks=list(blocks), footer=footer)
 
 
-def table_html(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table that scrolls by itself where it is too wide."""
-    lines = [_cells("th", heads), *(_cells("td", row) for row in rows)]
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
-    return f'<div class="wide"><table>\n{body}\n</table></div>'
+def picture_block(draw: "Callable[[float], Figure]", text: str = "") -> Block:
+    """Return a picture that is drawn for each of two widths, inches.
+
+    ``text``: what it shows, unless the picture itself says so.
+    """
+    wide, narrow = draw(WIDE_IN), draw(NARROW_IN)
+    text = text or alternative_text(wide)
+    return "picture", {"wide": png_data(wide), "narrow": png_data(narrow), "text": text}
 
 
-def _cells(tag: str, texts: Sequence[str]) -> str:
-    return "".join(f"<{tag}>{html_text(text)}</{tag}>" for text in texts)
+def png_data(figure: "Figure", dpi: float = 110) -> str:
+    """Return a picture as the address of itself."""
+    return data_address("image/png", png_of(figure, dpi))
 
 
-def list_html(texts: Sequence[str], kind: str = "") -> str:
-    """Return texts as a list, empty for none."""
-    if not texts:
-        return ""
-    mark = f' class="{kind}"' if kind else ""
-    items = "".join(f"<li>{html_text(text)}</li>" for text in texts)
-    return f"<ul{mark}>{items}</ul>"
-
-
-def facts_html(facts: Sequence[tuple[str, str]]) -> str:
-    """Return names and values side by side."""
-    rows = (
-        f"<div><dt>{html_text(name)}</dt><dd>{html_text(value)}</dd></div>"
-        for name, value in facts
-    )
-    return f"<dl>{''.join(rows)}</dl>"
-
-
-def folded_html(title: str, body: str) -> str:
-    """Return a part that is opened by a click."""
-    return f"<details><summary>{html_text(title)}</summary>\n{body}\n</details>"
-
-
-def picture_html(wide: "Figure", narrow: "Figure", text: str) -> str:
-    """Return a picture in two renderings; the text is for who cannot see it."""
-    return (
-        f'<picture><source media="(max-width: 40rem)" srcset="{_data(narrow)}">'
-        f'<img alt="{html_text(text)}" src="{_data(wide)}"></picture>'
-    )
-
-
-def _data(figure: "Figure") -> str:
-    picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=DPI)
-    return f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}"
+def data_address(kind: str, content: bytes) -> str:
+    """Return an address that holds its own content."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"

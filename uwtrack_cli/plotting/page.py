@@ -2,13 +2,18 @@
 
 **Method.** A recording has a page, and every passage and every contact of target
 motion has one of its own. A PDF holds all of them, PNG and SVG the one that is asked
-for: of a contact if it is named, else the first, which is that of the recording.
+for: of a passage or contact if it is named, else the first, that of the recording.
+
+**Conventions.** The same page is the same file, to the byte: no time of making is
+written into it. Every picture says in words what it shows (its title and description).
 """
 
+import io
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,19 +30,18 @@ from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.hdf5.layout import sensor_of
+from uwtrack_cli.plotting.demon_page import demon_figure
+from uwtrack_cli.plotting.page_layout import alternative_text
 from uwtrack_cli.plotting.passage_page import passage_figure
 from uwtrack_cli.plotting.recording_page import recording_figure
 from uwtrack_cli.plotting.table_pages import decision_figure, target_figure
 from uwtrack_cli.plotting.target_motion_page import target_motion_figure
-from uwtrack_cli.plotting.view import Scene, View
+from uwtrack_cli.plotting.view import DPI, Scene, View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SUFFIXES = (".png", ".pdf", ".svg")
-
-DPI = 110
-"""Dots per inch of a page that is stored as dots."""
 
 HEARD = (Overview, BearingTime, Levels, Lines, Presence, Fixes)
 """Containers that the page of a recording shows by themselves."""
@@ -47,13 +51,15 @@ class Page(NamedTuple):
     """A page that can be drawn."""
 
     kind: str
-    """'recording', 'passage', 'motion', 'target', 'decision' or 'sound'."""
+    """'recording', 'passage', 'motion', 'target', 'decision', 'demon' or 'sound'."""
     sensor: str | None
     """Sensor; None where it does not matter."""
     contact: int | None
     """Contact; None for all."""
     draw: Callable[[View], "Figure"]
     """Draws it."""
+    number: int | None = None
+    """Number of the passage, by time from 1; None if it is of none."""
 
 
 def scenes_of(
@@ -70,27 +76,30 @@ def scenes_of(
         for c in containers
         if isinstance(c, HEARD) or c.NAME == "recording"
     }
-    sensors = sorted(name for name in heard if name is not None)
-    if not sensors:
-        return [Scene(containers, None, tracks)]
-    return [Scene(containers, name, tracks) for name in sensors]
+    sensors: list[str | None] = [*sorted(name for name in heard if name is not None)]
+    return [Scene(containers, name, tracks) for name in sensors or [None]]
 
 
 def pages_of(
-    containers: Sequence[Container], tracks: Sequence[VesselTrack] = ()
+    containers: Sequence[Container],
+    tracks: Sequence[VesselTrack] = (),
+    *,
+    is_demon: bool = False,
 ) -> list[Page]:
     """Return the pages that containers have, that of the whole first.
 
     ``containers``: containers of one recording or table. ``tracks``: ways of vessels by
-    AIS: s from the first sample, east and north of the sensor.
+    AIS: s from the first sample, east and north of the sensor. ``is_demon``: whether the
+    spectra of the envelope are asked for, one for each sensor, and nothing else.
 
     Raises
     ------
     DataError
         There is nothing to draw.
     """
-    scenes = scenes_of(containers, tracks)
-    whole = Scene(containers)
+    scenes, whole = scenes_of(containers, tracks), Scene(containers)
+    if is_demon:
+        return [Page("demon", s.sensor, None, partial(demon_figure, s)) for s in scenes]
     pages = []
     if any(isinstance(c, Target) for c in containers):
         pages.append(Page("target", None, None, lambda _: target_figure(containers)))
@@ -98,12 +107,12 @@ def pages_of(
         pages.append(
             Page("decision", None, None, lambda _: decision_figure(containers))
         )
-    recording = Page("recording", None, None, partial(recording_figure, scenes))
     motions = whole.first(Motions)
     is_array = any(isinstance(c, BearingTime) for c in containers)
     is_heard = any(isinstance(c, HEARD) for c in containers)
     if is_heard and (is_array or motions is None):
-        pages.append(recording)
+        draw = partial(recording_figure, scenes)
+        pages.append(Page("recording", None, None, draw))
     if motions is not None:
         pages += _motion_pages(whole, motions, is_array=is_array)
     pages += [page for scene in scenes for page in _passage_pages(scene)]
@@ -117,32 +126,29 @@ def pages_of(
 def _motion_pages(whole: Scene, motions: Motions, *, is_array: bool) -> list[Page]:
     contacts = [int(c) for c in np.unique(motions.contact)]
     every = Page("motion", None, None, partial(target_motion_figure, whole, None))
-    if not contacts:
-        return [every]
     own = [
         Page("motion", None, c, partial(target_motion_figure, whole, c))
         for c in contacts
     ]
+    if not own:
+        return [every]
     return own if is_array or len(own) == 1 else [every, *own]
 
 
 def _passage_pages(scene: Scene) -> list[Page]:
-    encounters = scene.encounters
-    if encounters is None:
-        return []
+    found = scene.encounters
     return [
-        Page(
-            "passage", str(encounters.sensor[row]), int(encounters.contact[row]),
-            partial(passage_figure, scene, row),
-        )
-        for row in range(encounters.n_encounters)
-    ]  # fmt: skip
+        Page("passage", str(found.sensor[row]), int(found.contact[row]),
+             partial(passage_figure, scene, row), row + 1)
+        for row in range(found.n_encounters)
+    ] if found is not None else []  # fmt: skip
 
 
 def choose_pages(
-    pages: Sequence[Page], contact: int | None, sensor: str | None
-) -> list[Page]:
-    """Return the pages of a contact and sensor; without them, every one.
+    pages: Sequence[Page], contact: int | None, sensor: str | None,
+    passage: int | None = None,
+) -> list[Page]:  # fmt: skip
+    """Return the pages of a contact, passage and sensor; without them, every one.
 
     Raises
     ------
@@ -150,24 +156,60 @@ def choose_pages(
         There is no such page; those that there are are named.
     """
     found = list(pages)
-    if contact is not None:
-        found = [page for page in found if page.contact == contact]
+    wanted = (("contact", contact), ("number", passage), ("sensor", sensor))
+    for key, value in wanted:
+        if value is None:
+            continue
+        known = dict.fromkeys(getattr(p, key) for p in found)
+        found = [page for page in found if getattr(page, key) == value]
         if not found:
-            known = sorted({p.contact for p in pages if p.contact is not None})
-            names = ", ".join(map(str, known)) or "none"
-            msg = f"contact {contact} has no page; contacts with one: {names}."
-            raise DataError(msg)
-    if sensor is not None:
-        of_sensor = [page for page in found if page.sensor == sensor]
-        if not of_sensor:
-            known_sensors = sorted({p.sensor for p in found if p.sensor is not None})
+            name = "passage" if key == "number" else key
+            names = ", ".join(map(str, sorted(k for k in known if k is not None)))
             msg = (
-                f"sensor {sensor!r} has no such page; sensors with one: "
-                f"{', '.join(known_sensors) or 'none'}."
-            )
+                f"{name} {value} has no page; {name}s with one: {names or 'none'}."
+                + (" Contacts that pass are numbered by time: --passage."
+                   if key == "contact" else "")
+            )  # fmt: skip
             raise DataError(msg)
-        found = of_sensor
     return found
+
+
+def draw_page(
+    containers: Sequence[Container],
+    output: Path | str | None = None,
+    *,
+    passage: int | None = None,
+    sensor: str | None = None,
+    is_demon: bool = False,
+    overwrite: bool = False,
+    **how: Any,
+) -> "Figure":
+    """Draw one page of containers, and write it where it has a name.
+
+    ``how``: fields of a `View`.
+
+    Raises
+    ------
+    DataError
+        There is no such page.
+    OptionError
+        There is no such option, or it is not accepted.
+    OutputError
+        The picture exists, or cannot be written.
+    """
+    unknown = set(how) - {one.name for one in fields(View)}
+    if unknown:
+        names = ", ".join(one.name for one in fields(View))
+        msg = f"a plot has no option {min(unknown)!r}; it has {names}."
+        raise OptionError(msg)
+    view = View(**how)
+    every = pages_of(containers, is_demon=is_demon)
+    page = choose_pages(every, None, sensor, passage)[0]
+    figure = page.draw(view)
+    if output is not None:
+        made = page._replace(draw=lambda _: figure)
+        write_pages([made], Path(output), view, overwrite=overwrite)
+    return figure
 
 
 def check_picture(output: Path, *, overwrite: bool) -> None:
@@ -209,10 +251,28 @@ def write_pages(
         temporary.open("wb") as file,
     ):
         if form != "pdf":
-            figures[0].savefig(file, format=form, dpi=view.dpi or DPI)
+            save_figure(figures[0], file, form, view.dpi or DPI)
             return
         from matplotlib.backends.backend_pdf import PdfPages
 
-        with PdfPages(file) as document:
+        told: Any = {"CreationDate": None, "Title": figures[0].get_label()}
+        with PdfPages(file, metadata=told) as document:
             for figure in figures:
                 document.savefig(figure, dpi=view.dpi or 2 * DPI)
+
+
+def save_figure(figure: "Figure", file: IO[bytes], form: str, dpi: float) -> None:
+    """Write a page as PNG or SVG, with what it shows in words, and without a date."""
+    import matplotlib as mpl
+
+    told = {"Title": figure.get_label(), "Description": alternative_text(figure)}
+    more: Any = {"Date": None} if form == "svg" else {}
+    with mpl.rc_context({"svg.hashsalt": "uwtrack", "svg.fonttype": "none"}):
+        figure.savefig(file, format=form, dpi=dpi, metadata={**told, **more})
+
+
+def png_of(figure: "Figure", dpi: float = DPI) -> bytes:
+    """Return a page as PNG."""
+    picture = io.BytesIO()
+    save_figure(figure, picture, "png", dpi)
+    return picture.getvalue()

@@ -7,18 +7,29 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.style import MEASURED, WARNING, Clock, new_figure
+from uwtrack_cli.plotting.style import (
+    MEASURED,
+    NARROW_IN,
+    WARNING,
+    Clock,
+    contact_color,
+    new_figure,
+    text_on,
+)
 from uwtrack_cli.plotting.view import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-TITLE_PT, LINE_PT = 12.0, 9.0
-"""Size of the title and of the lines below it."""
+TITLE_PT, LINE_PT, COLUMN_PT = 12.0, 9.0, 7.5
+"""Size of the title, of the lines below it, and of both in the column of a paper."""
 
-TITLE_CHARACTERS, LINE_CHARACTERS = 9.5, 14.0
-"""Characters of either in an inch."""
+POINT_CHARACTERS = 118.0
+"""Characters in an inch, times their size in points."""
+
+LEAST_SHARE = 0.8
+"""Share of its usual height that a panel needs on a page whose height is given."""
 
 Panel = Callable[["Axes"], Any]
 
@@ -39,11 +50,16 @@ class HeadLine(NamedTuple):
     """What it says."""
     warns: bool = False
     """Whether a reader must not overlook it."""
+    number: int = 0
+    """Passage whose badge stands before it; 0 for none."""
 
 
 def span_title(span_s: tuple[float, float], clock: Clock, names: Sequence[str]) -> str:
     """Return the title of a span of recordings: begin and end, s, and their names."""
-    step = 1.0 if np.ptp(span_s) < 7200 else 60.0
+    length_s = np.ptp(span_s)
+    step = 1.0 if length_s < 7200 else 60.0
+    if clock.start_utc_ns is None and length_s < 20:
+        step = 0.5
     begin, end = clock.text(span_s[0], step), clock.text(span_s[1], step)
     last = clock.day(span_s[1])
     end = end if last == clock.day(span_s[0]) else f"{last} {end}"
@@ -62,19 +78,22 @@ def titled_figure(
     """
     if not view.stands_alone:
         figure = new_figure(view.width_in, body_in)
+        figure.set_label(". ".join(head.text for head in heads))
         return figure, stacked(figure, body_in)[0]
+    is_column = view.width_in < NARROW_IN
+    title_pt, line_pt = (
+        (COLUMN_PT + 1.5, COLUMN_PT) if is_column else (TITLE_PT, LINE_PT)
+    )
     lines = [
-        (text, number == 0, head.warns)
-        for number, head in enumerate(heads)
-        for text in wrap(
-            head.text,
-            int(view.width_in * (TITLE_CHARACTERS if number == 0 else LINE_CHARACTERS)),
-            drop_whitespace=True,
+        (head._replace(text=text, number=0 if part else head.number), place == 0, size)
+        for place, head in enumerate(heads)
+        for size in [line_pt if place else title_pt]
+        for part, text in enumerate(
+            wrap(head.text, int(view.width_in * POINT_CHARACTERS / size))
         )
     ]
-    steps = [
-        (TITLE_PT if is_title else LINE_PT) * 1.45 / 72 for _, is_title, _ in lines
-    ]
+    sizes = [size for _, _, size in lines]
+    steps = [size * 1.45 / 72 for size in sizes]
     head_in = sum(steps) + 0.12
     if view.height_in is not None:
         body_in = max(0.5 * view.height_in, view.height_in - head_in)
@@ -82,15 +101,46 @@ def titled_figure(
     figure = new_figure(view.width_in, head_in + body_in)
     upper, body = stacked(figure, head_in, body_in)
     down = 0.06
-    for (text, is_title, warns), step in zip(lines, steps, strict=True):
+    for (head, is_title, size), step in zip(lines, steps, strict=True):
+        left, top = 0.12 / view.width_in, 1.0 - down / head_in
+        if head.number:
+            badge(upper, head.number, (left, top), va="top")
         upper.text(
-            0.12 / view.width_in, 1.0 - down / head_in, figure_text(text), va="top",
-            fontsize=TITLE_PT if is_title else LINE_PT,
-            fontweight="bold" if is_title or warns else "normal",
-            color=WARNING if warns else "black" if is_title else MEASURED,
+            left + (0.25 / view.width_in if head.number else 0.0), top,
+            figure_text(head.text), va="top", fontsize=size,
+            fontweight="bold" if is_title or head.warns else "normal",
+            color=WARNING if head.warns else "black" if is_title else MEASURED,
         )  # fmt: skip
         down += step
+    figure.set_label(". ".join(head.text for head in heads))
     return figure, body
+
+
+def fitting(parts: Sequence[PagePart], view: View) -> list[PagePart]:
+    """Return the first panels, as many as a page of a given height has room for."""
+    if view.height_in is None:
+        return list(parts)
+    room = view.height_in - 1.1  # title and time axis
+    needed = np.cumsum([LEAST_SHARE * part.height for part in parts])
+    return list(parts[: max(1, int(np.searchsorted(needed, room, side="right")))])
+
+
+def badge(owner: Any, number: int, place: tuple[float, float], **more: Any) -> None:
+    """Write the number of a passage on its colour, at a place of a panel or page."""
+    color = contact_color(number)
+    box = {"boxstyle": "round,pad=0.2", "fc": color, "ec": "none"}
+    owner.text(
+        *place, str(number), fontsize=8, fontweight="bold", color=text_on(color), bbox=box,
+        **more,
+    )  # fmt: skip
+
+
+def alternative_text(figure: "Figure") -> str:
+    """Say what a page shows, for who cannot see it: its title and its panels."""
+    names = (ax.get_ylabel() or ax.get_xlabel() for ax in figure.axes
+             if ax.get_label() != "<colorbar>")  # fmt: skip
+    shown = dict.fromkeys(" ".join(name.split()) for name in names if name)
+    return f"{figure.get_label()}. Panels: {', '.join(shown)}."
 
 
 def stacked(figure: "Figure | SubFigure", *heights: float) -> "list[SubFigure]":

@@ -7,12 +7,14 @@ sensor is at rest.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.motion.passage.model.law import Passage, passage_law, with_other_leg
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
@@ -22,8 +24,9 @@ REACH = 4.0
 """d/v on either side of the closest approach that are shown."""
 
 
-FEWEST_FRAMES = 12
-"""Frames that are shown on either side, at least."""
+FEWEST_FRAMES, FEWEST_AT_HAND = 12, 3
+"""Frames of its lines that are shown on either side at least, and where the sound is at
+hand and is resolved finer."""
 
 TURN = {"starboard": 1.0, "port": -1.0}
 """Sense in which the bearing turns, by the side of the vessel where the sensor is."""
@@ -42,6 +45,11 @@ class ReportedPassage:
     def contact(self) -> int:
         """Number of its contact."""
         return int(self.encounters.contact[self.row])
+
+    @property
+    def number(self) -> int:
+        """Number of the passage, by time from 1, as in pictures and tables."""
+        return self.row + 1
 
     @property
     def time_s(self) -> float:
@@ -83,10 +91,9 @@ class ReportedPassage:
         return bool(np.isfinite([self.time_s, self.width_s]).all() and self.width_s > 0)
 
     @property
-    def misfit(self) -> float:
-        """What the lines leave of their curve, as a share of the Doppler shift."""
-        known = self.encounters.misfit
-        return float("nan") if known is None else float(known[self.row])
+    def marked_s(self) -> float:
+        """When pictures mark it: the arrival of its sound, s; nan if unknown."""
+        return self.arrival_s if np.isfinite(self.arrival_s) else self.time_s
 
     def shift(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the relative Doppler shift and its deviation."""
@@ -186,7 +193,7 @@ class PassagePage:
     view: View
     """What of it is drawn."""
 
-    @property
+    @cached_property
     def row(self) -> Row:
         """Its row, as it is printed."""
         return json_rows(self.fit.encounters)[self.fit.row]
@@ -200,7 +207,10 @@ class PassagePage:
         lines = self.scene.first(Lines)
         if lines is not None:
             longest_s = lines.point_window_s.max(initial=lines.frames.window_s)
-            reach = np.fmax(reach, FEWEST_FRAMES * longest_s / lines.overlap_frames)
+            recording = self.scene.first(Recording)
+            is_at_hand = recording is not None and recording.reader is not None
+            count = FEWEST_AT_HAND if is_at_hand else FEWEST_FRAMES
+            reach = np.fmax(reach, count * longest_s / lines.overlap_frames)
         if not np.isfinite([middle, reach]).all():
             return self.view.span_s(known, self.scene.clock)
         low, high = max(known[0], middle - reach), min(known[1], middle + reach)

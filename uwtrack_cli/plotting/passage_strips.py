@@ -17,16 +17,10 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.plotting.lofargram import (
-    FrequencyAxis,
-    cell_edges,
-    choose_axis,
-    draw_lofargram,
-    over_floor,
-    shades,
-)
 from uwtrack_cli.plotting.page_layout import PagePart, Panel
+from uwtrack_cli.plotting.panels import lofargram_parts
 from uwtrack_cli.plotting.passage_fit import PassagePage, ReportedPassage
+from uwtrack_cli.plotting.picture import cell_edges, over_floor, overview_levels, shades
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     LEVELS_MAP,
@@ -45,8 +39,9 @@ SHIFTS = 3.0
 """Height of a strip on either side of the rest frequency, in Doppler shifts."""
 
 
-MOST_STRIPS = 6
-"""Lines that have a strip of their own, the best measured ones."""
+MOST_STRIPS, STRIPS_SHARE = 6, 0.4
+"""Lines that have a strip of their own, the best measured ones; and in an inch of a page
+whose height is given."""
 
 
 FEWEST_CELLS = 6.0
@@ -79,7 +74,7 @@ def line_strips(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart
     fit = page.fit
     rows = _best_lines(page)
     if not rows or not fit.is_drawn or fit.mach <= 0:
-        return _overview_part(page, span_s)
+        return lofargram_parts(page.scene, page.view, span_s)
     rest = [float(fit.encounters.rest_frequency_hz[k]) for k in rows]
     zooms = _zooms(page, span_s, rest)
     parts = []
@@ -98,7 +93,11 @@ def _best_lines(page: PassagePage) -> list[int]:
         own = own[(frequency[own] >= band[0]) & (frequency[own] <= band[1])]
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = found.rest_frequency_std_hz[own] / found.rest_frequency_hz[own]
-    best = own[np.argsort(relative, kind="stable")][:MOST_STRIPS]
+    height_in = page.view.height_in
+    count = (
+        MOST_STRIPS if height_in is None else max(1, round(STRIPS_SHARE * height_in))
+    )
+    best = own[np.argsort(relative, kind="stable")][: min(count, MOST_STRIPS)]
     order = np.argsort(-found.rest_frequency_hz[best], kind="stable")
     return [int(k) for k in best[order]]
 
@@ -122,10 +121,15 @@ def _zooms(
         half = max(_half_hz(fit, rest), 3.0 / frame_s)
         windows.append(Window(rest, min(half, 0.9 * rest), float(frame_s)))
     margin = 0.5 * max(window.frame_s for window in windows)
-    try:
-        return zoom(recording, (span_s[0] - margin, span_s[1] + margin), windows)
-    except DataError:  # the sound has gone since it was found
-        return []
+    reach_s = (span_s[0] - margin, span_s[1] + margin)
+
+    def make() -> list[Zoom]:
+        try:
+            return zoom(recording, reach_s, windows)
+        except DataError:  # the sound has gone since it was found
+            return []
+
+    return page.scene.once(("strips", reach_s, tuple(windows)), make)
 
 
 def _strip(page: PassagePage, rest_row: int, zoomed: Zoom | None, count: int) -> Panel:
@@ -156,8 +160,8 @@ def _strip(page: PassagePage, rest_row: int, zoomed: Zoom | None, count: int) ->
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:+g}" if value else "0")
         ax.tick_params(labelsize=7)
         ax.text(
-            0.008, 0.9, f"{rest:.2f} Hz", transform=ax.transAxes, va="top", fontsize=8,
-            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8},
+            0.008, 0.9, f"{rest:.2f} Hz", transform=ax.transAxes, va="top", fontsize=7,
+            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
         )  # fmt: skip
         spec = ax.get_subplotspec()
         first = 0 if spec is None else spec.rowspan.start
@@ -179,7 +183,7 @@ def _draw_part(
     near = np.abs(overview.frequency_hz - rest_hz) <= half_hz + width
     if near.sum() < FEWEST_CELLS:
         return False
-    relative = over_floor(overview)[:, near]
+    relative = over_floor(overview_levels(overview))[:, near]
     dark, bright = shades(relative)
     ax.pcolormesh(
         cell_edges(overview.time_s, ax.get_xlim()),
@@ -230,7 +234,7 @@ def _draw_curve(
     shift, std = fit.shift(time_s)
     rest_std = np.nan_to_num(fit.encounters.rest_frequency_std_hz[rest_row])
     half = BAND_DEVIATIONS * np.hypot(rest_hz * std, rest_std)
-    color = contact_color(fit.contact)
+    color = contact_color(fit.number)
     ax.plot(
         time_s, rest_hz * shift, color=color, lw=0.9,
         path_effects=halo() if is_picture else None,
@@ -239,18 +243,3 @@ def _draw_curve(
         time_s, rest_hz * shift - half, rest_hz * shift + half, lw=0, alpha=0.3,
         color="white" if is_picture else color,
     )  # fmt: skip
-
-
-def _overview_part(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
-    """Return the lofargram about a passage that no line shows."""
-    overview = page.scene.overview
-    if overview is None or overview.frequency_hz.size < 2:
-        return []
-    axis: FrequencyAxis = choose_axis(
-        overview, None, page.view.band_hz, is_log=page.view.is_log
-    )
-
-    def draw(ax: "Axes") -> None:
-        draw_lofargram(overview, axis, span_s, ax)
-
-    return [PagePart(2.4, draw)]

@@ -20,28 +20,26 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.product import HistoryStep, Product
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences, stretch_words
-from uwtrack_cli.files.tables.summaries import summary_of
-from uwtrack_cli.files.text_escaping import html_text
+from uwtrack_cli.files.tables.summaries import numbered, summary_of
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.next_looks import next_looks
-from uwtrack_cli.plotting.html_page import (
-    facts_html,
-    folded_html,
-    list_html,
-    page_html,
-    picture_html,
-    table_html,
-)
-from uwtrack_cli.plotting.page import Page, pages_of
-from uwtrack_cli.plotting.passage_page import MARKED_MISFIT, fact_lines, passage_title
-from uwtrack_cli.plotting.style import NARROW_IN, WIDE_IN, contact_color, text_on
-from uwtrack_cli.plotting.view import View
+from uwtrack_cli.plotting.html_page import Block, page_html, picture_block
+from uwtrack_cli.plotting.listen import Ear
+from uwtrack_cli.plotting.page import Page, pages_of, scenes_of
+from uwtrack_cli.plotting.passage_words import cautions, fact_lines, passage_title
+from uwtrack_cli.plotting.style import contact_color, text_on
+from uwtrack_cli.plotting.view import Units, View
 
 WIDE_GAP, DOT = "   ", " \u00b7 "
 """What parts the title of a page, and of a card: HTML joins spaces."""
 
 MOST_PICTURES = 60
 """Passages that have a picture; the others have their numbers."""
+
+HEADINGS = {
+    "recording": "Overview", "motion": "Target motion", "target": "Track in clutter",
+    "decision": "Which one moves",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -52,6 +50,10 @@ class Report:
     """Everything that it may show."""
     tracks: Sequence[VesselTrack] = ()
     """Ways of vessels by AIS, where there is one sensor."""
+    units: Units = "kn"
+    """Unit of every speed."""
+    ear: Ear | None = None
+    """How the passages' sound is given; None: it is not."""
 
     def all(self, kind: type[Container]) -> list[Any]:
         """Return the containers of a kind."""
@@ -59,19 +61,13 @@ class Report:
 
     @property
     def passages(self) -> list[Row]:
-        """Every passage, as `json_rows` gives it."""
-        return [row for found in self.all(Encounters) for row in json_rows(found)]
+        """Every passage, as `json_rows` gives it, with its number."""
+        return [row for e in self.all(Encounters) for row in numbered(json_rows(e))]
 
     @property
     def heard(self) -> list[Row]:
         """Every stretch in which something was heard."""
         return [row for found in self.all(Presence) for row in json_rows(found)]
-
-    @property
-    def title(self) -> str:
-        """Names of the recordings."""
-        names = [recording.name for recording in self.all(Recording)]
-        return ", ".join(dict.fromkeys(names))
 
 
 def report_html(product: Product, report: Report) -> str:
@@ -79,56 +75,49 @@ def report_html(product: Product, report: Report) -> str:
     recordings = [(one.name, one) for one in report.all(Recording)]
     stages = {step.stage for step in product.history}
     looks = next_looks(stages, recordings, report.all(Encounters))
-    body = [*_summary(report, looks), *_pictures(report), *_tables(report)]
-    steps = "\n".join(map(_step, product.history))
-    body.append(folded_html(f"History: {len(product.history)} steps", steps))
+    blocks = [*_summary(report, looks), *_pictures(report), *_tables(report)]
+    blocks.append(("history", list(map(_step, product.history))))
     footer = (
         f"uwtrack {product.program_version}, {product.created_utc}, "
         f"SHA-256 {product.digest}"
     )
-    return page_html(report.title or Path(product.name).name, body, footer)
+    title = ", ".join(dict.fromkeys(name for name, _ in recordings))
+    return page_html(title or Path(product.name).name, blocks, footer)
 
 
-def _summary(report: Report, looks: Sequence[str]) -> Iterator[str]:
+def _summary(report: Report, looks: Sequence[str]) -> Iterator[Block]:
     """Yield the result in a sentence, what to mind, and the facts."""
     passages, heard = report.passages, report.heard
     if report.all(Encounters):
         n = len(passages)
         count = f"{n} passage{'' if n == 1 else 's'}" if n else "no closest approach"
-        has_presence = bool(report.all(Presence))
-        words = (
-            presence_sentences(heard, is_passed=n > 0, next_looks=looks)
-            if has_presence
-            else []
-        )
+        words = []
+        if report.all(Presence):
+            words = presence_sentences(heard, is_passed=n > 0, next_looks=looks)
         sentences = [count, *words] if n else words or [count, *looks]
-        yield f'<p class="result">{html_text("; ".join(sentences))}</p>'
-    yield list_html(warnings_of(report), "warnings")
+        yield "result", "; ".join(sentences)
+    yield "warnings", warnings_of(report)
     for recording in report.all(Recording):
-        yield facts_html(_facts(recording, report))
+        yield "facts", _facts(recording, report)
     if passages:
-        yield "<h2>Passages</h2>"
-        summary = summary_of("encounters", passages)
-        yield table_html(summary.titles, summary.rows)
-        yield list_html(reasons_once(passages))
+        yield "heading", "Passages"
+        yield table("encounters", passages, report.units)
+        yield "list", reasons_once(passages)
+
+
+def table(name: str, rows: Sequence[Row], units: Units = "m/s") -> Block:
+    """Return the summary of a container as a table, its speeds in a unit."""
+    summary = summary_of(name, rows, units)
+    return "table", {"heads": summary.titles, "rows": summary.rows}
 
 
 def warnings_of(report: Report) -> list[str]:
     """Return what a reader must not overlook, a sentence each."""
     found = []
     for row in report.passages:
-        if (row["misfit"] or 0.0) >= MARKED_MISFIT:
-            found.append(
-                f"Passage {row['contact']}: misfit: its lines leave the fit by "
-                f"{100 * row['misfit']:.0f} % of the Doppler shift beyond their noise."
-            )
-        if row["extrapolated"]:
-            found.append(
-                f"Passage {row['contact']}: extrapolated: the closest approach was not "
-                f"recorded."
-            )
-        found += [f"Passage {row['contact']}, ambiguous: {text}."
-                  for text in _ambiguities(row)]  # fmt: skip
+        whose = f"Passage {row['passage']}"
+        found += [f"{whose}: {text}." for text in cautions(row)]
+        found += [f"{whose}, ambiguous: {text}." for text in _ambiguities(row)]
     for recording in report.all(Recording):
         found += _unknown(recording)
     found += [m.statement for m in report.all(Motions) if m.statement]
@@ -159,7 +148,7 @@ def _unknown(recording: Recording) -> Iterator[str]:
 def reasons_once(rows: Sequence[Row]) -> list[str]:
     """Return why values are not known: each reason once, with the passages it is of.
 
-    ``rows``: passages, as `json_rows` gives them.
+    ``rows``: passages, as `numbered` gives them.
     """
     known: dict[tuple[str, str], list[str]] = {}
     for row in rows:
@@ -169,11 +158,10 @@ def reasons_once(rows: Sequence[Row]) -> list[str]:
                 by_reason.setdefault(reason, []).append(key)
         for reason, keys in by_reason.items():
             owners = known.setdefault((", ".join(sorted(keys)), reason), [])
-            owners.append(str(row["contact"]))
-    everyone = [str(row["contact"]) for row in rows]
+            owners.append(str(row.get("passage", row["contact"])))
     return [
         f"No {keys}: {reason}."
-        if owners == everyone
+        if len(owners) == len(rows)
         else f"No {keys}: {reason} (passage{'s' if len(owners) > 1 else ''} "
         f"{', '.join(owners)})."
         for (keys, reason), owners in known.items()
@@ -202,56 +190,57 @@ def _facts(recording: Recording, report: Report) -> list[tuple[str, str]]:
     ]
 
 
-def _pictures(report: Report) -> Iterator[str]:
+def _pictures(report: Report) -> Iterator[Block]:
     """Yield the page of the recording, then the cards."""
     try:
         pages = pages_of(report.containers, report.tracks)
     except DataError as error:
-        yield f"<p>{html_text(str(error))}</p>"
+        yield "text", str(error)
         return
     rows = {(row["sensor"], row["contact"]): row for row in report.passages}
     left = MOST_PICTURES
     for page in pages:
         row = rows.get((page.sensor, page.contact))
         if page.kind == "passage" and row is not None:
-            yield from _card(page, row, is_drawn=left > 0)
+            yield _card(report, page, row, is_drawn=left > 0)
             left -= 1
         else:
-            yield f"<h2>{HEADINGS[page.kind]}</h2>"
-            yield _picture(page)
+            yield "heading", HEADINGS[page.kind]
+            yield _picture(page, report.units)
     if left < 0:
         yield (
-            f"<p>{-left} passages have no picture here; uwtrack plot --contact draws "
-            f"them.</p>"
+            "text",
+            (
+                f"{-left} passages have no picture here; uwtrack plot --passage draws them."
+            ),
         )
 
 
-HEADINGS = {
-    "recording": "Overview", "motion": "Target motion", "target": "Track in clutter",
-    "decision": "Which one moves",
-}  # fmt: skip
+def _card(report: Report, page: Page, row: Row, *, is_drawn: bool) -> Block:
+    """Return the card of a passage: title, marks, page, sound, numbers."""
+    marks = [(row["status"], row["status"] != "ok")]
+    marks += [(text, True) for text in cautions(row)]
+    kind, picture = _picture(page, report.units) if is_drawn else ("", None)
+    sound = None
+    if report.ear is not None and is_drawn:
+        (scene,) = [s for s in scenes_of(report.containers) if s.sensor == page.sensor]
+        sound = report.ear.heard(scene, row["passage"] - 1)
+    return "card", {
+        **badge_of(row["passage"]), "title": title_of(row, report.units), "marks": marks,
+        "picture": picture if kind == "picture" else None, "sound": sound,
+        "facts": _merged(fact_lines(row, report.units)),
+    }  # fmt: skip
 
 
-def _card(page: Page, row: Row, *, is_drawn: bool) -> Iterator[str]:
-    """Yield the card of a passage: title, marks, numbers, page."""
-    color = contact_color(int(page.contact or 0))
-    yield f'<section class="card" style="border-color: {color}">'
-    yield (
-        f'<h2><b style="background: {color}; color: {text_on(color)}">{page.contact}</b> '
-        f"{html_text(passage_title(row).replace(WIDE_GAP, DOT))}</h2>"
-    )
-    marks = [row["status"], *(["extrapolated"] if row["extrapolated"] else [])]
-    if (row["misfit"] or 0.0) >= MARKED_MISFIT:
-        marks.append(f"misfit {100 * row['misfit']:.0f} %")
-    calm = {"ok"}
-    yield "<p>" + " ".join(
-        f'<span class="{"mark" if mark in calm else "mark warns"}">{html_text(mark)}</span>'
-        for mark in dict.fromkeys(marks)
-    ) + "</p>"  # fmt: skip
-    if is_drawn:
-        yield _picture(page)
-    yield facts_html(_merged(fact_lines(row)))
-    yield "</section>"
+def title_of(row: Row, units: Units) -> str:
+    """Return the title of a passage in a line of a page."""
+    return passage_title(row, units).replace(WIDE_GAP, DOT)
+
+
+def badge_of(number: int) -> dict[str, Any]:
+    """Return the number of a passage, its colour, and that of text on it."""
+    color = contact_color(number)
+    return {"number": number, "color": color, "ink": text_on(color)}
 
 
 def _merged(facts: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
@@ -265,38 +254,35 @@ def _merged(facts: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
     return found
 
 
-def _picture(page: Page) -> str:
+def _picture(page: Page, units: Units) -> Block:
+    def draw(width_in: float) -> Any:
+        return page.draw(View(width_in=width_in, stands_alone=False, units=units))
+
     try:
-        wide, narrow = (
-            page.draw(View(width_in=width_in, stands_alone=False))
-            for width_in in (WIDE_IN, NARROW_IN)
-        )
+        return picture_block(draw)
     except DataError as error:
-        return f"<p>{html_text(str(error))}</p>"
-    what = f"page of the {page.kind}"
-    if page.contact is not None:
-        what += f" of contact {page.contact}"
-    return picture_html(wide, narrow, what)
+        return "text", str(error)
 
 
-def _tables(report: Report) -> Iterator[str]:
+def _tables(report: Report) -> Iterator[Block]:
     """Yield what was heard, positions and motions as tables."""
     heard = report.heard
     if heard:
-        yield "<h2>What was heard</h2>"
-        summary = summary_of("presence", heard)
-        yield table_html(summary.titles, summary.rows)
+        numbers = {(r["sensor"], r["contact"]): r["passage"] for r in report.passages}
+        for row in heard:
+            row["passage"] = numbers.get((row["sensor"], row["encounter"]))
+        yield "heading", "What was heard"
+        yield table("presence", heard)
         notes = [_stretch(row) for row in heard if row["encounter"] is None]
         if notes:
-            yield folded_html("In words", list_html(notes))
+            yield "words", {"title": "In words", "texts": notes}
     for kind, title in ((Fixes, "Positions"), (Motions, "Motions")):
         rows = [row for found in report.all(kind) for row in json_rows(found)]
         if rows:
-            yield f"<h2>{title}</h2>"
-            summary = summary_of(kind.NAME, rows)
-            yield table_html(summary.titles, summary.rows)
+            yield "heading", title
+            yield table(kind.NAME, rows, report.units)
             if kind is Motions:
-                yield list_html(reasons_once(rows))
+                yield "list", reasons_once(rows)
 
 
 def _stretch(row: Row) -> str:
@@ -305,18 +291,14 @@ def _stretch(row: Row) -> str:
     return f"{text[0].upper()}{text[1:]}" + (f": {why}." if why else ".")
 
 
-def _step(step: HistoryStep) -> str:
+def _step(step: HistoryStep) -> dict[str, str]:
     """Return a step of the history: its name and source, and its options."""
     read = ", ".join(source.name for source in step.sources)
-    title = f"<b>{html_text(step.stage)}</b>" + (
-        f" of {html_text(read)}" if read else ""
-    )
-    options = ", ".join(_options("", step.options)) or "no options"
-    version = step.versions.get("uwtrack", "unknown")
-    return (
-        f'<p class="step">{title} <small>uwtrack {html_text(version)}</small><br>'
-        f"<code>{html_text(options)}</code></p>"
-    )
+    return {
+        "name": step.stage, "source": f" of {read}" if read else "",
+        "version": step.versions.get("uwtrack", "unknown"),
+        "options": ", ".join(_options("", step.options)) or "no options",
+    }  # fmt: skip
 
 
 def _options(prefix: str, options: Mapping[str, Any]) -> Iterator[str]:

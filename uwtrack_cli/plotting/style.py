@@ -6,6 +6,7 @@ dark of the lofargram alike; they differ in lightness, so that readers who see f
 colours, and grey prints, still tell them apart, and every mark bears its number.
 """
 
+import io
 import math
 from dataclasses import dataclass
 from datetime import timedelta
@@ -80,12 +81,19 @@ def contact_dash(contact: int) -> Any:
 
 
 def new_figure(width_in: float, height_in: float) -> "Figure":
-    """Return an empty page; needs no screen."""
+    """Return an empty page; needs no screen, and shows itself in a notebook."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
+    class NotebookFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            picture = io.BytesIO()
+            self.savefig(picture, format="png")
+            return picture.getvalue()
+
     mpl.use("Agg")
-    return Figure(figsize=(width_in, height_in), layout="constrained")
+    size = (width_in, height_in)
+    return NotebookFigure(figsize=size, layout="constrained", dpi=100)
 
 
 def halo() -> list[Any]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwtrack_cli.acoustics.medium import Medium
-from uwtrack_cli.constants import KNOT_MPS, SOURCE_DEPTH_M
+from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
 from uwtrack_cli.data.lines import Lines
@@ -38,6 +38,7 @@ from uwtrack_cli.motion.target_motion.own_ship import (
     OwnPath,
     make_observer_track,
 )
+from uwtrack_cli.plotting.maps import fit_limits, furnish
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
     PagePart,
@@ -47,7 +48,7 @@ from uwtrack_cli.plotting.page_layout import (
     stacked,
     titled_figure,
 )
-from uwtrack_cli.plotting.passage_map import fit_limits, furnish
+from uwtrack_cli.plotting.passage_words import speed_text
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     MEASURED,
@@ -58,7 +59,7 @@ from uwtrack_cli.plotting.style import (
     draw_ellipse,
     name_place,
 )
-from uwtrack_cli.plotting.view import Scene, View
+from uwtrack_cli.plotting.view import Scene, Units, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -110,7 +111,7 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> "Figu
     first, last = float(motions.time_s.min()), float(motions.now_time_s.max())
     span_s = view.span_s((first, max(last, first + 1.0)), scene.clock)
     height = sum(part.height for part in parts) + (0.5 if parts else 0.0)
-    heads = _heads(motions, scene.clock)
+    heads = _heads(motions, scene.clock, view.units)
     if view.is_wide and parts:
         figure, body = titled_figure(heads, view, max(height, MAP_IN))
         left, right = side_by_side(body, 1.0, 1.05)
@@ -127,12 +128,12 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> "Figu
     return figure
 
 
-def _heads(motions: Motions, clock: Clock) -> list[HeadLine]:
+def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
     """Return the state now of the best mode of every contact, and what else is said."""
     found: list[HeadLine] = []
     for row in json_rows(motions):
         if row["mode"] == 1:
-            found.append(HeadLine(_state(row)))
+            found.append(HeadLine(_state(row, units)))
             found.append(HeadLine(_now(row, clock)))
             others = int(np.sum(motions.contact == row["contact"])) - 1
             if others:
@@ -157,7 +158,7 @@ def _grouped(reasons: dict[str, str]) -> list[tuple[str, str]]:
     return [(reason, ", ".join(keys)) for reason, keys in known.items()]
 
 
-def _state(row: Row) -> str:
+def _state(row: Row, units: Units) -> str:
     parts = [f"contact {row['contact']}"]
     if row["range_m"] is not None:
         parts.append(f"{Head('', 'range_m', 0, 'range_std_m').text(row)} m")
@@ -166,20 +167,16 @@ def _state(row: Row) -> str:
             f"in {Head('', 'bearing_deg', 1, 'bearing_std_deg').text(row)} deg"
         )
     if row["speed_mps"] is not None:
-        knots = {
-            "v": row["speed_mps"] / KNOT_MPS,
-            "s": None if row["speed_std_mps"] is None else row["speed_std_mps"] / KNOT_MPS,
-        }  # fmt: skip
-        parts.append(f"{Head('', 'v', 1, 's').text(knots)} kn")
+        parts.append(speed_text(row, units))
     if row["course_deg"] is not None:
         course = Head("", "course_deg", 0, "course_std_deg").text(row)
         parts.append(f"course {course} deg")
     return "   ".join(parts)
 
 
-def motion_states(motions: Motions) -> list[str]:
-    """Return the best mode of every contact in words."""
-    return [_state(row) for row in json_rows(motions) if row["mode"] == 1]
+def motion_states(motions: Motions, units: Units) -> list[str]:
+    """Return the best mode of every contact in words, speeds in a unit."""
+    return [_state(row, units) for row in json_rows(motions) if row["mode"] == 1]
 
 
 def _now(row: Row, clock: Clock) -> str:

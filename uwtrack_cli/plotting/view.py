@@ -1,15 +1,16 @@
 """What of a product is drawn, and how: the choices that a page is asked for."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TypeVar
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.options import AtLeast, AtMost, Unit, convert
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import MODULATION, Overview
@@ -20,6 +21,17 @@ from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.plotting.style import WIDE_IN, Clock
 
 C = TypeVar("C", bound=Container)
+T = TypeVar("T")
+
+Units = Literal["kn", "m/s"]
+SizeIn = Annotated[tuple[float, float], Unit("in"), AtLeast(2), AtMost(60)] | None
+Dpi = Annotated[float, AtLeast(20), AtMost(1200)] | None
+
+DPI = 110
+"""Dots per inch of a page that is stored as dots."""
+
+MOST_DOTS = 5e7
+"""Dots of a picture at most, which take four bytes each."""
 
 CLOCK_TIME = re.compile(r"(\d\d):(\d\d)(?::(\d\d(?:\.\d+)?))?")
 
@@ -36,8 +48,10 @@ class View:
     """Band, Hz; None is everything."""
     is_log: bool | None = None
     """Whether the frequency axis is logarithmic; None: as the lines lie."""
-    has_lines: bool = True
-    """Whether tracked lines are drawn over the lofargram."""
+    has_lines: bool | None = None
+    """Whether tracked lines are outlined; None: all but fragments."""
+    units: Units = "kn"
+    """Unit of every speed."""
     width_in: float = WIDE_IN
     """Width of the page, inches."""
     height_in: float | None = None
@@ -95,6 +109,29 @@ class View:
         begin = "" if self.begin is None else f"from {self.begin}"
         end = "" if self.end is None else f"to {self.end}"
         return f"{begin} {end}".strip()
+
+
+def sized(view: View, size: tuple[float, float] | None, dpi: float | None) -> View:
+    """Return a view of a page of so many inches, and so many dots in each.
+
+    Raises
+    ------
+    OptionError
+        One is out of range, or both make a picture of too many dots.
+    """
+    dpi = convert("--dpi", Dpi, dpi)
+    size = convert("--size", SizeIn, size)
+    view = replace(view, dpi=dpi)
+    if size is None:
+        return view
+    dots = size[0] * size[1] * (dpi or DPI) ** 2
+    if dots > MOST_DOTS:
+        msg = (
+            f"--size {size[0]:g} {size[1]:g} with --dpi {dpi or DPI:g} makes "
+            f"{dots / 1e6:.0f} million dots; {MOST_DOTS / 1e6:.0f} million are accepted."
+        )
+        raise OptionError(msg)
+    return replace(view, width_in=size[0], height_in=size[1])
 
 
 def to_seconds(text: str, clock: Clock) -> float:
@@ -164,6 +201,15 @@ class Scene:
     """Sensor whose page it is; None for tables."""
     tracks: Sequence[VesselTrack] = field(default=())
     """Ways of vessels by AIS: s from the first sample, east and north of the sensor, m."""
+    taken: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
+    """What was taken of the sound before: pages of several sizes show the same."""
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what was made under a key before, else make it."""
+        if key not in self.taken:
+            self.taken[key] = make()
+        found: T = self.taken[key]
+        return found
 
     def first(self, kind: type[C]) -> C | None:
         """Return the first container of a kind that the sensor owns or shares."""
@@ -196,6 +242,17 @@ class Scene:
         if found is None or self.sensor is None:
             return found
         return found.of_sensor(self.sensor)
+
+    def number(self, contact: int) -> int:
+        """Return the number of a contact's passage, by time from 1; 0 without one.
+
+        Where closest approaches were not sought, it is that of the contact.
+        """
+        found = self.encounters
+        if found is None:
+            return max(contact, 0)
+        rows = np.flatnonzero(found.contact == contact)
+        return int(rows[0]) + 1 if rows.size else 0
 
     @property
     def presence(self) -> Presence | None:

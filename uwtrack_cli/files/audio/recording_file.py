@@ -8,6 +8,7 @@ passed on as nan, so that the frames can count it as a gap.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 from warnings import warn
@@ -16,6 +17,7 @@ import numpy as np
 import soundfile
 
 from uwtrack_cli.constants import NANOSECONDS
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarning
@@ -316,6 +318,17 @@ def write_wav(
         return _write_blocks(
             temporary, path, iter(blocks), int(sample_rate_hz), kind, subtype
         )
+
+
+def flac_bytes(samples: FloatArray, sample_rate_hz: int) -> bytes:
+    """Return the sound of one channel as FLAC of 16 bits, for a page.
+
+    ``samples``: shape (sample,), in full-scale units; what is beyond is cut.
+    """
+    file = BytesIO()
+    cut = np.clip(samples, -1.0, 1.0)
+    soundfile.write(file, cut, sample_rate_hz, subtype="PCM_16", format="FLAC")
+    return file.getvalue()
 
 
 def _write_blocks(

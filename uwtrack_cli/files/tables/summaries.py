@@ -5,12 +5,14 @@ where all are straight, or all move. Times are UTC where the
 start of every recording is known, and seconds from the first sample where not.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.presence import STILL
 from uwtrack_cli.files.utc import format_utc, parse_utc
 
@@ -80,6 +82,7 @@ class _StretchReading(Head):
 
 SUMMARIES: dict[str, tuple[Head, ...]] = {
     "encounters": (
+        Head("passage", "passage"),
         Head("contact", "contact"),
         Head("sensor", "sensor"),
         Head("vessel", "vessel"),
@@ -139,11 +142,12 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
 
 SPARE: dict[str, tuple[str, ...]] = {
     "encounters": (
+        "contact",
         "range/speed s",
         "sensor",
         "bearing deg",
         "side",
-        "contact",
+        "passage",
         "status",
     ),
     "fixes": ("east m", "north m", "weight", "mode", "speed m/s", "course deg"),
@@ -172,13 +176,52 @@ class Summary:
     """Headings of what a narrow screen can do without, the first one first."""
 
 
-def summary_of(name: str, rows: Sequence[Row]) -> Summary:
+def numbered(rows: Sequence[Row]) -> list[Row]:
+    """Return closest approaches with the numbers of their passages, those of a sensor.
+
+    ``rows``: in the order of time, in which passages are numbered from 1.
+    """
+    counts: Counter[str] = Counter()
+    found = []
+    for row in rows:
+        counts[row["sensor"]] += 1
+        found.append({**row, "passage": counts[row["sensor"]]})
+    return found
+
+
+def _in_knots(row: Row) -> Row:
+    keys = [key for key in ("speed_mps", "speed_std_mps") if row.get(key) is not None]
+    return {**row, **{key: row[key] / KNOT_MPS for key in keys}}
+
+
+def _number(
+    name: str,
+    rows: Sequence[Row],
+    titles: dict[str, str],
+    columns: dict[str, list[str]],
+) -> None:
+    """Let a number stand once: that of a passage where it is known, else its contact's."""
+    if name == "encounters" and columns["contact"] == columns["passage"]:
+        columns["contact"] = [NOT_KNOWN] * len(rows)
+    elif name == "presence" and any("passage" in row for row in rows):
+        columns["passage"] = [Head("", "passage").text(row) for row in rows]
+    elif name == "presence":
+        titles["passage"] = "contact"
+
+
+def summary_of(name: str, rows: Sequence[Row], units: str = "m/s") -> Summary:
     """Return the summary of a container.
 
-    ``name``: name of the container, a key of ``SUMMARIES``.
+    ``name``: name of the container, a key of ``SUMMARIES``. ``rows``: its rows; stretches
+    whose passages have numbers have them as ``passage``. ``units``: of speeds, m/s or kn.
     """
+    if name == "encounters":
+        rows = numbered(rows)
+    if units == "kn":
+        rows = [_in_knots(row) for row in rows]
     columns = {head.title: [head.text(r) for r in rows] for head in SUMMARIES[name]}
-    titles = {title: title for title in columns}
+    titles = {title: title.replace("m/s", units) for title in columns}
+    _number(name, rows, titles, columns)
     if rows and all(row.get("time_utc") for row in rows) and "time s" in columns:
         head = next(head for head in SUMMARIES[name] if head.title == "time s")
         titles["time s"], columns["time s"] = _times(rows, head)

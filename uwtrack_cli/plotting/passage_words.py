@@ -1,0 +1,131 @@
+"""What a picture says of a passage in words: title, numbers, what to mind."""
+
+from typing import Any
+
+from uwtrack_cli.constants import KNOT_MPS
+from uwtrack_cli.files.tables.json_rows import Row
+from uwtrack_cli.files.tables.summaries import Head, utc_text
+from uwtrack_cli.plotting.view import Units
+
+MARKED_MISFIT = 0.2
+"""Misfit from which a page warns: half of what refuses a passage."""
+
+SURE = 0.9
+"""Probability below which a passage is marked."""
+
+
+def passage_title(row: Row, units: Units) -> str:
+    """Return when, how fast, how near and who, with deviations.
+
+    ``row``: the passage, as `json_rows` gives it. ``units``: unit of the speed.
+    """
+    std = row["time_std_s"]
+    if row["time_utc"]:
+        digits = 0 if std is None or std >= 1.0 else 1
+        parts = [f"{utc_text(row['time_utc'], digits)} UTC"]
+    else:
+        parts = [f"closest at {_text(row, 'time_s', 1)} s"]
+    parts += filter(None, [speed_text(row, units), _range(row)])
+    return "   ".join([*parts, *([row["vessel"]["name"]] if row["vessel"] else [])])
+
+
+def _text(row: Row, key: str, digits: int) -> str:
+    stem, _, unit = key.rpartition("_")
+    return Head("", key, digits, f"{stem}_std_{unit}").text(row)
+
+
+def speed_text(row: Row, units: Units, key: str = "speed_mps") -> str:
+    """Return a speed with its deviation in a unit; empty where it is not known."""
+    if row.get(key) is None:
+        return ""
+    scale = KNOT_MPS if units == "kn" else 1.0
+    std = row.get(key.replace("_mps", "_std_mps"))
+    shown = {"v": row[key] / scale, "s": None if std is None else std / scale}
+    return f"{Head('', 'v', 1, 's').text(shown)} {units}"
+
+
+def _range(row: Row) -> str:
+    if row["slant_range_m"] is not None:
+        return f"{_text(row, 'slant_range_m', 0)} m"
+    if row["range_over_speed_s"] is None:
+        return ""
+    return f"range/speed {_text(row, 'range_over_speed_s', 1)} s"
+
+
+def cautions(row: Row) -> list[str]:
+    """Return what a reader of a passage must not overlook, a sentence each."""
+    found = []
+    chance = row.get("probability")
+    if chance is not None and chance < SURE:
+        other = row.get("alternative")
+        found.append(f"uncertain: it passes with a probability of {chance:.2f}"
+                     + (f", else {str(other).replace('-', ' ')}" if other else ""))  # fmt: skip
+    if (row["misfit"] or 0.0) >= MARKED_MISFIT:
+        found.append(
+            f"the lines leave the fit by {100 * row['misfit']:.0f} % of the Doppler "
+            f"shift beyond their noise"
+        )
+    if row["extrapolated"]:
+        found.append("extrapolated: the closest approach was not recorded")
+    return found
+
+
+FACTS = (
+    ("slant range", "slant_range_m", 1, "m"),
+    ("horizontal range", "horizontal_range_m", 1, "m"),
+    ("range/speed", "range_over_speed_s", 2, "s"),
+    ("source depth", "source_depth_m", 1, "m"),
+    ("course", "course_deg", 1, "deg"),
+    ("bearing", "bearing_deg", 1, "deg"),
+    ("received level", "received_level_db", 1, "dB re {}"),
+    ("source level", "source_level_db", 1, "dB re {}"),
+)
+"""What stands beside the panels: name, key, decimals, unit."""
+
+
+def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
+    """Return what is known of a passage, by name, as text with units.
+
+    ``row``: the passage, as `json_rows` gives it. ``units``: unit of the speed.
+    """
+    found = [("speed", speed_text(row, units))] if row["speed_mps"] is not None else []
+    found += [
+        (name, f"{_text(row, key, digits)} {unit.format(row['level_reference'])}")
+        for name, key, digits, unit in FACTS
+        if row.get(key) is not None
+    ]
+    if row.get("probability") is not None:
+        found.append(("probability", f"{row['probability']:.2f} that it passes"))
+        if row.get("alternative"):
+            other = f"{row['alternative'].replace('-', ' ')}"
+            chance = row.get("alternative_probability")
+            found.append(
+                ("else", other + ("" if chance is None else f", {chance:.2f}"))
+            )
+    if row["misfit"] is not None:
+        left = f"{100 * row['misfit']:.0f} % of the shift unexplained"
+        follows = row["misfit"] < MARKED_MISFIT
+        found.append(("lines", "follow the fit" if follows else left))
+    rest = sorted(f for f in row["rest_frequencies_hz"] if f is not None)
+    for number in range(0, len(rest), 3):
+        part = ", ".join(f"{f:.2f}" for f in rest[number : number + 3])
+        end = " Hz" if number + 3 >= len(rest) else ","
+        found.append(("at rest" if number == 0 else "", part + end))
+    if row.get("reading") not in {None, "straight"}:  # as in the table
+        weight = Head("", "reading_weight", 2).text(row)
+        found.append(("motion", f"{row['reading']}, weight {weight}"))
+    return [*found, ("sound speed", f"{row['sound_speed_mps']:g} m/s")]
+
+
+def title_lines(row: Row, number: int, units: Units) -> list[tuple[str, bool]]:
+    """Return the lines above the page of a passage, and which of them warn."""
+    second: list[Any] = [f"passage {number}", f"sensor {row['sensor']}"]
+    if row["course_deg"] is not None:
+        second.append(f"course {_text(row, 'course_deg', 0)}\u00b0")
+    if row["side"]:
+        second.append(f"sensor to {row['side']}")
+    n_lines = len(row["rest_frequencies_hz"])
+    second.append(f"{n_lines or 'no'} line{'' if n_lines == 1 else 's'}")
+    second.append(row["status"])
+    found = [(passage_title(row, units), False), (" \u00b7 ".join(second), False)]
+    return found + [(f"\u26a0 {text}", True) for text in cautions(row)]
