@@ -16,7 +16,7 @@ import numpy as np
 
 from uwtrack_cli.data.fringes import MIDDLE, STEP_DB, Fringes
 from uwtrack_cli.motion.evidence.fringe_template import Hypothesis, relative_range
-from uwtrack_cli.plotting.lofargram import cell_edges
+from uwtrack_cli.plotting.picture import cell_edges
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
