@@ -164,15 +164,15 @@ def test_every_step_of_a_shipped_recipe_changes_the_result(short_pass, samples, 
         assert changed or not readers, gone.name
 
 
-@pytest.mark.parametrize("gone", ["combs", "slow-combs"])
+@pytest.mark.parametrize("gone", ["long-combs", "slow-combs"])
 def test_combs_of_auto_are_heard_in_presence(gone):
     """A machine and a slow shaft of which no line is heard alone."""
-    spacing_hz = {"combs": 8.3, "slow-combs": 0.9}[gone]
-    teeth = np.arange(2, 14) if gone == "combs" else np.arange(8, 30)
+    spacing_hz = {"long-combs": 8.3, "slow-combs": 0.9}[gone]
+    teeth = np.arange(2, 14) if gone == "long-combs" else np.arange(8, 30)
     recording = comb_sound(spacing_hz * teeth, level_db=-5.0, seconds=200.0, seed=5)
     recipe = load_recipe("auto")
     steps = {step.name: step for step in recipe.steps}
-    resolution = {"combs": "long-spectrogram", "slow-combs": "slow-spectrogram"}[gone]
+    resolution = {"long-combs": "long-spectrogram", "slow-combs": "slow-spectrogram"}[gone]
     own = [steps[resolution], steps[gone]]
     read = replace(steps["presence"], inputs=(gone,))
     found = results(replace(recipe, steps=(*own, read)), recording)["presence"]
@@ -476,7 +476,7 @@ def test_a_graph_without_steps_lacks_what_they_alone_feed():
     assert "long-cpa" not in names  # closest approaches of nothing
     left = {node.step.name: node for node in graph.without(["long-lines"]).nodes}
     (read,) = {n for n in left["presence"].sources.values() if "track" in n}
-    assert read == ("track", "slow-lines", "combs", "slow-combs")
+    assert read == ("track", "slow-lines", "long-combs", "slow-combs")
     assert "cpa" in names
     names = [step.name for step in graph.without(["spectrogram"]).steps()]
     assert not {"peaks", "track", "levels", "cpa"} & set(names)
