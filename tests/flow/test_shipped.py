@@ -72,5 +72,5 @@ def test_closest_approaches_of_lines_have_levels_of_the_same_frames():
 
     for name, step in steps.items():
         if isinstance(step, dict) and step.get("stage", name) == "cpa":
-            lines, levels = step["input"]
+            lines, levels, *_ = step["input"]
             assert frames(lines) == frames(levels)
