@@ -48,6 +48,7 @@ def measure_fringes(
     ] = (100.0, 7000.0),
     cells_per_octave: Annotated[int, AtLeast(8), AtMost(256)] = 64,
     average_s: Annotated[float, Unit("s"), Above(0), AtMost(60)] = 0.5,
+    least_highest_hz: Annotated[float, Unit("Hz"), AtLeast(0), AtMost(1e6)] = 0.0,
 ) -> Iterator[Fringes]:
     """Draw the image in which a passing vessel's interference pattern is seen.
 
@@ -61,6 +62,9 @@ def measure_fringes(
         Cells of an octave.
     average_s
         Time that a row is averaged over, s; rounded up to whole frames.
+    least_highest_hz
+        Highest frequency, Hz, that the band must reach in the recording: one that ends
+        lower shows too few fringes, and gives rows without cells.
 
     Returns
     -------
@@ -78,7 +82,7 @@ def measure_fringes(
     rest_time = np.zeros(0)
     for block in blocks:
         if cells is None:
-            cells = _cells(block, band_hz, cells_per_octave)
+            cells = _cells(block, band_hz, cells_per_octave, least_highest_hz)
             rest = np.zeros((0, cells.middle_hz.size), np.float32)
         per_row = max(1, int(np.ceil(average_s / block.frames.hop_s - 1e-6)))
         time = np.concatenate([rest_time, block.frames.time_s])
@@ -103,7 +107,12 @@ class _Cells(NamedTuple):
     """Width, in bins."""
 
 
-def _cells(block: Spectrogram, band_hz: tuple[float, float], per_octave: int) -> _Cells:
+def _cells(
+    block: Spectrogram,
+    band_hz: tuple[float, float],
+    per_octave: int,
+    least_highest_hz: float,
+) -> _Cells:
     frequency, frames = block.frequency_hz, block.frames
     step_hz = float(frequency[1] - frequency[0])
     low = max(band_hz[0], float(frequency[0]) + 0.5 * step_hz)
@@ -112,7 +121,7 @@ def _cells(block: Spectrogram, band_hz: tuple[float, float], per_octave: int) ->
         HIGHEST_SHARE * frames.sample_rate_hz,
     )  # fmt: skip
     count = 0
-    if high > low:
+    if high > low and high >= least_highest_hz:
         count = int(np.floor(per_octave * np.log2(high / low)))
     edges = low * 2.0 ** (np.arange(count + 1) / per_octave)
     # in bins; one reaches half a step to either side of its middle
