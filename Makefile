@@ -75,6 +75,7 @@ figures: $(VENV)/.development  ## draw the pictures of README and docs again
 	$(BIN)/uwtrack run $(DEMO)/pass.wav --start-utc 2024-05-01T12:00:00Z --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --passage 1 -o docs/pass.png --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 -o docs/recording.png --overwrite
+	$(BIN)/python -m tests.draws.fringe_picture docs/fringes.png
 	if command -v chromium >/dev/null; then $(MAKE) docs && chromium --headless --no-sandbox \
 	--hide-scrollbars --window-size=1280,1000 --screenshot=docs/site.png \
 	"file://$(CURDIR)/docs/_build/html/tutorial.html"; fi
