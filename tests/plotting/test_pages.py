@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from tests.support import recording_of
 from uwtrack_cli.cli.app import app
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import MODULATION, Overview
@@ -25,6 +26,7 @@ from uwtrack_cli.flow.branches import without_asides
 from uwtrack_cli.flow.products import small_containers
 from uwtrack_cli.flow.rerun_sources import with_sound
 from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
+from uwtrack_cli.plotting.fringe_image import has_pattern
 from uwtrack_cli.plotting.page import pages_of
 from uwtrack_cli.plotting.panels import Outlined, lines_part
 from uwtrack_cli.plotting.passage_fit import ReportedPassage
@@ -175,9 +177,11 @@ def test_a_contact_has_one_colour_on_every_page(passage, day):
 def test_a_day_shows_what_was_heard_with_its_passages_numbered(day):
     assert "1 passage" in words(day)
     assert "2024-05-01 12:02:28" in words(day)  # what was found stands above
-    assert len([ax for ax in day.axes if ax.get_label() == "<colorbar>"]) == 2
+    assert len([ax for ax in day.axes if ax.get_label() == "<colorbar>"]) == 3
     names = [ax.get_ylabel().partition("\n")[0].split(" (")[0] for ax in panels(day)]
-    assert names == ["frequency", "frequency", "", "level 100-1000 Hz", "bearing"]
+    assert names == [
+        "frequency", "frequency", "", "multiple of", "level 100-1000 Hz", "bearing"
+    ]  # fmt: skip
     bars = panels(day)[2]
     assert len(bars.patches) == 1
     assert [t.get_text() for t in bars.get_yticklabels()] == ["passage 1"]
@@ -702,3 +706,26 @@ def test_a_demon_page_marks_shaft_and_blades():
     np.testing.assert_allclose(peaks, [2.5, 10.0])
     marks = {t.get_text(): t.get_position()[0] for t in ax.texts}
     assert marks == {"shaft": 2.5, "blades": 10.0}
+
+
+def test_fringes_are_drawn_where_they_move_as_the_passage_says():
+    """A mirror's pattern depends on frequency over range alone; noise has none."""
+    rng = np.random.default_rng(4)
+    time_s, frequency = np.arange(0.0, 300.0, 2.0), np.geomspace(200.0, 3000.0, 250)
+    far = np.hypot(1.0, (time_s - 150.0) / 60.0)
+    bands = 4.0 * np.cos(2.0 * np.pi * np.multiply.outer(1.0 / far, frequency) / 400.0)
+    noise = rng.normal(0.0, 3.0, bands.shape)
+
+    def image(height_db):
+        shade = np.round(128 + height_db / 0.25).clip(1, 255).astype(np.uint8)
+        flat = np.zeros(time_s.size, np.float32)
+        return Fringes(
+            time_s=time_s, frequency_hz=frequency, shade=shade, level_db=flat,
+            slope_db=flat, average_s=2.0, bin_hz=1.0, reference="full scale", sensor="h1",
+        )  # fmt: skip
+
+    law, span_s = (150.0, 60.0, 0.004), (0.0, 300.0)
+    assert has_pattern(image(bands + noise), span_s, law)
+    assert not has_pattern(image(noise), span_s, law)
+    assert not has_pattern(image(bands[75] + noise), span_s, law)  # it stays
+    assert not has_pattern(image(bands + noise), span_s, (30.0, 60.0, 0.004))

@@ -32,6 +32,7 @@ from uwtrack_cli.files.hdf5.product import (
 from uwtrack_cli.files.tables.dataframes import to_pandas, to_xarray
 from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.tables.summaries import SUMMARIES, summary_of
+from uwtrack_cli.flow.branches import without_asides
 from uwtrack_cli.flow.engine import Progress
 from uwtrack_cli.flow.products import run_into_product
 from uwtrack_cli.flow.recipe import Recipe
@@ -85,6 +86,8 @@ class Results(ContainerHolder, Mapping[str, Container]):
     """The containers by sensor, name and step."""
     history: tuple[HistoryStep, ...]
     """What was done, with the options used."""
+    usual: tuple[ContainerKey, ...] = ()
+    """What is meant of each kind where no step is named."""
     sound: Mapping[str, Reader | None] = field(default_factory=dict)
     """Readers of the recordings that a run read, by sensor, for pictures of them."""
 
@@ -164,7 +167,8 @@ class Results(ContainerHolder, Mapping[str, Container]):
             replace(c, reader=self.sound.get(c.sensor.id)) if isinstance(c, Recording)
             else c
             for key, c in self.tables.items()
-            if not key.step or (isinstance(c, Overview) and c.reference == MODULATION)
+            if key in self.usual
+            or (isinstance(c, Overview) and c.reference == MODULATION)
         ]  # fmt: skip
         try:  # as pandas finds what draws its tables: this room knows no pictures
             pages = import_module("uwtrack_cli.plotting.page")
@@ -355,4 +359,5 @@ def _read_all(path: Path, name: str) -> Results:
         names = list(CONTAINERS)
         keys = sorted(product.paths, key=lambda key: names.index(key.name))
         tables = {key: product.read(key.name, key.sensor, key.step) for key in keys}
-        return Results(name, tables, tuple(product.history))
+        usual = tuple(without_asides(product, keys))
+        return Results(name, tables, tuple(product.history), usual)

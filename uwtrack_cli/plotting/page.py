@@ -258,6 +258,7 @@ def write_pages(
         told: Any = {"CreationDate": None, "Title": figures[0].get_label()}
         with PdfPages(file, metadata=told) as document:
             for figure in figures:
+                _lay_out(figure, view.dpi or 2 * DPI)
                 document.savefig(figure, dpi=view.dpi or 2 * DPI)
 
 
@@ -265,10 +266,29 @@ def save_figure(figure: "Figure", file: IO[bytes], form: str, dpi: float) -> Non
     """Write a page as PNG or SVG, with what it shows in words, and without a date."""
     import matplotlib as mpl
 
+    _lay_out(figure, dpi)
     told = {"Title": figure.get_label(), "Description": alternative_text(figure)}
     more: Any = {"Date": None} if form == "svg" else {}
     with mpl.rc_context({"svg.hashsalt": "uwtrack", "svg.fonttype": "none"}):
         figure.savefig(file, format=form, dpi=dpi, metadata={**told, **more})
+
+
+def _lay_out(figure: "Figure", dpi: float) -> None:
+    """Give the panels their places, which the solver leaves open in the last digits."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        return
+    figure.set_dpi(dpi)
+    engine.execute(figure)
+    figure.set_layout_engine("none")
+    parts = list(figure.subfigs)
+    while parts:
+        part = parts.pop()
+        parts += part.subfigs
+        part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), 6))
+    for ax in figure.axes:
+        place = np.round(ax.get_position(original=True).bounds, 6)
+        ax.set_position(tuple(place))
 
 
 def png_of(figure: "Figure", dpi: float = DPI) -> bytes:

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import KINDS, OF_VESSELS, Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import MODULATION, Levels
 from uwtrack_cli.files.text_escaping import figure_text
+from uwtrack_cli.plotting.fringe_image import draw_fringes, has_pattern
 from uwtrack_cli.plotting.page_layout import PagePart
 from uwtrack_cli.plotting.passage_fit import ReportedPassage
 from uwtrack_cli.plotting.picture import (
@@ -304,6 +306,20 @@ def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
         ax.set_ylabel(f"multiple of\n{spacing:.2f} Hz", fontsize=8)
 
     return [PagePart(COMB_IN, draw)]
+
+
+def fringe_part(
+    scene: Scene, span_s: Span, fits: Sequence[ReportedPassage]
+) -> list[PagePart]:
+    """Return the image of fringes, with the curves of passages over it."""
+    fringes = scene.first(Fringes)
+    if fringes is None:
+        return []
+    laws = [(fit.time_s, fit.width_s, fit.mach) for fit in fits if fit.is_drawn]
+    laws = [law for law in laws if has_pattern(fringes, span_s, law)]
+    if not laws:
+        return []
+    return [PagePart(COMB_IN, lambda ax: draw_fringes(calm(ax), fringes, span_s, laws))]
 
 
 def presence_part(scene: Scene, span_s: Span) -> list[PagePart]:

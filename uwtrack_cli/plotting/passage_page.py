@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.fringe_image import draw_fringes
 from uwtrack_cli.plotting.maps import draw_map, has_circle
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
@@ -26,7 +24,7 @@ from uwtrack_cli.plotting.page_layout import (
     stacked,
     titled_figure,
 )
-from uwtrack_cli.plotting.panels import bearing_part, comb_part, level_part
+from uwtrack_cli.plotting.panels import bearing_part, fringe_part, level_part
 from uwtrack_cli.plotting.passage_fit import PassagePage, ReportedPassage
 from uwtrack_cli.plotting.passage_strips import line_strips, measured_line
 from uwtrack_cli.plotting.passage_words import MARKED_MISFIT, fact_lines, title_lines
@@ -69,8 +67,7 @@ def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
     parts = [
         *line_strips(page, span_s),
         *_residuals(page, span_s),
-        *comb_part(scene, span_s),
-        *_fringes(page, span_s),
+        *fringe_part(scene, span_s, [page.fit]),
         *level_part(scene, span_s, page.fit),
         *bearing_part(scene, span_s, page.fit),
     ]
@@ -95,20 +92,6 @@ def passage_figure(scene: Scene, row: int, view: View) -> "Figure":
     if right is not None:
         _fill_side(page, right, is_mapped=is_mapped)
     return figure
-
-
-def _fringes(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
-    """Return the image of fringes with the curves of the passage."""
-    fringes, fit = page.scene.first(Fringes), page.fit
-    if fringes is None or not fringes.frequency_hz.size or not np.isfinite(fit.width_s):
-        return []
-    told = [(fit.time_s, fit.width_s, fit.mach)]
-
-    def draw(ax: "Axes") -> None:
-        calm(ax)
-        draw_fringes(ax, fringes, span_s, told)
-
-    return [PagePart(1.9, draw)]
 
 
 def _residuals(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:

@@ -51,6 +51,7 @@ from uwtrack_cli.plotting.page_layout import (
 from uwtrack_cli.plotting.panels import (
     bearing_part,
     comb_part,
+    fringe_part,
     level_part,
     lofargram_parts,
     outlined_lines,
@@ -215,6 +216,7 @@ def _parts(
     if count == 1:
         parts += [
             *comb_part(scene, span_s),
+            *fringe_part(scene, span_s, [fit for fit, _ in _passages(scene, span_s)]),
             *rates_part(scene, span_s),
             *level_part(scene, span_s),
         ]
