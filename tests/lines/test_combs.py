@@ -157,6 +157,16 @@ def test_a_short_recording_has_none():
     assert found.line_id.size == 0
 
 
+@pytest.mark.parametrize("rate_ps", [-9e-5, 9e-5])
+def test_a_machine_that_drifts_more_than_is_asked_for(rate_ps):
+    """What is refined beyond the greatest drift is no place of the table."""
+    factor = 1.0 + rate_ps * (np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ - 65.0)
+    tones, options = 8.3 * np.arange(2, 36), {"seconds": SECONDS, "seed": 31}
+    sound = comb_samples(tones, 6.0, factor=factor, **options)
+    found = combs(sound, drift_ps=3e-5)
+    assert np.isfinite(found.frequency_hz).all()
+
+
 def test_any_noise_is_searched_whatever_is_asked():
     """Thresholds below what noise reaches try every comb, those of noise alone too."""
     sound = comb_samples(np.zeros(0), 0.0, seconds=SECONDS, seed=21)

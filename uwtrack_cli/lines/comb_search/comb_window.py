@@ -258,6 +258,9 @@ class CombWindow:
         self, fundamental_hz: float, drift: float, n_teeth: int
     ) -> FloatArray:
         """Return the evidence of each tooth of a comb, shape (tooth,)."""
+        # a path that was refined may drift more than is asked for, and is not in the table
+        most = max(float(band.drift[-1]) for band in self.grid.bands)
+        drift = float(np.clip(drift, -most, most))
         frequency = fundamental_hz * np.arange(1.0, n_teeth + 1.0)
         place = self.grid.places(frequency, np.array([drift]), 1.0)[0]
         return np.asarray(self.table.reshape(-1).take(place), float)
