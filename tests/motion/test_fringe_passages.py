@@ -51,7 +51,6 @@ def test_a_later_recording_has_its_passage_later():
     assert other.passage.width_s == pytest.approx(one.passage.width_s, rel=1e-5)
 
 
-# a ship that only leaves (seed 21) gives two: docs/limits.md says so
-@pytest.mark.parametrize("kind", ["rain", "throttle"])
+@pytest.mark.parametrize("kind", ["rain", "throttle", "leaving ship"])
 def test_nothing_is_told_where_nothing_passes(kind):
     assert fringe_passages(draw_nothing(kind, 21), MACH) == []

@@ -235,6 +235,16 @@ def _products(
 ) -> FloatArray:
     """Return the products of all pairs of coefficients, summed over the cells."""
     width = share.shape[2]
+    if width > FOUR.size:  # pairs of several templates are many, and mostly empty
+        from scipy.sparse import csr_array
+
+        ends = np.arange(0, share.size + 1, width)
+        shape = (ends.size - 1, count)
+        plain, own = (
+            csr_array((each.ravel(), index.ravel(), ends), shape)
+            for each in (share, weighted)
+        )
+        return np.asarray((plain.T @ own).toarray())
     found = np.zeros(count * count)
     for a in range(width):
         for b in range(a, width):

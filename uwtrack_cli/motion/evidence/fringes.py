@@ -140,6 +140,46 @@ def flattened(panel: Panel) -> FloatArray:
     return np.asarray(value)
 
 
+class _Leftovers(NamedTuple):
+    """What passages leave of themselves in an image that they were taken out of.
+
+    A source sounds otherwise ahead than astern, and no law holds exactly: a pattern that
+    moves as theirs, whose contrast changes along the rows. It is there beside whatever is
+    asked.
+    """
+
+    panel: Panel
+    """The rows."""
+    known: list[tuple[Hypothesis, Template]]
+    """Their patterns."""
+
+    def beside(self, asked: list[tuple[Hypothesis, Template]]) -> float:
+        """Return how likely the image is under some patterns, and these beside them."""
+        model, passages = self._model(asked)
+        return model.log_likelihood(passages)
+
+    def moving(self, one: Hypothesis, prior: Template) -> float:
+        """Return the same of a pattern that moves.
+
+        What known passages leave may rise and fall in place, too: beside them, something
+        that does so is allowed as it is where nothing moves.
+        """
+        if not self.known:
+            return self.beside([(one, prior)])
+        model, passages = self._model([(one, prior)])
+        alone = model.explain(passages)
+        course, its = _likeliest_still(self.panel, alone.residual)
+        both = self.beside([(one, prior), (_still(self.panel, course), its)])
+        return max(alone.log_likelihood, both)
+
+    def _model(
+        self, asked: list[tuple[Hypothesis, Template]]
+    ) -> tuple[FringeModel, list[Hypothesis]]:
+        every = [*asked, *self.known]
+        model = FringeModel(self.panel, [template for _, template in every])
+        return model, [passage for passage, _ in every]
+
+
 class FringeEvidence:
     """What an image of fringes says of passages: proposals, residuals, likelihood.
 
@@ -152,10 +192,16 @@ class FringeEvidence:
         self._stacks: dict[float, _Stack | None] = {}
         self._known: list[FringePassage] = []
 
-    @property
-    def has_known(self) -> bool:
-        """Whether some patterns are taken out."""
-        return bool(self._known)
+    def leftovers(self, panel: Panel) -> "_Leftovers":
+        """Return what the known passages may have left of themselves in some rows."""
+        span = 2.0 * (panel.time_s - panel.time_s[0]) / np.ptp(panel.time_s) - 1.0
+        courses = np.polynomial.legendre.legvander(span, LEFT_ORDER).T
+        return _Leftovers(panel, [
+            (one.fitted._replace(course=(panel.time_s, course * contrast)), one.template)
+            for one in self._known
+            for contrast in [contrast_of(panel.time_s, one.fitted)]
+            for course in courses
+        ])  # fmt: skip
 
     def explained(self, known: Sequence["FringePassage"]) -> "FringeEvidence":
         """Return the evidence of what some passages leave."""
@@ -265,6 +311,13 @@ the other way, and a source that comes or goes all the time, or drifts evenly.""
 
 AWAY = (0.2, 0.6, 2.0, 6.0)
 """How far outside the rows a source that comes or goes is, in their length."""
+
+PERHAPS = -5.0
+"""Log odds from which a further passage is taken out, for all to be fitted once more: what
+the first ones are wrong by, while it is still there, speaks against it."""
+
+LEFT_ORDER = 2
+"""Order of the contrast, along the rows, of what a known passage leaves of itself."""
 
 STILL_VARIANCES = (0.01, 0.1, 1.0)
 """Variances of what rises and falls in place, nepers^2."""
@@ -491,11 +544,10 @@ def _weighed(
     own = _changing(found, model.panel.time_s)
     told = FringeModel(model.panel, model.templates * len(own)).explain(own)
     misfit = _misfit(told.residual, model.panel.precision)
-    likelihood = model.log_likelihood([found])
-    if evidence.has_known:  # what they leave of themselves may be there besides
-        likelihood = _with_still(model.panel, found, model.templates[0])
-    nothing = FringeModel(model.panel, []).log_likelihood([])
-    rival, other = _strongest_rival(model, found)
+    rest = evidence.leftovers(model.panel)
+    likelihood = rest.moving(found, model.templates[0])
+    nothing = rest.beside([])
+    rival, other = _strongest_rival(model, found, rest)
     width_s = unknowns.scale_s * float(np.exp(mean[1]))
     middle = found._replace(
         time_s=unknowns.time_s + unknowns.scale_s * float(mean[0]), width_s=width_s
@@ -553,7 +605,9 @@ def _of_speed(
     return np.outer(moved, moved)
 
 
-def _strongest_rival(model: FringeModel, found: Hypothesis) -> tuple[str, float]:
+def _strongest_rival(
+    model: FringeModel, found: Hypothesis, rest: _Leftovers
+) -> tuple[str, float]:
     """Return the likeliest explanation in which nothing passes, and its likelihood."""
     panel = model.panel
     upside = [
@@ -571,23 +625,14 @@ def _strongest_rival(model: FringeModel, found: Hypothesis) -> tuple[str, float]
     still, bent = _still(panel, course), _still(panel, np.square(course))
     # rain adds power: where its logarithm bends, the square of its course is there, too
     bending = [Template(prior.knots, v) for v in STILL_VARIANCES]
-    told = [
-        (FringeModel(panel, [prior, one]).log_likelihood([still, bent]), STAYS)
-        for one in bending
-    ]
-    told.append((FringeModel(panel, [prior]).log_likelihood([still]), STAYS))
+    told = [(rest.beside([(still, prior), (bent, one)]), STAYS) for one in bending]
+    told.append((rest.beside([(still, prior)]), STAYS))
+    own = model.templates[0]
     for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
-        told += [(model.log_likelihood([one]), code) for one in tried]
+        best = max(tried, key=lambda one: rest.beside([(one, own)]))
+        told.append((rest.moving(best, own), code))
     likelihood, code = max(told)
     return code, likelihood
-
-
-def _with_still(panel: Panel, one: Hypothesis, prior: Template) -> float:
-    """Return how likely something is, with what rises and falls in place beside it."""
-    alone = FringeModel(panel, [prior]).explain([one])
-    course, its = _likeliest_still(panel, alone.residual)
-    both = FringeModel(panel, [prior, its]).log_likelihood([one, _still(panel, course)])
-    return max(alone.log_likelihood, both)
 
 
 def _still(panel: Panel, course: FloatArray) -> Hypothesis:
@@ -654,7 +699,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
         if first is None or first.gain < LEAST_GAIN:
             break
         one = fit_passage(rest, first)
-        if one is None or one.log_odds < 0.0:
+        if one is None or one.log_odds < (PERHAPS if known else 0.0):
             break
         known.append(one)
     if len(known) < 2:
@@ -663,6 +708,5 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     for k, one in enumerate(known):
         start = Proposal(one.gain, one.passage.time_s, one.passage.width_s)
         rest = evidence.explained(known[:k] + known[k + 1 :])
-        again = fit_passage(rest, start, one.passage.fading)
-        known[k] = one if again is None or again.log_odds < 0.0 else again
-    return known
+        known[k] = fit_passage(rest, start, one.passage.fading) or one
+    return [one for one in known if one.log_odds >= 0.0]

@@ -1,7 +1,7 @@
 """Rows of encounters that interference fringes tell, confirm or sharpen.
 
 **Method.** A passage told by fringes is the same vessel as a row whose closest approach
-lies within the wider R/v of the two. If that row has lines or bearings and agrees, both
+lies within the narrower R/v of the two, or where `association` takes them for one. If that row has lines or bearings and agrees, both
 are weighed by their deviations: fringes know range over speed, and lines the speed, so
 that the range gains. If levels alone tell it, time and range over speed are those of the
 fringes, since a level may swing and a pattern cannot. A passage without a row is one of
@@ -19,6 +19,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import Fringes
+from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.decision import PassageDecision
 from uwtrack_cli.motion.evidence.fringes import FringePassage, fringe_passages
 from uwtrack_cli.motion.passage.encounter_rows import (
@@ -66,8 +67,10 @@ def add_fringes(
         return told
     sound_mps = context.sound_speed_mps
     mach = VESSEL_MPS / sound_mps, VESSEL_STD_MPS / sound_mps
+    free = list(rows)
     for one in fringe_passages(fringes, mach):
-        own = _nearest(told, one)
+        own = _nearest(free, one)
+        free = [row for row in free if row is not own]
         if own is None:
             told.append(_row(one, number, fringes, mach[0], context))
             number += 1
@@ -80,13 +83,22 @@ def add_fringes(
 
 def _nearest(rows: Sequence[Row], one: FringePassage) -> Row | None:
     """Return the row of the same vessel; None if there is none."""
+    std_s = np.sqrt(np.diag(one.covariance))
     passage = one.passage
-    near = [
-        (abs(row.values["time_s"] - passage.time_s), k)
-        for k, row in enumerate(rows)
-        if abs(row.values["time_s"] - passage.time_s)
-        < max(passage.width_s, row.values["range_over_speed_s"])
-    ]
+    report = PassageReport(
+        passage.time_s, float(std_s[0]), passage.width_s, float(std_s[1])
+    )
+    near: list[tuple[float, int]] = []
+    for k, row in enumerate(rows):
+        values = row.values
+        other = PassageReport(
+            values["time_s"], values["time_std_s"], values["range_over_speed_s"],
+            values["range_over_speed_std_s"],
+        )  # fmt: skip
+        apart_s = abs(other.time_s - passage.time_s)
+        width_s = min(passage.width_s, other.range_over_speed_s)
+        if apart_s < width_s or same_vessel(report, other) > 0.0:
+            near.append((apart_s, k))
     return rows[min(near)[1]] if near else None
 
 
