@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 from tests.draws.sensor_tables import buoys
 from tests.files.synthetic_containers import synthetic
 from uwtrack_cli.cli.app import app
+from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
 from uwtrack_cli.files.hdf5.netcdf import write_netcdf
@@ -292,8 +293,8 @@ def test_a_report_refers_to_no_address(page):
 def test_a_report_tells_results_facts_and_history(page, found):
     parsed = Page()
     parsed.feed(page)
-    for word in ("pass.wav", "2000 Hz", "Passages", "speed m/s", "dB re 1 uPa", "port", "track", "SHA-256",
-                 f"{found[0].speed_mps[0]:.2f} ± ", "63.00"):  # fmt: skip
+    for word in ("pass.wav", "2000 Hz", "Passages", "speed kn", "dB re 1 uPa", "port", "track", "SHA-256",
+                 f"{found[0].speed_mps[0] / KNOT_MPS:.2f} ± ", "63.00"):  # fmt: skip
         assert word in parsed.text
 
 

@@ -439,7 +439,7 @@ def test_the_reference_of_levels_is_that_of_what_was_heard(kinds):
         if is_there else None
         for n, is_there in enumerate(kinds)
     )  # fmt: skip
-    found = cpa._context((lines, levels, None), None, None, 20.0)
+    found = cpa._context((lines, levels, None, None), None, None, 20.0)
     expected = "1 uPa" if levels else "0 uPa" if lines else FULL_SCALE
     assert found.reference == expected
     assert found.band_hz == ((1.0, 2.0) if levels else None)
