@@ -30,7 +30,7 @@ def page_html(title: str, blocks: Iterable[Block], footer: str) -> str:
     """
     pages = Environment(
         loader=PackageLoader("uwtrack_cli.plotting", "."), autoescape=True,
-        trim_blocks=True, lstrip_blocks=True,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
         finalize=lambda value: plain_text(value) if type(value) is str else value,
     )  # fmt: skip
     page = pages.get_template("report.html")

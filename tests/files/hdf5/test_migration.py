@@ -68,12 +68,14 @@ def test_what_version_2_printed_is_printed_of_its_files(second, uwtrack):
     printed["target"] |= dict.fromkeys(
         ("clutter_ratio", "clutter_ratio_std", "confirming_score", "crowded_scans")
     )
-    printed["target"]["false_tracks_per_hour"] = None
+    printed["target"] |= dict.fromkeys(("false_tracks_per_hour", "smoothing_scans"))
     added = ("_std_m", "_over_speed_s", "_over_speed_std_s")
     for row in printed["encounters"]:
         row.update({f"horizontal_range{name}": None for name in added}, nuisances={})
         row.update(rest_frame_evidence=None, misfit=None, vessel=None)
         row.update(reading=None, reading_weight=None, rival=None, change=None)
+        row.update(probability=None, alternative=None, alternative_probability=None)
+        row.update(evidence=[])
         row["reasons"]["vessel"] = "no AIS table was given"
     with read_product(second) as product:
         assert product.schema_version == 2
