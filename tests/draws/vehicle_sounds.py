@@ -146,7 +146,12 @@ def vehicles(rng, kind):
     )
     closest = np.sort(rng.uniform(0.2, 0.8, 1 + (kind == "two cars"))) * length_s
     pairs = [one_pass(rng, kind, float(at), length_s, rate) for at in closest]
-    n = pairs[0][0].size
+    quiet = surroundings(rng, pairs[0][0].size, rate)
+    return rate, sum(one for one, _ in pairs) + quiet, [one for _, one in pairs]
+
+
+def surroundings(rng, n, rate):
+    """Draw ambient sound, wind and hum of traffic, 8 to 35 dB below a vehicle."""
     ambient = coloured(rng, n, rate, rng.uniform(-6, -2), 20, 0.48 * rate)
     if rng.random() < 0.5:  # wind
         gusts = 10 ** (rng.uniform(3, 10) * wander(rng, n, rate, 1.5) / 20)
@@ -154,12 +159,32 @@ def vehicles(rng, kind):
     for _ in range(int(rng.integers(0, 4))):  # hum of traffic
         hum_hz = rng.uniform(40, 300) * (1 + 0.003 * wander(rng, n, rate, 3.0))
         ambient += rng.uniform(0.1, 0.5) * np.sin(2 * np.pi * np.cumsum(hum_hz) / rate)
-    quiet = 10 ** (-rng.uniform(8, 35) / 20) / ambient.std()
-    return (
-        rate,
-        sum(one for one, _ in pairs) + quiet * ambient,
-        [one for _, one in pairs],
+    return 10 ** (-rng.uniform(8, 35) / 20) / ambient.std() * ambient
+
+
+def standing(rng):
+    """Draw 8-45 s of an engine in place that runs up, runs down and changes its load."""
+    rate = int(rng.choice([8000, 16000, 22050]))
+    n = int(rng.uniform(8, 45) * rate)
+    time_s = np.arange(n) / rate
+    changes = np.zeros(n)
+    for _ in range(rng.integers(1, 4)):
+        lag = (time_s - rng.uniform(0.1, 0.9) * time_s[-1]) / rng.uniform(0.1, 1.5)
+        kind = rng.integers(3)
+        bend = np.tanh(lag), np.exp(-0.5 * lag**2), lag / np.hypot(1.0, lag)
+        changes += rng.choice([-1, 1]) * rng.uniform(0.02, 0.3) * bend[kind]
+    jitter = rng.uniform(0.002, 0.01) * wander(rng, n, rate, rng.uniform(0.5, 4.0))
+    engine_hz = rng.uniform(20, 80) * np.exp(changes + jitter)
+    numbers = np.arange(1, rng.integers(6, 20)) * rng.choice([0.5, 1])
+    gains = 10 ** (-numbers * rng.uniform(0.3, 2.0) / 20)
+    sound = orders(rng, engine_hz, rate, numbers, gains, rng.uniform(1, 4))
+    sound += 10 ** (rng.uniform(-8, 8) / 20) * coloured(
+        rng, n, rate, -3, 80, 0.45 * rate
     )
+    load_db = rng.uniform(0, 40) * changes + rng.uniform(0, 3) * wander(
+        rng, n, rate, 2.0
+    )
+    return rate, sound * 10 ** (load_db / 20) + surroundings(rng, n, rate), []
 
 
 def ship(rng):
@@ -183,7 +208,8 @@ def ship(rng):
 
 def recording_file(rng, kind, path):
     """Write a drawn recording, some clipped, of 8 bit or in stereo; its passages."""
-    rate, sound, truth = ship(rng) if kind == "ship" else vehicles(rng, kind)
+    made = {"ship": ship, "standing": standing}.get(kind)
+    rate, sound, truth = made(rng) if made else vehicles(rng, kind)
     loud = rng.uniform(1.2, 2.0) if rng.random() < 0.2 else rng.uniform(0.2, 0.95)
     scaled = np.clip(sound / np.abs(sound).max() * loud, -1, 1)
     if rng.random() < 0.3:

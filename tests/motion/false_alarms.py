@@ -1,5 +1,6 @@
 """How often noise is taken for a passage, and how weak a passage is found."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.stats import beta
 from tests.draws.passage_truth import Scene
 from tests.motion.passing_vessel import levels_of_scene, lines_of_scenes
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.motion.cpa import find_encounters
 
 DIFAR = Sensor(id="h1", kind="difar", depth_m=22.0)
@@ -87,9 +89,11 @@ def claims(lines, levels, sensor, stated):
     """
     found = dict.fromkeys(stated, False)
     for probability in sorted(stated, reverse=True):
-        rows = find_encounters(
-            lines, levels, sensor, false_alarm_probability=probability
-        )
+        with warnings.catch_warnings():  # that the option is taken out
+            warnings.simplefilter("ignore", UwtrackWarning)
+            rows = find_encounters(
+                lines, levels, sensor, false_alarm_probability=probability
+            )
         found[probability] = bool(np.isfinite(rows.time_s).any())
         if not found[probability]:
             break

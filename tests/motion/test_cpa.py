@@ -229,12 +229,12 @@ def test_a_passage_that_ends_before_its_closest_approach_is_extrapolated():
     assert np.all(np.abs(deviations(found, 0, scene)) < 4)
 
 
-def test_levels_alone_tell_of_no_approach_beyond_the_recording():
+def test_levels_that_end_before_the_closest_approach_are_extrapolated():
     scene = replace(SCENE, closest_s=612.0)
     levels = levels_of_scene(scene, np.random.default_rng(20), snr_db=20.0)
     found = find_encounters(None, levels, DIFAR)
-    assert found.n_encounters == 0
-    assert all(reason for *_, reason in found.refusals())
+    assert found.status.tolist() == ["extrapolated"]
+    assert abs(found.time_s[0] - scene.closest_s) < 4 * found.time_std_s[0]
 
 
 def test_a_table_of_frequencies_works_like_lines():

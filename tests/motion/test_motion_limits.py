@@ -25,7 +25,7 @@ from uwtrack_cli.motion.passage.broadband_sum import (
 from uwtrack_cli.motion.passage.candidates import (
     LEAST_TURN_DEG,
     RecordingSpan,
-    not_a_passage,
+    has_closest_approach,
 )
 from uwtrack_cli.motion.passage.checks import sub_bands, surface_image
 from uwtrack_cli.motion.passage.encounter_rows import _fit_levels
@@ -121,18 +121,15 @@ SHARP = (0.1, 1.0, 0.1, 2.0)
 def test_a_passage_is_measured_on_both_sides_and_longer_than_a_frame(
     fit, extent, span, words
 ):
-    found = not_a_passage(fit, blocks_of(*extent), span)
-    assert found is None if words is None else words in found.sentence
+    assert has_closest_approach(fit, blocks_of(*extent), span) is (words is None)
 
 
-@pytest.mark.parametrize(("half_deg", "expected"), [(14.0, True), (16.0, False)])
+@pytest.mark.parametrize(("half_deg", "expected"), [(14.0, False), (17.0, True)])
 def test_a_passage_turns_the_line_of_sight_by_thirty_degrees(half_deg, expected):
     half_s = 100.0 * np.tan(np.radians(half_deg))
-    found = not_a_passage(
-        fit_of(width_s=100.0), blocks_of(100.0 - half_s, 100.0 + half_s), SPAN
-    )
+    extent = blocks_of(100.0 - half_s, 100.0 + half_s)
     assert LEAST_TURN_DEG == 30.0
-    assert (found is not None and found.code == "small-turn-of-sight") is expected
+    assert has_closest_approach(fit_of(width_s=100.0), extent, SPAN) is expected
 
 
 @pytest.mark.parametrize("line_level", [-5.0, 0.0, 1.0, 1e3])
@@ -447,7 +444,7 @@ def test_fringes_are_sought_at_the_width_of_the_level_and_two_beside_it(monkeypa
 
     monkeypatch.setattr(sub_bands, "_told", told)
     levels = levels_of(1 + heights() * LAW)
-    assert sub_bands.agreement(levels, PLACE_S, 8.0).rejection
+    assert not sub_bands.agreement(levels, PLACE_S, 8.0).is_passage
     assert widths == pytest.approx([8.0, 5.6, 11.2])
 
 

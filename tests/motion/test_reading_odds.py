@@ -201,13 +201,16 @@ def test_halves_of_a_source_lie_beside_it_and_are_together_as_loud():
     known = KnownSources(np.zeros((1, 41)), np.zeros((1, 41)))
     # of two free sources each is parted in its own place
     two = SourceFit(np.append(theta, theta[8:] + 1.0), np.ones(2), 0.0, 1)
-    parted, _ = _with_halves(two, np.zeros((0, 20)), np.zeros((0, 3)))
+    parted, _ = _with_halves(two, np.zeros((0, 20)), np.zeros((0, 3)), (1.0, -1.0))
     np.testing.assert_allclose(parted[2:, 8:12], np.tile(theta[8:], (2, 1)))
     assert np.abs(parted[2:, 12] - 81.0).min() > 1.0
     for turn in (1.0, -1.0):
         fit = SourceFit(theta, np.array([turn]), 0.0, 1)
         starts, turns = _with_halves(
-            fit, np.tile(np.append(theta, np.zeros(4)), (2, 1)), np.full((2, 2), turn)
+            fit,
+            np.tile(np.append(theta, np.zeros(4)), (2, 1)),
+            np.full((2, 2), turn),
+            (1.0, -1.0),
         )
         assert starts.shape == (4, 16)
         assert turns[2:].tolist() == [[turn, turn], [turn, -turn]]

@@ -58,12 +58,6 @@ def test_a_passage_in_two_gears_is_one():
     width_s = SLOW.range_m / SLOW.speed_mps
     off = abs(found.range_over_speed_s[0] - width_s)
     assert off < 4 * found.range_over_speed_std_s[0] < width_s
-    # neither gear shows it
-    for contact in (1, 2):
-        one = replace(
-            lines, line_contact=np.where(lines.line_contact == contact, contact, 0)
-        )
-        assert find_encounters(one, None, DIFAR).n_encounters == 0
 
 
 @pytest.mark.parametrize(

@@ -173,7 +173,7 @@ def _confirmed(table: Encounters, levels: Levels | None) -> Encounters:
     for row in np.flatnonzero(~kept):
         place = float(table.time_s[row]), float(table.range_over_speed_s[row])
         told = agreement(levels, *place)
-        kept[row] = told is None or told.rejection is None
+        kept[row] = told is None or told.is_passage
     return table.take("encounter", np.flatnonzero(kept))
 
 

@@ -10,26 +10,20 @@ was measured: gains of long series enter by their inverse hyperbolic sine, and `
 takes every ratio to a power below one.
 
 **Conventions.** Nepers, positive for the passage. ``measured`` is what the checks of a
-candidate leave with it, by name (`passage/passage_evidence.py`); nan is "not measured".
+candidate leave with it, by name (`passage/candidates.py`); nan is "not measured".
 
 **References.** Kass and Raftery (1995), J. Am. Statist. Assoc. 90, 773 (Bayes factors);
 MacKay (2003), Information Theory, ch. 28.
 """
 
 from collections.abc import Callable, Mapping
-from math import asinh, isfinite, log, nan, sqrt
+from math import asinh, isnan, log, nan, sqrt
 from typing import NamedTuple
+
+from uwtrack_cli.motion.association import PASSAGES_PER_HOUR
 
 Measured = Mapping[str, float]
 """What was measured of a candidate, by name."""
-
-HALVES, OTHER_HALVES = 1.5, 6.0
-"""Scale by which the speeds of both halves differ, in standard deviations: of a passage,
-and of what is none."""
-
-SLOPE_STD, STATIONARY_SLOPE_STD = 0.4, 0.25
-"""Standard deviation of the slope of line levels about one, where a vessel passes, and about
-zero, where the source keeps its range: dB for each dB of spreading."""
 
 STATIONARY_LINES, OTHER_STATIONARY_LINES = 0.1, 0.6
 """Share of the lines that rather stand still, where a vessel passes and where none does."""
@@ -37,21 +31,30 @@ STATIONARY_LINES, OTHER_STATIONARY_LINES = 0.1, 0.6
 WATER_SPEEDS_MPS, AIR_SPEEDS_MPS = (0.5, 25.0), (5.0, 80.0)
 """Speeds between which vessels, and vehicles, usually are."""
 
-SPEED_NEPERS = 1.2
-"""How fast other speeds get rarer: nepers for an e-fold, squared."""
+WATER_RANGES_M, AIR_RANGES_M = (5.0, 2e4), (2.0, 600.0)
+"""Ranges at the closest approach between which they usually are."""
+
+OUTSIDE_NEPERS = 1.2
+"""How fast other speeds and ranges get rarer: nepers for an e-fold, squared."""
+
+NOT_SHARPER, OTHER_NOT_SHARPER = 0.1, 0.4
+"""Share of the candidates in air whose tones are not sharpest in source time, where a
+vehicle passes and where none does."""
 
 CHANCE_TURN = 1.0
 """Log evidence that bearings gain as often where nothing passes: scatter turns, too."""
 
 ENOUGH_SUB_BANDS = 4.0
-"""Sub-bands that rise as often where a vessel passes as where something else rises."""
+"""Sub-bands that rise at least where a vessel passes."""
+
+VEHICLES_PER_HOUR = 300.0
+"""Vehicles on a busy road."""
+
+FEW_SUB_BANDS = 2.0
+"""What a rise in fewer sub-bands says against a passage, nepers."""
 
 LARGEST_WIDTH_STD = 1.0 / 3.0
 """Relative standard deviation of R/v at which a row is as often of no use."""
-
-
-ENOUGH_TURN_DEG = 30.0
-"""Turn of the line of sight below which a drift looks like a passage."""
 
 
 def value_of(measured: Measured, name: str) -> float:
@@ -64,11 +67,6 @@ def compressed(gain: float) -> float:
     return asinh(0.5 * gain)
 
 
-def two_scales(value: float, narrow: float, wide: float) -> float:
-    """Return the log ratio of two half-normal densities."""
-    return 0.5 * (value / wide) ** 2 - 0.5 * (value / narrow) ** 2 + log(wide / narrow)
-
-
 def stationary_bearing(measured: Measured) -> float:
     """Return what bearings gain over one that stays or drifts."""
     gain = value_of(measured, "bearing")
@@ -76,20 +74,12 @@ def stationary_bearing(measured: Measured) -> float:
 
 
 def stationary_levels(measured: Measured) -> float:
-    """Return what levels of lines that rise and fall with the range say.
+    """Return what levels of lines gain by rising and falling with the range.
 
     In air nothing: a vehicle is louder, too, where its engine changes its speed.
     """
-    slope, std = (
-        value_of(measured, "level_slope"),
-        value_of(measured, "level_slope_std"),
-    )
-    if not isfinite(std) or value_of(measured, "is_air"):
-        return nan
-    passing, resting = std**2 + SLOPE_STD**2, std**2 + STATIONARY_SLOPE_STD**2
-    return 0.5 * (
-        slope**2 / resting - (slope - 1.0) ** 2 / passing + log(resting / passing)
-    )
+    gain = value_of(measured, "line_level")
+    return compressed(gain) if gain and not value_of(measured, "is_air") else nan
 
 
 def stationary_lines(measured: Measured) -> float:
@@ -103,27 +93,76 @@ def stationary_lines(measured: Measured) -> float:
     return sqrt(count) * one
 
 
-def halves(measured: Measured) -> float:
-    """Return what the speeds of both halves say."""
-    return two_scales(value_of(measured, "halves_apart"), HALVES, OTHER_HALVES)
+def stationary_source(measured: Measured) -> float:
+    """Return what lines gain over steady, changing or joined ones of what stays."""
+    gain = value_of(measured, "log_odds")
+    return compressed(gain) if value_of(measured, "has_lines") else nan
+
+
+def outside(value: float, limits: tuple[float, float]) -> float:
+    """Return how much rarer values beyond the usual ones are, nepers."""
+    low, high = limits
+    return -OUTSIDE_NEPERS * log(max(value / high, low / value, 1.0)) ** 2
+
+
+def has_speed(measured: Measured) -> bool:
+    """Return whether lines tell a speed of something in water or air."""
+    if not (value_of(measured, "is_air") or value_of(measured, "is_water")):
+        return False
+    speed, std = value_of(measured, "speed_mps"), value_of(measured, "speed_std_mps")
+    return bool(value_of(measured, "has_lines") and speed > 3.0 * std)
 
 
 def unusual_speed(measured: Measured) -> float:
     """Return the prior of the speed, over that of calls, sweeps and wandering engines."""
+    limits = AIR_SPEEDS_MPS if value_of(measured, "is_air") else WATER_SPEEDS_MPS
     speed = value_of(measured, "speed_mps")
-    if not value_of(measured, "has_lines") or not speed > 3.0 * value_of(
-        measured, "speed_std_mps"
-    ):
-        return nan
-    low, high = AIR_SPEEDS_MPS if value_of(measured, "is_air") else WATER_SPEEDS_MPS
-    return -SPEED_NEPERS * log(max(speed / high, low / speed, 1.0)) ** 2
+    return outside(speed, limits) if has_speed(measured) else nan
+
+
+def unusual_range(measured: Measured) -> float:
+    """Return the prior of the range at the closest approach."""
+    limits = AIR_RANGES_M if value_of(measured, "is_air") else WATER_RANGES_M
+    range_m = value_of(measured, "range_m")
+    return outside(range_m, limits) if has_speed(measured) else nan
 
 
 def other_rise(measured: Measured) -> float:
-    """Return what sub-bands gain over rain, squalls, doors and one gain for all."""
-    if value_of(measured, "sub_bands") < ENOUGH_SUB_BANDS:
+    """Return what sub-bands gain over rain, squalls, doors and one gain for all.
+
+    A vessel rises in most of them.
+    """
+    count = value_of(measured, "sub_bands")
+    if isnan(count):
         return nan
+    if count < ENOUGH_SUB_BANDS:
+        return -FEW_SUB_BANDS
     return compressed(value_of(measured, "sub_bands_gain"))
+
+
+def stationary_level(measured: Measured) -> float:
+    """Return what the level of the sound gains by rising and falling with the range of lines.
+
+    A level that does not show the vessel says nothing: another may be louder.
+    """
+    gain = value_of(measured, "level")
+    return compressed(gain) if value_of(measured, "has_lines") and gain > 0 else nan
+
+
+def part_of_another(measured: Measured) -> float:
+    """Return the prior of another vessel as near in time as a rise is to a larger one.
+
+    Fringes and directions of one source part its rise; vessels come at a stated rate.
+    """
+    is_air = value_of(measured, "is_air")
+    rate_per_s = (VEHICLES_PER_HOUR if is_air else PASSAGES_PER_HOUR) / 3600.0
+    expected = 2.0 * rate_per_s * value_of(measured, "apart_s")
+    return log(min(expected, 1.0)) if expected > 0.0 else nan
+
+
+def mains(measured: Measured) -> float:
+    """Return the log chance that lines of a vessel all lie at multiples of the mains."""
+    return value_of(measured, "mains")
 
 
 def undetermined(measured: Measured) -> float:
@@ -131,19 +170,16 @@ def undetermined(measured: Measured) -> float:
     return -((value_of(measured, "relative_width_std") / LARGEST_WIDTH_STD) ** 2)
 
 
-def short_frames(measured: Measured) -> float:
-    """Return what R/v in frames says of a change between two of them."""
-    return log(min(max(value_of(measured, "widths_in_frames"), 0.05), 1.0))
-
-
 def other_time(measured: Measured) -> float:
-    """Return by how much tones are sharper in source time than in any other."""
-    return value_of(measured, "rest_frame")
+    """Return what tones that are sharper in source time than in any other say, in air.
 
-
-def small_turn(measured: Measured) -> float:
-    """Return what the turn of the line of sight says of a drift."""
-    return log(min(max(value_of(measured, "turn_deg"), 1.0) / ENOUGH_TURN_DEG, 1.0))
+    In water the lines of a slow vessel drift, too, and as many machines are sharper.
+    """
+    sharper = value_of(measured, "rest_frame")
+    if isnan(sharper) or not value_of(measured, "is_air"):
+        return nan
+    here, else_ = NOT_SHARPER, OTHER_NOT_SHARPER
+    return log((1.0 - here) / (1.0 - else_) if sharper > 0.0 else here / else_)
 
 
 class Alternative(NamedTuple):

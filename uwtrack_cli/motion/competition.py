@@ -128,7 +128,8 @@ def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | Non
     elif _agree(one, k, two, n):
         return None if sharper else STAYS
     elif not any(have_lines):
-        wins, words = bool(sharper), "which is better determined"
+        odds = [_probability(*pair) for pair in ((one, k), (two, n))]
+        wins, words = odds[1] > odds[0], f"which is more probable ({odds[1]:.2f})"
     else:
         evidence = [
             -np.inf if table.rest_frame_evidence is None
@@ -141,6 +142,13 @@ def _beaten(one: Encounters, k: int, two: Encounters, n: int) -> Rejection | Non
             f"evidence {evidence[1]:.2f} against {evidence[0]:.2f})"
         )
     return reject(OTHER_RESOLUTION, better=words) if wins else STAYS
+
+
+def _probability(table: Encounters, row: int) -> float:
+    """Return the probability of a row, zero where none is stated."""
+    return float(np.nan_to_num(table.probability[row])) if (
+        table.probability is not None
+    ) else 0.0  # fmt: skip
 
 
 def _holds(one: Encounters, k: int, two: Encounters, n: int) -> bool:

@@ -35,12 +35,7 @@ from uwtrack_cli.data.sensor import Sensor, SoundSpeed
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import FULL_SCALE, Levels
 from uwtrack_cli.errors import DataError, UwtrackWarning
-from uwtrack_cli.motion.decision import (
-    OUTSIDE_WITHOUT_DOPPLER,
-    Rejection,
-    decide,
-    reject,
-)
+from uwtrack_cli.motion.decision import LEAST_PROBABILITY, Rejection
 from uwtrack_cli.motion.options import Probability, Spreading
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
@@ -48,7 +43,6 @@ from uwtrack_cli.motion.passage.candidates import (
     Still,
     Unclaimed,
     fit_contact,
-    not_a_passage,
     read,
     split,
     take_apart,
@@ -79,12 +73,14 @@ from uwtrack_cli.motion.passage.model.direction_bearings import (
     with_directions,
 )
 from uwtrack_cli.motion.passage.model.measurements import PassageData, series_data
-from uwtrack_cli.motion.passage.passage_evidence import passage_evidence
 from uwtrack_cli.motion.passage.readings.competing_readings import (
     TWO_TARGETS,
     read_passage,
 )
 from uwtrack_cli.motion.passage.recording_passages import examine_recording
+
+SIGNIFICANCE = 1e-3
+"""Probability that noise alone is examined as a passage."""
 
 MIXED = "the bearings are those of two targets"
 """Why no direction is known."""
@@ -111,7 +107,8 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     source_depth_std_m: Annotated[
         float, Unit("m"), AtLeast(0), AtMost(11_000)
     ] = SOURCE_DEPTH_STD_M,
-    false_alarm_probability: Probability = 1e-3,
+    probability: Probability = LEAST_PROBABILITY,
+    false_alarm_probability: Probability | None = None,
     spreading_db: Spreading = 20.0,
     ask_sound: bool = True,
 ) -> Encounters:
@@ -151,8 +148,12 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         Depth of the vessel's source.
     source_depth_std_m
         Standard deviation of that depth, 0 for exactly known.
+    probability
+        Least probability that a vessel passes as a row has it; what is below stands
+        among the refused contacts, with its probability and the explanation against it.
     false_alarm_probability
-        Probability that noise alone is reported as a passage.
+        Replaced by ``probability``, and taken out in the next version: the probability
+        that noise alone is examined at all.
     spreading_db
         Spreading loss per decade of range, for the source level.
     ask_sound
@@ -176,6 +177,13 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     rest frequencies, level and noise floor are free.
     """
     _check_array(sensor)
+    if false_alarm_probability is not None:
+        msg = (
+            "false_alarm_probability of 'cpa' is replaced by probability (0.5 unless "
+            "given), which moves what is reported, and is taken out in the next version."
+        )
+        warnings.warn(msg, UwtrackWarning, stacklevel=2)
+    significance = false_alarm_probability or SIGNIFICANCE
     if directions is None and bearing_time is not None:
         directions = bearing_time.directions
     levels = with_directions(levels, directions)
@@ -194,11 +202,11 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     has_sound = sound is not None and sound.can_be_read_again
     with failed_fits() as failed:
         found, still = _examined(
-            lines, levels, series, (medium, false_alarm_probability), limits, sound,
+            lines, levels, series, (medium, significance), limits, sound,
             directions,
         )  # fmt: skip
         made = partial(
-            _row, context=context, limits=limits, levels=levels, has_sound=has_sound
+            _row, context=context, levels=levels, least=probability, has_sound=has_sound
         )
         pairs = [
             (item, attempted(partial(made, item), item.contacts, item.blocks.time_s))
@@ -356,7 +364,8 @@ def _of_table(
     else:
         apart = take_apart(data, owner, medium, probability)
     still = one.read() if isinstance(one, Unclaimed) and not apart else []
-    return [check_fit(read(item), None) for item in apart], still
+    checked = [check_fit(read(item)) for item in apart]
+    return [item.measured(as_given=1.0) for item in checked], still
 
 
 def _limits(
@@ -376,34 +385,29 @@ def _limits(
 def _row(
     candidate: CandidatePassage,
     context: CpaContext,
-    limits: RecordingSpan,
     levels: Levels | None,
     *,
+    least: float,
     has_sound: bool,
 ) -> Row | Refusal:
     """Turn a candidate into a row, or say why it is no passage."""
     if candidate.blocks.shift.is_empty:  # it was not read with any lines
         reading = read_passage(candidate.fit, candidate.blocks)[1]
         candidate = replace(candidate, reading=reading)
-    decision = decide(passage_evidence(candidate, limits))
     contact, fit = candidate.contacts[0], candidate.fit
     time = candidate.blocks.time_s
-    first = not_a_passage(fit, candidate.blocks, limits)
-    against = [*([first] if first else []), *candidate.rejections]
     wider = consider_directivity(fit, candidate.blocks)
     row = passage_row(contact, wider, context, candidate.line_ids)
     if candidate.reading.name == TWO_TARGETS and not candidate.data.bearing_deg.size:
         row.reasons.update(dict.fromkeys(("bearing_deg", "course_deg", "side"), MIXED))
-    if not time[0] <= fit.theta[0, 0] <= time[-1]:
-        if row.status == LEVEL_ONLY:
-            against.append(reject(OUTSIDE_WITHOUT_DOPPLER))
-        row = replace(row, status=EXTRAPOLATED, extrapolated=True)
     if row.status == LEVEL_ONLY and levels is not None:
-        against += against or ask_the_parts(candidate, levels).rejections
-    if against:
-        refused = _refused(candidate, against[0])
-        return refused._replace(probability=decision.probability)
-    row.decision = decision
+        candidate = ask_the_parts(candidate, levels)
+    if not time[0] <= fit.theta[0, 0] <= time[-1]:
+        row = replace(row, status=EXTRAPOLATED, extrapolated=True)
+    if candidate.duplicate_of or candidate.decision.probability <= least:
+        refused = _refused(candidate, candidate.rejection)
+        return refused._replace(probability=candidate.decision.probability)
+    row.decision = candidate.decision
     add_checks(row, candidate, has_sound=has_sound)
     if row.side and candidate.other_turn > 1e-3:
         other = "port" if row.side == "starboard" else "starboard"

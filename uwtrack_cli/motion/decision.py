@@ -22,51 +22,23 @@ from uwtrack_cli.data.presence import CONSTANT, JOINED, MACHINERY
 from uwtrack_cli.motion import alternatives
 from uwtrack_cli.motion.alternatives import Alternative
 
-UNDETERMINED = "undetermined"
-SHORTER_THAN_FRAMES = "shorter-than-frames"
 TOO_LITTLE = "too-little-recorded"
-SMALL_TURN = "small-turn-of-sight"
-FAR_OUTSIDE = "far-outside"
-BEGINS_AT_CLOSEST = "begins-at-closest"
-ENDS_AT_CLOSEST = "ends-at-closest"
-OUTSIDE_WITHOUT_DOPPLER = "outside-without-doppler"
 SENSOR_TURNED = "sensor-turned"
 NOTHING_PASSES = "nothing-passes"
 NOT_SIGNIFICANT = "not-significant"
 DUPLICATE = "duplicate"
 OTHER_RESOLUTION = "other-resolution"
-MISFIT = "misfit"
-HALVES = "halves-disagree"
 STATIONARY_LINES = "stationary-lines"
 LINE_LEVELS = "line-levels"
-LONE_CHANGE = "lone-line-changes"
-ENGINE_WANDER = "engine-wander"
-OTHER_LEVEL = "other-level"
+LEVEL = "level"
 REST_FRAME = "rest-frame"
-NO_TONES = "no-tones"
-SHORT_FLANK = "short-flank"
-FEW_SUB_BANDS = "few-sub-bands"
-SUB_BANDS_DISAGREE = "sub-bands-disagree"
+UNUSUAL_RANGE = "unusual-range"
 OTHER_RISE = "other-rise"
+PART_OF_ANOTHER = "part-of-another"
 FIT_FAILED = "fit-failed"
 
 REASONS = {
-    UNDETERMINED: "the measurements do not tell time and width of a passage apart",
-    SHORTER_THAN_FRAMES: (
-        "the change within {width_s:.3g} s is shorter than the frames "
-        "({window_s:.3g} s): use a shorter window_s"
-    ),
     TOO_LITTLE: "too little of the passage is in the recording",
-    SMALL_TURN: (
-        "the line of sight turns by {turn_deg:.0f} degrees within the recording, "
-        "and a drift looks alike below {least_deg:g}"
-    ),
-    FAR_OUTSIDE: "the closest approach lies far outside the recording",
-    BEGINS_AT_CLOSEST: "the measurements begin at the closest approach",
-    ENDS_AT_CLOSEST: "the measurements end at the closest approach",
-    OUTSIDE_WITHOUT_DOPPLER: (
-        "the closest approach lies outside, and no Doppler shift shows it"
-    ),
     SENSOR_TURNED: (
         "the sensor turned: it left a straight track by {departure_m:.3g} m "
         "during the passage; 'uwtrack tma' follows its navigation"
@@ -74,63 +46,27 @@ REASONS = {
     CONSTANT: "its frequencies stay: nothing passes",
     MACHINERY: "its frequencies change as those of a machine that keeps its place",
     JOINED: "a line that ends where another begins: nothing passes",
-    NOTHING_PASSES: (
-        "its measurements are read as {alternative}: nothing passes with a "
-        "probability of {probability:.2f}"
-    ),
-    NOT_SIGNIFICANT: "noise alone looks like this passage too often for one to be told",
+    NOTHING_PASSES: "its bearings stay or drift: nothing passes",
+    NOT_SIGNIFICANT: "what was measured speaks too little for a passage",
     DUPLICATE: "the passage of contact {contact}, with its time and speed",
-    MISFIT: (
-        "its lines leave the passage by {percent:.0f} % of the Doppler shift "
-        "beyond their noise"
-    ),
-    HALVES: (
-        "its two halves tell {first_mps:.3g} and {second_mps:.3g} m/s, "
-        "{apart:.1f} deviations apart"
-    ),
-    STATIONARY_LINES: "{n_stationary} of its {n_lines} lines stand still",
+    STATIONARY_LINES: "{stationary_share:.0%} of its lines stand still",
     LINE_LEVELS: (
-        "the levels of its {whose} do not rise and fall as the range would: "
-        "{slope:.2f} +- {std:.2f} dB for each dB"
+        "the levels of its lines do not rise and fall as the range would (by "
+        "{line_level:.1f} nepers)"
     ),
-    LONE_CHANGE: (
-        "its only line changes its frequency besides, and its levels do not show the "
-        "passage: they gain {gain:.1f} nepers by it, and {least:g} are needed"
-    ),
+    LEVEL: "the level does not rise and fall as the range would",
     TOO_FAST: (
         "its lines tell {speed_mps:.3g} m/s, and nothing in water is as fast; "
         "sound in air needs --sound-speed-mps 343"
     ),
+    UNUSUAL_RANGE: "a range of {range_m:.3g} m at the closest approach is unusual",
     MAINS: "its lines are multiples of {mains_hz:g} Hz: mains that wander",
-    ENGINE_WANDER: (
-        "its lines tell {speed_mps:.2g} m/s, and engines in air wander by as "
-        "much as {least_mps:.2g} m/s would shift them"
-    ),
-    OTHER_LEVEL: (
-        "the level rises and falls otherwise: as of a passage at {time_s:.2f} s "
-        "with {width_s:.2g} s of range over speed"
-    ),
     REST_FRAME: (
-        "in the vessel's own time its lines are no steadier than as {rival} "
-        "(rest-frame evidence {evidence:.2f})"
+        "in source time its lines are no steadier than otherwise (by {rest_frame:.2f} "
+        "nepers)"
     ),
-    NO_TONES: (
-        "in the vessel's own time its lines are no tones: they gain "
-        "{gain:.1f} nepers over noise, and {least:g} are needed"
-    ),
-    SHORT_FLANK: (
-        "the level alone makes a passage with {least:g} d/v recorded "
-        "before and after it, got {flank:.2g}"
-    ),
-    FEW_SUB_BANDS: (
-        "{count} parts of the band rise by themselves, and the level "
-        "alone makes a passage with {least}"
-    ),
-    SUB_BANDS_DISAGREE: (
-        "the parts of the band tell different times or widths (chance "
-        "{probability:.1g})"
-    ),
-    OTHER_RISE: "its levels rise and fall more as {rival} than as a passage",
+    OTHER_RISE: "its levels rise and fall more as rain, a squall or a machine would",
+    PART_OF_ANOTHER: "it rises within {apart_s:.3g} s of a larger rise: rather a part of it",
     OTHER_RESOLUTION: "frames of another length show another passage, {better}",
     FIT_FAILED: "its fit failed ({kind}: {error})",
 }
@@ -155,30 +91,36 @@ def reject(code: str, **values: object) -> Rejection:
 
     Examples
     --------
-    >>> reject("stationary-lines", n_stationary=2, n_lines=3).sentence
-    '2 of its 3 lines stand still'
+    >>> reject("stationary-lines", stationary_share=0.5, n_lines=4).sentence
+    '50% of its lines stand still'
     """
     return Rejection(code, REASONS[code].format(**values))
 
 
-LOG_ODDS_OF_LINES, LOG_ODDS_OF_LEVELS, LOG_ODDS_IN_AIR = -1.27, -0.71, -0.18
-"""Log odds of a candidate before anything was measured: with lines, by level or bearing
-alone, and what is added in air."""
+LOG_ODDS = {
+    "lines in water": -0.53, "levels in water": 0.02,
+    "lines in air": -0.51, "levels in air": 3.34, "as given": 2.0,
+}  # fmt: skip
+"""Log odds of a candidate before anything was measured, by what shows it: lines, or the
+level or bearing alone. Chosen for what is taken as it is given: tables, whose measurements
+are somebody's of a contact, and levels without sub-bands."""
 
 MOST_NEPERS = 8.0
 """Log evidence beyond which an explanation is as good as refused, or proved."""
 
 ALTERNATIVES = (
-    Alternative(NOTHING_PASSES, alternatives.stationary_bearing, 0.54),
-    Alternative(LINE_LEVELS, alternatives.stationary_levels, 0.20),
-    Alternative(STATIONARY_LINES, alternatives.stationary_lines, 0.91),
-    Alternative(HALVES, alternatives.halves, 0.10),
-    Alternative(REST_FRAME, alternatives.other_time, 0.23),
+    Alternative(NOTHING_PASSES, alternatives.stationary_bearing, 0.35),
+    Alternative(LINE_LEVELS, alternatives.stationary_levels, 0.56),
+    Alternative(LEVEL, alternatives.stationary_level, 0.53),
+    Alternative(STATIONARY_LINES, alternatives.stationary_lines, 0.50),
+    Alternative(MACHINERY, alternatives.stationary_source, 0.11),
     Alternative(TOO_FAST, alternatives.unusual_speed, 1.00),
-    Alternative(OTHER_RISE, alternatives.other_rise, 0.18),
-    Alternative(TOO_LITTLE, alternatives.undetermined, 1.05),
-    Alternative(SMALL_TURN, alternatives.small_turn, 0.16),
-    Alternative(SHORTER_THAN_FRAMES, alternatives.short_frames, 0.16),
+    Alternative(UNUSUAL_RANGE, alternatives.unusual_range, 0.27),
+    Alternative(REST_FRAME, alternatives.other_time, 0.20),
+    Alternative(MAINS, alternatives.mains, 0.20),
+    Alternative(OTHER_RISE, alternatives.other_rise, 0.31),
+    Alternative(PART_OF_ANOTHER, alternatives.part_of_another, 1.00),
+    Alternative(TOO_LITTLE, alternatives.undetermined, 1.11),
 )
 """Every explanation in which no vessel passes as the row has it."""
 
@@ -196,8 +138,19 @@ class PassageDecision(NamedTuple):
     """Log evidence over every explanation, as it is weighed, by code."""
 
 
+LEAST_PROBABILITY = 0.5
+"""Probability above which a vessel rather passes than not: the one threshold."""
+
 UNDECIDED = PassageDecision(float("nan"), "", float("nan"), ())
 """Nothing was asked."""
+
+
+def kind_of(measured: Evidence) -> str:
+    """Return what shows a candidate, a key of `LOG_ODDS`."""
+    if measured.get("as_given"):
+        return "as given"
+    shown = "lines" if measured["has_lines"] else "levels"
+    return f"{shown} in {'air' if measured['is_air'] else 'water'}"
 
 
 def decide(measured: Evidence) -> PassageDecision:
@@ -208,8 +161,7 @@ def decide(measured: Evidence) -> PassageDecision:
     measured
         What the checks of a candidate measured, by name.
     """
-    odds = LOG_ODDS_OF_LINES if measured["has_lines"] else LOG_ODDS_OF_LEVELS
-    odds += LOG_ODDS_IN_AIR * measured["is_air"]
+    odds = LOG_ODDS[kind_of(measured)]
     nepers = []
     for one in ALTERNATIVES:
         value = one.log_evidence(measured)
@@ -226,3 +178,16 @@ def decide(measured: Evidence) -> PassageDecision:
     return PassageDecision(
         probability, code, (1.0 - probability) * share, tuple(nepers)
     )
+
+
+def why_not(decision: PassageDecision, measured: Evidence) -> Rejection:
+    """Return the explanation that wins where no vessel passes.
+
+    Parameters
+    ----------
+    decision
+        What was decided.
+    measured
+        What it was decided from, which the sentence states.
+    """
+    return reject(decision.alternative or NOT_SIGNIFICANT, **measured)

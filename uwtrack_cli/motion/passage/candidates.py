@@ -20,6 +20,7 @@ noise; see `likelihood_ratio`. The strongest vessel keeps the contact number.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -31,18 +32,14 @@ from uwtrack_cli.data.presence import STILL
 from uwtrack_cli.estimation.angles import wrap_rad
 from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.decision import (
-    BEGINS_AT_CLOSEST,
     DUPLICATE,
-    ENDS_AT_CLOSEST,
-    FAR_OUTSIDE,
-    NOTHING_PASSES,
-    SHORTER_THAN_FRAMES,
-    SMALL_TURN,
-    TOO_LITTLE,
-    UNDETERMINED,
+    LEAST_PROBABILITY,
     Evidence,
+    PassageDecision,
     Rejection,
+    decide,
     reject,
+    why_not,
 )
 from uwtrack_cli.motion.passage.failed_fits import attempted
 from uwtrack_cli.motion.passage.fit.estimator import (
@@ -95,10 +92,6 @@ LARGEST_LEVEL_MISFIT = 4.0
 """Variance of level residuals, slow changes included, over what is expected: beyond it
 the levels are left out where lines or bearings determine the passage."""
 
-MOST_NOTHING = 0.5
-"""Probability that nothing passes from which a passage is refused: it is likelier than
-not. None of 201 drawn ones that were told had 0.02 (studies/constants/still_readings.py)."""
-
 AGREEMENT = 9.2
 """Loss of log-likelihood that another contact's motion may cost: 99.9 % of the true
 ones cost less (chi-square with four degrees of freedom)."""
@@ -126,8 +119,8 @@ class CandidatePassage:
     """Evidence of the sound for the passage, nepers; nan if it was not asked."""
     misfit: float = np.nan
     """Misfit of its lines: see `fit_checks`; nan if it was not checked."""
-    rejections: tuple[Rejection, ...] = ()
-    """What speaks against the passage, the first thing found first."""
+    duplicate_of: int = 0
+    """Contact that reports the same passage; 0 for none."""
     reading: Reading = STRAIGHT_READING
     """How its measurements are read."""
     evidence: Evidence = field(default_factory=dict)
@@ -137,10 +130,57 @@ class CandidatePassage:
         """Return the same with what a check has measured."""
         return replace(self, evidence={**self.evidence, **found})
 
-    def rejected(self, *reasons: Rejection | None) -> Self:
-        """Return the same with more that speaks against it; None does not."""
-        more = tuple(one for one in reasons if one is not None)
-        return replace(self, rejections=self.rejections + more) if more else self
+    @cached_property
+    def decision(self) -> PassageDecision:
+        """How sure it is that a vessel passes, from all that was measured so far."""
+        return decide(passage_evidence(self))
+
+    @property
+    def passes(self) -> bool:
+        """Whether a vessel rather passes than not, and is reported here alone."""
+        return not self.duplicate_of and self.decision.probability > LEAST_PROBABILITY
+
+    @property
+    def rejection(self) -> Rejection:
+        """The explanation that wins where no vessel passes, with its sentence."""
+        if self.duplicate_of:
+            return reject(DUPLICATE, contact=self.duplicate_of)
+        return why_not(self.decision, passage_evidence(self))
+
+
+def passage_evidence(candidate: CandidatePassage) -> Evidence:
+    """Return all that was measured of a candidate, by name: gains and costs in nepers."""
+    fit, blocks, ratio = candidate.fit, candidate.blocks, candidate.likelihood_ratio
+    width_s, time_s = float(fit.range_over_speed_s[0]), float(fit.theta[0, 0])
+    variance = np.diag(fit.covariance[0])
+    std = np.sqrt(np.where(variance > 0, variance, np.inf))
+    extent = np.array(measured_extent(blocks))
+    ends = (extent - time_s) / width_s
+    has_lines = not blocks.shift.is_empty
+    return {
+        "gain": ratio.total - ratio.threshold,
+        "gain_over_line": ratio.over_line - ratio.threshold,
+        "gain_over_break": ratio.over_break - ratio.threshold,
+        "doppler": ratio.doppler,
+        "bearing": ratio.bearing,
+        "level": ratio.level,
+        "line_level": ratio.line_level,
+        "log_odds": candidate.reading.log_odds,
+        "time_s": time_s,
+        "time_std_s": std[0],
+        "range_over_speed_s": width_s,
+        "relative_width_std": std[1] / width_s,
+        "before": -ends[0],
+        "after": ends[1],
+        "speed_mps": float(fit.theta[0, 2]),
+        "range_m": float(fit.theta[0, 2]) * width_s,
+        "speed_std_mps": std[2] if has_lines else np.nan,
+        "is_air": float(fit.medium.is_air),
+        "is_water": float(fit.medium.is_water),
+        "has_lines": float(has_lines),
+        "has_change": float(fit.change is not None),
+        **candidate.evidence,
+    }
 
 
 class Still(NamedTuple):
@@ -361,7 +401,7 @@ def _is_resolved(fit: PassageFit, blocks: Blocks, data: PassageData) -> bool:
 
 
 def read(candidate: CandidatePassage) -> CandidatePassage:
-    """Return a candidate by its likeliest reading; rejected if it is that nothing passes.
+    """Return a candidate by its likeliest reading.
 
     Parameters
     ----------
@@ -370,7 +410,7 @@ def read(candidate: CandidatePassage) -> CandidatePassage:
         targets may have changed something, too.
     """
     if candidate.fit.change is not None:
-        return candidate.rejected(_rejected_by_reading(candidate.reading))
+        return candidate
     fit, reading = read_passage(candidate.fit, candidate.blocks)
     if candidate.reading.name == TWO_TARGETS and fit.change is None:
         both, has_rival = candidate.reading, reading.rival in STILL
@@ -380,17 +420,7 @@ def read(candidate: CandidatePassage) -> CandidatePassage:
             rival=reading.rival if has_rival else "",
             rival_weight=reading.rival_weight if has_rival else 0.0,
         )
-    made = replace(candidate, fit=fit, reading=reading)
-    return made.rejected(_rejected_by_reading(reading))
-
-
-def _rejected_by_reading(reading: Reading) -> Rejection | None:
-    """Return what speaks against a passage that is likelier to be none."""
-    if reading.nothing <= MOST_NOTHING:
-        return None
-    return reject(
-        NOTHING_PASSES, alternative=reading.rival, probability=reading.nothing
-    )
+    return replace(candidate, fit=fit, reading=reading)
 
 
 def _is_misfit(fit: PassageFit, blocks: Blocks) -> bool:
@@ -496,7 +526,7 @@ def _of_gears(
     limits = RecordingSpan(lines.frames.window_s, float(times[0]), float(times[-1]))
     silent = [
         contact for contact, item in alone.items()
-        if not item or not_a_passage(item.fit, item.blocks, limits) is not None
+        if not item or not has_closest_approach(item.fit, item.blocks, limits)
     ]  # fmt: skip
     ends = contact_ends(lines, silent)
     chains: list[tuple[int, ...]] = []
@@ -512,7 +542,7 @@ def _of_gears(
     made = [of(chain) for chain in chains if len(chain) > 1]
     return [
         item for item in made
-        if item and not_a_passage(item.fit, item.blocks, limits) is None
+        if item and has_closest_approach(item.fit, item.blocks, limits)
     ]  # fmt: skip
 
 
@@ -582,8 +612,8 @@ def tell_once(
     Lines of one vessel that were followed in their own ways may not agree by their
     likelihoods, which keep them apart; `association.same_vessel` holds their answers
     against each other.
-    All their lines tell the passage together where one fit passes all checks; else the
-    weaker candidate is rejected.
+    All their lines tell the passage together where their joint fit passes; else the
+    weaker candidate is a duplicate.
 
     Parameters
     ----------
@@ -594,17 +624,17 @@ def tell_once(
     """
     kept: list[CandidatePassage] = []
     for item in sorted(found, key=lambda item: -item.likelihood_ratio.total):
-        places = [k for k, one in enumerate(kept) if not one.rejections]
+        places = [k for k, one in enumerate(kept) if one.passes]
         first = next((k for k in places if is_one(item, kept[k])), None)
-        if first is None or item.rejections:
+        if first is None or not item.passes:
             kept.append(item)
             continue
         leader = kept[first]
         joint = join(leader, item) if join else None
-        if joint is not None and not joint.rejections and is_one(joint, leader):
+        if joint is not None and joint.passes and is_one(joint, leader):
             kept[first] = joint
             continue
-        kept.append(item.rejected(reject(DUPLICATE, contact=leader.contacts[0])))
+        kept.append(replace(item, duplicate_of=leader.contacts[0]))
     return kept
 
 
@@ -672,10 +702,12 @@ class RecordingSpan:
     """Last instant, s."""
 
 
-def not_a_passage(
+def has_closest_approach(
     fit: PassageFit, blocks: Blocks, limits: RecordingSpan
-) -> Rejection | None:
-    """Return why a fit that moves has no closest approach to give, or None.
+) -> bool:
+    """Return whether time and width of a fit are rather those of a passage than of the ends.
+
+    A quick look during the search; whether a vessel passes is for `decision`.
 
     Parameters
     ----------
@@ -686,35 +718,23 @@ def not_a_passage(
     limits
         Length of the frames and ends of the recording.
     """
-    width = float(fit.range_over_speed_s[0])
-    closest = float(fit.theta[0, 0])
-    deviation = np.sqrt(np.maximum(np.diag(fit.covariance[0])[:2], 0.0))
-    if not np.all(np.isfinite(deviation)):
-        return reject(UNDETERMINED)
-    if width < limits.window_s:
-        return reject(SHORTER_THAN_FRAMES, width_s=width, window_s=limits.window_s)
-    if deviation[1] > LARGEST_RELATIVE_WIDTH * width or deviation[0] > width:
-        return reject(TOO_LITTLE)
-    extent = measured_extent(blocks)
-    ends = np.arctan((np.array(extent) - closest) / width)
-    turn_deg = float(np.degrees(ends[1] - ends[0]))
-    if turn_deg < LEAST_TURN_DEG:
-        return reject(SMALL_TURN, turn_deg=turn_deg, least_deg=LEAST_TURN_DEG)
-    return _one_sided(closest, width, extent, limits)
-
-
-def _one_sided(
-    closest: float, width: float, extent: tuple[float, float], limits: RecordingSpan
-) -> Rejection | None:
-    first, last = extent
-    if not first - width < closest < last + width:
-        return reject(FAR_OUTSIDE)
+    width, closest = float(fit.range_over_speed_s[0]), float(fit.theta[0, 0])
+    std = np.sqrt(np.maximum(np.diag(fit.covariance[0])[:2], 0.0))
+    first, last = measured_extent(blocks)
+    turn = np.ptp(np.arctan((np.array([first, last]) - closest) / width))
     slack = 0.1 * (limits.last_s - limits.first_s) + 2 * limits.window_s
-    if closest - ONE_SIDE * width < first and first > limits.first_s + slack:
-        return reject(BEGINS_AT_CLOSEST)
-    if closest + ONE_SIDE * width > last and last < limits.last_s - slack:
-        return reject(ENDS_AT_CLOSEST)
-    return None
+    begins_there = closest - ONE_SIDE * width < first and first > limits.first_s + slack
+    ends_there = closest + ONE_SIDE * width > last and last < limits.last_s - slack
+    return bool(
+        np.isfinite(std).all()
+        and width >= limits.window_s
+        and std[1] <= LARGEST_RELATIVE_WIDTH * width
+        and std[0] <= width
+        and np.degrees(turn) >= LEAST_TURN_DEG
+        and first - width < closest < last + width
+        and not begins_there
+        and not ends_there
+    )
 
 
 def measured_extent(blocks: Blocks) -> tuple[float, float]:

@@ -35,12 +35,10 @@ from uwtrack_cli.motion.passage.candidates import (
     examine_contacts,
     examine_from,
     fit_contact,
-    not_a_passage,
     read,
     split,
     tell_once,
 )
-from uwtrack_cli.motion.passage.checks.air_checks import agree_in_air, check_in_air
 from uwtrack_cli.motion.passage.checks.fit_checks import check_fit
 from uwtrack_cli.motion.passage.checks.known_sounds import check_known_sounds
 from uwtrack_cli.motion.passage.checks.rest_frame import ask_the_sound
@@ -156,13 +154,12 @@ def examine_recording(
         every = [*every, *more]
     if levels is None:
         return every, still
-    every = _checked_in_air(every, levels, terms)
-    found = [item for item in every if not item.rejections]
-    rejected = [item for item in every if item.rejections]
+    found = [item for item in every if item.passes]
+    rejected = [item for item in every if not item.passes]
     if len(found) == 1:
         own = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own, levels, terms)]
-    passing = [item for item in found if _is_passage(item, limits)]
+    passing = found
     shares, more = separate_sources(
         levels, passing, medium, false_alarm_probability, limits
     )
@@ -170,9 +167,6 @@ def examine_recording(
         passing = _apart(passing, more, shares, (lines, parts), terms, rejected)
     elif not passing:
         passing = _broadband_first(lines, levels, terms, rejected)
-        # a contact that moves without passing is reported once
-        if found and not all(_is_passage(item, limits) for item in passing):
-            passing = []
     if lines is not None and not terms.medium.is_air:
         numbers = [n for item in (*passing, *found, *rejected) for n in item.contacts]
         first = max([*numbers, int(lines.line_contact.max(initial=0))], default=0) + 1
@@ -180,10 +174,6 @@ def examine_recording(
     used = {number for item in passing for number in item.contacts}
     others = [item for item in (*found, *rejected) if used.isdisjoint(item.contacts)]
     return passing + others, [one for one in still if one.contact not in used]
-
-
-def _is_passage(item: CandidatePassage, limits: RecordingSpan) -> bool:
-    return not item.rejections and not_a_passage(item.fit, item.blocks, limits) is None
 
 
 def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
@@ -197,23 +187,9 @@ def _checked(
 ) -> CandidatePassage | None:
     def check() -> CandidatePassage:
         asked = ask_the_sound(read(item), terms.sound)
-        return check_known_sounds(check_fit(asked, lines), lines)
+        return check_known_sounds(check_fit(asked), lines)
 
     return attempted(check, item.contacts, item.blocks.time_s)
-
-
-def _checked_in_air(
-    every: list[CandidatePassage], levels: Levels, terms: SearchTerms
-) -> list[CandidatePassage]:
-    """Hold passages of lines in air against the broadband."""
-    if not terms.medium.is_air or all(item.rejections for item in every):
-        return every
-    level = _of_levels(levels, terms)
-    # a rise may be shorter than the frames and still be where nothing else passes
-    limits = replace(terms.limits, window_s=0.0)
-    if level is not None and not_a_passage(level.fit, level.blocks, limits):
-        level = None
-    return [check_in_air(item, level) for item in every]
 
 
 def _of_lines(
@@ -257,7 +233,7 @@ def _of_lines_together(
     Returned are passages that nothing speaks against, with contact numbers of their own,
     and the lines of each of them, about it, by contact number.
     """
-    passing = [item for item in known if _is_passage(item, terms.limits)]
+    passing = [item for item in known if item.passes]
     numbers = [n for item in known for n in item.contacts]
     number = max([*numbers, int(lines.line_contact.max(initial=0))], default=0)
     found: list[CandidatePassage] = []
@@ -272,7 +248,7 @@ def _of_lines_together(
         if item.likelihood_ratio.line_level < LEAST_LEVEL_GAIN:
             continue
         item = _checked(item, lines, terms)
-        if item and _is_passage(item, terms.limits):
+        if item and item.passes:
             number += 1
             parts[number] = part
             found.append(item)
@@ -336,7 +312,7 @@ def _of_own_time(
             continue
         # one whose speed is not known was not asked about, and has nothing else
         is_asked = np.isfinite(item.rest_frame_evidence)
-        if is_asked and _is_passage(item, terms.limits):
+        if is_asked and item.passes:
             found.append(item)
     return found
 
@@ -414,7 +390,7 @@ def _apart(
     pairs = zip(asked, shares[first:], strict=True)
     for passage, own in sorted(pairs, key=lambda pair: pair[0].fit.theta[0, 0]):
         best = passage
-        if not passage.rejections:
+        if passage.passes:
             best = _with_lines(passage, lines, free, own, terms)
         else:
             left = [item for item in rejected if set(item.contacts) <= set(free)]
@@ -452,7 +428,7 @@ def _broadband_first(
         alone = ask_the_parts(alone, levels)
     if alone is None or lines is None:
         return [alone] if alone else []
-    if alone.rejections:
+    if not alone.passes:
         return [_both(alone, rejected, lines, levels, terms)]
     return [_with_lines(alone, lines, contact_ids(lines), levels, terms)]
 
@@ -473,12 +449,9 @@ def _both(
         return rise
     known = set(contact_ids(lines))
 
-    def is_same(item: CandidatePassage) -> bool:
-        return agree_in_air(item, rise) if terms.medium.is_air else agrees(rise, item)
-
     for item in rejected:
         moves = not item.blocks.shift.is_empty and item.fit.theta[0, 2] > 0.0
-        if not (moves and set(item.contacts) <= known and is_same(item)):
+        if not (moves and set(item.contacts) <= known and agrees(rise, item)):
             continue
         own = with_directions_of(levels, terms.directions, lines, item.contacts)
         joint = examine_from(
@@ -487,11 +460,10 @@ def _both(
             (item.fit.theta[:, :4], item.fit.turn), terms.medium, terms.probability,
             item.other_turn,
         )  # fmt: skip
-        if joint is None or not is_same(joint):
+        if joint is None or not agrees(rise, joint):
             continue
         told = _checked(joint, lines, terms)
-        told = check_in_air(told, rise) if told else rise
-        if _is_passage(told, terms.limits):
+        if told and told.passes:
             return told
     return rise
 
@@ -523,9 +495,9 @@ def _with_lines(
             own_gain = _gain_of_line(joint, alone)
         told = _checked(joint, lines, terms) if own_gain > gain else None
         if told:
-            best, gain = check_in_air(told, alone), own_gain
+            best, gain = told, own_gain
     # a line that follows by chance must not spoil what the broadband has shown
-    spoils = _is_passage(alone, terms.limits) and not _is_passage(best, terms.limits)
+    spoils = alone.passes and not best.passes
     return alone if spoils else best
 
 

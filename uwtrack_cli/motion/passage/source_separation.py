@@ -33,7 +33,7 @@ from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
     RecordingSpan,
     examine_from,
-    not_a_passage,
+    has_closest_approach,
 )
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.fit.initial_estimates import find_initial_estimates
@@ -159,7 +159,9 @@ class _Search:
         count = starts.turn.size
         theta = np.concatenate([np.tile(sources.theta, (count, 1)), new], axis=1)
         turn = np.column_stack([np.tile(sources.turn, (count, 1)), starts.turn])
-        theta, turn = _with_halves(sources, theta, turn)
+        # without a bearing the turn of a source changes nothing
+        turns = (1.0, -1.0) if np.isfinite(self.sound.bearing).any() else (1.0,)
+        theta, turn = _with_halves(sources, theta, turn, turns)
         if not theta.size:
             return None
         grown = fit_sources(self.sound, self.known, theta, turn)
@@ -184,7 +186,7 @@ class _Search:
             _measured(own, self.data), ((1,), np.empty(0, np.int64)),
             (start, sources.turn[row : row + 1]), self.medium, self.probability,
         )  # fmt: skip
-        if made is None or not_a_passage(made.fit, made.blocks, self.limits):
+        if made is None or not has_closest_approach(made.fit, made.blocks, self.limits):
             return None
         factor = np.array([wider[0], wider[1], 1.0, wider[2], 1.0])
         outer = np.outer(factor, factor)
@@ -227,10 +229,10 @@ class _Search:
 
 
 def _with_halves(
-    sources: SourceFit, theta: FloatArray, turn: FloatArray
+    sources: SourceFit, theta: FloatArray, turn: FloatArray, turns: tuple[float, ...]
 ) -> tuple[FloatArray, FloatArray]:
     """Add starts in which one source is parted into two side by side."""
-    more, turns = [theta], [turn]
+    more, turned = [theta], [turn]
     for row, (time, width, power, bearing) in enumerate(sources.motion):
         reach = 0.6 * np.exp(width)
         swing = sources.turn[row] * np.arctan(0.6)
@@ -240,10 +242,10 @@ def _with_halves(
             time - reach, width - np.log(2), power, bearing - swing,
         )  # fmt: skip
         halved[-N_EACH:] = time + reach, width - np.log(2), power, bearing + swing
-        for other in (1.0, -1.0):
+        for other in turns:
             more.append(halved[None])
-            turns.append(np.append(sources.turn, other * sources.turn[row])[None])
-    return np.concatenate(more), np.concatenate(turns)
+            turned.append(np.append(sources.turn, other * sources.turn[row])[None])
+    return np.concatenate(more), np.concatenate(turned)
 
 
 def _log_power(motion: FloatArray, law: float, time_s: float) -> FloatArray:

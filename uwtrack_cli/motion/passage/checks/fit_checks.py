@@ -1,17 +1,11 @@
 """Checks of a passage against its own measurements.
 
-**Method.** Four questions whose answers the fit itself cannot bend:
+**Method.** Three questions whose answers the fit itself cannot bend:
 
 * *Residuals.* The lines' residuals are averaged over quarters of d/v. What these means
   scatter beyond the noise, which is measured off the model from differences of
   neighbours, is the misfit, as a share of the Doppler shift v/c. A fit whose noise is
   scaled until it fits could never be refused; this one can.
-* *Levels of the lines.* A line that passes gets louder and fainter as the range says:
-  by 12 dB over four d/v. The slope of its levels over those of the passage is one; that
-  of a machine which only changes its speed is zero. A line alone may be such a machine,
-  or noise that was followed: it must be nearer to one, if neither bearings nor the
-  broadband show the passage, too. So must several, where their levels are rather those of
-  what stays; and one line whose frequency changes besides must show the passage by them.
 * *Lines that do not take part.* Each line, with its bearings, is read by the passage and as
   standing still. Where more than half of them prefer to stand still, the contact is not
   the one vessel that the others show.
@@ -31,23 +25,11 @@ from dataclasses import replace
 import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
-from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.estimation.angles import wrap_rad
-from uwtrack_cli.motion.decision import (
-    HALVES,
-    LINE_LEVELS,
-    LONE_CHANGE,
-    MISFIT,
-    STATIONARY_LINES,
-    Rejection,
-    reject,
-)
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
-from uwtrack_cli.motion.passage.encounter_rows import LARGEST_BEARING_STD_DEG
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit, fit_passage
 from uwtrack_cli.motion.passage.fit.likelihood_ratio import passage_residuals
-from uwtrack_cli.motion.passage.model.measurements import NEPER_DB, Blocks
-from uwtrack_cli.motion.passage.model.unknowns import RAMP, STEP
+from uwtrack_cli.motion.passage.model.measurements import Blocks
 
 REACH = 3.0
 """d/v on either side of the closest approach that are checked."""
@@ -61,33 +43,6 @@ FEWEST_BLOCKS = 4
 HALF_NORMAL = 0.455
 """Median of the square of a normal variable of unit variance."""
 
-LARGEST_MISFIT = 0.4
-"""Misfit from which a passage is rejected: see studies/constants/fit_checks.py."""
-
-SMALLEST_SLOPE, SLOPE_DEVIATIONS = 0.3, 2.0
-"""A slope of the levels that lies below this by so many deviations is rejected."""
-
-LONE_SLOPE = 0.5
-"""Slope of the levels below which a line alone, or lines without a Doppler shift, are
-rejected: half-way between a machine and a passage."""
-
-FLATTER_DEVIATIONS = 3.0
-"""Deviations by which levels must be flatter than the range's to be those of what stays:
-interference in a channel leaves true ones within them (150 drawn)."""
-
-LEVEL_ODDS = 3.0
-"""Nepers by which levels speak for or against a passage where they decide: strong evidence
-(Kass & Raftery 1995)."""
-
-ENOUGH_KINDS = 2
-"""Kinds of measurements that show such a passage whatever its levels do."""
-
-SMALLEST_SCATTER_DB = 1.0
-"""Scatter of a block's level that is assumed at least."""
-
-SMALLEST_SPAN_DB = 1.5
-"""Deviation of the passage's own levels below which they cannot be told from steady."""
-
 CHANCE = 2.0
 """Disagreement of the halves, in deviations, that is not yet a misfit."""
 
@@ -97,10 +52,6 @@ CHANCE_OF_LINES = 3.0
 SMALLEST_ADDED = 0.5
 """Share of the variance without a line that its absence adds at least."""
 
-LARGEST_DISAGREEMENT = 5.0
-"""Disagreement of the halves from which a passage is rejected, if their speeds differ by
-more than the speed itself."""
-
 STANDS_STILL = 9.2
 """Gain in log-likelihood by which a line prefers to stand still: a passage that it takes
 part in loses as much in one of ten thousand, having no unknowns of its own to lose."""
@@ -108,113 +59,36 @@ part in loses as much in one of ten thousand, having no unknowns of its own to l
 WILDEST = 3.0
 """Deviations beyond which a measurement counts no more for or against that."""
 
-MOST_STILL = 0.5
-"""Share of the lines of a contact that may prefer to stand still."""
-
 MOST_LINES = 8
 """Lines that are left out in turn, the best measured ones."""
 
 
-def check_fit(candidate: CandidatePassage, lines: Lines | None) -> CandidatePassage:
-    """Return a candidate with its misfit, wider where it is called for, or rejected.
+def check_fit(candidate: CandidatePassage) -> CandidatePassage:
+    """Return a candidate with its misfit, wider where its parts disagree.
 
     Parameters
     ----------
     candidate
         A significant fit.
-    lines
-        The tracked lines of its recording, for their levels; None for a table.
     """
     fit, blocks = candidate.fit, candidate.blocks
     if blocks.shift.is_empty:
         return candidate
     n_stationary, n_lines = count_stationary_lines(fit, blocks)
     candidate = candidate.measured(
-        stationary_share=n_stationary / max(n_lines, 1), n_lines=n_lines,
-        moves=float(_moves(fit)),
-    )  # fmt: skip
-    if lines is not None:
-        slope, std = level_slope(candidate, lines)
-        candidate = candidate.measured(level_slope=slope, level_slope_std=std)
+        stationary_share=n_stationary / max(n_lines, 1), n_lines=n_lines
+    )
     if not _moves(fit):
-        return candidate.rejected(
-            stationary_lines(fit, blocks), contradicting_levels(candidate, fit, lines)
-        )
+        return candidate
     misfit = doppler_misfit(fit, blocks)
-    scale, halves, apart = _influence(fit, blocks)
-    candidate = candidate.measured(misfit=misfit, halves_apart=apart)
+    scale = _influence(fit, blocks)
     every = np.append(scale, np.ones(fit.full_covariance.shape[1] - 4))
     wider = replace(
         fit,
         covariance=fit.covariance * np.outer(scale, scale),
         full_covariance=fit.full_covariance * np.outer(every, every),
     )
-    is_off = misfit > LARGEST_MISFIT
-    return replace(candidate, fit=wider, misfit=misfit).rejected(
-        reject(MISFIT, percent=100 * misfit) if is_off else None,
-        stationary_lines(fit, blocks),
-        contradicting_levels(candidate, wider, lines),
-        halves,
-    )
-
-
-def contradicting_levels(
-    candidate: CandidatePassage, fit: PassageFit, lines: Lines | None
-) -> Rejection | None:
-    """Return what the levels of the lines say against a passage, or None.
-
-    The fit is the candidate's own with the deviations that its parts call for.
-    """
-    if lines is None:
-        return None
-    slope, std = level_slope(candidate, lines)
-    is_alone = candidate.line_ids.size == 1
-    has_to = (is_alone or not _moves(candidate.fit)) and np.isfinite(std)
-    has_to &= _kinds_that_show(candidate, fit) < ENOUGH_KINDS
-    contradicts = _moves(candidate.fit)
-    contradicts &= slope + SLOPE_DEVIATIONS * std < SMALLEST_SLOPE
-    contradicts |= _is_flatter(candidate, fit, slope + FLATTER_DEVIATIONS * std)
-    if contradicts or (has_to and slope < LONE_SLOPE):
-        whose = "only line" if is_alone and has_to else "lines"
-        return reject(LINE_LEVELS, whose=whose, slope=slope, std=std)
-    if not _is_lone_change(candidate, fit):
-        return None
-    gain = candidate.likelihood_ratio.line_level
-    if gain >= LEVEL_ODDS:
-        return None
-    return reject(LONE_CHANGE, gain=gain, least=LEVEL_ODDS)
-
-
-def _is_flatter(candidate: CandidatePassage, fit: PassageFit, steepest: float) -> bool:
-    """Tell whether lines that alone show a passage have levels of what stays.
-
-    ``steepest``: the slope of their levels and its deviations. Interference makes true
-    ones steeper, so that a law which fits badly says nothing by itself.
-    """
-    if not _moves(candidate.fit) or _kinds_that_show(candidate, fit) >= ENOUGH_KINDS:
-        return False
-    return steepest < 1.0 and candidate.likelihood_ratio.line_level < -LEVEL_ODDS
-
-
-def _is_lone_change(candidate: CandidatePassage, fit: PassageFit) -> bool:
-    """Tell whether one line in water shows a passage beside a change, and nothing else."""
-    if not _moves(candidate.fit):
-        return False
-    change = candidate.fit.change
-    is_lone = candidate.line_ids.size == 1 and not fit.medium.is_air
-    is_lone &= change is not None and change.kind in {RAMP, STEP}
-    return is_lone and _kinds_that_show(candidate, fit) < ENOUGH_KINDS
-
-
-def _kinds_that_show(candidate: CandidatePassage, fit: PassageFit) -> int:
-    """Return how many of frequency, bearing and broadband show the passage."""
-    gain = candidate.likelihood_ratio
-    bearing_std_deg = np.sqrt(fit.covariance[0, 3, 3])
-    return (
-        int(_moves(fit))
-        + int(bearing_std_deg < LARGEST_BEARING_STD_DEG)
-        + int(gain.level > gain.threshold)
-    )
+    return replace(candidate, fit=wider, misfit=misfit)
 
 
 def doppler_misfit(fit: PassageFit, blocks: Blocks) -> float:
@@ -253,22 +127,6 @@ def doppler_misfit(fit: PassageFit, blocks: Blocks) -> float:
     return float(np.sqrt(np.median(departures)) / mach)
 
 
-def stationary_lines(fit: PassageFit, blocks: Blocks) -> Rejection | None:
-    """Return what lines that stand still say against a passage; None if too few do.
-
-    Parameters
-    ----------
-    fit
-        Fit of one data set with lines.
-    blocks
-        The measurements that it was made from.
-    """
-    still, n_lines = count_stationary_lines(fit, blocks)
-    if still <= MOST_STILL * n_lines:
-        return None
-    return reject(STATIONARY_LINES, n_stationary=still, n_lines=n_lines)
-
-
 def count_stationary_lines(fit: PassageFit, blocks: Blocks) -> tuple[int, int]:
     """Return how many lines rather stand still than pass, and how many there are.
 
@@ -303,54 +161,6 @@ def _square(value: FloatArray, weight: FloatArray) -> FloatArray:
     return total
 
 
-def level_slope(candidate: CandidatePassage, lines: Lines) -> tuple[float, float]:
-    """Return how the lines' levels follow the range, and the deviation of that.
-
-    Parameters
-    ----------
-    candidate
-        A fit with its lines.
-    lines
-        Their points.
-
-    Returns
-    -------
-    tuple[float, float]
-        Decibels for each decibel of the passage's spherical spreading, one for a true
-        one, and its standard deviation; infinite where the levels cannot tell.
-    """
-    fit = candidate.fit.before_levels or candidate.fit  # the levels have not bent it
-    own, law = [], []
-    for line in candidate.line_ids:
-        points = np.flatnonzero(lines.line == line)
-        time = np.asarray(lines.time_s[points], float)
-        level = np.asarray(lines.measured_level_db[points], float)
-        kept = np.isfinite(level) & _near(fit, time)
-        time, level = time[kept], level[kept]
-        if not time.size:
-            continue
-        number = _numbers(fit, time)
-        size = np.bincount(number)
-        used = size > 0
-        if used.sum() < FEWEST_BLOCKS:
-            continue
-        middle = np.bincount(number, time)[used] / size[used]
-        mean = np.bincount(number, level)[used] / size[used]
-        spread = NEPER_DB * fit.law(middle).spread[0]
-        own.append(mean - mean.mean())
-        law.append(spread - spread.mean())
-    if not own:
-        return 0.0, float("inf")
-    level, spread = np.concatenate(own), np.concatenate(law)
-    if np.sqrt((spread**2).mean()) < SMALLEST_SPAN_DB:
-        return 0.0, float("inf")
-    total = float((spread**2).sum())
-    slope = float((spread * level).sum()) / total
-    freedom = max(level.size - len(own) - 1, 1)
-    scatter = np.sqrt(((level - slope * spread) ** 2).sum() / freedom)
-    return slope, float(max(scatter, SMALLEST_SCATTER_DB) / np.sqrt(total))
-
-
 def _moves(fit: PassageFit) -> bool:
     speed, variance = float(fit.theta[0, 2]), float(fit.covariance[0, 2, 2])
     return bool(np.isfinite(variance) and speed > 3.0 * np.sqrt(max(variance, 0.0)))
@@ -376,29 +186,16 @@ def _numbers(fit: PassageFit, time_s: FloatArray) -> IntArray:
     return np.asarray(number - number.min(), np.int64)
 
 
-def _influence(
-    fit: PassageFit, blocks: Blocks
-) -> tuple[FloatArray, Rejection | None, float]:
-    """Return factors on the four deviations, and a rejection where halves disagree.
-
-    The last is by how many deviations their speeds are apart; nan with one half alone.
-    """
+def _influence(fit: PassageFit, blocks: Blocks) -> FloatArray:
+    """Return factors on the four standard deviations by halves and single lines."""
     is_late = blocks.time_s > _heard_s(fit)
     early, late = (_refit(fit, blocks, keep) for keep in (~is_late, is_late))
     factor = np.ones(4)
-    rejection: Rejection | None = None
-    disagreement = float("nan")
     if early is not None and late is not None:
         (first, a), (second, b) = early, late
         apart = _apart(first, second) / np.sqrt(a + b)
-        disagreement = float(apart[2])
         factor = np.fmax(1.0, apart / CHANCE)
-        speeds = abs(float(first[2] - second[2]))
-        if apart[2] > LARGEST_DISAGREEMENT and speeds > fit.theta[0, 2]:
-            rejection = reject(
-                HALVES, first_mps=first[2], second_mps=second[2], apart=apart[2]
-            )
-    return np.fmax(factor, _without_each_line(fit, blocks)), rejection, disagreement
+    return np.fmax(factor, _without_each_line(fit, blocks))
 
 
 def _apart(one: FloatArray, other: FloatArray) -> FloatArray:

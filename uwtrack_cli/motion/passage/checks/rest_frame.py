@@ -39,7 +39,6 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.decimation import decimated_stretch, usual_decimation
 from uwtrack_cli.estimation.narrow_bands import TAPER, NarrowBand, narrow_bands
-from uwtrack_cli.motion.decision import NO_TONES, REST_FRAME, Rejection, reject
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.model.measurements import Blocks
@@ -85,13 +84,6 @@ N_STEPS = 9
 RIVALS = ("constant", "frequency-ramp", "frequency-step")
 """Readings that the passage must beat."""
 
-SMALLEST_EVIDENCE = 0.0
-"""Evidence below which a passage of lines is rejected: see studies/constants/fit_checks.py."""
-
-LEAST_GAIN = 10.0
-"""Nepers that the lines of a passage must gain over noise at the best frame length: half
-of what it takes to be significant by their frequencies, which tell less than they."""
-
 FASTEST_KNOWN = 3.0
 """Deviations of the speed from zero below which nothing is claimed of the lines."""
 
@@ -126,7 +118,7 @@ def ask_the_sound(
     Returns
     -------
     CandidatePassage
-        The same with its evidence, and a rejection where the sound contradicts it.
+        The same with its evidence.
     """
     fit = candidate.fit
     if recording is None or not fit.rest_hz.shape[1]:
@@ -139,15 +131,9 @@ def ask_the_sound(
     heard = rest_frame(recording, fit, candidate.blocks, turns=turns)
     if heard is None:
         return candidate
-    against: Rejection | None = None
-    if heard.evidence < SMALLEST_EVIDENCE:
-        against = reject(REST_FRAME, rival=heard.rival, evidence=heard.evidence)
-    elif heard.gain < LEAST_GAIN:
-        against = reject(NO_TONES, gain=heard.gain, least=LEAST_GAIN)
-    asked = replace(candidate, rest_frame_evidence=heard.evidence).measured(
+    return replace(candidate, rest_frame_evidence=heard.evidence).measured(
         rest_frame=heard.evidence, tones=heard.gain
     )
-    return asked.rejected(against)
 
 
 def rest_frame(

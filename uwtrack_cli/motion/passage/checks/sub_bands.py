@@ -39,14 +39,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.motion.decision import (
-    FEW_SUB_BANDS,
-    OTHER_RISE,
-    SHORT_FLANK,
-    SUB_BANDS_DISAGREE,
-    Rejection,
-    reject,
-)
+from uwtrack_cli.motion.alternatives import ENOUGH_SUB_BANDS
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.checks.surface_image import (
     LEAST_GAIN as LEAST_IMAGE_GAIN,
@@ -71,15 +64,9 @@ LEAST_FLANK = 0.7
 """d/v to either side that must be recorded: where the excess has not fallen by a third,
 a slow drift of the ambient level looks alike."""
 
-FEWEST_PARTS = 4
-"""Parts of the band that must rise."""
-
 LEAST_GAIN = 10.0
 """Gain in log-likelihood over a constant from which a part rises: chance in a thousand
 over the places and widths that are tried."""
-
-SMALLEST_PROBABILITY = 0.01
-"""Probability of the disagreement below which the parts tell different passages."""
 
 STEPS, ROUNDS, FINER = 9, 4, 0.35
 """Places and widths that are tried at once, how often, and how much finer each time."""
@@ -115,18 +102,9 @@ class Agreement(NamedTuple):
     """What is recorded on the shorter side of the rise, in d/v."""
 
     @property
-    def rejection(self) -> Rejection | None:
-        """Why this is no passage by its levels alone; None if it is one."""
-        if self.flank < LEAST_FLANK:
-            flank = max(self.flank, 0.0)
-            return reject(SHORT_FLANK, least=LEAST_FLANK, flank=flank)
-        if self.n_parts < FEWEST_PARTS:
-            return reject(FEW_SUB_BANDS, count=self.n_parts, least=FEWEST_PARTS)
-        if self.probability < SMALLEST_PROBABILITY:
-            return reject(SUB_BANDS_DISAGREE, probability=self.probability)
-        if self.gain < 0.0:
-            return reject(OTHER_RISE, rival=self.rival)
-        return None
+    def is_passage(self) -> bool:
+        """Whether enough sub-bands rise, and rather as a passage than otherwise."""
+        return self.n_parts >= ENOUGH_SUB_BANDS and self.gain >= 0.0
 
 
 PASSAGE = "a passage"
@@ -251,19 +229,18 @@ def ask_the_parts(
     Returns
     -------
     CandidatePassage
-        The same, with a rejection where neither bearings that turn nor the parts tell a
-        passage.
+        The same with what they say; nothing is asked where bearings turn.
     """
     gain = candidate.likelihood_ratio
-    if candidate.rejections or gain.bearing > gain.threshold:
+    if gain.bearing > gain.threshold:
         return candidate
     told = agreement(levels, *Rise.of(candidate), beside)
     if told is None:
-        return candidate
+        return candidate.measured(as_given=1.0)
     return candidate.measured(
         sub_bands_flank=told.flank, sub_bands=told.n_parts,
         sub_bands_agree=told.probability, sub_bands_gain=told.gain,
-    ).rejected(told.rejection)  # fmt: skip
+    )  # fmt: skip
 
 
 def ask_the_parts_of_all(
@@ -284,15 +261,32 @@ def ask_the_parts_of_all(
     """
     told = list(rises)
     while True:
-        left = [number for number, item in enumerate(told) if not item.rejections]
+        left = [number for number, item in enumerate(told) if item.passes]
         asked = list(told)
         for number in left:
             others = [Rise.of(told[other]) for other in left if other != number]
             near = [*beside, *others]
             asked[number] = ask_the_parts(told[number], levels[number], near)
-        if not any(asked[number].rejections for number in left):
+        asked = _beside_larger(asked, left, beside)
+        if all(asked[number].passes for number in left):
             return asked
         told = asked
+
+
+def _beside_larger(
+    rises: list[CandidatePassage], left: list[int], beside: Sequence[Rise]
+) -> list[CandidatePassage]:
+    """Measure how near each rise is to a larger one that passes."""
+    places = [one.time_s for one in beside]
+    asked = list(rises)
+    for number in sorted(left, key=lambda n: -rises[n].likelihood_ratio.total):
+        time_s = Rise.of(rises[number]).time_s
+        if places:
+            apart_s = min(abs(time_s - other) for other in places)
+            asked[number] = rises[number].measured(apart_s=apart_s)
+        if asked[number].passes:
+            places.append(time_s)
+    return asked
 
 
 def agreement(
@@ -330,14 +324,14 @@ def agreement(
     over_squall = _squall_over_laws(levels, crowd) if len(crowd) > 1 else np.inf
     image = _image(parts, own)
     first = _told(parts._replace(image=image), own, over_squall)
-    if first.rejection is None:
+    if first.is_passage:
         return first
     # the level of the whole band has the fringes, too, and its width need not be right
     for factor in OTHER_WIDTHS:
         wide = own._replace(width_s=factor * width_s)
         image = _image(parts, wide)
         told = _told(parts._replace(image=image), wide, over_squall)
-        if image is not None and told.rejection is None:
+        if image is not None and told.is_passage:
             return told
     return first
 
@@ -358,7 +352,7 @@ def _told(parts: _Parts, own: Rise, over_squall: float) -> Agreement:
             risen.append(k)
             told.append([(best[0] - own.time_s) / width_s, best[1] - centre[1]])
             information.append(_curvature(one, best))
-    if len(risen) < FEWEST_PARTS:
+    if len(risen) < ENOUGH_SUB_BANDS:
         return Agreement(len(risen), np.nan, PASSAGE, 0.0)
     scaled = _only(parts, risen)
     scaled = scaled._replace(weight=scaled.weight / scale[risen, None])

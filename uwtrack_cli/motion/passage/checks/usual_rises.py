@@ -19,7 +19,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.spectra import Levels
-from uwtrack_cli.motion.passage.checks.sub_bands import FEWEST_PARTS
+from uwtrack_cli.motion.alternatives import ENOUGH_SUB_BANDS
 
 FLANK = (3.0, 5.0)
 """Where the sides of a rise begin and end, in d/v from its middle."""
@@ -70,7 +70,7 @@ def stands_out(levels: Levels, time_s: float, width_s: float) -> bool:
     usual = np.nanquantile(height[other], USUAL, axis=0)
     own = np.fmax.reduce(height[near], axis=0)
     risen = own > FACTOR * np.maximum(usual, 0.0)
-    return bool(np.count_nonzero(risen) >= FEWEST_PARTS)
+    return bool(np.count_nonzero(risen) >= ENOUGH_SUB_BANDS)
 
 
 def _heights(level_db: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
