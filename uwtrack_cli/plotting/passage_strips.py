@@ -7,33 +7,36 @@ where it resolves the shift, and the measured frequencies where it does not.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.plotting.page_layout import PagePart, Panel
+from uwtrack_cli.plotting.page_layout import PagePart
 from uwtrack_cli.plotting.panels import lofargram_parts
-from uwtrack_cli.plotting.passage_fit import PassagePage, ReportedPassage
+from uwtrack_cli.plotting.passage_fit import ReportedPassage
 from uwtrack_cli.plotting.picture import cell_edges, over_floor, overview_levels, shades
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     LEVELS_MAP,
-    NO_SOUND,
+    Span,
     calm,
     contact_color,
+    draw_band,
+    draw_cells,
     halo,
+    within,
 )
-from uwtrack_cli.plotting.view import Scene
+from uwtrack_cli.plotting.view import Scene, View
 from uwtrack_cli.spectra.zoom_transform import Window, Zoom, zoom
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SHIFTS = 3.0
 """Height of a strip on either side of the rest frequency, in Doppler shifts."""
@@ -69,130 +72,111 @@ class MeasuredLine(NamedTuple):
     """Signal-to-noise ratios, dB; nan if unknown."""
 
 
-def line_strips(page: PassagePage, span_s: tuple[float, float]) -> list[PagePart]:
+def line_strips(
+    scene: Scene, fit: ReportedPassage, view: View, span_s: Span
+) -> list[PagePart]:
     """Return the strips of the best lines, the highest one on top."""
-    fit = page.fit
-    rows = _best_lines(page)
-    if not rows or not fit.is_drawn or fit.mach <= 0:
-        return lofargram_parts(page.scene, page.view, span_s)
-    rest = [float(fit.encounters.rest_frequency_hz[k]) for k in rows]
-    zooms = _zooms(page, span_s, rest)
-    parts = []
-    for number, k in enumerate(rows):
-        zoomed = zooms[number] if zooms else None
-        parts.append(PagePart(0.82, _strip(page, k, zoomed, len(rows))))
-    return parts
+    rows = _best_lines(fit, view)
+    if not rows.size or not fit.is_drawn or fit.mach <= 0:
+        return lofargram_parts(scene, view, span_s)
+    zooms = _zooms(scene, fit, span_s, fit.encounters.rest_frequency_hz[rows].tolist())
+    named = (rows.size - 1) // 2
+    return [
+        PagePart(
+            0.82, partial(_draw_strip, scene, fit, int(k), zoomed, number == named)
+        )
+        for number, (k, zoomed) in enumerate(zip(rows, zooms, strict=True))
+    ]
 
 
-def _best_lines(page: PassagePage) -> list[int]:
+def _best_lines(fit: ReportedPassage, view: View) -> IntArray:
     """Return the rows of the rest frequencies that have strips, the highest first."""
-    found = page.fit.encounters
-    frequency, own = found.rest_frequency_hz, page.fit.rest_rows
-    band = page.view.band_hz
-    if band is not None:
-        own = own[(frequency[own] >= band[0]) & (frequency[own] <= band[1])]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = found.rest_frequency_std_hz[own] / found.rest_frequency_hz[own]
-    height_in = page.view.height_in
-    count = (
-        MOST_STRIPS if height_in is None else max(1, round(STRIPS_SHARE * height_in))
-    )
-    best = own[np.argsort(relative, kind="stable")][: min(count, MOST_STRIPS)]
-    order = np.argsort(-found.rest_frequency_hz[best], kind="stable")
-    return [int(k) for k in best[order]]
-
-
-def _half_hz(fit: ReportedPassage, rest_hz: float) -> float:
-    return SHIFTS * fit.mach * rest_hz
+    frequency, own = fit.encounters.rest_frequency_hz, fit.rest_rows
+    if view.band_hz is not None:
+        own = own[within(frequency[own], view.band_hz)]
+    relative = fit.encounters.rest_frequency_std_hz[own] / frequency[own]
+    count = MOST_STRIPS
+    if view.height_in is not None:
+        count = min(count, max(1, round(STRIPS_SHARE * view.height_in)))
+    best = own[np.argsort(relative, kind="stable")][:count]
+    return np.asarray(best[np.argsort(-frequency[best], kind="stable")])
 
 
 def _zooms(
-    page: PassagePage, span_s: tuple[float, float], rest_hz: Sequence[float]
-) -> list[Zoom]:
+    scene: Scene, fit: ReportedPassage, span_s: Span, rest_hz: Sequence[float]
+) -> Sequence[Zoom | None]:
     """Return fine spectrograms about the lines, if the sound is at hand."""
-    recording = page.scene.first(Recording)
+    recording, nothing = scene.first(Recording), [None] * len(rest_hz)
     if recording is None or recording.reader is None:
-        return []
-    fit = page.fit
+        return nothing
     windows = []
     for rest in rest_hz:
         sweep = rest * fit.mach / fit.width_s  # Hz/s, at closest approach
         frame_s = min(1 / np.sqrt(sweep), LONGEST_FRAME_S, np.ptp(span_s) / 8)
-        half = max(_half_hz(fit, rest), 3.0 / frame_s)
+        half = max(SHIFTS * fit.mach * rest, 3.0 / frame_s)
         windows.append(Window(rest, min(half, 0.9 * rest), float(frame_s)))
     margin = 0.5 * max(window.frame_s for window in windows)
     reach_s = (span_s[0] - margin, span_s[1] + margin)
 
-    def make() -> list[Zoom]:
+    def make() -> Sequence[Zoom | None]:
         try:
             return zoom(recording, reach_s, windows)
         except DataError:  # the sound has gone since it was found
-            return []
+            return nothing
 
-    return page.scene.once(("strips", reach_s, tuple(windows)), make)
+    return scene.once(("strips", reach_s, tuple(windows)), make)
 
 
-def _strip(page: PassagePage, rest_row: int, zoomed: Zoom | None, count: int) -> Panel:
-    def draw(ax: "Axes") -> None:
-        from matplotlib.ticker import MaxNLocator
-
-        fit = page.fit
-        rest = float(fit.encounters.rest_frequency_hz[rest_row])
-        half = _half_hz(fit, rest)
-        is_picture = True
-        if zoomed is not None and zoomed.time_s.size > 1:
-            half = max(half, float(zoomed.offset_hz[-1]))
-            dark, bright = shades(zoomed.level_db)
-            ax.pcolormesh(
-                cell_edges(zoomed.time_s, ax.get_xlim()), cell_edges(zoomed.offset_hz),
-                zoomed.level_db.T, cmap=LEVELS_MAP, vmin=dark, vmax=bright,
-                rasterized=True,
-            )  # fmt: skip
-            ax.set_facecolor(NO_SOUND)
-        else:
-            is_picture = _draw_part(page.scene.overview, rest, half, ax)
-        if not is_picture:
-            line = int(fit.encounters.rest_line_id[rest_row])
-            _draw_points(measured_line(page.scene, fit.contact, line), rest, ax)
-        _draw_curve(fit, rest, rest_row, ax, is_picture=is_picture)
-        ax.set_ylim(-half, half)
-        ax.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
-        ax.yaxis.set_major_formatter(lambda value, _: f"{value:+g}" if value else "0")
-        ax.tick_params(labelsize=7)
-        ax.text(
-            0.008, 0.9, f"{rest:.2f} Hz", transform=ax.transAxes, va="top", fontsize=7,
-            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+def _draw_strip(
+    scene: Scene, fit: ReportedPassage, rest_row: int, zoomed: Zoom | None,
+    is_named: bool, ax: Axes,
+) -> None:  # fmt: skip
+    """Draw a line: its sound, else the overview or what was measured; and its fit."""
+    rest = float(fit.encounters.rest_frequency_hz[rest_row])
+    half, cells = SHIFTS * fit.mach * rest, None
+    if zoomed is not None and zoomed.time_s.size > 1:
+        half = max(half, float(zoomed.offset_hz[-1]))
+        cells = zoomed.time_s, zoomed.offset_hz, zoomed.level_db
+    else:
+        cells = _part_of(scene.overview, rest, half)
+    if cells is None:
+        line = int(fit.encounters.rest_line_id[rest_row])
+        measured = measured_line(scene, fit.contact, line)
+        calm(ax).scatter(
+            measured.time_s, measured.frequency_hz - rest, s=5, linewidths=0, vmin=0.0,
+            c=np.nan_to_num(measured.snr_db, nan=USUAL_SNR_DB), cmap=f"{LEVELS_MAP}_r",
+            vmax=25.0,
         )  # fmt: skip
-        spec = ax.get_subplotspec()
-        first = 0 if spec is None else spec.rowspan.start
-        if first == (count - 1) // 2:
-            ax.set_ylabel("off the rest\nfrequency (Hz)", fontsize=8)
-
-    return draw
-
-
-def _draw_part(
-    overview: Overview | None, rest_hz: float, half_hz: float, ax: "Axes"
-) -> bool:
-    """Draw the overview about a frequency; False where it resolves nothing."""
-    if overview is None or overview.frequency_hz.size < 2:
-        return False
-    width = float(np.diff(overview.frequency_hz).min())
-    if not width > 0 or 2 * half_hz / width < FEWEST_CELLS:
-        return False
-    near = np.abs(overview.frequency_hz - rest_hz) <= half_hz + width
-    if near.sum() < FEWEST_CELLS:
-        return False
-    relative = over_floor(overview_levels(overview))[:, near]
-    dark, bright = shades(relative)
-    ax.pcolormesh(
-        cell_edges(overview.time_s, ax.get_xlim()),
-        cell_edges(overview.frequency_hz[near]) - rest_hz,
-        np.ma.masked_invalid(relative.T), cmap=LEVELS_MAP, vmin=dark, vmax=bright,
-        rasterized=True,
+    else:
+        time_s, offset_hz, level_db = cells
+        edges = cell_edges(time_s, ax.get_xlim()), cell_edges(offset_hz)
+        draw_cells(ax, *edges, level_db, shades(level_db))
+    _draw_curve(fit, rest, rest_row, ax, is_picture=cells is not None)
+    ax.set_ylim(-half, half)
+    ax.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
+    ax.yaxis.set_major_formatter(lambda value, _: f"{value:+g}" if value else "0")
+    ax.tick_params(labelsize=7)
+    ax.text(
+        0.008, 0.9, f"{rest:.2f} Hz", transform=ax.transAxes, va="top", fontsize=7,
+        bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
     )  # fmt: skip
-    ax.set_facecolor(NO_SOUND)
-    return True
+    if is_named:
+        ax.set_ylabel("off the rest\nfrequency (Hz)", fontsize=8)
+
+
+def _part_of(
+    overview: Overview | None, rest_hz: float, half_hz: float
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return the overview about a frequency; None where it resolves nothing."""
+    if overview is None or overview.frequency_hz.size < 2:
+        return None
+    offset_hz = overview.frequency_hz - rest_hz
+    width = float(np.diff(offset_hz).min())
+    near = np.abs(offset_hz) <= half_hz + width
+    if not width > 0 or min(2 * half_hz / width, near.sum()) < FEWEST_CELLS:
+        return None
+    level_db = over_floor(overview_levels(overview))[:, near]
+    return overview.time_s, offset_hz[near], level_db
 
 
 def measured_line(scene: Scene, contact: int, line: int) -> MeasuredLine:
@@ -216,30 +200,13 @@ def measured_line(scene: Scene, contact: int, line: int) -> MeasuredLine:
     return MeasuredLine(series.time_s[rows], frequency[rows], std, unknown)
 
 
-def _draw_points(measured: MeasuredLine, rest_hz: float, ax: "Axes") -> None:
-    """Draw the measured frequencies, the stronger the darker."""
-    calm(ax)
-    snr = np.nan_to_num(measured.snr_db, nan=USUAL_SNR_DB)
-    ax.scatter(
-        measured.time_s, measured.frequency_hz - rest_hz, s=5, c=snr,
-        cmap=f"{LEVELS_MAP}_r", vmin=0.0, vmax=25.0, linewidths=0,
-    )  # fmt: skip
-
-
 def _draw_curve(
-    fit: ReportedPassage, rest_hz: float, rest_row: int, ax: "Axes", *, is_picture: bool
+    fit: ReportedPassage, rest_hz: float, rest_row: int, ax: Axes, *, is_picture: bool
 ) -> None:
     """Draw the fit thin, with its band, so that the sound stays visible beneath."""
     time_s = np.linspace(*ax.get_xlim(), 400)
     shift, std = fit.shift(time_s)
     rest_std = np.nan_to_num(fit.encounters.rest_frequency_std_hz[rest_row])
     half = BAND_DEVIATIONS * np.hypot(rest_hz * std, rest_std)
-    color = contact_color(fit.number)
-    ax.plot(
-        time_s, rest_hz * shift, color=color, lw=0.9,
-        path_effects=halo() if is_picture else None,
-    )  # fmt: skip
-    ax.fill_between(
-        time_s, rest_hz * shift - half, rest_hz * shift + half, lw=0, alpha=0.3,
-        color="white" if is_picture else color,
-    )  # fmt: skip
+    color, edge = contact_color(fit.number), halo() if is_picture else None
+    draw_band(ax, time_s, rest_hz * shift, half, color, path_effects=edge)
