@@ -69,6 +69,9 @@ MOST_PASSAGES = 1000
 MOST_WAYS = 300
 """Passages on the map."""
 
+LABELS_DEG = 37.0
+"""Bearing from one number on a circle to the next, so that they stand apart."""
+
 MARKERS = "ov^sD*"
 """Marks of the sensors, beside their colours."""
 
@@ -298,7 +301,8 @@ def map_figure(ways: Sequence[PassageRow], view: View) -> Figure:
     ax = figure.subplots()
     for number, row in enumerate(ways, 1):
         distance = row.horizontal_range_m or row.slant_range_m or 0.0
-        place = distance * axes_of(row.bearing_deg or 0.0)[:, 0]
+        bearing = LABELS_DEG * number if row.bearing_deg is None else row.bearing_deg
+        place = distance * axes_of(bearing)[:, 0]
         if row.bearing_deg is None or row.course_deg is None:
             draw_circle(ax, distance, 0.0, number)
         else:

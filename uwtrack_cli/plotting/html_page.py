@@ -10,6 +10,7 @@ escaped where it stands.
 import base64
 from collections.abc import Callable
 from typing import Any
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader
 from matplotlib.figure import Figure
@@ -56,6 +57,16 @@ def png_data(figure: Figure, dpi: float = 110) -> str:
 def data_address(kind: str, content: bytes) -> str:
     """Return an address that holds its own content."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def anchor_of(row: Row, *, is_alone: bool) -> str:
+    """Return the name of the place of a passage on a page.
+
+    ``is_alone``: whether one sensor heard all passages: the others number their own.
+    """
+    return f"passage-{row['passage']}" + (
+        "" if is_alone else f"-{quote(row['sensor'])}"
+    )
 
 
 def passage_head(row: Row, number: int, units: Units) -> dict[str, Any]:

@@ -57,7 +57,7 @@ MOST_POINTS = 1500
 """Points of a line or level that are drawn; of more, every so many-th."""
 
 LONE_IN = 3.4
-"""Height of the picture of the whole band where it is the only one, inches."""
+"""Height of the picture of the whole band where it has the lines, too, inches."""
 
 LASTING = 0.05
 """Share of what is drawn that a line must last to be no fragment."""
@@ -119,7 +119,9 @@ def lofargram_parts(scene: Scene, view: View, span_s: Span) -> list[PagePart]:
     axis = choose_axis(known_hz, view)
     part = None if view.band_hz is not None else lines_part(lines, axis)
     shown: list[tuple[FrequencyAxis, float | None, list[Outlined], float]]
-    shown = [(axis, None, [] if part else lines, WHOLE_IN if part else LONE_IN)]
+    shown = [
+        (axis, None, [] if part else lines, LONE_IN if lines and not part else WHOLE_IN)
+    ]
     if part is not None and part.high_hz > part.low_hz:
         window_s = None if held is None else held.frames.window_s
         shown.append((part, window_s, lines, PART_IN))

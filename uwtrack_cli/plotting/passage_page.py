@@ -1,20 +1,31 @@
 """The page of one passage: its lines as they were heard, the fit, what is left of it.
 
-**Method.** Strips of the sound about each line with the fit (`passage_strips`), what the
-fit leaves of the measurements, level, bearing, map and numbers. A panel is drawn if it
-has something to say.
+**Method.** Strips of the sound about each line with the fit, what the fit leaves of the
+measurements, level, bearing, map and numbers. A panel is drawn if it has something to
+say. A strip is a few Doppler shifts high, about the rest frequency of a line. Where the
+sound is at hand, it is resolved as finely as the line's own sweep allows (frames of
+1 / sqrt(sweep rate)); else the picture that the product carries is taken where it
+resolves the shift, and the measured frequencies where it does not.
 
 **Conventions.** Bands are two standard deviations on either side. Residuals are shares
 of the Doppler shift v/c, so that a fit which leaves its lines is seen at once.
 """
 
+from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.ticker import MaxNLocator
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.lines import Lines
+from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.series import Series
+from uwtrack_cli.data.spectra import Overview
+from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.maps import draw_map, has_circle
 from uwtrack_cli.plotting.page_layout import (
@@ -25,27 +36,65 @@ from uwtrack_cli.plotting.page_layout import (
     page_figure,
     timed,
 )
-from uwtrack_cli.plotting.panels import bearing_part, fringe_part, level_part
+from uwtrack_cli.plotting.panels import (
+    bearing_part,
+    fringe_part,
+    level_part,
+    lofargram_parts,
+)
 from uwtrack_cli.plotting.passage_fit import ReportedPassage, shown_span
-from uwtrack_cli.plotting.passage_strips import line_strips, measured_line
 from uwtrack_cli.plotting.passage_words import MARKED_MISFIT, fact_lines, title_lines
+from uwtrack_cli.plotting.picture import cell_edges, over_floor, overview_levels, shades
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
+    LEVELS_MAP,
     MEASURED,
     WARNING,
     Span,
     calm,
     contact_color,
     draw_band,
+    draw_cells,
+    halo,
     within,
 )
 from uwtrack_cli.plotting.view import Scene, View
+from uwtrack_cli.spectra.zoom_transform import Window, Zoom, zoom
 
 BLOCKS = 0.25
 """Length over which residuals are averaged, in d/v."""
 
 MAP_IN = 3.2
 """Height of the map on a narrow page, inches."""
+
+SHIFTS = 3.0
+"""Height of a strip on either side of the rest frequency, in Doppler shifts."""
+
+MOST_STRIPS, STRIPS_SHARE = 6, 0.4
+"""Lines that have a strip of their own, the best measured ones; and in an inch of a page
+whose height is given."""
+
+FEWEST_CELLS = 6.0
+"""Cells of the overview in a strip below which it shows nothing of the line."""
+
+LONGEST_FRAME_S = 30.0
+"""Longest frame of a strip, s."""
+
+USUAL_SNR_DB = 15.0
+"""How strong a measurement is drawn whose strength is not known."""
+
+
+class MeasuredLine(NamedTuple):
+    """What was measured of a line."""
+
+    time_s: FloatArray
+    """Times, s, shape (n,)."""
+    frequency_hz: FloatArray
+    """Frequencies, Hz, shape (n,)."""
+    std_hz: FloatArray
+    """Their deviations, Hz; nan if unknown."""
+    snr_db: FloatArray
+    """Signal-to-noise ratios, dB; nan if unknown."""
 
 
 def passage_figure(scene: Scene, row: int, view: View) -> Figure:
@@ -65,7 +114,7 @@ def passage_figure(scene: Scene, row: int, view: View) -> Figure:
     fit = ReportedPassage(encounters, row)
     span_s = shown_span(scene, fit, view)
     parts = [
-        *line_strips(scene, fit, view, span_s),
+        *_line_strips(scene, fit, view, span_s),
         *_residuals(scene, fit, span_s),
         *fringe_part(scene, span_s, [fit]),
         *level_part(scene, span_s, fit),
@@ -94,6 +143,146 @@ def _with_arrival(part: PagePart, fit: ReportedPassage) -> PagePart:
             ax.axvline(fit.arrival_s, lw=0.7, ls=(0, (1, 3)), color="black", zorder=1)
 
     return part._replace(draw=draw)
+
+
+def _line_strips(
+    scene: Scene, fit: ReportedPassage, view: View, span_s: Span
+) -> list[PagePart]:
+    """Return the strips of the best lines, the highest one on top."""
+    rows = _best_lines(fit, view)
+    if not rows.size or not fit.is_drawn or fit.mach <= 0:
+        return lofargram_parts(scene, view, span_s)
+    zooms = _zooms(scene, fit, span_s, fit.encounters.rest_frequency_hz[rows].tolist())
+    named = (rows.size - 1) // 2
+    return [
+        PagePart(
+            0.82, partial(_draw_strip, scene, fit, int(k), zoomed, number == named)
+        )
+        for number, (k, zoomed) in enumerate(zip(rows, zooms, strict=True))
+    ]
+
+
+def _best_lines(fit: ReportedPassage, view: View) -> IntArray:
+    """Return the rows of the rest frequencies that have strips, the highest first."""
+    frequency, own = fit.encounters.rest_frequency_hz, fit.rest_rows
+    if view.band_hz is not None:
+        own = own[within(frequency[own], view.band_hz)]
+    relative = fit.encounters.rest_frequency_std_hz[own] / frequency[own]
+    count = MOST_STRIPS
+    if view.height_in is not None:
+        count = min(count, max(1, round(STRIPS_SHARE * view.height_in)))
+    best = own[np.argsort(relative, kind="stable")][:count]
+    return np.asarray(best[np.argsort(-frequency[best], kind="stable")])
+
+
+def _zooms(
+    scene: Scene, fit: ReportedPassage, span_s: Span, rest_hz: Sequence[float]
+) -> Sequence[Zoom | None]:
+    """Return fine spectrograms about the lines, if the sound is at hand."""
+    recording, nothing = scene.first(Recording), [None] * len(rest_hz)
+    if recording is None or recording.reader is None:
+        return nothing
+    windows = []
+    for rest in rest_hz:
+        sweep = rest * fit.mach / fit.width_s  # Hz/s, at closest approach
+        frame_s = min(1 / np.sqrt(sweep), LONGEST_FRAME_S, np.ptp(span_s) / 8)
+        half = max(SHIFTS * fit.mach * rest, 3.0 / frame_s)
+        windows.append(Window(rest, min(half, 0.9 * rest), float(frame_s)))
+    margin = 0.5 * max(window.frame_s for window in windows)
+    reach_s = (span_s[0] - margin, span_s[1] + margin)
+
+    def make() -> Sequence[Zoom | None]:
+        try:
+            return zoom(recording, reach_s, windows)
+        except DataError:  # the sound has gone since it was found
+            return nothing
+
+    return scene.once(("strips", reach_s, tuple(windows)), make)
+
+
+def _draw_strip(
+    scene: Scene, fit: ReportedPassage, rest_row: int, zoomed: Zoom | None,
+    is_named: bool, ax: Axes,
+) -> None:  # fmt: skip
+    """Draw a line: its sound, else the overview or what was measured; and its fit."""
+    rest = float(fit.encounters.rest_frequency_hz[rest_row])
+    half, cells = SHIFTS * fit.mach * rest, None
+    if zoomed is not None and zoomed.time_s.size > 1:
+        half = max(half, float(zoomed.offset_hz[-1]))
+        cells = zoomed.time_s, zoomed.offset_hz, zoomed.level_db
+    else:
+        cells = _part_of(scene.overview, rest, half)
+    if cells is None:
+        line = int(fit.encounters.rest_line_id[rest_row])
+        measured = _measured_line(scene, fit.contact, line)
+        calm(ax).scatter(
+            measured.time_s, measured.frequency_hz - rest, s=5, linewidths=0, vmin=0.0,
+            c=np.nan_to_num(measured.snr_db, nan=USUAL_SNR_DB), cmap=f"{LEVELS_MAP}_r",
+            vmax=25.0,
+        )  # fmt: skip
+    else:
+        time_s, offset_hz, level_db = cells
+        edges = cell_edges(time_s, ax.get_xlim()), cell_edges(offset_hz)
+        draw_cells(ax, *edges, level_db, shades(level_db))
+    _draw_curve(fit, rest, rest_row, ax, is_picture=cells is not None)
+    ax.set_ylim(-half, half)
+    ax.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
+    ax.yaxis.set_major_formatter(lambda value, _: f"{value:+g}" if value else "0")
+    ax.tick_params(labelsize=7)
+    ax.text(
+        0.008, 0.9, f"{rest:.2f} Hz", transform=ax.transAxes, va="top", fontsize=7,
+        bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+    )  # fmt: skip
+    if is_named:
+        ax.set_ylabel("off the rest\nfrequency (Hz)", fontsize=8)
+
+
+def _part_of(
+    overview: Overview | None, rest_hz: float, half_hz: float
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return the overview about a frequency; None where it resolves nothing."""
+    if overview is None or overview.frequency_hz.size < 2:
+        return None
+    offset_hz = overview.frequency_hz - rest_hz
+    width = float(np.diff(offset_hz).min())
+    near = np.abs(offset_hz) <= half_hz + width
+    if not width > 0 or min(2 * half_hz / width, near.sum()) < FEWEST_CELLS:
+        return None
+    level_db = over_floor(overview_levels(overview))[:, near]
+    return overview.time_s, offset_hz[near], level_db
+
+
+def _measured_line(scene: Scene, contact: int, line: int) -> MeasuredLine:
+    """Return what was measured of a line: tracked in sound, or given in a table.
+
+    ``scene``: the recording or table. ``contact``: contact of the line. ``line``:
+    identifier of the line; of a table, the number of its column.
+    """
+    lines, series = scene.first(Lines), scene.first(Series)
+    if lines is not None:
+        rows = (lines.line == line) & np.isfinite(lines.measured_frequency_hz)
+        columns = (lines.time_s, lines.measured_frequency_hz,
+                   lines.measured_frequency_std_hz, lines.measured_snr_db)  # fmt: skip
+        return MeasuredLine(*(np.asarray(column[rows], float) for column in columns))
+    if series is None or not 1 <= line <= series.frequency_hz.shape[1]:
+        return MeasuredLine(*np.zeros((4, 0)))
+    frequency = series.frequency_hz[:, line - 1]
+    rows = (series.contact == contact) & np.isfinite(frequency)
+    unknown = np.full(int(rows.sum()), np.nan)
+    std = series.frequency_std_hz[rows, line - 1]
+    return MeasuredLine(series.time_s[rows], frequency[rows], std, unknown)
+
+
+def _draw_curve(
+    fit: ReportedPassage, rest_hz: float, rest_row: int, ax: Axes, *, is_picture: bool
+) -> None:
+    """Draw the fit thin, with its band, so that the sound stays visible beneath."""
+    time_s = np.linspace(*ax.get_xlim(), 400)
+    shift, std = fit.shift(time_s)
+    rest_std = np.nan_to_num(fit.encounters.rest_frequency_std_hz[rest_row])
+    half = BAND_DEVIATIONS * np.hypot(rest_hz * std, rest_std)
+    color, edge = contact_color(fit.number), halo() if is_picture else None
+    draw_band(ax, time_s, rest_hz * shift, half, color, path_effects=edge)
 
 
 def _residuals(scene: Scene, fit: ReportedPassage, span_s: Span) -> list[PagePart]:
@@ -136,7 +325,7 @@ def _left(
     """Return times, residuals in % of v/c, and weights of all lines of a passage."""
     found = []
     for k in fit.rest_rows:
-        line = measured_line(scene, fit.contact, int(fit.encounters.rest_line_id[k]))
+        line = _measured_line(scene, fit.contact, int(fit.encounters.rest_line_id[k]))
         rest = float(fit.encounters.rest_frequency_hz[k])
         shift = line.frequency_hz / rest - 1.0
         left = 100 * (shift - fit.shift(line.time_s)[0]) / fit.mach

@@ -23,7 +23,12 @@ from uwtrack_cli.files.tables.presence_words import presence_sentences, stretch_
 from uwtrack_cli.files.tables.summaries import numbered, summary_of
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.next_looks import next_looks
-from uwtrack_cli.plotting.html_page import page_html, passage_head, picture_of_page
+from uwtrack_cli.plotting.html_page import (
+    anchor_of,
+    page_html,
+    passage_head,
+    picture_of_page,
+)
 from uwtrack_cli.plotting.listen import Ear
 from uwtrack_cli.plotting.page import Page, pages_of, scenes_of
 from uwtrack_cli.plotting.passage_words import cautions, fact_lines
@@ -209,9 +214,12 @@ def _pictures(report: Report) -> dict[str, Any]:
 
 def _card(report: Report, page: Page, row: Row, count: int) -> dict[str, Any]:
     """Return what the card of a passage has beside its page: title, marks, numbers."""
-    marks = [(row["status"], row["status"] != "ok")]
+    is_alone = len({one["sensor"] for one in report.passages}) == 1
+    marks = [] if is_alone else [(f"sensor {row['sensor']}", False)]
+    marks += [(row["status"], row["status"] != "ok")]
     marks += [(text, True) for text in cautions(row)]
     card = passage_head(row, row["passage"], report.units)
+    card["anchor"] = anchor_of(row, is_alone=is_alone)
     card |= {"marks": marks, "facts": _merged(fact_lines(row, report.units))}
     if report.ear is not None and count <= MOST_PICTURES:
         (scene,) = [s for s in scenes_of(report.containers) if s.sensor == page.sensor]

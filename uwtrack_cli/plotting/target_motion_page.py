@@ -327,9 +327,7 @@ def motion_residuals(
     state = np.hstack(
         [distance * axes_of(bearing)[:, 0], speed * axes_of(course)[:, 0]]
     )
-    predicted, rate = _predicted(
-        paths, sensor, data, state, motions, _medium(scene, motions)
-    )
+    predicted, rate = _predicted(paths, sensor, data, state, scene, motions)
     left = data.bearing_deg - np.degrees(predicted)
     left = (left + 180.0) % 360.0 - 180.0
     record = scene.first(BearingTime)
@@ -349,17 +347,19 @@ def motion_residuals(
 
 
 def _predicted(
-    paths: Sequence[OwnPath],
-    sensor: IntArray,
-    data: Measurements,
-    state: FloatArray,
-    motions: Motions,
-    medium: Medium,
-) -> tuple[FloatArray, FloatArray]:
+    paths: Sequence[OwnPath], sensor: IntArray, data: Measurements, state: FloatArray,
+    scene: Scene, motions: Motions,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return bearings in rad and range rates in m/s at every row, from its platform.
 
     The state counts from the platform of the first row, at its time.
     """
+    hydrophone = scene.first(Sensor)
+    depth = None if hydrophone is None else hydrophone.depth_m
+    medium = Medium(
+        motions.sound_speed_mps, 0.0 if depth is None else depth - SOURCE_DEPTH_M,
+        is_delayed=motions.propagation == "delayed",
+    )  # fmt: skip
     steps = np.diff(np.unique(data.time_s))  # several sensors share instants
     interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
     doppler: Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
@@ -378,15 +378,6 @@ def _predicted(
         found = predict_values(track, own[np.newaxis], medium)
         bearing[rows], rate[rows] = found[0][0], found[1][0]
     return bearing, rate
-
-
-def _medium(scene: Scene, motions: Motions) -> Medium:
-    sensor = scene.first(Sensor)
-    depth = None if sensor is None else sensor.depth_m
-    height_m = 0.0 if depth is None else depth - SOURCE_DEPTH_M
-    return Medium(
-        motions.sound_speed_mps, height_m, is_delayed=motions.propagation == "delayed"
-    )
 
 
 def _parts(

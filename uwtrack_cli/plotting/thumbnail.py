@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +17,7 @@ from matplotlib.figure import Figure
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.errors import DataError, UwtrackError
 from uwtrack_cli.flow.passages import PassageRow
-from uwtrack_cli.plotting.html_page import passage_head, png_data
+from uwtrack_cli.plotting.html_page import anchor_of, passage_head, png_data
 from uwtrack_cli.plotting.listen import Ear
 from uwtrack_cli.plotting.page import scenes_of
 from uwtrack_cli.plotting.panels import picture_of
@@ -62,14 +63,20 @@ class Gallery:
             row = int(np.flatnonzero(encounters.contact == passage.contact)[0])
         except (UwtrackError, StopIteration, IndexError):
             return None  # it has gone since the table was made
+        fit = ReportedPassage(encounters, row)
         page, folder, link = (
             path.with_suffix(".html").resolve(),
             self.folder.resolve(),
             None,
         )
         if page.is_file() and page.is_relative_to(folder):
-            link = f"{page.relative_to(folder).as_posix()}#passage-{row + 1}"
-        fit = ReportedPassage(encounters, row)
+            others = [
+                s for s in scenes if (e := s.encounters) is not None and e.n_encounters
+            ]
+            anchor = anchor_of(
+                {**fit.printed, "passage": row + 1}, is_alone=len(others) < 2
+            )
+            link = f"{quote(page.relative_to(folder).as_posix())}#{anchor}"
         figure = thumbnail(scene, fit)
         return {
             **passage_head(fit.printed, number, self.units), "file": path.name,
