@@ -18,8 +18,8 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.plotting.page_layout import (
-    Block,
     HeadLine,
+    PageBlock,
     PagePart,
     page_figure,
     span_title,
@@ -113,7 +113,7 @@ def demon_figure(scene: Scene, view: View) -> Figure:
 
         gram = [PagePart(GRAM_IN, draw)]
     lower = timed(gram, view, scene.clock, span_s)
-    return page_figure(heads, view, [Block(SPECTRUM_IN + 0.4, spectrum), lower])
+    return page_figure(heads, view, [PageBlock(SPECTRUM_IN + 0.4, spectrum), lower])
 
 
 def _of_sound(scene: Scene) -> Overview:

@@ -41,12 +41,13 @@ def picture_of_page(
 
     ``text``: what it shows, unless the picture itself says so.
     """
-    wide, narrow = (
-        draw(View(width_in=width_in, units=units, stands_alone=False))
-        for width_in in (WIDE_IN, NARROW_IN)
-    )
-    text = text or alternative_text(wide)
-    return {"wide": png_data(wide), "narrow": png_data(narrow), "text": text}
+    found = {}
+    for name, width_in in (("narrow", NARROW_IN), ("wide", WIDE_IN)):
+        view = View(width_in=width_in, units=units, stands_alone=False)
+        figure = draw(view)
+        found |= {name: png_data(figure), "text": text or alternative_text(figure)}
+        figure.clear()  # its pictures are large, and the next page has its own
+    return found
 
 
 def png_data(figure: Figure, dpi: float = 110) -> str:

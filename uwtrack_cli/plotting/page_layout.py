@@ -72,7 +72,7 @@ def span_title(span_s: tuple[float, float], clock: Clock, names: Sequence[str]) 
     return "   ".join([f"{span} {unit}", ", ".join(dict.fromkeys(names))]).strip()
 
 
-class Block(NamedTuple):
+class PageBlock(NamedTuple):
     """A part of a page below its title."""
 
     height: float
@@ -84,7 +84,7 @@ class Block(NamedTuple):
 def page_figure(
     heads: Sequence[HeadLine],
     view: View,
-    blocks: Sequence[Block],
+    blocks: Sequence[PageBlock],
     widths: Sequence[float] = (),
 ) -> Figure:
     """Return a page: a title, and blocks below each other.
@@ -195,7 +195,7 @@ def timed(
     clock: Clock,
     span_s: tuple[float, float],
     ticks: int | None = None,
-) -> Block:
+) -> PageBlock:
     """Return panels below each other with one time axis, named at the last one.
 
     ``span_s``: begin and end of the axis, s. ``ticks``: ticks that it has room for; None
@@ -212,4 +212,4 @@ def timed(
             panel.tick_params(labelbottom=part is parts[-1])
         panel.set_xlabel(clock.label(span_s), fontsize=9)
 
-    return Block(sum(part.height for part in parts) + 0.5, draw)
+    return PageBlock(sum(part.height for part in parts) + 0.5, draw)

@@ -29,8 +29,8 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.maps import draw_map, has_circle
 from uwtrack_cli.plotting.page_layout import (
-    Block,
     HeadLine,
+    PageBlock,
     PagePart,
     fitting,
     page_figure,
@@ -127,9 +127,11 @@ def passage_figure(scene: Scene, row: int, view: View) -> Figure:
     ]
     left = timed(parts, view, scene.clock, span_s)
     if view.is_wide and (is_mapped or view.stands_alone):
-        right = Block(3.6, partial(_fill_side, scene, fit, view, is_mapped=is_mapped))
+        right = PageBlock(
+            3.6, partial(_fill_side, scene, fit, view, is_mapped=is_mapped)
+        )
         return page_figure(heads, view, [left, right], (2.25, 1.0))
-    below = Block(MAP_IN, lambda side: draw_map(scene, fit, side.subplots()))
+    below = PageBlock(MAP_IN, lambda side: draw_map(scene, fit, side.subplots()))
     return page_figure(heads, view, [left, below] if is_mapped else [left])
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from matplotlib.patheffects import Normal, Stroke
@@ -147,7 +148,8 @@ def draw_cells(
 
 def color_bar(image: Any, ax: Axes, name: str) -> None:
     """Draw the bar of the colours of a picture beside its panel."""
-    bar = ax.figure.colorbar(image, ax=ax, pad=0.01, aspect=30)
+    colors = ScalarMappable(image.norm, image.cmap)  # a bar would hold its picture
+    bar = ax.figure.colorbar(colors, ax=ax, pad=0.01, aspect=30)
     bar.set_label(name, fontsize=8)
     bar.ax.tick_params(labelsize=7)
 

@@ -13,7 +13,7 @@ from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.page_layout import Block, HeadLine, page_figure
+from uwtrack_cli.plotting.page_layout import HeadLine, PageBlock, page_figure
 from uwtrack_cli.plotting.style import (
     NO_CONTACT,
     calm,
@@ -36,8 +36,8 @@ def target_figure(scene: Scene, view: View) -> Figure:
     if target is None or not target.scan.size:
         msg = "the track holds no scan, so there is nothing to draw."
         raise DataError(msg)
-    upper = Block(5.4, lambda part: draw_target(target, scans, part.subplots()))
-    lower = Block(2.6, lambda part: draw_threshold(target, part.subplots()))
+    upper = PageBlock(5.4, lambda part: draw_target(target, scans, part.subplots()))
+    lower = PageBlock(2.6, lambda part: draw_threshold(target, part.subplots()))
     return page_figure([HeadLine("Track in clutter")], view, [upper, lower])
 
 
@@ -53,8 +53,8 @@ def decision_figure(scene: Scene, view: View) -> Figure:
     if decision is None or not decision.scan_time_s.size:
         msg = "no contacts were compared, so there is nothing to draw."
         raise DataError(msg)
-    upper = Block(4.0, lambda part: draw_odds(decision, part.subplots()))
-    lower = Block(4.0, lambda part: draw_terms(decision, part.subplots()))
+    upper = PageBlock(4.0, lambda part: draw_odds(decision, part.subplots()))
+    lower = PageBlock(4.0, lambda part: draw_terms(decision, part.subplots()))
     return page_figure([HeadLine("Which one moves")], view, [upper, lower])
 
 

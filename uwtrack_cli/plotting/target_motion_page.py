@@ -42,8 +42,8 @@ from uwtrack_cli.motion.target_motion.own_ship import (
 )
 from uwtrack_cli.plotting.maps import axes_of, fit_limits, furnish
 from uwtrack_cli.plotting.page_layout import (
-    Block,
     HeadLine,
+    PageBlock,
     PagePart,
     page_figure,
     timed,
@@ -110,7 +110,9 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
     heads = _heads(motions, scene.clock, view.units)
     map_in = MAP_IN if view.is_wide else 0.95 * view.width_in
     ways = measured_from(scene)
-    left = Block(map_in, lambda part: draw_motion_map(motions, ways, part.subplots()))
+    left = PageBlock(
+        map_in, lambda part: draw_motion_map(motions, ways, part.subplots())
+    )
     if not parts:
         return page_figure(heads, view, [left._replace(height=0.7 * view.width_in)])
     ticks = 5 if view.is_wide else view.ticks

@@ -234,7 +234,7 @@ class Scene:
                 return found
             return found.of_sensor(self.sensor)
 
-        return self.once(kind, make)
+        return self.once(kind.NAME, make)
 
     @property
     def overview(self) -> Overview | None:
