@@ -41,7 +41,7 @@ def picture_of_page(
 
     ``text``: what it shows, unless the picture itself says so.
     """
-    found = {}
+    found: dict[str, str] = {}
     for name, width_in in (("narrow", NARROW_IN), ("wide", WIDE_IN)):
         view = View(width_in=width_in, units=units, stands_alone=False)
         figure = draw(view)
