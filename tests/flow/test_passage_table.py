@@ -176,6 +176,19 @@ def test_only_what_is_new_is_read(folder, tmp_path):
     assert len(collect_passages([folder], cache=cache).passages) == 4
 
 
+def test_a_remembered_product_is_named_as_it_is_named_now(
+    folder, tmp_path, monkeypatch
+):
+    """A report of a folder finds its products from any other one."""
+    cache = tmp_path / "cache" / "p.sqlite"
+    monkeypatch.chdir(folder)
+    collect_passages([Path()], cache=cache)
+    monkeypatch.chdir(tmp_path)
+    again = collect_passages([folder], cache=cache)
+    assert again.n_read == 0
+    assert {Path(row.file).parent for row in again.passages} == {folder}
+
+
 def test_what_was_read_before_an_interrupt_is_not_read_again(
     folder, tmp_path, monkeypatch
 ):

@@ -15,6 +15,7 @@ from uwtrack_cli.plotting.bearing_time import (
     draw_contact_angles,
     draw_frequency_azimuth,
 )
+from uwtrack_cli.plotting.view import Scene
 
 
 def record_and_truth():
@@ -25,7 +26,7 @@ def record_and_truth():
 def test_contacts_without_lines_lie_at_their_angles():
     record, angle_deg = record_and_truth()
     ax = Figure().subplots()
-    draw_contact_angles(record, track_bearings(record), ax)
+    draw_contact_angles(record, Scene([track_bearings(record)]), ax)
     (line,) = ax.lines
     wanted = np.interp(line.get_xdata(), record.frames.time_s, angle_deg)
     assert line.get_xdata().size > 50

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tests.draws import fringe_picture
 from uwtrack_cli.cli.app import app
 
 ROOT = Path(__file__).parent.parent.parent
@@ -59,6 +60,8 @@ def test_the_pictures_are_what_is_drawn_today(tmp_path):
         words = [functools.reduce(lambda w, p: w.replace(*p), places, w) for w in line]
         if words[:2] == ["ln", "-sf"]:
             Path(words[3]).symlink_to(words[2])
+        if "tests.draws.fringe_picture" in words:
+            fringe_picture.main(str(tmp_path / words[-1]))
         if words[:1] != ["$(BIN)/uwtrack"]:
             continue
         moved = [str(tmp_path / w) if w.startswith("docs/") else w for w in words[1:]]

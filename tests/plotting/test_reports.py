@@ -17,6 +17,7 @@ from uwtrack_cli.flow.sound_hours import SoundSpan
 from uwtrack_cli.plotting.deployment_report import calendar_figure, deployment_html
 from uwtrack_cli.plotting.listen import in_band
 from uwtrack_cli.plotting.report import reasons_once
+from uwtrack_cli.plotting.view import View
 
 HOUR_NS = 3600 * 10**9
 DAY = 1_714_521_600 * 10**9
@@ -88,7 +89,7 @@ def test_a_folder_is_told_at_a_glance():
 
 
 def test_the_calendar_cuts_sound_at_midnight():
-    upper = calendar_figure(deployment(), 11.0).axes[0]
+    upper = calendar_figure(deployment(), View()).axes[0]
     bars = sorted((p.get_x(), p.get_width(), round(p.get_y() + p.get_height() / 2, 6))
                   for p in upper.patches)  # fmt: skip
     lengths = [width for _, width, _ in bars]

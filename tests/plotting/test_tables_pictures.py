@@ -15,6 +15,7 @@ from uwtrack_cli.plotting.table_pages import (
     draw_threshold,
     target_figure,
 )
+from uwtrack_cli.plotting.view import Scene, View
 
 
 @pytest.fixture
@@ -88,7 +89,7 @@ def test_the_threshold_and_its_rule_are_shown(ax):
 
 def test_an_empty_track_has_no_page():
     with pytest.raises(DataError, match="no scan"):
-        target_figure([_target(0)])
+        target_figure(Scene([_target(0)]), View())
 
 
 def test_the_odds_are_drawn_with_both_thresholds_and_the_verdict(ax):

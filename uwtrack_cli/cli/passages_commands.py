@@ -14,23 +14,13 @@ from uwtrack_cli.cli.command_factory import Ais, Overwrite, WithinM
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.cli.targets import PIPE
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.files.tables.summaries import Head, utc_text
+from uwtrack_cli.files.tables.summaries import Head, passage_columns, utc_text
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.passages import PassageRow, PassageTable
 
 Form = Literal["table", "csv", "json", "jsonl", "parquet", "geojson"]
 
-NUMBERS = (
-    Head("speed m/s", "speed_mps", 2, "speed_std_mps"),
-    Head("range m", "slant_range_m", 0, "slant_range_std_m"),
-    Head("course deg", "course_deg", 0, "course_std_deg"),
-    Head("level dB", "received_level_db", 1, "received_level_std_db"),
-)
-HEADS = (
-    "time UTC", "sensor", "vessel", "status", *(head.title for head in NUMBERS),
-    "recording", "contact",
-)  # fmt: skip
 LEVELS = (
     Head("band Hz", "centre_hz", 1),
     Head(
@@ -261,20 +251,6 @@ def _place(lines: Any, output: Path | None, overwrite: bool) -> None:
 
 def _show_passages(rows: "Sequence[PassageRow]") -> None:
     """Print the table for people; columns in which nothing is known are left out."""
-    cells = [_cells(row) for row in rows]
-    columns = zip(HEADS, zip(*cells, strict=True), strict=True)
-    known = {head: column for head, column in columns if set(column) != {"-"}}
+    known = passage_columns([asdict(row) for row in rows])
     shown = list(zip(*known.values(), strict=True))
     show_table(list(known), shown, is_data=True, spare=SPARE)
-
-
-def _cells(row: "PassageRow") -> tuple[str, ...]:
-    when = f"{row.time_s:.1f} s" if row.time_s is not None else "-"
-    name = row.vessel or "-"
-    if row.vessel_probability is not None:
-        name += f" {100.0 * row.vessel_probability:.0f} %"
-    facts = asdict(row)
-    numbers = (head.text(facts) for head in NUMBERS)
-    when = utc_text(row.time_utc) if row.time_utc else when
-    recording = row.recording or "-"
-    return (when, row.sensor, name, row.status, *numbers, recording, str(row.contact))

@@ -487,15 +487,15 @@ def _apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
 
 def _from_json(raw: dict[str, Any], path: Path) -> Result:
     """Return the result of a product from its fields as JSON has them."""
-    own_ns = raw["own_ns"]
+    own_ns, file = raw["own_ns"], {"file": str(path)}  # as it is named now
     lists = {name: tuple(raw[name]) for name in ("recordings", "files", "unnamed")}
     return Result(**{
         **raw,
         **lists,
         "path": str(path),
         "places": {name: (a, b) for name, (a, b) in raw["places"].items()},
-        "passages": tuple(PassageRow(**row) for row in raw["passages"]),
-        "levels": tuple(PassageLevel(**row) for row in raw["levels"]),
+        "passages": tuple(PassageRow(**row | file) for row in raw["passages"]),
+        "levels": tuple(PassageLevel(**row | file) for row in raw["levels"]),
         "sound": tuple(SoundSpan(*span) for span in raw["sound"]),
         "own_ns": None if own_ns is None else (own_ns[0], own_ns[1]),
     })  # fmt: skip

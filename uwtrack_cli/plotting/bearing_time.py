@@ -1,8 +1,7 @@
 """Pictures of the bearing-time record of an array."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
 
 from uwtrack_cli.arrays.line_array import LineArray
 from uwtrack_cli.data.base import FloatArray, IntArray
@@ -14,14 +13,15 @@ from uwtrack_cli.plotting.picture import check_axes
 from uwtrack_cli.plotting.style import (
     LEVELS_MAP,
     MEASURED,
+    Span,
     broken_bearing,
     calm,
+    color_bar,
     contact_color,
+    draw_cells,
+    within,
 )
 from uwtrack_cli.plotting.view import Scene
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 LARGEST_ROWS = 2000
 """Rows of the picture; of longer records the loudest of several frames is drawn."""
@@ -30,13 +30,17 @@ LARGEST_ROWS = 2000
 PATTERN_POINTS = 721
 """Angles of a beam's pattern."""
 
+BRIGHTEST_SHARE, LEAST_SPAN_DB, MOST_SPAN_DB = 0.998, 3.0, 12.0
+"""Share of the record below the brightest colour, and what the colours cover, dB, from
+its median on: beams of few hydrophones all hear much of the same."""
+
 MOST_MARKS = 120
 """Angles of a line that are drawn."""
 
 
 def draw_bearing_time(
-    record: BearingTime, ax: "Axes", span_s: tuple[float, float] | None = None
-) -> "Axes":
+    record: BearingTime, ax: Axes, span_s: Span | None = None
+) -> Axes:
     """Draw the record: angle from the array's head over time, level as shade.
 
     Of an array that is no line the angle goes all around, clockwise: from true north
@@ -49,9 +53,7 @@ def draw_bearing_time(
     """
     check_axes(record.frames, "time_s")
     time_s = record.frames.time_s
-    chosen = np.arange(time_s.size)
-    if span_s is not None:
-        chosen = np.flatnonzero((time_s >= span_s[0]) & (time_s <= span_s[1]))
+    chosen = np.flatnonzero(within(time_s, span_s or (-np.inf, np.inf)))
     if not chosen.size:
         return ax
     step = -(-chosen.size // LARGEST_ROWS)
@@ -62,14 +64,14 @@ def draw_bearing_time(
     if is_true(record):  # the beams turn with the array
         turned = np.round(record.heading_deg[chosen][rows] / 360.0 * (inside.size - 1))
         beams = (beams - turned.astype(int)[:, None]) % (inside.size - 1)
-    image = ax.pcolormesh(
-        time_s[chosen][rows], angle_deg, np.take_along_axis(excess_db, beams, axis=1).T,
-        cmap=LEVELS_MAP, vmin=-1.0, vmax=6.0, shading="nearest", rasterized=True,
+    known = excess_db[:, inside][np.isfinite(excess_db[:, inside])]
+    dark, bright = np.quantile(known, (0.5, BRIGHTEST_SHARE)) if known.size else (0, 0)
+    bright = dark + np.clip(bright - dark, LEAST_SPAN_DB, MOST_SPAN_DB)
+    draw_cells(
+        ax, time_s[chosen][rows], angle_deg, np.take_along_axis(excess_db, beams, axis=1),
+        (float(dark), float(bright)), f"dB over the background, {record.band_low_hz:.0f}-"
+        f"{record.band_high_hz:.0f} Hz", shading="nearest",
     )  # fmt: skip
-    band = f"{record.band_low_hz:.0f}-{record.band_high_hz:.0f} Hz"
-    bar = ax.figure.colorbar(image, ax=ax, pad=0.01, aspect=30)
-    bar.set_label(f"dB over the background, {band}", fontsize=8)
-    bar.ax.tick_params(labelsize=7)
     ax.tick_params(labelsize=8)
     widest = 360 if record.cos_angle is None else 180
     ax.set(yticks=range(0, widest + 1, widest // 6), ylim=(widest, 0.0))
@@ -102,25 +104,23 @@ def _angles(record: BearingTime) -> tuple[FloatArray, IntArray]:
     return np.degrees(np.arccos(record.cos_angle[inside])), inside
 
 
-def draw_line_angles(
-    record: BearingTime, lines: Lines, scene: Scene, ax: "Axes"
-) -> "Axes":
-    """Draw measured angles of contacts over the record, in the contacts' colours."""
-    angle_deg = _angle_from_ahead(record, lines.time_s, lines.measured_bearing_deg)
-    contacts = zip(lines.line_id.tolist(), lines.line_contact.tolist(), strict=True)
-    for line, contact in contacts:
-        if contact > 0:
-            own = lines.line == line
-            _mark(ax, lines.time_s[own], angle_deg[own], scene.number(contact))
-    return ax
+def draw_contact_angles(record: BearingTime, scene: Scene, ax: Axes) -> Axes:
+    """Draw measured angles of contacts over the record, in the contacts' colours.
 
-
-def draw_contact_angles(record: BearingTime, series: Series, ax: "Axes") -> "Axes":
-    """Draw angles of contacts that are followed without lines, in their colours."""
-    angle_deg = _angle_from_ahead(record, series.time_s, series.bearing_deg)
-    for contact in np.unique(series.contact).tolist():
-        own = series.contact == contact
-        _mark(ax, series.time_s[own], angle_deg[own], contact)
+    Those that are followed without lines lie below those of lines.
+    """
+    series, lines = scene.first(Series), scene.first(Lines)
+    if series is not None and record.cos_angle is not None:
+        angle_deg = _angle_from_ahead(record, series.time_s, series.bearing_deg)
+        for contact in np.unique(series.contact).tolist():
+            own = series.contact == contact
+            _mark(ax, series.time_s[own], angle_deg[own], contact)
+    if lines is not None:
+        angle_deg = _angle_from_ahead(record, lines.time_s, lines.measured_bearing_deg)
+        for line, contact in zip(lines.line_id, lines.line_contact, strict=True):
+            if contact > 0:
+                own = lines.line == line
+                _mark(ax, lines.time_s[own], angle_deg[own], scene.number(contact))
     return ax
 
 
@@ -139,7 +139,7 @@ def _angle_from_ahead(
     return angle_deg
 
 
-def _mark(ax: "Axes", time_s: FloatArray, angle_deg: FloatArray, contact: int) -> None:
+def _mark(ax: Axes, time_s: FloatArray, angle_deg: FloatArray, contact: int) -> None:
     rows = np.flatnonzero(np.isfinite(angle_deg))
     kept = rows[:: max(1, -(-rows.size // MOST_MARKS))]
     ax.plot(
@@ -149,8 +149,8 @@ def _mark(ax: "Axes", time_s: FloatArray, angle_deg: FloatArray, contact: int) -
 
 
 def draw_frequency_azimuth(
-    record: BearingTime, peaks: Peaks, ax: "Axes", span_s: tuple[float, float]
-) -> "Axes":
+    record: BearingTime, peaks: Peaks, ax: Axes, span_s: Span
+) -> Axes:
     """Draw at which frequencies and angles peaks were found within a span of time.
 
     Vertical rows of one frequency are lines; rows of one angle are a vessel.
@@ -158,9 +158,7 @@ def draw_frequency_azimuth(
     ``peaks``: what was found in its beams. ``span_s``: begin and end, s.
     """
     time_s = record.frames.time_s[peaks.frame - record.frames.first_frame]
-    at = np.flatnonzero(
-        peaks.is_detection & (time_s >= span_s[0]) & (time_s <= span_s[1])
-    )
+    at = np.flatnonzero(peaks.is_detection & within(time_s, span_s))
     if peaks.cone_deg is not None:
         angle_deg = peaks.cone_deg[at]
     else:
@@ -170,10 +168,7 @@ def draw_frequency_azimuth(
         peaks.frequency_hz[at][order], angle_deg[order], c=peaks.snr_db[at][order],
         s=7.0, cmap=LEVELS_MAP, vmin=5.0, vmax=30.0, linewidths=0.0, rasterized=True,
     )  # fmt: skip
-    bar = ax.figure.colorbar(dots, ax=ax, pad=0.01, aspect=30)
-    bar.set_label("dB over the noise of the beam", fontsize=8)
-    bar.ax.tick_params(labelsize=7)
-    calm(ax)
+    color_bar(dots, calm(ax), "dB over the noise of the beam")
     widest = 180 if record.cos_angle is not None else 360
     ax.set(xlim=(record.band_low_hz, record.band_high_hz), ylim=(widest, 0.0))
     ax.set(yticks=range(0, widest + 1, 30))
@@ -182,7 +177,7 @@ def draw_frequency_azimuth(
     return ax
 
 
-def draw_beam_pattern(record: BearingTime, array: LineArray, ax: "Axes") -> "Axes":
+def draw_beam_pattern(record: BearingTime, array: LineArray, ax: Axes) -> Axes:
     """Draw what a beam at the side of a line array hears from other angles.
 
     ``record``: record of the array, which knows its shading. ``ax``: where to draw; its
@@ -204,10 +199,8 @@ def draw_beam_pattern(record: BearingTime, array: LineArray, ax: "Axes") -> "Axe
     return ax
 
 
-def draw_heading(record: BearingTime, ax: "Axes") -> "Axes":
+def draw_heading(record: BearingTime, ax: Axes) -> Axes:
     """Draw the compass heading of the array over time, broken where it passes north."""
-    calm(ax)
     heading = broken_bearing(record.heading_deg)
     ax.plot(record.frames.time_s, heading, color=MEASURED)
-    ax.set_ylabel("array heading\n(deg)", fontsize=8)
-    return ax
+    return calm(ax, "array heading\n(deg)")

@@ -8,21 +8,22 @@ of the blades; a multiple that was not heard has no mark.
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 
-from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
+    PageBlock,
     PagePart,
-    draw_parts,
+    page_figure,
     span_title,
-    stacked,
-    titled_figure,
+    timed,
 )
 from uwtrack_cli.plotting.panels import rates_part
 from uwtrack_cli.plotting.picture import (
@@ -32,14 +33,10 @@ from uwtrack_cli.plotting.picture import (
     overview_levels,
     overview_picture,
 )
-from uwtrack_cli.plotting.style import MEASURED, calm, contact_color
+from uwtrack_cli.plotting.style import MEASURED, Span, calm, contact_color, within
 from uwtrack_cli.plotting.view import Scene, View
 from uwtrack_cli.spectra.demon import demodulate
 from uwtrack_cli.spectra.overview import pool_overview
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SPECTRUM_IN, GRAM_IN = 2.8, 2.4
 """Heights of the spectrum and of the picture over time, inches."""
@@ -70,7 +67,7 @@ class Shaft(NamedTuple):
         return f"{text}, blades {self.blade_hz:.2f} Hz ({round(blades)} to a shaft)"
 
 
-def demon_figure(scene: Scene, view: View) -> "Figure":
+def demon_figure(scene: Scene, view: View) -> Figure:
     """Return the DEMON page of a recording.
 
     Raises
@@ -91,37 +88,32 @@ def demon_figure(scene: Scene, view: View) -> "Figure":
         heads.append(
             HeadLine("no shaft was found; 'uwtrack run --recipe presence' seeks one")
         )
-    inside = (envelope.time_s >= span_s[0]) & (envelope.time_s <= span_s[1])
+    inside = within(envelope.time_s, span_s)
     power = 10.0 ** (overview_levels(envelope)[inside] / 10.0)
     level = over_floor(10.0 * np.log10(np.nanmean(power, axis=0))[np.newaxis])[0]
 
-    def spectrum(ax: "Axes") -> None:
-        calm(ax)
+    def spectrum(part: SubFigure) -> None:
+        ax = calm(part.subplots(), "mean over the\nneighbourhood (dB)")
         ax.plot(rate_hz, level, color=MEASURED, lw=0.8)
-        shown = level[(rate_hz >= low) & (rate_hz <= high)]
+        shown = level[within(rate_hz, (low, high))]
         top = float(np.nanmax(shown, initial=1.0))
         for shaft in shafts:
             _mark(shaft, top, ax)
-        ax.set(
-            xlim=(low, high), ylim=(float(np.nanmin(shown, initial=0.0)), 1.25 * top)
-        )
+        bottom = float(np.nanmin(shown, initial=0.0))
+        ax.set(xlim=(low, high), ylim=(bottom, 1.25 * top))
         ax.set_xlabel("modulation rate (Hz)", fontsize=9)
-        ax.set_ylabel("mean over the\nneighbourhood (dB)", fontsize=8)
 
-    figure, body = titled_figure(heads, view, SPECTRUM_IN + GRAM_IN + 0.9)
-    upper, lower = stacked(body, SPECTRUM_IN + 0.4, GRAM_IN + 0.5)
-    spectrum(upper.subplots())
     gram = [PagePart(GRAM_IN, part.draw) for part in rates_part(scene, span_s)]
     if not gram or scene.envelope is None or view.band_hz is not None:
         picture = overview_picture(envelope, FrequencyAxis(low, high, False), span_s)
 
-        def draw(ax: "Axes") -> None:
+        def draw(ax: Axes) -> None:
             draw_picture(picture, ax)
             ax.set_ylabel("modulation\nrate (Hz)", fontsize=8)
 
         gram = [PagePart(GRAM_IN, draw)]
-    draw_parts(gram, lower, scene.clock, span_s, view.ticks)
-    return figure
+    lower = timed(gram, view, scene.clock, span_s)
+    return page_figure(heads, view, [PageBlock(SPECTRUM_IN + 0.4, spectrum), lower])
 
 
 def _of_sound(scene: Scene) -> Overview:
@@ -137,29 +129,24 @@ def _of_sound(scene: Scene) -> Overview:
     return found
 
 
-def _shafts(scene: Scene, span_s: tuple[float, float]) -> Iterator[Shaft]:
+def _shafts(scene: Scene, span_s: Span) -> Iterator[Shaft]:
     """Yield what was heard of shafts in a span."""
     found = scene.presence
     if found is None:
         return
-    near = (found.to_s >= span_s[0]) & (found.from_s <= span_s[1])
-    for row in np.flatnonzero(near):
+    for row in scene.stretches(span_s).tolist():
         rates = np.sort(found.rate_hz[found.rate_stretch == row])
         if rates.size:
-            shaft, blade = _shaft_hz(found, int(row), float(rates[0]))
-            owner = int(found.encounter[row]) or int(found.contact[row])
-            number = scene.number(owner) if scene.encounters is not None else 0
-            yield Shaft(number, shaft, blade, tuple(rates.tolist()))
+            spacing, blade = (
+                float(found.spacing_hz[row]),
+                float(found.blade_rate_hz[row]),
+            )
+            is_of_rates = spacing <= rates[0] * 1.02  # not of its lines
+            shaft = spacing if is_of_rates else float(rates[0])
+            yield Shaft(scene.owner(row), shaft, blade, tuple(rates.tolist()))
 
 
-def _shaft_hz(found: Presence, row: int, lowest_hz: float) -> tuple[float, float]:
-    """Return the rates of shaft and blades of a stretch: of its rates, not its lines."""
-    spacing, blade = float(found.spacing_hz[row]), float(found.blade_rate_hz[row])
-    is_of_rates = np.isfinite(spacing) and spacing <= lowest_hz * 1.02
-    return (spacing if is_of_rates else lowest_hz), blade
-
-
-def _mark(shaft: Shaft, top_db: float, ax: "Axes") -> None:
+def _mark(shaft: Shaft, top_db: float, ax: Axes) -> None:
     color = contact_color(shaft.number) if shaft.number else contact_color(2)
     for rate in shaft.rates_hz:
         is_blade = abs(rate - shaft.blade_hz) < 0.02 * rate

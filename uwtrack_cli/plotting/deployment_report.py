@@ -12,14 +12,17 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from uwtrack_cli import __version__
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.files.tables.summaries import NOT_KNOWN, Head, utc_text
+from uwtrack_cli.files.tables.summaries import NOT_KNOWN, passage_columns
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.files.utc import EPOCH, parse_utc
 from uwtrack_cli.flow.deployment import Deployment
@@ -34,27 +37,28 @@ from uwtrack_cli.flow.sound_hours import (
     hours_per_day,
     total_h,
 )
-from uwtrack_cli.plotting.html_page import Block, page_html, picture_block
-from uwtrack_cli.plotting.maps import draw_circle, draw_way, fit_limits, furnish
-from uwtrack_cli.plotting.page_layout import stacked
+from uwtrack_cli.plotting.html_page import page_html, picture_of_page
+from uwtrack_cli.plotting.maps import (
+    axes_of,
+    draw_circle,
+    draw_way,
+    fit_limits,
+    furnish,
+)
+from uwtrack_cli.plotting.page_layout import PagePart, page_figure, timed
 from uwtrack_cli.plotting.picture import FrequencyAxis, cell_edges
 from uwtrack_cli.plotting.style import (
     CONTACT_COLORS,
-    LEVELS_MAP,
     MEASURED,
     NO_SOUND,
-    WIDE_IN,
     Clock,
     calm,
     contact_color,
+    draw_cells,
     name_place,
     new_figure,
 )
-from uwtrack_cli.plotting.view import Units
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from uwtrack_cli.plotting.view import Units, View
 
 MOST_ROWS = 62
 """Days that are drawn."""
@@ -65,45 +69,49 @@ MOST_PASSAGES = 1000
 MOST_WAYS = 300
 """Passages on the map."""
 
+LABELS_DEG = 37.0
+"""Bearing from one number on a circle to the next, so that they stand apart."""
+
 MARKERS = "ov^sD*"
 """Marks of the sensors, beside their colours."""
 
 CAPTION = "Grey: sound. Dark: a vessel may be heard. Marks: passages."
+
+OF_MAP = (
+    "Ways past the sensor, which is the origin, by their course and bearing; a circle is "
+    "the range of a vessel whose direction is not known."
+)
 
 HEARD_COLOR = "#8c8c8c"
 
 BINS = 12
 """Bars of speed and range."""
 
-Gallery = Callable[[PassageRow, int], dict[str, Any] | None]
+Glance = Callable[[PassageRow, int], dict[str, Any] | None]
 
 
 def deployment_html(
     deployment: Deployment,
     title: str,
-    gallery: Gallery = lambda _row, _number: None,
+    glance: Glance = lambda _row, _number: None,
     units: Units = "kn",
 ) -> str:
     """Return the report of a folder as HTML.
 
-    ``gallery``: gives picture and link of a passage with its number, None for none.
+    ``glance``: gives picture and link of a passage with its number, None for none.
     ``units``: unit of every speed.
     """
-    n = len(deployment.passages)
+    passages, n = deployment.passages, len(deployment.passages)
     count = f"{n or 'no'} passage{'' if n == 1 else 's'}"
-    hours = total_h(deployment.sound)
-    blocks: list[Block] = [
-        ("result", f"{count} in {hours:.1f} hours of sound"),
-        ("warnings", deployment.problems),
-        ("facts", _facts(deployment)),
-        *_pictures(deployment, units),
-    ]
-    shown = [gallery(row, k) for k, row in enumerate(deployment.passages, 1)]
-    if any(shown):
-        blocks.append(("heading", "Passages at a glance"))
-        blocks.append(("gallery", [one for one in shown if one is not None]))
-    blocks += _tables(deployment, units)
-    return page_html(title, blocks, f"uwtrack {__version__}")
+    shown = [glance(row, k) for k, row in enumerate(passages, 1)]
+    return page_html(
+        "deployment.html", title=title, warnings=deployment.problems,
+        result=f"{count} in {total_h(deployment.sound):.1f} hours of sound",
+        known=_facts(deployment), pictures=list(_pictures(deployment, units)),
+        gallery=[one for one in shown if one is not None],
+        tables=list(_tables(deployment, units)) if passages else [],
+        more=n - MOST_PASSAGES, footer=f"uwtrack {__version__}",
+    )  # fmt: skip
 
 
 def _facts(deployment: Deployment) -> list[tuple[str, str]]:
@@ -129,51 +137,39 @@ def _utc(time_ns: int) -> str:
     return f"{EPOCH + timedelta(seconds=time_ns // NANOSECONDS):%Y-%m-%d %H:%M}"
 
 
-def _pictures(deployment: Deployment, units: Units) -> Iterator[Block]:
+def _pictures(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
     """Yield the pictures of the whole, each where it has something to say."""
-    passages = deployment.passages
-    days = _days(deployment)
+
+    def section(
+        name: str, draw: Callable[[View], Figure], shows: str, text: str = ""
+    ) -> dict[str, Any]:
+        picture = picture_of_page(draw, units, shows)
+        return {"heading": name, "text": text, "picture": picture}
+
+    passages, days = deployment.passages, _days(deployment)
+    n, n_days = len(passages), len(days)
     if days:
-        more = (
-            f" The last {MOST_ROWS} of {len(days)} days."
-            if len(days) > MOST_ROWS
-            else ""
-        )
-        yield "heading", "Calendar"
-        yield "text", CAPTION + more
-        yield picture_block(
-            lambda width_in: calendar_figure(deployment, width_in),
-            f"Calendar of {len(days)} days of sound with {len(passages)} passages.",
-        )
+        more = f" The last {MOST_ROWS} of {n_days} days." if n_days > MOST_ROWS else ""
+        shows = f"Calendar of {n_days} days of sound with {n} passages."
+        draw = partial(calendar_figure, deployment)
+        yield section("Calendar", draw, shows, CAPTION + more)
     hours = by_hour(hour for one in deployment.listened for hour in one.hours)
     for sensor, reference in dict.fromkeys((h.sensor, h.reference) for h in hours):
         own = [h for h in hours if (h.sensor, h.reference) == (sensor, reference)]
-        yield "heading", f"Levels by the hour, sensor {sensor}"
-        yield picture_block(
-            lambda width_in, own=own: hours_figure(own, width_in),  # type: ignore[misc]
-            f"Medians of {len(own)} hours in decidecade bands, and of the whole band.",
+        shows = (
+            f"Medians of {len(own)} hours in decidecade bands, and of the whole band."
         )
+        draw = partial(hours_figure, own)
+        yield section(f"Levels by the hour, sensor {sensor}", draw, shows)
     if not passages:
         return
-    yield "heading", "Passages by hour, speed and range"
-    yield picture_block(
-        lambda width_in: histogram_figure(passages, width_in, units),
-        f"Histograms of {len(passages)} passages by hour of the day, speed and range.",
-    )
+    shows = f"Histograms of {n} passages by hour of the day, speed and range."
+    draw = partial(histogram_figure, passages)
+    yield section("Passages by hour, speed and range", draw, shows)
     ways = [row for row in passages if row.slant_range_m is not None][:MOST_WAYS]
     if ways:
-        yield "heading", "Map"
-        yield (
-            "text",
-            (
-                "Ways past the sensor, which is the origin, by their course and bearing; a "
-                "circle is the range of a vessel whose direction is not known."
-            ),
-        )
-        yield picture_block(
-            lambda width_in: map_figure(ways, width_in),
-            f"Map of {len(ways)} passages about their sensors.",
-        )
+        shows = f"Map of {len(ways)} passages about their sensors."
+        yield section("Map", partial(map_figure, ways), shows, OF_MAP)
 
 
 def _days(deployment: Deployment) -> list[int]:
@@ -181,16 +177,13 @@ def _days(deployment: Deployment) -> list[int]:
     return sorted({day for day, _ in by_day(deployment.sound)})
 
 
-def calendar_figure(deployment: Deployment, width_in: float) -> "Figure":
-    """Return the calendar: a row per day, hours to the right.
-
-    ``width_in``: width of the picture, inches.
-    """
+def calendar_figure(deployment: Deployment, view: View) -> Figure:
+    """Return the calendar: a row per day, hours to the right."""
     days = _days(deployment)[-MOST_ROWS:]
     sensors = sorted({span.sensor for _, span in by_day(deployment.sound)})
     place = {day: len(days) - 1 - number for number, day in enumerate(days)}
     rows_in = max(0.28 * len(days) * max(1, len(sensors)) ** 0.5, 0.6)
-    figure = new_figure(width_in, rows_in + 0.8)
+    figure = new_figure(view.width_in, rows_in + 0.8)
     ax = figure.subplots()
     height = 0.8 / max(1, len(sensors))
     for number, sensor in enumerate(sensors):
@@ -203,14 +196,14 @@ def calendar_figure(deployment: Deployment, width_in: float) -> "Figure":
     calm(ax)
     if len(sensors) > 1 and deployment.passages:
         ax.legend(fontsize=8, loc="upper right", ncols=min(4, len(sensors)))
-    ax.set_xticks(range(0, 25, 3 if width_in > 0.7 * WIDE_IN else 6))
+    ax.set_xticks(range(0, 25, 3 if view.is_wide else 6))
     ax.set_xlabel("hour of the day (UTC)", fontsize=9)
     return figure
 
 
 def _draw_sensor(
     deployment: Deployment, sensor: str, number: int, place: dict[int, int],
-    shift: float, height: float, ax: "Axes",
+    shift: float, height: float, ax: Axes,
 ) -> None:  # fmt: skip
     """Draw sound, vessels heard and passages of one sensor."""
     sound = [span for span in deployment.sound if span.sensor == sensor]
@@ -234,69 +227,58 @@ def _draw_sensor(
         )  # fmt: skip
 
 
-def hours_figure(hours: Sequence[HourLevel], width_in: float) -> "Figure":
+def hours_figure(hours: Sequence[HourLevel], view: View) -> Figure:
     """Return medians of hours: in decidecade bands, and of the whole band below.
 
     ``hours``: hours of one sensor, in order.
     """
     first, last = hours[0].hour, hours[-1].hour
-    known = {one.hour: one for one in hours}
     centre = max((one.centre_hz for one in hours), key=len)
     level = np.full((last - first + 1, centre.size), np.nan)
     whole = np.full((last - first + 1, 3), np.nan)
-    for hour, one in known.items():
-        level[
-            hour - first, np.isin(np.round(centre, 3), np.round(one.centre_hz, 3))
-        ] = one.median_db[np.isin(np.round(one.centre_hz, 3), np.round(centre, 3))]
-        whole[hour - first] = one.whole_db
-    figure = new_figure(width_in, 4.4)
-    upper, lower = figure.subplots(2, 1, height_ratios=[2.0, 1.0])
+    names = np.round(centre, 3)
+    for one in hours:
+        own = np.round(one.centre_hz, 3)
+        row = level[one.hour - first]
+        row[np.isin(names, own)] = one.median_db[np.isin(own, names)]
+        whole[one.hour - first] = one.whole_db
     edges_s = 3600.0 * np.arange(last - first + 2)
     edges_hz = 10.0 ** cell_edges(np.log10(centre)) if centre.size > 1 else centre[0] * (
         np.array([0.9, 1.1]))  # fmt: skip
-    image = upper.pcolormesh(
-        edges_s,
-        edges_hz,
-        np.ma.masked_invalid(level.T),
-        cmap=LEVELS_MAP,
-        rasterized=True,
-    )
     unit = f"dB re {hours[0].reference}".replace("1 uPa", "1 \u00b5Pa")
-    figure.colorbar(image, ax=upper, pad=0.01, label="median in a decidecade\n" + unit)
-    upper.set_facecolor(NO_SOUND)
-    FrequencyAxis(edges_hz[0], edges_hz[-1], is_log=True).set_axis(upper)
-    middle = 0.5 * (edges_s[1:] + edges_s[:-1])
-    lower.fill_between(middle, whole[:, 0], whole[:, 2], color=MEASURED, alpha=0.3, lw=0,
-                       step="mid")  # fmt: skip
-    lower.step(middle, whole[:, 1], where="mid", color=MEASURED, lw=1.0)
-    lower.set_ylabel(f"all bands, median\nand 10-90 % ({unit})", fontsize=8)
-    calm(lower)
-    clock, span_s = Clock(first * HOUR_NS), (0.0, float(edges_s[-1]))
-    for ax in (upper, lower):
-        clock.set_axis(ax, span_s, 8 if width_in > 0.7 * WIDE_IN else 4)
-    lower.set_xlabel(clock.label(span_s), fontsize=9)
-    return figure
+
+    def bands(ax: Axes) -> None:
+        bar = f"median in a decidecade\n{unit}"
+        draw_cells(ax, edges_s, edges_hz, level, (None, None), bar)
+        FrequencyAxis(edges_hz[0], edges_hz[-1], is_log=True).set_axis(ax)
+
+    def all_bands(ax: Axes) -> None:
+        calm(ax, f"all bands, median\nand 10-90 % ({unit})")
+        middle = 0.5 * (edges_s[1:] + edges_s[:-1])
+        ax.fill_between(middle, whole[:, 0], whole[:, 2], color=MEASURED, alpha=0.3,
+                        lw=0, step="mid")  # fmt: skip
+        ax.step(middle, whole[:, 1], where="mid", color=MEASURED, lw=1.0)
+
+    parts, span_s = [PagePart(2.6, bands), PagePart(1.3, all_bands)], (0.0, edges_s[-1])
+    clock = Clock(first * HOUR_NS)
+    return page_figure([], view, [timed(parts, view, clock, span_s)])
 
 
-def histogram_figure(
-    passages: Sequence[PassageRow], width_in: float, units: Units
-) -> "Figure":
+def histogram_figure(passages: Sequence[PassageRow], view: View) -> Figure:
     """Return how many passed at which hour, speed and range; who has none is counted."""
-    scale = KNOT_MPS if units == "kn" else 1.0
+    scale = KNOT_MPS if view.units == "kn" else 1.0
     hours = [parse_utc(p.time_utc) % DAY_NS / HOUR_NS for p in passages if p.time_utc]
     speeds = [p.speed_mps / scale for p in passages if p.speed_mps is not None]
     ranges = [p.slant_range_m for p in passages if p.slant_range_m is not None]
-    is_wide = width_in > 0.7 * WIDE_IN
-    figure = new_figure(width_in, 2.3 if is_wide else 6.0)
-    panels = np.ravel(figure.subplots(*((1, 3) if is_wide else (3, 1))))
+    figure = new_figure(view.width_in, 2.3 if view.is_wide else 6.0)
+    panels = np.ravel(figure.subplots(*((1, 3) if view.is_wide else (3, 1))))
     named = (
         (hours, "hour of the day (UTC)", np.arange(25.0)),
-        (speeds, f"speed ({units})", _bins(speeds)),
+        (speeds, f"speed ({view.units})", _bins(speeds)),
         (ranges, "range at closest approach (m)", _bins(ranges)),
     )
     for ax, (values, name, bins) in zip(panels, named, strict=True):
-        ax.hist(values, bins=bins, color=HEARD_COLOR, rwidth=0.85)
-        calm(ax)
+        calm(ax).hist(values, bins=list(bins), color=HEARD_COLOR, rwidth=0.85)
         missing = len(passages) - len(values)
         ax.set_xlabel(name + (f"; {missing} not known" if missing else ""), fontsize=8)
         ax.yaxis.get_major_locator().set_params(integer=True)
@@ -313,93 +295,55 @@ def _bins(values: Sequence[float]) -> FloatArray:
     return np.asarray(step * np.arange(int(top / step) + 2))
 
 
-def map_figure(ways: Sequence[PassageRow], width_in: float) -> "Figure":
+def map_figure(ways: Sequence[PassageRow], view: View) -> Figure:
     """Return the ways of passages past their sensors, which are the origin."""
-    is_wide = width_in > 0.7 * WIDE_IN
-    figure = new_figure(width_in, 5.0 if is_wide else width_in)
-    ax = stacked(figure, 1.0)[0].subplots()
+    figure = new_figure(view.width_in, 5.0 if view.is_wide else view.width_in)
+    ax = figure.subplots()
     for number, row in enumerate(ways, 1):
         distance = row.horizontal_range_m or row.slant_range_m or 0.0
+        bearing = LABELS_DEG * number if row.bearing_deg is None else row.bearing_deg
+        place = distance * axes_of(bearing)[:, 0]
         if row.bearing_deg is None or row.course_deg is None:
             draw_circle(ax, distance, 0.0, number)
-            place = np.array([0.0, distance])
-            name_place(ax, place, str(number), contact_color(number), (1, 2))
-            continue
-        bearing = np.radians(row.bearing_deg)
-        place = distance * np.array([np.sin(bearing), np.cos(bearing)])
-        draw_way(ax, place, row.course_deg, 2.0 * distance, number)
+        else:
+            draw_way(ax, place, row.course_deg, 2.0 * distance, number)
         name_place(ax, place, str(number), contact_color(number), (4, 4))
     ax.plot(0.0, 0.0, "k^", ms=7)
-    fit_limits(ax, 0.9 * width_in / 4.5 if is_wide else 1.0)
+    fit_limits(ax, 0.9 * view.width_in / 4.5 if view.is_wide else 1.0)
     furnish(ax)
     return figure
 
 
-def _heads(units: Units) -> tuple[Head, ...]:
-    return (
-        Head(f"speed {units}", "speed", 2 if units == "m/s" else 1, "speed_std"),
-        Head("range m", "slant_range_m", 0, "slant_range_std_m"),
-        Head("course deg", "course_deg", 0, "course_std_deg"),
-        Head("level dB", "received_level_db", 1, "received_level_std_db"),
-    )
-
-
-def _tables(deployment: Deployment, units: Units) -> Iterator[Block]:
+def _tables(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
     """Yield the counts per day and vessel, and all passages; the counts add up."""
-    passages = deployment.passages
-    if not passages:
-        return
-    yield "heading", "Days"
-    hours = hours_per_day(deployment.sound)
+    passages, hours = deployment.passages, hours_per_day(deployment.sound)
     counts = Counter((p.time_utc or "unknown")[:10] for p in passages)
     days = [
         (day, f"{hours[day]:.1f}" if day in hours else NOT_KNOWN, str(counts[day]))
         for day in sorted(hours.keys() | counts.keys())
     ]
-    total: tuple[str, ...] = (
-        "all", f"{sum(hours.values()):.1f}", str(len(passages))
-    )  # fmt: skip
-    heads: tuple[str, ...] = ("day", "sound h", "passages")
-    yield "table", {"heads": heads, "rows": days, "total": total}
+    yield {
+        "heading": "Days", "heads": ("day", "sound h", "passages"), "rows": days,
+        "total": ("all", f"{sum(hours.values()):.1f}", str(len(passages))),
+    }  # fmt: skip
     vessels = Counter(p.vessel or "" for p in passages).most_common()
     if any(name for name, _ in vessels):
-        yield "heading", "Vessels"
-        rows = [(name or "not named", str(count)) for name, count in vessels]
-        total = ("all", str(len(passages)))
-        yield "table", {"heads": ("vessel", "passages"), "rows": rows, "total": total}
-    yield "heading", "Passages"
-    cells = [_cells(row, k, units) for k, row in enumerate(passages[:MOST_PASSAGES], 1)]
-    titles = [head.title for head in _heads(units)]
-    heads = ("passage", "time UTC", "sensor", "vessel", "status", *titles, "result")
-    columns = zip(heads, zip(*cells, strict=True), strict=True)
-    known = [(head, column) for head, column in columns if set(column) != {NOT_KNOWN}]
-    rows_known = list(zip(*(column for _, column in known), strict=True))
-    yield "table", {"heads": [head for head, _ in known], "rows": rows_known}
-    if len(passages) > MOST_PASSAGES:
-        yield (
-            "text",
-            f"{len(passages) - MOST_PASSAGES} more: uwtrack passages lists them.",
+        yield {
+            "heading": "Vessels", "heads": ("vessel", "passages"),
+            "rows": [(name or "not named", str(count)) for name, count in vessels],
+            "total": ("all", str(len(passages))),
+        }  # fmt: skip
+    listed = [asdict(row) for row in passages[:MOST_PASSAGES]]
+    for row in listed:
+        row["recording"] = row["file"].rpartition("/")[2]
+    known = {"passage": tuple(str(k + 1) for k in range(len(listed)))}
+    known |= passage_columns(listed, units)
+    known.pop("contact", None)
+    if "level dB" in known:  # the two references never mix
+        known["level dB"] = tuple(
+            f"{cell} re {row['level_reference']}" if row["level_reference"] else cell
+            for cell, row in zip(known["level dB"], listed, strict=True)
         )
-
-
-def when_of(row: PassageRow) -> str:
-    """Return when a passage was: UTC, or seconds from the first sample."""
-    if row.time_utc:
-        return utc_text(row.time_utc)
-    return NOT_KNOWN if row.time_s is None else f"{row.time_s:.1f} s"
-
-
-def _cells(row: PassageRow, number: int, units: Units) -> tuple[str, ...]:
-    name = row.vessel or NOT_KNOWN
-    if row.vessel_probability is not None:
-        name += f" {100 * row.vessel_probability:.0f} %"
-    scale = KNOT_MPS if units == "kn" else 1.0
-    facts = asdict(row)
-    for key in ("speed", "speed_std"):
-        value = facts[f"{key}_mps"]
-        facts[key] = None if value is None else value / scale
-    numbers = [head.text(facts) for head in _heads(units)]
-    if numbers[-1] != NOT_KNOWN and row.level_reference:
-        numbers[-1] += f" re {row.level_reference}"  # the two never mix
-    file = row.file.rpartition("/")[2]
-    return (str(number), when_of(row), row.sensor, name, row.status, *numbers, file)
+    rows = list(zip(*known.values(), strict=True))
+    heads = [{"recording": "result"}.get(head, head) for head in known]
+    yield {"heading": "Passages", "heads": heads, "rows": rows}

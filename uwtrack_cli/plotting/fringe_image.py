@@ -10,17 +10,14 @@ vessel: only the time that sound takes depends on it. Curves are those of a mirr
 waveguide's lie a few percent beside them.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import MIDDLE, STEP_DB, Fringes
 from uwtrack_cli.motion.evidence.fringe_template import Hypothesis, relative_range
 from uwtrack_cli.plotting.picture import cell_edges
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from uwtrack_cli.plotting.style import Span, draw_cells, within
 
 MOST_ROWS = 300
 """Rows that are drawn."""
@@ -43,7 +40,7 @@ USUAL_MACH = 0.0037
 
 
 def has_pattern(
-    fringes: Fringes, span_s: tuple[float, float], passage: tuple[float, float, float]
+    fringes: Fringes, span_s: Span, passage: tuple[float, float, float]
 ) -> bool:
     """Tell whether a stretch has a pattern that moves as a passage says.
 
@@ -75,11 +72,9 @@ def _law(passage: tuple[float, float, float]) -> Hypothesis:
     return Hypothesis(at_s, width_s, mach=known)
 
 
-def _image(
-    fringes: Fringes, span_s: tuple[float, float]
-) -> tuple[FloatArray, FloatArray] | None:
+def _image(fringes: Fringes, span_s: Span) -> tuple[FloatArray, FloatArray] | None:
     """Return times and rows of the image of a stretch, each cell in its own noise."""
-    inside = (fringes.time_s >= span_s[0]) & (fringes.time_s <= span_s[1])
+    inside = within(fringes.time_s, span_s)
     rows = np.flatnonzero(inside & (fringes.shade[:, :1] > 0).any(axis=1))
     if rows.size < 2 or not fringes.frequency_hz.size:
         return None
@@ -95,11 +90,11 @@ def _image(
 
 
 def draw_fringes(
-    ax: "Axes",
+    ax: Axes,
     fringes: Fringes,
-    span_s: tuple[float, float],
+    span_s: Span,
     passages: list[tuple[float, float, float]],
-) -> "Axes":
+) -> Axes:
     """Draw the image of a stretch, and the curves of passages over it.
 
     ``span_s``: begin and end, s. ``passages``: time and range over speed of each, s, and
@@ -112,10 +107,8 @@ def draw_fringes(
     if found is None:
         return ax
     time_s, image = found
-    ax.pcolormesh(
-        cell_edges(time_s), np.exp(cell_edges(np.log(frequency))), image.T,
-        cmap="RdBu_r", vmin=-NOISES, vmax=NOISES, rasterized=True,
-    )  # fmt: skip
+    edges = cell_edges(time_s), np.exp(cell_edges(np.log(frequency)))
+    draw_cells(ax, *edges, image, (-NOISES, NOISES), cmap="RdBu_r")
     ax.set_yticks(TICKS_HZ, [str(tick) for tick in TICKS_HZ], fontsize=8)
     ax.minorticks_off()
     ax.set_ylim(frequency[0], frequency[-1])

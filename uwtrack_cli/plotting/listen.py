@@ -15,7 +15,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.audio.recording_file import flac_bytes
 from uwtrack_cli.plotting.html_page import data_address
-from uwtrack_cli.plotting.passage_fit import PassagePage, ReportedPassage
+from uwtrack_cli.plotting.passage_fit import ReportedPassage, shown_span
 from uwtrack_cli.plotting.view import Scene, View
 
 LONGEST_S = 60.0
@@ -45,14 +45,13 @@ class Ear:
         if recording is None or recording.reader is None or encounters is None:
             return None
         fit = ReportedPassage(encounters, row)
-        span_s = PassagePage(scene, fit, View()).span_s()
+        span_s = shown_span(scene, fit, View())
         middle = float(np.clip(fit.marked_s, *span_s))
         begin = max(span_s[0], middle - 0.5 * LONGEST_S)
         end = min(span_s[1], middle + 0.5 * LONGEST_S)
         lines = encounters.rest_frequency_hz[fit.rest_rows]
-        low, high = USUAL_HZ
-        if lines.size:
-            low, high = float(lines.min()) / REACH, float(lines.max()) * REACH
+        low, high = lines.min(initial=np.inf) / REACH, lines.max(initial=0.0) * REACH
+        low, high = (low, high) if lines.size else USUAL_HZ
         high = min(high, 0.5 * recording.sample_rate_hz)
         try:
             samples = recording.stretch(begin, end)[:, 0]

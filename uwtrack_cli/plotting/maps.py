@@ -1,9 +1,9 @@
 """Maps: the way of a vessel past a sensor, and several sensors with their positions."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.data.base import FloatArray
@@ -21,9 +21,6 @@ from uwtrack_cli.plotting.style import (
     name_place,
 )
 from uwtrack_cli.plotting.view import Scene
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 REACH = 2.5
 """Ranges on either side of the closest approach that are shown."""
@@ -51,58 +48,56 @@ def range_m(encounters: Encounters, row: int) -> float:
     return known if np.isfinite(known) else float(encounters.slant_range_m[row])
 
 
+def axes_of(bearing_deg: float) -> FloatArray:
+    """Return the unit vectors along a bearing and across it, east and north, as columns."""
+    angle = np.radians(bearing_deg)
+    return np.array([[np.sin(angle), np.cos(angle)], [np.cos(angle), -np.sin(angle)]])
+
+
 def place_of(encounters: Encounters, row: int) -> tuple[FloatArray, FloatArray]:
     """Return the place at closest approach from the sensor, m, and its covariance."""
-    distance = range_m(encounters, row)
-    bearing = np.radians(encounters.bearing_deg[row])
-    along = np.array([np.sin(bearing), np.cos(bearing)])
-    across = np.array([along[1], -along[0]])
-    across_std = distance * np.radians(encounters.bearing_std_deg[row])
-    range_std = float(encounters.slant_range_std_m[row])
-    covariance = range_std**2 * np.outer(along, along)
-    covariance = covariance + across_std**2 * np.outer(across, across)
-    return distance * along, covariance
+    distance, axes = range_m(encounters, row), axes_of(encounters.bearing_deg[row])
+    across_m = distance * np.radians(encounters.bearing_std_deg[row])
+    spread = np.diag([encounters.slant_range_std_m[row], across_m]) ** 2
+    return distance * axes[:, 0], np.asarray(axes @ spread @ axes.T)
 
 
-def draw_map(scene: Scene, fit: ReportedPassage, ax: "Axes") -> "Axes":
+def draw_map(scene: Scene, fit: ReportedPassage, ax: Axes) -> Axes:
     """Draw the way of a vessel past a sensor, north up, with scale and region.
 
     Another solution of its side is drawn dotted; the way by AIS is grey. Without a
     direction the range is a circle with its band.
     """
-    found, row = fit.encounters, fit.row
-    distance = range_m(found, row)
+    found, row, color = fit.encounters, fit.row, contact_color(fit.number)
+    distance, course = range_m(found, row), float(found.course_deg[row])
     reach = REACH * max(distance, 1.0)
+    middle: FloatArray = np.zeros(2)
+    std = np.nan_to_num(float(found.slant_range_std_m[row]))
+    half = 1.35 * max(distance + min(BAND_DEVIATIONS * std, distance), 1.0)
     ax.plot(0.0, 0.0, "^", ms=7, color="black")
     name_place(ax, np.zeros(2), str(found.sensor[row]), "black", (6, -10))
     if has_map(found, row):
         place, covariance = place_of(found, row)
-        ends = draw_way(ax, place, float(found.course_deg[row]), reach, fit.number)
-        draw_ellipse(ax, place, covariance, contact_color(fit.number))
-        ax.plot(*place, "o", ms=3.5, color=contact_color(fit.number))
+        ends = draw_way(ax, place, course, reach, fit.number)
+        draw_ellipse(ax, place, covariance, color)
+        ax.plot(*place, "o", ms=3.5, color=color)
         if found.ambiguities(row):
-            ax.plot(*(-ends).T, ":", color=contact_color(fit.number), lw=1.0)
+            ax.plot(*(-ends).T, ":", color=color, lw=1.0)
         middle, half = 0.5 * place, 1.05 * reach
     else:
-        std = np.nan_to_num(float(found.slant_range_std_m[row]))
         draw_circle(ax, distance, std, fit.number)
-        ax.text(0.5, 0.99, NO_DIRECTION, transform=ax.transAxes, ha="center", va="top",
-                fontsize=8, color=MEASURED)  # fmt: skip
-        middle = np.zeros(2)
-        half = 1.35 * max(distance + min(BAND_DEVIATIONS * std, distance), 1.0)
+        ax.set_title(NO_DIRECTION, fontsize=8, color=MEASURED)
     _draw_tracks(scene, fit, ax, reach)
     ax.set(xlim=(middle[0] - half, middle[0] + half))
     ax.set(ylim=(middle[1] - half, middle[1] + half))
-    furnish(ax)
-    return ax
+    return furnish(ax)
 
 
 def draw_way(
-    ax: "Axes", place: FloatArray, course_deg: float, reach_m: float, number: int
+    ax: Axes, place: FloatArray, course_deg: float, reach_m: float, number: int
 ) -> FloatArray:
     """Draw a straight way through a place with its direction; return its ends, m."""
-    color, course = contact_color(number), np.radians(course_deg)
-    heading = np.array([np.sin(course), np.cos(course)])
+    color, heading = contact_color(number), axes_of(course_deg)[:, 0]
     ends = np.stack([place - reach_m * heading, place + reach_m * heading])
     ax.plot(*ends.T, color=color, lw=1.2, linestyle=contact_dash(number))
     arrow = place + 0.4 * reach_m * heading, place + 0.62 * reach_m * heading
@@ -110,18 +105,17 @@ def draw_way(
     return ends
 
 
-def draw_circle(ax: "Axes", range_m: float, std_m: float, number: int) -> None:
+def draw_circle(ax: Axes, range_m: float, std_m: float, number: int) -> None:
     """Draw the range of a vessel whose direction is not known, with its band, m."""
-    color, angle = contact_color(number), np.linspace(0.0, 2 * np.pi, 181)
-    around = np.stack([np.sin(angle), np.cos(angle)])
-    half = BAND_DEVIATIONS * std_m
+    color, half = contact_color(number), BAND_DEVIATIONS * std_m
+    around = np.stack([axes_of(angle)[:, 0] for angle in range(0, 361, 2)], 1)
     inner, outer = max(range_m - half, 0.0) * around, (range_m + half) * around
     ax.plot(*(range_m * around), color=color, lw=1.2, linestyle=contact_dash(number))
     ring = np.concatenate([outer, inner[:, ::-1]], axis=1)
     ax.fill(*ring, color=color, alpha=0.2, lw=0)
 
 
-def fit_limits(ax: "Axes", ratio: float) -> None:
+def fit_limits(ax: Axes, ratio: float) -> None:
     """Show all that a map holds, in a panel of a given ratio of width to height."""
     box = ax.dataLim
     middle = (0.5 * (box.x0 + box.x1), 0.5 * (box.y0 + box.y1))
@@ -130,12 +124,11 @@ def fit_limits(ax: "Axes", ratio: float) -> None:
     ax.set_ylim(middle[1] - half_y, middle[1] + half_y)
 
 
-def furnish(ax: "Axes") -> None:
+def furnish(ax: Axes) -> Axes:
     """Give a map whose limits are set equal scales, a north arrow and a scale bar."""
-    calm(ax)
+    calm(ax, "north (m)")
     ax.set_aspect("equal", adjustable="box")
     ax.set_xlabel("east (m)", fontsize=8)
-    ax.set_ylabel("north (m)", fontsize=8)
     ax.tick_params(labelsize=7)
     ax.annotate(
         "N", (0.95, 0.98), (0.95, 0.86), xycoords="axes fraction", fontsize=8,
@@ -151,6 +144,7 @@ def furnish(ax: "Axes") -> None:
     name = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
     ax.text(0.04 + 0.5 * share, 0.065, name, ha="center", fontsize=8,
             transform=ax.transAxes)  # fmt: skip
+    return ax
 
 
 def scale_length(most_m: float) -> float:
@@ -165,9 +159,7 @@ def scale_length(most_m: float) -> float:
     return float(max(n * power for n in NICE if n * power <= most_m * (1 + 1e-9)))
 
 
-def _draw_tracks(
-    scene: Scene, fit: ReportedPassage, ax: "Axes", reach_m: float
-) -> None:
+def _draw_tracks(scene: Scene, fit: ReportedPassage, ax: Axes, reach_m: float) -> None:
     """Draw where AIS says that vessels were about the time of the passage."""
     for track in scene.tracks:
         east, north = track.first, track.second
@@ -194,7 +186,7 @@ def has_sensor_map(scenes: Sequence[Scene]) -> bool:
     )
 
 
-def draw_sensor_map(scenes: Sequence[Scene], ax: "Axes", ratio: float) -> "Axes":
+def draw_sensor_map(scenes: Sequence[Scene], ax: Axes, ratio: float) -> Axes:
     """Draw sensors, ways through the closest approaches, and positions.
 
     The grid is that of the positions; without positions, metres from the first sensor.
@@ -219,8 +211,7 @@ def draw_sensor_map(scenes: Sequence[Scene], ax: "Axes", ratio: float) -> "Axes"
         ax.plot(*home, "k^", ms=7)
         name_place(ax, np.array(home), name, "black", (6, 5))
     fit_limits(ax, ratio)
-    furnish(ax)
-    return ax
+    return furnish(ax)
 
 
 def sensor_places(
@@ -247,7 +238,7 @@ def sensor_places(
     }
 
 
-def _draw_fixes(scene: Scene, fixes: Fixes, ax: "Axes") -> None:
+def _draw_fixes(scene: Scene, fixes: Fixes, ax: Axes) -> None:
     for k in range(fixes.time_s.size):
         contact = int(fixes.contact[k])
         color = contact_color(scene.number(contact))

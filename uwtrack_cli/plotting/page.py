@@ -13,9 +13,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
@@ -38,9 +39,6 @@ from uwtrack_cli.plotting.table_pages import decision_figure, target_figure
 from uwtrack_cli.plotting.target_motion_page import target_motion_figure
 from uwtrack_cli.plotting.view import DPI, Scene, View
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 SUFFIXES = (".png", ".pdf", ".svg")
 
 HEARD = (Overview, BearingTime, Levels, Lines, Presence, Fixes)
@@ -56,7 +54,7 @@ class Page(NamedTuple):
     """Sensor; None where it does not matter."""
     contact: int | None
     """Contact; None for all."""
-    draw: Callable[[View], "Figure"]
+    draw: Callable[[View], Figure]
     """Draws it."""
     number: int | None = None
     """Number of the passage, by time from 1; None if it is of none."""
@@ -102,11 +100,9 @@ def pages_of(
         return [Page("demon", s.sensor, None, partial(demon_figure, s)) for s in scenes]
     pages = []
     if any(isinstance(c, Target) for c in containers):
-        pages.append(Page("target", None, None, lambda _: target_figure(containers)))
+        pages.append(Page("target", None, None, partial(target_figure, whole)))
     if any(isinstance(c, Decision) for c in containers):
-        pages.append(
-            Page("decision", None, None, lambda _: decision_figure(containers))
-        )
+        pages.append(Page("decision", None, None, partial(decision_figure, whole)))
     motions = whole.first(Motions)
     is_array = any(isinstance(c, BearingTime) for c in containers)
     is_heard = any(isinstance(c, HEARD) for c in containers)
@@ -183,7 +179,7 @@ def draw_page(
     is_demon: bool = False,
     overwrite: bool = False,
     **how: Any,
-) -> "Figure":
+) -> Figure:
     """Draw one page of containers, and write it where it has a name.
 
     ``how``: fields of a `View`.
@@ -262,7 +258,7 @@ def write_pages(
                 document.savefig(figure, dpi=view.dpi or 2 * DPI)
 
 
-def save_figure(figure: "Figure", file: IO[bytes], form: str, dpi: float) -> None:
+def save_figure(figure: Figure, file: IO[bytes], form: str, dpi: float) -> None:
     """Write a page as PNG or SVG, with what it shows in words, and without a date."""
     import matplotlib as mpl
 
@@ -273,14 +269,14 @@ def save_figure(figure: "Figure", file: IO[bytes], form: str, dpi: float) -> Non
         figure.savefig(file, format=form, dpi=dpi, metadata={**told, **more})
 
 
-def _lay_out(figure: "Figure", dpi: float) -> None:
+def _lay_out(figure: Figure, dpi: float) -> None:
     """Give the panels their places, which the solver leaves open in the last digits."""
     engine = figure.get_layout_engine()
     if engine is None:
         return
     figure.set_dpi(dpi)
     engine.execute(figure)
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)  # one that is left would have all drawn twice
     parts = list(figure.subfigs)
     while parts:
         part = parts.pop()
@@ -291,7 +287,7 @@ def _lay_out(figure: "Figure", dpi: float) -> None:
         ax.set_position(tuple(place))
 
 
-def png_of(figure: "Figure", dpi: float = DPI) -> bytes:
+def png_of(figure: Figure, dpi: float = DPI) -> bytes:
     """Return a page as PNG."""
     picture = io.BytesIO()
     save_figure(figure, picture, "png", dpi)

@@ -1,10 +1,13 @@
 """Pages of panels below each other: a title, panels with one time axis."""
 
+import re
 from collections.abc import Callable, Sequence
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.style import (
@@ -18,20 +21,21 @@ from uwtrack_cli.plotting.style import (
 )
 from uwtrack_cli.plotting.view import View
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
 TITLE_PT, LINE_PT, COLUMN_PT = 12.0, 9.0, 7.5
 """Size of the title, of the lines below it, and of both in the column of a paper."""
 
-POINT_CHARACTERS = 118.0
-"""Characters in an inch, times their size in points."""
+POINT_CHARACTERS, BOLD_CHARACTERS = 118.0, 102.0
+"""Characters in an inch, times their size in points, and of those that are bold."""
+
+WITHIN_VALUE = re.compile(
+    r" (?=\u00b1)|(?<=\u00b1) |(?<=\d) (?=(?:kn|m|m/s|s|deg|Hz|UTC)\b)"
+)
+"""Spaces at which no line ends: within a value with its deviation and unit."""
 
 LEAST_SHARE = 0.8
 """Share of its usual height that a panel needs on a page whose height is given."""
 
-Panel = Callable[["Axes"], Any]
+Panel = Callable[[Axes], Any]
 
 
 class PagePart(NamedTuple):
@@ -68,52 +72,94 @@ def span_title(span_s: tuple[float, float], clock: Clock, names: Sequence[str]) 
     return "   ".join([f"{span} {unit}", ", ".join(dict.fromkeys(names))]).strip()
 
 
-def titled_figure(
-    heads: Sequence[HeadLine], view: View, body_in: float
-) -> tuple["Figure", "SubFigure"]:
-    """Return a page with its title, and the part of it below the title.
+class PageBlock(NamedTuple):
+    """A part of a page below its title."""
 
-    ``body_in``: height of the part below the title, inches, unless the view has a height
-    of the page, which leaves it at least half.
+    height: float
+    """Height, inches."""
+    draw: Callable[[SubFigure], Any]
+    """Draws it."""
+
+
+def page_figure(
+    heads: Sequence[HeadLine],
+    view: View,
+    blocks: Sequence[PageBlock],
+    widths: Sequence[float] = (),
+) -> Figure:
+    """Return a page: a title, and blocks below each other.
+
+    ``widths``: where the blocks stand beside each other, in these ratios. A height of the
+    page that the view has is kept, and leaves the blocks at least half.
     """
-    if not view.stands_alone:
-        figure = new_figure(view.width_in, body_in)
-        figure.set_label(". ".join(head.text for head in heads))
-        return figure, stacked(figure, body_in)[0]
+    heights = [block.height for block in blocks]
+    body_in, head_in = max(heights) if widths else sum(heights), 0.0
+    lines = _head_lines(heads, view) if view.stands_alone else []
+    if lines:
+        head_in = sum(step for *_, step in lines) + 0.12
+        if view.height_in is not None:
+            body_in = max(0.5 * view.height_in, view.height_in - head_in)
+            head_in = view.height_in - body_in
+    figure = new_figure(view.width_in, head_in + body_in)
+    figure.set_label(". ".join(head.text for head in heads))
+    *upper, body = _parts(figure, [head_in, body_in] if lines else [body_in])
+    for part in upper:
+        _write_heads(part, lines, view.width_in, head_in)
+    parts = (
+        body.subfigures(1, len(widths), squeeze=False, width_ratios=widths)[0]
+        if widths
+        else _parts(body, heights)
+    )
+    for block, part in zip(blocks, parts, strict=True):
+        block.draw(part)
+    return figure
+
+
+def _parts(figure: Figure | SubFigure, heights: Sequence[float]) -> list[SubFigure]:
+    """Return parts of a page below each other, with heights in given ratios."""
+    parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)
+    return list(parts[:, 0])
+
+
+def _head_lines(
+    heads: Sequence[HeadLine], view: View
+) -> list[tuple[HeadLine, float, float]]:
+    """Return the lines of a title as they fit the page, their sizes and steps."""
     is_column = view.width_in < NARROW_IN
     title_pt, line_pt = (
         (COLUMN_PT + 1.5, COLUMN_PT) if is_column else (TITLE_PT, LINE_PT)
     )
-    lines = [
-        (head._replace(text=text, number=0 if part else head.number), place == 0, size)
+    return [
+        (head._replace(text=text.replace("\u00a0", " "), number=0 if part else head.number), size,
+         size * 1.45 / 72)
         for place, head in enumerate(heads)
         for size in [line_pt if place else title_pt]
+        for bold in [head.warns or not place]
+        for room in [view.width_in * (BOLD_CHARACTERS if bold else POINT_CHARACTERS)]
         for part, text in enumerate(
-            wrap(head.text, int(view.width_in * POINT_CHARACTERS / size))
+            wrap(WITHIN_VALUE.sub("\u00a0", head.text), int(room / size))
         )
-    ]
-    sizes = [size for _, _, size in lines]
-    steps = [size * 1.45 / 72 for size in sizes]
-    head_in = sum(steps) + 0.12
-    if view.height_in is not None:
-        body_in = max(0.5 * view.height_in, view.height_in - head_in)
-        head_in = view.height_in - body_in
-    figure = new_figure(view.width_in, head_in + body_in)
-    upper, body = stacked(figure, head_in, body_in)
-    down = 0.06
-    for (head, is_title, size), step in zip(lines, steps, strict=True):
-        left, top = 0.12 / view.width_in, 1.0 - down / head_in
+    ]  # fmt: skip
+
+
+def _write_heads(
+    upper: SubFigure,
+    lines: Sequence[tuple[HeadLine, float, float]],
+    width_in: float,
+    height_in: float,
+) -> None:
+    down, title_pt = 0.06, lines[0][1]
+    for head, size, step in lines:
+        left, top, is_title = 0.12 / width_in, 1.0 - down / height_in, size == title_pt
         if head.number:
             badge(upper, head.number, (left, top), va="top")
+            left += 0.25 / width_in
         upper.text(
-            left + (0.25 / view.width_in if head.number else 0.0), top,
-            figure_text(head.text), va="top", fontsize=size,
+            left, top, figure_text(head.text), va="top", fontsize=size,
             fontweight="bold" if is_title or head.warns else "normal",
             color=WARNING if head.warns else "black" if is_title else MEASURED,
         )  # fmt: skip
         down += step
-    figure.set_label(". ".join(head.text for head in heads))
-    return figure, body
 
 
 def fitting(parts: Sequence[PagePart], view: View) -> list[PagePart]:
@@ -135,7 +181,7 @@ def badge(owner: Any, number: int, place: tuple[float, float], **more: Any) -> N
     )  # fmt: skip
 
 
-def alternative_text(figure: "Figure") -> str:
+def alternative_text(figure: Figure) -> str:
     """Say what a page shows, for who cannot see it: its title and its panels."""
     names = (ax.get_ylabel() or ax.get_xlabel() for ax in figure.axes
              if ax.get_label() != "<colorbar>")  # fmt: skip
@@ -143,35 +189,27 @@ def alternative_text(figure: "Figure") -> str:
     return f"{figure.get_label()}. Panels: {', '.join(shown)}."
 
 
-def stacked(figure: "Figure | SubFigure", *heights: float) -> "list[SubFigure]":
-    """Return parts of a page below each other, with heights in these ratios."""
-    parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)
-    return list(np.ravel(parts))
+def timed(
+    parts: Sequence[PagePart],
+    view: View,
+    clock: Clock,
+    span_s: tuple[float, float],
+    ticks: int | None = None,
+) -> PageBlock:
+    """Return panels below each other with one time axis, named at the last one.
 
-
-def side_by_side(figure: "Figure | SubFigure", *widths: float) -> "list[SubFigure]":
-    """Return parts of a page beside each other, with widths in these ratios."""
-    parts = figure.subfigures(1, len(widths), width_ratios=widths, squeeze=False)
-    return list(np.ravel(parts))
-
-
-def draw_parts(
-    parts: Sequence[PagePart], figure: "SubFigure", clock: Clock,
-    span_s: tuple[float, float], ticks: int,
-) -> "list[Axes]":  # fmt: skip
-    """Draw panels below each other with one time axis, named at the last one.
-
-    ``span_s``: begin and end of the axis, s. ``ticks``: ticks that it has room for.
+    ``span_s``: begin and end of the axis, s. ``ticks``: ticks that it has room for; None
+    is as many as the view has.
     """
-    if not parts:
-        return []
-    heights = [part.height for part in parts]
-    grid = figure.subplots(len(parts), 1, height_ratios=heights, squeeze=False)
-    panels = list(grid[:, 0])
-    for panel, part in zip(panels, parts, strict=True):
-        clock.set_axis(panel, span_s, ticks)
-        part.draw(panel)
-        panel.set_xlim(*span_s)
-        panel.tick_params(labelbottom=panel is panels[-1])
-    panels[-1].set_xlabel(clock.label(span_s), fontsize=9)
-    return panels
+
+    def draw(figure: SubFigure) -> None:
+        heights = [part.height for part in parts]
+        grid = figure.subplots(len(parts), 1, height_ratios=heights, squeeze=False)
+        for part, panel in zip(parts, grid[:, 0], strict=True):
+            clock.set_axis(panel, span_s, ticks or view.ticks)
+            part.draw(panel)
+            panel.set_xlim(*span_s)
+            panel.tick_params(labelbottom=part is parts[-1])
+        panel.set_xlabel(clock.label(span_s), fontsize=9)
+
+    return PageBlock(sum(part.height for part in parts) + 0.5, draw)

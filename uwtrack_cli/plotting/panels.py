@@ -6,12 +6,16 @@ has the passage's number and colour; what belongs to none is white on a picture,
 grey. Bands are two standard deviations on either side.
 """
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.transforms import ScaledTranslation
 
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import KINDS, OF_VESSELS, Presence
@@ -35,15 +39,15 @@ from uwtrack_cli.plotting.picture import (
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     MEASURED,
+    Span,
     broken_bearing,
     calm,
     contact_color,
+    draw_band,
     text_on,
+    within,
 )
 from uwtrack_cli.plotting.view import Scene, View
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 WHOLE_IN, PART_IN, COMB_IN, RATES_IN, CURVE_IN = 2.5, 2.3, 1.9, 1.6, 1.1
 """Heights of the pictures of the whole band, of the lines' part of it, of a comb, of the
@@ -51,6 +55,9 @@ envelope, and of curves, inches."""
 
 MOST_POINTS = 1500
 """Points of a line or level that are drawn; of more, every so many-th."""
+
+LONE_IN = 3.4
+"""Height of the picture of the whole band where it has the lines, too, inches."""
 
 LASTING = 0.05
 """Share of what is drawn that a line must last to be no fragment."""
@@ -82,8 +89,6 @@ LEVEL_QUANTILES, LEVEL_BLOCKS = (0.1, 0.5, 0.9), 500
 USABLE_BEARING_DEG = 30.0
 """Deviation of a bearing up to which it is drawn."""
 
-Span = tuple[float, float]
-
 
 class Outlined(NamedTuple):
     """A line that is outlined."""
@@ -97,19 +102,37 @@ class Outlined(NamedTuple):
 
 
 def lofargram_parts(scene: Scene, view: View, span_s: Span) -> list[PagePart]:
-    """Return the picture of the whole band, and that of the lines' part enlarged."""
-    lines = outlined_lines(scene, view, span_s)
+    """Return the picture of the whole band, and that of the lines' part enlarged.
+
+    Where there is no picture, the lines are drawn by themselves.
+    """
+    lines, held = outlined_lines(scene, view, span_s), scene.first(Lines)
     known_hz = _known_band(scene, span_s)
     if known_hz is None:
-        return _lines_alone(lines, view)
+        every = [line.frequency_hz for line in lines]
+        if not every:
+            return []
+        low, high = view.band_hz or map(float, np.quantile(np.hstack(every), (0, 1)))
+        margin = 0.05 * (high - low) or 0.5
+        axis = FrequencyAxis(low - margin, high + margin, bool(view.is_log and low > 0))
+        return [PagePart(PART_IN, partial(_draw_lofargram, scene, None, axis, lines))]
     axis = choose_axis(known_hz, view)
     part = None if view.band_hz is not None else lines_part(lines, axis)
-    parts = [_picture_part(scene, span_s, axis, lines if part is None else [])]
+    shown: list[tuple[FrequencyAxis, float | None, list[Outlined], float]]
+    shown = [
+        (axis, None, [] if part else lines, LONE_IN if lines and not part else WHOLE_IN)
+    ]
     if part is not None and part.high_hz > part.low_hz:
-        held = scene.first(Lines)
         window_s = None if held is None else held.frames.window_s
-        parts.append(_picture_part(scene, span_s, part, lines, window_s))
-    return parts
+        shown.append((part, window_s, lines, PART_IN))
+    return [
+        PagePart(
+            height_in,
+            partial(_draw_lofargram, scene, picture_of(scene, one, span_s, window_s),
+                    one, own),
+        )
+        for one, window_s, own, height_in in shown
+    ]  # fmt: skip
 
 
 def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:
@@ -120,11 +143,9 @@ def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:
     if overview is None or not overview.shade.size:
         return None
     check_axes(overview, "time_s", "frequency_hz")
-    frequency = overview.frequency_hz
-    is_log = overview.reference != MODULATION and frequency.size > 1
-    return float(frequency[1 if is_log and frequency[0] <= 0 else 0]), float(
-        frequency[-1]
-    )
+    known = overview.frequency_hz
+    is_log = overview.reference != MODULATION and known.size > 1
+    return float(known[1 if is_log and known[0] <= 0 else 0]), float(known[-1])
 
 
 def _has_sound(scene: Scene, span_s: Span) -> bool:
@@ -156,50 +177,53 @@ def picture_of(
     return scene.once((axis, span_s, window_s), make)
 
 
-def _picture_part(
-    scene: Scene, span_s: Span, axis: FrequencyAxis,
-    lines: Sequence[Outlined], window_s: float | None = None,
-) -> PagePart:  # fmt: skip
-    picture = picture_of(scene, axis, span_s, window_s)
+def _draw_lofargram(
+    scene: Scene, picture: Picture | None, axis: FrequencyAxis,
+    lines: Sequence[Outlined], ax: Axes,
+) -> None:  # fmt: skip
+    """Draw a picture with lines as outlines; of many without a passage, their ends."""
     overview = scene.overview
-
-    def draw(ax: "Axes") -> None:
-        shown = axis
-        if picture is not None:
-            draw_picture(picture, ax)
-            shown = picture.axis
-        if overview is not None and overview.reference == MODULATION:
-            ax.set_ylabel("modulation rate (Hz)", fontsize=9)
-        _draw_outlines(lines, shown, ax)
-
-    is_alone = bool(lines) or window_s is None
-    height = PART_IN if window_s is not None else WHOLE_IN + (0.9 if lines else 0.0)
-    return PagePart(height if is_alone else PART_IN, draw)
+    if picture is None:
+        axis.set_axis(calm(ax))
+    else:
+        axis = picture.axis
+        draw_picture(picture, ax)
+    if overview is not None and overview.reference == MODULATION:
+        ax.set_ylabel("modulation rate (Hz)", fontsize=9)
+    is_crowd = sum(not line.number for line in lines) > MOST_OUTLINES
+    for line in lines:
+        if line.number or picture is None or not is_crowd:
+            _outline(line, axis, ax, is_over=picture is not None)
+            continue
+        for end, mark in ((0, ">"), (-1, "<")):
+            if axis.low_hz <= line.frequency_hz[end] <= axis.high_hz:
+                ax.plot(line.time_s[end], line.frequency_hz[end], mark, ms=3.0,
+                        color="white", alpha=0.8, mec="none")  # fmt: skip
 
 
 def outlined_lines(scene: Scene, view: View, span_s: Span) -> list[Outlined]:
     """Return the lines that are outlined: no fragments, unless all are asked for."""
+    key = ("lines", view.has_lines, span_s)
+    return scene.once(key, lambda: _outlined(scene, view.has_lines, span_s))
+
+
+def _outlined(scene: Scene, has_lines: bool | None, span_s: Span) -> list[Outlined]:
     lines = scene.first(Lines)
-    if lines is None or view.has_lines is False:
+    if lines is None or has_lines is False:
         return []
-    least_s = 0.0 if view.has_lines else LASTING * float(np.ptp(span_s))
+    least_s = 0.0 if has_lines else LASTING * float(np.ptp(span_s))
     order = np.argsort(lines.line, kind="stable")
     first = np.searchsorted(lines.line[order], lines.line_id, side="left")
     last = np.searchsorted(lines.line[order], lines.line_id, side="right")
     found: list[tuple[float, Outlined]] = []
     for begin, end, contact in zip(first, last, lines.line_contact, strict=True):
         rows = order[begin:end]
-        time_s = lines.time_s[rows]
-        rows = rows[(time_s >= span_s[0]) & (time_s <= span_s[1])]
+        rows = rows[within(lines.time_s[rows], span_s)]
         if rows.size and np.ptp(lines.time_s[rows]) >= least_s:
-            kept = rows[:: -(-rows.size // MOST_POINTS)]
-            own = (
-                lines.time_s[kept],
-                lines.frequency_hz[kept],
-                scene.number(int(contact)),
-            )
-            found.append((float(np.ptp(own[0])), Outlined(*own)))
-    if view.has_lines is None and len(found) > MOST_LINES:
+            kept, number = rows[:: -(-rows.size // MOST_POINTS)], scene.number(contact)
+            own = Outlined(lines.time_s[kept], lines.frequency_hz[kept], number)
+            found.append((float(np.ptp(own.time_s)), own))
+    if has_lines is None and len(found) > MOST_LINES:
         found = sorted(found, key=lambda one: -one[0])[:MOST_LINES]
     return [line for _, line in found]
 
@@ -226,67 +250,35 @@ def lines_part(lines: Sequence[Outlined], axis: FrequencyAxis) -> FrequencyAxis 
     return part if float(np.ptp(axis.share(ends))) < PART_SHARE else None
 
 
-def _draw_outlines(lines: Sequence[Outlined], axis: FrequencyAxis, ax: "Axes") -> None:
-    """Draw lines as outlines; of many without a passage, begin and end alone."""
-    is_crowd = sum(not line.number for line in lines) > MOST_OUTLINES
-    for line in lines:
-        if line.number or not is_crowd:
-            _outline(line, axis, ax)
-            continue
-        for end, mark in ((0, ">"), (-1, "<")):
-            if axis.low_hz <= line.frequency_hz[end] <= axis.high_hz:
-                ax.plot(line.time_s[end], line.frequency_hz[end], mark, ms=3.0,
-                        color="white", alpha=0.8, mec="none")  # fmt: skip
-
-
-def _outline(line: Outlined, axis: FrequencyAxis, ax: "Axes") -> None:
-    """Draw an edge on either side of a line, in the colour of its passage."""
-    from matplotlib.transforms import ScaledTranslation
-
-    inside = (line.frequency_hz >= axis.low_hz) & (line.frequency_hz <= axis.high_hz)
-    figure = ax.get_figure(root=True)
-    if figure is None or not inside.any():
-        return
-    color = contact_color(line.number) if line.number else "white"
+def _outline(
+    line: Outlined, axis: FrequencyAxis, ax: Axes, *, is_over: bool = True
+) -> None:
+    """Draw a line in the colour of its passage; over a picture an edge on either side."""
+    inside = within(line.frequency_hz, (axis.low_hz, axis.high_hz))
     frequency = np.where(inside, line.frequency_hz, np.nan)
+    if not is_over:
+        ax.plot(line.time_s, frequency, color=contact_color(line.number), lw=0.9)
+        return
+    color, alpha = contact_color(line.number) if line.number else "white", 0.4
+    dots = ax.figure.dpi_scale_trans
     for side in (-1.0, 1.0):
-        moved = ScaledTranslation(0, side * EDGE_PT / 72, figure.dpi_scale_trans)
-        ax.plot(line.time_s, frequency, transform=ax.transData + moved, color=color,
-                lw=0.7, alpha=0.9 if line.number else 0.4)  # fmt: skip
-
-
-def _lines_alone(lines: Sequence[Outlined], view: View) -> list[PagePart]:
-    """Return the lines where there is no picture."""
-    if not lines:
-        return []
-
-    def draw(ax: "Axes") -> None:
-        calm(ax)
-        for line in lines:
-            color = contact_color(line.number)
-            ax.plot(line.time_s, line.frequency_hz, lw=0.9, color=color)
-        if view.band_hz is not None:
-            ax.set_ylim(*view.band_hz)
-        if view.is_log:
-            ax.set_yscale("log")
-        ax.set_ylabel("frequency (Hz)", fontsize=9)
-
-    return [PagePart(PART_IN, draw)]
+        moved = ax.transData + ScaledTranslation(0, side * EDGE_PT / 72, dots)
+        ax.plot(line.time_s, frequency, transform=moved, color=color, lw=0.7,
+                alpha=0.9 if line.number else alpha)  # fmt: skip
 
 
 def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
     """Return the harmonics of the longest family over time, by their number."""
-    presence = scene.presence
+    presence, rows = scene.presence, scene.stretches(span_s)
     if presence is None:
         return []
-    inside = np.minimum(presence.to_s, span_s[1]) - np.maximum(
-        presence.from_s, span_s[0]
-    )
-    known = np.isfinite(presence.spacing_hz) & (presence.n_lines > 1) & (inside > 0.0)
-    known &= np.isin(presence.kind, list(OF_VESSELS))
-    if not known.any():
+    is_vessel = np.isin(presence.kind[rows], list(OF_VESSELS))
+    known = is_vessel & np.isfinite(presence.spacing_hz[rows])
+    rows = rows[known & (presence.n_lines[rows] > 1)]
+    if not rows.size:
         return []
-    row = int(np.argmax(np.where(known, inside, -np.inf)))
+    seen = np.clip([presence.from_s[rows], presence.to_s[rows]], *span_s)
+    row = int(rows[np.argmax(np.ptp(seen, axis=0))])
     spacing = float(presence.spacing_hz[row])
     own = presence.frequency_hz[presence.frequency_stretch == row] / spacing
     highest = min(HARMONICS, round(float(own.max(initial=4.0))) + 2)
@@ -295,11 +287,10 @@ def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
     band_hz = _known_band(scene, span_s)
     if band_hz is None or axis.high_hz > band_hz[1] or window_s * spacing < 2.0:
         return []
-    picture = picture_of(scene, axis, span_s, window_s)
-    if picture is None:
+    if (picture := picture_of(scene, axis, span_s, window_s)) is None:
         return []
 
-    def draw(ax: "Axes") -> None:
+    def draw(ax: Axes) -> None:
         draw_picture(picture, ax)
         numbers = range(1, highest + 1, 1 + highest // 9)
         ax.set_yticks([n * spacing for n in numbers], [f"{n}" for n in numbers])
@@ -324,27 +315,22 @@ def fringe_part(
 
 def presence_part(scene: Scene, span_s: Span) -> list[PagePart]:
     """Return bars of what was heard: a row for each vessel, and for each other kind."""
-    presence = scene.presence
-    if presence is None:
-        return []
-    near = (presence.to_s >= span_s[0]) & (presence.from_s <= span_s[1])
-    rows: dict[tuple[int, int, int], list[int]] = {}
-    for stretch in np.flatnonzero(near):
-        number = _owner(scene, presence, int(stretch))
-        kind = KINDS.index(presence.kind[stretch])
+    presence, rows = scene.presence, defaultdict[tuple[int, int, int], list[int]](list)
+    for stretch in scene.stretches(span_s).tolist():
+        assert presence is not None  # noqa: S101 - it has stretches
+        number = scene.owner(stretch)
         is_vessel = presence.kind[stretch] in OF_VESSELS
         contact = int(presence.contact[stretch]) if is_vessel else 0
-        key = (-1, number, 0) if number else (kind, 0, contact)
-        rows.setdefault(key, []).append(int(stretch))
-    if not rows:
+        kind = KINDS.index(presence.kind[stretch])
+        rows[(-1, number, 0) if number else (kind, 0, contact)].append(stretch)
+    if presence is None or not rows:
         return []
     order = sorted(rows, reverse=True)
 
-    def draw(ax: "Axes") -> None:
-        calm(ax)
-        ax.grid(visible=False, axis="y")
+    def draw(ax: Axes) -> None:
+        calm(ax).grid(visible=False, axis="y")
         for place, key in enumerate(order):
-            _draw_bars(presence, rows[key], key[1], place, span_s, ax)
+            _draw_bars(presence, rows[key], key[1], place, ax)
         names = [f"passage {key[1]}" if key[1] else KINDS[key[0]] for key in order]
         ax.set_yticks(range(len(order)), names, fontsize=7)
         ax.set_ylim(-0.6, len(order) - 0.4)
@@ -352,30 +338,18 @@ def presence_part(scene: Scene, span_s: Span) -> list[PagePart]:
     return [PagePart(0.28 + 0.17 * len(order), draw)]
 
 
-def _owner(scene: Scene, presence: Presence, stretch: int) -> int:
-    """Return the number of the passage that a stretch belongs to; 0 for none."""
-    own = int(presence.encounter[stretch]) or int(presence.contact[stretch])
-    return scene.number(own) if scene.encounters is not None else 0
-
-
 def _draw_bars(
-    presence: Presence,
-    rows: list[int],
-    number: int,
-    place: int,
-    span_s: Span,
-    ax: "Axes",
+    presence: Presence, rows: list[int], number: int, place: int, ax: Axes
 ) -> None:
     """Draw stretches in a row, those that overlap as one, with the longest's spacing."""
-    color, length_s = contact_color(number), float(np.ptp(span_s))
-    bars: list[tuple[float, float, list[int]]] = []
+    color, span_s = contact_color(number), ax.get_xlim()
+    length_s, bars = float(np.ptp(span_s)), list[tuple[float, float, list[int]]]()
     for row in sorted(rows, key=lambda row: float(presence.from_s[row])):
-        begin, end = float(presence.from_s[row]), float(presence.to_s[row])
+        begin, end, own = float(presence.from_s[row]), float(presence.to_s[row]), [row]
         if bars and begin <= bars[-1][1]:
-            first, last, own = bars.pop()
-            bars.append((first, max(last, end), [*own, row]))
-        else:
-            bars.append((begin, end, [row]))
+            begin, last, before = bars.pop()
+            end, own = max(last, end), [*before, row]
+        bars.append((begin, end, own))
     for begin, end, own in bars:
         ax.barh(
             place, max(end - begin, LEAST_SHARE * length_s), left=begin, height=0.66,
@@ -395,10 +369,9 @@ def _draw_bars(
 def rates_part(scene: Scene, span_s: Span) -> list[PagePart]:
     """Return the modulation rates that were heard, over the envelope's spectrum."""
     presence, envelope = scene.presence, scene.envelope
-    if presence is None or not presence.rate_hz.size:
+    if presence is None:
         return []
-    owner = presence.rate_stretch
-    near = (presence.to_s[owner] >= span_s[0]) & (presence.from_s[owner] <= span_s[1])
+    near = np.isin(presence.rate_stretch, scene.stretches(span_s))
     if not near.any():
         return []
     axis = FrequencyAxis(0.0, 1.25 * float(presence.rate_hz[near].max()), is_log=False)
@@ -406,43 +379,29 @@ def rates_part(scene: Scene, span_s: Span) -> list[PagePart]:
     if envelope is not None and envelope is not scene.overview:
         picture = overview_picture(envelope, axis, span_s)
 
-    def draw(ax: "Axes") -> None:
-        calm(ax)
+    def draw(ax: Axes) -> None:
         if picture is not None:
             draw_picture(picture, ax)
-        axis.set_axis(ax)
+        axis.set_axis(ax if picture else calm(ax))
         ax.set_ylabel("modulation\nrate (Hz)", fontsize=8)
-        is_over = picture is not None
-        _draw_rates(scene, presence, np.flatnonzero(near), axis, ax, is_over=is_over)
+        rows = np.flatnonzero(near)
+        rows = rows[np.argsort(presence.rate_hz[rows], kind="stable")]
+        below, place, is_over = -np.inf, 0, picture is not None
+        for row in rows:
+            stretch, rate = int(presence.rate_stretch[row]), presence.rate_hz[row]
+            ends = np.clip([presence.from_s[stretch], presence.to_s[stretch]], *span_s)
+            line = Outlined(ends, np.full(2, rate), scene.owner(stretch))
+            _outline(line, axis, ax, is_over=is_over)
+            share = float(axis.share(rate))  # a value that covers one is put beside it
+            place = (place + 1) % LABEL_PLACES if share - below < LABEL_SHARE else 0
+            below = share
+            ax.annotate(
+                f"{rate:.2f}", (ends[0], rate), xytext=(3 + 30 * place, EDGE_PT + 1),
+                textcoords="offset points", fontsize=7,
+                color="white" if is_over else None,
+            )  # fmt: skip
 
     return [PagePart(CURVE_IN if picture is None else RATES_IN, draw)]
-
-
-def _draw_rates(
-    scene: Scene, presence: Presence, rows: IntArray, axis: FrequencyAxis, ax: "Axes",
-    *, is_over: bool,
-) -> None:  # fmt: skip
-    """Draw rates as lines, or over a picture as the edges of lines, with their values.
-
-    A value that would cover the one below is put beside it.
-    """
-    span_s = ax.get_xlim()
-    below, place = -np.inf, 0
-    for row in rows[np.argsort(presence.rate_hz[rows], kind="stable")]:
-        stretch, rate = int(presence.rate_stretch[row]), float(presence.rate_hz[row])
-        number = _owner(scene, presence, stretch)
-        ends = np.clip([presence.from_s[stretch], presence.to_s[stretch]], *span_s)
-        if is_over:
-            _outline(Outlined(ends, np.full(2, rate), number), axis, ax)
-        else:
-            ax.plot(ends, (rate, rate), color=contact_color(number), lw=1.6)
-        share = float(axis.share(np.array(rate)))
-        place = (place + 1) % LABEL_PLACES if share - below < LABEL_SHARE else 0
-        below = share
-        ax.annotate(
-            f"{rate:.2f}", (ends[0], rate), xytext=(3 + 30 * place, EDGE_PT + 1),
-            textcoords="offset points", fontsize=7, color="white" if is_over else None,
-        )  # fmt: skip
 
 
 def level_part(
@@ -450,19 +409,18 @@ def level_part(
 ) -> list[PagePart]:
     """Return the level: its middle, what most frames lie within, and a passage's fit."""
     measured_s, level, name = _measured_level(scene, fit)
-    inside = (measured_s >= span_s[0]) & (measured_s <= span_s[1]) & np.isfinite(level)
+    inside = within(measured_s, span_s) & np.isfinite(level)
     if inside.sum() < 2:
         return []
     time_s, level_db = measured_s[inside], level[inside]
 
-    def draw(ax: "Axes") -> None:
-        calm(ax)
+    def draw(ax: Axes) -> None:
+        calm(ax, name)
         middle, low, half, high = _quantiles(time_s, level_db)
         ax.fill_between(middle, low, high, color=MEASURED, alpha=0.3, lw=0)
         ax.plot(middle, half, color=MEASURED, lw=0.8)
-        ax.set_ylabel(name, fontsize=8)
         if fit is not None:
-            _draw_level_fit(fit, time_s, level_db, span_s, ax)
+            _draw_level_fit(fit, time_s, level_db, ax)
 
     return [PagePart(CURVE_IN, draw)]
 
@@ -498,17 +456,15 @@ def _quantiles(
 
 
 def _draw_level_fit(
-    fit: ReportedPassage, time_s: FloatArray, level_db: FloatArray, span_s: Span,
-    ax: "Axes",
-) -> None:  # fmt: skip
+    fit: ReportedPassage, time_s: FloatArray, level_db: FloatArray, ax: Axes
+) -> None:
     """Draw the vessels over the background, with the deviation of the one's level."""
-    found = fit.encounters
-    peak = found.received_level_db
+    found, peak = fit.encounters, fit.encounters.received_level_db
     if not np.isfinite(peak[fit.row]) or not fit.is_drawn:
         return
     every = (ReportedPassage(found, row) for row in range(found.n_encounters))
     heard = [f for f in every if f.is_drawn and np.isfinite(peak[f.row])]
-    grid = np.linspace(*span_s, 400)
+    grid = np.linspace(*ax.get_xlim(), 400)
 
     def power(at_s: FloatArray, added_db: float) -> FloatArray:
         own = [10 ** ((float(peak[f.row]) + (added_db if f.row == fit.row else 0.0)
@@ -532,73 +488,58 @@ def bearing_part(
     scene: Scene, span_s: Span, fit: ReportedPassage | None = None
 ) -> list[PagePart]:
     """Return bearings of the sound and of lines, and those of a passage as fitted."""
-    measured = _bearings_of_sound(scene) if fit is None else _bearings_of(scene, fit)
     shown = [
         (time_s[inside], np.mod(bearing[inside], 360.0), color)
-        for time_s, bearing, color in measured
-        for inside in [(time_s >= span_s[0]) & (time_s <= span_s[1])]
-        if inside.any()
+        for time_s, bearing, std, color in _measured_bearings(scene, fit)
+        for inside in [within(time_s, span_s) & ~(std >= USABLE_BEARING_DEG)]
+        if np.isfinite(bearing[inside]).any()
     ]
     grid = np.linspace(*span_s, 400)
     fitted = None if fit is None else fit.bearing(grid)
     if not shown and fitted is None:
         return []
 
-    def draw(ax: "Axes") -> None:
-        calm(ax)
+    def draw(ax: Axes) -> None:
+        calm(ax, "bearing (deg)")
         for time_s, bearing, color in shown:
             thin = slice(None, None, -(-time_s.size // (4 * MOST_POINTS)))
             ax.plot(time_s[thin], bearing[thin], ".", ms=2.4, color=color, alpha=0.4,
                     mec="none", rasterized=True)  # fmt: skip
         if fit is not None and fitted is not None:
-            color, middle = contact_color(fit.number), broken_bearing(fitted[0])
-            half = BAND_DEVIATIONS * fitted[1]
-            ax.plot(grid, middle, color=color, lw=0.9)
-            ax.fill_between(grid, middle - half, middle + half, color=color, alpha=0.25,
-                            lw=0)  # fmt: skip
+            half, color = BAND_DEVIATIONS * fitted[1], contact_color(fit.number)
+            draw_band(ax, grid, broken_bearing(fitted[0]), half, color)
         ax.set(ylim=(0.0, 360.0), yticks=range(0, 361, 90))
-        ax.set_ylabel("bearing (deg)", fontsize=8)
 
     return [PagePart(CURVE_IN, draw)]
 
 
-Bearings = list[tuple[FloatArray, FloatArray, str]]
+def _measured_bearings(
+    scene: Scene, fit: ReportedPassage | None
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, str]]:
+    """Yield times, bearings, deviations and colour: of the sound, then of lines.
 
-
-def _bearings_of_sound(scene: Scene) -> Bearings:
-    """Return broadband bearings, and behind them those of the passages' lines."""
-    levels, lines = scene.first(Levels), scene.first(Lines)
-    if levels is None or levels.bearing_deg.size == 0:
-        return []
-    known = levels.bearing_std_deg < USABLE_BEARING_DEG
-    if not known.any():
-        return []
-    found = [(levels.frames.time_s[known], levels.bearing_deg[known], MEASURED)]
-    if lines is None:
-        return found
-    for name, contact in zip(lines.line_id, lines.line_contact, strict=True):
-        number = scene.number(int(contact))
-        if number:
-            rows = (lines.line == name) & np.isfinite(lines.bearing_deg)
-            own = lines.time_s[rows], lines.bearing_deg[rows], contact_color(number)
-            found.append(own)
-    return found
-
-
-def _bearings_of(scene: Scene, fit: ReportedPassage) -> Bearings:
-    """Return measured bearings of a passage: of the sound, its lines, or a table."""
-    levels, lines = scene.first(Levels), scene.first(Lines)
-    series, color = scene.first(Series), contact_color(fit.number)
-    found: Bearings = []
-    if levels is not None:
-        known = levels.bearing_std_deg < USABLE_BEARING_DEG
-        found.append((levels.frames.time_s[known], levels.bearing_deg[known], MEASURED))
+    ``fit``: the passage whose lines, or whose table, they are of; None is every one.
+    """
+    levels, lines, series = scene.first(Levels), scene.first(Lines), scene.first(Series)
+    if levels is not None and levels.bearing_deg.size:
+        bearing, std = levels.bearing_deg, levels.bearing_std_deg
+        yield levels.frames.time_s, bearing, np.nan_to_num(std, nan=np.inf), MEASURED
     if lines is not None:
-        own = fit.encounters.rest_line_id[fit.encounters.rest_encounter == fit.row]
-        known = np.isin(lines.line, own)
-        known &= lines.measured_bearing_std_deg < USABLE_BEARING_DEG
-        found.append((lines.time_s[known], lines.measured_bearing_deg[known], color))
-    if series is not None:
-        known = (series.contact == fit.contact) & np.isfinite(series.bearing_deg)
-        found.append((series.time_s[known], series.bearing_deg[known], color))
-    return found
+        for name, contact in zip(lines.line_id, lines.line_contact, strict=True):
+            number = scene.number(contact)
+            if number == (fit.number if fit is not None else number or -1):
+                rows = lines.line == name
+                bearing, std = (
+                    lines.measured_bearing_deg,
+                    lines.measured_bearing_std_deg,
+                )
+                yield (
+                    lines.time_s[rows],
+                    bearing[rows],
+                    std[rows],
+                    contact_color(number),
+                )
+    if series is not None and fit is not None:
+        rows = series.contact == fit.contact
+        bearing, std = series.bearing_deg[rows], np.zeros(int(rows.sum()))
+        yield series.time_s[rows], bearing, std, contact_color(fit.number)

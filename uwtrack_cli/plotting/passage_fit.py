@@ -18,6 +18,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.motion.passage.model.law import Passage, passage_law, with_other_leg
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
+from uwtrack_cli.plotting.style import Span
 from uwtrack_cli.plotting.view import Scene, View
 
 REACH = 4.0
@@ -40,6 +41,11 @@ class ReportedPassage:
     """Closest approaches."""
     row: int
     """Which one."""
+
+    @cached_property
+    def printed(self) -> Row:
+        """Its row, as it is printed."""
+        return json_rows(self.encounters)[self.row]
 
     @property
     def contact(self) -> int:
@@ -119,22 +125,16 @@ class ReportedPassage:
         return middle + turn * np.degrees(law.angle[0]), self._std(columns, width_s)
 
     def _law(self, time_s: FloatArray, width_s: float) -> Passage:
-        speed = self.mach * float(self.encounters.sound_speed_mps[self.row])
-        parameters = np.array([[self.time_s, np.log(width_s), speed]])
-        sound = float(self.encounters.sound_speed_mps[self.row])
-        law = passage_law(time_s, parameters, sound, with_height=True)
-        return self._changed(law, time_s, parameters)
-
-    def _changed(
-        self, law: Passage, time_s: FloatArray, parameters: FloatArray
-    ) -> Passage:
-        """Put the step, the ramp, the other leg or the turn into a passage."""
+        """Return the law, with the step, the ramp, the other leg or the turn in it."""
         found = self.encounters
 
         def known(name: str) -> float:
             values = getattr(found, name)
             return float("nan") if values is None else float(values[self.row])
 
+        sound = known("sound_speed_mps")
+        parameters = np.array([[self.time_s, np.log(width_s), self.mach * sound]])
+        law = passage_law(time_s, parameters, sound, with_height=True)
         at = known("change_time_s")
         if not np.isfinite(at):
             return law
@@ -153,7 +153,6 @@ class ReportedPassage:
         if np.isfinite(angle):
             turned = np.array([angle]), np.array([known("turn_duration_s")])
             bend = SteadyTurn(*turned, np.array([at]))
-            sound = float(found.sound_speed_mps[self.row])
             return with_steady_turn(time_s, parameters, bend, sound, 0.0)
         turn = TURN.get(str(found.side[self.row]), float("nan"))
         speed = known("other_leg_speed_mps")
@@ -164,7 +163,6 @@ class ReportedPassage:
             rows[..., sign * lag > 0] = np.nan
             return Passage(rows)
         difference = (other - [parameters[0, 2], 0.0])[None]
-        sound = float(found.sound_speed_mps[self.row])
         change = (np.array([at]), np.array([sign]), difference)
         return with_other_leg(law, time_s, parameters, change, sound, 0.0)
 
@@ -182,38 +180,21 @@ class ReportedPassage:
         )))  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class PassagePage:
-    """All that a page of a passage shows."""
+def shown_span(scene: Scene, fit: ReportedPassage, view: View) -> Span:
+    """Return begin and end of what the page of a passage shows, s.
 
-    scene: Scene
-    """The recording."""
-    fit: ReportedPassage
-    """The passage."""
-    view: View
-    """What of it is drawn."""
-
-    @cached_property
-    def row(self) -> Row:
-        """Its row, as it is printed."""
-        return json_rows(self.fit.encounters)[self.fit.row]
-
-    def span_s(self) -> tuple[float, float]:
-        """Return begin and end of what is shown, s."""
-        known = self.scene.times_s or (-np.inf, np.inf)
-        middle, reach = self.fit.arrival_s, REACH * self.fit.width_s
-        if not np.isfinite(middle):
-            middle = self.fit.time_s
-        lines = self.scene.first(Lines)
-        if lines is not None:
-            longest_s = lines.point_window_s.max(initial=lines.frames.window_s)
-            recording = self.scene.first(Recording)
-            is_at_hand = recording is not None and recording.reader is not None
-            count = FEWEST_AT_HAND if is_at_hand else FEWEST_FRAMES
-            reach = np.fmax(reach, count * longest_s / lines.overlap_frames)
-        if not np.isfinite([middle, reach]).all():
-            return self.view.span_s(known, self.scene.clock)
-        low, high = max(known[0], middle - reach), min(known[1], middle + reach)
-        if not low < high:  # it lies outside of the recording
-            low, high = known
-        return self.view.span_s((low, high), self.scene.clock)
+    Raises
+    ------
+    DataError
+        The sound is asked for outside of the recording.
+    """
+    known = scene.times_s or (-np.inf, np.inf)
+    middle, reach, lines = fit.marked_s, REACH * fit.width_s, scene.first(Lines)
+    if lines is not None:
+        longest_s = lines.point_window_s.max(initial=lines.frames.window_s)
+        recording = scene.first(Recording)
+        is_at_hand = recording is not None and recording.reader is not None
+        count = FEWEST_AT_HAND if is_at_hand else FEWEST_FRAMES
+        reach = np.fmax(reach, count * longest_s / lines.overlap_frames)
+    low, high = max(known[0], middle - reach), min(known[1], middle + reach)
+    return view.span_s((low, high) if low < high else known, scene.clock)

@@ -24,12 +24,13 @@ def passage_title(row: Row, units: Units) -> str:
         digits = 0 if std is None or std >= 1.0 else 1
         parts = [f"{utc_text(row['time_utc'], digits)} UTC"]
     else:
-        parts = [f"closest at {_text(row, 'time_s', 1)} s"]
+        parts = [f"closest at {value_text(row, 'time_s', 1)} s"]
     parts += filter(None, [speed_text(row, units), _range(row)])
     return "   ".join([*parts, *([row["vessel"]["name"]] if row["vessel"] else [])])
 
 
-def _text(row: Row, key: str, digits: int) -> str:
+def value_text(row: Row, key: str, digits: int) -> str:
+    """Return a value with its deviation, for a column whose name ends in its unit."""
     stem, _, unit = key.rpartition("_")
     return Head("", key, digits, f"{stem}_std_{unit}").text(row)
 
@@ -46,10 +47,10 @@ def speed_text(row: Row, units: Units, key: str = "speed_mps") -> str:
 
 def _range(row: Row) -> str:
     if row["slant_range_m"] is not None:
-        return f"{_text(row, 'slant_range_m', 0)} m"
+        return f"{value_text(row, 'slant_range_m', 0)} m"
     if row["range_over_speed_s"] is None:
         return ""
-    return f"range/speed {_text(row, 'range_over_speed_s', 1)} s"
+    return f"range/speed {value_text(row, 'range_over_speed_s', 1)} s"
 
 
 def cautions(row: Row) -> list[str]:
@@ -90,7 +91,7 @@ def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
     """
     found = [("speed", speed_text(row, units))] if row["speed_mps"] is not None else []
     found += [
-        (name, f"{_text(row, key, digits)} {unit.format(row['level_reference'])}")
+        (name, f"{value_text(row, key, digits)} {unit.format(row['level_reference'])}")
         for name, key, digits, unit in FACTS
         if row.get(key) is not None
     ]
@@ -121,7 +122,7 @@ def title_lines(row: Row, number: int, units: Units) -> list[tuple[str, bool]]:
     """Return the lines above the page of a passage, and which of them warn."""
     second: list[Any] = [f"passage {number}", f"sensor {row['sensor']}"]
     if row["course_deg"] is not None:
-        second.append(f"course {_text(row, 'course_deg', 0)}\u00b0")
+        second.append(f"course {value_text(row, 'course_deg', 0)}\u00b0")
     if row["side"]:
         second.append(f"sensor to {row['side']}")
     n_lines = len(row["rest_frequencies_hz"])

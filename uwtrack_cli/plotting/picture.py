@@ -21,21 +21,20 @@ line stays.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.recording import PartReader, Recording
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.estimation.decimation import usual_decimation
-from uwtrack_cli.plotting.style import LEVELS_MAP, NO_SOUND
+from uwtrack_cli.plotting.style import LEVELS_MAP, Span, draw_cells
 from uwtrack_cli.plotting.view import View
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COLUMNS, ROWS = 800, 420
 """Cells of a picture along time and frequency."""
@@ -126,10 +125,8 @@ class FrequencyAxis:
         at, low, high = map(np.log, values) if self.is_log else values
         return np.asarray((at - low) / (high - low))
 
-    def set_axis(self, ax: "Axes", name: str = "frequency") -> None:
+    def set_axis(self, ax: Axes, name: str = "frequency") -> None:
         """Give a panel this axis, with its name and the labels of its own kind."""
-        from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-
         ax.set_ylabel(f"{name} (Hz)", fontsize=9)
         ax.tick_params(labelsize=8)
         if self.is_log:
@@ -272,7 +269,7 @@ def _check_window(recording: Recording, window_s: float, *, is_asked: bool) -> N
         raise OptionError(msg) if is_asked else DataError(msg)
 
 
-def part_of(recording: Recording, span_s: tuple[float, float]) -> Recording:
+def part_of(recording: Recording, span_s: Span) -> Recording:
     """Return a span of a recording whose sound is at hand, s from its first sample."""
     assert recording.reader is not None  # noqa: S101 - it was opened for this
     last = recording.n_samples
@@ -401,9 +398,7 @@ def over_floor(level_db: FloatArray, least: FloatArray | int = 0) -> FloatArray:
     return np.asarray(level_db - floor)
 
 
-def overview_picture(
-    overview: Overview, axis: FrequencyAxis, span_s: tuple[float, float]
-) -> Picture:
+def overview_picture(overview: Overview, axis: FrequencyAxis, span_s: Span) -> Picture:
     """Return a part of an overview, over its noise floor."""
     check_axes(overview, "time_s", "frequency_hz")
     time_s = overview.time_s
@@ -418,7 +413,7 @@ def overview_picture(
 def lofargram(
     recording: Recording,
     axis: FrequencyAxis,
-    span_s: tuple[float, float],
+    span_s: Span,
     window_s: float | None = None,
 ) -> Picture | None:
     """Return a span of the sound over its noise floor; None where it is too short.
@@ -460,7 +455,7 @@ def check_axes(container: Container, *names: str) -> None:
 
 def draw_picture(
     picture: Picture,
-    ax: "Axes",
+    ax: Axes,
     limits_db: tuple[float, float] | None = None,
     label: str = "dB over the noise floor",
     colormap: str = LEVELS_MAP,
@@ -470,16 +465,9 @@ def draw_picture(
     ``limits_db``: levels of the darkest and brightest colour; None are those of a
     lofargram. ``label``: what the levels are. ``colormap``: name of the colours.
     """
-    dark, bright = limits_db or shades(picture.level_db)
-    image = ax.pcolormesh(
-        picture.edges_s, picture.axis.edges_hz(),
-        np.ma.masked_invalid(picture.level_db.T),
-        cmap=colormap, vmin=dark, vmax=bright, rasterized=True,
-    )  # fmt: skip
-    ax.set_facecolor(NO_SOUND)
-    bar = ax.figure.colorbar(image, ax=ax, pad=0.01, aspect=30)
-    bar.set_label(label, fontsize=8)
-    bar.ax.tick_params(labelsize=7)
+    cells = picture.edges_s, picture.axis.edges_hz(), picture.level_db
+    limits_db = limits_db or shades(picture.level_db)
+    draw_cells(ax, *cells, limits_db, label, cmap=colormap)
     picture.axis.set_axis(ax)
 
 
@@ -493,9 +481,7 @@ def shades(relative_db: FloatArray) -> tuple[float, float]:
     return dark, dark + float(np.clip(top - dark, LEAST_SPAN_DB, MOST_SPAN_DB))
 
 
-def cell_edges(
-    middle: FloatArray, span: tuple[float, float] | None = None
-) -> FloatArray:
+def cell_edges(middle: FloatArray, span: Span | None = None) -> FloatArray:
     """Return the edges of cells whose middles are known.
 
     ``middle``: middles of the cells, in order. ``span``: what is shown: the first cell

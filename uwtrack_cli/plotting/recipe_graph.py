@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
 
-from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.atomic import atomic_target
 from uwtrack_cli.files.text_escaping import figure_text
+from uwtrack_cli.plotting.page import check_picture, save_figure
+from uwtrack_cli.plotting.view import DPI
 
 _BOX_WIDTH, _BOX_HEIGHT = 1.5, 0.5
 _COLUMN, _ROW = 2.5, 0.85
@@ -33,6 +34,7 @@ def draw_recipe_graph(
     OutputError
         The picture exists, is an input, or cannot be written.
     """
+    check_picture(output, overwrite=overwrite)
     place = _places(edges)
     kept = {source for source, reader, _ in edges if reader == "product"}
     width = max(x for x, _ in place.values()) + _BOX_WIDTH + 0.4
@@ -48,18 +50,12 @@ def draw_recipe_graph(
             _draw_arrow(ax, place[source], place[reader], container)
     for name, corner in place.items():
         _draw_box(ax, name, corner, is_kept=name in kept)
-    form = output.suffix.lstrip(".").lower()
-    if form not in {"png", "pdf", "svg"}:
-        msg = f"a picture is written as .png, .pdf, .svg, got {output.name!r}."
-        raise OptionError(msg)
+    figure.set_label(title)
     with (
         atomic_target(output, overwrite=overwrite) as temporary,
         temporary.open("wb") as file,
-        mpl.rc_context({"svg.hashsalt": title}),
     ):
-        figure.savefig(
-            file, format=form, metadata={"Date": None} if form == "svg" else {}
-        )
+        save_figure(figure, file, output.suffix[1:].lower(), DPI)
 
 
 def _draw_arrow(
@@ -82,8 +78,6 @@ def _draw_arrow(
 def _draw_box(
     ax: Any, name: str, corner: tuple[float, float], *, is_kept: bool
 ) -> None:
-    from matplotlib.patches import FancyBboxPatch
-
     is_sound = name == "recording"
     ax.add_patch(
         FancyBboxPatch(

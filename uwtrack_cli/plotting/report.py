@@ -23,23 +23,19 @@ from uwtrack_cli.files.tables.presence_words import presence_sentences, stretch_
 from uwtrack_cli.files.tables.summaries import numbered, summary_of
 from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.next_looks import next_looks
-from uwtrack_cli.plotting.html_page import Block, page_html, picture_block
+from uwtrack_cli.plotting.html_page import (
+    anchor_of,
+    page_html,
+    passage_head,
+    picture_of_page,
+)
 from uwtrack_cli.plotting.listen import Ear
 from uwtrack_cli.plotting.page import Page, pages_of, scenes_of
-from uwtrack_cli.plotting.passage_words import cautions, fact_lines, passage_title
-from uwtrack_cli.plotting.style import contact_color, text_on
-from uwtrack_cli.plotting.view import Units, View
-
-WIDE_GAP, DOT = "   ", " \u00b7 "
-"""What parts the title of a page, and of a card: HTML joins spaces."""
+from uwtrack_cli.plotting.passage_words import cautions, fact_lines
+from uwtrack_cli.plotting.view import Units
 
 MOST_PICTURES = 60
 """Passages that have a picture; the others have their numbers."""
-
-HEADINGS = {
-    "recording": "Overview", "motion": "Target motion", "target": "Track in clutter",
-    "decision": "Which one moves",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -72,43 +68,48 @@ class Report:
 
 def report_html(product: Product, report: Report) -> str:
     """Return the report of a product as HTML."""
-    recordings = [(one.name, one) for one in report.all(Recording)]
-    stages = {step.stage for step in product.history}
-    looks = next_looks(stages, recordings, report.all(Encounters))
-    blocks = [*_summary(report, looks), *_pictures(report), *_tables(report)]
-    blocks.append(("history", list(map(_step, product.history))))
-    footer = (
-        f"uwtrack {product.program_version}, {product.created_utc}, "
-        f"SHA-256 {product.digest}"
+    recordings, passages = report.all(Recording), report.passages
+    title = ", ".join(dict.fromkeys(one.name for one in recordings))
+    positions, motions = (
+        [row for found in report.all(kind) for row in json_rows(found)]
+        for kind in (Fixes, Motions)
     )
-    title = ", ".join(dict.fromkeys(name for name, _ in recordings))
-    return page_html(title or Path(product.name).name, blocks, footer)
+    return page_html(
+        "report.html", title=title or Path(product.name).name, **_heard(report),
+        result=_result(product, report), warnings=warnings_of(report),
+        recordings=[_facts(recording, report) for recording in recordings],
+        passages=_table("encounters", passages, report), reasons=reasons_once(passages),
+        **_pictures(report), positions=_table("fixes", positions, report),
+        motions=_table("motions", motions, report), motion_reasons=reasons_once(motions),
+        history=[_step(step) for step in product.history],
+        footer=f"uwtrack {product.program_version}, {product.created_utc}, "
+        f"SHA-256 {product.digest}",
+    )  # fmt: skip
 
 
-def _summary(report: Report, looks: Sequence[str]) -> Iterator[Block]:
-    """Yield the result in a sentence, what to mind, and the facts."""
-    passages, heard = report.passages, report.heard
-    if report.all(Encounters):
-        n = len(passages)
-        count = f"{n} passage{'' if n == 1 else 's'}" if n else "no closest approach"
-        words = []
-        if report.all(Presence):
-            words = presence_sentences(heard, is_passed=n > 0, next_looks=looks)
-        sentences = [count, *words] if n else words or [count, *looks]
-        yield "result", "; ".join(sentences)
-    yield "warnings", warnings_of(report)
-    for recording in report.all(Recording):
-        yield "facts", _facts(recording, report)
-    if passages:
-        yield "heading", "Passages"
-        yield table("encounters", passages, report.units)
-        yield "list", reasons_once(passages)
+def _result(product: Product, report: Report) -> str:
+    """Return what was found in a sentence; empty where nothing was sought."""
+    encounters, words = report.all(Encounters), []
+    if not encounters:
+        return ""
+    stages = {step.stage for step in product.history}
+    recordings = [(one.name, one) for one in report.all(Recording)]
+    looks, n = next_looks(stages, recordings, encounters), len(report.passages)
+    if report.all(Presence):
+        words = presence_sentences(report.heard, is_passed=n > 0, next_looks=looks)
+    if n:
+        return "; ".join([f"{n} passage{'' if n == 1 else 's'}", *words])
+    return "; ".join(words or ["no closest approach", *looks])
 
 
-def table(name: str, rows: Sequence[Row], units: Units = "m/s") -> Block:
-    """Return the summary of a container as a table, its speeds in a unit."""
-    summary = summary_of(name, rows, units)
-    return "table", {"heads": summary.titles, "rows": summary.rows}
+def _table(
+    name: str, rows: Sequence[Row], report: Report
+) -> dict[str, Sequence[Any]] | None:
+    """Return the summary of a container as a table; None where it is empty."""
+    if not rows:
+        return None
+    summary = summary_of(name, rows, report.units)
+    return {"heads": summary.titles, "rows": summary.rows}
 
 
 def warnings_of(report: Report) -> list[str]:
@@ -190,57 +191,40 @@ def _facts(recording: Recording, report: Report) -> list[tuple[str, str]]:
     ]
 
 
-def _pictures(report: Report) -> Iterator[Block]:
-    """Yield the page of the recording, then the cards."""
+def _pictures(report: Report) -> dict[str, Any]:
+    """Return the page of the recording, the cards of passages, and what is not drawn."""
     try:
         pages = pages_of(report.containers, report.tracks)
     except DataError as error:
-        yield "text", str(error)
-        return
+        return {"pages": [], "not_drawn": str(error)}
     rows = {(row["sensor"], row["contact"]): row for row in report.passages}
-    left = MOST_PICTURES
+    shown, cards = [], 0
     for page in pages:
-        row = rows.get((page.sensor, page.contact))
-        if page.kind == "passage" and row is not None:
-            yield _card(report, page, row, is_drawn=left > 0)
-            left -= 1
-        else:
-            yield "heading", HEADINGS[page.kind]
-            yield _picture(page, report.units)
-    if left < 0:
-        yield (
-            "text",
-            (
-                f"{-left} passages have no picture here; uwtrack plot --passage draws them."
-            ),
-        )
+        row = rows.get((page.sensor, page.contact)) if page.kind == "passage" else None
+        cards += row is not None
+        card: dict[str, Any] = {"kind": page.kind}
+        if row is None or cards <= MOST_PICTURES:
+            try:
+                card["picture"] = picture_of_page(page.draw, report.units)
+            except DataError as error:
+                card["why"] = str(error)
+        shown.append(card if row is None else card | _card(report, page, row, cards))
+    return {"pages": shown, "not_drawn": max(0, cards - MOST_PICTURES)}
 
 
-def _card(report: Report, page: Page, row: Row, *, is_drawn: bool) -> Block:
-    """Return the card of a passage: title, marks, page, sound, numbers."""
-    marks = [(row["status"], row["status"] != "ok")]
+def _card(report: Report, page: Page, row: Row, count: int) -> dict[str, Any]:
+    """Return what the card of a passage has beside its page: title, marks, numbers."""
+    is_alone = len({one["sensor"] for one in report.passages}) == 1
+    marks = [] if is_alone else [(f"sensor {row['sensor']}", False)]
+    marks += [(row["status"], row["status"] != "ok")]
     marks += [(text, True) for text in cautions(row)]
-    kind, picture = _picture(page, report.units) if is_drawn else ("", None)
-    sound = None
-    if report.ear is not None and is_drawn:
+    card = passage_head(row, row["passage"], report.units)
+    card["anchor"] = anchor_of(row, is_alone=is_alone)
+    card |= {"marks": marks, "facts": _merged(fact_lines(row, report.units))}
+    if report.ear is not None and count <= MOST_PICTURES:
         (scene,) = [s for s in scenes_of(report.containers) if s.sensor == page.sensor]
-        sound = report.ear.heard(scene, row["passage"] - 1)
-    return "card", {
-        **badge_of(row["passage"]), "title": title_of(row, report.units), "marks": marks,
-        "picture": picture if kind == "picture" else None, "sound": sound,
-        "facts": _merged(fact_lines(row, report.units)),
-    }  # fmt: skip
-
-
-def title_of(row: Row, units: Units) -> str:
-    """Return the title of a passage in a line of a page."""
-    return passage_title(row, units).replace(WIDE_GAP, DOT)
-
-
-def badge_of(number: int) -> dict[str, Any]:
-    """Return the number of a passage, its colour, and that of text on it."""
-    color = contact_color(number)
-    return {"number": number, "color": color, "ink": text_on(color)}
+        card["sound"] = report.ear.heard(scene, row["passage"] - 1)
+    return card
 
 
 def _merged(facts: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
@@ -254,35 +238,14 @@ def _merged(facts: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
     return found
 
 
-def _picture(page: Page, units: Units) -> Block:
-    def draw(width_in: float) -> Any:
-        return page.draw(View(width_in=width_in, stands_alone=False, units=units))
-
-    try:
-        return picture_block(draw)
-    except DataError as error:
-        return "text", str(error)
-
-
-def _tables(report: Report) -> Iterator[Block]:
-    """Yield what was heard, positions and motions as tables."""
+def _heard(report: Report) -> dict[str, Any]:
+    """Return what was heard as a table, and in words what was no passage."""
     heard = report.heard
-    if heard:
-        numbers = {(r["sensor"], r["contact"]): r["passage"] for r in report.passages}
-        for row in heard:
-            row["passage"] = numbers.get((row["sensor"], row["encounter"]))
-        yield "heading", "What was heard"
-        yield table("presence", heard)
-        notes = [_stretch(row) for row in heard if row["encounter"] is None]
-        if notes:
-            yield "words", {"title": "In words", "texts": notes}
-    for kind, title in ((Fixes, "Positions"), (Motions, "Motions")):
-        rows = [row for found in report.all(kind) for row in json_rows(found)]
-        if rows:
-            yield "heading", title
-            yield table(kind.NAME, rows, report.units)
-            if kind is Motions:
-                yield "list", reasons_once(rows)
+    numbers = {(r["sensor"], r["contact"]): r["passage"] for r in report.passages}
+    for row in heard:
+        row["passage"] = numbers.get((row["sensor"], row["encounter"]))
+    notes = [_stretch(row) for row in heard if row["encounter"] is None]
+    return {"heard": _table("presence", heard, report), "notes": notes}
 
 
 def _stretch(row: Row) -> str:

@@ -6,9 +6,11 @@ else relative to full scale. How it is taken apart: see `picture`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
@@ -18,9 +20,9 @@ from uwtrack_cli.errors import OptionError
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
     PagePart,
-    draw_parts,
+    page_figure,
     span_title,
-    titled_figure,
+    timed,
 )
 from uwtrack_cli.plotting.picture import (
     LONGEST_WINDOW_S,
@@ -34,16 +36,13 @@ from uwtrack_cli.plotting.picture import (
 from uwtrack_cli.plotting.style import LEVELS_MAP, Clock
 from uwtrack_cli.plotting.view import View
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 QUIET_SHARE, BRIGHT_SHARE = 0.05, 0.998
 """Shares of the picture below the darkest and below the brightest colour."""
 
 LEAST_RANGE_DB, MOST_RANGE_DB = 20.0, 80.0
 """Levels that the colours cover, unless asked for."""
 
-PAGE_IN = 4.4
+PAGE_IN = 3.9
 """Height of the spectrogram, inches."""
 
 WindowS = Annotated[float, Unit("s"), AtLeast(1e-6), AtMost(LONGEST_WINDOW_S)] | None
@@ -71,8 +70,6 @@ def checked_style(window_s: float | None, db_range: float | None,
     OptionError
         One is out of range, or there are no colours of that name.
     """
-    import matplotlib as mpl
-
     if colormap is not None and colormap not in mpl.colormaps:
         msg = (
             f"--colormap takes a name of matplotlib such as viridis, magma, cividis or "
@@ -91,7 +88,7 @@ def sound_figure(
     style: SoundStyle,
     view: View,
     progress: Callable[[float], None] = lambda _: None,
-) -> "Figure":
+) -> Figure:
     """Return the page of a recording's sound.
 
     ``progress``: called with the seconds that were read.
@@ -120,12 +117,10 @@ def sound_figure(
         HeadLine(span_title(span_s, clock, [recording.name])),
         HeadLine(_facts(part, frames)),
     ]
-    figure, body = titled_figure(heads, view, PAGE_IN)
     panel = PagePart(
         PAGE_IN, lambda ax: draw_picture(found, ax, limits, unit, style.colormap)
     )
-    draw_parts([panel], body, clock, span_s, view.ticks)
-    return figure
+    return page_figure(heads, view, [timed([panel], view, clock, span_s)])
 
 
 def _clock(recording: Recording) -> Clock:

@@ -10,18 +10,19 @@ import io
 import math
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from matplotlib.patheffects import Normal, Stroke
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.files.utc import EPOCH
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 CONTACT_COLORS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 DASHES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (1.5, 1)))
@@ -56,6 +57,15 @@ STEPS_S = (
 """Distances of the ticks of a time axis, s."""
 
 
+Span = tuple[float, float]
+"""Begin and end, s."""
+
+
+def within(time_s: FloatArray, span_s: Span) -> BoolArray:
+    """Tell which times lie within a span, s."""
+    return np.asarray((time_s >= span_s[0]) & (time_s <= span_s[1]))
+
+
 def contact_color(contact: int) -> str:
     """Return the colour of a contact, the same everywhere; grey for none."""
     if contact <= 0:
@@ -80,35 +90,68 @@ def contact_dash(contact: int) -> Any:
     return DASHES[(max(contact, 1) - 1) // len(CONTACT_COLORS) % len(DASHES)]
 
 
-def new_figure(width_in: float, height_in: float) -> "Figure":
-    """Return an empty page; needs no screen, and shows itself in a notebook."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
+class NotebookFigure(Figure):
+    """A figure that shows itself in a notebook."""
 
-    class NotebookFigure(Figure):
-        def _repr_png_(self) -> bytes:
-            picture = io.BytesIO()
-            self.savefig(picture, format="png")
-            return picture.getvalue()
+    def _repr_png_(self) -> bytes:
+        picture = io.BytesIO()
+        self.savefig(picture, format="png")
+        return picture.getvalue()
 
-    mpl.use("Agg")
-    size = (width_in, height_in)
-    return NotebookFigure(figsize=size, layout="constrained", dpi=100)
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """Return an empty page; needs no screen."""
+    return NotebookFigure(figsize=(width_in, height_in), layout="constrained", dpi=100)
 
 
 def halo() -> list[Any]:
     """Return the white edge that marks have on the dark of a lofargram."""
-    from matplotlib.patheffects import Normal, Stroke
-
     return [Stroke(linewidth=1.4, foreground="white", alpha=0.9), Normal()]
 
 
-def calm(ax: "Axes") -> "Axes":
-    """Take away the frame that says nothing, and draw a faint grid."""
+def calm(ax: Axes, label: str | None = None) -> Axes:
+    """Take away the frame that says nothing, draw a faint grid, name what goes up."""
+    ax.set_ylabel(label or ax.get_ylabel(), fontsize=8)
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(alpha=0.25, linewidth=0.6)
     ax.tick_params(labelsize=8)
     return ax
+
+
+def draw_band(
+    ax: Axes, x: FloatArray, middle: FloatArray, half: FloatArray, color: str,
+    **line: Any,
+) -> None:  # fmt: skip
+    """Draw a curve with a band of half a width on either side of it."""
+    ax.plot(x, middle, color=color, **{"lw": 0.9, **line})
+    ax.fill_between(x, middle - half, middle + half, color=color, alpha=0.25, lw=0)
+
+
+def draw_cells(
+    ax: Axes, x: FloatArray, y: FloatArray, level_db: FloatArray,
+    limits_db: tuple[float | None, float | None], bar: str = "", **colors: Any,
+) -> None:  # fmt: skip
+    """Draw cells in the colours of their levels, grey where there is none.
+
+    ``x``, ``y``: edges of the cells, or their middles. ``level_db``: levels of shape
+    (x, y). ``limits_db``: levels of the darkest and the brightest colour. ``bar``: name
+    of the bar of colours; empty without one.
+    """
+    dark, bright = limits_db
+    shades = {"cmap": LEVELS_MAP, "vmin": dark, "vmax": bright, **colors}
+    cells = np.ma.masked_invalid(level_db.T)
+    image = ax.pcolormesh(x, y, cells, rasterized=True, **shades)
+    ax.set_facecolor(NO_SOUND)
+    if bar:
+        color_bar(image, ax, bar)
+
+
+def color_bar(image: Any, ax: Axes, name: str) -> None:
+    """Draw the bar of the colours of a picture beside its panel."""
+    colors = ScalarMappable(image.norm, image.cmap)  # a bar would hold its picture
+    bar = ax.figure.colorbar(colors, ax=ax, pad=0.01, aspect=30)
+    bar.set_label(name, fontsize=8)
+    bar.ax.tick_params(labelsize=7)
 
 
 @dataclass(frozen=True)
@@ -126,9 +169,9 @@ class Clock:
         >>> Clock().text(12.5, 0.5), Clock(0).text(86_399.9, 60.0)
         ('12.5', '00:00')
         """
+        digits = 1 if step_s < 1.0 else 0
         if self.start_utc_ns is None:
-            return f"{time_s:.{self._digits(step_s)}f}"
-        digits = self._digits(step_s)
+            return f"{time_s:.{digits}f}"
         unit_ns = NANOSECONDS // 10**digits
         ns = self.start_utc_ns + round(time_s * NANOSECONDS)
         seconds, rest = divmod((ns + unit_ns // 2) // unit_ns * unit_ns, NANOSECONDS)
@@ -147,7 +190,7 @@ class Clock:
         ns = self.start_utc_ns + round(time_s * NANOSECONDS)
         return f"{EPOCH + timedelta(seconds=ns // NANOSECONDS):%Y-%m-%d}"
 
-    def set_axis(self, ax: "Axes", span_s: tuple[float, float], ticks: int = 8) -> None:
+    def set_axis(self, ax: Axes, span_s: Span, ticks: int = 8) -> None:
         """Give a panel a time axis from one time to another, s.
 
         Ticks lie at whole seconds, minutes, hours or days of UTC.
@@ -166,20 +209,16 @@ class Clock:
         ax.set_xlim(low, high)
         ax.set_xticks(at, [self.text(t, step) for t in at])
 
-    def label(self, span_s: tuple[float, float]) -> str:
+    def label(self, span_s: Span) -> str:
         """Return the name of the time axis."""
         if self.start_utc_ns is None:
             return "time from the first sample (s)"
         days = dict.fromkeys(map(self.day, span_s))
         return f"UTC {' to '.join(days)}"
 
-    @staticmethod
-    def _digits(step_s: float) -> int:
-        return 1 if step_s < 1.0 else 0
-
 
 def draw_ellipse(
-    ax: "Axes",
+    ax: Axes,
     place: FloatArray,
     covariance: FloatArray,
     color: str,
@@ -191,22 +230,18 @@ def draw_ellipse(
     coordinates, m^2, shape (2, 2); without one nothing is drawn. ``alpha``: share of
     the filling that is seen.
     """
-    from matplotlib.patches import Ellipse
-
     if not np.isfinite(covariance).all():
         return
     spread, axes = np.linalg.eigh(covariance)
     width, height = 2.0 * RADIUS_95 * np.sqrt(np.maximum(spread, 0.0))
     angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
     middle = (float(place[0]), float(place[1]))
-    edge = Ellipse(middle, width, height, angle=angle, color=color, fill=False, lw=1.0)
-    inside = Ellipse(middle, width, height, angle=angle, color=color, alpha=alpha, lw=0)
-    for part in (edge, inside):
-        ax.add_patch(part)
+    for style in ({"fill": False, "lw": 1.0}, {"alpha": alpha, "lw": 0}):
+        ax.add_patch(Ellipse(middle, width, height, angle=angle, color=color, **style))
 
 
 def draw_arrow(
-    ax: "Axes", begin: FloatArray, end: FloatArray, color: str, alpha: float = 1.0
+    ax: Axes, begin: FloatArray, end: FloatArray, color: str, alpha: float = 1.0
 ) -> None:
     """Draw an arrow from one place of a map to another, each of shape (2,)."""
     ax.annotate(
@@ -216,7 +251,7 @@ def draw_arrow(
 
 
 def name_place(
-    ax: "Axes", place: FloatArray, name: str, color: str, offset: tuple[int, int]
+    ax: Axes, place: FloatArray, name: str, color: str, offset: tuple[int, int]
 ) -> None:
     """Write a name beside a place of a map, so many points to the right and up."""
     ax.annotate(

@@ -4,36 +4,27 @@ A target's page: its track among the measurements, and how the threshold followe
 decision's page: the log odds of each pair, and the four terms they rest on, over scans.
 """
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.decisions import FILTERS, Decision
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.text_escaping import figure_text
+from uwtrack_cli.plotting.page_layout import HeadLine, PageBlock, page_figure
 from uwtrack_cli.plotting.style import (
     NO_CONTACT,
-    WIDE_IN,
     calm,
     contact_color,
+    draw_band,
     draw_ellipse,
-    new_figure,
 )
-from uwtrack_cli.plotting.view import Scene
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-HEIGHT_IN = 8.0
-"""Height of these pages, inches."""
+from uwtrack_cli.plotting.view import Scene, View
 
 
-def target_figure(containers: Sequence[Container]) -> "Figure":
+def target_figure(scene: Scene, view: View) -> Figure:
     """Return the tracks of targets among false measurements, and their threshold.
 
     Raises
@@ -41,19 +32,16 @@ def target_figure(containers: Sequence[Container]) -> "Figure":
     DataError
         There is no track, or it holds no scan.
     """
-    scene = Scene(containers)
-    target = scene.first(Target)
+    target, scans = scene.first(Target), scene.first(Scans)
     if target is None or not target.scan.size:
         msg = "the track holds no scan, so there is nothing to draw."
         raise DataError(msg)
-    figure = new_figure(WIDE_IN, HEIGHT_IN)
-    upper, lower = figure.subplots(2, 1, height_ratios=[2.0, 1.0])
-    draw_target(target, scene.first(Scans), upper)
-    draw_threshold(target, lower)
-    return figure
+    upper = PageBlock(5.4, lambda part: draw_target(target, scans, part.subplots()))
+    lower = PageBlock(2.6, lambda part: draw_threshold(target, part.subplots()))
+    return page_figure([HeadLine("Track in clutter")], view, [upper, lower])
 
 
-def decision_figure(containers: Sequence[Container]) -> "Figure":
+def decision_figure(scene: Scene, view: View) -> Figure:
     """Return the odds between two contacts over the scans, and what they rest on.
 
     Raises
@@ -61,18 +49,16 @@ def decision_figure(containers: Sequence[Container]) -> "Figure":
     DataError
         No contacts were compared.
     """
-    decision = Scene(containers).first(Decision)
+    decision = scene.first(Decision)
     if decision is None or not decision.scan_time_s.size:
         msg = "no contacts were compared, so there is nothing to draw."
         raise DataError(msg)
-    figure = new_figure(WIDE_IN, HEIGHT_IN)
-    upper, lower = figure.subplots(2, 1)
-    draw_odds(decision, upper)
-    draw_terms(decision, lower)
-    return figure
+    upper = PageBlock(4.0, lambda part: draw_odds(decision, part.subplots()))
+    lower = PageBlock(4.0, lambda part: draw_terms(decision, part.subplots()))
+    return page_figure([HeadLine("Which one moves")], view, [upper, lower])
 
 
-def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
+def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
     """Draw the track with its 95 % regions, and the measurements where given.
 
     Two or more components are drawn as a map of the first two, one over time.
@@ -86,7 +72,9 @@ def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
     for number, own in enumerate(target.targets, 1):
         color = contact_color(number)
         ax.plot(own.state[:, 0], own.state[:, 2], "-o", markersize=2, color=color)
-        _draw_ellipses(own, ax, color)
+        for mean, covariance in zip(own.state, own.state_covariance, strict=True):
+            place = covariance[np.ix_([0, 2], [0, 2])]
+            draw_ellipse(ax, mean[[0, 2]], place, color, alpha=0.1)
     lost = target.lost
     ax.plot(target.state[lost, 0], target.state[lost, 2], "kx", label="lost")
     _fit_view(target, ax)
@@ -94,7 +82,7 @@ def draw_target(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
     return calm(ax)
 
 
-def draw_threshold(target: Target, ax: "Axes") -> "Axes":
+def draw_threshold(target: Target, ax: Axes) -> Axes:
     """Draw the threshold used at each scan, and the score for a lost target."""
     for number, own in enumerate(target.targets, 1):
         ax.step(own.time_s, own.threshold, where="mid", color=contact_color(number))
@@ -108,31 +96,21 @@ def draw_threshold(target: Target, ax: "Axes") -> "Axes":
     return calm(ax)
 
 
-def _draw_over_time(target: Target, scans: Scans | None, ax: "Axes") -> "Axes":
+def _draw_over_time(target: Target, scans: Scans | None, ax: Axes) -> Axes:
     if scans is not None:
         ax.plot(
             scans.time_s, scans.measured[:, 0], ".", markersize=1.5, color=NO_CONTACT
         )
     for number, own in enumerate(target.targets, 1):
-        middle, half = own.state[:, 0], 1.96 * own.state_std[:, 0]
-        color = contact_color(number)
-        ax.plot(own.time_s, middle, color=color)
-        ax.fill_between(
-            own.time_s, middle - half, middle + half, alpha=0.25, color=color
-        )
+        half, color = 1.96 * own.state_std[:, 0], contact_color(number)
+        draw_band(ax, own.time_s, own.state[:, 0], half, color)
     lost = target.lost
     ax.plot(target.time_s[lost], target.state[lost, 0], "kx", label="lost")
     ax.set(xlabel="time (s)", ylabel=_label(target, 0))
     return calm(ax)
 
 
-def _draw_ellipses(target: Target, ax: "Axes", color: str) -> None:
-    for mean, covariance in zip(target.state, target.state_covariance, strict=True):
-        place = covariance[np.ix_([0, 2], [0, 2])]
-        draw_ellipse(ax, mean[[0, 2]], place, color, alpha=0.1)
-
-
-def _fit_view(target: Target, ax: "Axes") -> None:
+def _fit_view(target: Target, ax: Axes) -> None:
     """Show the track: clutter may fill a window many times its size."""
     reach = 4.0 * np.sqrt(np.nanmedian(target.state_std[:, [0, 2]] ** 2, axis=0))
     low = target.state[:, [0, 2]].min(axis=0) - reach
@@ -146,7 +124,7 @@ def _label(target: Target, index: int) -> str:
     return figure_text(f"{name} ({unit})" if unit else name)
 
 
-def draw_odds(decision: Decision, ax: "Axes") -> "Axes":
+def draw_odds(decision: Decision, ax: Axes) -> Axes:
     """Draw the log odds of every pair over time, with thresholds and decisions."""
     for pair in range(decision.verdict.size):
         rows = decision.scan_pair == pair
@@ -168,7 +146,7 @@ def draw_odds(decision: Decision, ax: "Axes") -> "Axes":
     return calm(ax)
 
 
-def draw_terms(decision: Decision, ax: "Axes") -> "Axes":
+def draw_terms(decision: Decision, ax: Axes) -> Axes:
     """Draw the four log likelihoods of the first pair over time."""
     rows = decision.scan_pair == 0
     for index, name in enumerate(FILTERS):

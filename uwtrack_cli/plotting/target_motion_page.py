@@ -10,9 +10,11 @@ the model that it was fitted with, in degrees and in hertz.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.constants import SOURCE_DEPTH_M
@@ -24,7 +26,7 @@ from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
-from uwtrack_cli.files.tables.summaries import Head, utc_text
+from uwtrack_cli.files.tables.summaries import utc_text
 from uwtrack_cli.motion.target_motion.inputs import (
     Measurements,
     measurements_from_lines,
@@ -38,17 +40,15 @@ from uwtrack_cli.motion.target_motion.own_ship import (
     OwnPath,
     make_observer_track,
 )
-from uwtrack_cli.plotting.maps import fit_limits, furnish
+from uwtrack_cli.plotting.maps import axes_of, fit_limits, furnish
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
+    PageBlock,
     PagePart,
-    Panel,
-    draw_parts,
-    side_by_side,
-    stacked,
-    titled_figure,
+    page_figure,
+    timed,
 )
-from uwtrack_cli.plotting.passage_words import speed_text
+from uwtrack_cli.plotting.passage_words import speed_text, value_text
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     MEASURED,
@@ -56,14 +56,11 @@ from uwtrack_cli.plotting.style import (
     calm,
     contact_color,
     draw_arrow,
+    draw_band,
     draw_ellipse,
     name_place,
 )
 from uwtrack_cli.plotting.view import Scene, Units, View
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MAP_IN = 5.4
 """Height of the map, inches."""
@@ -87,7 +84,7 @@ class PlottedResiduals:
     """Measured less predicted frequencies, Hz, shape (line, row); nan if none."""
 
 
-def target_motion_figure(scene: Scene, contact: int | None, view: View) -> "Figure":
+def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figure:
     """Return the page of a target's motion.
 
     ``scene``: motions, and what they were estimated from. ``contact``: the contact;
@@ -110,22 +107,17 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> "Figu
     parts = _parts(scene, motions, measured)
     first, last = float(motions.time_s.min()), float(motions.now_time_s.max())
     span_s = view.span_s((first, max(last, first + 1.0)), scene.clock)
-    height = sum(part.height for part in parts) + (0.5 if parts else 0.0)
     heads = _heads(motions, scene.clock, view.units)
-    if view.is_wide and parts:
-        figure, body = titled_figure(heads, view, max(height, MAP_IN))
-        left, right = side_by_side(body, 1.0, 1.05)
-    elif parts:
-        map_in = 0.95 * view.width_in
-        figure, body = titled_figure(heads, view, height + map_in)
-        left, right = stacked(body, map_in, height)
-    else:
-        figure, left = titled_figure(heads, view, 0.7 * view.width_in)
-        right = left
-    draw_motion_map(motions, measured_from(scene), left.subplots())
-    if parts:
-        draw_parts(parts, right, scene.clock, span_s, 5 if view.is_wide else view.ticks)
-    return figure
+    map_in = MAP_IN if view.is_wide else 0.95 * view.width_in
+    ways = measured_from(scene)
+    left = PageBlock(
+        map_in, lambda part: draw_motion_map(motions, ways, part.subplots())
+    )
+    if not parts:
+        return page_figure(heads, view, [left._replace(height=0.7 * view.width_in)])
+    ticks = 5 if view.is_wide else view.ticks
+    right = timed(parts, view, scene.clock, span_s, ticks)
+    return page_figure(heads, view, [left, right], (1.0, 1.05) if view.is_wide else ())
 
 
 def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
@@ -158,19 +150,19 @@ def _grouped(reasons: dict[str, str]) -> list[tuple[str, str]]:
     return [(reason, ", ".join(keys)) for reason, keys in known.items()]
 
 
+STATE = (
+    ("range_m", "", 0, "m"), ("bearing_deg", "in ", 1, "deg"), ("speed_mps", "", 1, ""),
+    ("course_deg", "course ", 0, "deg"),
+)  # fmt: skip
+"""What is said of a state: column, words before it, decimals, unit."""
+
+
 def _state(row: Row, units: Units) -> str:
     parts = [f"contact {row['contact']}"]
-    if row["range_m"] is not None:
-        parts.append(f"{Head('', 'range_m', 0, 'range_std_m').text(row)} m")
-    if row["bearing_deg"] is not None:
-        parts.append(
-            f"in {Head('', 'bearing_deg', 1, 'bearing_std_deg').text(row)} deg"
-        )
-    if row["speed_mps"] is not None:
-        parts.append(speed_text(row, units))
-    if row["course_deg"] is not None:
-        course = Head("", "course_deg", 0, "course_std_deg").text(row)
-        parts.append(f"course {course} deg")
+    for key, before, digits, unit in STATE:
+        if row[key] is not None:
+            speed = speed_text(row, units) if key == "speed_mps" else ""
+            parts.append(speed or f"{before}{value_text(row, key, digits)} {unit}")
     return "   ".join(parts)
 
 
@@ -186,17 +178,19 @@ def _now(row: Row, clock: Clock) -> str:
     if row["now_range_m"] is None:
         return text
     end = clock.text(row["now_time_s"]) + (" s" if clock.start_utc_ns is None else "")
-    now = Head("", "now_range_m", 0, "now_range_std_m").text(row)
-    bearing = Head("", "now_bearing_deg", 1, "now_bearing_std_deg").text(row)
+    now, bearing = (
+        value_text(row, "now_range_m", 0),
+        value_text(row, "now_bearing_deg", 1),
+    )
     return f"{text} \u00b7 at the last one, {end}: {now} m in {bearing} deg"
 
 
 def draw_motion_map(
     motions: Motions,
     ways: Sequence[tuple[str, OwnPath]],
-    ax: "Axes",
+    ax: Axes,
     ratio: float = 1.0,
-) -> "Axes":
+) -> Axes:
     """Draw the ways of what measured, and every mode's way and regions.
 
     ``ways``: name and way of own ship, or of every sensor, the one first from which the
@@ -207,30 +201,29 @@ def draw_motion_map(
     ray_m = float(known.max()) if known.size else 1000.0
     grid = np.linspace(motions.time_s.min(), motions.now_time_s.max(), 200)
     origin = np.stack(ways[0][1].at(grid[:1])) if ways else np.zeros((2, 1))
-    for name, path in ways:
-        moves = path.time_s.size > 1
-        way = np.stack(path.at(grid if moves else path.time_s)) - origin
+    places = [(name, np.stack(path.at(grid if path.time_s.size > 1 else path.time_s)))
+              for name, path in ways]  # fmt: skip
+    for name, place in places or [("own ship", origin)]:
+        way = place - origin
         if np.ptp(way, axis=1).max() > 1.0:
             ax.plot(*way, color="black", lw=1.4)
             draw_arrow(ax, way[:, -6], way[:, -1], "black")
         ax.plot(*way[:, 0], "k^", ms=7)
         name_place(ax, way[:, 0], name, "black", (6, -12))
-    if not ways:
-        ax.plot(0.0, 0.0, "k^", ms=7)
-        name_place(ax, np.zeros(2), "own ship", "black", (6, -12))
     for row in range(motions.contact.size):
         _draw_mode(motions, row, ray_m, ax)
     fit_limits(ax, ratio)
-    furnish(ax)
-    return ax
+    return furnish(ax)
 
 
-def _draw_mode(motions: Motions, row: int, ray_m: float, ax: "Axes") -> None:
-    color = contact_color(int(motions.contact[row]))
-    bearing = np.radians(motions.bearing_deg[row])
-    if not np.isfinite(bearing):
+def _draw_mode(motions: Motions, row: int, ray_m: float, ax: Axes) -> None:
+    color, turn = (
+        contact_color(int(motions.contact[row])),
+        axes_of(motions.bearing_deg[row]),
+    )
+    along = turn[:, 0]
+    if not np.isfinite(along).all():
         return
-    along = np.array([np.sin(bearing), np.cos(bearing)])
     if not (motions.observable[row] and np.isfinite(motions.range_m[row])):
         ax.plot(*np.stack([0 * along, ray_m * along], 1), ":", color=color)
         return
@@ -238,7 +231,6 @@ def _draw_mode(motions: Motions, row: int, ray_m: float, ax: "Axes") -> None:
     start = motions.range_m[row] * along
     spread = np.diag([1.0, np.radians(motions.range_m[row])])
     polar = spread @ motions.covariance[row, :2, :2] @ spread
-    turn = np.stack([along, [along[1], -along[0]]], 1)
     ax.plot(*start, "o", ms=4, color=color, alpha=alpha)
     draw_ellipse(ax, start, turn @ polar @ turn.T, color, 0.25 * alpha)
     name = f"{motions.contact[row]}"
@@ -256,20 +248,17 @@ def _draw_mode(motions: Motions, row: int, ray_m: float, ax: "Axes") -> None:
 
 def _now_covariance(motions: Motions, row: int) -> FloatArray:
     """Return the covariance of the place at the last measurement, m^2."""
-    bearing = np.radians(motions.now_bearing_deg[row])
-    along = np.array([np.sin(bearing), np.cos(bearing)])
-    turn = np.stack([along, [along[1], -along[0]]], 1)
     across_m = motions.now_range_m[row] * np.radians(motions.now_bearing_std_deg[row])
+    turn = axes_of(motions.now_bearing_deg[row])
     spread = np.diag([motions.now_range_std_m[row], across_m]) ** 2
     return np.asarray(turn @ spread @ turn.T)
 
 
 def _way(motions: Motions, row: int) -> FloatArray:
     """Return how far a mode goes from the first measurement to the last, m."""
-    course = np.radians(motions.course_deg[row])
     duration_s = motions.now_time_s[row] - motions.time_s[row]
-    distance = motions.speed_mps[row] * duration_s
-    return np.asarray(distance * np.array([np.sin(course), np.cos(course)]))
+    heading = axes_of(motions.course_deg[row])[:, 0]
+    return np.asarray(motions.speed_mps[row] * duration_s * heading)
 
 
 def _measured(scene: Scene) -> list[Measurements]:
@@ -329,27 +318,18 @@ def motion_residuals(
     if not rows.size or not motions.observable[rows[0]]:
         return None
     row = int(rows[0])
-    values = (
-        motions.range_m,
-        motions.bearing_deg,
-        motions.speed_mps,
-        motions.course_deg,
-    )
-    distance, bearing, speed, course = (float(v[row]) for v in values)
+    names = ("range_m", "bearing_deg", "speed_mps", "course_deg")
+    distance, bearing, speed, course = (float(getattr(motions, n)[row]) for n in names)
     if not np.isfinite([distance, bearing, speed, course]).all():
         return None
     try:
         paths, sensor = _paths(scene, data)
     except DataError:
         return None
-    angle, way = np.radians(bearing), np.radians(course)
-    state = np.array([
-        distance * np.sin(angle), distance * np.cos(angle),
-        speed * np.sin(way), speed * np.cos(way),
-    ])  # fmt: skip
-    predicted, rate = _predicted(
-        paths, sensor, data, state, motions, _medium(scene, motions)
+    state = np.hstack(
+        [distance * axes_of(bearing)[:, 0], speed * axes_of(course)[:, 0]]
     )
+    predicted, rate = _predicted(paths, sensor, data, state, scene, motions)
     left = data.bearing_deg - np.degrees(predicted)
     left = (left + 180.0) % 360.0 - 180.0
     record = scene.first(BearingTime)
@@ -369,17 +349,19 @@ def motion_residuals(
 
 
 def _predicted(
-    paths: Sequence[OwnPath],
-    sensor: IntArray,
-    data: Measurements,
-    state: FloatArray,
-    motions: Motions,
-    medium: Medium,
-) -> tuple[FloatArray, FloatArray]:
+    paths: Sequence[OwnPath], sensor: IntArray, data: Measurements, state: FloatArray,
+    scene: Scene, motions: Motions,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return bearings in rad and range rates in m/s at every row, from its platform.
 
     The state counts from the platform of the first row, at its time.
     """
+    hydrophone = scene.first(Sensor)
+    depth = None if hydrophone is None else hydrophone.depth_m
+    medium = Medium(
+        motions.sound_speed_mps, 0.0 if depth is None else depth - SOURCE_DEPTH_M,
+        is_delayed=motions.propagation == "delayed",
+    )  # fmt: skip
     steps = np.diff(np.unique(data.time_s))  # several sensors share instants
     interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
     doppler: Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
@@ -400,15 +382,6 @@ def _predicted(
     return bearing, rate
 
 
-def _medium(scene: Scene, motions: Motions) -> Medium:
-    sensor = scene.first(Sensor)
-    depth = None if sensor is None else sensor.depth_m
-    height_m = 0.0 if depth is None else depth - SOURCE_DEPTH_M
-    return Medium(
-        motions.sound_speed_mps, height_m, is_delayed=motions.propagation == "delayed"
-    )
-
-
 def _parts(
     scene: Scene, motions: Motions, measured: Sequence[Measurements]
 ) -> list[PagePart]:
@@ -424,7 +397,7 @@ def _parts(
         ("frequency_hz", "frequency residual\n(Hz)"),
     ):
         if any(np.isfinite(getattr(found, name)).any() for _, found in left):
-            parts.append(PagePart(1.5, _residual_panel(left, name, label)))
+            parts.append(PagePart(1.5, partial(_draw_residuals, left, name, label)))
     if _bounded(motions).any():
         parts.append(PagePart(1.7, lambda ax: draw_ranges(motions, ax)))
     return parts
@@ -434,20 +407,14 @@ MANY_POINTS = 200
 """Rows from which residuals are drawn as small dots, lest they hide each other."""
 
 
-def _residual_panel(
-    left: Sequence[tuple[int, PlottedResiduals]], name: str, label: str
-) -> Panel:
-    def draw(ax: "Axes") -> None:
-        calm(ax)
-        for contact, found in left:
-            size = 3 if found.time_s.size > MANY_POINTS else 6
-            for values in getattr(found, name):
-                ax.plot(found.time_s, values, ".", ms=size, alpha=0.6, mec="none",
-                        color=contact_color(contact))  # fmt: skip
-        ax.axhline(0.0, color=MEASURED, lw=0.8)
-        ax.set_ylabel(label, fontsize=8)
-
-    return draw
+def _draw_residuals(
+    left: Sequence[tuple[int, PlottedResiduals]], name: str, label: str, ax: Axes
+) -> None:
+    calm(ax, label).axhline(0.0, color=MEASURED, lw=0.8)
+    for contact, found in left:
+        size = 3 if found.time_s.size > MANY_POINTS else 6
+        ax.plot(found.time_s, getattr(found, name).T, ".", ms=size, alpha=0.6,
+                mec="none", color=contact_color(contact))  # fmt: skip
 
 
 def _bounded(motions: Motions) -> BoolArray:
@@ -457,21 +424,17 @@ def _bounded(motions: Motions) -> BoolArray:
     return bounded
 
 
-def draw_ranges(motions: Motions, ax: "Axes") -> "Axes":
+def draw_ranges(motions: Motions, ax: Axes) -> Axes:
     """Draw the estimates of the range at the start over time, with their bands.
 
     Before the range is observable the band would fill the picture: it is left out.
     """
-    calm(ax)
+    calm(ax, "range at the start,\nas known then (m)")
     bounded = _bounded(motions)
     for name in np.unique(motions.update_contact):
         own = bounded & (motions.update_contact == name)
-        time_s, middle = motions.update_time_s[own], motions.update_range_m[own]
         half = BAND_DEVIATIONS * motions.update_range_std_m[own]
+        time_s, middle = motions.update_time_s[own], motions.update_range_m[own]
         color = contact_color(int(name))
-        ax.plot(time_s, middle, ".-", color=color, lw=1.0)
-        ax.fill_between(
-            time_s, middle - half, middle + half, alpha=0.2, color=color, lw=0
-        )
-    ax.set_ylabel("range at the start,\nas known then (m)", fontsize=8)
+        draw_band(ax, time_s, middle, half, color, marker=".", lw=1.0)
     return ax

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import Container, FloatArray
+from uwtrack_cli.data.base import Container, FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, convert
 from uwtrack_cli.data.presence import Presence
@@ -18,9 +18,10 @@ from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.hdf5.layout import sensor_of
 from uwtrack_cli.files.utc import parse_utc
-from uwtrack_cli.plotting.style import WIDE_IN, Clock
+from uwtrack_cli.plotting.style import WIDE_IN, Clock, Span
 
 C = TypeVar("C", bound=Container)
+O = TypeVar("O", Encounters, Presence)
 T = TypeVar("T")
 
 Units = Literal["kn", "m/s"]
@@ -224,6 +225,17 @@ class Scene:
             and (self.sensor is None or sensor_of(c) in (None, self.sensor))
         ]
 
+    def _own(self, kind: type[O]) -> O | None:
+        """Return a table of the sensor's rows, which a page asks for once a line."""
+
+        def make() -> O | None:
+            found = self.first(kind)
+            if found is None or self.sensor is None:
+                return found
+            return found.of_sensor(self.sensor)
+
+        return self.once(kind.NAME, make)
+
     @property
     def overview(self) -> Overview | None:
         """Picture of the sound; where only its envelope has one, that."""
@@ -238,10 +250,7 @@ class Scene:
     @property
     def encounters(self) -> Encounters | None:
         """Closest approaches that the sensor heard."""
-        found = self.first(Encounters)
-        if found is None or self.sensor is None:
-            return found
-        return found.of_sensor(self.sensor)
+        return self._own(Encounters)
 
     def number(self, contact: int) -> int:
         """Return the number of a contact's passage, by time from 1; 0 without one.
@@ -250,17 +259,29 @@ class Scene:
         """
         found = self.encounters
         if found is None:
-            return max(contact, 0)
+            return max(int(contact), 0)
         rows = np.flatnonzero(found.contact == contact)
         return int(rows[0]) + 1 if rows.size else 0
 
     @property
     def presence(self) -> Presence | None:
         """What the sensor heard."""
-        found = self.first(Presence)
-        if found is None or self.sensor is None:
-            return found
-        return found.of_sensor(self.sensor)
+        return self._own(Presence)
+
+    def stretches(self, span_s: Span) -> IntArray:
+        """Return the rows of what the sensor heard within a span, s."""
+        found = self.presence
+        if found is None:
+            return np.zeros(0, np.int64)
+        return np.flatnonzero((found.to_s >= span_s[0]) & (found.from_s <= span_s[1]))
+
+    def owner(self, stretch: int) -> int:
+        """Return the number of the passage that a stretch belongs to; 0 for none."""
+        found = self.presence
+        if found is None or self.encounters is None:
+            return 0
+        own = int(found.encounter[stretch]) or int(found.contact[stretch])
+        return self.number(own)
 
     @property
     def clock(self) -> Clock:

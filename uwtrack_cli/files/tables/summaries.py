@@ -258,6 +258,46 @@ def summary_of(name: str, rows: Sequence[Row], units: str = "m/s") -> Summary:
     )
 
 
+def passage_columns(
+    rows: Sequence[Row], units: str = "m/s"
+) -> dict[str, tuple[str, ...]]:
+    """Return passages of many recordings as columns of cells, by heading.
+
+    ``rows``: as `flow.passages.PassageRow` has them. ``units``: of speeds, m/s or kn. A
+    column in which nothing is known is left out.
+    """
+    shown = [_in_knots(row) for row in rows] if units == "kn" else rows
+    speed = Head(
+        f"speed {units}", "speed_mps", 1 if units == "kn" else 2, "speed_std_mps"
+    )
+    columns: dict[str, list[str]] = {"time UTC": [], "vessel": []}
+    for row in rows:
+        since = NOT_KNOWN if row["time_s"] is None else f"{row['time_s']:.1f} s"
+        chance, name = row["vessel_probability"], row["vessel"] or NOT_KNOWN
+        more = "" if chance is None else f" {100.0 * chance:.0f} %"
+        columns["time UTC"].append(
+            utc_text(row["time_utc"]) if row["time_utc"] else since
+        )
+        columns["vessel"].append(name + more)
+    for head in (
+        Head("sensor", "sensor"),
+        Head("status", "status"),
+        speed,
+        Head("range m", "slant_range_m", 0, "slant_range_std_m"),
+        Head("course deg", "course_deg", 0, "course_std_deg"),
+        Head("level dB", "received_level_db", 1, "received_level_std_db"),
+        Head("recording", "recording"),
+        Head("contact", "contact"),
+    ):
+        columns[head.title] = [head.text(row) for row in shown]
+    order = ["time UTC", "sensor", *columns]  # as both lists begin
+    return {
+        title: tuple(columns[title])
+        for title in dict.fromkeys(order)
+        if set(columns[title]) != {NOT_KNOWN}
+    }
+
+
 def utc_text(time_utc: str, digits: int = 0) -> str:
     """Return a time for people, rounded to so many decimals of a second.
 
