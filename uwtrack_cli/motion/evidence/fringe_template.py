@@ -323,15 +323,54 @@ class FringeModel:
         They are the coefficients of the patterns, and with a shape the contrast of each
         row, saturation, and what is asked of the passage (where it has a ``precision``).
         """
-        n_rows, n_cells = self._value.shape
+        places = zip(passages, self.templates, strict=True)
         splines = [
             _spline(self.panel.time_s, self._cells, self.panel.cell, t.knots, p)
-            for p, t in zip(passages, self.templates, strict=True)
+            for p, t in places
         ]
         if not splines:
-            nothing = np.zeros(0)
             told = self._logs - 0.5 * self._square
-            return _Solved(told, nothing[:, None], nothing, splines, None)
+            return _Solved(told, np.zeros((0, 0)), np.zeros(0), splines, None)
+        prior = np.concatenate(
+            [np.full(s.size, 1.0 / t.variance)
+             for s, t in zip(splines, self.templates, strict=True)]
+        )  # fmt: skip
+        bent, value, offset = None, self._value, np.zeros(0)
+        images = np.zeros((0, *value.shape))
+        if self.shape is not None:
+            bent = _bent(self.panel, self.templates[0], passages[0], self.shape)
+            images, asked = bent.saturated[None], np.zeros(0)
+            if precision is not None and mean is not None:
+                free = np.isfinite(precision)
+                images = np.concatenate([images, bent.slopes[free]])
+                asked = precision[free]
+                offset = asked * mean[free]
+            images = self._free(images)
+            value = value - SATURATION[0] * images[0]
+            own = np.full(len(value), CONTRAST_STD**-2.0)
+            prior = np.concatenate([prior, own, [SATURATION[1] ** -2.0], asked])
+        normal, right = self._normal(splines, bent, images, value)
+        right[right.size - offset.size :] += offset
+        place = np.arange(right.size)
+        normal[place, place] += prior
+        root = np.linalg.cholesky(normal)
+        half = _solve(root, right)
+        # without what nothing is known of
+        log_det = 2.0 * np.log(np.diag(root)).sum() - np.log(prior[prior > 0.0]).sum()
+        square = float((value**2 * self._weight).sum())
+        told = self._logs - 0.5 * (square - float(half @ half) + float(log_det))
+        return _Solved(told, root, _solve(root, half, upper=True), splines, bent)
+
+    def _normal(
+        self, splines: list["_Spline"], bent: "_Bent | None", images: FloatArray,
+        value: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """Return normal matrix and right side, free of the courses and the cells.
+
+        Of all coefficients, the contrast of each row where something is ``bent``, and
+        images that are free of courses and cells already.
+        """
+        n_rows, n_cells = value.shape
         starts = np.cumsum([0, *(spline.size for spline in splines)]).tolist()
         count = starts.pop()
         pairs = zip(splines, starts, strict=True)
@@ -339,82 +378,48 @@ class FringeModel:
         index = np.concatenate([s.first[:, :, None] + FOUR + at for s, at in pairs], 2)
         share = np.concatenate([s.weight for s in splines], axis=2)
         weighted = share * self._weight[:, None]
-        bent, value, own = None, self._value, 0
-        prior = [1.0 / t.variance for s, t in zip(splines, self.templates, strict=True)
-                 for _ in range(s.size)]  # fmt: skip
-        images = np.zeros((0, n_rows, n_cells))
-        offset = np.zeros(0)
-        if self.shape is not None:
-            bent = _bent(self.panel, self.templates[0], passages[0], self.shape)
-            own = n_rows
-            images = bent.saturated[None]
-            more = [SATURATION[1] ** -2.0]
-            if precision is not None and mean is not None:
-                free = np.isfinite(precision)
-                images = np.concatenate([images, bent.slopes[free]])
-                more += precision[free].tolist()
-                offset = np.append(0.0, precision[free] * mean[free])
-            images = self._free(images)
-            value = value - SATURATION[0] * images[0]
-            prior += [CONTRAST_STD**-2.0] * own + more
-        held = count + own
-        size = held + len(images)
-        normal, right = np.zeros((size, size)), np.zeros(size)
-        normal[:count, :count] = _products(index, share, weighted, count)
         row = (np.arange(n_rows)[:, None, None] * count + index).ravel()
+        cell = (np.arange(n_cells)[None, :, None] * count + index).ravel()
+        index_flat = index.ravel()
 
         def by_row(values: FloatArray) -> FloatArray:
             each = (weighted * values[..., None]).ravel()
             return np.bincount(row, each, n_rows * count).reshape(n_rows, count)
 
+        def whole(values: FloatArray) -> FloatArray:
+            each = (weighted * values[:, :, None]).ravel()
+            return np.bincount(index_flat, each, count)
+
+        held = count + (0 if bent is None else n_rows)
+        normal = np.zeros((held + len(images),) * 2)
+        right = np.zeros(len(normal))
+        normal[:count, :count] = _products(index, share, weighted, count)
+        right[:count] = whole(value)
         # what the courses of the rows and the cells by themselves have of it
-        cell = (np.arange(n_cells)[None, :, None] * count + index).ravel()
         stays = np.zeros((n_cells, held))
-        stays[:, :count] = np.bincount(
-            cell, weighted.ravel(), n_cells * count
-        ).reshape(n_cells, count)
-        right[:count] = np.bincount(
-            index.ravel(), (weighted * value[:, :, None]).ravel(), count
-        )
-        diagonal = np.arange(own)
-        if bent is not None:
-            heavy = bent.shown * self._weight
-            normal[count:held, :count] = by_row(bent.shown)
-            normal[:count, count:held] = normal[count:held, :count].T
-            normal[count + diagonal, count + diagonal] = (heavy * bent.shown).sum(1)
-            stays[:, count:] = heavy.T
-            right[count:held] = (heavy * value).sum(axis=1)
+        each = np.bincount(cell, weighted.ravel(), n_cells * count)
+        stays[:, :count] = each.reshape(n_cells, count)
         courses = np.zeros((self._line.shape[0], n_rows, held))
         for told, line in zip(courses, self._line, strict=True):
             told[:, :count] = by_row(line)
-            if bent is not None:
-                told[diagonal, count + diagonal] = heavy @ line
-        both = courses.sum(axis=1)
-        flat = courses.reshape(-1, held)
+        if bent is not None:
+            heavy, own = bent.shown * self._weight, np.arange(n_rows)
+            normal[count:held, :count] = by_row(bent.shown)
+            normal[:count, count:held] = normal[count:held, :count].T
+            normal[count + own, count + own] = (heavy * bent.shown).sum(axis=1)
+            right[count:held] = (heavy * value).sum(axis=1)
+            stays[:, count:] = heavy.T
+            courses[:, own, count + own] = (heavy @ self._line.T).T
+            normal[held:, count:held] = (images * heavy).sum(axis=2)
+        both, flat = courses.sum(axis=1), courses.reshape(-1, held)
         stays /= np.sqrt(n_rows * self._weight)[:, None]
-        normal[:held, :held] += both.T @ both / n_rows - flat.T @ flat
-        normal[:held, :held] -= stays.T @ stays
+        normal[:held, :held] += both.T @ both / n_rows - flat.T @ flat - stays.T @ stays
         for k, image in enumerate(images, held):
-            # free of courses and cells already
-            each = (weighted * image[:, :, None]).ravel()
-            normal[k, :count] = np.bincount(index.ravel(), each, count)
-            normal[k, count:held] = (heavy * image).sum(axis=1)
-            weighty = image * self._weight
-            normal[k, held:] = np.tensordot(images, weighty, 2)
-            right[k] = (weighty * value).sum()
+            normal[k, :count] = whole(image)
+            normal[k, held:] = np.tensordot(images, image * self._weight, 2)
+            right[k] = (image * self._weight * value).sum()
         normal[:held, held:] = normal[held:, :held].T
-        right[held : held + offset.size] += offset
-        place = np.arange(size)
-        normal[place, place] += prior
-        root = np.linalg.cholesky(normal)
-        half = _solve(root, right)
-        known = np.asarray(prior)  # without what nothing is known of
-        log_det = 2.0 * np.log(np.diag(root)).sum() - np.log(known[known > 0.0]).sum()
-        square = float((value**2 * self._weight).sum())
-        cost = square - float(half @ half) + float(log_det)
-        unknowns = _solve(root, half, upper=True)
-        told = self._logs - 0.5 * cost
-        return _Solved(told, root, unknowns, splines, bent)
+        return normal, right
 
 
 class _Solved(NamedTuple):

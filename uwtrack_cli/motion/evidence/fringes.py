@@ -42,14 +42,18 @@ from uwtrack_cli.motion.evidence.fringe_template import (
     smooth_courses,
 )
 
-LEAST_WIDTH_S, WIDTH_STEP = 6.0, 1.5
+LEAST_WIDTH_S, WIDTH_STEP = 6.0, 1.2
 """Smallest R/v that is sought, s, and the ratio of one to the next."""
 
 LONGEST_WIDTH = 1.5
 """Largest R/v that is sought, over the length of what is searched at once."""
 
-ROWS_OF_WIDTH, PLACES_OF_WIDTH, REACH = 8.0, 4.0, 5.0
-"""Rows and instants that are tried in each R/v, and R/v on either side that are stacked."""
+ROWS_OF_WIDTH, TOGETHER, REACH = 16.0, 2, 5.0
+"""Rows of each R/v, neighbouring cells that are taken together, and R/v on either side that
+are stacked."""
+
+BETWEEN = (-0.4, -0.2, 0.2, 0.4)
+"""Parts of a step of R/v by which the likeliest one is moved."""
 
 LEAST_ROWS = 48
 """Rows of what is searched at once, where R/v is as long as the recording."""
@@ -79,9 +83,13 @@ class _Stack(NamedTuple):
     """Rows that can be shifted and stacked."""
 
     time_s: FloatArray
-    """Middles of the rows, s."""
+    """Middle of each row, s; those without sound are between them, shape (row,)."""
+    step_s: float
+    """Time from one row to the next, s."""
     weighted: FloatArray
-    """Values times precision, shape (row, cell)."""
+    """Values times precision, 0 without sound, shape (row, cell)."""
+    has_sound: FloatArray
+    """Whether a row has sound, 0 or 1, shape (row,)."""
     precision: FloatArray
     """Precision, shape (cell,)."""
     cell: float
@@ -90,43 +98,54 @@ class _Stack(NamedTuple):
     @classmethod
     def of(cls, panel: Panel) -> "_Stack":
         """Return the rows of a panel."""
-        weighted = flattened(panel) * panel.precision
-        return cls(panel.time_s, weighted, panel.precision, panel.cell)
+        first, step_s = float(panel.time_s[0]), panel.step_s
+        row = np.rint((panel.time_s - first) / step_s).astype(np.int64)
+        count = int(row[-1]) + 1
+        weighted = np.zeros((count, panel.precision.size), np.float32)
+        weighted[row] = flattened(panel) * panel.precision
+        has_sound = np.zeros(count, np.float32)
+        has_sound[row] = 1.0
+        time_s = first + step_s * np.arange(count)
+        return cls(
+            time_s, step_s, weighted, has_sound,
+            panel.precision.astype(np.float32), panel.cell,
+        )  # fmt: skip
 
-    def gain(self, rows: slice, shift: FloatArray, contrast: FloatArray) -> float:
-        """Return what a free template gains over noise in some rows.
+    def gains(self, width_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return times, s, and what a passage of some R/v at each gains, nepers.
 
-        ``shift``: of each row along log frequency. ``contrast``: of each.
+        Every row is tried, and as many before and after the rows as `OUTSIDE` says. What
+        shifts and stacks is a correlation, of the image and of the law's course in it.
         """
-        cells = np.rint(shift / self.cell).astype(np.int64)
-        cells -= cells.max()
-        n_cells = self.precision.size
-        place = (np.arange(n_cells) - cells[:, None]).ravel()
-        count = n_cells - int(cells.min())
-        part = contrast[:, None] * self.weighted[rows]
-        total = np.bincount(place, part.ravel(), count)
-        weight = np.bincount(
-            place, (contrast[:, None] ** 2 * self.precision).ravel(), count
-        )
-        return max(
-            0.5
-            * float((total**2 * s / (1.0 + s * weight) - np.log1p(s * weight)).sum())
-            for s in VARIANCES
-        )
+        from scipy.fft import irfft2, next_fast_len, rfft, rfft2
 
-    def passage(
-        self, time_s: float, width_s: float, invariant: float = 1.0
-    ) -> float | None:
-        """Return what a passage gains; None where too little of it was recorded."""
-        first, last = np.searchsorted(
-            self.time_s, [time_s - REACH * width_s, time_s + REACH * width_s]
+        count, n_cells = self.weighted.shape
+        wide = width_s / self.step_s
+        out = int(min(OUTSIDE * wide, count))
+        reach = int(min(REACH * wide, count + out))
+        square = (np.arange(-reach, reach + 1) / wide) ** 2
+        shift = np.rint(0.5 * np.log1p(square) / self.cell).astype(np.int64)
+        contrast = 1.0 / (1.0 + USUAL_FADING * square)
+        size = tuple(
+            next_fast_len(each, real=True)
+            for each in (count + out + reach, n_cells + int(shift.max()))
         )
-        if last - first < FEWEST_ROWS:
-            return None
-        rows = slice(int(first), int(last))
-        square = ((self.time_s[rows] - time_s) / width_s) ** 2
-        shift = 0.5 * invariant * np.log1p(square)
-        return self.gain(rows, shift, 1.0 / (1.0 + USUAL_FADING * square))
+        course = np.zeros((2, *size), np.float32)
+        row = np.arange(-reach, reach + 1)
+        course[0, row, shift], course[1, row, shift] = contrast, contrast**2
+        # half a spectrum along time, the whole one along frequency
+        seen, squared = np.conj(rfft2(course, axes=(2, 1)))
+        total = irfft2(seen * rfft2(self.weighted, size[::-1], (1, 0)), size[::-1], (1, 0))
+        known = rfft(self.has_sound, size[0])[:, None]
+        precise = np.fft.fft(self.precision, size[1]).astype(np.complex64)
+        weight = irfft2(squared * known * precise, size[::-1], (1, 0))
+        place = np.arange(-out, count + out)
+        total, weight = total[place] ** 2, np.maximum(weight[place], 0.0)
+        found = np.max([
+            (total * (s / (1.0 + s * weight)) - np.log1p(s * weight)).sum(axis=1)
+            for s in VARIANCES
+        ], axis=0)  # fmt: skip
+        return self.time_s[0] + self.step_s * place, 0.5 * found
 
 
 def flattened(panel: Panel) -> FloatArray:
@@ -195,7 +214,6 @@ class FringeEvidence:
 
     def __init__(self, fringes: Fringes, mach: tuple[float, float]) -> None:
         self.fringes, self.mach = fringes, mach
-        self._stacks: dict[float, _Stack | None] = {}
         self._known: list[FringePassage] = []
 
     def leftovers(self, panel: Panel) -> "_Leftovers":
@@ -231,38 +249,35 @@ class FringeEvidence:
                 panel = panel._replace(value=panel.value - made)
         return panel
 
-    def _stack(self, width_s: float) -> _Stack | None:
-        if width_s not in self._stacks:
-            panel = self.panel(width_s / ROWS_OF_WIDTH)
-            self._stacks[width_s] = None if panel is None else _Stack.of(panel)
-        return self._stacks[width_s]
-
-    def gain(self, grid: Sequence[tuple[float, float]]) -> FloatArray:
-        """Return the gain of passages, time and R/v in s, in nepers; nan for unseen ones."""
-        found = np.full(len(grid), np.nan)
-        for k, (time_s, width_s) in enumerate(grid):
-            stack = self._stack(width_s)
-            told = None if stack is None else stack.passage(time_s, width_s)
-            found[k] = np.nan if told is None else told
-        return found
+    def gains(self, width_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return times, s, and what a passage of some R/v at each gains, nepers."""
+        panel = self.panel(width_s / ROWS_OF_WIDTH, TOGETHER)
+        if panel is None:
+            return np.zeros(0), np.zeros(0)
+        return _Stack.of(panel).gains(width_s)
 
     def proposals(self) -> list[Proposal]:
-        """Return every passage of the grid, the likeliest first."""
+        """Return the likeliest passage of each R/v, the likeliest first."""
         time_s = self.fringes.time_s
         if time_s.size < FEWEST_ROWS:
             return []
         span_s = float(time_s[-1] - time_s[0])
         count = int(np.log(LONGEST_WIDTH * span_s / LEAST_WIDTH_S) / np.log(WIDTH_STEP))
-        grid = []
-        for width_s in LEAST_WIDTH_S * WIDTH_STEP ** np.arange(max(0, count + 1)):
-            out_s = min(OUTSIDE * width_s, span_s)
-            places = np.arange(-out_s, span_s + out_s, width_s / PLACES_OF_WIDTH)
-            grid += [(float(time_s[0] + place), float(width_s)) for place in places]
-        gains = self.gain(grid)
-        order = np.argsort(-np.nan_to_num(gains, nan=-np.inf))
-        return [
-            Proposal(float(gains[k]), *grid[k]) for k in order if np.isfinite(gains[k])
-        ]
+        widths = LEAST_WIDTH_S * WIDTH_STEP ** np.arange(max(0, count + 1))
+        found = sorted(self._likeliest(widths), reverse=True)
+        # dense fringes are sharp: what is between the steps is asked about the likeliest
+        finer = [found[0].width_s * WIDTH_STEP**k for k in BETWEEN] if found else []
+        return sorted(found + self._likeliest(finer), reverse=True)
+
+    def _likeliest(self, widths: Sequence[float]) -> list[Proposal]:
+        found = []
+        for width_s in widths:
+            place_s, gain = self.gains(float(width_s))
+            if gain.size:
+                k = int(np.argmax(gain))
+                one = Proposal(float(gain[k]), float(place_s[k]), float(width_s))
+                found.append(one)
+        return found
 
 
 # Fit
