@@ -35,14 +35,14 @@ def _outcome(fringes: Fringes, passages: list[Passage]) -> Outcome:
     return {"hours": hours, **score(rows, passages)}
 
 
-def _passing(seed: int, is_deep: bool, folder: Path) -> Outcome:
+def _passing(seed: int, is_deep: bool, _folder: Path) -> Outcome:
     frequency, power, ship = draw_power(seed, is_deep=is_deep)
     place = scene(seed, is_deep=is_deep)[2]
     one = Passage(ship.time_s, ship.speed_mps, ship.slant_m(place.sensor_m))
     return _outcome(fringes_of(frequency, power), [one])
 
 
-def _nothing(seed: int, kind: str, folder: Path) -> Outcome:
+def _nothing(seed: int, kind: str, _folder: Path) -> Outcome:
     return _outcome(draw_nothing(kind, seed), [])
 
 

@@ -175,8 +175,7 @@ def images(scenario: Scenario, vessel: Vessel) -> list[tuple[float, float]]:
     depth_m, surface = vessel.source_depth_m, -vessel.surface_image
     found = [(1.0, depth_m), (surface, -depth_m)]
     bed = scenario.sea_bed
-    for order in range(1, 0 if bed is None else bed.orders + 1):
-        assert bed is not None
+    for order in () if bed is None else range(1, bed.orders + 1):
         share = 10.0 ** (-order * bed.loss_db / 20.0) * surface ** (order - 1)
         down_m = 2.0 * order * bed.depth_m
         found += [

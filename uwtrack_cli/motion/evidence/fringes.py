@@ -135,7 +135,9 @@ class _Stack(NamedTuple):
         course[0, row, shift], course[1, row, shift] = contrast, contrast**2
         # half a spectrum along time, the whole one along frequency
         seen, squared = np.conj(rfft2(course, axes=(2, 1)))
-        total = irfft2(seen * rfft2(self.weighted, size[::-1], (1, 0)), size[::-1], (1, 0))
+        total = irfft2(
+            seen * rfft2(self.weighted, size[::-1], (1, 0)), size[::-1], (1, 0)
+        )
         known = rfft(self.has_sound, size[0])[:, None]
         precise = np.fft.fft(self.precision, size[1]).astype(np.complex64)
         weight = irfft2(squared * known * precise, size[::-1], (1, 0))
@@ -461,10 +463,14 @@ def _climbed(
     evidence: FringeEvidence, start: Hypothesis, law: _Law,
     model: FringeModel | None = None,
 ) -> _Fitted | None:  # fmt: skip
-    """Return the likeliest passage near one, by the method of Gauss and Newton."""
+    """Return the likeliest passage near one, by the method of Gauss and Newton.
+
+    ``model``: the image, which is kept; None takes rows that suit the passage.
+    """
     here = about = start
+    is_given = model is not None
     for _ in range(MOST_STEPS):
-        if model is None or not _is_near(here, about):
+        if model is None or not (is_given or _is_near(here, about)):
             panel = evidence.panel(here.width_s / FIT_ROWS, FIT_CELLS)
             if panel is None:
                 return None
