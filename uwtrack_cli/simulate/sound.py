@@ -29,7 +29,7 @@ from uwtrack_cli.simulate.frequency_jitter import (
     gear_course,
 )
 from uwtrack_cli.simulate.noise import TILE, NoiseGenerator, shaping_filter
-from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
+from uwtrack_cli.simulate.scenario import Scenario, SeaBed, SensorPlan
 from uwtrack_cli.simulate.source_levels import (
     BroadbandSource,
     Tone,
@@ -174,15 +174,24 @@ def images(scenario: Scenario, vessel: Vessel) -> list[tuple[float, float]]:
     """
     depth_m, surface = vessel.source_depth_m, -vessel.surface_image
     found = [(1.0, depth_m), (surface, -depth_m)]
-    bed = scenario.sea_bed
-    for order in () if bed is None else range(1, bed.orders + 1):
+    if scenario.sea_bed is not None:
+        found += _bottom_images(scenario.sea_bed, depth_m, surface)
+    return [one for one in found if one[0] != 0.0]
+
+
+def _bottom_images(
+    bed: SeaBed, depth_m: float, surface: float
+) -> list[tuple[float, float]]:
+    """Return share and depth, m, of the images that the bottom takes part in."""
+    found = []
+    for order in range(1, bed.orders + 1):
         share = 10.0 ** (-order * bed.loss_db / 20.0) * surface ** (order - 1)
         down_m = 2.0 * order * bed.depth_m
         found += [
             (share, down_m - depth_m), (share * surface, down_m + depth_m),
             (share * surface, depth_m - down_m), (share * surface**2, -depth_m - down_m),
         ]  # fmt: skip
-    return [one for one in found if one[0] != 0.0]
+    return found
 
 
 def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSound:

@@ -355,8 +355,7 @@ class FringeModel:
         normal[place, place] += prior
         root = np.linalg.cholesky(normal)
         half = _solve(root, right)
-        # without what nothing is known of
-        log_det = 2.0 * np.log(np.diag(root)).sum() - np.log(prior[prior > 0.0]).sum()
+        log_det = 2.0 * np.log(np.diag(root)).sum() - np.log(prior).sum()
         square = float((value**2 * self._weight).sum())
         told = self._logs - 0.5 * (square - float(half @ half) + float(log_det))
         return _Solved(told, root, _solve(root, half, upper=True), splines, bent)

@@ -266,7 +266,7 @@ class FringeEvidence:
         span_s = float(time_s[-1] - time_s[0])
         count = int(np.log(LONGEST_WIDTH * span_s / LEAST_WIDTH_S) / np.log(WIDTH_STEP))
         widths = LEAST_WIDTH_S * WIDTH_STEP ** np.arange(max(0, count + 1))
-        found = sorted(self._likeliest(widths), reverse=True)
+        found = sorted(self._likeliest(widths.tolist()), reverse=True)
         # dense fringes are sharp: what is between the steps is asked about the likeliest
         finer = [found[0].width_s * WIDTH_STEP**k for k in BETWEEN] if found else []
         return sorted(found + self._likeliest(finer), reverse=True)
@@ -306,6 +306,10 @@ do beyond an invariant."""
 
 LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0])
 """What a step of the fit changes each of `UNKNOWNS` by at most."""
+
+WIDEST_STEP = 1.0
+"""Deviation of a step of the time, in R/v, and of the logarithm of R/v: so wide that it only
+counts where nothing is seen of them."""
 
 MOST_STEPS, CLOSE = 12, 0.1
 """Steps at most, and deviations of a step of time and R/v that is the last."""
@@ -407,15 +411,15 @@ class _Law(NamedTuple):
     """What is known of a passage before."""
 
     mean: FloatArray
-    """Of each of `UNKNOWNS`; nan where nothing is known."""
+    """Of each of `UNKNOWNS`; nan where it is what a step begins with."""
     deviation: FloatArray
-    """Infinite where nothing is known, 0 where it is held."""
+    """0 where one is held."""
 
     @classmethod
     def of(cls, mach: tuple[float, float], *, is_mirror: bool) -> "_Law":
         """Return the law of a mirror or of a waveguide."""
         invariant = (1.0, 0.0) if is_mirror else INVARIANT_PRIOR
-        unknown = (np.nan, np.inf)
+        unknown = (np.nan, WIDEST_STEP)
         each = np.array([unknown, unknown, FADING_PRIOR, invariant, mach])
         return cls(each[:, 0], each[:, 1])
 
@@ -433,7 +437,7 @@ class _Law(NamedTuple):
 
     def log_density(self, passage: Hypothesis) -> float:
         """Return the log of the density of what is known, of unit normal ones."""
-        known = (self.deviation > 0.0) & np.isfinite(self.deviation)
+        known = (self.deviation > 0.0) & np.isfinite(self.mean)
         off = self.off(passage)[known] / self.deviation[known]
         return -0.5 * float(off @ off)
 
@@ -467,33 +471,48 @@ def _climbed(
 
     ``model``: the image, which is kept; None takes rows that suit the passage.
     """
-    here = about = start
     is_given = model is not None
+    rows = model or _rows_about(evidence, start, None)
+    here = about = start
+    covariance = np.eye(len(UNKNOWNS))
     for _ in range(MOST_STEPS):
-        if model is None or not (is_given or _is_near(here, about)):
-            panel = evidence.panel(here.width_s / FIT_ROWS, FIT_CELLS)
-            if panel is None:
-                return None
-            panel = panel.near(here.time_s, FIT_REACH * here.width_s)
-            if panel.time_s.size < FEWEST_ROWS:
-                return None
-            known = model.templates[0] if model else _best_template(panel, here)
-            model, about = _about(panel, known, here), here
-        by, covariance, shape = model.step(here, law.precision, law.off(here))
+        if not (is_given or _is_near(here, about)):
+            rows, about = _rows_about(evidence, here, rows), here
+        if rows is None:
+            return None
+        by, covariance, shape = rows.step(here, law.precision, law.off(here))
         deviation = np.sqrt(np.diag(covariance))
         share = min(1.0, *(LARGEST_STEP / np.maximum(np.abs(by), 1e-9)))
         for name, one in zip(UNKNOWNS, by * share, strict=True):
             size = one * here.width_s if name == "time_s" else one
             here = here.changed(name, float(size))
-        model = FringeModel(model.panel, model.templates, shape)
+        rows = FringeModel(rows.panel, rows.templates, shape)
         if np.max(np.abs(by[:2]) / deviation[:2]) < CLOSE:
             break
-    is_asked = deviation > 0.0
-    value = model.log_likelihood([here]) + law.log_density(here)
+    if rows is None:
+        return None
+    is_asked = np.diag(covariance) > 0.0
+    value = rows.log_likelihood([here]) + law.log_density(here)
     log_det = float(np.linalg.slogdet(covariance[np.ix_(is_asked, is_asked)])[1])
-    prior = law.deviation[is_asked & np.isfinite(law.deviation)]
-    value += 0.5 * log_det - float(np.log(prior).sum())
-    return _Fitted(here, covariance, value, model)
+    value += 0.5 * log_det - float(np.log(law.deviation[is_asked]).sum())
+    return _Fitted(here, covariance, value, rows)
+
+
+def _rows_about(
+    evidence: FringeEvidence, here: Hypothesis, model: FringeModel | None
+) -> FringeModel | None:
+    """Return the rows that suit a passage, about its pattern; None if they are few.
+
+    ``model``: rows whose template is kept; None chooses one.
+    """
+    panel = evidence.panel(here.width_s / FIT_ROWS, FIT_CELLS)
+    if panel is None:
+        return None
+    panel = panel.near(here.time_s, FIT_REACH * here.width_s)
+    if panel.time_s.size < FEWEST_ROWS:
+        return None
+    template = model.templates[0] if model else _best_template(panel, here)
+    return _about(panel, template, here)
 
 
 def _about(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel:
@@ -505,7 +524,7 @@ def _about(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel
 def _is_near(one: Hypothesis, other: Hypothesis) -> bool:
     """Return whether the same rows suit both."""
     apart = abs(one.time_s - other.time_s) / one.width_s
-    return max(apart, abs(np.log(one.width_s / other.width_s))) < 0.1
+    return bool(max(apart, abs(np.log(one.width_s / other.width_s))) < 0.1)
 
 
 def _best_template(panel: Panel, passage: Hypothesis) -> Template:
