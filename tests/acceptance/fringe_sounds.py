@@ -48,12 +48,14 @@ def _nothing(seed: int, kind: str, _folder: Path) -> Outcome:
 
 def cases(count: int, seed: int) -> Cases:
     """Draw so many vessels in deep and shallow water, and of each kind that is none."""
-    return {
+    passing: Cases = {
         f"{'deep' if is_deep else 'shallow'} {number}": partial(
             _passing, number, is_deep
         )
         for number in range(seed, seed + count) for is_deep in (True, False)
-    } | {
+    }  # fmt: skip
+    nothing: Cases = {
         f"{kind} {number}": partial(_nothing, number, kind)
         for number in range(seed, seed + max(1, count // 2)) for kind in KINDS
     }  # fmt: skip
+    return passing | nothing

@@ -30,7 +30,7 @@ PARTS: dict[str, Callable[[], dict[str, Case]]] = {
     "vehicles": partial(drawn_sounds.vehicles, 14, 381600),
     "nothing": partial(drawn_sounds.nothing, 28, 381700),
     "foreign": partial(drawn_sounds.foreign, 12, 381800),
-    "fringes": partial(fringe_sounds.cases, 4, 382400),
+    "fringes": partial(fringe_sounds.cases, 2, 382400),
     "samples": samples.cases,
     "lines": partial(line_sounds.cases, 381900),
     "tables": partial(tables.cases, 382000),

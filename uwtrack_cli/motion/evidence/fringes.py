@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.evidence.fringe_panel import (
     FEWEST_ROWS,
@@ -272,14 +272,22 @@ class FringeEvidence:
         return sorted(found + self._likeliest(finer), reverse=True)
 
     def _likeliest(self, widths: Sequence[float]) -> list[Proposal]:
-        found = []
+        """Return the likeliest passage of each R/v, and the likeliest that can be told."""
+        found = set()
         for width_s in widths:
-            place_s, gain = self.gains(float(width_s))
-            if gain.size:
-                k = int(np.argmax(gain))
-                one = Proposal(float(gain[k]), float(place_s[k]), float(width_s))
-                found.append(one)
-        return found
+            place_s, gain = self.gains(width_s)
+            inside = np.flatnonzero(self.is_inside(place_s, width_s))
+            for within in (np.arange(gain.size), inside):
+                if within.size:
+                    k = within[np.argmax(gain[within])]
+                    found.add(Proposal(float(gain[k]), float(place_s[k]), width_s))
+        return list(found)
+
+    def is_inside(self, time_s: FloatArray, width_s: float) -> BoolArray:
+        """Return whether closest approaches at times, s, can be told."""
+        first, last = self.fringes.time_s[[0, -1]]
+        reach_s = INSIDE * width_s
+        return np.asarray((first - reach_s < time_s) & (time_s < last + reach_s))
 
 
 # Fit
@@ -351,6 +359,10 @@ STILL_VARIANCES = (0.01, 0.1, 1.0)
 MOST_PASSAGES = 3
 """Passages of a stretch at most."""
 
+ALIKE, MOST_STARTS = 0.5, 4
+"""Share of the likeliest proposal's gain from which others that lie apart are fitted, too,
+and how many are."""
+
 
 @dataclass(frozen=True)
 class FringePassage:
@@ -401,8 +413,10 @@ class _Fitted(NamedTuple):
     passage: Hypothesis
     covariance: FloatArray
     """Of what is asked (`UNKNOWNS`), shape (unknown, unknown); 0 where it is held."""
-    log_evidence: float
-    """Log of the probability of the image, its unknowns integrated out, nepers."""
+    log_likelihood: float
+    """Log of the probability of the image there, nepers."""
+    log_share: float
+    """Log of the prior probability of what agrees with the image, nepers."""
     model: FringeModel
     """The image, about the likeliest pattern."""
 
@@ -474,7 +488,7 @@ def _climbed(
     is_given = model is not None
     rows = model or _rows_about(evidence, start, None)
     here = about = start
-    covariance = np.eye(len(UNKNOWNS))
+    covariance: FloatArray = np.eye(len(UNKNOWNS))
     for _ in range(MOST_STEPS):
         if not (is_given or _is_near(here, about)):
             rows, about = _rows_about(evidence, here, rows), here
@@ -492,10 +506,10 @@ def _climbed(
     if rows is None:
         return None
     is_asked = np.diag(covariance) > 0.0
-    value = rows.log_likelihood([here]) + law.log_density(here)
     log_det = float(np.linalg.slogdet(covariance[np.ix_(is_asked, is_asked)])[1])
-    value += 0.5 * log_det - float(np.log(law.deviation[is_asked]).sum())
-    return _Fitted(here, covariance, value, rows)
+    share = law.log_density(here) + 0.5 * log_det
+    share -= float(np.log(law.deviation[is_asked]).sum())
+    return _Fitted(here, covariance, rows.log_likelihood([here]), share, rows)
 
 
 def _rows_about(
@@ -537,7 +551,14 @@ def _weighed(
     evidence: FringeEvidence, mirror: _Fitted, channel: _Fitted
 ) -> FringePassage:
     """Weigh mirror and waveguide, and hold both against what else may be."""
-    odds = channel.log_evidence - mirror.log_evidence
+    told = mirror.model.explain([mirror.passage])
+    misfit = _misfit(told.residual, mirror.model.panel.precision)
+    nothing = FringeModel(mirror.model.panel, []).log_likelihood([])
+    # neither law is all that the sea does: as among other explanations
+    scale = TEMPERED_NEPERS * misfit
+    scale += TEMPERED_SHARE * max(mirror.log_likelihood - nothing, 0.0)
+    odds = (channel.log_likelihood - mirror.log_likelihood) / scale
+    odds += channel.log_share - mirror.log_share
     odds += np.log(BROAD_SHARE / (1.0 - BROAD_SHARE))
     share = float(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))))
     fitted = channel if share > 0.5 else mirror
@@ -697,10 +718,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     known: list[FringePassage] = []
     for _ in range(MOST_PASSAGES):
         rest = evidence.explained(known)
-        first = next(iter(rest.proposals()), None)
-        if first is None or first.gain < LEAST_GAIN:
-            break
-        one = fit_passage(rest, first)
+        one = _likeliest_fit(rest)
         if one is None or one.log_odds < (PERHAPS if known else 0.0):
             break
         known.append(one)
@@ -712,3 +730,25 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
         rest = evidence.explained(known[:k] + known[k + 1 :])
         known[k] = fit_passage(rest, start, one.passage.fading) or one
     return [one for one in known if one.log_odds >= 0.0]
+
+
+def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
+    """Return the likeliest passage; None if there is none.
+
+    Far from its closest approach a vessel fixes little but its bend, and patterns overlap:
+    proposals that are about as good, and lie apart, are all fitted.
+    """
+    every = evidence.proposals()
+    least = max(LEAST_GAIN, ALIKE * every[0].gain) if every else LEAST_GAIN
+    starts: list[Proposal] = []
+    for one in every:
+        if one.gain >= least and all(_is_apart(one, other) for other in starts):
+            starts.append(one)
+    fits = [fit_passage(evidence, one) for one in starts[:MOST_STARTS]]
+    return max((one for one in fits if one), key=lambda one: one.gain, default=None)
+
+
+def _is_apart(one: Proposal, other: Proposal) -> bool:
+    """Return whether two proposals lie in different places."""
+    ratio = abs(float(np.log(one.width_s / other.width_s)))
+    return abs(one.time_s - other.time_s) > 0.5 * one.width_s or ratio > 0.6
