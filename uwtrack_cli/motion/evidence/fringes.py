@@ -359,9 +359,8 @@ STILL_VARIANCES = (0.01, 0.1, 1.0)
 MOST_PASSAGES = 3
 """Passages of a stretch at most."""
 
-ALIKE, MOST_STARTS = 0.5, 4
-"""Share of the likeliest proposal's gain from which others that lie apart are fitted, too,
-and how many are."""
+ALIKE = 0.5
+"""Share of the likeliest proposal's gain from which others are about as good."""
 
 
 @dataclass(frozen=True)
@@ -735,17 +734,23 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
 def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
     """Return the likeliest passage; None if there is none.
 
-    Far from its closest approach a vessel fixes little but its bend, and patterns overlap:
-    proposals that are about as good, and lie apart, are all fitted.
+    Far from its closest approach a vessel fixes little but its bend, and where patterns
+    overlap a short piece gains as much as a long passage: of proposals that are about as
+    good, the likeliest, the likeliest that can be told and the longest of these are fitted.
     """
     every = evidence.proposals()
     least = max(LEAST_GAIN, ALIKE * every[0].gain) if every else LEAST_GAIN
+    alike = [one for one in every if one.gain >= least]
+    inside = [
+        one for one in alike if evidence.is_inside(np.array(one.time_s), one.width_s)
+    ]
+    longest = sorted(inside, key=lambda one: -one.width_s)
     starts: list[Proposal] = []
-    for one in every:
-        if one.gain >= least and all(_is_apart(one, other) for other in starts):
+    for one in (*alike[:1], *inside[:1], *longest[:1]):
+        if all(_is_apart(one, other) for other in starts):
             starts.append(one)
-    fits = [fit_passage(evidence, one) for one in starts[:MOST_STARTS]]
-    return max((one for one in fits if one), key=lambda one: one.gain, default=None)
+    fits = [fit_passage(evidence, one) for one in starts]
+    return max((one for one in fits if one), key=lambda one: one.log_odds, default=None)
 
 
 def _is_apart(one: Proposal, other: Proposal) -> bool:
