@@ -10,6 +10,7 @@ from pathlib import Path
 from tests.acceptance import (
     arrays,
     drawn_sounds,
+    fringe_sounds,
     line_sounds,
     real_sounds,
     samples,
@@ -29,6 +30,7 @@ PARTS: dict[str, Callable[[], dict[str, Case]]] = {
     "vehicles": partial(drawn_sounds.vehicles, 14, 381600),
     "nothing": partial(drawn_sounds.nothing, 28, 381700),
     "foreign": partial(drawn_sounds.foreign, 12, 381800),
+    "fringes": partial(fringe_sounds.cases, 2, 382400),
     "samples": samples.cases,
     "lines": partial(line_sounds.cases, 381900),
     "tables": partial(tables.cases, 382000),
@@ -59,5 +61,6 @@ SHORT: dict[str, tuple[str, ...]] = {
     "vehicles": ("two cars 381605",),
     "two-vessels": ("two vessels 381200",),
     "nothing": ("squall 381704",),
+    "fringes": ("shallow 382400",),
 }  # fmt: skip
 """Cases of each part that are in `make test`: about three CPU minutes."""

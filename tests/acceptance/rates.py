@@ -181,6 +181,7 @@ ONE = ("quiet", "disturbed")
 """Recordings of one vessel that have bounds."""
 
 WITH_BOUND = (*ONE, "two-vessels")
+FRINGES = "specification, fringes 4"
 DECISION, MOTION = "specification, decision 6", "specification, motion 7"
 TARGETS = "specification, pdaf and discriminate"
 NAMES_OF_TABLES = ("time", "speed", "range", "range over speed", "course")
@@ -218,6 +219,9 @@ RATES: tuple[Rate, ...] = (
     _at_least("vehicles: found", found(("vehicles",)), ("vehicles",), 0.9, 0.9, DECISION),
     _at_least("vehicles: speed given", with_speed(("vehicles",)), ("vehicles",), 0.12, 0.9, DECISION),
     _at_most("drawn: wrong sides", wrong_sides(DRAWN), DRAWN, 0.0, 0.0, MOTION),
+    _at_least("fringes: found", found(("fringes",)), ("fringes",), 0.95, 0.95, FRINGES),
+    _each_hour("fringes: false rows an hour", false_rows(("fringes",)), ("fringes",), 0.0, 0.0, FRINGES),
+    _at_least("fringes: within 1.96", within(WITHIN, ("fringes",)), ("fringes",), 0.92, 0.92, FRINGES),
     _each_hour("without a vessel: rows an hour", false_rows(WITHOUT), WITHOUT, 1.02, 0.1, DECISION),
     _each_hour("beside vessels: false rows an hour", false_rows(("quiet", "disturbed", "two-vessels", "harder", "ships")), ("quiet", "disturbed", "two-vessels", "harder", "ships"), 0.1, 0.1, DECISION),
     *_honest("drawn, one or two vessels", WITH_BOUND, "", "", HONEST, MEDIAN, DECISION),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.simulate.scenes import DIFAR, OMNI, PASSAGE, listen, scene, vessel
+from uwtrack_cli.errors import OptionError
 
 C = 1500.0
 
@@ -79,6 +80,33 @@ def test_surface_image_makes_the_fringes_of_two_rays():
         field = np.exp(-wave * direct) / direct - 0.9 * np.exp(-wave * image) / image
         expected = 10 ** (170.0 / 20) * abs(field)
         assert np.sqrt(np.mean(received**2)) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_channel_has_the_modes_of_its_water():
+    # perfect mirrors of opposite sign: the mode of Brekhovskikh and Lysanov, section 5.2,
+    # is the first one, and the only one that travels at this frequency
+    depth_m, hertz, far_m = 30.0, 20.0, 60.0
+    still = {"east_m": far_m, "course_deg": 0.0, "speed_mps": 0.0}
+    line = [{"frequency_hz": hertz, "source_level_db": 170.0}]
+
+    def level(source_m):
+        source = vessel(
+            closest_approach=None, track=still, surface_image=1.0, line=line,
+            source_depth_m=source_m,
+        )  # fmt: skip
+        bed = {"depth_m": depth_m, "loss_db": 0.0, "orders": 10}
+        heard = listen(scene(vessel=[source], sea_bed=bed, duration_s=10.0))
+        return np.sqrt(np.mean(heard[4000:, 0] ** 2))
+
+    wave = np.pi / (2.0 * depth_m)
+    for source_m in (5.0, 11.0, 20.0):
+        share = np.sin(wave * source_m) / np.sin(wave * 30.0)
+        assert level(source_m) / level(30.0) == pytest.approx(share, rel=0.03)
+
+
+def test_a_sea_bed_lies_below_everything():
+    with pytest.raises(OptionError, match="below the bottom"):
+        scene(vessel=[vessel()], sea_bed={"depth_m": 10.0})
 
 
 def test_broadband_sound_and_its_image_have_the_transfer_of_two_rays():

@@ -266,6 +266,18 @@ class Noise(OptionGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SeaBed(OptionGroup):
+    """A flat bottom, whose images of every vessel sound beside the surface's."""
+
+    depth_m: Depth
+    """Depth of the water, m."""
+    loss_db: Annotated[float, Unit("dB"), AtLeast(0.0), AtMost(60.0)] = 6.0
+    """Loss of each reflection, dB."""
+    orders: Annotated[int, AtLeast(1), AtMost(10)] = 3
+    """Reflections that the bottom makes of one sound at most."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scenario(OptionGroup):
     """A whole simulation: sensors, vessels, noise, and the seed of all chance."""
 
@@ -285,6 +297,8 @@ class Scenario(OptionGroup):
     """Vessels; none is noise alone."""
     noise: Noise | None = None
     """Ambient noise; None is silence."""
+    sea_bed: SeaBed | None = None
+    """Bottom of the sea; None is none, or so deep that it does not matter."""
 
     def __post_init__(self) -> None:
         """Refuse a scenario without a sensor, or whose sensors share a name."""
@@ -295,6 +309,16 @@ class Scenario(OptionGroup):
             raise OptionError(msg)
         if self.start_utc is not None:
             _epoch_ns(self.start_utc)
+        deepest_m = max(
+            [one.depth_m for one in self.sensors]
+            + [one.source_depth_m for one in self.vessels]
+        )
+        if self.sea_bed is not None and self.sea_bed.depth_m < deepest_m:
+            msg = (
+                f"sea_bed.depth_m is {self.sea_bed.depth_m:g} m, but a sensor or a vessel "
+                f"is {deepest_m:g} m deep: nothing can be below the bottom."
+            )
+            raise OptionError(msg)
 
     @property
     def n_samples(self) -> int:

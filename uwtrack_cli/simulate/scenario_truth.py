@@ -62,6 +62,7 @@ def truth(scenario: Scenario, sensor: str | None = None) -> dict[str, Any]:
             for found in _encounters(scenario, plan, vessel, i)
         ],
         "noise": None if scenario.noise is None else asdict(scenario.noise),
+        **({} if scenario.sea_bed is None else {"sea_bed": asdict(scenario.sea_bed)}),
     }
 
 

@@ -29,7 +29,7 @@ from uwtrack_cli.simulate.frequency_jitter import (
     gear_course,
 )
 from uwtrack_cli.simulate.noise import TILE, NoiseGenerator, shaping_filter
-from uwtrack_cli.simulate.scenario import Scenario, SensorPlan
+from uwtrack_cli.simulate.scenario import Scenario, SeaBed, SensorPlan
 from uwtrack_cli.simulate.source_levels import (
     BroadbandSource,
     Tone,
@@ -99,7 +99,7 @@ class VesselSound:
     """All sound of one vessel at one sensor."""
 
     paths: tuple[tuple[float, Path], ...]
-    """Amplitude and path of the direct sound and of the surface image."""
+    """Amplitude and path of the direct sound and of the images in surface and bottom."""
     sample_rate_hz: float
     """Sample rate of the recording, Hz."""
     exponent: float
@@ -166,14 +166,42 @@ class VesselSound:
         return total
 
 
+def images(scenario: Scenario, vessel: Vessel) -> list[tuple[float, float]]:
+    """Return share of amplitude and depth, m, of a vessel and of its images.
+
+    Those of a channel between surface and bottom: Brekhovskikh and Lysanov, Fundamentals
+    of Ocean Acoustics, section 5.1.
+    """
+    depth_m, surface = vessel.source_depth_m, -vessel.surface_image
+    found = [(1.0, depth_m), (surface, -depth_m)]
+    if scenario.sea_bed is not None:
+        found += _bottom_images(scenario.sea_bed, depth_m, surface)
+    return [one for one in found if one[0] != 0.0]
+
+
+def _bottom_images(
+    bed: SeaBed, depth_m: float, surface: float
+) -> list[tuple[float, float]]:
+    """Return share and depth, m, of the images that the bottom takes part in."""
+    found = []
+    for order in range(1, bed.orders + 1):
+        share = 10.0 ** (-order * bed.loss_db / 20.0) * surface ** (order - 1)
+        down_m = 2.0 * order * bed.depth_m
+        found += [
+            (share, down_m - depth_m), (share * surface, down_m + depth_m),
+            (share * surface, depth_m - down_m), (share * surface**2, -depth_m - down_m),
+        ]  # fmt: skip
+    return found
+
+
 def vessel_sound(scenario: Scenario, number: int, plan: SensorPlan) -> VesselSound:
     """Prepare the sound of the vessel with the given number at a sensor."""
     vessel = scenario.vessels[number]
     path = direct_path(scenario, vessel, plan)
-    paths = [(1.0, path)]
-    if vessel.surface_image > 0.0:
-        image = replace(path, source_depth_m=-vessel.source_depth_m)
-        paths.append((-vessel.surface_image, image))
+    paths = [
+        (share, replace(path, source_depth_m=depth_m))
+        for share, depth_m in images(scenario, vessel)
+    ]
     lines = tones(scenario, vessel)
     speed_up = max(
         (c.factor * (1.0 + c.revving) for c in vessel.gear_changes), default=1
@@ -267,11 +295,9 @@ def first_emission_s(scenario: Scenario, vessel: Vessel) -> float:
     start = np.zeros(1)
     paths = [direct_path(scenario, vessel, plan) for plan in scenario.sensors]
     delays = [
-        replace(path, source_depth_m=sign * vessel.source_depth_m)
-        .solve(start)
-        .delay_s[0]
+        replace(path, source_depth_m=depth_m).solve(start).delay_s[0]
         for path in paths
-        for sign in (1.0, -1.0)
+        for _, depth_m in images(scenario, vessel)
     ]
     farther_m = max(
         (

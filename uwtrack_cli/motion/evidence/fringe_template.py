@@ -24,6 +24,20 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.motion.evidence.fringe_panel import Panel
 
+UNKNOWNS = {
+    "time_s": 1e-3, "width_s": 1e-3, "fading": 1e-2, "invariant": 1e-3, "mach": 1e-4,
+}  # fmt: skip
+"""What is asked of a passage, with a small step of each: time in R/v, logarithms of R/v
+and of the fading, the invariant, and speed over that of sound."""
+
+CONTRAST_STD = 0.35
+"""Deviation of a row's own contrast, as a share: a sea that swings by 1.5 dB hides more or
+less of the pattern."""
+
+SATURATION = (1.0, 0.5)
+"""What the logarithm of vessel and sea bends by, over half of what that of a vessel which
+has one ratio to the sea in all cells does; and its deviation."""
+
 FOUR = np.arange(4)
 """Coefficients of a cubic spline that make a value."""
 
@@ -49,6 +63,12 @@ class Hypothesis(NamedTuple):
     course: tuple[FloatArray, FloatArray] | None = None
     """Contrast at times, s, instead of one that fades; None for that of a passage."""
 
+    def changed(self, name: str, by: float) -> "Hypothesis":
+        """Return the passage with one of its unknowns changed; R/v and fading by e^by."""
+        value = float(getattr(self, name))
+        is_log = name in {"width_s", "fading"}
+        return self._replace(**{name: value * np.exp(by) if is_log else value + by})
+
 
 class Template(NamedTuple):
     """Prior of a pattern."""
@@ -57,6 +77,15 @@ class Template(NamedTuple):
     """Distance of the knots of its spline, cells."""
     variance: float
     """Variance of its coefficients, nepers^2."""
+
+
+def _solve(root: FloatArray, right: FloatArray, *, upper: bool = False) -> FloatArray:
+    """Solve the triangular system of a lower root, or of its transpose."""
+    from scipy.linalg import solve_triangular
+
+    return np.asarray(
+        solve_triangular(root, right, lower=True, trans=int(upper), check_finite=False)
+    )
 
 
 def smooth_courses(weight: FloatArray) -> FloatArray:
@@ -71,6 +100,15 @@ def smooth_courses(weight: FloatArray) -> FloatArray:
     return np.asarray(unit.T / np.sqrt(weight))
 
 
+class Shape(NamedTuple):
+    """A pattern as it was found: what a passage is linearised about."""
+
+    pattern: FloatArray
+    """Coefficients of its spline."""
+    lowest: int
+    """Place of the first of them, in knots."""
+
+
 class Explained(NamedTuple):
     """What the linear unknowns are, given the passages."""
 
@@ -78,6 +116,11 @@ class Explained(NamedTuple):
     """Log of the probability density of the image."""
     pattern: list[FloatArray]
     """Coefficients of each template."""
+    lowest: list[int]
+    """Place of the first coefficient of each, in knots."""
+    contrast: FloatArray
+    """Contrast of each row by itself, as a share above that of the law; empty without a
+    shape."""
     residual: FloatArray
     """What is left, the course of each row taken off, shape (row, cell)."""
 
@@ -102,6 +145,17 @@ def contrast_of(time_s: FloatArray, passage: Hypothesis) -> FloatArray:
     return np.asarray(1.0 / (1.0 + passage.fading * (range_2 - 1.0)))
 
 
+class _Bent(NamedTuple):
+    """What a passage shows of a pattern, and what of it changes with the unknowns."""
+
+    shown: FloatArray
+    """The pattern in the cells of each row, shape (row, cell)."""
+    saturated: FloatArray
+    """What it has more where the vessel is louder than the sea, shape (row, cell)."""
+    slopes: FloatArray
+    """Its derivatives by the unknowns, shape (unknown, row, cell)."""
+
+
 class _Spline(NamedTuple):
     """Where each cell of each row lies on a template."""
 
@@ -111,6 +165,8 @@ class _Spline(NamedTuple):
     """Their weights, shape (row, cell, 4)."""
     size: int
     """Coefficients of the template."""
+    lowest: int
+    """Place of the first of them, in knots."""
 
     def values(self, pattern: FloatArray) -> FloatArray:
         """Return the pattern in every cell, shape (row, cell)."""
@@ -120,12 +176,12 @@ class _Spline(NamedTuple):
 
 def _spline(
     time_s: FloatArray, cells: FloatArray, cell: float, knots: float,
-    passage: Hypothesis, lowest: float | None = None,
-) -> tuple[_Spline, float]:  # fmt: skip
-    """Return the cubic spline of a template, and the place of its first coefficient."""
+    passage: Hypothesis, lowest: int | None = None,
+) -> _Spline:  # fmt: skip
+    """Return the cubic spline of a template in the cells of each row."""
     shift = shift_of(time_s, passage) / cell
     place = (cells - shift[:, None]) / knots
-    low = float(np.floor(place.min())) - 1.0 if lowest is None else lowest
+    low = int(np.floor(place.min())) - 1 if lowest is None else lowest
     place = place - low
     whole = np.floor(place).astype(np.int64)
     x = place - whole
@@ -135,17 +191,56 @@ def _spline(
          2.0 / 3.0 - y * y * (1.0 - 0.5 * y), x**3 / 6.0], axis=2,
     )  # fmt: skip
     weight *= contrast_of(time_s, passage)[:, None, None]
-    return _Spline(whole - 1, weight, int(whole.max()) + 3), low
+    return _Spline(whole - 1, weight, int(whole.max()) + 3, low)
+
+
+def _bent(panel: Panel, template: Template, passage: Hypothesis, shape: Shape) -> _Bent:
+    """Return what a passage shows of a pattern that was found."""
+    cells = np.arange(panel.precision.size)
+    shift = shift_of(panel.time_s, passage)
+    place = (cells - shift[:, None] / panel.cell) / template.knots - shape.lowest
+    whole = np.floor(place).astype(np.int64)
+    x = place - whole
+    y = 1.0 - x
+    padded = np.concatenate([np.zeros(8), shape.pattern, np.zeros(8)])
+    first = np.clip(whole - 1 + 8, 0, padded.size - 4)
+    a, b, c, d = (padded[first + k] for k in range(4))
+    height = (a * y**3 + d * x**3) / 6.0
+    height += b * (2.0 / 3.0 - x * x * (1.0 - 0.5 * x))
+    height += c * (2.0 / 3.0 - y * y * (1.0 - 0.5 * y))
+    slope = 0.5 * (d * x * x - a * y * y)
+    slope += b * x * (1.5 * x - 2.0) - c * y * (1.5 * y - 2.0)
+    slope /= -panel.cell * template.knots
+    contrast = contrast_of(panel.time_s, passage)
+    moved, faded = [], []
+    for name, step in UNKNOWNS.items():
+        size = step * passage.width_s if name == "time_s" else step
+        ends = [passage.changed(name, sign * size) for sign in (0.5, -0.5)]
+        up, down = (shift_of(panel.time_s, end) for end in ends)
+        moved.append((up - down) / step)
+        up, down = (contrast_of(panel.time_s, end) for end in ends)
+        faded.append((up - down) / step)
+    slopes = (contrast * np.array(moved))[:, :, None] * slope
+    slopes += np.array(faded)[:, :, None] * height
+    extra = (0.5 * contrast * (1.0 - contrast))[:, None] * height**2
+    return _Bent(contrast[:, None] * height, extra, slopes)
 
 
 class FringeModel:
     """The image of some rows, of which passages are asked.
 
-    ``panel``: the rows. ``templates``: prior of the pattern of each vessel.
+    ``panel``: the rows. ``templates``: prior of the pattern of each vessel. ``shape``: the
+    first one's pattern, of which each row then has a contrast of its own, and the louder
+    ones more than the law of a faint vessel says; None leaves that out.
     """
 
-    def __init__(self, panel: Panel, templates: Sequence[Template]) -> None:
-        self.panel, self.templates = panel, list(templates)
+    def __init__(
+        self,
+        panel: Panel,
+        templates: Sequence[Template],
+        shape: Shape | None = None,
+    ) -> None:
+        self.panel, self.templates, self.shape = panel, list(templates), shape
         self._weight = panel.precision
         self._cells = np.arange(self._weight.size, dtype=float)
         self._line = smooth_courses(self._weight)
@@ -161,11 +256,11 @@ class FringeModel:
         """Take the smooth course of each row off, and what stays in each cell."""
         part = (values * self._weight) @ self._line.T
         values = values - part @ self._line
-        return np.asarray(values - values.mean(axis=0))
+        return np.asarray(values - values.mean(axis=-2, keepdims=True))
 
     def log_likelihood(self, passages: Sequence[Hypothesis]) -> float:
         """Return the log of the probability density of the image, nepers."""
-        return self._solved(passages)[0]
+        return self._solved(passages).log_likelihood
 
     def residuals(self, passages: Sequence[Hypothesis]) -> FloatArray:
         """Return what passages leave, in standard deviations, shape (row, cell)."""
@@ -173,28 +268,108 @@ class FringeModel:
 
     def explain(self, passages: Sequence[Hypothesis]) -> Explained:
         """Return the likeliest patterns, and what they leave."""
-        likelihood, root, half, splines = self._solved(passages)
-        pattern = np.linalg.solve(root.T, half) if half.size else half
+        solved = self._solved(passages)
+        pattern = solved.unknowns
         whole, at = np.zeros_like(self._value), 0
         parts = []
-        for spline in splines:
+        for spline in solved.splines:
             parts.append(pattern[at : at + spline.size])
             whole += spline.values(parts[-1])
             at += spline.size
-        return Explained(likelihood, parts, self._value - self._free(whole))
+        contrast = pattern[at : at + len(self._value)]
+        if solved.bent is not None:
+            whole += contrast[:, None] * solved.bent.shown
+            whole += (SATURATION[0] + pattern[-1]) * solved.bent.saturated
+        lowest = [spline.lowest for spline in solved.splines]
+        return Explained(
+            solved.log_likelihood, parts, lowest, contrast,
+            self._value - self._free(whole),
+        )  # fmt: skip
+
+    def step(
+        self, passage: Hypothesis, precision: FloatArray, mean: FloatArray
+    ) -> tuple[FloatArray, FloatArray, Shape]:
+        """Return by how much the unknowns of a passage are off, and their covariance.
+
+        One step of Gauss and Newton about the shape, with every linear unknown in it, and
+        the pattern that belongs to it.
+
+        Parameters
+        ----------
+        passage
+            Where the shape was found.
+        precision, mean
+            Of the prior of what each of `UNKNOWNS` is off by; a precision of infinity
+            holds one where it is.
+        """
+        solved = self._solved([passage], precision, mean)
+        free = np.flatnonzero(np.isfinite(precision))
+        moved, covariance = np.zeros(mean.size), np.zeros((mean.size, mean.size))
+        moved[free] = solved.unknowns[-free.size :]
+        unit = np.eye(len(solved.root))[:, -free.size :]
+        half = _solve(solved.root, unit)
+        covariance[np.ix_(free, free)] = half.T @ half
+        (spline,) = solved.splines
+        return moved, covariance, Shape(solved.unknowns[: spline.size], spline.lowest)
 
     def _solved(
-        self, passages: Sequence[Hypothesis]
-    ) -> tuple[float, FloatArray, FloatArray, list["_Spline"]]:
-        """Integrate the patterns out."""
-        n_rows, n_cells = self._value.shape
+        self,
+        passages: Sequence[Hypothesis],
+        precision: FloatArray | None = None,
+        mean: FloatArray | None = None,
+    ) -> "_Solved":
+        """Integrate the linear unknowns out.
+
+        They are the coefficients of the patterns, and with a shape the contrast of each
+        row, saturation, and what is asked of the passage (where it has a ``precision``).
+        """
+        places = zip(passages, self.templates, strict=True)
         splines = [
-            _spline(self.panel.time_s, self._cells, self.panel.cell, t.knots, p)[0]
-            for p, t in zip(passages, self.templates, strict=True)
+            _spline(self.panel.time_s, self._cells, self.panel.cell, t.knots, p)
+            for p, t in places
         ]
         if not splines:
-            nothing = np.zeros(0)
-            return self._logs - 0.5 * self._square, nothing, nothing, splines
+            told = self._logs - 0.5 * self._square
+            return _Solved(told, np.zeros((0, 0)), np.zeros(0), splines, None)
+        prior = np.concatenate(
+            [np.full(s.size, 1.0 / t.variance)
+             for s, t in zip(splines, self.templates, strict=True)]
+        )  # fmt: skip
+        bent, value, offset = None, self._value, np.zeros(0)
+        images = np.zeros((0, *value.shape))
+        if self.shape is not None:
+            bent = _bent(self.panel, self.templates[0], passages[0], self.shape)
+            images, asked = bent.saturated[None], np.zeros(0)
+            if precision is not None and mean is not None:
+                free = np.isfinite(precision)
+                images = np.concatenate([images, bent.slopes[free]])
+                asked = precision[free]
+                offset = asked * mean[free]
+            images = self._free(images)
+            value = value - SATURATION[0] * images[0]
+            own = np.full(len(value), CONTRAST_STD**-2.0)
+            prior = np.concatenate([prior, own, [SATURATION[1] ** -2.0], asked])
+        normal, right = self._normal(splines, bent, images, value)
+        right[right.size - offset.size :] += offset
+        place = np.arange(right.size)
+        normal[place, place] += prior
+        root = np.linalg.cholesky(normal)
+        half = _solve(root, right)
+        log_det = 2.0 * np.log(np.diag(root)).sum() - np.log(prior).sum()
+        square = float((value**2 * self._weight).sum())
+        told = self._logs - 0.5 * (square - float(half @ half) + float(log_det))
+        return _Solved(told, root, _solve(root, half, upper=True), splines, bent)
+
+    def _normal(
+        self, splines: list["_Spline"], bent: "_Bent | None", images: FloatArray,
+        value: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """Return normal matrix and right side, free of the courses and the cells.
+
+        Of all coefficients, the contrast of each row where something is ``bent``, and
+        images that are free of courses and cells already.
+        """
+        n_rows, n_cells = value.shape
         starts = np.cumsum([0, *(spline.size for spline in splines)]).tolist()
         count = starts.pop()
         pairs = zip(splines, starts, strict=True)
@@ -202,32 +377,63 @@ class FringeModel:
         index = np.concatenate([s.first[:, :, None] + FOUR + at for s, at in pairs], 2)
         share = np.concatenate([s.weight for s in splines], axis=2)
         weighted = share * self._weight[:, None]
-        normal = _products(index, share, weighted, count)
-        # what the courses of the rows and the cells by themselves have of it
         row = (np.arange(n_rows)[:, None, None] * count + index).ravel()
-        for line in self._line:
-            told = np.bincount(row, (weighted * line[:, None]).ravel(), n_rows * count)
-            told = told.reshape(n_rows, count)
-            normal -= told.T @ told
-            both = told.sum(axis=0)
-            normal += np.outer(both, both) / n_rows
         cell = (np.arange(n_cells)[None, :, None] * count + index).ravel()
-        stays = np.bincount(cell, weighted.ravel(), n_cells * count)
-        stays = stays.reshape(n_cells, count) / np.sqrt(n_rows * self._weight)[:, None]
-        normal -= stays.T @ stays
-        prior = np.concatenate(
-            [np.full(s.size, t.variance)
-             for s, t in zip(splines, self.templates, strict=True)]
-        )  # fmt: skip
-        place = np.arange(count)
-        normal[place, place] += 1.0 / prior
-        value = (weighted * self._value[:, :, None]).ravel()
-        right = np.bincount(index.ravel(), value, count)
-        root = np.linalg.cholesky(normal)
-        half = np.linalg.solve(root, right)
-        log_det = 2.0 * np.log(np.diag(root)).sum() + np.log(prior).sum()
-        cost = self._square - float(half @ half) + float(log_det)
-        return self._logs - 0.5 * cost, root, half, splines
+        index_flat = index.ravel()
+
+        def by_row(values: FloatArray) -> FloatArray:
+            each = (weighted * values[..., None]).ravel()
+            return np.bincount(row, each, n_rows * count).reshape(n_rows, count)
+
+        def whole(values: FloatArray) -> FloatArray:
+            each = (weighted * values[:, :, None]).ravel()
+            return np.bincount(index_flat, each, count)
+
+        held = count + (0 if bent is None else n_rows)
+        normal = np.zeros((held + len(images),) * 2)
+        right = np.zeros(len(normal))
+        normal[:count, :count] = _products(index, share, weighted, count)
+        right[:count] = whole(value)
+        # what the courses of the rows and the cells by themselves have of it
+        stays = np.zeros((n_cells, held))
+        each = np.bincount(cell, weighted.ravel(), n_cells * count)
+        stays[:, :count] = each.reshape(n_cells, count)
+        courses = np.zeros((self._line.shape[0], n_rows, held))
+        for told, line in zip(courses, self._line, strict=True):
+            told[:, :count] = by_row(line)
+        if bent is not None:
+            heavy, own = bent.shown * self._weight, np.arange(n_rows)
+            normal[count:held, :count] = by_row(bent.shown)
+            normal[:count, count:held] = normal[count:held, :count].T
+            normal[count + own, count + own] = (heavy * bent.shown).sum(axis=1)
+            right[count:held] = (heavy * value).sum(axis=1)
+            stays[:, count:] = heavy.T
+            courses[:, own, count + own] = (heavy @ self._line.T).T
+            normal[held:, count:held] = (images * heavy).sum(axis=2)
+        both, flat = courses.sum(axis=1), courses.reshape(-1, held)
+        stays /= np.sqrt(n_rows * self._weight)[:, None]
+        normal[:held, :held] += both.T @ both / n_rows - flat.T @ flat - stays.T @ stays
+        for k, image in enumerate(images, held):
+            normal[k, :count] = whole(image)
+            normal[k, held:] = np.tensordot(images, image * self._weight, 2)
+            right[k] = (image * self._weight * value).sum()
+        normal[:held, held:] = normal[held:, :held].T
+        return normal, right
+
+
+class _Solved(NamedTuple):
+    """The linear unknowns, given the passages."""
+
+    log_likelihood: float
+    """Log of the probability density of the image."""
+    root: FloatArray
+    """Lower root of their precision."""
+    unknowns: FloatArray
+    """Coefficients of each pattern, contrast of each row, saturation, what is asked."""
+    splines: list[_Spline]
+    """Where the patterns lie."""
+    bent: _Bent | None
+    """What was linearised."""
 
 
 def _products(
@@ -268,12 +474,10 @@ def pattern_in(
     panel has shown.
     """
     cells = np.arange(model.precision.size, dtype=float)
-    _, low = _spline(model.time_s, cells, model.cell, template.knots, passage)
+    low = _spline(model.time_s, cells, model.cell, template.knots, passage).lowest
     finer = panel.cell / model.cell
     places = (np.arange(panel.precision.size) + 0.5) * finer - 0.5
-    spline, _ = _spline(
-        panel.time_s, places, model.cell, template.knots, passage, lowest=low
-    )
+    spline = _spline(panel.time_s, places, model.cell, template.knots, passage, low)
     padded = np.concatenate([np.zeros(8), pattern, np.zeros(8)])
     first = np.clip(spline.first + 8, 4, padded.size - 5)
-    return _Spline(first, spline.weight, spline.size).values(padded)
+    return spline._replace(first=first).values(padded)

@@ -18,13 +18,13 @@ tell it. Nepers throughout.
 Schmidt, JASA 127, 2780 (2010), for the spread of the invariant in shallow water.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.evidence.fringe_panel import (
     FEWEST_ROWS,
@@ -32,22 +32,28 @@ from uwtrack_cli.motion.evidence.fringe_panel import (
     panel_of,
 )
 from uwtrack_cli.motion.evidence.fringe_template import (
+    UNKNOWNS,
     FringeModel,
     Hypothesis,
+    Shape,
     Template,
     contrast_of,
     pattern_in,
     smooth_courses,
 )
 
-LEAST_WIDTH_S, WIDTH_STEP = 6.0, 1.5
+LEAST_WIDTH_S, WIDTH_STEP = 6.0, 1.2
 """Smallest R/v that is sought, s, and the ratio of one to the next."""
 
 LONGEST_WIDTH = 1.5
 """Largest R/v that is sought, over the length of what is searched at once."""
 
-ROWS_OF_WIDTH, PLACES_OF_WIDTH, REACH = 8.0, 4.0, 5.0
-"""Rows and instants that are tried in each R/v, and R/v on either side that are stacked."""
+ROWS_OF_WIDTH, TOGETHER, REACH = 16.0, 2, 5.0
+"""Rows of each R/v, neighbouring cells that are taken together, and R/v on either side that
+are stacked."""
+
+BETWEEN = (-0.4, -0.2, 0.2, 0.4)
+"""Parts of a step of R/v by which the likeliest one is moved."""
 
 LEAST_ROWS = 48
 """Rows of what is searched at once, where R/v is as long as the recording."""
@@ -77,9 +83,13 @@ class _Stack(NamedTuple):
     """Rows that can be shifted and stacked."""
 
     time_s: FloatArray
-    """Middles of the rows, s."""
+    """Middle of each row, s; those without sound are between them, shape (row,)."""
+    step_s: float
+    """Time from one row to the next, s."""
     weighted: FloatArray
-    """Values times precision, shape (row, cell)."""
+    """Values times precision, 0 without sound, shape (row, cell)."""
+    has_sound: FloatArray
+    """Whether a row has sound, 0 or 1, shape (row,)."""
     precision: FloatArray
     """Precision, shape (cell,)."""
     cell: float
@@ -88,43 +98,56 @@ class _Stack(NamedTuple):
     @classmethod
     def of(cls, panel: Panel) -> "_Stack":
         """Return the rows of a panel."""
-        weighted = flattened(panel) * panel.precision
-        return cls(panel.time_s, weighted, panel.precision, panel.cell)
+        first, step_s = float(panel.time_s[0]), panel.step_s
+        row = np.rint((panel.time_s - first) / step_s).astype(np.int64)
+        count = int(row[-1]) + 1
+        weighted = np.zeros((count, panel.precision.size), np.float32)
+        weighted[row] = flattened(panel) * panel.precision
+        has_sound = np.zeros(count, np.float32)
+        has_sound[row] = 1.0
+        time_s = first + step_s * np.arange(count)
+        return cls(
+            time_s, step_s, weighted, has_sound,
+            panel.precision.astype(np.float32), panel.cell,
+        )  # fmt: skip
 
-    def gain(self, rows: slice, shift: FloatArray, contrast: FloatArray) -> float:
-        """Return what a free template gains over noise in some rows.
+    def gains(self, width_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return times, s, and what a passage of some R/v at each gains, nepers.
 
-        ``shift``: of each row along log frequency. ``contrast``: of each.
+        Every row is tried, and as many before and after the rows as `OUTSIDE` says. What
+        shifts and stacks is a correlation, of the image and of the law's course in it.
         """
-        cells = np.rint(shift / self.cell).astype(np.int64)
-        cells -= cells.max()
-        n_cells = self.precision.size
-        place = (np.arange(n_cells) - cells[:, None]).ravel()
-        count = n_cells - int(cells.min())
-        part = contrast[:, None] * self.weighted[rows]
-        total = np.bincount(place, part.ravel(), count)
-        weight = np.bincount(
-            place, (contrast[:, None] ** 2 * self.precision).ravel(), count
-        )
-        return max(
-            0.5
-            * float((total**2 * s / (1.0 + s * weight) - np.log1p(s * weight)).sum())
-            for s in VARIANCES
-        )
+        from scipy.fft import irfft2, next_fast_len, rfft, rfft2
 
-    def passage(
-        self, time_s: float, width_s: float, invariant: float = 1.0
-    ) -> float | None:
-        """Return what a passage gains; None where too little of it was recorded."""
-        first, last = np.searchsorted(
-            self.time_s, [time_s - REACH * width_s, time_s + REACH * width_s]
+        count, n_cells = self.weighted.shape
+        wide = width_s / self.step_s
+        out = int(min(OUTSIDE * wide, count))
+        reach = int(min(REACH * wide, count + out))
+        square = (np.arange(-reach, reach + 1) / wide) ** 2
+        shift = np.rint(0.5 * np.log1p(square) / self.cell).astype(np.int64)
+        contrast = 1.0 / (1.0 + USUAL_FADING * square)
+        size = tuple(
+            next_fast_len(each, real=True)
+            for each in (count + out + reach, n_cells + int(shift.max()))
         )
-        if last - first < FEWEST_ROWS:
-            return None
-        rows = slice(int(first), int(last))
-        square = ((self.time_s[rows] - time_s) / width_s) ** 2
-        shift = 0.5 * invariant * np.log1p(square)
-        return self.gain(rows, shift, 1.0 / (1.0 + USUAL_FADING * square))
+        course = np.zeros((2, *size), np.float32)
+        row = np.arange(-reach, reach + 1)
+        course[0, row, shift], course[1, row, shift] = contrast, contrast**2
+        # half a spectrum along time, the whole one along frequency
+        seen, squared = np.conj(rfft2(course, axes=(2, 1)))
+        total = irfft2(
+            seen * rfft2(self.weighted, size[::-1], (1, 0)), size[::-1], (1, 0)
+        )
+        known = rfft(self.has_sound, size[0])[:, None]
+        precise = np.fft.fft(self.precision, size[1]).astype(np.complex64)
+        weight = irfft2(squared * known * precise, size[::-1], (1, 0))
+        place = np.arange(-out, count + out)
+        total, weight = total[place] ** 2, np.maximum(weight[place], 0.0)
+        found = np.max([
+            (total * (s / (1.0 + s * weight)) - np.log1p(s * weight)).sum(axis=1)
+            for s in VARIANCES
+        ], axis=0)  # fmt: skip
+        return self.time_s[0] + self.step_s * place, 0.5 * found
 
 
 def flattened(panel: Panel) -> FloatArray:
@@ -159,18 +182,22 @@ class _Leftovers(NamedTuple):
         return model.log_likelihood(passages)
 
     def moving(self, one: Hypothesis, prior: Template) -> float:
-        """Return the same of a pattern that moves.
+        """Return the same of a pattern that moves, the contrast of each row its own.
 
         What known passages leave may rise and fall in place, too: beside them, something
         that does so is allowed as it is where nothing moves.
         """
-        if not self.known:
-            return self.beside([(one, prior)])
         model, passages = self._model([(one, prior)])
-        alone = model.explain(passages)
-        course, its = _likeliest_still(self.panel, alone.residual)
-        both = self.beside([(one, prior), (_still(self.panel, course), its)])
-        return max(alone.log_likelihood, both)
+        shown = model.explain(passages)
+        shape = Shape(shown.pattern[0], shown.lowest[0])
+        own = FringeModel(self.panel, model.templates, shape).log_likelihood(passages)
+        if not self.known:
+            return own
+        course, its = _likeliest_still(self.panel, shown.residual)
+        still = (_still(self.panel, course), its)
+        model, passages = self._model([(one, prior), still])
+        model = FringeModel(self.panel, model.templates, shape)
+        return max(own, model.log_likelihood(passages))
 
     def _model(
         self, asked: list[tuple[Hypothesis, Template]]
@@ -189,7 +216,6 @@ class FringeEvidence:
 
     def __init__(self, fringes: Fringes, mach: tuple[float, float]) -> None:
         self.fringes, self.mach = fringes, mach
-        self._stacks: dict[float, _Stack | None] = {}
         self._known: list[FringePassage] = []
 
     def leftovers(self, panel: Panel) -> "_Leftovers":
@@ -219,44 +245,49 @@ class FringeEvidence:
         if panel is None:
             return None
         for one in self._known:
-            own = _changing(one.fitted, self.fringes.time_s)
+            own = _changing(one.fitted, one.contrast, self.fringes.time_s)
             for passage, pattern in zip(own, one.pattern, strict=True):
                 made = pattern_in(panel, passage, one.template, pattern, one.panel)
                 panel = panel._replace(value=panel.value - made)
         return panel
 
-    def _stack(self, width_s: float) -> _Stack | None:
-        if width_s not in self._stacks:
-            panel = self.panel(width_s / ROWS_OF_WIDTH)
-            self._stacks[width_s] = None if panel is None else _Stack.of(panel)
-        return self._stacks[width_s]
-
-    def gain(self, grid: Sequence[tuple[float, float]]) -> FloatArray:
-        """Return the gain of passages, time and R/v in s, in nepers; nan for unseen ones."""
-        found = np.full(len(grid), np.nan)
-        for k, (time_s, width_s) in enumerate(grid):
-            stack = self._stack(width_s)
-            told = None if stack is None else stack.passage(time_s, width_s)
-            found[k] = np.nan if told is None else told
-        return found
+    def gains(self, width_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return times, s, and what a passage of some R/v at each gains, nepers."""
+        panel = self.panel(width_s / ROWS_OF_WIDTH, TOGETHER)
+        if panel is None:
+            return np.zeros(0), np.zeros(0)
+        return _Stack.of(panel).gains(width_s)
 
     def proposals(self) -> list[Proposal]:
-        """Return every passage of the grid, the likeliest first."""
+        """Return the likeliest passage of each R/v, the likeliest first."""
         time_s = self.fringes.time_s
         if time_s.size < FEWEST_ROWS:
             return []
         span_s = float(time_s[-1] - time_s[0])
         count = int(np.log(LONGEST_WIDTH * span_s / LEAST_WIDTH_S) / np.log(WIDTH_STEP))
-        grid = []
-        for width_s in LEAST_WIDTH_S * WIDTH_STEP ** np.arange(max(0, count + 1)):
-            out_s = min(OUTSIDE * width_s, span_s)
-            places = np.arange(-out_s, span_s + out_s, width_s / PLACES_OF_WIDTH)
-            grid += [(float(time_s[0] + place), float(width_s)) for place in places]
-        gains = self.gain(grid)
-        order = np.argsort(-np.nan_to_num(gains, nan=-np.inf))
-        return [
-            Proposal(float(gains[k]), *grid[k]) for k in order if np.isfinite(gains[k])
-        ]
+        widths = LEAST_WIDTH_S * WIDTH_STEP ** np.arange(max(0, count + 1))
+        found = sorted(self._likeliest(widths.tolist()), reverse=True)
+        # dense fringes are sharp: what is between the steps is asked about the likeliest
+        finer = [found[0].width_s * WIDTH_STEP**k for k in BETWEEN] if found else []
+        return sorted(found + self._likeliest(finer), reverse=True)
+
+    def _likeliest(self, widths: Sequence[float]) -> list[Proposal]:
+        """Return the likeliest passage of each R/v, and the likeliest that can be told."""
+        found = set()
+        for width_s in widths:
+            place_s, gain = self.gains(width_s)
+            inside = np.flatnonzero(self.is_inside(place_s, width_s))
+            for within in (np.arange(gain.size), inside):
+                if within.size:
+                    k = within[np.argmax(gain[within])]
+                    found.add(Proposal(float(gain[k]), float(place_s[k]), width_s))
+        return list(found)
+
+    def is_inside(self, time_s: FloatArray, width_s: float) -> BoolArray:
+        """Return whether closest approaches at times, s, can be told."""
+        first, last = self.fringes.time_s[[0, -1]]
+        reach_s = INSIDE * width_s
+        return np.asarray((first - reach_s < time_s) & (time_s < last + reach_s))
 
 
 # Fit
@@ -274,10 +305,6 @@ FADING_PRIOR = (float(np.log(USUAL_FADING)), 0.7)
 INVARIANT_PRIOR = (1.1, 0.25)
 """Mean and deviation of the invariant of a waveguide."""
 
-LARGEST_STEP = 3.0
-"""Deviations, of the curvature so far, of a step of Newton's method at most."""
-
-
 BROAD_SHARE = 0.5
 """Prior probability that the invariant is not that of a mirror."""
 
@@ -285,8 +312,15 @@ CHANNEL_WIDTH, CHANNEL_TIME = 0.02, 0.002
 """Deviation of the logarithm of R/v, and of the time in R/v, by what a channel's images
 do beyond an invariant."""
 
-LARGEST_STEP = 2.5
-"""Deviations, of the curvature so far, of a step of Newton's method at most."""
+LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0])
+"""What a step of the fit changes each of `UNKNOWNS` by at most."""
+
+WIDEST_STEP = 1.0
+"""Deviation of a step of the time, in R/v, and of the logarithm of R/v: so wide that it only
+counts where nothing is seen of them."""
+
+MOST_STEPS, CLOSE = 12, 0.1
+"""Steps at most, and deviations of a step of time and R/v that is the last."""
 
 # Weigh
 
@@ -325,118 +359,8 @@ STILL_VARIANCES = (0.01, 0.1, 1.0)
 MOST_PASSAGES = 3
 """Passages of a stretch at most."""
 
-
-class _Unknowns(NamedTuple):
-    """How a vector of numbers is a passage."""
-
-    scale_s: float
-    """R/v in which times are counted, s."""
-    time_s: float
-    """Time from which they count, s."""
-    mach: float
-    """Speed over that of sound."""
-    is_free: bool
-    """Whether the invariant is an unknown."""
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return 4 if self.is_free else 3
-
-    def passage(self, x: FloatArray) -> Hypothesis:
-        """Return the passage of a vector."""
-        return Hypothesis(
-            self.time_s + self.scale_s * float(x[0]),
-            self.scale_s * float(np.exp(np.clip(x[1], -5.0, 5.0))),
-            float(x[3]) if self.is_free else 1.0,
-            float(np.exp(np.clip(x[2], -9.0, 4.0))),
-            self.mach,
-        )  # fmt: skip
-
-    def penalty(self, x: FloatArray) -> float:
-        """Return the log of the prior's density, up to what is the same for all."""
-        off = [(x[2] - FADING_PRIOR[0]) / FADING_PRIOR[1]]
-        if self.is_free:
-            off.append((x[3] - INVARIANT_PRIOR[0]) / INVARIANT_PRIOR[1])
-        return -0.5 * float(np.sum(np.square(off)))
-
-
-class Maximum(NamedTuple):
-    """Where a function is largest."""
-
-    place: FloatArray
-    """Its unknowns."""
-    covariance: FloatArray
-    """Minus the inverse of its curvature."""
-    value: float
-    """The function there."""
-
-
-class _Posterior:
-    """The log probability of vectors of unknowns, one passage after the other."""
-
-    def __init__(self, model: FringeModel, unknowns: Sequence[_Unknowns]) -> None:
-        self.model, self.unknowns = model, list(unknowns)
-
-    def passages(self, x: FloatArray) -> list[Hypothesis]:
-        """Return the passages of a vector."""
-        return [one.passage(part) for one, part in self._parts(x)]
-
-    def _parts(self, x: FloatArray) -> Iterator[tuple[_Unknowns, FloatArray]]:
-        at = 0
-        for one in self.unknowns:
-            yield one, x[at : at + one.size]
-            at += one.size
-
-    def __call__(self, x: FloatArray) -> float:
-        """Return the log of the probability, nepers."""
-        prior = sum(one.penalty(part) for one, part in self._parts(x))
-        return self.model.log_likelihood(self.passages(x)) + prior
-
-
-def climb(
-    function: _Posterior, start: FloatArray, spread: FloatArray, most: int
-) -> Maximum:
-    """Return the maximum of a smooth function, by Newton's method.
-
-    Differences are as wide as the deviations so far: ``spread``, to begin with.
-    """
-    x, here = start.copy(), function(start)
-    covariance = np.diag(spread**2)
-    for _ in range(most):
-        gradient, curvature = _differences(function, x, here, spread)
-        value, axes = np.linalg.eigh(-curvature)
-        value = np.maximum(value, 0.05)
-        inverse = (axes / value) @ axes.T
-        step = inverse @ gradient
-        size = float(np.sqrt(max(step @ gradient, 0.0)))
-        step = step * min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-9))
-        covariance = inverse * np.outer(spread, spread)
-        for _ in range(4):
-            there = function(x + step * spread)
-            if there >= here - 1e-9:
-                x, here = x + step * spread, there
-                break
-            step = 0.3 * step
-        if size < 0.2:
-            break
-        spread = np.clip(np.sqrt(np.diag(covariance)), 0.03 * spread, 2.0 * spread)
-    return Maximum(x, covariance, here)
-
-
-def _differences(
-    function: _Posterior, x: FloatArray, here: float, spread: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return gradient and curvature, in units of the spread."""
-    steps = np.diag(spread)
-    up = np.array([function(x + step) for step in steps])
-    down = np.array([function(x - step) for step in steps])
-    curvature = np.diag(up + down - 2.0 * here)
-    for i in range(x.size):
-        for j in range(i):
-            both = function(x + steps[i] + steps[j])
-            curvature[i, j] = curvature[j, i] = both - up[i] - up[j] + here
-    return 0.5 * (up - down), curvature
+ALIKE = 0.5
+"""Share of the likeliest proposal's gain from which others are about as good."""
 
 
 @dataclass(frozen=True)
@@ -457,6 +381,8 @@ class FringePassage:
     """Prior of its pattern."""
     fitted: Hypothesis
     """The one that its pattern was found by."""
+    contrast: tuple[FloatArray, FloatArray]
+    """What the contrast of each row is more, as a share, at times, s."""
     pattern: list[FloatArray]
     """Coefficients of its pattern, and of what of it changes in time."""
     misfit: float
@@ -480,33 +406,138 @@ class FringePassage:
         return float(1.0 / (1.0 + np.exp(-np.clip(self.log_odds, -50.0, 50.0))))
 
 
+class _Fitted(NamedTuple):
+    """The likeliest passage under one law of the water."""
+
+    passage: Hypothesis
+    covariance: FloatArray
+    """Of what is asked (`UNKNOWNS`), shape (unknown, unknown); 0 where it is held."""
+    log_likelihood: float
+    """Log of the probability of the image there, nepers."""
+    log_share: float
+    """Log of the prior probability of what agrees with the image, nepers."""
+    model: FringeModel
+    """The image, about the likeliest pattern."""
+
+
+class _Law(NamedTuple):
+    """What is known of a passage before."""
+
+    mean: FloatArray
+    """Of each of `UNKNOWNS`; nan where it is what a step begins with."""
+    deviation: FloatArray
+    """0 where one is held."""
+
+    @classmethod
+    def of(cls, mach: tuple[float, float], *, is_mirror: bool) -> "_Law":
+        """Return the law of a mirror or of a waveguide."""
+        invariant = (1.0, 0.0) if is_mirror else INVARIANT_PRIOR
+        unknown = (np.nan, WIDEST_STEP)
+        each = np.array([unknown, unknown, FADING_PRIOR, invariant, mach])
+        return cls(each[:, 0], each[:, 1])
+
+    def off(self, passage: Hypothesis) -> FloatArray:
+        """Return by how much the mean of each is above a passage's."""
+        fading = float(np.log(passage.fading))
+        own = np.array([0.0, 0.0, fading, passage.invariant, passage.mach])
+        return np.where(np.isfinite(self.mean), self.mean - own, 0.0)
+
+    @property
+    def precision(self) -> FloatArray:
+        """Precision of each; infinite where it is held."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.deviation**-2.0)
+
+    def log_density(self, passage: Hypothesis) -> float:
+        """Return the log of the density of what is known, of unit normal ones."""
+        known = (self.deviation > 0.0) & np.isfinite(self.mean)
+        off = self.off(passage)[known] / self.deviation[known]
+        return -0.5 * float(off @ off)
+
+
 def fit_passage(
     evidence: FringeEvidence, start: Proposal, fading: float = USUAL_FADING
 ) -> FringePassage | None:
     """Return the passage about a proposal; None where too little of it was recorded."""
-    time_s, width_s = start.time_s, start.width_s
-    spread = np.array([0.06, 0.06, 0.5])
-    template: Template | None = None
-    for _ in range(3):
-        panel = evidence.panel(width_s / FIT_ROWS, FIT_CELLS)
-        if panel is None:
+    mirror = _Law.of(evidence.mach, is_mirror=True)
+    first = Hypothesis(
+        start.time_s, start.width_s, fading=fading, mach=evidence.mach[0]
+    )
+    told = _climbed(evidence, first, mirror)
+    if told is None:
+        return None
+    # the finer parts of a pattern are seen from where it lies
+    finer = _best_template(told.model.panel, told.passage)
+    if finer != told.model.templates[0]:
+        model = _about(told.model.panel, finer, told.passage)
+        told = _climbed(evidence, told.passage, mirror, model) or told
+    channel = _Law.of(evidence.mach, is_mirror=False)
+    free = _climbed(evidence, told.passage, channel, told.model) or told
+    return _weighed(evidence, told, free)
+
+
+def _climbed(
+    evidence: FringeEvidence, start: Hypothesis, law: _Law,
+    model: FringeModel | None = None,
+) -> _Fitted | None:  # fmt: skip
+    """Return the likeliest passage near one, by the method of Gauss and Newton.
+
+    ``model``: the image, which is kept; None takes rows that suit the passage.
+    """
+    is_given = model is not None
+    rows = model or _rows_about(evidence, start, None)
+    here = about = start
+    covariance: FloatArray = np.eye(len(UNKNOWNS))
+    for _ in range(MOST_STEPS):
+        if not (is_given or _is_near(here, about)):
+            rows, about = _rows_about(evidence, here, rows), here
+        if rows is None:
             return None
-        panel = panel.near(time_s, FIT_REACH * width_s)
-        if panel.time_s.size < FEWEST_ROWS:
-            return None
-        unknowns = _Unknowns(width_s, time_s, evidence.mach[0], False)
-        x = np.array([0.0, 0.0, np.log(fading)])
-        if template is None:
-            template = _best_template(panel, unknowns.passage(x))
-        function = _Posterior(FringeModel(panel, [template]), [unknowns])
-        told = climb(function, x, spread, 5)
-        (found,) = function.passages(told.place)
-        moved = max(abs(np.log(found.width_s / width_s)), abs(told.place[0]))
-        time_s, width_s, fading = found.time_s, found.width_s, found.fading
-        if moved < 0.1:
+        by, covariance, shape = rows.step(here, law.precision, law.off(here))
+        deviation = np.sqrt(np.diag(covariance))
+        share = min(1.0, *(LARGEST_STEP / np.maximum(np.abs(by), 1e-9)))
+        for name, one in zip(UNKNOWNS, by * share, strict=True):
+            size = one * here.width_s if name == "time_s" else one
+            here = here.changed(name, float(size))
+        rows = FringeModel(rows.panel, rows.templates, shape)
+        if np.max(np.abs(by[:2]) / deviation[:2]) < CLOSE:
             break
-        spread = np.clip(np.sqrt(np.diag(told.covariance)), 1e-3, [0.06, 0.06, 0.5])
-    return _weighed(evidence, function, told)
+    if rows is None:
+        return None
+    is_asked = np.diag(covariance) > 0.0
+    log_det = float(np.linalg.slogdet(covariance[np.ix_(is_asked, is_asked)])[1])
+    share = law.log_density(here) + 0.5 * log_det
+    share -= float(np.log(law.deviation[is_asked]).sum())
+    return _Fitted(here, covariance, rows.log_likelihood([here]), share, rows)
+
+
+def _rows_about(
+    evidence: FringeEvidence, here: Hypothesis, model: FringeModel | None
+) -> FringeModel | None:
+    """Return the rows that suit a passage, about its pattern; None if they are few.
+
+    ``model``: rows whose template is kept; None chooses one.
+    """
+    panel = evidence.panel(here.width_s / FIT_ROWS, FIT_CELLS)
+    if panel is None:
+        return None
+    panel = panel.near(here.time_s, FIT_REACH * here.width_s)
+    if panel.time_s.size < FEWEST_ROWS:
+        return None
+    template = model.templates[0] if model else _best_template(panel, here)
+    return _about(panel, template, here)
+
+
+def _about(panel: Panel, template: Template, passage: Hypothesis) -> FringeModel:
+    """Return the image about the likeliest pattern of a passage."""
+    shown = FringeModel(panel, [template]).explain([passage])
+    return FringeModel(panel, [template], Shape(shown.pattern[0], shown.lowest[0]))
+
+
+def _is_near(one: Hypothesis, other: Hypothesis) -> bool:
+    """Return whether the same rows suit both."""
+    apart = abs(one.time_s - other.time_s) / one.width_s
+    return bool(max(apart, abs(np.log(one.width_s / other.width_s))) < 0.1)
 
 
 def _best_template(panel: Panel, passage: Hypothesis) -> Template:
@@ -516,57 +547,66 @@ def _best_template(panel: Panel, passage: Hypothesis) -> Template:
 
 
 def _weighed(
-    evidence: FringeEvidence, function: _Posterior, mirror: Maximum
+    evidence: FringeEvidence, mirror: _Fitted, channel: _Fitted
 ) -> FringePassage:
-    """Add the waveguide to the mirror, and hold both against what else may be."""
-    model = function.model
-    unknowns = function.unknowns[0]
-    (found,) = function.passages(mirror.place)
-    covariance = mirror.covariance + _of_speed(evidence, function, mirror)
-    # the waveguide, from there
-    free = _Posterior(model, [unknowns._replace(is_free=True)])
-    spread = np.append(np.sqrt(np.diag(mirror.covariance)), 0.02)
-    broad = climb(free, np.append(mirror.place, 1.0), spread, 3)
-    own = np.log(np.sqrt(broad.covariance[3, 3]) / INVARIANT_PRIOR[1])
-    own += 0.5 * np.linalg.slogdet(broad.covariance[:3, :3])[1]
-    own -= 0.5 * np.linalg.slogdet(mirror.covariance)[1]
-    odds = broad.value - mirror.value + own + np.log(BROAD_SHARE / (1.0 - BROAD_SHARE))
+    """Weigh mirror and waveguide, and hold both against what else may be."""
+    told = mirror.model.explain([mirror.passage])
+    misfit = _misfit(told.residual, mirror.model.panel.precision)
+    nothing = FringeModel(mirror.model.panel, []).log_likelihood([])
+    # neither law is all that the sea does: as among other explanations
+    scale = TEMPERED_NEPERS * misfit
+    scale += TEMPERED_SHARE * max(mirror.log_likelihood - nothing, 0.0)
+    odds = (channel.log_likelihood - mirror.log_likelihood) / scale
+    odds += channel.log_share - mirror.log_share
+    odds += np.log(BROAD_SHARE / (1.0 - BROAD_SHARE))
     share = float(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))))
-    off = broad.place[:2] - mirror.place[:2]
-    mean = mirror.place[:2] + share * off
-    both = (1.0 - share) * covariance[:2, :2] + share * (
-        broad.covariance[:2, :2] + covariance[:2, :2] - mirror.covariance[:2, :2]
+    fitted = channel if share > 0.5 else mirror
+    found, model = fitted.passage, fitted.model
+    # both in times of the mirror's R/v
+    scale_s = mirror.passage.width_s
+    ratio = channel.passage.width_s / scale_s
+    off = np.array(
+        [(channel.passage.time_s - mirror.passage.time_s) / scale_s, np.log(ratio)]
     )
+    units = np.array([ratio, 1.0])
+    own = channel.covariance[:2, :2] * np.outer(units, units)
+    both = (1.0 - share) * mirror.covariance[:2, :2] + share * own
     both = both + share * (1.0 - share) * np.outer(off, off)
     both = both + np.diag(np.square([CHANNEL_TIME, CHANNEL_WIDTH]))
-    if share > 0.5:
-        (found,) = free.passages(broad.place)
-    own = _changing(found, model.panel.time_s)
-    told = FringeModel(model.panel, model.templates * len(own)).explain(own)
+    told = model.explain([found])
     misfit = _misfit(told.residual, model.panel.precision)
+    own_contrast = model.panel.time_s, told.contrast
+    changing = _changing(found, own_contrast, model.panel.time_s)
+    taken = FringeModel(model.panel, model.templates * len(changing)).explain(changing)
     rest = evidence.leftovers(model.panel)
     likelihood = rest.moving(found, model.templates[0])
     nothing = rest.beside([])
     rival, other = _strongest_rival(model, found, rest)
-    width_s = unknowns.scale_s * float(np.exp(mean[1]))
+    width_s = scale_s * float(np.exp(share * off[1]))
     middle = found._replace(
-        time_s=unknowns.time_s + unknowns.scale_s * float(mean[0]), width_s=width_s
+        time_s=mirror.passage.time_s + share * float(off[0]) * scale_s, width_s=width_s
     )
-    slope = np.array([unknowns.scale_s, width_s])
+    slope = np.array([scale_s, width_s])
     return FringePassage(
         middle, misfit * both * np.outer(slope, slope), likelihood - nothing, rival,
-        other - nothing, model.templates[0], found, told.pattern, misfit, model.panel,
+        other - nothing, model.templates[0], found, own_contrast,
+        taken.pattern, misfit, model.panel,
     )  # fmt: skip
 
 
-def _changing(passage: Hypothesis, time_s: FloatArray) -> list[Hypothesis]:
+def _changing(
+    passage: Hypothesis, own: tuple[FloatArray, FloatArray], time_s: FloatArray
+) -> list[Hypothesis]:
     """Return a passage, and the same with contrasts that change in time.
 
-    A source sounds otherwise ahead than astern: what is taken out of the image may change.
+    A source sounds otherwise ahead than astern, and a loud one has another pattern: what
+    is taken out of the image may change. ``own``: what each row has more, at times, s.
     """
     contrast = contrast_of(time_s, passage)
     lag = np.clip((time_s - passage.time_s) / passage.width_s, -3.0, 3.0)
-    return [passage, passage._replace(course=(time_s, contrast * lag))]
+    whole = contrast * (1.0 + np.interp(time_s, *own, left=0.0, right=0.0))
+    courses = (whole, contrast * lag, contrast * (1.0 - contrast))
+    return [passage._replace(course=(time_s, course)) for course in courses]
 
 
 def _misfit(residual: FloatArray, precision: FloatArray) -> float:
@@ -585,24 +625,6 @@ def _misfit(residual: FloatArray, precision: FloatArray) -> float:
             break
         total += 2.0 * told
     return max(total, 1.0) * max(usual, 1.0)
-
-
-def _of_speed(
-    evidence: FringeEvidence, function: _Posterior, mirror: Maximum
-) -> FloatArray:
-    """Return what the unknown speed adds to the covariance: sound takes time to come."""
-    unknowns, std = function.unknowns[0], evidence.mach[1]
-    steps = np.diag(np.sqrt(np.diag(mirror.covariance)))
-    slope = np.zeros(len(steps))
-    for sign in (1.0, -1.0):
-        other = _Posterior(
-            function.model, [unknowns._replace(mach=unknowns.mach + sign * std)]
-        )
-        for k, step in enumerate(steps):
-            rise = other(mirror.place + step) - other(mirror.place - step)
-            slope[k] += 0.5 * sign * rise / (2.0 * step[k])
-    moved = mirror.covariance @ slope
-    return np.outer(moved, moved)
 
 
 def _strongest_rival(
@@ -695,10 +717,7 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
     known: list[FringePassage] = []
     for _ in range(MOST_PASSAGES):
         rest = evidence.explained(known)
-        first = next(iter(rest.proposals()), None)
-        if first is None or first.gain < LEAST_GAIN:
-            break
-        one = fit_passage(rest, first)
+        one = _likeliest_fit(rest)
         if one is None or one.log_odds < (PERHAPS if known else 0.0):
             break
         known.append(one)
@@ -710,3 +729,31 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
         rest = evidence.explained(known[:k] + known[k + 1 :])
         known[k] = fit_passage(rest, start, one.passage.fading) or one
     return [one for one in known if one.log_odds >= 0.0]
+
+
+def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
+    """Return the likeliest passage; None if there is none.
+
+    Far from its closest approach a vessel fixes little but its bend, and where patterns
+    overlap a short piece gains as much as a long passage: of proposals that are about as
+    good, the likeliest, the likeliest that can be told and the longest of these are fitted.
+    """
+    every = evidence.proposals()
+    least = max(LEAST_GAIN, ALIKE * every[0].gain) if every else LEAST_GAIN
+    alike = [one for one in every if one.gain >= least]
+    inside = [
+        one for one in alike if evidence.is_inside(np.array(one.time_s), one.width_s)
+    ]
+    longest = sorted(inside, key=lambda one: -one.width_s)
+    starts: list[Proposal] = []
+    for one in (*alike[:1], *inside[:1], *longest[:1]):
+        if all(_is_apart(one, other) for other in starts):
+            starts.append(one)
+    fits = [fit_passage(evidence, one) for one in starts]
+    return max((one for one in fits if one), key=lambda one: one.log_odds, default=None)
+
+
+def _is_apart(one: Proposal, other: Proposal) -> bool:
+    """Return whether two proposals lie in different places."""
+    ratio = abs(float(np.log(one.width_s / other.width_s)))
+    return abs(one.time_s - other.time_s) > 0.5 * one.width_s or ratio > 0.6
