@@ -17,7 +17,7 @@ invariant; Rasmussen and Williams (2006), section 2.7, for what is integrated ou
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,7 +67,8 @@ class Hypothesis(NamedTuple):
         """Return the passage with one of its unknowns changed; R/v and fading by e^by."""
         value = float(getattr(self, name))
         is_log = name in {"width_s", "fading"}
-        return self._replace(**{name: value * np.exp(by) if is_log else value + by})
+        new: dict[str, Any] = {name: value * np.exp(by) if is_log else value + by}
+        return self._replace(**new)
 
 
 class Template(NamedTuple):
@@ -84,7 +85,9 @@ def _solve(root: FloatArray, right: FloatArray, *, upper: bool = False) -> Float
     from scipy.linalg import solve_triangular
 
     return np.asarray(
-        solve_triangular(root, right, lower=True, trans=int(upper), check_finite=False)
+        solve_triangular(
+            root, right, lower=True, trans="T" if upper else "N", check_finite=False
+        )
     )
 
 
@@ -335,7 +338,8 @@ class FringeModel:
             [np.full(s.size, 1.0 / t.variance)
              for s, t in zip(splines, self.templates, strict=True)]
         )  # fmt: skip
-        bent, value, offset = None, self._value, np.zeros(0)
+        bent, value = None, self._value
+        offset: FloatArray = np.zeros(0)
         images = np.zeros((0, *value.shape))
         if self.shape is not None:
             bent = _bent(self.panel, self.templates[0], passages[0], self.shape)
@@ -383,11 +387,12 @@ class FringeModel:
 
         def by_row(values: FloatArray) -> FloatArray:
             each = (weighted * values[..., None]).ravel()
-            return np.bincount(row, each, n_rows * count).reshape(n_rows, count)
+            every = np.asarray(np.bincount(row, each, n_rows * count), float)
+            return every.reshape(n_rows, count)
 
         def whole(values: FloatArray) -> FloatArray:
             each = (weighted * values[:, :, None]).ravel()
-            return np.bincount(index_flat, each, count)
+            return np.asarray(np.bincount(index_flat, each, count), float)
 
         held = count + (0 if bent is None else n_rows)
         normal = np.zeros((held + len(images),) * 2)
