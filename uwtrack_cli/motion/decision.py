@@ -1,4 +1,4 @@
-"""Whether a vessel passes: the probability of a candidate, and every reason against one.
+"""Whether a vessel passes: the probability of a candidate, and the reason against one.
 
 **Method.** A candidate is held against every explanation of `ALTERNATIVES`. The log odds
 that a vessel passes as it has it are those before anything was measured, and the sum of
@@ -8,9 +8,8 @@ explanations is never complete. Odds and powers are those that drawn recordings 
 threshold ask for: `studies/constants/passage_probability.py` draws and fits them, and says how
 far probabilities are right on others.
 
-A check that speaks against a candidate returns a `Rejection`: a code that a script can
-rely on, and the sentence that people read. All of them stand in `REASONS`, so that they
-can be compared, counted and replaced by the alternatives that they stand for.
+Where no vessel rather passes, the explanation that speaks most against it is the reason: a
+code that a script can rely on, and the sentence that people read. All stand in `REASONS`.
 """
 
 from collections.abc import Mapping

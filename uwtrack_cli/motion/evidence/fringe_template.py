@@ -343,7 +343,8 @@ class FringeModel:
         images = np.zeros((0, *value.shape))
         if self.shape is not None:
             bent = _bent(self.panel, self.templates[0], passages[0], self.shape)
-            images, asked = bent.saturated[None], np.zeros(0)
+            images = bent.saturated[None]
+            asked: FloatArray = np.zeros(0)
             if precision is not None and mean is not None:
                 free = np.isfinite(precision)
                 images = np.concatenate([images, bent.slopes[free]])

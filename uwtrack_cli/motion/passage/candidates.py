@@ -11,8 +11,7 @@ its own. Where there is such a line, every line is fitted by itself and lines th
 agree are fitted together again; the contact is divided only if two vessels with two
 lines each result, neither of which accepts the other's motion.
 
-A passage must have its closest approach within the recording, be slower than a frame
-and be measured on both sides of it: else time and width are those of the data's ends.
+Whether a vessel passes is decided from all that was measured of a candidate (`motion/decision.py`).
 
 **Conventions.** Agreement is a difference of log-likelihoods, robust against coloured
 noise; see `likelihood_ratio`. The strongest vessel keeps the contact number.
