@@ -105,7 +105,9 @@ TRIED = (
 )  # fmt: skip
 """Every log evidence that is tried."""
 
-FIXED = (alternatives.unusual_speed, alternatives.part_of_another)
+FIXED = (
+    alternatives.too_fast, alternatives.unusual_speed, alternatives.part_of_another,
+)  # fmt: skip
 """Priors, which no exponent tempers."""
 
 N_ODDS, RIDGE, USUAL_EXPONENT = len(LOG_ODDS), 1.5, 0.15

@@ -13,7 +13,7 @@ from uwtrack_cli.motion.decision import ALTERNATIVES, MOST_NEPERS, REASONS, deci
 SURE = {
     "has_lines": 1.0, "is_air": 0.0, "is_water": 1.0, "bearing": 40.0, "line_level": 30.0,
     "stationary_share": 0.0, "n_lines": 4.0,
-    "speed_mps": 6.0, "speed_std_mps": 0.1, "range_m": 300.0, "relative_width_std": 0.02,
+    "speed_mps": 6.0, "speed_std_mps": 0.01, "range_m": 300.0, "relative_width_std": 0.02,
 }  # fmt: skip
 """What is measured of a passage that nobody would doubt."""
 
@@ -31,6 +31,7 @@ def test_log_odds_are_those_before_and_the_sum_of_all_log_evidences():
         ("line_level", (30.0, 10.0, 1.0, -1.0, -20.0)),
         ("stationary_share", (0.0, 0.25, 0.5, 0.75, 1.0)),
         ("speed_mps", (20.0, 30.0, 60.0, 100.0)),
+        ("speed_mps", (0.5, 0.2, 0.1)),
         ("range_m", (5.0, 1.0, 0.2)),
         ("relative_width_std", (0.01, 0.1, 0.3, 0.6)),
         ("bearing", (90.0, 30.0, 6.0, 1.0)),

@@ -7,7 +7,7 @@ nothing. Kinds of measurement hardly overlap: frequencies, bearings and levels a
 tracked; levels of the lines; the sound itself in source time; sub-bands of a level without
 lines. A model that is only roughly right is too sure of itself, the more so the longer it
 was measured: gains of long series enter by their inverse hyperbolic sine, and `decision`
-takes every ratio to a power below one.
+takes every ratio to a power of its own.
 
 **Conventions.** Nepers, positive for the passage. ``measured`` is what the checks of a
 candidate leave with it, by name (`passage/candidates.py`); nan is "not measured".
@@ -17,7 +17,7 @@ MacKay (2003), Information Theory, ch. 28.
 """
 
 from collections.abc import Callable, Mapping
-from math import asinh, isnan, log, nan, sqrt
+from math import asinh, inf, isnan, log, nan, sqrt
 from typing import NamedTuple
 
 from uwtrack_cli.motion.association import PASSAGES_PER_HOUR
@@ -29,17 +29,17 @@ STATIONARY_LINES, OTHER_STATIONARY_LINES = 0.1, 0.6
 """Share of the lines that rather stand still, where a vessel passes and where none does."""
 
 WATER_SPEEDS_MPS, AIR_SPEEDS_MPS = (0.5, 25.0), (5.0, 80.0)
-"""Speeds between which vessels, and vehicles, usually are."""
+"""Speeds between which vessels, and vehicles, usually are; chosen."""
 
 WATER_RANGES_M, AIR_RANGES_M = (5.0, 2e4), (2.0, 600.0)
-"""Ranges at the closest approach between which they usually are."""
+"""Ranges at the closest approach between which they usually are; chosen."""
 
 OUTSIDE_NEPERS = 1.2
-"""How fast other speeds and ranges get rarer: nepers for an e-fold, squared."""
+"""How fast other speeds and ranges get rarer: nepers for an e-fold, squared; chosen."""
 
 NOT_SHARPER, OTHER_NOT_SHARPER = 0.1, 0.4
 """Share of the candidates in air whose tones are not sharpest in source time, where a
-vehicle passes and where none does."""
+vehicle passes and where none does; chosen near those of 34 drawn candidates."""
 
 CHANCE_TURN = 1.0
 """Log evidence that bearings gain as often where nothing passes: scatter turns, too."""
@@ -48,7 +48,7 @@ ENOUGH_SUB_BANDS = 4.0
 """Sub-bands that rise at least where a vessel passes."""
 
 VEHICLES_PER_HOUR = 300.0
-"""Vehicles on a busy road."""
+"""Vehicles on a busy road; chosen."""
 
 FEW_SUB_BANDS = 2.0
 """What a rise in fewer sub-bands says against a passage, nepers."""
@@ -113,11 +113,20 @@ def has_speed(measured: Measured) -> bool:
     return bool(value_of(measured, "has_lines") and speed > 3.0 * std)
 
 
+def too_fast(measured: Measured) -> float:
+    """Return the prior of high speeds in water, where calls and sound in air have them."""
+    if value_of(measured, "is_air") or not has_speed(measured):
+        return nan
+    return outside(value_of(measured, "speed_mps"), (0.0, WATER_SPEEDS_MPS[1]))
+
+
 def unusual_speed(measured: Measured) -> float:
-    """Return the prior of the speed, over that of calls, sweeps and wandering engines."""
-    limits = AIR_SPEEDS_MPS if value_of(measured, "is_air") else WATER_SPEEDS_MPS
-    speed = value_of(measured, "speed_mps")
-    return outside(speed, limits) if has_speed(measured) else nan
+    """Return the prior of other speeds, over that of sweeps and wandering engines."""
+    if not has_speed(measured):
+        return nan
+    in_water = WATER_SPEEDS_MPS[0], inf
+    limits = AIR_SPEEDS_MPS if value_of(measured, "is_air") else in_water
+    return outside(value_of(measured, "speed_mps"), limits)
 
 
 def unusual_range(measured: Measured) -> float:

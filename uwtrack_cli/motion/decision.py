@@ -2,7 +2,7 @@
 
 **Method.** A candidate is held against every explanation of `ALTERNATIVES`. The log odds
 that a vessel passes as it has it are those before anything was measured, and the sum of
-all log evidences, each to a power below one: kinds of data share their errors, and no
+all log evidences, each to a power of its own: kinds of data share their errors, and no
 model is right. None speaks for or against a passage by more than `MOST_NEPERS`, since the list of
 explanations is never complete. Odds and powers are those that drawn recordings near the
 threshold ask for: `studies/constants/passage_probability.py` draws and fits them, and says how
@@ -31,6 +31,7 @@ STATIONARY_LINES = "stationary-lines"
 LINE_LEVELS = "line-levels"
 LEVEL = "level"
 REST_FRAME = "rest-frame"
+UNUSUAL_SPEED = "unusual-speed"
 UNUSUAL_RANGE = "unusual-range"
 OTHER_RISE = "other-rise"
 PART_OF_ANOTHER = "part-of-another"
@@ -55,9 +56,10 @@ REASONS = {
     ),
     LEVEL: "the level does not rise and fall as the range would",
     TOO_FAST: (
-        "its lines tell {speed_mps:.3g} m/s, and nothing in water is as fast; "
+        "its lines have {speed_mps:.3g} m/s, and little in water is as fast; "
         "sound in air needs --sound-speed-mps 343"
     ),
+    UNUSUAL_SPEED: "a speed of {speed_mps:.3g} m/s is unusual",
     UNUSUAL_RANGE: "a range of {range_m:.3g} m at the closest approach is unusual",
     MAINS: "its lines are multiples of {mains_hz:g} Hz: mains that wander",
     REST_FRAME: (
@@ -113,7 +115,8 @@ ALTERNATIVES = (
     Alternative(LEVEL, alternatives.stationary_level, 0.53),
     Alternative(STATIONARY_LINES, alternatives.stationary_lines, 0.50),
     Alternative(MACHINERY, alternatives.stationary_source, 0.11),
-    Alternative(TOO_FAST, alternatives.unusual_speed, 1.00),
+    Alternative(TOO_FAST, alternatives.too_fast, 1.00),
+    Alternative(UNUSUAL_SPEED, alternatives.unusual_speed, 1.00),
     Alternative(UNUSUAL_RANGE, alternatives.unusual_range, 0.27),
     Alternative(REST_FRAME, alternatives.other_time, 0.20),
     Alternative(MAINS, alternatives.mains, 0.20),
