@@ -39,7 +39,6 @@ from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.flow import zoom
 from uwtrack_cli.motion import alternatives, cpa
 from uwtrack_cli.motion.alternatives import (
-    ENOUGH_SUB_BANDS,
     Measured,
     compressed,
     value_of,
@@ -82,11 +81,6 @@ def no_tones(measured: Measured) -> float:
     return log1p(max(value_of(measured, "tones"), 0.0) / 10.0) - log(2.0)
 
 
-def few_sub_bands(measured: Measured) -> float:
-    """Return what the number of sub-bands that rise says."""
-    return value_of(measured, "sub_bands") - ENOUGH_SUB_BANDS
-
-
 def sub_bands_disagree(measured: Measured) -> float:
     """Return what times and widths of the sub-bands say of one rise."""
     chance = value_of(measured, "sub_bands_agree")
@@ -101,7 +95,7 @@ def short_flank(measured: Measured) -> float:
 
 TRIED = (
     *(one.log_evidence for one in ALTERNATIVES), noise, misfit, no_tones,
-    few_sub_bands, sub_bands_disagree, short_flank,
+    sub_bands_disagree, short_flank,
 )  # fmt: skip
 """Every log evidence that is tried."""
 

@@ -160,7 +160,6 @@ def passage_evidence(candidate: CandidatePassage) -> Evidence:
         "gain": ratio.total - ratio.threshold,
         "gain_over_line": ratio.over_line - ratio.threshold,
         "gain_over_break": ratio.over_break - ratio.threshold,
-        "doppler": ratio.doppler,
         "bearing": ratio.bearing,
         "level": ratio.level,
         "line_level": ratio.line_level,
@@ -177,7 +176,6 @@ def passage_evidence(candidate: CandidatePassage) -> Evidence:
         "is_air": float(fit.medium.is_air),
         "is_water": float(fit.medium.is_water),
         "has_lines": float(has_lines),
-        "has_change": float(fit.change is not None),
         **candidate.evidence,
     }
 

@@ -238,8 +238,7 @@ def ask_the_parts(
     if told is None:
         return candidate.measured(as_given=1.0)
     return candidate.measured(
-        sub_bands_flank=told.flank, sub_bands=told.n_parts,
-        sub_bands_agree=told.probability, sub_bands_gain=told.gain,
+        sub_bands=told.n_parts, sub_bands_agree=told.probability, sub_bands_gain=told.gain,
     )  # fmt: skip
 
 
