@@ -64,7 +64,7 @@ REASONS = {
     UNUSUAL_RANGE: "a range of {range_m:.3g} m at the closest approach is unusual",
     MAINS: "its lines are multiples of {mains_hz:g} Hz: mains that wander",
     REST_FRAME: (
-        "in source time its lines are no steadier than otherwise (by {rest_frame:.2f} "
+        "its sound shifts no more as a passage would than otherwise (by {rest_frame:.2f} "
         "nepers)"
     ),
     OTHER_RISE: "its levels rise and fall more as rain, a squall or a machine would",
