@@ -59,7 +59,7 @@ LEAST_VARIANCE = 0.3
 REACH, LEAST_REACH_S = 6.0, 1.0
 """R/v and seconds, at least, on either side of the closest approach that are taken."""
 
-LARGEST_SHIFT = 0.45
+LARGEST_SHIFT = 1.5
 """Shift of the logarithm of frequency up to which laws are tried."""
 
 FASTEST, SLOWEST, N_SPEEDS = 0.35, 0.012, 28
@@ -311,7 +311,9 @@ class DopplerImage:
                 x, gain = tried[first], float(found[first])
             else:
                 step = FINER * step
-        return DopplerLaw(float(x[0]), *np.exp(x[1:3]).tolist(), float(x[3])), gain
+        return DopplerLaw(
+            float(x[0]), float(np.exp(x[1])), float(np.exp(x[2])), float(x[3])
+        ), gain
 
     def other_gain(self, law: DopplerLaw) -> float:
         """Return what the best movement without a passage gains, nepers."""
@@ -327,7 +329,15 @@ class DopplerImage:
             )
             for ratio in (0.5, 1.0, 2.0)
         ])  # fmt: skip
-        return float(self.gains(np.concatenate([drift, step, upside_down])).max())
+        # bands of the image in the ground go with the range, and fall before the closest
+        closest, width = np.meshgrid(
+            np.linspace(-2.5, 2.5, 21), np.geomspace(0.3, 4.0, 12)
+        )
+        turned = (lag - closest.reshape(-1, 1)) / width.reshape(-1, 1)
+        fringes = 0.5 * np.log1p(turned**2)
+        return float(
+            self.gains(np.concatenate([drift, step, upside_down, fringes])).max()
+        )
 
 
 def doppler_evidence(
