@@ -249,8 +249,8 @@ def hours_figure(hours: Sequence[HourLevel], view: View) -> Figure:
 
     def bands(ax: Axes) -> None:
         bar = f"median in a decidecade\n{unit}"
-        draw_cells(ax, edges_s, edges_hz, level, (None, None), bar)
         FrequencyAxis(edges_hz[0], edges_hz[-1], is_log=True).set_axis(ax)
+        draw_cells(ax, edges_s, edges_hz, level, (None, None), bar)
 
     def all_bands(ax: Axes) -> None:
         calm(ax, f"all bands, median\nand 10-90 % ({unit})")

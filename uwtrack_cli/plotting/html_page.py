@@ -46,7 +46,6 @@ def picture_of_page(
         view = View(width_in=width_in, units=units, stands_alone=False)
         figure = draw(view)
         found |= {name: png_data(figure), "text": text or alternative_text(figure)}
-        figure.clear()  # its pictures are large, and the next page has its own
     return found
 
 

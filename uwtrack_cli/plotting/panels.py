@@ -138,7 +138,7 @@ def lofargram_parts(scene: Scene, view: View, span_s: Span) -> list[PagePart]:
 def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:
     """Return the band that there is a picture of, Hz: of the sound, or the overview."""
     overview = scene.overview
-    if _has_sound(scene, span_s):
+    if has_sound(scene, span_s):
         return 0.0, 0.5 * scene.all(Recording)[0].sample_rate_hz
     if overview is None or not overview.shade.size:
         return None
@@ -148,7 +148,7 @@ def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:
     return float(known[1 if is_log and known[0] <= 0 else 0]), float(known[-1])
 
 
-def _has_sound(scene: Scene, span_s: Span) -> bool:
+def has_sound(scene: Scene, span_s: Span) -> bool:
     """Tell whether the sound is at hand, and short enough to be drawn from."""
     recording, overview = scene.first(Recording), scene.overview
     if recording is None or recording.reader is None:
@@ -168,7 +168,7 @@ def picture_of(
 
     def make() -> Picture | None:
         recording, overview, found = scene.first(Recording), scene.overview, None
-        if recording is not None and _has_sound(scene, span_s):
+        if recording is not None and has_sound(scene, span_s):
             found = lofargram(recording, axis, span_s, window_s)
         if found is None and overview is not None and overview.shade.size:
             found = overview_picture(overview, axis, span_s)

@@ -43,6 +43,9 @@ COLUMNS_PER_WINDOW = 8
 """Columns that a window spans, unless the band asks for another: a hundredth of the
 sound."""
 
+MOST_OVERLAP = 1.0 - 1.0 / COLUMNS_PER_WINDOW
+"""Share of a window that the next one of a lofargram covers again at most."""
+
 LONGEST_WINDOW_S = 60.0
 """Longest window, s."""
 
@@ -68,7 +71,10 @@ LEAST_SAMPLES = 16
 MARGIN_CELLS = 8
 """Cells that are read on either side of a band, so that its ends are not empty."""
 
-LEAST_RATE_HZ = 500.0
+FEW_ROWS, MOST_PADDING = 150, 4
+"""Cells that a narrow band has at least, and cells for one of the window at most."""
+
+LEAST_RATE_HZ = 100.0
 """Sample rate below which sound is not reduced."""
 
 MOST_SAMPLES = 1 << 25
@@ -310,9 +316,13 @@ def _columns(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return times of columns, and densities of shape (column, row) of some rows."""
     edges_hz = axis.edges_hz()[part.rows.start : part.rows.stop + 1]
-    margin_hz = MARGIN_CELLS / part.window_s
+    margin_hz, width_hz = MARGIN_CELLS / part.window_s, edges_hz[-1] - edges_hz[0]
+    if recording.sensor.kind == "difar":  # directions are not drawn
+        omni = replace(recording.sensor, kind="omni")
+        recording = replace(recording, sensor=omni)
+    padding = int(np.clip(FEW_ROWS / (part.window_s * width_hz), 2, MOST_PADDING))
     blocks = compute_spectrogram(
-        recording, window_s=part.window_s, overlap=part.overlap,
+        recording, window_s=part.window_s, overlap=part.overlap, zero_padding=padding,
         band_hz=(max(0.0, edges_hz[0] - margin_hz), edges_hz[-1] + margin_hz),
         decimation=part.decimation,
     )  # fmt: skip
@@ -385,6 +395,8 @@ def over_floor(level_db: FloatArray, least: FloatArray | int = 0) -> FloatArray:
     if not heard.size:
         return level_db
     quiet = np.quantile(heard, QUIET_SHARE, axis=0)
+    if 2 * np.min(least) > quiet.size:  # a line alone fills the band
+        return np.asarray(level_db - np.median(quiet))
     number = np.arange(quiet.size)
     reach = np.maximum(NEIGHBOURS, (NEIGHBOUR_SHARE * number).astype(int))
     reach = np.maximum(reach, least)
@@ -418,15 +430,17 @@ def lofargram(
 ) -> Picture | None:
     """Return a span of the sound over its noise floor; None where it is too short.
 
-    ``window_s``: as in `plan_frames`.
+    ``window_s``: as in `plan_frames`; what lies half of it beside the span is read, too.
     """
-    part = part_of(recording, span_s)
+    margin_s = 0.5 * (window_s or 0.0)
+    part = part_of(recording, (span_s[0] - margin_s, span_s[1] + margin_s))
     try:
         axis, frames = plan_frames(part, axis, window_s)
+        frames = [f._replace(overlap=min(f.overlap, MOST_OVERLAP)) for f in frames]
         found = sound_picture(part, axis, frames, is_strongest=True)
     except (DataError, OptionError):  # it has gone since it was found, or is too short
         return None
-    begin_s, heights = max(span_s[0], 0.0), np.diff(axis.edges_hz())
+    begin_s, heights = max(span_s[0] - margin_s, 0.0), np.diff(axis.edges_hz())
     windows = np.concatenate(
         [np.full(f.rows.stop - f.rows.start, f.window_s) for f in frames]
     )
@@ -467,8 +481,8 @@ def draw_picture(
     """
     cells = picture.edges_s, picture.axis.edges_hz(), picture.level_db
     limits_db = limits_db or shades(picture.level_db)
-    draw_cells(ax, *cells, limits_db, label, cmap=colormap)
     picture.axis.set_axis(ax)
+    draw_cells(ax, *cells, limits_db, label, colormap)
 
 
 def shades(relative_db: FloatArray) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.patheffects import Normal, Stroke
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.files.utc import EPOCH
 
@@ -40,6 +40,9 @@ LEVELS_MAP = "viridis"
 
 NO_SOUND = "#d9d9d9"
 """Colour of gaps in a lofargram."""
+
+MOST_PLACES = 2000
+"""Places along an axis that uneven cells are drawn at."""
 
 RADIUS_95 = 2.448
 """Radius of the 95 % ellipse of two Gaussian components, in deviations."""
@@ -129,21 +132,40 @@ def draw_band(
 
 def draw_cells(
     ax: Axes, x: FloatArray, y: FloatArray, level_db: FloatArray,
-    limits_db: tuple[float | None, float | None], bar: str = "", **colors: Any,
+    limits_db: tuple[float | None, float | None], bar: str = "",
+    cmap: str = LEVELS_MAP,
 ) -> None:  # fmt: skip
     """Draw cells in the colours of their levels, grey where there is none.
 
-    ``x``, ``y``: edges of the cells, or their middles. ``level_db``: levels of shape
-    (x, y). ``limits_db``: levels of the darkest and the brightest colour. ``bar``: name
-    of the bar of colours; empty without one.
+    The scale of the panel's axes is set before: the cells lie evenly on it, or else each
+    place has the cell that covers it.
+
+    ``x``, ``y``: edges of the cells. ``level_db``: levels of shape (x, y).
+    ``limits_db``: levels of the darkest and the brightest colour. ``bar``: name of the
+    bar of colours; empty without one.
     """
-    dark, bright = limits_db
-    shades = {"cmap": LEVELS_MAP, "vmin": dark, "vmax": bright, **colors}
-    cells = np.ma.masked_invalid(level_db.T)
-    image = ax.pcolormesh(x, y, cells, rasterized=True, **shades)
+    columns, rows = _places(x), _places(ax.yaxis.get_transform().transform(y))
+    cells = level_db if columns is None else level_db[columns]
+    cells = cells if rows is None else cells[:, rows]
+    image = ax.imshow(
+        np.ma.masked_invalid(cells.T), cmap=cmap, vmin=limits_db[0], vmax=limits_db[1],
+        extent=(x[0], x[-1], y[0], y[-1]), origin="lower", aspect="auto",
+        interpolation="nearest",
+    )  # fmt: skip
     ax.set_facecolor(NO_SOUND)
     if bar:
         color_bar(image, ax, bar)
+
+
+def _places(edges: FloatArray) -> IntArray | None:
+    """Return the cell at each of many even places; None where the cells lie so."""
+    width = np.abs(np.diff(edges))
+    if np.allclose(width, width.mean(), rtol=0.01):
+        return None
+    count = min(MOST_PLACES, int(np.ceil(width.sum() / max(width.min(), 1e-9))))
+    at = edges[0] + (np.arange(count) + 0.5) / count * (edges[-1] - edges[0])
+    sign = np.sign(edges[-1] - edges[0])
+    return np.searchsorted(sign * edges[1:-1], sign * at)
 
 
 def color_bar(image: Any, ax: Axes, name: str) -> None:
