@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uwtrack_cli import __version__
+from uwtrack_cli.acoustics.geometry import compass_unit
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.files.tables.summaries import NOT_KNOWN, passage_columns
@@ -39,7 +40,6 @@ from uwtrack_cli.flow.sound_hours import (
 )
 from uwtrack_cli.plotting.html_page import page_html, picture_of_page
 from uwtrack_cli.plotting.maps import (
-    axes_of,
     draw_circle,
     draw_way,
     fit_limits,
@@ -302,7 +302,7 @@ def map_figure(ways: Sequence[PassageRow], view: View) -> Figure:
     for number, row in enumerate(ways, 1):
         distance = row.horizontal_range_m or row.slant_range_m or 0.0
         bearing = LABELS_DEG * number if row.bearing_deg is None else row.bearing_deg
-        place = distance * axes_of(bearing)[:, 0]
+        place = distance * compass_unit(bearing)
         if row.bearing_deg is None or row.course_deg is None:
             draw_circle(ax, distance, 0.0, number)
         else:

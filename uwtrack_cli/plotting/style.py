@@ -16,9 +16,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from matplotlib.patheffects import Normal, Stroke
 
+from uwtrack_cli.acoustics.geometry import region_95
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.files.text_escaping import figure_text
@@ -43,9 +43,6 @@ NO_SOUND = "#d9d9d9"
 
 MOST_PLACES = 2000
 """Places along an axis that uneven cells are drawn at."""
-
-RADIUS_95 = 2.448
-"""Radius of the 95 % ellipse of two Gaussian components, in deviations."""
 
 BAND_DEVIATIONS = 2.0
 """Half the width of every band about a fit, in deviations."""
@@ -240,11 +237,7 @@ class Clock:
 
 
 def draw_ellipse(
-    ax: Axes,
-    place: FloatArray,
-    covariance: FloatArray,
-    color: str,
-    alpha: float = 0.2,
+    ax: Axes, place: FloatArray, covariance: FloatArray, color: str, alpha: float = 0.2
 ) -> None:
     """Draw the 95 % ellipse of a position.
 
@@ -252,14 +245,10 @@ def draw_ellipse(
     coordinates, m^2, shape (2, 2); without one nothing is drawn. ``alpha``: share of
     the filling that is seen.
     """
-    if not np.isfinite(covariance).all():
-        return
-    spread, axes = np.linalg.eigh(covariance)
-    width, height = 2.0 * RADIUS_95 * np.sqrt(np.maximum(spread, 0.0))
-    angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
-    middle = (float(place[0]), float(place[1]))
-    for style in ({"fill": False, "lw": 1.0}, {"alpha": alpha, "lw": 0}):
-        ax.add_patch(Ellipse(middle, width, height, angle=angle, color=color, **style))
+    if np.isfinite(covariance).all():
+        ring = np.asarray(place)[:, None] + region_95(covariance)
+        ax.fill(*ring, color=color, alpha=alpha, lw=0)
+        ax.plot(*ring, color=color, lw=1.0)
 
 
 def draw_arrow(
