@@ -19,7 +19,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uwtrack_cli import __version__
 from uwtrack_cli.acoustics.geometry import compass_unit
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
 from uwtrack_cli.data.base import FloatArray
@@ -110,7 +109,7 @@ def deployment_html(
         known=_facts(deployment), pictures=list(_pictures(deployment, units)),
         gallery=[one for one in shown if one is not None],
         tables=list(_tables(deployment, units)) if passages else [],
-        more=n - MOST_PASSAGES, footer=f"uwtrack {__version__}",
+        more=n - MOST_PASSAGES,
     )  # fmt: skip
 
 

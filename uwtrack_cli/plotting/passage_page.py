@@ -12,6 +12,7 @@ of the Doppler shift v/c, so that a fit which leaves its lines is seen at once.
 """
 
 from functools import partial
+from textwrap import wrap
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,9 @@ from uwtrack_cli.plotting.view import Scene, View
 
 BLOCKS = 0.25
 """Length over which residuals are averaged, in d/v."""
+
+FACT_CHARACTERS = 26
+"""Characters of a line of the numbers beside the panels."""
 
 MAP_IN = 3.2
 """Height of the map on a narrow page, inches."""
@@ -157,7 +161,9 @@ def _line_strips(
         return lofargram_parts(scene, view, span_s)
     named = (rows.size - 1) // 2
     return [
-        PagePart(STRIP_IN, partial(_draw_strip, scene, fit, int(row), span_s, k == named))
+        PagePart(
+            STRIP_IN, partial(_draw_strip, scene, fit, int(row), span_s, k == named)
+        )
         for k, row in enumerate(rows)
     ]
 
@@ -332,7 +338,12 @@ def _fill_side(
     if not view.stands_alone:
         return
     panels[-1].axis("off")
-    names, values = zip(*fact_lines(fit.printed, view.units), strict=True)
+    shown = [
+        (name if number == 0 else "", text)
+        for name, value in fact_lines(fit.printed, view.units)
+        for number, text in enumerate(wrap(value, FACT_CHARACTERS))
+    ]
+    names, values = zip(*shown, strict=True)
     for left, texts, color in ((0.0, names, MEASURED), (0.36, values, "black")):
         panels[-1].text(
             left, 1.0, "\n".join(map(figure_text, texts)), va="top", fontsize=8,

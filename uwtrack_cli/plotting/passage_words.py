@@ -107,11 +107,9 @@ def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
         left = f"{100 * row['misfit']:.0f} % of the shift unexplained"
         follows = row["misfit"] < MARKED_MISFIT
         found.append(("lines", "follow the fit" if follows else left))
-    rest = sorted(f for f in row["rest_frequencies_hz"] if f is not None)
-    for number in range(0, len(rest), 3):
-        part = ", ".join(f"{f:.2f}" for f in rest[number : number + 3])
-        end = " Hz" if number + 3 >= len(rest) else ","
-        found.append(("at rest" if number == 0 else "", part + end))
+    rest = [f"{f:.2f}" for f in sorted(f for f in row["rest_frequencies_hz"] if f)]
+    if rest:
+        found.append(("at rest", f"{', '.join(rest)} Hz"))
     if row.get("reading") not in {None, "straight"}:  # as in the table
         weight = Head("", "reading_weight", 2).text(row)
         found.append(("motion", f"{row['reading']}, weight {weight}"))

@@ -5,7 +5,7 @@ is doubtful. Every passage has a card with its page; a reason why something is n
 is said once, for all passages that it holds of.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,10 @@ from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.hdf5.product import HistoryStep, Product
+from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences, stretch_words
 from uwtrack_cli.files.tables.summaries import numbered, summary_of
-from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.next_looks import next_looks
 from uwtrack_cli.plotting.html_page import (
     anchor_of,
@@ -61,8 +60,8 @@ class Report:
         return [row for e in self.all(Encounters) for row in numbered(json_rows(e))]
 
     @property
-    def heard(self) -> list[Row]:
-        """Every stretch in which something was heard."""
+    def detected(self) -> list[Row]:
+        """Every stretch in which something was detected."""
         return [row for found in self.all(Presence) for row in json_rows(found)]
 
 
@@ -75,15 +74,13 @@ def report_html(product: Product, report: Report) -> str:
         for kind in (Fixes, Motions)
     )
     return page_html(
-        "report.html", title=title or Path(product.name).name, **_heard(report),
+        "report.html", title=title or Path(product.name).name, **_detected(report),
         result=_result(product, report), warnings=warnings_of(report),
-        recordings=[_facts(recording, report) for recording in recordings],
+        recordings=recordings, product=product,
+        files={f.sensor: f.name.size for f in report.all(RecordedFiles)},
         passages=_table("encounters", passages, report), reasons=reasons_once(passages),
         **_pictures(report), positions=_table("fixes", positions, report),
         motions=_table("motions", motions, report), motion_reasons=reasons_once(motions),
-        history=[_step(step) for step in product.history],
-        footer=f"uwtrack {product.program_version}, {product.created_utc}, "
-        f"SHA-256 {product.digest}",
     )  # fmt: skip
 
 
@@ -96,7 +93,7 @@ def _result(product: Product, report: Report) -> str:
     recordings = [(one.name, one) for one in report.all(Recording)]
     looks, n = next_looks(stages, recordings, encounters), len(report.passages)
     if report.all(Presence):
-        words = presence_sentences(report.heard, is_passed=n > 0, next_looks=looks)
+        words = presence_sentences(report.detected, is_passed=n > 0, next_looks=looks)
     if n:
         return "; ".join([f"{n} passage{'' if n == 1 else 's'}", *words])
     return "; ".join(words or ["no closest approach", *looks])
@@ -169,28 +166,6 @@ def reasons_once(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _facts(recording: Recording, report: Report) -> list[tuple[str, str]]:
-    """Return what is known of a recording."""
-    sensor, start = recording.sensor, recording.start_utc_ns
-    place = "unknown"
-    if sensor.latitude is not None and sensor.longitude is not None:
-        place = f"{sensor.latitude:.5f}\u00b0, {sensor.longitude:.5f}\u00b0"
-    elif sensor.east_m is not None and sensor.north_m is not None:
-        place = f"{sensor.east_m:g} m east, {sensor.north_m:g} m north"
-    joined = [f for f in report.all(RecordedFiles) if f.sensor == sensor.id]
-    files = f", {joined[0].name.size} files" if joined else ""
-    return [
-        ("Recording", f"{recording.name}{files}"),
-        ("Start", "unknown" if start is None else format_utc(start)),
-        ("Length", f"{recording.duration_s:.1f} s"),
-        ("Sample rate", f"{recording.sample_rate_hz:g} Hz"),
-        ("Sensor", f"{sensor.id} ({sensor.kind})"),
-        ("Position", place),
-        ("Sound speed", f"{sensor.sound_speed_mps:g} m/s"),
-        ("Levels", "dB re 1 uPa" if sensor.full_scale_upa else "dB re full scale"),
-    ]
-
-
 def _pictures(report: Report) -> dict[str, Any]:
     """Return the page of the recording, the cards of passages, and what is not drawn."""
     try:
@@ -220,54 +195,20 @@ def _card(report: Report, page: Page, row: Row, count: int) -> dict[str, Any]:
     marks += [(text, True) for text in cautions(row)]
     card = passage_head(row, row["passage"], report.units)
     card["anchor"] = anchor_of(row, is_alone=is_alone)
-    card |= {"marks": marks, "facts": _merged(fact_lines(row, report.units))}
+    card |= {"marks": marks, "facts": fact_lines(row, report.units)}
     if report.ear is not None and count <= MOST_PICTURES:
         (scene,) = [s for s in scenes_of(report.containers) if s.sensor == page.sensor]
         card["sound"] = report.ear.heard(scene, row["passage"] - 1)
     return card
 
 
-def _merged(facts: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Join what continues over several lines of a picture."""
-    found: list[tuple[str, str]] = []
-    for name, value in facts:
-        if name or not found:
-            found.append((name, value))
-        else:
-            found[-1] = (found[-1][0], f"{found[-1][1]} {value}")
-    return found
-
-
-def _heard(report: Report) -> dict[str, Any]:
-    """Return what was heard as a table, and in words what was no passage."""
-    heard = report.heard
+def _detected(report: Report) -> dict[str, Any]:
+    """Return what was detected as a table, and in words what was no passage."""
+    rows, notes = report.detected, []
     numbers = {(r["sensor"], r["contact"]): r["passage"] for r in report.passages}
-    for row in heard:
+    for row in rows:
         row["passage"] = numbers.get((row["sensor"], row["encounter"]))
-    notes = [_stretch(row) for row in heard if row["encounter"] is None]
-    return {"heard": _table("presence", heard, report), "notes": notes}
-
-
-def _stretch(row: Row) -> str:
-    text = stretch_words(row)
-    why = row["reasons"].get("encounter")
-    return f"{text[0].upper()}{text[1:]}" + (f": {why}." if why else ".")
-
-
-def _step(step: HistoryStep) -> dict[str, str]:
-    """Return a step of the history: its name and source, and its options."""
-    read = ", ".join(source.name for source in step.sources)
-    return {
-        "name": step.stage, "source": f" of {read}" if read else "",
-        "version": step.versions.get("uwtrack", "unknown"),
-        "options": ", ".join(_options("", step.options)) or "no options",
-    }  # fmt: skip
-
-
-def _options(prefix: str, options: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the options as `--set` takes them; what was left open is left out."""
-    for key, value in options.items():
-        if isinstance(value, Mapping):
-            yield from _options(f"{prefix}{key}.", value)
-        elif value is not None:
-            yield f"{prefix}{key} = {value}"
+        if row["encounter"] is None:
+            text, why = stretch_words(row), row["reasons"].get("encounter")
+            notes.append(f"{text[0].upper()}{text[1:]}{f': {why}' if why else ''}.")
+    return {"detected": _table("presence", rows, report), "notes": notes}
