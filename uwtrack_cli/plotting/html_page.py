@@ -49,6 +49,8 @@ def picture_of_page(
         view = View(width_in=width_in, units=units, stands_alone=False)
         figure = draw(view)
         found |= {name: png_data(figure), "text": text or alternative_text(figure)}
+        for image in [image for ax in figure.axes for image in ax.images]:
+            image.remove()  # they are large, and a figure is collected late
     return found
 
 

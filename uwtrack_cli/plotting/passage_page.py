@@ -69,8 +69,8 @@ FACT_CHARACTERS = 26
 MAP_IN = 3.2
 """Height of the map on a narrow page, inches."""
 
-STRIP_IN = 0.82
-"""Height of a strip, inches."""
+STRIP_IN, STRIP_ROWS = 0.82, 120
+"""Height of a strip, inches, and its rows."""
 
 SHIFTS = 3.0
 """Height of a strip on either side of the rest frequency, in Doppler shifts."""
@@ -193,7 +193,7 @@ def _draw_strip(
     if has_sound(scene, span_s):
         half = min(max(half, FEWEST_CELLS / 2 / frame_s), 0.9 * rest)
     if has_sound(scene, span_s) or _resolves(scene.overview, rest, half):
-        axis = FrequencyAxis(rest - half, rest + half, is_log=False)
+        axis = FrequencyAxis(rest - half, rest + half, is_log=False, rows=STRIP_ROWS)
         picture = picture_of(scene, axis, span_s, frame_s)
     if picture is None:
         line = int(fit.encounters.rest_line_id[rest_row])

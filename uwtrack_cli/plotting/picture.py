@@ -37,13 +37,13 @@ from uwtrack_cli.plotting.view import View
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 COLUMNS, ROWS = 800, 420
-"""Cells of a picture along time and frequency."""
+"""Cells of a picture along time and frequency, unless it is a strip."""
 
 COLUMNS_PER_WINDOW = 8
 """Columns that a window spans, unless the band asks for another: a hundredth of the
 sound."""
 
-MOST_OVERLAP = 1.0 - 1.0 / COLUMNS_PER_WINDOW
+MOST_OVERLAP = 0.8
 """Share of a window that the next one of a lofargram covers again at most."""
 
 LONGEST_WINDOW_S = 60.0
@@ -71,8 +71,8 @@ LEAST_SAMPLES = 16
 MARGIN_CELLS = 8
 """Cells that are read on either side of a band, so that its ends are not empty."""
 
-FEW_ROWS, MOST_PADDING = 150, 4
-"""Cells that a narrow band has at least, and cells for one of the window at most."""
+MOST_PADDING = 3
+"""Cells for one of the window, of which a narrow band has few."""
 
 LEAST_RATE_HZ = 100.0
 """Sample rate below which sound is not reduced."""
@@ -119,11 +119,13 @@ class FrequencyAxis:
     """Highest frequency, Hz."""
     is_log: bool
     """Whether the axis is logarithmic."""
+    rows: int = ROWS
+    """Rows of equal height that a picture has."""
 
-    def edges_hz(self, count: int = ROWS) -> FloatArray:
-        """Return the edges of so many rows of equal height, Hz."""
+    def edges_hz(self) -> FloatArray:
+        """Return the edges of the rows, Hz."""
         space = np.geomspace if self.is_log else np.linspace
-        return np.asarray(space(self.low_hz, self.high_hz, count + 1))
+        return np.asarray(space(self.low_hz, self.high_hz, self.rows + 1))
 
     def share(self, frequency_hz: FloatArray) -> FloatArray:
         """Return where frequencies lie, as shares of the height."""
@@ -220,20 +222,20 @@ def plan_frames(
     duration_s, low, high = recording.duration_s, axis.low_hz, axis.high_hz
     if window_s is not None:
         _check_window(recording, window_s, is_asked=True)
-        return axis, [_frames(recording, axis, window_s, slice(0, ROWS))]
-    enough_s = CELLS / low if axis.is_log else 2.0 * ROWS / (high - low)
+        return axis, [_frames(recording, axis, window_s, slice(0, axis.rows))]
+    enough_s = CELLS / low if axis.is_log else 2.0 * axis.rows / (high - low)
     usual_s = min(COLUMNS_PER_WINDOW * duration_s / COLUMNS, enough_s)
     usual_s = max(usual_s, LEAST_PERIODS / high)
     usual_s = min(usual_s, duration_s, LONGEST_WINDOW_S)
     _check_window(recording, usual_s, is_asked=False)
     if not axis.is_log:
-        return axis, [_frames(recording, axis, usual_s, slice(0, ROWS))]
+        return axis, [_frames(recording, axis, usual_s, slice(0, axis.rows))]
     longest_s = max(usual_s, LONGEST_SHARE * duration_s)
     axis = replace(axis, low_hz=min(max(low, 2.0 / longest_s), 0.5 * high))
     edges, parts, first = axis.edges_hz(), [], 0
     while CELLS / edges[first] > 1.5 * usual_s:  # an octave with its own window
         last = int(np.searchsorted(edges, 2.0 * edges[first]))
-        if last >= ROWS:
+        if last >= axis.rows:
             break
         own_s = min(CELLS / edges[first], longest_s)
         if own_s > 1.5 * usual_s:
@@ -241,7 +243,7 @@ def plan_frames(
             first = last
         else:
             break
-    return axis, [*parts, _frames(recording, axis, usual_s, slice(first, ROWS))]
+    return axis, [*parts, _frames(recording, axis, usual_s, slice(first, axis.rows))]
 
 
 def _frames(
@@ -301,7 +303,7 @@ def sound_picture(
     found = [_columns(recording, p, axis, progress, is_strongest=is_strongest)
              for p in parts]  # fmt: skip
     time_s = found[-1][0]
-    density = np.full((time_s.size, ROWS), np.nan)
+    density = np.full((time_s.size, axis.rows), np.nan)
     for part, (own_s, own) in zip(parts, found, strict=True):
         near = np.searchsorted(0.5 * (own_s[1:] + own_s[:-1]), time_s)
         density[:, part.rows] = own[near]
@@ -320,7 +322,8 @@ def _columns(
     if recording.sensor.kind == "difar":  # directions are not drawn
         omni = replace(recording.sensor, kind="omni")
         recording = replace(recording, sensor=omni)
-    padding = int(np.clip(FEW_ROWS / (part.window_s * width_hz), 2, MOST_PADDING))
+    cells = part.window_s * width_hz
+    padding = int(np.clip(edges_hz.size / cells, 2, MOST_PADDING))
     blocks = compute_spectrogram(
         recording, window_s=part.window_s, overlap=part.overlap, zero_padding=padding,
         band_hz=(max(0.0, edges_hz[0] - margin_hz), edges_hz[-1] + margin_hz),
@@ -436,7 +439,7 @@ def lofargram(
     part = part_of(recording, (span_s[0] - margin_s, span_s[1] + margin_s))
     try:
         axis, frames = plan_frames(part, axis, window_s)
-        frames = [f._replace(overlap=min(f.overlap, MOST_OVERLAP)) for f in frames]
+        frames = [_cheap(part, frame) for frame in frames]
         found = sound_picture(part, axis, frames, is_strongest=True)
     except (DataError, OptionError):  # it has gone since it was found, or is too short
         return None
@@ -446,6 +449,17 @@ def lofargram(
     )
     least = np.ceil(LOBES * LOBE_CELLS / windows / heights).astype(int)
     return Picture(found.edges_s + begin_s, axis, over_floor(found.level_db, least))
+
+
+def _cheap(recording: Recording, part: Framing) -> Framing:
+    """Return how rows are cut at less cost: a fast length, fewer windows than columns."""
+    from scipy.fft import next_fast_len
+
+    rate_hz = recording.sample_rate_hz / part.decimation
+    fast = next_fast_len(round(part.window_s * rate_hz), real=True)
+    window_s = min(fast, recording.n_samples // part.decimation) / rate_hz
+    overlap = min(part.overlap, MOST_OVERLAP)
+    return part._replace(window_s=window_s, overlap=overlap)
 
 
 def check_axes(container: Container, *names: str) -> None:
