@@ -1,7 +1,7 @@
 """The report of a folder: a deployment at a glance, its days, its passages.
 
 **Method.** The calendar has a row per day and sensor: grey where there is sound, darker
-where a vessel is heard, a mark where one passes. Below it stand the medians of every
+where a vessel is detected, a mark where one passes. Below it stand the medians of every
 hour in decidecade bands and of the whole band, the ways of the vessels past their
 sensors, how many passed at which hour, speed and range, and a picture of each passage
 that leads to its page. Of more days or passages than there is room for, the last days
@@ -74,7 +74,7 @@ LABELS_DEG = 37.0
 MARKERS = "ov^sD*"
 """Marks of the sensors, beside their colours."""
 
-CAPTION = "Grey: sound. Dark: a vessel may be heard. Marks: passages."
+CAPTION = "Grey: sound. Dark: a vessel may be detected. Marks: passages."
 
 OF_MAP = (
     "Ways past the sensor, which is the origin, by their course and bearing; a circle is "

@@ -63,7 +63,7 @@ from uwtrack_cli.plotting.view import Scene, View
 BLOCKS = 0.25
 """Length over which residuals are averaged, in d/v."""
 
-FACT_CHARACTERS = 26
+FACT_CHARACTERS = 28
 """Characters of a line of the numbers beside the panels."""
 
 MAP_IN = 3.2
@@ -135,7 +135,9 @@ def passage_figure(scene: Scene, row: int, view: View) -> Figure:
         right = PageBlock(
             3.6, partial(_fill_side, scene, fit, view, is_mapped=is_mapped)
         )
-        return page_figure(heads, view, [left, right], (2.25, 1.0))
+        return page_figure(
+            heads, view, [left, right], (2.25 if is_mapped else 3.0, 1.0)
+        )
     below = PageBlock(MAP_IN, lambda side: draw_map(scene, fit, side.subplots()))
     return page_figure(heads, view, [left, below] if is_mapped else [left])
 

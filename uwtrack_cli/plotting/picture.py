@@ -43,9 +43,6 @@ COLUMNS_PER_WINDOW = 8
 """Columns that a window spans, unless the band asks for another: a hundredth of the
 sound."""
 
-MOST_OVERLAP = 0.8
-"""Share of a window that the next one of a lofargram covers again at most."""
-
 LONGEST_WINDOW_S = 60.0
 """Longest window, s."""
 
@@ -249,7 +246,8 @@ def plan_frames(
 def _frames(
     recording: Recording, axis: FrequencyAxis, window_s: float, rows: slice
 ) -> Framing:
-    rate_hz, column_s = recording.sample_rate_hz, recording.duration_s / COLUMNS
+    rate_hz = recording.sample_rate_hz
+    column_s = recording.duration_s / (COLUMNS * axis.rows / ROWS)
     count = max(1, math.ceil(column_s / (0.5 * window_s)))
     overlap = min(1.0 - column_s / (count * window_s), 0.999)
     top_hz = axis.edges_hz()[rows.stop] + MARGIN_CELLS / window_s
@@ -257,6 +255,16 @@ def _frames(
     if window_s * rate_hz < 2 * LEAST_SAMPLES * decimation:
         decimation = 1
     return Framing(rows, window_s, overlap, count, decimation)
+
+
+def _of_fast_length(recording: Recording, part: Framing) -> Framing:
+    """Return frames a little longer, whose transform takes less time."""
+    from scipy.fft import next_fast_len
+
+    rate_hz = recording.sample_rate_hz / part.decimation
+    fast = next_fast_len(round(part.window_s * rate_hz), real=True)
+    longest = recording.n_samples // part.decimation
+    return part._replace(window_s=min(fast, longest) / rate_hz)
 
 
 def _check_window(recording: Recording, window_s: float, *, is_asked: bool) -> None:
@@ -439,7 +447,7 @@ def lofargram(
     part = part_of(recording, (span_s[0] - margin_s, span_s[1] + margin_s))
     try:
         axis, frames = plan_frames(part, axis, window_s)
-        frames = [_cheap(part, frame) for frame in frames]
+        frames = [_of_fast_length(part, frame) for frame in frames]
         found = sound_picture(part, axis, frames, is_strongest=True)
     except (DataError, OptionError):  # it has gone since it was found, or is too short
         return None
@@ -449,17 +457,6 @@ def lofargram(
     )
     least = np.ceil(LOBES * LOBE_CELLS / windows / heights).astype(int)
     return Picture(found.edges_s + begin_s, axis, over_floor(found.level_db, least))
-
-
-def _cheap(recording: Recording, part: Framing) -> Framing:
-    """Return how rows are cut at less cost: a fast length, fewer windows than columns."""
-    from scipy.fft import next_fast_len
-
-    rate_hz = recording.sample_rate_hz / part.decimation
-    fast = next_fast_len(round(part.window_s * rate_hz), real=True)
-    window_s = min(fast, recording.n_samples // part.decimation) / rate_hz
-    overlap = min(part.overlap, MOST_OVERLAP)
-    return part._replace(window_s=window_s, overlap=overlap)
 
 
 def check_axes(container: Container, *names: str) -> None:

@@ -30,7 +30,7 @@ from uwtrack_cli.plotting.html_page import (
 )
 from uwtrack_cli.plotting.listen import Ear
 from uwtrack_cli.plotting.page import Page, pages_of, scenes_of
-from uwtrack_cli.plotting.passage_words import cautions, fact_lines
+from uwtrack_cli.plotting.passage_words import cautions, fact_lines, reasons_once
 from uwtrack_cli.plotting.view import Units
 
 MOST_PICTURES = 60
@@ -141,29 +141,6 @@ def _unknown(recording: Recording) -> Iterator[str]:
         )
     if recording.sensor.full_scale_upa is None:
         yield f"{recording.name}: not calibrated, so levels are relative to full scale."
-
-
-def reasons_once(rows: Sequence[Row]) -> list[str]:
-    """Return why values are not known: each reason once, with the passages it is of.
-
-    ``rows``: passages, as `numbered` gives them.
-    """
-    known: dict[tuple[str, str], list[str]] = {}
-    for row in rows:
-        by_reason: dict[str, list[str]] = {}
-        for key, reason in row["reasons"].items():
-            if key not in {"vessel", "time_utc"}:
-                by_reason.setdefault(reason, []).append(key)
-        for reason, keys in by_reason.items():
-            owners = known.setdefault((", ".join(sorted(keys)), reason), [])
-            owners.append(str(row.get("passage", row["contact"])))
-    return [
-        f"No {keys}: {reason}."
-        if len(owners) == len(rows)
-        else f"No {keys}: {reason} (passage{'s' if len(owners) > 1 else ''} "
-        f"{', '.join(owners)})."
-        for (keys, reason), owners in known.items()
-    ]
 
 
 def _pictures(report: Report) -> dict[str, Any]:

@@ -50,7 +50,7 @@ from uwtrack_cli.plotting.page_layout import (
     page_figure,
     timed,
 )
-from uwtrack_cli.plotting.passage_words import speed_text, value_text
+from uwtrack_cli.plotting.passage_words import reasons_once, speed_text, value_text
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     MEASURED,
@@ -125,31 +125,21 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
 def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
     """Return the state now of the best mode of every contact, and what else is said."""
     found: list[HeadLine] = []
-    for row in json_rows(motions):
-        if row["mode"] == 1:
-            found.append(HeadLine(_state(row, units)))
-            found.append(HeadLine(_now(row, clock)))
-            others = int(np.sum(motions.contact == row["contact"])) - 1
-            if others:
-                text = (
-                    f"{others} other motion{'' if others == 1 else 's'} fit about as "
-                    f"well; this one has the weight {row['weight']:.2f}"
-                )
-                found.append(HeadLine(text))
-            if row["reading"] == "manoeuvre":
-                text = "\u26a0 the target changed its velocity: no straight motion fits"
-                found.append(HeadLine(text, warns=True))
-            found += [HeadLine(f"no {k}: {why}") for why, k in _grouped(row["reasons"])]
+    for row in (row for row in json_rows(motions) if row["mode"] == 1):
+        found += [HeadLine(_state(row, units)), HeadLine(_now(row, clock))]
+        others = int(np.sum(motions.contact == row["contact"])) - 1
+        if others:
+            text = (
+                f"{others} other motion{'' if others == 1 else 's'} fit about as well; "
+                f"this one has the weight {row['weight']:.2f}"
+            )
+            found.append(HeadLine(text))
+        if row["reading"] == "manoeuvre":
+            text = "\u26a0 the target changed its velocity: no straight motion fits"
+            found.append(HeadLine(text, warns=True))
+        if (motions.contact == row["contact"]).all():  # else they stand on its own page
+            found += [HeadLine(text) for text in reasons_once([row])]
     return found
-
-
-def _grouped(reasons: dict[str, str]) -> list[tuple[str, str]]:
-    """Return each reason once, with all that it is the reason of."""
-    known: dict[str, list[str]] = {}
-    for key, reason in reasons.items():
-        if key != "time_utc":
-            known.setdefault(reason, []).append(key)
-    return [(reason, ", ".join(keys)) for reason, keys in known.items()]
 
 
 STATE = (
@@ -174,17 +164,16 @@ def motion_states(motions: Motions, units: Units) -> list[str]:
 
 
 def _now(row: Row, clock: Clock) -> str:
-    begin = utc_text(row["time_utc"]) + " UTC" if row["time_utc"] else ""
-    begin = begin or f"{row['time_s']:.0f} s"
+    begin = f"{row['time_s']:.0f} s"
+    if row["time_utc"]:
+        begin = f"{utc_text(row['time_utc'])} UTC"
     text = f"state at the first measurement, {begin}"
     if row["now_range_m"] is None:
         return text
-    end = clock.text(row["now_time_s"]) + (" s" if clock.start_utc_ns is None else "")
-    now, bearing = (
-        value_text(row, "now_range_m", 0),
-        value_text(row, "now_bearing_deg", 1),
-    )
-    return f"{text} \u00b7 at the last one, {end}: {now} m in {bearing} deg"
+    end = clock.text(row["now_time_s"]) + " s" * (clock.start_utc_ns is None)
+    bearing = value_text(row, "now_bearing_deg", 1)
+    now = f"{value_text(row, 'now_range_m', 0)} m in {bearing} deg"
+    return f"{text} \u00b7 at the last one, {end}: {now}"
 
 
 def draw_motion_map(
@@ -332,6 +321,8 @@ def motion_residuals(
         heading = np.degrees(paths[0].heading_at(data.time_s))
         mirrored = wrap_deg(2 * heading - data.bearing_deg - np.degrees(bearing))
         left = np.where(np.abs(mirrored) < np.abs(left), mirrored, left)
+        # an array's heading has an offset
+        left = left - np.nansum(left) / max(1, np.isfinite(left).sum())
     shift = 1.0 - rate / motions.sound_speed_mps
     own = motions.rest_motion == row
     rest = dict(zip(motions.rest_line_id[own].tolist(),
