@@ -11,7 +11,6 @@ and the first passages are drawn, which is said.
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from datetime import timedelta
 from functools import partial
 from typing import Any
 
@@ -20,11 +19,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uwtrack_cli.acoustics.geometry import compass_unit
-from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
+from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.files.tables.summaries import NOT_KNOWN, passage_columns
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.files.utc import EPOCH, parse_utc
+from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.deployment import Deployment
 from uwtrack_cli.flow.long_term import HourLevel, by_hour
 from uwtrack_cli.flow.passages import PassageRow
@@ -57,6 +56,7 @@ from uwtrack_cli.plotting.style import (
     name_place,
     new_figure,
 )
+from uwtrack_cli.plotting.thumbnail import Glance
 from uwtrack_cli.plotting.view import Units, View
 
 MOST_ROWS = 62
@@ -86,8 +86,6 @@ HEARD_COLOR = "#8c8c8c"
 BINS = 12
 """Bars of speed and range."""
 
-Glance = Callable[[PassageRow, int], dict[str, Any] | None]
-
 
 def deployment_html(
     deployment: Deployment,
@@ -106,34 +104,12 @@ def deployment_html(
     return page_html(
         "deployment.html", title=title, warnings=deployment.problems,
         result=f"{count} in {total_h(deployment.sound):.1f} hours of sound",
-        known=_facts(deployment), pictures=list(_pictures(deployment, units)),
+        listened=deployment.listened, vessels={p.vessel for p in passages if p.vessel},
+        pictures=list(_pictures(deployment, units)),
         gallery=[one for one in shown if one is not None],
         tables=list(_tables(deployment, units)) if passages else [],
         more=n - MOST_PASSAGES,
     )  # fmt: skip
-
-
-def _facts(deployment: Deployment) -> list[tuple[str, str]]:
-    listened = deployment.listened
-    spans = [one.span_ns for one in listened if one.span_ns is not None]
-    facts = [
-        ("Recordings", str(len(listened))),
-        ("Sensors", ", ".join(sorted({one.sensor for one in listened})) or "none"),
-    ]
-    if spans:
-        first, last = min(s[0] for s in spans), max(s[1] for s in spans)
-        facts += [("First", _utc(first)), ("Last", _utc(last))]
-    unknown = len(listened) - len(spans)
-    if unknown:
-        facts.append(("Without a start time", str(unknown)))
-    vessels = {p.vessel for p in deployment.passages if p.vessel}
-    if vessels:
-        facts.append(("Vessels by AIS", str(len(vessels))))
-    return facts
-
-
-def _utc(time_ns: int) -> str:
-    return f"{EPOCH + timedelta(seconds=time_ns // NANOSECONDS):%Y-%m-%d %H:%M}"
 
 
 def _pictures(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:

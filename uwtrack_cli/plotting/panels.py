@@ -522,23 +522,15 @@ def _measured_bearings(
     """
     levels, lines, series = scene.first(Levels), scene.first(Lines), scene.first(Series)
     if levels is not None and levels.bearing_deg.size:
-        bearing, std = levels.bearing_deg, levels.bearing_std_deg
-        yield levels.frames.time_s, bearing, np.nan_to_num(std, nan=np.inf), MEASURED
+        std = np.nan_to_num(levels.bearing_std_deg, nan=np.inf)
+        yield levels.frames.time_s, levels.bearing_deg, std, MEASURED
     if lines is not None:
+        measured = lines.measured_bearing_deg, lines.measured_bearing_std_deg
         for name, contact in zip(lines.line_id, lines.line_contact, strict=True):
-            number = scene.number(contact)
+            number, rows = scene.number(contact), lines.line == name
             if number == (fit.number if fit is not None else number or -1):
-                rows = lines.line == name
-                bearing, std = (
-                    lines.measured_bearing_deg,
-                    lines.measured_bearing_std_deg,
-                )
-                yield (
-                    lines.time_s[rows],
-                    bearing[rows],
-                    std[rows],
-                    contact_color(number),
-                )
+                bearing, std = (one[rows] for one in measured)
+                yield lines.time_s[rows], bearing, std, contact_color(number)
     if series is not None and fit is not None:
         rows = series.contact == fit.contact
         bearing, std = series.bearing_deg[rows], np.zeros(int(rows.sum()))

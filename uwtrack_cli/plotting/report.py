@@ -5,17 +5,15 @@ is doubtful. Every passage has a card with its page; a reason why something is n
 is said once, for all passages that it holds of.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
-from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
@@ -28,31 +26,23 @@ from uwtrack_cli.plotting.html_page import (
     passage_head,
     picture_of_page,
 )
-from uwtrack_cli.plotting.listen import Ear
-from uwtrack_cli.plotting.page import Page, pages_of, scenes_of
+from uwtrack_cli.plotting.listen import sound_of
+from uwtrack_cli.plotting.page import pages_of
 from uwtrack_cli.plotting.passage_words import cautions, fact_lines, reasons_once
-from uwtrack_cli.plotting.view import Units
+from uwtrack_cli.plotting.view import Scene, Units
 
 MOST_PICTURES = 60
 """Passages that have a picture; the others have their numbers."""
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(Scene):
     """What a report is made of."""
 
-    containers: Sequence[Container]
-    """Everything that it may show."""
-    tracks: Sequence[VesselTrack] = ()
-    """Ways of vessels by AIS, where there is one sensor."""
     units: Units = "kn"
     """Unit of every speed."""
-    ear: Ear | None = None
-    """How the passages' sound is given; None: it is not."""
-
-    def all(self, kind: type[Container]) -> list[Any]:
-        """Return the containers of a kind."""
-        return [c for c in self.containers if isinstance(c, kind)]
+    speed_up: float | None = None
+    """How many times faster the passages' sound is played; None: it is not given."""
 
     @property
     def passages(self) -> list[Row]:
@@ -115,32 +105,22 @@ def warnings_of(report: Report) -> list[str]:
     for row in report.passages:
         whose = f"Passage {row['passage']}"
         found += [f"{whose}: {text}." for text in cautions(row)]
-        found += [f"{whose}, ambiguous: {text}." for text in _ambiguities(row)]
-    for recording in report.all(Recording):
-        found += _unknown(recording)
-    found += [m.statement for m in report.all(Motions) if m.statement]
-    return found
-
-
-def _ambiguities(row: Row) -> list[str]:
-    return [
-        ", ".join(
-            f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}"
-            for key, value in other.items()
-        )
-        for other in row["ambiguities"]
-    ]
-
-
-def _unknown(recording: Recording) -> Iterator[str]:
-    """Yield what is not known of a recording, and what follows."""
-    if recording.start_utc_ns is None:
-        yield (
-            f"{recording.name}: the start is not known, so times count from the first "
-            f"sample; run again with --start-utc or --time-pattern."
-        )
-    if recording.sensor.full_scale_upa is None:
-        yield f"{recording.name}: not calibrated, so levels are relative to full scale."
+        for other in row["ambiguities"]:
+            known = (
+                f"{k} {f'{v:.3g}' if type(v) is float else v}" for k, v in other.items()
+            )
+            found.append(f"{whose}, ambiguous: {', '.join(known)}.")
+    for one in report.all(Recording):
+        if one.start_utc_ns is None:
+            found.append(
+                f"{one.name}: the start is not known, so times count from the first "
+                f"sample; run again with --start-utc or --time-pattern."
+            )
+        if one.sensor.full_scale_upa is None:
+            found.append(
+                f"{one.name}: not calibrated: levels are relative to full scale."
+            )
+    return found + [m.statement for m in report.all(Motions) if m.statement]
 
 
 def _pictures(report: Report) -> dict[str, Any]:
@@ -150,33 +130,29 @@ def _pictures(report: Report) -> dict[str, Any]:
     except DataError as error:
         return {"pages": [], "not_drawn": str(error)}
     rows = {(row["sensor"], row["contact"]): row for row in report.passages}
+    is_alone = len({sensor for sensor, _ in rows}) == 1
     shown, cards = [], 0
     for page in pages:
         row = rows.get((page.sensor, page.contact)) if page.kind == "passage" else None
         cards += row is not None
         card: dict[str, Any] = {"kind": page.kind}
+        if row is not None:
+            marks = [] if is_alone else [(f"sensor {row['sensor']}", False)]
+            marks += [(row["status"], row["status"] != "ok")]
+            marks += [(text, True) for text in cautions(row)]
+            card |= passage_head(row, row["passage"], report.units)
+            card["anchor"] = anchor_of(row, is_alone=is_alone)
+            card |= {"marks": marks, "facts": fact_lines(row, report.units)}
         if row is None or cards <= MOST_PICTURES:
             try:
                 card["picture"] = picture_of_page(page.draw, report.units)
             except DataError as error:
                 card["why"] = str(error)
-        shown.append(card if row is None else card | _card(report, page, row, cards))
+            if row is not None and report.speed_up is not None:
+                own = Scene(report.containers, page.sensor)
+                card["sound"] = sound_of(own, row["passage"] - 1, report.speed_up)
+        shown.append(card)
     return {"pages": shown, "not_drawn": max(0, cards - MOST_PICTURES)}
-
-
-def _card(report: Report, page: Page, row: Row, count: int) -> dict[str, Any]:
-    """Return what the card of a passage has beside its page: title, marks, numbers."""
-    is_alone = len({one["sensor"] for one in report.passages}) == 1
-    marks = [] if is_alone else [(f"sensor {row['sensor']}", False)]
-    marks += [(row["status"], row["status"] != "ok")]
-    marks += [(text, True) for text in cautions(row)]
-    card = passage_head(row, row["passage"], report.units)
-    card["anchor"] = anchor_of(row, is_alone=is_alone)
-    card |= {"marks": marks, "facts": fact_lines(row, report.units)}
-    if report.ear is not None and count <= MOST_PICTURES:
-        (scene,) = [s for s in scenes_of(report.containers) if s.sensor == page.sensor]
-        card["sound"] = report.ear.heard(scene, row["passage"] - 1)
-    return card
 
 
 def _detected(report: Report) -> dict[str, Any]:

@@ -192,15 +192,13 @@ class Clock:
         if self.start_utc_ns is None:
             return f"{time_s:.{digits}f}"
         unit_ns = NANOSECONDS // 10**digits
-        ns = self.start_utc_ns + round(time_s * NANOSECONDS)
-        seconds, rest = divmod((ns + unit_ns // 2) // unit_ns * unit_ns, NANOSECONDS)
-        day = EPOCH + timedelta(seconds=seconds)
+        ns = self.start_utc_ns + round(time_s * NANOSECONDS) + unit_ns // 2
+        at = EPOCH + timedelta(microseconds=ns // unit_ns * unit_ns // 1000)
         if step_s >= STEPS_S[-4]:
-            return f"{day:%m-%d}"
+            return f"{at:%m-%d}"
         if step_s >= 60.0:
-            return f"{day:%H:%M}"
-        fraction = f".{rest // unit_ns:0{digits}d}" if digits else ""
-        return f"{day:%H:%M:%S}{fraction}"
+            return f"{at:%H:%M}"
+        return f"{at:%H:%M:%S.%f}"[: 8 + 2 * digits]
 
     def day(self, time_s: float) -> str:
         """Return the day of a time, empty if it is not known."""
