@@ -229,10 +229,9 @@ def hours_figure(hours: Sequence[HourLevel], view: View) -> Figure:
 
     def all_bands(ax: Axes) -> None:
         calm(ax, f"all bands, median\nand 10-90 % ({unit})")
-        middle = 0.5 * (edges_s[1:] + edges_s[:-1])
-        ax.fill_between(middle, whole[:, 0], whole[:, 2], color=MEASURED, alpha=0.3,
-                        lw=0, step="mid")  # fmt: skip
-        ax.step(middle, whole[:, 1], where="mid", color=MEASURED, lw=1.0)
+        low, middle, high = whole.T
+        ax.stairs(high, edges_s, baseline=low, fill=True, color=MEASURED, alpha=0.3)
+        ax.stairs(middle, edges_s, baseline=None, color=MEASURED, lw=1.0)
 
     parts, span_s = [PagePart(2.6, bands), PagePart(1.3, all_bands)], (0.0, edges_s[-1])
     clock = Clock(first * HOUR_NS)
@@ -316,7 +315,7 @@ def _tables(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
     known.pop("contact", None)
     if "level dB" in known:  # the two references never mix
         known["level dB"] = tuple(
-            f"{cell} re {row['level_reference']}" if row["level_reference"] else cell
+            cell if cell == NOT_KNOWN else f"{cell} re {row['level_reference']}"
             for cell, row in zip(known["level dB"], listed, strict=True)
         )
     rows = list(zip(*known.values(), strict=True))

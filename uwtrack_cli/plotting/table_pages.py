@@ -68,7 +68,7 @@ def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
     # ranges, bearings and rates are measured of what is drawn in east and north
     if scans is not None and scans.component.tolist() == target.component.tolist():
         x, y = scans.measured[:, 0], scans.measured[:, 1]
-        ax.plot(x, y, ".", markersize=1.5, color=NO_CONTACT, zorder=1)
+        ax.plot(x, y, ".", ms=1.5, color=NO_CONTACT, zorder=1, label="measurements")
     for number, own in enumerate(target.targets, 1):
         color = contact_color(number)
         ax.plot(own.state[:, 0], own.state[:, 2], "-o", markersize=2, color=color)
@@ -77,6 +77,7 @@ def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
             draw_ellipse(ax, mean[[0, 2]], place, color, alpha=0.1)
     lost = target.lost
     ax.plot(target.state[lost, 0], target.state[lost, 2], "kx", label="lost")
+    ax.legend(fontsize=8)
     _fit_view(target, ax)
     ax.set(xlabel=_label(target, 0), ylabel=_label(target, 1))
     return calm(ax)
@@ -106,6 +107,7 @@ def _draw_over_time(target: Target, scans: Scans | None, ax: Axes) -> Axes:
         draw_band(ax, own.time_s, own.state[:, 0], half, color)
     lost = target.lost
     ax.plot(target.time_s[lost], target.state[lost, 0], "kx", label="lost")
+    ax.legend(fontsize=8)
     ax.set(xlabel="time (s)", ylabel=_label(target, 0))
     return calm(ax)
 
