@@ -373,7 +373,7 @@ def test_the_axis_follows_from_the_band_and_lines_are_enlarged():
     assert (axis.low_hz, axis.high_hz, axis.is_log) == (10.0, 8000.0, True)
     assert not choose_axis((0.0, 8000.0), View(is_log=False)).is_log
     assert not choose_axis((0.0, 8000.0), View(band_hz=(50.0, 350.0))).is_log
-    edges = FrequencyAxis(10.0, 1000.0, is_log=True).edges_hz(2)
+    edges = FrequencyAxis(10.0, 1000.0, is_log=True, rows=2).edges_hz()
     np.testing.assert_allclose(edges, [10.0, 100.0, 1000.0])
     lines = [Outlined(np.arange(2.0), np.full(2, f), 0) for f in (40.0, 80.0, 120.0)]
     part = lines_part(lines, axis)

@@ -114,37 +114,33 @@ def deployment_html(
 
 def _pictures(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
     """Yield the pictures of the whole, each where it has something to say."""
-
-    def section(
-        name: str, draw: Callable[[View], Figure], shows: str, text: str = ""
-    ) -> dict[str, Any]:
-        picture = picture_of_page(draw, units, shows)
-        return {"heading": name, "text": text, "picture": picture}
-
-    passages, days = deployment.passages, _days(deployment)
-    n, n_days = len(passages), len(days)
-    if days:
+    passages, n_days = deployment.passages, len(_days(deployment))
+    parts: list[tuple[str, Callable[[View], Figure], str, str]] = []
+    if n_days:
         more = f" The last {MOST_ROWS} of {n_days} days." if n_days > MOST_ROWS else ""
-        shows = f"Calendar of {n_days} days of sound with {n} passages."
+        shows = f"Calendar of {n_days} days of sound with {len(passages)} passages."
         draw = partial(calendar_figure, deployment)
-        yield section("Calendar", draw, shows, CAPTION + more)
+        parts.append(("Calendar", draw, shows, CAPTION + more))
     hours = by_hour(hour for one in deployment.listened for hour in one.hours)
-    for sensor, reference in dict.fromkeys((h.sensor, h.reference) for h in hours):
-        own = [h for h in hours if (h.sensor, h.reference) == (sensor, reference)]
-        shows = (
-            f"Medians of {len(own)} hours in decidecade bands, and of the whole band."
+    for key in dict.fromkeys((h.sensor, h.reference) for h in hours):
+        own = [h for h in hours if (h.sensor, h.reference) == key]
+        shows = f"Medians of {len(own)} hours in decidecade bands, and of all of them."
+        name = f"Levels by the hour, sensor {key[0]}"
+        parts.append((name, partial(hours_figure, own), shows, ""))
+    if passages:
+        shows = f"Histograms of {len(passages)} passages by hour, speed and range."
+        name, draw = (
+            "Passages by hour, speed and range",
+            partial(histogram_figure, passages),
         )
-        draw = partial(hours_figure, own)
-        yield section(f"Levels by the hour, sensor {sensor}", draw, shows)
-    if not passages:
-        return
-    shows = f"Histograms of {n} passages by hour of the day, speed and range."
-    draw = partial(histogram_figure, passages)
-    yield section("Passages by hour, speed and range", draw, shows)
+        parts.append((name, draw, shows, ""))
     ways = [row for row in passages if row.slant_range_m is not None][:MOST_WAYS]
     if ways:
         shows = f"Map of {len(ways)} passages about their sensors."
-        yield section("Map", partial(map_figure, ways), shows, OF_MAP)
+        parts.append(("Map", partial(map_figure, ways), shows, OF_MAP))
+    for name, draw, shows, text in parts:
+        picture = picture_of_page(draw, units, shows)
+        yield {"heading": name, "text": text, "picture": picture}
 
 
 def _days(deployment: Deployment) -> list[int]:

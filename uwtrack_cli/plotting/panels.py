@@ -118,21 +118,19 @@ def lofargram_parts(scene: Scene, view: View, span_s: Span) -> list[PagePart]:
         return [PagePart(PART_IN, partial(_draw_lofargram, scene, None, axis, lines))]
     axis = choose_axis(known_hz, view)
     part = None if view.band_hz is not None else lines_part(lines, axis)
-    shown: list[tuple[FrequencyAxis, float | None, list[Outlined], float]]
-    shown = [
-        (axis, None, [] if part else lines, LONE_IN if lines and not part else WHOLE_IN)
-    ]
-    if part is not None and part.high_hz > part.low_hz:
-        window_s = None if held is None else held.frames.window_s
-        shown.append((part, window_s, lines, PART_IN))
-    return [
-        PagePart(
-            height_in,
-            partial(_draw_lofargram, scene, picture_of(scene, one, span_s, window_s),
-                    one, own),
-        )
-        for one, window_s, own, height_in in shown
-    ]  # fmt: skip
+    if part is not None and part.high_hz <= part.low_hz:
+        part = None
+
+    def panel(
+        axis: FrequencyAxis, own: list[Outlined], window_s: float | None, height: float
+    ) -> PagePart:
+        found = picture_of(scene, axis, span_s, window_s)
+        return PagePart(height, partial(_draw_lofargram, scene, found, axis, own))
+
+    if part is None:
+        return [panel(axis, lines, None, LONE_IN if lines else WHOLE_IN)]
+    window_s = None if held is None else held.frames.window_s
+    return [panel(axis, [], None, WHOLE_IN), panel(part, lines, window_s, PART_IN)]
 
 
 def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:

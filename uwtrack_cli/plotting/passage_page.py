@@ -28,7 +28,6 @@ from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.maps import draw_map, has_circle
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
-    PageBlock,
     PagePart,
     fitting,
     page_figure,
@@ -69,7 +68,7 @@ FACT_CHARACTERS = 28
 MAP_IN = 3.2
 """Height of the map on a narrow page, inches."""
 
-STRIP_IN, STRIP_ROWS = 0.82, 120
+STRIP_IN, STRIP_ROWS = 0.82, 180
 """Height of a strip, inches, and its rows."""
 
 SHIFTS = 3.0
@@ -132,13 +131,13 @@ def passage_figure(scene: Scene, row: int, view: View) -> Figure:
     ]
     left = timed(parts, view, scene.clock, span_s)
     if view.is_wide and (is_mapped or view.stands_alone):
-        right = PageBlock(
+        right = PagePart(
             3.6, partial(_fill_side, scene, fit, view, is_mapped=is_mapped)
         )
         return page_figure(
             heads, view, [left, right], (2.25 if is_mapped else 3.0, 1.0)
         )
-    below = PageBlock(MAP_IN, lambda side: draw_map(scene, fit, side.subplots()))
+    below = PagePart(MAP_IN, lambda side: draw_map(scene, fit, side.subplots()))
     return page_figure(heads, view, [left, below] if is_mapped else [left])
 
 

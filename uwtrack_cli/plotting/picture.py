@@ -68,7 +68,7 @@ LEAST_SAMPLES = 16
 MARGIN_CELLS = 8
 """Cells that are read on either side of a band, so that its ends are not empty."""
 
-MOST_PADDING = 3
+MOST_PADDING = 4
 """Cells for one of the window, of which a narrow band has few."""
 
 LEAST_RATE_HZ = 100.0

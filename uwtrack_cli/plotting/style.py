@@ -162,7 +162,7 @@ def _places(edges: FloatArray) -> IntArray | None:
     count = min(MOST_PLACES, int(np.ceil(width.sum() / max(width.min(), 1e-9))))
     at = edges[0] + (np.arange(count) + 0.5) / count * (edges[-1] - edges[0])
     sign = np.sign(edges[-1] - edges[0])
-    return np.searchsorted(sign * edges[1:-1], sign * at)
+    return np.asarray(np.searchsorted(sign * edges[1:-1], sign * at))
 
 
 def color_bar(image: Any, ax: Axes, name: str) -> None:

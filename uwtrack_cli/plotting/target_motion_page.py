@@ -45,7 +45,6 @@ from uwtrack_cli.motion.target_motion.own_ship import (
 from uwtrack_cli.plotting.maps import fit_limits, furnish
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
-    PageBlock,
     PagePart,
     page_figure,
     timed,
@@ -112,7 +111,7 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
     heads = _heads(motions, scene.clock, view.units)
     map_in = MAP_IN if view.is_wide else 0.95 * view.width_in
     ways = measured_from(scene)
-    left = PageBlock(
+    left = PagePart(
         map_in, lambda part: draw_motion_map(motions, ways, part.subplots())
     )
     if not parts:
@@ -245,41 +244,31 @@ def _measured(scene: Scene) -> list[Measurements]:
     return [] if lines is None else measurements_from_lines(lines)
 
 
-def _navigation(scene: Scene) -> Navigation | None:
-    """Return the way of what measured: of an array its own."""
-    record, sensor = scene.first(BearingTime), scene.first(Sensor)
-    if record is not None and np.isfinite(record.east_m).all():
-        return Navigation(
-            time_s=record.frames.time_s, east_m=record.east_m, north_m=record.north_m,
-            heading_deg=record.heading_deg,
-        )  # fmt: skip
-    given = next((c for c in scene.containers if isinstance(c, Navigation)), None)
-    return given or (None if sensor is None else sensor.navigation)
-
-
 def measured_from(scene: Scene) -> list[tuple[str, OwnPath]]:
     """Return name and way of own ship or of every sensor, the reference first."""
     measured = _measured(scene)
-    if not measured:
-        return []
-    data = measured[0]
     try:
-        paths, sensor = _paths(scene, data)
-    except DataError:
+        paths, sensor = _paths(scene, measured[0])
+    except (DataError, IndexError):
         return []
-    if data.platforms is None:
+    if (platforms := measured[0].platforms) is None:
         return [("own ship", paths[0])] if paths[0].time_s.size > 1 else []
-    names = data.platforms.name
-    order = [int(sensor[0]), *(k for k in range(len(names)) if k != sensor[0])]
-    return [(names[k], paths[k]) for k in order]
+    ways = list(zip(platforms.name, paths, strict=True))
+    return [ways.pop(int(sensor[0])), *ways]
 
 
 def _paths(scene: Scene, data: Measurements) -> tuple[list[OwnPath], IntArray]:
-    """Return the way of every platform, and the platform of every row."""
-    if data.platforms is None:
-        path = own_path(_navigation(scene), data)
-        return [path], np.zeros(data.time_s.size, np.int64)
-    return sensor_paths(data, data.platforms), data.platforms.sensor
+    """Return the way of every platform, of an array its own, and each row's platform."""
+    if data.platforms is not None:
+        return sensor_paths(data, data.platforms), data.platforms.sensor
+    record, sensor = scene.first(BearingTime), scene.first(Sensor)
+    way = scene.first(Navigation) or (None if sensor is None else sensor.navigation)
+    if record is not None and np.isfinite(record.east_m).all():
+        way = Navigation(
+            time_s=record.frames.time_s, east_m=record.east_m, north_m=record.north_m,
+            heading_deg=record.heading_deg,
+        )  # fmt: skip
+    return [own_path(way, data)], np.zeros(data.time_s.size, np.int64)
 
 
 def motion_residuals(
@@ -337,17 +326,12 @@ def _parts(
     scene: Scene, motions: Motions, measured: Sequence[Measurements]
 ) -> list[PagePart]:
     """Return residuals of bearing and frequency, and the range over time."""
-    left = [
-        (m.contact, found)
-        for m in measured
-        if (found := motion_residuals(scene, motions, m)) is not None
-    ]
+    each = [(m.contact, motion_residuals(scene, motions, m)) for m in measured]
+    left = [(contact, found) for contact, found in each if found is not None]
     parts = []
-    for name, label in (
-        ("bearing_deg", "bearing residual\n(deg)"),
-        ("frequency_hz", "frequency residual\n(Hz)"),
-    ):
+    for name, unit in (("bearing_deg", "deg"), ("frequency_hz", "Hz")):
         if any(np.isfinite(getattr(found, name)).any() for _, found in left):
+            label = f"{name.partition('_')[0]} residual\n({unit})"
             parts.append(PagePart(1.5, partial(_draw_residuals, left, name, label)))
     if _bounded(motions).any():
         parts.append(PagePart(1.7, lambda ax: draw_ranges(motions, ax)))

@@ -136,7 +136,7 @@ def _fixes(fixes: Fixes) -> Iterator[Feature]:
             origin = Origin(values["latitude"], values["longitude"])
             told = ("contact", "mode", "time_s", "time_utc")
             known = {key: values[key] for key in told}
-            ring = _places(*region_95(covariance), origin)
+            ring = _ring(covariance, origin)
             yield Feature("ellipse", "Polygon", f"95 % region of {name}", ring,
                           {**known, "probability": 0.95})  # fmt: skip
 
@@ -164,9 +164,14 @@ def _motions(motions: Motions) -> Iterator[Feature]:
         polar = motions.covariance[row][:2, :2]
         if np.isfinite(polar).all():
             where = float(motions.range_m[row]), float(motions.bearing_deg[row])
-            ring = _places(*region_95(place_covariance(*where, polar)), origin)
+            ring = _ring(place_covariance(*where, polar), origin)
             yield Feature("ellipse", "Polygon", f"95 % region of {name}", ring,
                           {**known, "time_s": values["time_s"], "probability": 0.95})  # fmt: skip
+
+
+def _ring(covariance: FloatArray, origin: Origin) -> tuple[tuple[float, float], ...]:
+    east, north = region_95(covariance)
+    return _places(east, north, origin)
 
 
 def _places(
