@@ -25,6 +25,8 @@ from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.motion.correlation import overlap_correlation
+from uwtrack_cli.motion.evidence.doppler_image import doppler_evidence
 from uwtrack_cli.motion.passage import moving_lines, own_time
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
@@ -35,6 +37,7 @@ from uwtrack_cli.motion.passage.candidates import (
     examine_contacts,
     examine_from,
     fit_contact,
+    is_one,
     read,
     split,
     tell_once,
@@ -57,6 +60,7 @@ from uwtrack_cli.motion.passage.model.measurements import (
     contact_data,
     contact_ids,
     lines_of,
+    with_frequency,
 )
 from uwtrack_cli.motion.passage.moving_lines import (
     APART,
@@ -89,6 +93,10 @@ must follow the range: strong evidence (Kass & Raftery 1995)."""
 N_CUTS, SAME_WIDTH = 3, 0.1
 """How often the lines that move together are cut out and fitted at most, and share by
 which the width of what is cut out may still change in the end. Both are chosen."""
+
+
+MOST_PLACES = 8
+"""Most probable candidates in air whose sound is asked for a pattern."""
 
 
 N_MEASURED, FEWEST_FRAMES = 2, 12
@@ -153,7 +161,7 @@ def examine_recording(
         more, parts = _of_lines_together(lines, every, terms)
         every = [*every, *more]
     if levels is None:
-        return every, still
+        return _with_patterns(every, levels, terms), still
     found = [item for item in every if item.passes]
     rejected = [item for item in every if not item.passes]
     if len(found) == 1:
@@ -173,7 +181,10 @@ def examine_recording(
         passing = [*passing, *_of_own_time(passing, first, terms)]
     used = {number for item in passing for number in item.contacts}
     others = [item for item in (*found, *rejected) if used.isdisjoint(item.contacts)]
-    return passing + others, [one for one in still if one.contact not in used]
+    return (
+        _with_patterns(passing + others, levels, terms),
+        [one for one in still if one.contact not in used],
+    )
 
 
 def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
@@ -468,6 +479,75 @@ def _both(
     return rise
 
 
+def _with_patterns(
+    items: list[CandidatePassage], levels: Levels | None, terms: SearchTerms
+) -> list[CandidatePassage]:
+    """Let the pattern of the sound compete for every place where something may pass in air.
+
+    It takes the place of what has no speed, agrees with it or is less probable.
+    """
+    if terms.sound is None or not terms.medium.is_air:
+        return items
+    kept = sorted(items, key=lambda item: -item.decision.probability)
+    found: list[CandidatePassage] = []
+    for item in kept[:MOST_PLACES]:
+        if any(_is_beside(item, one) for one in found):
+            continue
+        pattern = attempted(
+            partial(_of_pattern, item, levels, terms), item.contacts, item.blocks.time_s
+        )
+        if pattern is None or not pattern.passes or not _is_beside(pattern, item):
+            continue
+        others = [
+            one.decision.probability for one in kept
+            if _has_speed(one) and _is_beside(one, pattern) and not is_one(one, pattern)
+        ]  # fmt: skip
+        if pattern.decision.probability > max(others, default=0.0):
+            found.append(pattern)
+    beaten = [one for one in kept if any(_is_beside(one, other) for other in found)]
+    return found + [one for one in kept if not any(one is other for other in beaten)]
+
+
+def _has_speed(item: CandidatePassage) -> bool:
+    return not item.blocks.shift.is_empty and item.passes
+
+
+def _is_beside(one: CandidatePassage, other: CandidatePassage) -> bool:
+    """Tell whether two candidates lie within R/v of each other."""
+    apart_s = abs(float(one.fit.theta[0, 0]) - float(other.fit.theta[0, 0]))
+    widths = (float(each.fit.range_over_speed_s[0]) for each in (one, other))
+    return apart_s < max(widths)
+
+
+def _of_pattern(
+    like: CandidatePassage, levels: Levels | None, terms: SearchTerms
+) -> CandidatePassage | None:
+    """Measure where the pattern of the sound is about a passage in air, and fit it.
+
+    All that a vehicle radiates is one line, which is read along its Doppler law and not
+    cut where it falls fastest.
+    """
+    assert terms.sound is not None  # noqa: S101 - asked before
+    time_s, width_s = float(like.fit.theta[0, 0]), float(like.fit.range_over_speed_s[0])
+    shown = doppler_evidence(terms.sound, time_s, width_s)
+    if shown is None or shown.evidence <= 0.0:
+        return None
+    law, course = shown.law, shown.course
+    frequency_hz = course.tone_hz * np.exp(course.shift)
+    overlap = overlap_correlation("frequency", course.overlap)
+    data = with_frequency(
+        contact_data(None, levels, ()), course.time_s, frequency_hz,
+        frequency_hz * course.shift_std, float(overlap[0]),
+    )  # fmt: skip
+    speed_mps = law.mach * terms.medium.sound_speed_mps
+    theta = np.array([[law.time_s, np.log(law.width_s), speed_mps, 0.0]])
+    made = examine_from(
+        data, (like.contacts, np.zeros(1, np.int64)), (theta, np.ones(1)),
+        terms.medium, terms.probability, is_shown=True,
+    )  # fmt: skip
+    return _checked(made, None, terms) if made else None
+
+
 def _with_lines(
     alone: CandidatePassage,
     lines: Lines | None,
@@ -477,8 +557,8 @@ def _with_lines(
 ) -> CandidatePassage:
     """Add the lines that follow a passage which the broadband has shown."""
     best, gain = alone, SMALLEST_LINE_GAIN + np.log(max(len(contacts), 1))
-    if lines is None:
-        return alone
+    if lines is None or (terms.medium.is_air and terms.sound is not None):
+        return alone  # its pattern is asked instead
     for contact in contacts:
         part = (contact,)
         own = with_directions_of(levels, terms.directions, lines, part)
@@ -488,11 +568,7 @@ def _with_lines(
         )  # fmt: skip
         if joint is None:
             continue
-        # a gear that is changed in the middle of the rise is no Doppler shift
-        ratio = joint.likelihood_ratio
-        own_gain = ratio.doppler_over_break
-        if not terms.medium.is_air:
-            own_gain = _gain_of_line(joint, alone)
+        own_gain = _gain_of_line(joint, alone)
         told = _checked(joint, lines, terms) if own_gain > gain else None
         if told:
             best, gain = told, own_gain
