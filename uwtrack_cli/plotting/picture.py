@@ -68,9 +68,6 @@ LEAST_SAMPLES = 16
 MARGIN_CELLS = 8
 """Cells that are read on either side of a band, so that its ends are not empty."""
 
-MOST_PADDING = 4
-"""Cells for one of the window, of which a narrow band has few."""
-
 LEAST_RATE_HZ = 100.0
 """Sample rate below which sound is not reduced."""
 
@@ -326,14 +323,12 @@ def _columns(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return times of columns, and densities of shape (column, row) of some rows."""
     edges_hz = axis.edges_hz()[part.rows.start : part.rows.stop + 1]
-    margin_hz, width_hz = MARGIN_CELLS / part.window_s, edges_hz[-1] - edges_hz[0]
+    margin_hz = MARGIN_CELLS / part.window_s
     if recording.sensor.kind == "difar":  # directions are not drawn
         omni = replace(recording.sensor, kind="omni")
         recording = replace(recording, sensor=omni)
-    cells = part.window_s * width_hz
-    padding = int(np.clip(edges_hz.size / cells, 2, MOST_PADDING))
     blocks = compute_spectrogram(
-        recording, window_s=part.window_s, overlap=part.overlap, zero_padding=padding,
+        recording, window_s=part.window_s, overlap=part.overlap,
         band_hz=(max(0.0, edges_hz[0] - margin_hz), edges_hz[-1] + margin_hz),
         decimation=part.decimation,
     )  # fmt: skip
@@ -376,17 +371,16 @@ def _mean_rows(
 def _strongest_rows(
     cells: FloatArray, frequency_hz: FloatArray, edges_hz: FloatArray
 ) -> FloatArray:
-    """Return the strongest cell between edges; the nearest one where there is none."""
-    middle = 0.5 * (edges_hz[1:] + edges_hz[:-1])
-    rows = cells[:, np.searchsorted(cell_edges(frequency_hz)[1:-1], middle)].astype(
-        float
-    )
-    first, last = (
-        np.searchsorted(frequency_hz, e) for e in (edges_hz[:-1], edges_hz[1:])
-    )
-    for row in np.flatnonzero(last - first > 1):
-        rows[:, row] = cells[:, first[row] : last[row]].max(axis=1)
-    return rows
+    """Return the strongest cell between edges; what lies between two where none does."""
+    middle, last = 0.5 * (edges_hz[1:] + edges_hz[:-1]), frequency_hz.size - 1
+    place = np.interp(middle, frequency_hz, np.arange(last + 1.0))
+    below, share = place.astype(int), place % 1.0
+    above = np.minimum(below + 1, last)
+    rows = (1.0 - share) * cells[:, below] + share * cells[:, above]
+    first, end = np.searchsorted(frequency_hz, [edges_hz[:-1], edges_hz[1:]])
+    for row in np.flatnonzero(end - first > 1):
+        rows[:, row] = cells[:, first[row] : end[row]].max(axis=1)
+    return np.asarray(rows)
 
 
 def overview_levels(overview: Overview) -> FloatArray:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
@@ -44,16 +43,19 @@ def draw_recipe_graph(
     ax.set_axis_off()
     ax.text(0.0, -0.3, figure_text(title), fontweight="bold", fontsize=11)
     ax.text(0.0, height - 0.75, "filled: kept in the product", fontsize=8)
-    middle = {"ha": "center", "va": "center"}
+    arrow = {"arrowstyle": "-|>", "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
     for source, reader, container in edges:
         if reader == "product":
             continue
-        start = np.add(place[source], (_BOX_WIDTH, _BOX_HEIGHT / 2))
-        end = np.add(place[reader], (0.0, _BOX_HEIGHT / 2))
-        arrow = {"arrowstyle": "-|>", "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
+        (x0, y0), (x1, y1) = place[source], place[reader]
+        start = x0 + _BOX_WIDTH, y0 + _BOX_HEIGHT / 2
+        end = x1, y1 + _BOX_HEIGHT / 2
         ax.annotate("", end, start, arrowprops={"color": "black", **arrow})
-        ax.text(*(start + end) / 2, figure_text(container), fontsize=7, color="#333333",
-                bbox={"fc": "white", "ec": "none", "pad": 0.8}, **middle)  # fmt: skip
+        ax.text(
+            (start[0] + end[0]) / 2, (start[1] + end[1]) / 2, figure_text(container),
+            fontsize=7, ha="center", va="center", color="#333333",
+            bbox={"fc": "white", "ec": "none", "pad": 0.8},
+        )  # fmt: skip
     for name, (x, y) in place.items():
         is_sound = name == "recording"
         ax.add_patch(FancyBboxPatch(
@@ -62,8 +64,8 @@ def draw_recipe_graph(
             edgecolor="#777777" if is_sound else "black",
             linestyle="dashed" if is_sound else "solid",
         ))  # fmt: skip
-        at = x + _BOX_WIDTH / 2, y + _BOX_HEIGHT / 2
-        ax.text(*at, figure_text(name), fontsize=9, **middle)
+        ax.text(x + _BOX_WIDTH / 2, y + _BOX_HEIGHT / 2, figure_text(name), fontsize=9,
+                ha="center", va="center")  # fmt: skip
     figure.set_label(title)
     write_figure(figure, output, DPI, overwrite=overwrite)
 

@@ -163,7 +163,10 @@ class DopplerImage:
         size = next_fast_len(PADDING * length, real=True)
         power = np.abs(rfft(frames * np.hanning(length), size, axis=1)) ** 2
         cell = np.log(2.0) / CELLS_PER_OCTAVE
-        low_hz, high_hz = max(BAND_HZ[0], 2.0 / frame_s), min(BAND_HZ[1], 0.44 * rate_hz)
+        low_hz, high_hz = (
+            max(BAND_HZ[0], 2.0 / frame_s),
+            min(BAND_HZ[1], 0.44 * rate_hz),
+        )
         self.log_hz = np.arange(np.log(low_hz), np.log(high_hz), cell)
         place = np.exp(self.log_hz) * size / rate_hz
         half = 0.5 * np.maximum(place * cell, 1.0)

@@ -232,7 +232,10 @@ def with_frequency(
     length_s = float(np.ptp(time_s))
     near = np.abs(data.time_s - 0.5 * (time_s[0] + time_s[-1])) <= 1.5 * length_s
     time = np.unique(np.concatenate([data.time_s[near], time_s]))
-    there, here = np.searchsorted(time, data.time_s[near]), np.searchsorted(time, time_s)
+    there, here = (
+        np.searchsorted(time, data.time_s[near]),
+        np.searchsorted(time, time_s),
+    )
 
     def placed(value: FloatArray) -> FloatArray:
         full = np.full((*value.shape[:-1], time.size), np.nan)
