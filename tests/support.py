@@ -71,7 +71,9 @@ def cells_of(ax):
     (image,) = ax.images
     left, right, low, high = image.get_extent()
     levels = image.get_array()
-    space = np.geomspace if ax.get_yscale() == "log" else np.linspace
+    space = np.linspace
+    if ax.get_yscale() == "log":
+        (low, high), space = ax.get_ylim(), np.geomspace
     rows, columns = levels.shape
     return (
         np.linspace(left, right, columns + 1), space(low, high, rows + 1), levels

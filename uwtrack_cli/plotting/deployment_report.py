@@ -119,8 +119,9 @@ def _pictures(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
     if n_days:
         more = f" The last {MOST_ROWS} of {n_days} days." if n_days > MOST_ROWS else ""
         shows = f"Calendar of {n_days} days of sound with {len(passages)} passages."
-        draw = partial(calendar_figure, deployment)
-        parts.append(("Calendar", draw, shows, CAPTION + more))
+        parts.append(
+            ("Calendar", partial(calendar_figure, deployment), shows, CAPTION + more)
+        )
     hours = by_hour(hour for one in deployment.listened for hour in one.hours)
     for key in dict.fromkeys((h.sensor, h.reference) for h in hours):
         own = [h for h in hours if (h.sensor, h.reference) == key]
@@ -129,11 +130,8 @@ def _pictures(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
         parts.append((name, partial(hours_figure, own), shows, ""))
     if passages:
         shows = f"Histograms of {len(passages)} passages by hour, speed and range."
-        name, draw = (
-            "Passages by hour, speed and range",
-            partial(histogram_figure, passages),
-        )
-        parts.append((name, draw, shows, ""))
+        name = "Passages by hour, speed and range"
+        parts.append((name, partial(histogram_figure, passages), shows, ""))
     ways = [row for row in passages if row.slant_range_m is not None][:MOST_WAYS]
     if ways:
         shows = f"Map of {len(ways)} passages about their sensors."

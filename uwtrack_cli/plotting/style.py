@@ -134,20 +134,25 @@ def draw_cells(
 ) -> None:  # fmt: skip
     """Draw cells in the colours of their levels, grey where there is none.
 
-    The scale of the panel's axes is set before: the cells lie evenly on it, or else each
-    place has the cell that covers it.
+    Scale and limits of a logarithmic axis are set before. Cells lie evenly on their axis,
+    or else each place has the cell that covers it.
 
     ``x``, ``y``: edges of the cells. ``level_db``: levels of shape (x, y).
     ``limits_db``: levels of the darkest and the brightest colour. ``bar``: name of the
     bar of colours; empty without one.
     """
-    columns, rows = _places(x), _places(ax.yaxis.get_transform().transform(y))
+    scale, ends, place = ax.yaxis.get_transform(), y[[0, -1]], ax.transData
+    columns, rows = _places(x), _places(scale.transform(y))
     cells = level_db if columns is None else level_db[columns]
     cells = cells if rows is None else cells[:, rows]
+    if ax.get_yscale() != "linear":  # else an image is even in what the scale bends
+        low, high = scale.transform(np.array(ax.get_ylim()))
+        ends = (scale.transform(ends) - low) / (high - low)
+        place = ax.get_xaxis_transform()
     image = ax.imshow(
         np.ma.masked_invalid(cells.T), cmap=cmap, vmin=limits_db[0], vmax=limits_db[1],
-        extent=(x[0], x[-1], y[0], y[-1]), origin="lower", aspect="auto",
-        interpolation="nearest",
+        extent=(x[0], x[-1], ends[0], ends[1]), origin="lower", aspect="auto",
+        interpolation="nearest", transform=place,
     )  # fmt: skip
     ax.set_facecolor(NO_SOUND)
     if bar:
