@@ -5,7 +5,10 @@ contact that passes, if it agrees with its lines; where no line shows a passage,
 broadband is examined first, with the lines that follow it if its parts tell a passage
 (`sub_bands`). What contacts of minutes do not show is sought among all lines for a few
 d/v (`moving_lines`); such lines are told as a contact of their own, and so is what the
-sound alone tells where nothing else has shown a passage (`own_time`). Where lines and
+sound alone tells where nothing else has shown a passage (`own_time`). In air, contacts in
+short frames are pieces of lines, which break where they fall fastest: there the pattern of
+all sound is shifted along Doppler laws wherever a line falls or the level rises
+(`evidence/doppler_image`), and measured frame by frame along the best one. Where lines and
 broadband tell one passage and either leaves it in doubt, one fit of both is asked.
 Where the broadband tells of passages that no contact accounts for, each is examined
 with what the others put into it taken out (`source_separation`), unless they are one
@@ -65,6 +68,7 @@ from uwtrack_cli.motion.passage.model.measurements import (
 from uwtrack_cli.motion.passage.moving_lines import (
     APART,
     Together,
+    line_falls,
     line_gains,
     lines_together,
     stretch_of,
@@ -95,8 +99,9 @@ N_CUTS, SAME_WIDTH = 3, 0.1
 which the width of what is cut out may still change in the end. Both are chosen."""
 
 
-MOST_PLACES = 8
-"""Most probable candidates in air whose sound is asked for a pattern."""
+MOST_PLACES, LONGEST_FRAME_S = 8, 0.5
+"""Places in air at which a pattern is sought in the sound at most, and the length of
+frames, s, up to which contacts are pieces of lines and it is sought."""
 
 
 N_MEASURED, FEWEST_FRAMES = 2, 12
@@ -117,6 +122,12 @@ class SearchTerms(NamedTuple):
     """The recording, whose sound may be read again; None without it."""
     directions: Directions | None = None
     """What an array heard, of which the bearings of the levels are; None without it."""
+
+    @property
+    def asks_pattern(self) -> bool:
+        """Whether the pattern of the sound shows passages better than pieces of lines."""
+        is_short = self.limits.window_s <= LONGEST_FRAME_S
+        return self.sound is not None and self.medium.is_air and is_short
 
 
 def examine_recording(
@@ -155,16 +166,16 @@ def examine_recording(
         What the contacts of lines are read as that are none.
     """
     terms = SearchTerms(medium, false_alarm_probability, limits, sound, directions)
-    every, still = _of_lines(lines, terms) if lines is not None else ([], [])
+    every, still = _with_speed(lines, levels, terms)
     parts: dict[int, Lines] = {}
     if lines is not None and not terms.medium.is_air:  # engines hardly keep their speed
         more, parts = _of_lines_together(lines, every, terms)
         every = [*every, *more]
     if levels is None:
-        return _with_patterns(every, levels, terms), still
+        return every, still
     found = [item for item in every if item.passes]
     rejected = [item for item in every if not item.passes]
-    if len(found) == 1:
+    if len(found) == 1 and not terms.asks_pattern:
         own = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own, levels, terms)]
     passing = found
@@ -182,9 +193,20 @@ def examine_recording(
     used = {number for item in passing for number in item.contacts}
     others = [item for item in (*found, *rejected) if used.isdisjoint(item.contacts)]
     return (
-        _with_patterns(passing + others, levels, terms),
+        _with_patterns(passing + others, None, levels, terms),
         [one for one in still if one.contact not in used],
     )
+
+
+def _with_speed(
+    lines: Lines | None, levels: Levels | None, terms: SearchTerms
+) -> tuple[list[CandidatePassage], list[Still]]:
+    """Examine what may have a speed: contacts of lines, or patterns of the sound in air."""
+    if not terms.asks_pattern:
+        return _of_lines(lines, terms) if lines is not None else ([], [])
+    rise = _of_levels(levels, terms) if levels is not None else None
+    every = _with_patterns([rise] if rise else [], lines, levels, terms)
+    return [item for item in every if not item.blocks.shift.is_empty], []
 
 
 def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
@@ -387,7 +409,7 @@ def _apart(
     """
     lines, parts = heard
     first = len(found)
-    if len(found) == 1:
+    if len(found) == 1 and not terms.asks_pattern:
         own_lines = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own_lines, shares[0], terms)]
     taken = {number for item in found for number in item.contacts}
@@ -480,47 +502,72 @@ def _both(
 
 
 def _with_patterns(
-    items: list[CandidatePassage], levels: Levels | None, terms: SearchTerms
+    items: list[CandidatePassage],
+    lines: Lines | None,
+    levels: Levels | None,
+    terms: SearchTerms,
 ) -> list[CandidatePassage]:
     """Let the pattern of the sound compete for every place where something may pass in air.
 
     It takes the place of what has no speed, agrees with it or is less probable.
     """
-    if terms.sound is None or not terms.medium.is_air:
+    if not terms.asks_pattern:
         return items
     kept = sorted(items, key=lambda item: -item.decision.probability)
-    found: list[CandidatePassage] = []
-    for item in kept[:MOST_PLACES]:
-        if any(_is_beside(item, one) for one in found):
+    places = [(_place(item), item.contacts) for item in kept if not _has_speed(item)]
+    places += [
+        ((one.time_s, one.width_s), (one.contact,))
+        for one in (line_falls(lines) if lines is not None else [])
+    ]
+    asked = [_place(item) for item in kept if _has_speed(item)]
+    n_asked, found = len(asked), list[CandidatePassage]()
+    for place, contacts in places:
+        if any(_is_beside(place, other) for other in (*asked, *map(_place, found))):
             continue
+        if len(asked) == n_asked + MOST_PLACES:
+            break
+        asked.append(place)
         pattern = attempted(
-            partial(_of_pattern, item, levels, terms), item.contacts, item.blocks.time_s
-        )
-        if pattern is None or not pattern.passes or not _is_beside(pattern, item):
+            partial(_of_pattern, place, contacts, levels, terms),
+            contacts, np.array([place[0] - place[1], place[0] + place[1]]),
+        )  # fmt: skip
+        if pattern is None or not pattern.passes:
             continue
         others = [
-            one.decision.probability for one in kept
-            if _has_speed(one) and _is_beside(one, pattern) and not is_one(one, pattern)
+            one.decision.probability for one in (*kept, *found)
+            if _has_speed(one) and _is_beside(_place(one), _place(pattern))
+            and not is_one(one, pattern)
         ]  # fmt: skip
         if pattern.decision.probability > max(others, default=0.0):
+            found = [
+                one for one in found if not _is_beside(_place(one), _place(pattern))
+            ]
             found.append(pattern)
-    beaten = [one for one in kept if any(_is_beside(one, other) for other in found)]
-    return found + [one for one in kept if not any(one is other for other in beaten)]
+    return found + [
+        one for one in kept
+        if not any(_is_beside(_place(one), _place(other)) for other in found)
+    ]  # fmt: skip
 
 
 def _has_speed(item: CandidatePassage) -> bool:
     return not item.blocks.shift.is_empty and item.passes
 
 
-def _is_beside(one: CandidatePassage, other: CandidatePassage) -> bool:
-    """Tell whether two candidates lie within R/v of each other."""
-    apart_s = abs(float(one.fit.theta[0, 0]) - float(other.fit.theta[0, 0]))
-    widths = (float(each.fit.range_over_speed_s[0]) for each in (one, other))
-    return apart_s < max(widths)
+def _place(item: CandidatePassage) -> tuple[float, float]:
+    """Return time and R/v of a candidate, s."""
+    return float(item.fit.theta[0, 0]), float(item.fit.range_over_speed_s[0])
+
+
+def _is_beside(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Tell whether two places lie within R/v of each other."""
+    return abs(one[0] - other[0]) < max(one[1], other[1])
 
 
 def _of_pattern(
-    like: CandidatePassage, levels: Levels | None, terms: SearchTerms
+    place: tuple[float, float],
+    contacts: tuple[int, ...],
+    levels: Levels | None,
+    terms: SearchTerms,
 ) -> CandidatePassage | None:
     """Measure where the pattern of the sound is about a passage in air, and fit it.
 
@@ -528,8 +575,7 @@ def _of_pattern(
     cut where it falls fastest.
     """
     assert terms.sound is not None  # noqa: S101 - asked before
-    time_s, width_s = float(like.fit.theta[0, 0]), float(like.fit.range_over_speed_s[0])
-    shown = doppler_evidence(terms.sound, time_s, width_s)
+    shown = doppler_evidence(terms.sound, *place)
     if shown is None or shown.evidence <= 0.0:
         return None
     law, course = shown.law, shown.course
@@ -542,7 +588,7 @@ def _of_pattern(
     speed_mps = law.mach * terms.medium.sound_speed_mps
     theta = np.array([[law.time_s, np.log(law.width_s), speed_mps, 0.0]])
     made = examine_from(
-        data, (like.contacts, np.zeros(1, np.int64)), (theta, np.ones(1)),
+        data, (contacts, np.zeros(1, np.int64)), (theta, np.ones(1)),
         terms.medium, terms.probability, is_shown=True,
     )  # fmt: skip
     return _checked(made, None, terms) if made else None
@@ -557,8 +603,8 @@ def _with_lines(
 ) -> CandidatePassage:
     """Add the lines that follow a passage which the broadband has shown."""
     best, gain = alone, SMALLEST_LINE_GAIN + np.log(max(len(contacts), 1))
-    if lines is None or (terms.medium.is_air and terms.sound is not None):
-        return alone  # its pattern is asked instead
+    if lines is None or terms.asks_pattern:
+        return alone
     for contact in contacts:
         part = (contact,)
         own = with_directions_of(levels, terms.directions, lines, part)
