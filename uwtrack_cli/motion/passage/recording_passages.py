@@ -591,7 +591,7 @@ def _of_pattern(
     overlap = overlap_correlation("frequency", course.overlap)
     data = with_frequency(
         contact_data(None, levels, ()), course.time_s, frequency_hz,
-        frequency_hz * course.shift_std, float(overlap[0]),
+        frequency_hz * course.shift_std, float(overlap[:1].sum()),
     )  # fmt: skip
     speed_mps = law.mach * terms.medium.sound_speed_mps
     theta = np.array([[law.time_s, np.log(law.width_s), speed_mps, 0.0]])
