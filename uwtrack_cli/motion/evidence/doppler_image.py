@@ -9,8 +9,7 @@ in the others. With that integrated out, what a cell gains is
     log(1 - q + q exp(1/2 [m^2 W W / (1 + W) - log(1 + W)]))
 
 with its weighted mean m, its precision W and the share q of cells that sound, so that no
-pattern gains nothing.
-No line is tracked, and none is cut where it falls fastest. The same frames are explained
+pattern gains nothing. No line is tracked, and none is cut where it falls fastest. The same frames are explained
 by what passes nowhere: a pattern that stays or drifts, one that steps, and one that moves
 as a passage turned upside down. What the passage gains over the best of them is its
 evidence. The engine may drift while it passes.
@@ -48,8 +47,10 @@ OVERLAP, MOST_FRAMES, FIRST_LOOK = 3, 240, 2
 """Frames in the length of one, how many are taken at most of a long passage, and every how
 many in a first look."""
 
-BACKGROUND_OCTAVES = 0.8
-"""Running mean along frequency that is taken off each frame."""
+BACKGROUND_OCTAVES = 0.3
+"""Running mean along frequency that is taken off each frame: orders and tones are narrower,
+and bands of interference with the ground's image, which fall before the closest approach and
+rise behind it, are wider."""
 
 CLIPPED = (-2.5, 4.0)
 """Nepers about that mean to which a cell is held: an empty one says no more."""
