@@ -9,10 +9,10 @@ in the others. With that integrated out, what a cell gains is
     log(1 - q + q exp(1/2 [m^2 W W / (1 + W) - log(1 + W)]))
 
 with its weighted mean m, its precision W and the share q of cells that sound, so that no
-pattern gains nothing. No line is tracked, and none is cut where it falls fastest. The same frames are explained
-by what passes nowhere: a pattern that stays or drifts, one that steps, and one that moves
-as a passage turned upside down. What the passage gains over the best of them is its
-evidence. The engine may drift while it passes.
+pattern gains nothing. No line is tracked, and none is cut where it falls fastest. The same
+frames are explained by what passes nowhere: a pattern that stays or drifts, one that steps,
+one that moves as a passage turned upside down, and noise. What the passage gains over the
+best of them is its evidence. The engine may drift while it passes.
 
 **Conventions.** Times count from the first sample, as received. A law is the time of the
 closest approach, R/v there and v over the speed of sound. Gains in nepers.
@@ -61,7 +61,7 @@ LEAST_VARIANCE = 0.3
 REACH, LEAST_REACH_S = 6.0, 1.0
 """R/v and seconds, at least, on either side of the closest approach that are taken."""
 
-LARGEST_SHIFT = 1.5
+LARGEST_SHIFT = 0.45
 """Shift of the logarithm of frequency up to which laws are tried."""
 
 FASTEST, SLOWEST, N_SPEEDS = 0.35, 0.012, 28
@@ -331,15 +331,7 @@ class DopplerImage:
             )
             for ratio in (0.5, 1.0, 2.0)
         ])  # fmt: skip
-        # bands of the image in the ground go with the range, and fall before the closest
-        closest, width = np.meshgrid(
-            np.linspace(-2.5, 2.5, 21), np.geomspace(0.3, 4.0, 12)
-        )
-        turned = (lag - closest.reshape(-1, 1)) / width.reshape(-1, 1)
-        fringes = 0.5 * np.log1p(turned**2)
-        return float(
-            self.gains(np.concatenate([drift, step, upside_down, fringes])).max()
-        )
+        return float(self.gains(np.concatenate([drift, step, upside_down])).max())
 
 
 def doppler_evidence(
