@@ -90,9 +90,9 @@ def stationary_lines(measured: Measured) -> float:
 
 
 def stationary_source(measured: Measured) -> float:
-    """Return what lines gain over steady, changing or joined ones of what stays."""
-    gain = value_of(measured, "log_odds")
-    return compressed(gain) if value_of(measured, "has_lines") else nan
+    """Return what lines gain in water over steady, changing or joined ones of what stays."""
+    says = value_of(measured, "has_lines") and not value_of(measured, "is_air")
+    return compressed(value_of(measured, "log_odds")) if says else nan
 
 
 def outside(value: float, limits: tuple[float, float]) -> float:
@@ -148,12 +148,23 @@ def other_rise(measured: Measured) -> float:
 def stationary_level(measured: Measured) -> float:
     """Return what the level of the sound gains by rising and falling with the range of lines.
 
-    A level that does not show the vessel says nothing: another may be louder. In air the
-    source of the frequencies is the loudest.
+    A level that does not show the vessel says nothing: another may be louder.
     """
     gain = value_of(measured, "level")
-    says = gain > 0 or value_of(measured, "is_air")
+    says = gain > 0 and not value_of(measured, "is_air")
     return compressed(gain) if value_of(measured, "has_lines") and says else nan
+
+
+def engine_level(measured: Measured) -> float:
+    """Return what the level in air gains by the range over one that follows an engine."""
+    says = value_of(measured, "has_lines") and value_of(measured, "is_air")
+    return compressed(value_of(measured, "level")) if says else nan
+
+
+def engine(measured: Measured) -> float:
+    """Return what frequencies in air gain over those of an engine in place."""
+    says = value_of(measured, "has_lines") and value_of(measured, "is_air")
+    return compressed(value_of(measured, "log_odds")) if says else nan
 
 
 def part_of_another(measured: Measured) -> float:
