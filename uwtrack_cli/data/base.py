@@ -66,6 +66,22 @@ def html_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 @dataclass(frozen=True)
+class Cells:
+    """What the cells of a column hold in a table that people give, such as a CSV file."""
+
+    low: float = -np.inf
+    """Least number accepted."""
+    high: float = np.inf
+    """Greatest number accepted."""
+    needed: bool = False
+    """Whether the table must have the column."""
+    every: bool = False
+    """Whether every cell must hold a value; else an empty one is not measured."""
+    aliases: tuple[str, ...] = ()
+    """Other names that leave no doubt about quantity and unit."""
+
+
+@dataclass(frozen=True)
 class Column:
     """What is known of an array field."""
 
@@ -90,6 +106,8 @@ class Column:
     """Value that stands for one that is not known; None: nan alone does."""
     choices: tuple[str, ...] = ()
     """Texts that it may hold; empty: any."""
+    cells: Cells | None = None
+    """How tables that people give hold it; None: they do not."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +140,7 @@ class _Declared:
 def column(description: str, *axes: str, **told: Any) -> Any:
     """Declare an array field.
 
-    ``told``: unit, dtype, owner, key, names, unknown and choices as of `Column`, where
+    ``told``: unit, dtype, owner, key, names, unknown, choices and cells as of `Column`, where
     they do not follow from the conventions above.
     """
     return _Declared(description, axes, told, MISSING)

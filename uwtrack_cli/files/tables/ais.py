@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
-from uwtrack_cli.data.base import IntArray
+from uwtrack_cli.data.base import Cells, IntArray
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.checks import check_readable
@@ -30,28 +30,32 @@ from uwtrack_cli.files.tables.ais_sentences import (
 from uwtrack_cli.files.tables.csv_table import Table, read_table, table_times
 from uwtrack_cli.files.utc import format_utc
 
-ALIASES = {
-    "time": "time_utc", "basedatetime": "time_utc", "base_date_time": "time_utc",
-    "date_time_utc": "time_utc", "received_time": "time_utc", "timestamp_utc": "time_utc",
-    "latitude_degrees": "latitude", "longitude_degrees": "longitude",
-    "sog": "speed_kn", "sog_knots": "speed_kn", "sog_kn": "speed_kn",
-    "speed_over_ground": "speed_kn", "speed": "speed_kn",
-    "cog": "course_deg", "cog_degrees": "course_deg", "cog_deg": "course_deg",
-    "course_over_ground": "course_deg", "course": "course_deg",
-    "vesselname": "name", "vessel_name": "name", "shipname": "name", "ship_name": "name",
+COLUMNS = {
+    "time_utc": Cells(needed=True, aliases=(
+        "time", "basedatetime", "base_date_time", "date_time_utc", "received_time",
+        "timestamp_utc",
+    )),
+    "mmsi": Cells(needed=True),
+    "latitude": Cells(-91.0, 91.0, needed=True, aliases=("latitude_degrees",)),
+    "longitude": Cells(-181.0, 181.0, needed=True, aliases=("longitude_degrees",)),
+    "speed_kn": Cells(0.0, 1e4, needed=True, aliases=(
+        "sog", "sog_knots", "sog_kn", "speed_over_ground", "speed",
+    )),
+    "course_deg": Cells(0.0, 1e4, needed=True, aliases=(
+        "cog", "cog_degrees", "cog_deg", "course_over_ground", "course",
+    )),
+    "name": Cells(aliases=("vesselname", "vessel_name", "shipname", "ship_name")),
 }  # fmt: skip
+"""Columns of a table; values for "not available" are among those accepted."""
+
+NUMBERS = ("latitude", "longitude", "speed_kn", "course_deg")
+ALIASES = {alias: name for name, cells in COLUMNS.items() for alias in cells.aliases}
 DAY_FIRST = "# Timestamp"
 """Begin of the line of names in tables of the Danish Maritime Authority."""
 
 DAY_MONTH = re.compile(r"(\d\d)/(\d\d)/(\d{4}) (.+)")
 SECONDS = re.compile(r"\d{9,10}(\.\d+)?")
 """A time as seconds since 1970, from 1973 on."""
-
-LIMITS = {
-    "latitude": (-91.0, 91.0), "longitude": (-181.0, 181.0),
-    "speed_kn": (0.0, 1e4), "course_deg": (0.0, 1e4),
-}  # fmt: skip
-"""Values that a message may have, those for "not available" among them."""
 
 NO_SPEED_KN, NO_COURSE_DEG = 102.25, 360.0
 POSITION_STD_M = 10.0
@@ -96,17 +100,14 @@ def _read_csv(path: Path) -> AisMessages:
         msg = f"{path} names a quantity in two columns: {', '.join(table.cells)}."
         raise DataError(msg)
     table = Table(path, cells, table.lines, table.damaged)
-    table.need("time_utc", "mmsi", "latitude", "longitude", "speed_kn", "course_deg")
+    table.need(*(name for name, own in COLUMNS.items() if own.needed))
     cells.pop("time_s", None)
     is_day_first = _begins_with(path, DAY_FIRST)
     cells["time_utc"] = [
         _iso(cell, is_day_first=is_day_first) for cell in cells["time_utc"]
     ]
     time_s, start_ns = table_times(table)
-    columns = [
-        table.numbers(name, low, high, may_miss=True)
-        for name, (low, high) in LIMITS.items()
-    ]
+    columns = [table.measured(name, COLUMNS[name]) for name in NUMBERS]
     kept = table.undamaged()
     latitude, longitude, speed_kn, course_deg = (column[kept] for column in columns)
     table = table.rows(kept)
