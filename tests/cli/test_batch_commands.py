@@ -20,9 +20,8 @@ import soundfile
 from uwtrack_cli.files.hdf5.checksum import LINE_BYTES
 from uwtrack_cli.files.hdf5.product import read_product
 from uwtrack_cli.flow.batch import Job, run_job
-from uwtrack_cli.flow.executors import run_jobs
+from uwtrack_cli.flow.executors import PATIENCE_S, run_jobs
 from uwtrack_cli.flow.shipped_recipes import load_recipe
-from uwtrack_cli.flow.worker_pool import PATIENCE_S
 
 RATE = 1000
 N_MANY = 4

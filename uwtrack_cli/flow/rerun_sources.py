@@ -22,7 +22,7 @@ from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.concatenate import join_recordings
-from uwtrack_cli.flow.opened_sound import open_file
+from uwtrack_cli.flow.sources import open_file
 
 
 @dataclass

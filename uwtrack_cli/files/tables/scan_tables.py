@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from uwtrack_cli.data.base import Cells, Container
-from uwtrack_cli.data.contacts import Contacts
 from uwtrack_cli.data.directions import Delays
-from uwtrack_cli.data.scans import Roc, Scans
+from uwtrack_cli.data.scans import Contacts, Roc, Scans
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.csv_table import columns_of, read_declared, read_table
