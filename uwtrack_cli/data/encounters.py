@@ -239,9 +239,6 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     turn_correlation: FloatArray | None = column(
         "Correlation of the errors of angle and duration.", key="change."
     )
-    n_rest_lines: IntArray | None = column(
-        "Lines whose rest frequencies the passage gives."
-    )
     vessel_name: TextArray | None = column(
         "Name of the vessel by AIS; empty if none of the table fits.", key="vessel."
     )

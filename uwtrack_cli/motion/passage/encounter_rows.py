@@ -587,7 +587,6 @@ def make_encounters(
         ambiguity_weight=np.array([weight for _, weight in other_sides]),
         rest_encounter=table[:, 0].astype(np.int64),
         rest_line_id=table[:, 1].astype(np.int64),
-        n_rest_lines=np.bincount(table[:, 0].astype(np.int64), minlength=len(rows)),
         rest_frequency_hz=table[:, 2],
         rest_frequency_std_hz=table[:, 3],
         refused_contact=np.array([one.contact for one in refusals], np.int64),
