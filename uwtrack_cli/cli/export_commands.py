@@ -21,7 +21,7 @@ def export(
     *,
     file: ProductFile,
     form: Annotated[
-        Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"],
+        Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf", "gpx"],
         typer.Option("--to", help="Format to write."),
     ],
     container: Annotated[
