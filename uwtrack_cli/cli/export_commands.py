@@ -21,7 +21,7 @@ def export(
     *,
     file: ProductFile,
     form: Annotated[
-        Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf", "gpx"],
+        Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"],
         typer.Option("--to", help="Format to write."),
     ],
     container: Annotated[

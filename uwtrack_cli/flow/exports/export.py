@@ -22,12 +22,11 @@ from uwtrack_cli.flow.branches import (
 )
 from uwtrack_cli.flow.exports.features import geographic_features
 from uwtrack_cli.flow.exports.geojson import geojson_text
-from uwtrack_cli.flow.exports.gpx import gpx_text
 from uwtrack_cli.flow.exports.kml import kml_text
 from uwtrack_cli.flow.exports.raven import raven_text
 from uwtrack_cli.flow.products import small_containers
 
-Form = Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf", "gpx"]
+Form = Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"]
 SUMMARIES = ("fixes", "encounters", "motions", "target", "decision", "lines", "levels")
 """Containers that a CSV holds, the first one there is with a row in it."""
 
@@ -83,10 +82,6 @@ def _kml(containers: list[Container], name: str) -> str:
     return kml_text(geographic_features(containers, name), Path(name).name)
 
 
-def _gpx(containers: list[Container], name: str) -> str:
-    return gpx_text(geographic_features(containers, name))
-
-
 def _rep(containers: list[Container], name: str) -> str:
     fixes = [c for c in containers if isinstance(c, Fixes)]
     return _replay(replay_lines(_series(containers), fixes, with_tracks=True), name)
@@ -133,7 +128,6 @@ FORMATS: dict[Form, Format] = {
     "netcdf": Format(".nc"),
     "rep": Format(".rep", ("series", "fixes"), _rep),
     "dsf": Format(".dsf", ("series",), _dsf),
-    "gpx": Format(".gpx", PLACED, _gpx),
 }
 
 
