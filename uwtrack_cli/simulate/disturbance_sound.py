@@ -29,7 +29,6 @@ from uwtrack_cli.simulate.disturbances import (
     Knocks,
     LevelDrift,
     Machine,
-    Pinger,
     Rain,
     Shrimp,
     Swell,
@@ -497,30 +496,7 @@ class ClickSound:
         return total[:TILE]
 
 
-@dataclass(frozen=True)
-class PingerSound:
-    """The tones of a beacon in the omni channel."""
-
-    plan: Pinger
-    """Frequency, peak and times of the tones."""
-    n_channels: int
-    """Number of channels."""
-    sample_rate_hz: float
-    """Sample rate, Hz."""
-
-    def tile(self, number: int) -> Array:
-        """Return the tones during a tile, uPa, shape (sample, channel)."""
-        time_s = tile_times_s(number, self.sample_rate_hz)
-        since_s = time_s % self.plan.period_s
-        tone = np.sin(2.0 * np.pi * self.plan.frequency_hz * since_s)
-        total = np.zeros((TILE, self.n_channels))
-        total[:, 0] = np.where(since_s < self.plan.length_s, tone, 0.0)
-        return total * 10.0 ** (self.plan.peak_db / 20.0)
-
-
-Disturbance = (
-    HumSound | ClickSound | WeatherNoise | ImpulseSound | MachineSound | PingerSound
-)
+Disturbance = HumSound | ClickSound | WeatherNoise | ImpulseSound | MachineSound
 
 
 def _hum_and_clicks(
@@ -574,8 +550,6 @@ def disturbances(
     if noise.knocks is not None:
         waves = knock_waveforms(noise.knocks, (scenario.seed, 130), rate)
         found.append(impulses(noise.knocks, 131, waves))
-    if noise.pinger is not None:
-        found.append(PingerSound(noise.pinger, n_channels, rate))
     found += [
         machine_sound(scenario, plan, k, sensor, n_channels)
         for k, plan in enumerate(noise.machines)

@@ -52,20 +52,6 @@ class Swell(OptionGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pinger(OptionGroup):
-    """An acoustic beacon: one tone of the same length again and again."""
-
-    frequency_hz: Frequency
-    """Frequency of the tone, Hz."""
-    peak_db: Peak
-    """Its peak pressure at the sensor, dB re 1 uPa."""
-    period_s: Annotated[float, Unit("s"), AtLeast(0.1), AtMost(1e4)] = 1.0
-    """Time from one tone to the next, s."""
-    length_s: Annotated[float, Unit("s"), AtLeast(1e-3), AtMost(10.0)] = 0.01
-    """Length of the tone, s."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Rain(OptionGroup):
     """A squall: noise that is white above a corner and falls by 12 dB an octave below."""
 

@@ -25,7 +25,6 @@ from uwtrack_cli.simulate.disturbances import (
     Knocks,
     LevelDrift,
     Machine,
-    Pinger,
     Rain,
     Shrimp,
     Swell,
@@ -262,8 +261,6 @@ class Noise(OptionGroup):
     """Snapping shrimp; None is none."""
     knocks: Knocks | None = None
     """Knocks; None is none."""
-    pinger: Pinger | None = None
-    """Acoustic beacon; None is none."""
     machines: Annotated[tuple[Machine, ...], Key("machine")] = ()
     """Machines at rest: pumps, generators, ventilators."""
 
