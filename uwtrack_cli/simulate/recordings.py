@@ -21,7 +21,6 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.simulate.array_noise import ArrayNoise
 from uwtrack_cli.simulate.disturbance_sound import (
     AmbientGain,
     Disturbance,
@@ -36,6 +35,7 @@ from uwtrack_cli.simulate.disturbance_sound import (
 from uwtrack_cli.simulate.multiplexed_sound import multiplexed_tiles
 from uwtrack_cli.simulate.noise import (
     TILE,
+    ArrayNoise,
     NoiseGenerator,
     ambient_density,
     shaping_filter,

@@ -28,9 +28,7 @@ from uwtrack_cli.files.hdf5.container_keys import (
 )
 from uwtrack_cli.files.hdf5.examination import (
     attribute,
-    check_bytes,
     check_stored,
-    examined,
     open_examined,
     reading,
 )
@@ -241,8 +239,7 @@ def read_in_child(path: Path) -> Product:
     DataError
         As of `read_product`.
     """
-    examined.add(check_bytes(path, str(path)).sha256)
-    return read_product(path)
+    return _opened(path, str(path), may_be_lost=True)
 
 
 def read_product_bytes(data: bytes) -> Product:
@@ -259,8 +256,8 @@ def read_product_bytes(data: bytes) -> Product:
     return _opened(data, "standard input")
 
 
-def _opened(source: Path | bytes, name: str) -> Product:
-    file, checksum = open_examined(source, name)
+def _opened(source: Path | bytes, name: str, *, may_be_lost: bool = False) -> Product:
+    file, checksum = open_examined(source, name, may_be_lost=may_be_lost)
     try:
         return Product(file, name, checksum)
     except BaseException:
