@@ -118,7 +118,7 @@ ALTERNATIVES = (
     Alternative(TOO_FAST, alternatives.too_fast, 1.00),
     Alternative(UNUSUAL_SPEED, alternatives.unusual_speed, 1.00),
     Alternative(UNUSUAL_RANGE, alternatives.unusual_range, 0.27),
-    Alternative(REST_FRAME, alternatives.other_time, 0.20),
+    Alternative(REST_FRAME, alternatives.other_shift, 0.30),
     Alternative(MAINS, alternatives.mains, 0.20),
     Alternative(OTHER_RISE, alternatives.other_rise, 0.31),
     Alternative(PART_OF_ANOTHER, alternatives.part_of_another, 1.00),
