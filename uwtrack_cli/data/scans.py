@@ -77,7 +77,7 @@ class Contacts(Container):
     NAME: ClassVar[str] = "contacts"
     ROW: ClassVar[str] = "row"
 
-    contact: IntArray = column("Contact, from 1.", cells=Cells(1, 2**53))
+    contact: IntArray = column("Contact, from 1.", cells=Cells(1, 2**53, every=True))
     time_s: FloatArray = column("Time of the scan.")
     range_m: FloatArray = column("Range from own ship.", cells=Cells(0.0, needed=True))
     range_std_m: FloatArray = deviation(cells=Cells(0.0))

@@ -35,7 +35,7 @@ class Series(Container):
     ROW: ClassVar[str] = "row"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("series_line",)
 
-    contact: IntArray = column("Contact, from 1.", cells=Cells(1, 2**53))
+    contact: IntArray = column("Contact, from 1.", cells=Cells(1, 2**53, every=True))
     time_s: FloatArray = column("Time of the row.")
     bearing_deg: FloatArray = column("Compass bearing.", cells=BEARING)
     bearing_std_deg: FloatArray = deviation(cells=DEVIATION)
