@@ -3,11 +3,13 @@
 **Method.** What a vehicle radiates is a pattern over the logarithm of frequency: orders of
 an engine, a horn, the whine of gears. Its Doppler factor moves all of it by one amount,
 whatever the pattern is. Frames of the sound are shifted back by a law, and a free pattern
-explains their mean; with a normal prior of unit variance integrated out, what it gains is
+explains their mean: in some of its cells something sounds, of unit variance, and nothing
+in the others. With that integrated out, what a cell gains is
 
-    1/2 sum over cells of m^2 W W / (1 + W) - log(1 + W)
+    log(1 - q + q exp(1/2 [m^2 W W / (1 + W) - log(1 + W)]))
 
-with the weighted mean m of a cell and its precision W, so that no pattern gains nothing.
+with its weighted mean m, its precision W and the share q of cells that sound, so that no
+pattern gains nothing.
 No line is tracked, and none is cut where it falls fastest. The same frames are explained
 by what passes nowhere: a pattern that stays or drifts, one that steps, and one that moves
 as a passage turned upside down. What the passage gains over the best of them is its
@@ -72,6 +74,9 @@ must gain there."""
 
 LEAST_FRAMES = 8
 """Frames that the sound must have."""
+
+SOUNDING = 0.2
+"""Share of the cells in which something sounds, before they are heard."""
 
 ROUNDS, FINER = 18, 0.6
 """Rounds in which the best law is refined, and the ratio of their steps."""
@@ -236,8 +241,9 @@ class DopplerImage:
             Every how many frames are taken, for a first look.
         """
         mean, weight = self._stacked(moved, step)
-        gain = mean**2 * weight * weight / (1 + weight) - np.log1p(weight)
-        return np.asarray(0.5 * gain.sum(axis=1), np.float64)
+        gain = 0.5 * (mean**2 * weight * weight / (1 + weight) - np.log1p(weight))
+        sounds = np.logaddexp(gain + np.log(SOUNDING), np.log1p(-SOUNDING))
+        return np.asarray(sounds.sum(axis=1), np.float64)
 
     def course(self, law: DopplerLaw) -> PatternCourse:
         """Measure in every frame where the pattern is that a law has found.

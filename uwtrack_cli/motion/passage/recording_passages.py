@@ -5,7 +5,10 @@ contact that passes, if it agrees with its lines; where no line shows a passage,
 broadband is examined first, with the lines that follow it if its parts tell a passage
 (`sub_bands`). What contacts of minutes do not show is sought among all lines for a few
 d/v (`moving_lines`); such lines are told as a contact of their own, and so is what the
-sound alone tells where nothing else has shown a passage (`own_time`). Where lines and
+sound alone tells where nothing else has shown a passage (`own_time`). In air, contacts in
+short frames are pieces of lines, which break where they fall fastest: there the pattern of
+all sound is shifted along Doppler laws wherever a line falls or the level rises
+(`evidence/doppler_image`), and measured frame by frame along the best one. Where lines and
 broadband tell one passage and either leaves it in doubt, one fit of both is asked.
 Where the broadband tells of passages that no contact accounts for, each is examined
 with what the others put into it taken out (`source_separation`), unless they are one
