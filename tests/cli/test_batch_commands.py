@@ -296,8 +296,8 @@ def test_no_worker_outlives_a_batch_that_is_ended(uwtrack, many, name, code):
 
 def test_a_worker_without_the_signal_of_its_parents_death_ends_all_the_same(many):
     program = (
-        "from uwtrack_cli.flow import worker_pool\n"
-        "worker_pool.PR_SET_PDEATHSIG = -1  # no such request\n"
+        "from uwtrack_cli.flow import executors\n"
+        "executors.PR_SET_PDEATHSIG = -1  # no such request\n"
         "from uwtrack_cli.cli import main\n"
         "if __name__ == '__main__': main()\n"
     )

@@ -24,6 +24,19 @@ TOO_FAST, MAINS = "too-fast", "mains"
 """Codes of rejections that more than one room reads: see `motion/decision.py`."""
 
 
+class RefusedContact(NamedTuple):
+    """What was taken for a passage and is none."""
+
+    contact: int
+    """Contact number, from 1."""
+    from_s: float
+    """Its first measurement."""
+    to_s: float
+    """Its last measurement."""
+    reason: str
+    """Why it is no passage."""
+
+
 class StillContact(NamedTuple):
     """A contact that is not told to pass, and what it is read as."""
 
@@ -296,8 +309,8 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
             return own
         return own.take("refusal", np.flatnonzero(self.refused_sensor == sensor))
 
-    def refusals(self) -> list[tuple[int, float, float, str]]:
-        """Return contact, begin and end in s, and reason of what was taken for a passage."""
+    def refusals(self) -> list[RefusedContact]:
+        """Return what was taken for a passage and is refused, with the reason."""
         columns = (
             self.refused_contact, self.refused_from_s, self.refused_to_s,
             self.refused_reason,
@@ -305,7 +318,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         known = [values.tolist() for values in columns if values is not None]
         if len(known) != len(columns):
             return []
-        every = list(zip(*known, strict=True))
+        every = [RefusedContact(*one) for one in zip(*known, strict=True)]
         if self.refused_reading is None:
             return every
         return [
