@@ -44,8 +44,9 @@ FRAME_S, SHORTEST_S, LONGEST_S = 0.17, 0.06, 0.24
 """Length of the frames, s, for a passage whose R/v is one second, and limits: it grows as
 the root of R/v, so that a tone moves by a resolution in a frame where it falls fastest."""
 
-OVERLAP, FIRST_LOOK = 3, 2
-"""Frames in the length of one, and every how many are taken in a first look."""
+OVERLAP, MOST_FRAMES, FIRST_LOOK = 3, 240, 2
+"""Frames in the length of one, how many are taken at most of a long passage, and every how
+many in a first look."""
 
 BACKGROUND_OCTAVES = 0.8
 """Running mean along frequency that is taken off each frame."""
@@ -59,7 +60,7 @@ LEAST_VARIANCE = 0.3
 REACH, LEAST_REACH_S = 6.0, 1.0
 """R/v and seconds, at least, on either side of the closest approach that are taken."""
 
-LARGEST_SHIFT = 0.45
+LARGEST_SHIFT = 1.5
 """Shift of the logarithm of frequency up to which laws are tried."""
 
 FASTEST, SLOWEST, N_SPEEDS = 0.35, 0.012, 28
@@ -163,7 +164,7 @@ class DopplerImage:
         from scipy.ndimage import uniform_filter1d
 
         length = round(frame_s * rate_hz)
-        hop = max(1, length // OVERLAP)
+        hop = max(1, length // OVERLAP, samples.size // MOST_FRAMES)
         frames = np.lib.stride_tricks.sliding_window_view(samples, length)[::hop]
         size = next_fast_len(PADDING * length, real=True)
         power = np.abs(rfft(frames * np.hanning(length), size, axis=1)) ** 2
@@ -194,12 +195,12 @@ class DopplerImage:
         self.time_s = start_s + (np.arange(len(frames)) * hop + 0.5 * length) / rate_hz
         # Hann frames: bins in a resolution, and frames in one that is independent
         share = np.minimum(1.0, np.exp(self.log_hz) * cell * frame_s / 1.5)
-        self.precision = share * min(1.0, 2.0 / OVERLAP) / variance
+        self.precision = share * min(1.0, 2.0 * hop / length) / variance
         self._margin = int(LARGEST_SHIFT / cell) + 1
         wide = ((0, 0), (self._margin, self._margin))
         self._value = np.pad(value.astype(np.float32), wide)
         self._known = np.pad(np.ones_like(value, np.float32), wide)
-        self._cell = cell
+        self._cell, self._overlap = cell, max(0.0, 1.0 - hop / length)
 
     def _stacked(
         self, moved: FloatArray, step: int = 1
@@ -273,7 +274,7 @@ class DopplerImage:
         return PatternCourse(
             self.time_s, np.where(stands_out, shift, np.nan),
             np.where(stands_out, self._cell / np.sqrt(-bend), np.nan),
-            float(np.exp(self.log_hz[tone])), 1.0 - 1.0 / OVERLAP,
+            float(np.exp(self.log_hz[tone])), self._overlap,
         )  # fmt: skip
 
     def gain(self, law: DopplerLaw) -> float:
@@ -311,7 +312,9 @@ class DopplerImage:
                 x, gain = tried[first], float(found[first])
             else:
                 step = FINER * step
-        return DopplerLaw(float(x[0]), *np.exp(x[1:3]).tolist(), float(x[3])), gain
+        return DopplerLaw(
+            float(x[0]), float(np.exp(x[1])), float(np.exp(x[2])), float(x[3])
+        ), gain
 
     def other_gain(self, law: DopplerLaw) -> float:
         """Return what the best movement without a passage gains, nepers."""
@@ -327,7 +330,15 @@ class DopplerImage:
             )
             for ratio in (0.5, 1.0, 2.0)
         ])  # fmt: skip
-        return float(self.gains(np.concatenate([drift, step, upside_down])).max())
+        # bands of the image in the ground go with the range, and fall before the closest
+        closest, width = np.meshgrid(
+            np.linspace(-2.5, 2.5, 21), np.geomspace(0.3, 4.0, 12)
+        )
+        turned = (lag - closest.reshape(-1, 1)) / width.reshape(-1, 1)
+        fringes = 0.5 * np.log1p(turned**2)
+        return float(
+            self.gains(np.concatenate([drift, step, upside_down, fringes])).max()
+        )
 
 
 def doppler_evidence(
