@@ -10,6 +10,8 @@ import ast
 import inspect
 import itertools
 import json
+import math
+import sys
 import types
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
@@ -19,7 +21,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import uwtrack_cli
 from uwtrack_cli.cli.app import COMMANDS, load_command
 from uwtrack_cli.cli.json_schemas import json_schema, schema_names
-from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.options import plain_type, range_of, unit_of
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, part_classes, scalar_types
 from uwtrack_cli.files.tables.sensors import DeployedSensorTable
@@ -194,7 +196,7 @@ def _container(kind: type[Container]) -> Iterator[str]:
             [
                 f"`{name}`", spec.unit, "text" if spec.dtype.kind == "U" else str(spec.dtype),
                 " x ".join(spec.axes), _escaped(spec.description)
-                + (" May be absent." if spec.optional else ""),
+                + (" May be absent." if spec.optional else "") + _cells(spec),
             ]
             for name, spec in columns.items() if spec.axes[0] == axis
         ])  # fmt: skip
@@ -212,6 +214,26 @@ def _container(kind: type[Container]) -> Iterator[str]:
         yield from ("", "## Parts")
         for name, part in part_classes(kind).items():
             yield f"* `{name}`: [{part.NAME}]({part.NAME}.md)"
+
+
+def _cells(spec: Column) -> str:
+    """Say how tables that people give hold a column; nothing of one that they do not."""
+    if spec.cells is None:
+        return ""
+    cells = spec.cells
+    facts = ["needed" if cells.needed else "may be left out"]
+    if len(spec.axes) > 1:
+        facts = [
+            "may be left out",
+            "numbered from 2 without a gap where there are several",
+        ]
+    facts.append("every cell" if cells.every else "cells may be empty")
+    if math.isfinite(cells.low):
+        is_tiny = 0.0 < cells.low <= sys.float_info.min
+        facts.append("above 0" if is_tiny else f"from {cells.low:g}")
+    if math.isfinite(cells.high):
+        facts.append(f"up to {cells.high:g}")
+    return f" In a table: {', '.join(facts)}."
 
 
 def _schema(name: str) -> Iterator[str]:

@@ -27,7 +27,7 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.study import Study, StudyRow
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.presence.line_summary import LineSummary, summarise
-from uwtrack_cli.presence.rate_families import LOWEST_RATE_HZ, rate_families
+from uwtrack_cli.presence.presence import LOWEST_RATE_HZ, rate_families
 
 RATE_HZ = 4000.0
 """Sample rate, Hz."""

@@ -31,13 +31,11 @@ from uwtrack_cli.discrimination.contact_filters import (
 from uwtrack_cli.discrimination.options import ContactFilters
 from uwtrack_cli.discrimination.pair_test import (
     PairTest,
+    Thresholds,
     consistency,
+    first_crossing,
     follow,
     run_pair,
-)
-from uwtrack_cli.discrimination.sequential_test import (
-    Thresholds,
-    first_crossing,
     wald_thresholds,
 )
 from uwtrack_cli.estimation.angles import wrap_rad

@@ -21,9 +21,6 @@ from uwtrack_cli.data.base import (
 from uwtrack_cli.data.bearing_time import (
     BearingTime as BearingTime,
 )
-from uwtrack_cli.data.contacts import (
-    Contacts as Contacts,
-)
 from uwtrack_cli.data.decidecades import (
     Decidecades as Decidecades,
 )
@@ -54,9 +51,6 @@ from uwtrack_cli.data.fringes import (
 from uwtrack_cli.data.lines import (
     Lines as Lines,
 )
-from uwtrack_cli.data.lock import (
-    Lock as Lock,
-)
 from uwtrack_cli.data.motions import (
     Motions as Motions,
 )
@@ -70,6 +64,9 @@ from uwtrack_cli.data.presence import (
     Presence as Presence,
 )
 from uwtrack_cli.data.recording import (
+    Lock as Lock,
+)
+from uwtrack_cli.data.recording import (
     RecordedFiles as RecordedFiles,
 )
 from uwtrack_cli.data.recording import (
@@ -77,6 +74,9 @@ from uwtrack_cli.data.recording import (
 )
 from uwtrack_cli.data.rises import (
     Rises as Rises,
+)
+from uwtrack_cli.data.scans import (
+    Contacts as Contacts,
 )
 from uwtrack_cli.data.scans import (
     Roc as Roc,

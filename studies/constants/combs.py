@@ -2,7 +2,7 @@
 
 `noise` simulates windows of white noise through the search of `lines.comb_search`, and
 prints the mean of the greatest evidence, of that of combs out of tune, and the scale of
-its tail: the constants of ``lines/comb_search/comb_threshold.py``. `bound` simulates the
+its tail: the constants of ``lines/comb_search/comb_tracker.py``. `bound` simulates the
 weakest comb of eight equal teeth, a random subset of sixteen, that can be heard at all: by
 the likelihood ratio that knows level, drift and the share of teeth that sound, but
 neither the fundamental nor which teeth. `heard` puts such combs through the stage. All

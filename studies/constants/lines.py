@@ -22,7 +22,6 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.tracking import (
-    adaptive_noise,
     family_jumps,
     line_continuation,
     llr_score,
@@ -53,9 +52,9 @@ COURSES: dict[tuple[ModuleType, str], tuple[float, ...]] = {
     (family_jumps, "BEFORE_WINDOWS"): (3.0, 12.0, 40.0),
     (family_jumps, "LONG_BEFORE_WINDOWS"): (12.0, 40.0, 120.0),
     (family_jumps, "AFTER_WINDOWS"): (3.0, 6.0, 12.0),
-    (adaptive_noise, "STEADY_SHARE"): (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
-    (adaptive_noise, "RISE"): (1.0, 3.0, 6.0),
-    (adaptive_noise, "WIDTH_SHARE"): (0.0, 0.25, 1.0),
+    (tracker, "STEADY_SHARE"): (1e-5, 1e-4, 1e-3, 1e-2, 1e-1),
+    (tracker, "RISE"): (1.0, 3.0, 6.0),
+    (tracker, "WIDTH_SHARE"): (0.0, 0.25, 1.0),
 }
 """Constants of how lines go on, and the values that are tried."""
 

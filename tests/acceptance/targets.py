@@ -19,7 +19,7 @@ from tests.draws.crossing_targets import (
 from tests.draws.targets_under_way import FALSE, detector_of, passing, turning
 from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
 from uwtrack_cli.clutter.pdaf import track_in_clutter
-from uwtrack_cli.flow.scoring.gospa import gospa
+from uwtrack_cli.flow.scoring.track_scores import gospa
 
 Case = Callable[[Path], Outcome]
 

@@ -20,9 +20,8 @@ import soundfile
 from uwtrack_cli.files.hdf5.checksum import LINE_BYTES
 from uwtrack_cli.files.hdf5.product import read_product
 from uwtrack_cli.flow.batch import Job, run_job
-from uwtrack_cli.flow.executors import run_jobs
+from uwtrack_cli.flow.executors import PATIENCE_S, run_jobs
 from uwtrack_cli.flow.shipped_recipes import load_recipe
-from uwtrack_cli.flow.worker_pool import PATIENCE_S
 
 RATE = 1000
 N_MANY = 4
@@ -297,8 +296,8 @@ def test_no_worker_outlives_a_batch_that_is_ended(uwtrack, many, name, code):
 
 def test_a_worker_without_the_signal_of_its_parents_death_ends_all_the_same(many):
     program = (
-        "from uwtrack_cli.flow import worker_pool\n"
-        "worker_pool.PR_SET_PDEATHSIG = -1  # no such request\n"
+        "from uwtrack_cli.flow import executors\n"
+        "executors.PR_SET_PDEATHSIG = -1  # no such request\n"
         "from uwtrack_cli.cli import main\n"
         "if __name__ == '__main__': main()\n"
     )

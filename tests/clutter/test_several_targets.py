@@ -23,7 +23,7 @@ from tests.support import binomial_interval, poisson_interval
 from uwtrack_cli.clutter.options import Detector, TargetMotion, TargetStart
 from uwtrack_cli.clutter.pdaf import track_in_clutter
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.flow.scoring.gospa import gospa
+from uwtrack_cli.flow.scoring.track_scores import gospa
 
 MOTION = TargetMotion(acceleration_std=0.3)
 AUTO = {

@@ -8,7 +8,7 @@ import pytest
 from studies.discrimination_study import run_scenario
 from studies.repeater import RepeaterScene
 from tests.draws.contact_pairs import contact_pair as _case
-from uwtrack_cli.data.contacts import Contacts
+from uwtrack_cli.data.scans import Contacts
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.discrimination.discriminate import discriminate_contacts
 from uwtrack_cli.discrimination.options import ContactErrors, ContactFilters

@@ -7,9 +7,9 @@ import pytest
 
 from studies.discrimination_study import textbook_test
 from studies.rows import load_reference
-from uwtrack_cli.discrimination.pair_test import consistency
-from uwtrack_cli.discrimination.sequential_test import (
+from uwtrack_cli.discrimination.pair_test import (
     Thresholds,
+    consistency,
     expected_scans,
     first_crossing,
     fixed_scans,

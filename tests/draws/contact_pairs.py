@@ -13,13 +13,18 @@ import numpy as np
 from scipy.stats import beta
 
 from studies.repeater import RepeaterScene, simulate_repeater
-from uwtrack_cli.data.contacts import Contacts
+from uwtrack_cli.data.scans import Contacts
 from uwtrack_cli.data.sensor import Navigation
 from uwtrack_cli.discrimination.contact_filters import Observation
 from uwtrack_cli.discrimination.discriminate import discriminate_contacts
 from uwtrack_cli.discrimination.options import ContactFilters
-from uwtrack_cli.discrimination.pair_test import consistency, follow, run_pair
-from uwtrack_cli.discrimination.sequential_test import first_crossing, wald_thresholds
+from uwtrack_cli.discrimination.pair_test import (
+    consistency,
+    first_crossing,
+    follow,
+    run_pair,
+    wald_thresholds,
+)
 
 SCENE = RepeaterScene(aspect_deg=140.0, turns=True)
 

@@ -13,8 +13,7 @@ import pytest
 
 from tests.support import OMNI, recording_of
 from uwtrack_cli.files.hdf5.product import write_product
-from uwtrack_cli.files.hdf5.writer import FailSafeFile, ProductStore
-from uwtrack_cli.files.held_signals import signals_held
+from uwtrack_cli.files.hdf5.writer import FailSafeFile, ProductStore, signals_held
 
 
 def n_open_files():
@@ -88,7 +87,7 @@ def test_a_worker_that_is_interrupted_says_nothing():
     """It ends without taking the interpreter down, whose last words nobody reads."""
     program = (
         "import os, signal\n"
-        "from uwtrack_cli.flow import worker_pool\n"
+        "from uwtrack_cli.flow import executors as worker_pool\n"
         "from multiprocessing import Pipe\n"
         "def run(job):\n"
         "    raise KeyboardInterrupt\n"

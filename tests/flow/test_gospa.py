@@ -9,7 +9,7 @@ from stonesoup.metricgenerator.ospametric import GOSPAMetric, OSPAMetric
 from stonesoup.types.state import State
 
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.flow.scoring.gospa import gospa, ospa
+from uwtrack_cli.flow.scoring.track_scores import gospa, ospa
 
 NOW = dt.datetime(2024, 5, 1, tzinfo=dt.UTC)
 SIZES = [(0, 3), (2, 0), (1, 1), (3, 3), (4, 2), (2, 5)]

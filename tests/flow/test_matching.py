@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from uwtrack_cli.flow.scoring.matching import match_encounters
+from uwtrack_cli.flow.scoring.encounter_scores import match_encounters
 
 
 def enumerated(ratio):

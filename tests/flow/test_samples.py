@@ -13,11 +13,11 @@ from uwtrack_cli.errors import DataError, OptionError, OutputError, UwtrackWarni
 from uwtrack_cli.files.audio.recording_file import open_recording
 from uwtrack_cli.files.tables.sensors import find_sensor, load_sensor
 from uwtrack_cli.flow.sample_recordings import (
+    read_scenario,
     remake_samples,
     sensor_text,
     write_simulation,
 )
-from uwtrack_cli.flow.scenario_file import read_scenario
 from uwtrack_cli.simulate import simulate_recordings, truth
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"

@@ -6,9 +6,8 @@ import pytest
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.estimation.decimation import Decimator
-from uwtrack_cli.flow.engine import run_recipe
+from uwtrack_cli.flow.engine import SharedSound, run_recipe
 from uwtrack_cli.flow.recipe import Recipe
-from uwtrack_cli.flow.shared_sound import SharedSound
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 THREE_RATES = """

@@ -18,8 +18,7 @@ from tests.draws.buoys import (
     scene,
 )
 from tests.support import recording_of
-from uwtrack_cli.data.lock import Lock
-from uwtrack_cli.data.recording import HeldSamples, Recording
+from uwtrack_cli.data.recording import HeldSamples, Lock, Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.spectra import Levels, Spectrogram
 from uwtrack_cli.files.hdf5.product import read_product

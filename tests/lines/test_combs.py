@@ -8,7 +8,7 @@ from tests.support import recording_of
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.lines.comb_search.drift_sums import drift_sums
+from uwtrack_cli.lines.comb_search.tooth_table import drift_sums
 from uwtrack_cli.lines.combs import find_combs
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 

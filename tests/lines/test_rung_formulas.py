@@ -10,7 +10,6 @@ from uwtrack_cli.lines import ladder
 from uwtrack_cli.lines.contacts import ContactSamples
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import Comb
-from uwtrack_cli.lines.families.last_look import LastLook
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.paths.path_ends import MeasuredPaths, PathEnd
 from uwtrack_cli.lines.paths.path_tracer import PathTracer
@@ -21,10 +20,10 @@ from uwtrack_cli.lines.paths.trace_window import (
     smooth_window,
 )
 from uwtrack_cli.lines.rungs.best_basis import RungLines, _covering, _evidence, beside
-from uwtrack_cli.lines.rungs.rung_jumps import _Jump
-from uwtrack_cli.lines.rungs.rung_links import _Told
+from uwtrack_cli.lines.rungs.rung_links import _Jump, _Told
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
 from uwtrack_cli.lines.tracker_options import Gates
+from uwtrack_cli.lines.tracking.tracker import LastLook
 
 
 def rung_of(window_s, lines, ratio=4.0):
@@ -371,7 +370,7 @@ def test_families_of_many_looks_are_one_by_lines_and_spacing():
 def test_families_are_sought_again_when_something_has_changed(monkeypatch):
     looks = []
     monkeypatch.setattr(
-        "uwtrack_cli.lines.families.last_look.find_combs",
+        "uwtrack_cli.lines.tracking.tracker.find_combs",
         lambda *told: looks.append(told) or ([], np.zeros(3)),
     )
     look = LastLook()
@@ -391,7 +390,7 @@ def test_families_are_sought_again_when_something_has_changed(monkeypatch):
     assert n_new(lines=lines + 1) == 1
     assert n_new() == 1
     assert n_new(bearing=np.array([1.0, np.nan, np.nan])) == 1
-    from uwtrack_cli.lines.families.last_look import MOVED
+    from uwtrack_cli.lines.tracking.tracker import MOVED
 
     assert n_new(hz=hz + 0.99 * MOVED * 0.1) == 0
     assert n_new(hz=hz - [0.0, 1.01 * MOVED * 0.1, 0.0]) == 1

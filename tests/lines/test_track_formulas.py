@@ -30,19 +30,17 @@ from uwtrack_cli.lines.tracker_options import (
     ScoreLogic,
     TrackerOptions,
 )
-from uwtrack_cli.lines.tracking.adaptive_noise import adapt_noise
 from uwtrack_cli.lines.tracking.association import Associator, Pairs
-from uwtrack_cli.lines.tracking.clutter_density import ClutterDensity
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, split_frames
 from uwtrack_cli.lines.tracking.line_continuation import (
     LineContinuation,
     SilentLines,
     log_ratio_of_return,
 )
-from uwtrack_cli.lines.tracking.llr_score import ECHO, LlrScore
+from uwtrack_cli.lines.tracking.llr_score import ECHO, ClutterDensity, LlrScore
 from uwtrack_cli.lines.tracking.track_management import HitCounter, merge_lines
 from uwtrack_cli.lines.tracking.track_store import TrackStore
-from uwtrack_cli.lines.tracking.tracker import LineTracker
+from uwtrack_cli.lines.tracking.tracker import LineTracker, adapt_noise
 
 RESOLUTION_HZ = 0.5
 """Of frames of two seconds, so that no unit is one by chance."""

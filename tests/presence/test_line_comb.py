@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uwtrack_cli.presence.line_comb import LineComb, fit_comb
 from uwtrack_cli.presence.line_summary import LineSummary
-from uwtrack_cli.presence.tonal_stretches import is_mains_comb
+from uwtrack_cli.presence.tonal_stretches import LineComb, fit_comb, is_mains_comb
 
 
 def lines_at(frequency_hz, std_hz):

@@ -20,8 +20,7 @@ from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.next_looks import next_looks
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.presence.level_humps import level_humps
-from uwtrack_cli.presence.presence import find_presence
-from uwtrack_cli.presence.rate_families import rate_families
+from uwtrack_cli.presence.presence import find_presence, rate_families
 from uwtrack_cli.presence.stretch import MISSING, Stretch, make_presence
 from uwtrack_cli.presence.tonal_stretches import chance_together
 from uwtrack_cli.spectra.levels import measure_levels

@@ -41,7 +41,7 @@ def export(
     GeoJSON and KML need sensors with latitude and longitude, and draw positions and
     motions with their 95 % regions.
     """
-    from uwtrack_cli.flow.exports.export import ENDINGS, export_product
+    from uwtrack_cli.flow.exports.export import FORMATS, export_product
 
     if container is not None and form != "csv":
         msg = f"--container goes with --to csv, not {form}, which takes what it needs."
@@ -49,7 +49,7 @@ def export(
     if axis is not None and container is None:
         msg = f"--axis {axis} needs --container, and --to csv."
         raise OptionError(msg)
-    target = _target(output, file, ENDINGS[form])
+    target = _target(output, file, FORMATS[form].ending)
     inputs = () if file == PIPE else (file,)
     with open_product(file) as product:
         export_product(

@@ -18,9 +18,8 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.options import refuse_unknown
-from uwtrack_cli.data.presence import KINDS
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, scalar_types
-from uwtrack_cli.files.tables.json_rows import CHANGE_KEYS, SPECIAL
+from uwtrack_cli.files.tables.json_rows import OBJECTS, object_keys
 
 VERSION = 1
 """Version of all schemas; a reader finds it in ``$id``."""
@@ -74,121 +73,33 @@ _TIME: Schema = {
     "format": "date-time",
     "description": "UTC; null where the start of the recording is not known.",
 }
-_REASONS: Schema = {
-    "type": "object",
-    "additionalProperties": _TEXT,
-    "description": "Why a value is null, by its key.",
-}
-_NUISANCES: Schema = {
-    "type": "object",
-    "additionalProperties": _object(
-        {name: _maybe("number") for name in ("value", "std", "share")}
+_MADE: dict[str, Schema] = {
+    "level_band_hz": _list(
+        _NUMBER, "Lower and upper edge of the levels' band. [Hz]", ["array", "null"]
     ),
-    "description": "What is not known exactly, by name with its unit: estimate, "
-    "standard deviation, share of the variance.",
+    "sensors": _list(_TEXT, "Identifiers of the sensors that contributed."),
+    "east_std_m": _maybe("number", "Standard deviation of east_m. [m]"),
+    "north_std_m": _maybe("number", "Standard deviation of north_m. [m]"),
+    "probability_of_rows": _list(
+        _maybe("number"),
+        "Probability that each bearing is this contact's, in the order of time; null "
+        "where all are.",
+        ["array", "null"],
+    ),
+    "reasons": _told(
+        {"type": "object", "additionalProperties": _TEXT},
+        "Why a value is null, by its key.",
+    ),
 }
-_READING: Schema = {
-    "enum": [
-        "straight", "frequency-step", "frequency-ramp", "manoeuvre", "two-targets",
-        "constant", "machinery", "joined", None,
-    ],
-    "description": "How the measurements are read; nothing passes in the last three, "
-    "which no closest approach is. Null in older files, and where nothing was read.",
-}  # fmt: skip
-_RIVAL = _object(
-    {"reading": _TEXT, "weight": _NUMBER},
-    "Next reading with its weight; null if none has 5 %.",
-    ["object", "null"],
+"""Keys of objects that `json_rows` makes of several columns, or in words of its own."""
+
+_ALWAYS = {"ambiguity_weight", "evidence_nepers", "rival_weight"}
+"""Columns of numbers that are known wherever the object that they are in is."""
+
+_NUISANCES = (
+    "What is not known exactly, by name with its unit: estimate, standard deviation, share "
+    "of the variance."
 )
-_REFERENCE = _told(_TEXT, "'1 uPa' or 'full scale'.")
-
-_DERIVED: dict[str, dict[str, Schema]] = {
-    "encounters": {
-        "side": {
-            "enum": ["port", "starboard", None],
-            "description": "Side of the vessel on which the sensor lies.",
-        },
-        "ambiguities": _list(
-            _object({"side": _TEXT, "weight": _NUMBER}),
-            "Other solutions with their weights.",
-        ),
-        "vessel": _object(
-            {"name": _TEXT, "mmsi": _maybe("string"), "probability": _maybe("number")},
-            "Vessel by AIS, and the probability that it was that one.",
-            ["object", "null"],
-        ),
-        "alternative": _maybe(
-            "string",
-            "Code of the strongest explanation in which no vessel passes as the row has "
-            "it; null if none speaks against it.",
-        ),
-        "evidence": _list(
-            _object({"alternative": _TEXT, "nepers": _NUMBER}),
-            "Log evidence of the passage over each explanation, as it is weighed.",
-        ),
-        "reading": _READING,
-        "rival": _RIVAL,
-        "change": _object(
-            {name: _maybe("number") for name in ("time_s", "time_std_s", *CHANGE_KEYS)}
-            | {"follows": {"type": "boolean"}},
-            "What changed beside a passage, and when; null if nothing.",
-            ["object", "null"],
-            ["time_s", "time_std_s", "follows", *CHANGE_KEYS],
-        ),
-        "level_reference": _REFERENCE,
-        "level_band_hz": _list(
-            _NUMBER, "Lower and upper edge of the levels' band. [Hz]", ["array", "null"]
-        ),
-    },
-    "fixes": {
-        "sensors": _list(_TEXT, "Identifiers of the sensors that contributed."),
-        "east_std_m": _maybe("number", "Standard deviation of east_m. [m]"),
-        "north_std_m": _maybe("number", "Standard deviation of north_m. [m]"),
-        "reading": {
-            "enum": ["still", "moving", None],
-            "description": "How bearings that cross are read; null where not asked.",
-        },
-        "rival": _told(_RIVAL, "The other reading; null if it has less than 5 %."),
-    },
-    "motions": {
-        "reference": _maybe(
-            "string", "Sensor from which range and bearing count; null: own ship."
-        ),
-        "offsets_deg": {
-            "type": "object",
-            "additionalProperties": _maybe("number"),
-            "description": "What the bearings of each sensor of a table must be turned "
-            "by, by its name. [degree]",
-        },
-        "probability_of_rows": _list(
-            _maybe("number"),
-            "Probability that each bearing is this contact's, in the order of time; null "
-            "where all are.",
-            ["array", "null"],
-        ),
-    },
-    "presence": {
-        "contact": _maybe("integer", "Contact of its lines, from 1; null for none."),
-        "encounter": _maybe(
-            "integer", "Contact of the closest approach within it; null for none."
-        ),
-        "reading": _READING,
-        "rival": _RIVAL,
-        "kind": {
-            "enum": list(KINDS),
-            "description": "What was heard, as far as it can be told.",
-        },
-        "from_utc": _TIME,
-        "to_utc": _TIME,
-        "level_reference": _REFERENCE,
-    },
-}
-"""Keys of documented objects that are not columns of their own."""
-
-_LISTS = {"rest_frequencies_hz": "rest_frequency_hz",
-          "rest_frequencies_std_hz": "rest_frequency_std_hz",
-          "frequencies_hz": "frequency_hz", "rates_hz": "rate_hz"}  # fmt: skip
-"""Keys that hold the rows of a ragged table, with its column."""
 
 _EVENT: dict[str, Schema] = {
     "event": {"enum": ["line", "presence", "encounter", "gap"]},
@@ -265,9 +176,8 @@ def json_schema(name: str) -> Schema:
 
 def _container(kind: type[Container]) -> Schema:
     title = (getdoc(kind) or "").split("\n", 1)[0]
-    if kind.NAME in SPECIAL:
-        keys = SPECIAL[kind.NAME][0]
-        properties = {key: _documented(kind, key) for key in keys}
+    if kind.NAME in OBJECTS:
+        properties = {key: _documented(kind, key) for key in object_keys(kind)}
         return {"title": title, **_list(_object(properties))}
     facts = {
         name: _scalar(plain, kind.scalars()[name].metadata)
@@ -287,26 +197,43 @@ def _row(kind: type[Container], axis: str) -> Schema:
     return _object({n: _cell(s) for n, s in columns.items()}, required=needed)
 
 
-def _cell(spec: Column) -> Schema:
-    names: Schema = {"f": ["number", "null"], "b": "boolean", "U": "string"}
-    schema: Schema = {"type": names.get(spec.dtype.kind, "integer")}
+def _cell(spec: Column, *, is_known: bool = False) -> Schema:
+    """Return the schema of a value of a column, ``is_known`` for one that is never null."""
+    text = _described(spec.description, spec.unit)
+    may_miss = spec.dtype.kind == "f" or spec.unknown is not None
+    names = {"f": "number", "b": "boolean", "U": "string"}
+    kind = names.get(spec.dtype.kind, "integer")
+    schema: Schema = {"type": [kind, "null"] if may_miss and not is_known else kind}
+    if spec.choices:
+        missing = [] if spec.unknown is None else [None]
+        schema = {"enum": [*spec.choices, *missing]}
     for _ in spec.axes[1:]:
         schema = _list(schema)
-    return {**schema, "description": _described(spec.description, spec.unit)}
+    return {**schema, "description": text}
 
 
 def _documented(kind: type[Container], key: str) -> Schema:
-    """Return the schema of a documented key: its own, a column's or a single value's."""
-    common = {"time_utc": _TIME, "reasons": _REASONS, "nuisances": _NUISANCES}
-    known = {**common, **_DERIVED[kind.NAME]}
-    columns = kind.columns()
-    if key in known:
-        return known[key]
-    if key in _LISTS:
-        return _list(_cell(columns[_LISTS[key]]))
-    if key in columns:
-        return _cell(columns[key])
-    return _scalar(scalar_types(kind)[key], kind.scalars()[key].metadata)
+    """Return the schema of a key of the object of a row."""
+    if key in _MADE:
+        return _MADE[key]
+    if key.endswith("_utc"):
+        return _TIME
+    columns, one = kind.columns(), kind.row_keys().get(key)
+    if one is None:  # a single value that every row repeats
+        (name,) = (n for n, f in kind.scalars().items() if f.metadata["key"] == key)
+        plain, facts = scalar_types(kind)[name], kind.scalars()[name].metadata
+        return {**_scalar(plain, facts), **(_TEXT if plain is str else {})}
+    cells = {
+        inner: _cell(columns[name], is_known=name in _ALWAYS)
+        for inner, name in one.columns.items()
+    }
+    text = {"nuisances": _NUISANCES, **kind.OBJECTS}.get(key, "")
+    body = cells.get("") or _object(cells)
+    if one.names:
+        return _told({"type": "object", "additionalProperties": body}, text)
+    if one.owner:
+        return _list(body, text)
+    return body if "" in cells else _told({**body, "type": ["object", "null"]}, text)
 
 
 def _scalar(plain: type, facts: Mapping[str, Any]) -> Schema:

@@ -27,8 +27,7 @@ def simulate(
 
     Writes pass.wav, pass.sensor.toml and pass.truth.json.
     """
-    from uwtrack_cli.flow.sample_recordings import write_simulation
-    from uwtrack_cli.flow.scenario_file import read_scenario
+    from uwtrack_cli.flow.sample_recordings import read_scenario, write_simulation
 
     for path in write_simulation(read_scenario(scenario), output, overwrite=overwrite):
         say(f"wrote {path}")

@@ -217,7 +217,7 @@ class Inputs:
             wanted of several steps.
         """
         from uwtrack_cli.files.hdf5.product import read_product_bytes, source_of
-        from uwtrack_cli.files.tables.table_readers import TABLES
+        from uwtrack_cli.files.tables.scan_tables import TABLES
         from uwtrack_cli.flow.branches import sole_keys
         from uwtrack_cli.flow.products import (
             Held,
@@ -265,8 +265,8 @@ def _read_table(
 ) -> Container:
     """Read a CSV table as the first container that has a table and is wanted."""
     from uwtrack_cli.files.tables.replay import SUFFIXES, read_replay_track
+    from uwtrack_cli.files.tables.scan_tables import table_readers
     from uwtrack_cli.files.tables.sensors import load_sensor
-    from uwtrack_cli.files.tables.table_readers import table_readers
 
     readers = table_readers(sensors)
     if path.suffix.lower() in SUFFIXES:

@@ -13,8 +13,15 @@ the unit is the last word of its name, as in ``bearing_deg``, where it gives no 
 A *ragged table* holds what the rows of another axis have in any number: rest
 frequencies of an encounter, reasons. It is an axis of its own whose first column, the
 one with an ``owner``, holds the row of that axis that each row belongs to.
+
+The object that stands for a row in JSON, in CSV and on the screen follows from the
+declarations, too: a column of the main axis stands under its own name, one of a ragged
+table under the ``key`` that it names. A dot in the key divides the name of an object from
+the key within it; ``"vessel."`` is the key ``name`` of the object ``vessel`` for a column
+``vessel_name``.
 """
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from html import escape
@@ -23,7 +30,7 @@ from types import NoneType, UnionType
 from typing import Any, ClassVar, Self, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from uwtrack_cli.errors import DataError
 
@@ -59,6 +66,22 @@ def html_table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 @dataclass(frozen=True)
+class Cells:
+    """What the cells of a column hold in a table that people give, such as a CSV file."""
+
+    low: float = -np.inf
+    """Least number accepted."""
+    high: float = np.inf
+    """Greatest number accepted."""
+    needed: bool = False
+    """Whether the table must have the column."""
+    every: bool = False
+    """Whether every cell must hold a value; else an empty one is not measured."""
+    aliases: tuple[str, ...] = ()
+    """Other names that leave no doubt about quantity and unit."""
+
+
+@dataclass(frozen=True)
 class Column:
     """What is known of an array field."""
 
@@ -74,64 +97,98 @@ class Column:
     """Whether it may be None."""
     owner: str = ""
     """Axis whose row numbers it holds, in a ragged table; else empty."""
+    key: str = ""
+    """Where it stands in the object of a row, a dot before a key within an object; empty:
+    nowhere."""
+    names: str = ""
+    """Key of the objects whose own keys are its texts, in a ragged table; else empty."""
+    unknown: str | int | None = None
+    """Value that stands for one that is not known; None: nan alone does."""
+    choices: tuple[str, ...] = ()
+    """Texts that it may hold; empty: any."""
+    cells: Cells | None = None
+    """How tables that people give hold it; None: they do not."""
+
+
+@dataclass(frozen=True)
+class RowKey:
+    """What stands under one key of the object of a row."""
+
+    columns: dict[str, str]
+    """Columns by their keys within it; one under the empty key is the value itself."""
+    owner: str
+    """Column with the rows that those of a ragged table belong to; empty: they are
+    columns of the main axis."""
+    names: str
+    """Column with the keys of a mapping; empty: a ragged table is a list."""
 
 
 @dataclass(frozen=True)
 class _Declared:
     """A field as its class declares it; `Container` completes it by its annotation.
 
-    ``axes`` is None for a single value, which may have a ``default``; ``description``,
-    ``unit``, ``dtype`` and ``owner`` are those of `Column`, None where not told.
+    ``axes`` is None for a single value, which may have a ``default``; ``description`` and
+    what ``told`` holds are those of `Column`.
     """
 
     description: str
     axes: tuple[str, ...] | None
-    unit: str | None
-    dtype: DTypeLike | None
-    owner: str
+    told: dict[str, Any]
     default: Any
 
 
-def column(
-    description: str,
-    *axes: str,
-    unit: str | None = None,
-    dtype: DTypeLike | None = None,
-    owner: str = "",
-) -> Any:
-    """Declare an array field: see `Column`, and the conventions above."""
-    return _Declared(description, axes, unit, dtype, owner, MISSING)
+def column(description: str, *axes: str, **told: Any) -> Any:
+    """Declare an array field.
+
+    ``told``: unit, dtype, owner, key, names, unknown, choices and cells as of `Column`, where
+    they do not follow from the conventions above.
+    """
+    return _Declared(description, axes, told, MISSING)
 
 
-def deviation(*axes: str) -> Any:
-    """Declare the standard deviation of the column that stands before it."""
-    return column("Its standard deviation.", *axes)
+def deviation(*axes: str, **told: Any) -> Any:
+    """Declare the standard deviation of the column that stands before it.
+
+    It stands in the same object as that one, unless it has a key of its own.
+    """
+    return column("Its standard deviation.", *axes, **told)
 
 
-def scalar(description: str, default: Any = MISSING, *, unit: str | None = None) -> Any:
-    """Declare a single value (int, float, str or bool; None means unknown)."""
-    return _Declared(description, None, unit, None, "", default)
+def scalar(description: str, default: Any = MISSING, **told: Any) -> Any:
+    """Declare a single value (int, float, str or bool; None means unknown).
+
+    ``told``: its unit, and the ``key`` under which the object of a row has it, if any.
+    """
+    return _Declared(description, None, told, default)
 
 
-def _completed(name: str, hint: Any, declared: _Declared, row: str) -> Any:
-    """Return the field of a declaration, by its name and its annotation."""
+def _completed(name: str, hint: Any, declared: _Declared, row: str, before: str) -> Any:
+    """Return the field of a declaration, by its name and its annotation.
+
+    ``row``: axis of the rows. ``before``: key of the column that stands before it.
+    """
     kinds = get_args(hint) if isinstance(hint, UnionType) else (hint,)
-    unit = declared.unit
-    if unit is None:
-        usual = "1" if kinds[0] in {int, float, bool, *ELEMENTS} - {TextArray} else ""
-        ends = (each for each in UNITS if f"_{name}".endswith(f"_{each}"))
-        unit = UNITS.get(next(ends, ""), usual)
-    text = declared.description
+    text, told = declared.description, dict(declared.told)
+    usual = "1" if kinds[0] in {int, float, bool, *ELEMENTS} - {TextArray} else ""
+    ends = (each for each in UNITS if f"_{name}".endswith(f"_{each}"))
+    unit = told.pop("unit", UNITS.get(next(ends, ""), usual))
     if declared.axes is None:
-        metadata = {"unit": unit, "description": text}
+        metadata = {"unit": unit, "description": text, "key": "", **told}
         return field(default=declared.default, metadata=metadata)
+    axes = declared.axes or (row,)
+    stands = name.removesuffix("_ns") if name.endswith("_utc_ns") else name
+    usual = stands if axes[0] == row else ""
+    if text == deviation().description and ("." in before or not before):
+        usual = f"{before.partition('.')[0]}." if before else ""
+    outer, dot, inner = told.pop("key", usual).partition(".")
     spec = Column(
-        axes=declared.axes or (row,),
+        axes=axes,
         unit=unit,
-        dtype=np.dtype(declared.dtype or ELEMENTS[kinds[0]]),
+        dtype=np.dtype(told.pop("dtype", None) or ELEMENTS[kinds[0]]),
         description=text,
         optional=NoneType in kinds,
-        owner=declared.owner,
+        key=f"{outer}{dot}{inner or (stands.removeprefix(f'{outer}_') if dot else '')}",
+        **told,
     )
     default = None if spec.optional else MISSING
     return field(default=default, metadata={"column": spec})
@@ -153,15 +210,22 @@ class Container:
     STREAMS: ClassVar[bool] = False
     """Whether the chain passes it on block by block."""
 
+    OBJECTS: ClassVar[dict[str, str]] = {}
+    """What the keys that hold lists and objects are, in one sentence each."""
+
     _known_columns: ClassVar[dict[str, Column]]
     """What `columns` returns, once it was asked of the class itself."""
 
     def __init_subclass__(cls) -> None:
         """Complete what the class declares, before it is made a dataclass."""
+        before = ""
         for name, hint in get_annotations(cls).items():
             declared = cls.__dict__.get(name)
             if isinstance(declared, _Declared):
-                setattr(cls, name, _completed(name, hint, declared, cls.ROW))
+                made = _completed(name, hint, declared, cls.ROW, before)
+                setattr(cls, name, made)
+                if "column" in made.metadata:
+                    before = made.metadata["column"].key
 
     def __post_init__(self) -> None:
         """Convert every column to its type, freeze it and check the axes."""
@@ -233,6 +297,44 @@ class Container:
         row of the owner.
         """
         return np.flatnonzero(getattr(self, name) == row)
+
+    @classmethod
+    @functools.cache
+    def row_keys(cls) -> dict[str, RowKey]:
+        """Return the keys of the object of a row that hold columns, in their order."""
+        owned = {
+            s.axes[0]: n for n, s in cls.owner_columns().items() if s.owner == cls.ROW
+        }
+        names = {spec.names: name for name, spec in cls.columns().items()}
+        found: dict[str, RowKey] = {}
+        for name, spec in cls.columns().items():
+            outer, _, inner = spec.key.partition(".")
+            if outer:
+                new = RowKey({}, owned.get(spec.axes[0], ""), names.get(outer, ""))
+                found.setdefault(outer, new).columns[inner] = name
+        return found
+
+    def ragged(self, key: str, row: int) -> Any:
+        """Return what a row has in a ragged table: a list, or a mapping by its names.
+
+        ``key``: its key in the object of a row. ``row``: row of the main axis.
+        """
+        one = self.row_keys()[key]
+        columns = {
+            inner: values
+            for inner, name in one.columns.items()
+            if (values := getattr(self, name)) is not None
+        }
+        rows = self.owned_rows(one.owner, row).tolist() if columns else []
+        items: list[Any] = [
+            {inner: values[i].item() for inner, values in columns.items()} for i in rows
+        ]
+        if "" in columns:
+            items = [item[""] for item in items]
+        if not one.names:
+            return items
+        names = getattr(self, one.names)
+        return {str(names[i]): item for i, item in zip(rows, items, strict=True)}
 
     @classmethod
     def parts(cls) -> tuple[str, ...]:
@@ -364,18 +466,13 @@ class HasReasons(Container):
     """
 
     reason_key: TextArray = column(
-        "Name of the value that is missing or limited.", "reason"
+        "Name of the value that is missing or limited.", "reason", names="reasons"
     )
-    reason_text: TextArray = column("Why it is.", "reason")
+    reason_text: TextArray = column("Why it is.", "reason", key="reasons")
 
     def reasons(self, row: int) -> dict[str, str]:
         """Return what is missing in a row of the main axis, and why, by key."""
-        owner = next(
-            n for n, s in self.owner_columns().items() if s.axes == ("reason",)
-        )
-        rows = self.owned_rows(owner, row)
-        keys, texts = self.reason_key[rows].tolist(), self.reason_text[rows].tolist()
-        return dict(zip(keys, texts, strict=True))
+        return dict(self.ragged("reasons", row))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -387,37 +484,22 @@ class HasNuisances(Container):
     """
 
     nuisance_name: TextArray | None = column(
-        "Fact that is not known exactly, with its unit.", "nuisance"
+        "Fact that is not known exactly, with its unit.", "nuisance", names="nuisances"
     )
     nuisance_value: FloatArray | None = column(
-        "Its estimate, or the value that was assumed.", "nuisance"
+        "Its estimate, or the value that was assumed.",
+        "nuisance",
+        key="nuisances.value",
     )
-    nuisance_std: FloatArray | None = deviation("nuisance")
+    nuisance_std: FloatArray | None = deviation("nuisance", key="nuisances.std")
     nuisance_share: FloatArray | None = column(
         "Share of the variance of the speed (encounters) or of the range (motions) "
-        "that it causes; nan without one.", "nuisance",
+        "that it causes; nan without one.", "nuisance", key="nuisances.share",
     )  # fmt: skip
 
     def nuisances(self, row: int) -> dict[str, dict[str, float]]:
         """Return value, standard deviation and share of each nuisance, by name."""
-        owner = next(
-            n for n, s in self.owner_columns().items() if s.axes == ("nuisance",)
-        )
-        columns = {
-            "value": self.nuisance_value,
-            "std": self.nuisance_std,
-            "share": self.nuisance_share,
-        }
-        if self.nuisance_name is None:
-            return {}
-        return {
-            str(self.nuisance_name[i]): {
-                name: float(values[i])
-                for name, values in columns.items()
-                if values is not None
-            }
-            for i in self.owned_rows(owner, row)
-        }
+        return dict(self.ragged("nuisances", row))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -428,8 +510,12 @@ class HasRestFrequencies(Container):
     """
 
     rest_line_id: IntArray = column("Line that it was fitted to.", "rest_line")
-    rest_frequency_hz: FloatArray = column("Rest frequency.", "rest_line")
-    rest_frequency_std_hz: FloatArray = deviation("rest_line")
+    rest_frequency_hz: FloatArray = column(
+        "Rest frequency.", "rest_line", key="rest_frequencies_hz"
+    )
+    rest_frequency_std_hz: FloatArray = deviation(
+        "rest_line", key="rest_frequencies_std_hz"
+    )
 
 
 def flatten(lists: Iterable[Iterable[T]]) -> tuple[IntArray, list[T]]:

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from uwtrack_cli.data.base import (
+    Cells,
     Container,
     FloatArray,
     IntArray,
@@ -107,12 +108,18 @@ class Delays(Container):
     STREAMS: ClassVar[bool] = True
 
     time_s: FloatArray = column("Centre of the frame.")
-    channel_a: TextArray = column("First channel.")
-    channel_b: TextArray = column("Second channel.")
-    delay_s: FloatArray = column("Arrival at the second less arrival at the first.")
-    delay_std_s: FloatArray = deviation()
+    channel_a: TextArray = column("First channel.", cells=Cells(needed=True))
+    channel_b: TextArray = column("Second channel.", cells=Cells(needed=True))
+    delay_s: FloatArray = column(
+        "Arrival at the second less arrival at the first.",
+        cells=Cells(-1e6, 1e6, needed=True, every=True),
+    )
+    delay_std_s: FloatArray = deviation(
+        cells=Cells(1e-12, 1e6, needed=True, every=True)
+    )
     coherence: FloatArray | None = column(
-        "Coherence (not squared) of the pair in the band; None in tables."
+        "Coherence (not squared) of the pair in the band; None where it is not told.",
+        cells=Cells(0.0, 1.0, every=True),
     )
     sensor: str | None = scalar("Identifier of the sensor; None if not known.", None)
     start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)

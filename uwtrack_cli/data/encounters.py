@@ -18,9 +18,23 @@ from uwtrack_cli.data.base import (
     deviation,
     scalar,
 )
+from uwtrack_cli.data.presence import READINGS
 
 TOO_FAST, MAINS = "too-fast", "mains"
 """Codes of rejections that more than one room reads: see `motion/decision.py`."""
+
+
+class RefusedContact(NamedTuple):
+    """What was taken for a passage and is none."""
+
+    contact: int
+    """Contact number, from 1."""
+    from_s: float
+    """Its first measurement."""
+    to_s: float
+    """Its last measurement."""
+    reason: str
+    """Why it is no passage."""
 
 
 class StillContact(NamedTuple):
@@ -54,6 +68,13 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     NAME: ClassVar[str] = "encounters"
     ROW: ClassVar[str] = "encounter"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("parameter", "parameter_too")
+    OBJECTS: ClassVar[dict[str, str]] = {
+        "ambiguities": "Other solutions with their weights.",
+        "change": "What changed beside a passage, and when; null if nothing.",
+        "evidence": "Log evidence of the passage over each explanation, as it is weighed.",
+        "rival": "Next reading with its weight; null if none has 5 %.",
+        "vessel": "Vessel by AIS, and the probability that it was that one.",
+    }
 
     contact: IntArray = column("Contact, from 1.")
     sensor: TextArray = column("Identifier of the sensor.")
@@ -92,8 +113,9 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     )
     bearing_std_deg: FloatArray = deviation()
     side: TextArray = column(
-        "Side of the vessel on which the sensor lies; empty if unknown."
-    )
+        "Side of the vessel on which the sensor lies; empty if unknown.",
+        unknown="", choices=("port", "starboard"),
+    )  # fmt: skip
     sound_speed_mps: FloatArray = column("Sound speed used.")
     received_level_db: FloatArray = column(
         "Received level at closest approach (re the reference)."
@@ -112,7 +134,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     )  # fmt: skip
     horizontal_covariance: FloatArray | None = column(
         "The same of the horizontal range over speed.",
-        "encounter", "parameter", "parameter_too",
+        "encounter", "parameter", "parameter_too", key="",
     )  # fmt: skip
     rest_encounter: IntArray = column(
         "Row of the encounter that a rest frequency belongs to.",
@@ -123,24 +145,27 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "ambiguity", owner="encounter",
     )  # fmt: skip
     ambiguity_side: TextArray = column(
-        "Side of the vessel on which the sensor lies in that solution.", "ambiguity"
+        "Side of the vessel on which the sensor lies in that solution.",
+        "ambiguity", key="ambiguities.side",
+    )  # fmt: skip
+    ambiguity_weight: FloatArray = column(
+        "Probability of that solution.", "ambiguity", key="ambiguities.weight"
     )
-    ambiguity_weight: FloatArray = column("Probability of that solution.", "ambiguity")
     reason_encounter: IntArray = column(
         "Row of the encounter that a reason belongs to.", "reason", owner="encounter"
     )
     sensor_east_m: FloatArray | None = column(
-        "East of a moving sensor at closest approach; nan for a fixed one."
+        "East of a moving sensor at closest approach; nan for a fixed one.", key=""
     )
     sensor_north_m: FloatArray | None = column(
-        "North of a moving sensor at closest approach."
+        "North of a moving sensor at closest approach.", key=""
     )
     sensor_velocity_east_mps: FloatArray | None = column(
         "Velocity east of a moving sensor: ranges over speed and covariances are those "
-        "of the motion relative to it."
-    )
+        "of the motion relative to it.", key="",
+    )  # fmt: skip
     sensor_velocity_north_mps: FloatArray | None = column(
-        "Velocity north of a moving sensor."
+        "Velocity north of a moving sensor.", key=""
     )
     nuisance_encounter: IntArray | None = column(
         "Row of the encounter that a nuisance belongs to.",
@@ -159,8 +184,8 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     )
     alternative: TextArray | None = column(
         "Code of the strongest explanation in which no vessel passes so, such as "
-        "'nothing-passes' or 'misfit'."
-    )
+        "'nothing-passes' or 'misfit'; empty if none speaks against it.", unknown="",
+    )  # fmt: skip
     alternative_probability: FloatArray | None = column(
         "Probability of that explanation."
     )
@@ -169,63 +194,70 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "evidence", owner="encounter",
     )  # fmt: skip
     evidence_alternative: TextArray | None = column(
-        "Code of the explanation that a log evidence speaks against.", "evidence"
-    )
+        "Code of the explanation that a log evidence speaks against.",
+        "evidence", key="evidence.alternative",
+    )  # fmt: skip
     evidence_nepers: FloatArray | None = column(
         "Log evidence of the passage over that explanation, as it is weighed.",
-        "evidence", unit="neper",
+        "evidence", unit="neper", key="evidence.nepers",
     )  # fmt: skip
     reading: TextArray | None = column(
         "How the measurements are read: 'straight', 'frequency-step', "
-        "'frequency-ramp', 'manoeuvre' or 'two-targets' (its contact was divided)."
-    )
+        "'frequency-ramp', 'manoeuvre' or 'two-targets' (its contact was divided).",
+        unknown="", choices=READINGS,
+    )  # fmt: skip
     reading_weight: FloatArray | None = column(
         "Probability of that reading, among those in which nothing passes, too."
     )
     rival: TextArray | None = column(
         "Next reading, also 'constant', 'machinery' or 'joined', in which nothing "
-        "passes; empty if it has less than 5 %."
+        "passes; empty if it has less than 5 %.", key="rival.reading",
+    )  # fmt: skip
+    rival_weight: FloatArray | None = column(
+        "Its probability; 0 without one.", key="rival."
     )
-    rival_weight: FloatArray | None = column("Its probability; 0 without one.")
     change_time_s: FloatArray | None = column(
-        "When frequencies or velocity changed; nan for a straight passage."
+        "When frequencies or velocity changed; nan for a straight passage.",
+        key="change.",
     )
     change_time_std_s: FloatArray | None = deviation()
     change_follows: BoolArray | None = column(
         "Whether the ramp, the other leg or the middle of a turn follows that time or "
-        "the closest approach; else it goes before it."
-    )
+        "the closest approach; else it goes before it.", key="change.",
+    )  # fmt: skip
     frequency_change: FloatArray | None = column(
-        "Share by which all rest frequencies stepped then."
+        "Share by which all rest frequencies stepped then.", key="change."
     )
     frequency_change_std: FloatArray | None = deviation()
     frequency_slope_per_s: FloatArray | None = column(
-        "Share per second by which they ramp from or until then."
+        "Share per second by which they ramp from or until then.", key="change."
     )
     frequency_slope_std_per_s: FloatArray | None = deviation()
     other_leg_speed_mps: FloatArray | None = column(
         "Speed on the other side of a manoeuvre: after it, or before it if the closest "
-        "approach comes later."
-    )
+        "approach comes later.", key="change.",
+    )  # fmt: skip
     other_leg_speed_std_mps: FloatArray | None = deviation()
-    other_leg_course_deg: FloatArray | None = column("Course there.")
+    other_leg_course_deg: FloatArray | None = column("Course there.", key="change.")
     other_leg_course_std_deg: FloatArray | None = deviation()
     turn_away_deg: FloatArray | None = column(
         "Angle by which the course turns away from the sensor in a manoeuvre that is "
-        "an even turn about that time; nan for one that is not."
-    )
+        "an even turn about that time; nan for one that is not.", key="change.",
+    )  # fmt: skip
     turn_away_std_deg: FloatArray | None = deviation()
-    turn_duration_s: FloatArray | None = column("How long that turn lasts.")
+    turn_duration_s: FloatArray | None = column(
+        "How long that turn lasts.", key="change."
+    )
     turn_duration_std_s: FloatArray | None = deviation()
     turn_correlation: FloatArray | None = column(
-        "Correlation of the errors of angle and duration."
+        "Correlation of the errors of angle and duration.", key="change."
     )
     vessel_name: TextArray | None = column(
-        "Name of the vessel by AIS; empty if none of the table fits."
+        "Name of the vessel by AIS; empty if none of the table fits.", key="vessel."
     )
-    vessel_mmsi: TextArray | None = column("Its MMSI.")
+    vessel_mmsi: TextArray | None = column("Its MMSI.", unknown="", key="vessel.")
     vessel_probability: FloatArray | None = column(
-        "Probability that it was that vessel."
+        "Probability that it was that vessel.", key="vessel."
     )
     ais_name: str = scalar("AIS table that the names are from; empty: none.", "")
     ais_digest: str = scalar("SHA-256 of that table.", "")
@@ -260,12 +292,15 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_rival_weight: FloatArray | None = column(
         "Its probability; 0 without one.", "refusal"
     )
-    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
+    reference: str = scalar(
+        "Level reference: '1 uPa' or 'full scale'.", key="level_reference"
+    )
     band_low_hz: float | None = scalar("Lower edge of the levels' band.", None)
     band_high_hz: float | None = scalar("Upper edge of the levels' band.", None)
     spreading_db: float = scalar(
-        "Spreading law of the source level, per decade of range.", 20.0
-    )
+        "Spreading law of the source level, per decade of range.", 20.0,
+        key="spreading_db",
+    )  # fmt: skip
 
     def of_sensor(self, sensor: str) -> Self:
         """Return the encounters of one sensor, and what it heard that is none."""
@@ -274,8 +309,8 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
             return own
         return own.take("refusal", np.flatnonzero(self.refused_sensor == sensor))
 
-    def refusals(self) -> list[tuple[int, float, float, str]]:
-        """Return contact, begin and end in s, and reason of what was taken for a passage."""
+    def refusals(self) -> list[RefusedContact]:
+        """Return what was taken for a passage and is refused, with the reason."""
         columns = (
             self.refused_contact, self.refused_from_s, self.refused_to_s,
             self.refused_reason,
@@ -283,7 +318,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         known = [values.tolist() for values in columns if values is not None]
         if len(known) != len(columns):
             return []
-        every = list(zip(*known, strict=True))
+        every = [RefusedContact(*one) for one in zip(*known, strict=True)]
         if self.refused_reading is None:
             return every
         return [
@@ -318,25 +353,9 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         weight, other = (np.nan if one is None else float(one[row]) for one in weights)
         return name, weight, rival, other
 
-    def evidence(self, row: int) -> list[dict[str, str | float]]:
-        """Return the log evidence of a row over each explanation, as it is weighed."""
-        codes, nepers = self.evidence_alternative, self.evidence_nepers
-        if self.evidence_encounter is None or codes is None or nepers is None:
-            return []
-        return [
-            {"alternative": str(codes[i]), "nepers": float(nepers[i])}
-            for i in self.owned_rows("evidence_encounter", row)
-        ]
-
     def ambiguities(self, row: int) -> list[dict[str, str | float]]:
         """Return the other solutions of an encounter, with their weights."""
-        return [
-            {
-                "side": str(self.ambiguity_side[i]),
-                "weight": float(self.ambiguity_weight[i]),
-            }
-            for i in self.owned_rows("ambiguity_encounter", row)
-        ]
+        return list(self.ragged("ambiguities", row))
 
     @property
     def n_encounters(self) -> int:
@@ -351,6 +370,9 @@ class Fixes(Container):
     NAME: ClassVar[str] = "fixes"
     ROW: ClassVar[str] = "fix"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("coordinate", "coordinate_too")
+    OBJECTS: ClassVar[dict[str, str]] = {
+        "rival": "The other reading; null if it has less than 5 %.",
+    }
 
     contact: IntArray = column("Contact, from 1.")
     mode: IntArray = column("Mode, best first, from 1.")
@@ -365,23 +387,25 @@ class Fixes(Container):
         "Covariance of east and north.", "fix", "coordinate", "coordinate_too"
     )
     speed_mps: FloatArray = column("Speed.")
-    speed_std_mps: FloatArray = deviation()
+    speed_std_mps: FloatArray = deviation(key="")
     course_deg: FloatArray = column(
         "Compass course; nan where the source is read as still."
     )
-    course_std_deg: FloatArray = deviation()
+    course_std_deg: FloatArray = deviation(key="")
     sensors: TextArray = column("Sensors that contributed, comma separated.")
     reading: TextArray | None = column(
         "How bearings that cross are read: 'still' or 'moving'; empty where the two "
-        "did not compete."
-    )
+        "did not compete.", unknown="", choices=("still", "moving"),
+    )  # fmt: skip
     reading_weight: FloatArray | None = column(
         "Probability of that reading; position and ellipse are those of both."
     )
     rival: TextArray | None = column(
-        "The other reading; empty if it has less than 5 %."
+        "The other reading; empty if it has less than 5 %.", key="rival.reading"
     )
-    rival_weight: FloatArray | None = column("Its probability; 0 without one.")
+    rival_weight: FloatArray | None = column(
+        "Its probability; 0 without one.", key="rival."
+    )
     origin: str = scalar("What the grid is relative to: a sensor or 'grid'.")
     origin_latitude: float | None = scalar("Latitude of the origin.", None)
     origin_longitude: float | None = scalar("Longitude of the origin.", None)

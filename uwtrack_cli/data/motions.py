@@ -31,6 +31,10 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     NAME: ClassVar[str] = "motions"
     ROW: ClassVar[str] = "motion"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("parameter", "parameter_too")
+    OBJECTS: ClassVar[dict[str, str]] = {
+        "offsets_deg": "What the bearings of each sensor of a table must be turned by, "
+        "by its name. [degree]",
+    }
 
     contact: IntArray = column("Contact, from 1.")
     mode: IntArray = column("Mode, best first, from 1.")
@@ -74,19 +78,22 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     )
     misfit: FloatArray = column("Sum of the losses (chi-square).")
     n_values: IntArray = column("Number of measured values.")
-    rank: IntArray = column("Number of parameter combinations that are observable.")
-    n_parameters: IntArray = column("Number of parameters sought.")
+    rank: IntArray = column(
+        "Number of parameter combinations that are observable.", key=""
+    )
+    n_parameters: IntArray = column("Number of parameters sought.", key="")
     condition_number: FloatArray = column(
-        "Condition of the scaled information; nan when singular."
+        "Condition of the scaled information; nan when singular.", key=""
     )
     criterion_probability: FloatArray = column(
-        "Probability that range is within 10 %, speed 3 kn and course 7 degrees."
+        "Probability that range is within 10 %, speed 3 kn and course 7 degrees.",
+        key="",
     )
     range_per_sound_speed: FloatArray = column(
-        "Relative change of range per relative change of sound speed."
+        "Relative change of range per relative change of sound speed.", key=""
     )
     manoeuvre_needed: BoolArray = column(
-        "Whether own ship must manoeuvre to learn the range."
+        "Whether own ship must manoeuvre to learn the range.", key=""
     )
     reading: TextArray | None = column(
         "'straight', or 'manoeuvre' where the target changed its velocity."
@@ -107,8 +114,8 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     longitude: FloatArray | None = column("Its longitude.")
     reference: TextArray | None = column(
         "Sensor from which range and bearing at the first measurement count; empty: "
-        "own ship."
-    )
+        "own ship.", unknown="",
+    )  # fmt: skip
     row_contact: IntArray | None = column("Contact of a measured bearing.", "row")
     row_number: IntArray | None = column("Its row in the table, from 1.", "row")
     row_time_s: FloatArray | None = column("Its time.", "row")
@@ -122,14 +129,14 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     offset_motion: IntArray | None = column(
         "Row of the motion that a sensor's offset belongs to.", "offset", owner="motion"
     )
-    offset_sensor: TextArray | None = column("Sensor.", "offset")
+    offset_sensor: TextArray | None = column("Sensor.", "offset", names="offsets_deg")
     offset_deg: FloatArray | None = column(
-        "What its bearings must be turned by.", "offset"
+        "What its bearings must be turned by.", "offset", key="offsets_deg"
     )
     weakest_direction: TextArray = column(
-        "Worst observed combination, with its deviation."
+        "Worst observed combination, with its deviation.", key=""
     )
-    report: TextArray = column("What is observable and what is not, in words.")
+    report: TextArray = column("What is observable and what is not, in words.", key="")
     rest_motion: IntArray = column(
         "Row of the motion that a rest frequency belongs to.",
         "rest_line", owner="motion",

@@ -30,6 +30,11 @@ CONSTANT, MACHINERY, JOINED = "constant", "machinery", "joined"
 STILL = (CONSTANT, MACHINERY, JOINED)
 """Readings in which nothing passes."""
 
+READINGS = (
+    "straight", "frequency-step", "frequency-ramp", "manoeuvre", "two-targets", *STILL,
+)  # fmt: skip
+"""How the measurements of a contact may be read."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Presence(HasReasons):
@@ -44,15 +49,19 @@ class Presence(HasReasons):
 
     NAME: ClassVar[str] = "presence"
     ROW: ClassVar[str] = "stretch"
+    OBJECTS: ClassVar[dict[str, str]] = {
+        "rival": "Next reading with its weight; null if none has 5 %.",
+    }
 
-    contact: IntArray = column("Contact of its lines, from 1; 0 for none.")
+    contact: IntArray = column("Contact of its lines, from 1; 0 for none.", unknown=0)
     encounter: IntArray = column(
-        "Contact of the closest approach within it; 0 for none."
+        "Contact of the closest approach within it; 0 for none.", unknown=0
     )
     sensor: TextArray = column("Identifier of the sensor.")
     kind: TextArray = column(
-        "'vessel', 'rates', 'lines', 'hum', 'broadband', 'rain' or 'unknown'."
-    )
+        "'vessel', 'rates', 'lines', 'hum', 'broadband', 'rain' or 'unknown'.",
+        choices=KINDS,
+    )  # fmt: skip
     from_s: FloatArray = column("Begin, from the first sample.")
     to_s: FloatArray = column("End, from the first sample.")
     from_utc_ns: IntArray = column(
@@ -80,27 +89,34 @@ class Presence(HasReasons):
     reading: TextArray | None = column(
         "What its contacts are read as: that of its closest approach; else 'constant', "
         "'machinery' or 'joined' where nothing passes, or a passage that noise alone "
-        "gives, too; empty if they are not read as one."
-    )
+        "gives, too; empty if they are not read as one.", unknown="", choices=READINGS,
+    )  # fmt: skip
     reading_weight: FloatArray | None = column(
         "Probability of that reading, of the least certain contact."
     )
     rival: TextArray | None = column(
-        "Next reading of that contact; empty if it has less than 5 %."
+        "Next reading of that contact; empty if it has less than 5 %.",
+        key="rival.reading",
+    )  # fmt: skip
+    rival_weight: FloatArray | None = column(
+        "Its probability; 0 without one.", key="rival."
     )
-    rival_weight: FloatArray | None = column("Its probability; 0 without one.")
     frequency_stretch: IntArray = column(
         "Row of the stretch that a line belongs to.", "frequency", owner="stretch"
     )
-    frequency_hz: FloatArray = column("Mean frequency of a line.", "frequency")
+    frequency_hz: FloatArray = column(
+        "Mean frequency of a line.", "frequency", key="frequencies_hz"
+    )
     rate_stretch: IntArray = column(
         "Row of the stretch that a modulation rate belongs to.", "rate", owner="stretch"
     )
-    rate_hz: FloatArray = column("Modulation rate.", "rate")
+    rate_hz: FloatArray = column("Modulation rate.", "rate", key="rates_hz")
     reason_stretch: IntArray = column(
         "Row of the stretch that a reason belongs to.", "reason", owner="stretch"
     )
-    reference: str = scalar("Level reference: '1 uPa' or 'full scale'.")
+    reference: str = scalar(
+        "Level reference: '1 uPa' or 'full scale'.", key="level_reference"
+    )
 
     def of_sensor(self, sensor: str) -> Self:
         """Return the stretches of one sensor."""

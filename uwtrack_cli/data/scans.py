@@ -4,11 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from uwtrack_cli.data.base import (
+    Cells,
     Container,
     FloatArray,
     IntArray,
     TextArray,
     column,
+    deviation,
     scalar,
 )
 
@@ -25,7 +27,9 @@ class Scans(Container):
     ROW: ClassVar[str] = "row"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("dimension",)
 
-    scan: IntArray = column("Number of the scan, ascending.")
+    scan: IntArray = column(
+        "Number of the scan, ascending.", cells=Cells(needed=True, every=True)
+    )
     time_s: FloatArray = column("Time of the scan.")
     measured: FloatArray = column(
         "Components of the measurement, in the units named; nan in an empty scan.",
@@ -36,13 +40,16 @@ class Scans(Container):
         "row", "dimension", unit="",
     )  # fmt: skip
     amplitude: FloatArray = column(
-        "Amplitude over the noise deviation; nan if not given."
+        "Amplitude over the noise deviation; nan if not given.", cells=Cells()
     )
     component: TextArray = column("Name of each component.", "dimension")
     component_unit: TextArray = column(
         "Unit of each component; empty if not given.", "dimension"
     )
     start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
+
+
+PROBABILITY = Cells(0.0, 1.0, needed=True, every=True)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,9 +60,31 @@ class Roc(Container):
     ROW: ClassVar[str] = "point"
 
     false_alarm_probability: FloatArray = column(
-        "Probability of a false alarm per cell and scan."
+        "Probability of a false alarm per cell and scan.", cells=PROBABILITY
     )
-    detection_probability: FloatArray = column("Probability of detecting the target.")
+    detection_probability: FloatArray = column(
+        "Probability of detecting the target.", cells=PROBABILITY
+    )
     threshold: FloatArray = column(
-        "Threshold on the amplitude; nan where it is not known."
+        "Threshold on the amplitude; nan where it is not known.", cells=Cells()
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Contacts(Container):
+    """One row per contact and scan; nan is "not measured". Ordered by time."""
+
+    NAME: ClassVar[str] = "contacts"
+    ROW: ClassVar[str] = "row"
+
+    contact: IntArray = column("Contact, from 1.", cells=Cells(1, 2**53, every=True))
+    time_s: FloatArray = column("Time of the scan.")
+    range_m: FloatArray = column("Range from own ship.", cells=Cells(0.0, needed=True))
+    range_std_m: FloatArray = deviation(cells=Cells(0.0))
+    bearing_deg: FloatArray = column(
+        "Compass bearing from own ship.", cells=Cells(-360.0, 360.0, needed=True)
+    )
+    bearing_std_deg: FloatArray = deviation(cells=Cells(0.0))
+    range_rate_mps: FloatArray = column("Rate of the range.", cells=Cells(needed=True))
+    range_rate_std_mps: FloatArray = deviation(cells=Cells(0.0))
+    start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from uwtrack_cli.constants import SOUND_SPEED_WATER_MPS
-from uwtrack_cli.data.base import Container, FloatArray, column, scalar
+from uwtrack_cli.data.base import Cells, Container, FloatArray, column, scalar
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit
 
 SoundSpeed = Annotated[float, Unit("m/s"), AtLeast(100), AtMost(299_792_458)]
@@ -25,10 +25,13 @@ class Navigation(Container):
     ROW: ClassVar[str] = "row"
 
     time_s: FloatArray = column("Time of the row.")
-    east_m: FloatArray = column("Position east of the origin.")
-    north_m: FloatArray = column("Position north of the origin.")
+    east_m: FloatArray = column("Position east of the origin.", cells=Cells(every=True))
+    north_m: FloatArray = column(
+        "Position north of the origin.", cells=Cells(every=True)
+    )
     heading_deg: FloatArray = column(
-        "Compass heading of the platform; nan if not given."
+        "Compass heading of the platform; nan if not given.",
+        cells=Cells(-360.0, 360.0),
     )
     origin_latitude: float | None = scalar("Latitude of the origin.", None)
     origin_longitude: float | None = scalar("Longitude of the origin.", None)

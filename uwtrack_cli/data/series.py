@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
+import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import (
+    Cells,
     Container,
     FloatArray,
     IntArray,
@@ -15,6 +17,9 @@ from uwtrack_cli.data.base import (
     deviation,
     scalar,
 )
+
+TINY = float(np.finfo(np.float64).tiny)
+BEARING, DEVIATION = Cells(-360.0, 360.0), Cells(TINY, 1e9)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,19 +35,21 @@ class Series(Container):
     ROW: ClassVar[str] = "row"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("series_line",)
 
-    contact: IntArray = column("Contact, from 1.")
+    contact: IntArray = column("Contact, from 1.", cells=Cells(1, 2**53, every=True))
     time_s: FloatArray = column("Time of the row.")
-    bearing_deg: FloatArray = column("Compass bearing.")
-    bearing_std_deg: FloatArray = deviation()
-    frequency_hz: FloatArray = column("Frequency.", "row", "series_line")
-    frequency_std_hz: FloatArray = deviation("row", "series_line")
-    level_db: FloatArray = column("Level.")
-    level_std_db: FloatArray = deviation()
+    bearing_deg: FloatArray = column("Compass bearing.", cells=BEARING)
+    bearing_std_deg: FloatArray = deviation(cells=DEVIATION)
+    frequency_hz: FloatArray = column(
+        "Frequency.", "row", "series_line", cells=Cells(TINY, 1e15, needed=True)
+    )
+    frequency_std_hz: FloatArray = deviation("row", "series_line", cells=DEVIATION)
+    level_db: FloatArray = column("Level.", cells=Cells(-1e3, 1e3))
+    level_std_db: FloatArray = deviation(cells=DEVIATION)
     mirrored_bearing_deg: FloatArray | None = column(
         "Other bearing that a line array cannot tell from the first; nan where the "
-        "side is resolved."
-    )
-    sensor: TextArray | None = column("Sensor that heard the row.")
+        "side is resolved.", cells=BEARING,
+    )  # fmt: skip
+    sensor: TextArray | None = column("Sensor that heard the row.", cells=Cells())
     sensor_east_m: FloatArray | None = column(
         "Where the sensor was, east of the origin."
     )

@@ -135,12 +135,13 @@ def _statements(paths: Sequence[Path]) -> Iterator[Statement | None]:
 
 def statement_of(product: Product) -> Statement:
     """Return what a product says of itself, as JSON."""
-    encounters = product.read_all(Encounters)
+    facts = [product.facts(key) for key in product.paths if key.name == Encounters.NAME]
+    found = product.read_all(Encounters) if any(one["rows"] for one in facts) else []
     return {
-        "history": [step.to_json() for step in product.history],
+        "history": product.history_texts,
         "recordings": [nested(recording) for recording in product.read_all(Recording)],
-        "encounters": [row for one in encounters for row in json_rows(one)],
-        "names": [[one.ais_digest, one.ais_within_m] for one in encounters],
+        "encounters": [row for one in found for row in json_rows(one)],
+        "names": [[f.get("ais_digest", ""), f.get("ais_within_m")] for f in facts],
     }
 
 

@@ -19,8 +19,8 @@ from warnings import warn
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.lock import Lock
 from uwtrack_cli.data.recording import (
+    Lock,
     Reader,
     RecordedFiles,
     Recording,

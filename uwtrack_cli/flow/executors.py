@@ -1,24 +1,42 @@
 """Where jobs run: in this process, in local processes, or on a Dask cluster.
 
 **Method.** All three give the same outcomes, since a job depends on nothing but
-itself. A local process that dies costs the job that it ran (see `worker_pool`). On a
+itself. A local process that dies costs the job that it ran. On a
 cluster the scheduler gives the jobs of a lost worker to others.
+
+Each local worker has a pipe of its own, so that the death of one names the job
+that it cost: that job fails, a new worker takes the place, and the others go on. A
+worker ends when the program that started it is gone, however it went. While it waits
+for a job it meets the end of its pipe. While it works, Linux sends it the signal that
+it asked for (prctl(2), PR_SET_PDEATHSIG), and on every system a thread waits for the
+end of the parent.
 
 **Conventions.** Outcomes come as they are ready, with the number of their job. An
 interrupt ends the running jobs at once; none of them leaves half a file.
+
+Interrupts and hang-ups are for the parent, which then interrupts its
+workers; SIGTERM ends a worker. Both let it remove what it has begun.
 """
 
+import contextlib
+import ctypes
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, as_completed
 from contextlib import contextmanager
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from multiprocessing import connection, get_context, parent_process
+from multiprocessing.process import BaseProcess
+from types import FrameType
+from typing import Any, NoReturn
 
 from uwtrack_cli.errors import DataError, OptionError
-from uwtrack_cli.flow.batch import Job, Outcome, looked_over, run_job
-from uwtrack_cli.flow.worker_pool import run_in_processes
+from uwtrack_cli.flow.batch import FAILED, Job, Outcome, finished, looked_over, run_job
 
 CONNECT_S = 10.0
 RETRIES = 3
@@ -110,3 +128,189 @@ def _without_logs() -> Iterator[None]:
         yield
     finally:
         logging.disable(logging.NOTSET)
+
+
+PATIENCE_S = 10.0
+"""How long a worker may take to remove what it has begun, s."""
+
+PR_SET_PDEATHSIG = 1
+HELD = {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}
+"""Signals that a terminal sends to all its processes, and the parent deals with."""
+
+
+@dataclass
+class Worker:
+    """A process, the parent's end of the pipe to it, and its job with its number."""
+
+    process: BaseProcess
+    pipe: connection.Connection
+    number: int = 0
+    job: Job | None = None
+
+
+def run_in_processes(
+    jobs: Iterable[tuple[int, Job]], n_workers: int
+) -> Iterator[tuple[int, Outcome]]:
+    """Run jobs in local processes and yield their outcomes as they are ready.
+
+    ``jobs``: what to make, with its number. ``n_workers``: how many processes, 1 or
+    more.
+    """
+    waiting = iter(jobs)
+    workers = [_start() for _ in range(n_workers)]
+    try:
+        while True:
+            for worker in workers:
+                if worker.job is None:
+                    worker.number, worker.job = next(waiting, (0, None))
+                    with contextlib.suppress(OSError):  # it died: met below
+                        if worker.job is not None:
+                            worker.pipe.send(worker.job)
+            busy = [worker for worker in workers if worker.job is not None]
+            if not busy:
+                return
+            ready = connection.wait([worker.pipe for worker in busy])
+            for worker in [worker for worker in busy if worker.pipe in ready]:
+                job, worker.job = worker.job, None
+                assert job is not None  # noqa: S101 - for the type checker
+                try:
+                    outcome: Outcome = worker.pipe.recv()
+                except (EOFError, OSError):
+                    workers[workers.index(worker)] = _start()
+                    outcome = _lost(worker, job)
+                yield worker.number, outcome
+    finally:
+        _end(workers)
+
+
+def _start() -> Worker:
+    """Start a worker; it holds back a terminal's signals until it can meet them."""
+    context = get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs, os.getpid()), daemon=True)
+    with _held_back():
+        process.start()
+    theirs.close()
+    return Worker(process, ours)
+
+
+@contextlib.contextmanager
+def _held_back() -> Iterator[None]:
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _lost(worker: Worker, job: Job) -> Outcome:
+    """Say how a worker ended that took its job along."""
+    worker.pipe.close()
+    worker.process.join(PATIENCE_S)
+    if (outcome := finished(job)) is not None:
+        return outcome
+    code = worker.process.exitcode
+    how = f"ended with code {code}"
+    if code is not None and code < 0:
+        how = f"was ended by {signal.Signals(-code).name}"
+    message = f"the process that ran it {how}; was there not enough memory?"
+    return _failed(job, message)
+
+
+def _failed(job: Job, message: str) -> Outcome:
+    return Outcome(
+        str(job.sources[0]), str(job.target), FAILED, message, len(job.sources)
+    )
+
+
+def _end(workers: Sequence[Worker]) -> None:
+    """End all workers, those in the middle of a job by an interrupt."""
+    for worker in workers:
+        pid = worker.process.pid
+        if worker.job is not None and pid is not None and worker.process.is_alive():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGINT)
+        worker.pipe.close()
+    deadline = time.monotonic() + PATIENCE_S
+    for worker in workers:
+        worker.process.join(max(0.0, deadline - time.monotonic()))
+        if worker.process.is_alive():
+            worker.process.kill()
+            worker.process.join()
+
+
+def _serve(pipe: connection.Connection, parent_pid: int) -> None:
+    """Run jobs as they come, until the pipe or the parent ends."""
+    _end_with(parent_pid)
+    for held in HELD:
+        signal.signal(held, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD)
+    code = 0
+    try:
+        while True:
+            pipe.send(_run(pipe.recv()))
+    except (EOFError, OSError, KeyboardInterrupt):
+        pass  # the parent is gone, or has interrupted a worker between two jobs
+    except SystemExit as ending:
+        code = int(ending.code or 0)
+    # What was begun is removed. An interpreter that takes itself down would still let
+    # HDF5 close files whose Python half is gone, and report it.
+    os._exit(code)
+
+
+def _run(job: Job) -> Outcome:
+    """Run a job so that a signal ends it and removes what it has begun."""
+    signal.signal(signal.SIGTERM, _exit)
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        return run_job(job)
+    except KeyboardInterrupt:
+        return _failed(job, "interrupted")
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _exit(number: int, _: FrameType | None) -> NoReturn:
+    sys.unraisablehook = _send_again
+    raise SystemExit(128 + number)
+
+
+def _interrupt(_: int, __: FrameType | None) -> NoReturn:
+    sys.unraisablehook = _send_again
+    raise KeyboardInterrupt
+
+
+def _send_again(lost: Any) -> None:
+    """Send a signal again that came while Python could not pass it on.
+
+    What else goes wrong while a process ends is not worth a word.
+    """
+    number = {KeyboardInterrupt: signal.SIGINT, SystemExit: signal.SIGTERM}.get(
+        lost.exc_type
+    )
+    if number is not None:  # from another thread: here it would be lost again
+        threading.Timer(0.05, os.kill, [os.getpid(), number]).start()
+
+
+def _end_with(parent_pid: int) -> None:
+    """Make sure that this process ends soon after its parent."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):  # another C library
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if os.getppid() != parent_pid:  # it ended before it could be watched
+        raise SystemExit(128 + signal.SIGTERM)
+    threading.Thread(target=_watch_parent, daemon=True).start()
+
+
+def _watch_parent() -> None:
+    parent = parent_process()
+    assert parent is not None  # noqa: S101 - this is a worker
+    parent.join()
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(PATIENCE_S)
+    os._exit(128 + signal.SIGTERM)

@@ -217,13 +217,13 @@ def stream_into_product(
         if kind is None:
             continue
         graph = Graph.of_steps((replace(step, is_output=True),), step.name, (kind,))
-        ends = _LastBlocks(writer)
-        engine = Engine(graph, [], ends)
+        sink = ProductSink(writer, graph)
+        engine = Engine(graph, [], sink)
         made_by = there[kind.NAME].step
         for block in product.stream(kind, sensor, BLOCK_FRAMES, made_by):
             engine.push(None, block, None)
         engine.finish()
-        last += ends.blocks
+        last += sink.ends(step)
     if not last:
         raise DataError(_wrong_product(step, [product]))
     for held in small_containers(product, branch):
@@ -232,28 +232,6 @@ def stream_into_product(
     sources = [source_of_product(product)]
     writer.history = extended_history([product], step, sources, branch)
     return last
-
-
-class _LastBlocks:
-    """Writes blocks into a product and keeps the last two."""
-
-    def __init__(self, writer: ProductWriter) -> None:
-        self._writer = writer
-        self.blocks: list[Container] = []
-
-    def append(self, step: Step, block: Container) -> None:  # noqa: ARG002 - a sink
-        self._writer.append(block)
-        self.blocks = [*self.blocks[-1:], block]
-
-    def write(self, step: Step, container: Container) -> None:
-        self.append(step, container)
-
-    def read(self, step: Step) -> Container:
-        msg = f"{step.name} is a stream and is not read back."
-        raise TypeError(msg)
-
-    def forget(self, kept: Collection[str]) -> None:  # noqa: ARG002 - a sink
-        return
 
 
 def whole_result(

@@ -11,7 +11,8 @@ mentioned keeps its default; ``uwtrack recipes --show NAME`` prints every value.
 import json
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, Self
 
 from uwtrack_cli.data.base import Container
@@ -77,7 +78,18 @@ class Recipe:
         OptionError
             The steps do not join.
         """
+        if not keep:
+            return self._graph
         return Graph.over_recording(self.steps, f"recipe {self.name}", keep)
+
+    @cached_property
+    def _graph(self) -> Graph:
+        """The graph with nothing more kept: one for all the recordings of a batch."""
+        return Graph.over_recording(self.steps, f"recipe {self.name}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the graph out where a recipe is sent to another process."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def with_settings(self, settings: Sequence[str]) -> Self:
         """Override options given as ``STEP.OPTION=VALUE``, VALUE as in TOML.

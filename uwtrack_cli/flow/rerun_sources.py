@@ -17,12 +17,12 @@ from uwtrack_cli.files.audio.opening import sound_facts
 from uwtrack_cli.files.hdf5.product import HistoryStep, Product, Source, source_of
 from uwtrack_cli.files.tables.replay import SUFFIXES as REPLAYS
 from uwtrack_cli.files.tables.replay import read_replay
+from uwtrack_cli.files.tables.scan_tables import TABLES, table_readers
 from uwtrack_cli.files.tables.sensors import load_deployment, sensor_files
-from uwtrack_cli.files.tables.table_readers import TABLES, table_readers
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.flow.catalogue import find_stage
 from uwtrack_cli.flow.concatenate import join_recordings
-from uwtrack_cli.flow.opened_sound import open_file
+from uwtrack_cli.flow.sources import open_file
 
 
 @dataclass

@@ -4,6 +4,10 @@
 and ``pass.truth.json`` (what happened). A scenario with several sensors makes
 ``NAME-ID.wav`` for each of them, and one ``NAME.truth.json`` over all. The sensor of
 a moving platform has its positions in ``NAME.nav.csv``.
+
+The keys of a scenario file are those of `uwtrack_cli.simulate.scenario`: scalars of the
+scenario, ``[[sensor]]``, ``[[vessel]]`` with ``[vessel.closest_approach]`` or
+``[vessel.track]``, ``[[vessel.line]]``, ``[vessel.broadband]``, and ``[noise]``.
 """
 
 import json
@@ -18,9 +22,9 @@ from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.atomic import check_target, write_text
 from uwtrack_cli.files.audio.recording_file import write_wav
-from uwtrack_cli.flow.scenario_file import read_scenario
+from uwtrack_cli.files.tables.toml_tables import read_toml
 from uwtrack_cli.simulate.recordings import simulate_recordings
-from uwtrack_cli.simulate.scenario import Scenario
+from uwtrack_cli.simulate.scenario import Scenario, make_scenario
 from uwtrack_cli.simulate.scenario_truth import truth
 
 SCENARIO_SUFFIX = ".scenario.toml"
@@ -220,3 +224,18 @@ def _navigation_text(navigation: Navigation) -> str:
     rows = zip(*columns, navigation.heading_deg, strict=True)
     lines = [f"{t:.3f},{e:.4f},{n:.4f},{h:.5f}" for t, e, n, h in rows]
     return "\n".join(["time_s,east_m,north_m,heading_deg", *lines]) + "\n"
+
+
+def read_scenario(path: Path) -> Scenario:
+    """Read a scenario from a TOML file.
+
+    Returned: the scenario, with every key and value checked.
+
+    Raises
+    ------
+    DataError
+        The file is missing or is no TOML.
+    OptionError
+        A key is unknown or missing, or a value is not accepted.
+    """
+    return make_scenario(read_toml(path))

@@ -194,8 +194,7 @@ def _missing_sound(found: Mapping[str, Path], scratch: Path) -> dict[str, Path]:
 
     ``found``: files of samples by name. ``scratch``: folder to make them in.
     """
-    from uwtrack_cli.flow.sample_recordings import write_simulation
-    from uwtrack_cli.flow.scenario_file import read_scenario
+    from uwtrack_cli.flow.sample_recordings import read_scenario, write_simulation
 
     wanted = {
         name.removesuffix(SENSOR) + SOUND for name in found if name.endswith(SENSOR)

@@ -15,10 +15,10 @@ from warnings import warn
 
 import numpy as np
 
-from uwtrack_cli.data.lock import Lock
 from uwtrack_cli.data.recording import (
     UNENDED,
     LiveSource,
+    Lock,
     Reader,
     Recording,
     Samples,

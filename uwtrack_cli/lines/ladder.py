@@ -32,8 +32,11 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.lines.contacts import CORRELATION_WINDOWS, ContactSamples, group_lines
 from uwtrack_cli.lines.line_points import LinePoints
 from uwtrack_cli.lines.rungs.best_basis import RungLines, best_basis
-from uwtrack_cli.lines.rungs.rung_jumps import joined_jumps, joined_share
-from uwtrack_cli.lines.rungs.rung_links import numbers_of_lines
+from uwtrack_cli.lines.rungs.rung_links import (
+    joined_jumps,
+    joined_share,
+    numbers_of_lines,
+)
 from uwtrack_cli.lines.rungs.same_line import is_one_family
 
 SAME_OVERLAP = 0.05

@@ -6,11 +6,17 @@ harmonics whose phase is the integral of its frequency. The ambient level follow
 gain that is common to all sensors. Band edges are Butterworth filters with a state
 that is carried from tile to tile.
 
+Hum is a sum of harmonics of the mains whose frequency may vary; every
+channel has its own gains and phases, since it is not sound. A click is a short burst
+that decays; it comes from a direction of its own, so that a vector sensor measures a bearing.
+
 **Conventions.** Tiles are asked for in sequence. Pressure in uPa; a dipole has a third
 of the power of isotropic noise and the cosine of the direction of anything else.
+
+Levels in dB re 1 uPa: root mean square for hum, peak for clicks.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -38,7 +44,7 @@ from uwtrack_cli.simulate.noise import (
     NoiseGenerator,
     shaping_filter,
 )
-from uwtrack_cli.simulate.scenario import Noise, Recorder, Scenario
+from uwtrack_cli.simulate.scenario import Clicks, Hum, Noise, Recorder, Scenario
 from uwtrack_cli.simulate.trajectories import Array
 
 SWITCH_S = 0.3
@@ -384,14 +390,136 @@ def _poisson_times(
     return np.sort(generator.random(count) * last_s)
 
 
-Disturbance = WeatherNoise | ImpulseSound | MachineSound
+class RecorderFilter:
+    """Band edges of a recorder, applied tile by tile in sequence."""
+
+    def __init__(self, plan: Recorder, sample_rate_hz: float, n_channels: int) -> None:
+        from scipy.signal import butter
+
+        edges: tuple[tuple[Literal["highpass", "lowpass"], float | None], ...] = (
+            ("highpass", plan.high_pass_hz),
+            ("lowpass", plan.low_pass_hz),
+        )
+        for kind, edge in edges:
+            if edge is not None and edge >= 0.5 * sample_rate_hz:
+                msg = (
+                    f"the recorder's {kind} must be below {0.5 * sample_rate_hz:g} Hz, "
+                    f"half the sample rate, got {edge:g}."
+                )
+                raise OptionError(msg)
+        self.sections: Sequence[Array] = [
+            butter(plan.order, edge, kind, fs=sample_rate_hz, output="sos")
+            for kind, edge in edges
+            if edge is not None
+        ]
+        self.states = [np.zeros((len(s), 2, n_channels)) for s in self.sections]
+
+    def __call__(self, sound: Array) -> Array:
+        """Return the next tile as the recorder stores it."""
+        from scipy.signal import sosfilt
+
+        for k, sections in enumerate(self.sections):
+            sound, self.states[k] = sosfilt(sections, sound, axis=0, zi=self.states[k])
+        return sound
+
+
+CLICK_SAMPLES = 256
+
+
+@dataclass(frozen=True)
+class HumSound:
+    """Mains hum in every channel."""
+
+    plan: Hum
+    """Levels of the harmonics."""
+    seed: tuple[int, ...]
+    """Seed of phases and gains."""
+    n_channels: int
+    """Number of channels."""
+    sample_rate_hz: float
+    """Sample rate, Hz."""
+    jitter: JitterSeries | None
+    """Variation of the mains frequency; None is none."""
+
+    def tile(self, number: int) -> Array:
+        """Return the hum during a tile, uPa, shape (sample, channel)."""
+        generator = np.random.default_rng(self.seed)
+        shape = (len(self.plan.levels_db), self.n_channels)
+        phases, gains = generator.random(shape), generator.uniform(0.3, 1.0, shape)
+        gains[:, 0] = 1.0
+        time_s = np.arange(number * TILE, (number + 1) * TILE) / self.sample_rate_hz
+        if self.jitter is not None:
+            time_s = time_s + self.jitter.excess_s(time_s)
+        total = np.zeros((TILE, self.n_channels))
+        for i, level_db in enumerate(self.plan.levels_db):
+            cycles = (i + 1) * self.plan.mains_hz * time_s[:, None] + phases[i]
+            peak = np.sqrt(2.0) * 10.0 ** (level_db / 20.0) * gains[i]
+            total += peak * np.cos(2.0 * np.pi * (cycles - np.floor(cycles)))
+        return total
+
+
+@dataclass
+class ClickSound:
+    """Clicks in every channel; tiles must be asked for in sequence."""
+
+    plan: Clicks
+    """Rate and peak pressure."""
+    seed: tuple[int, ...]
+    """Seed of times and directions."""
+    n_channels: int
+    """Number of channels."""
+    sample_rate_hz: float
+    """Sample rate, Hz."""
+
+    def __post_init__(self) -> None:
+        """Start with nothing left over from an earlier tile."""
+        self._rest: Array = np.zeros((CLICK_SAMPLES, self.n_channels))
+        generator = np.random.default_rng([104, *self.seed])
+        burst = generator.standard_normal(CLICK_SAMPLES)
+        burst *= np.exp(-np.arange(CLICK_SAMPLES) / 32.0)
+        self._burst = burst * 10.0 ** (self.plan.peak_db / 20.0) / abs(burst).max()
+
+    def tile(self, number: int) -> Array:
+        """Return the clicks during a tile, uPa, shape (sample, channel)."""
+        generator = np.random.default_rng([*self.seed, number])
+        mean = self.plan.rate_per_min / 60.0 * TILE / self.sample_rate_hz
+        count = generator.poisson(mean)
+        begin = generator.integers(0, TILE, count)
+        bearing = generator.uniform(0.0, 2.0 * np.pi, count)
+        gains = np.stack([np.ones(count), np.sin(bearing), np.cos(bearing)], axis=1)
+        total = np.zeros((TILE + CLICK_SAMPLES, self.n_channels))
+        total[:CLICK_SAMPLES] = self._rest
+        rows = begin[:, None] + np.arange(CLICK_SAMPLES)
+        bursts = self._burst[:, None] * gains[:, None, : self.n_channels]
+        np.add.at(total, rows, bursts)
+        self._rest = total[TILE:].copy()
+        return total[:TILE]
+
+
+Disturbance = HumSound | ClickSound | WeatherNoise | ImpulseSound | MachineSound
+
+
+def _hum_and_clicks(
+    scenario: Scenario, noise: Noise, sensor: int, n_channels: int
+) -> Iterator[HumSound | ClickSound]:
+    rate = scenario.sample_rate_hz
+    if noise.hum is not None:
+        jitter, last_s = None, scenario.duration_s + TILE / rate
+        if noise.hum.fraction:
+            seed, spread = (scenario.seed, 103), noise.hum.fraction
+            jitter = draw_jitter(seed, spread, noise.hum.correlation_s, 0.0, last_s)
+        seeds = (scenario.seed, 101, sensor)
+        yield HumSound(noise.hum, seeds, n_channels, rate, jitter)
+    if noise.clicks is not None:
+        yield ClickSound(noise.clicks, (scenario.seed, 102, sensor), n_channels, rate)
 
 
 def disturbances(
     scenario: Scenario, noise: Noise, sensor: int, n_channels: int
 ) -> list[Disturbance]:
-    """Return everything beside the ambient noise, hum and clicks at one sensor."""
-    rate, found = scenario.sample_rate_hz, list[Disturbance]()
+    """Return everything beside the ambient noise at one sensor."""
+    rate = scenario.sample_rate_hz
+    found: list[Disturbance] = [*_hum_and_clicks(scenario, noise, sensor, n_channels)]
 
     def weather(density: Density, stream: int, envelope: Envelope) -> WeatherNoise:
         spectrum = shaping_filter(density, rate)
@@ -427,36 +555,3 @@ def disturbances(
         for k, plan in enumerate(noise.machines)
     ]
     return found
-
-
-class RecorderFilter:
-    """Band edges of a recorder, applied tile by tile in sequence."""
-
-    def __init__(self, plan: Recorder, sample_rate_hz: float, n_channels: int) -> None:
-        from scipy.signal import butter
-
-        edges: tuple[tuple[Literal["highpass", "lowpass"], float | None], ...] = (
-            ("highpass", plan.high_pass_hz),
-            ("lowpass", plan.low_pass_hz),
-        )
-        for kind, edge in edges:
-            if edge is not None and edge >= 0.5 * sample_rate_hz:
-                msg = (
-                    f"the recorder's {kind} must be below {0.5 * sample_rate_hz:g} Hz, "
-                    f"half the sample rate, got {edge:g}."
-                )
-                raise OptionError(msg)
-        self.sections: Sequence[Array] = [
-            butter(plan.order, edge, kind, fs=sample_rate_hz, output="sos")
-            for kind, edge in edges
-            if edge is not None
-        ]
-        self.states = [np.zeros((len(s), 2, n_channels)) for s in self.sections]
-
-    def __call__(self, sound: Array) -> Array:
-        """Return the next tile as the recorder stores it."""
-        from scipy.signal import sosfilt
-
-        for k, sections in enumerate(self.sections):
-            sound, self.states[k] = sosfilt(sections, sound, axis=0, zi=self.states[k])
-        return sound

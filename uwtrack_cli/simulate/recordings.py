@@ -21,7 +21,6 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.recording import Recording, Samples
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.simulate.array_noise import ArrayNoise
 from uwtrack_cli.simulate.disturbance_sound import (
     AmbientGain,
     Disturbance,
@@ -33,11 +32,10 @@ from uwtrack_cli.simulate.disturbance_sound import (
     tile_times_s,
     turn_dipoles,
 )
-from uwtrack_cli.simulate.frequency_jitter import JitterSeries, draw_jitter
-from uwtrack_cli.simulate.interference import ClickSound, HumSound
 from uwtrack_cli.simulate.multiplexed_sound import multiplexed_tiles
 from uwtrack_cli.simulate.noise import (
     TILE,
+    ArrayNoise,
     NoiseGenerator,
     ambient_density,
     shaping_filter,
@@ -242,7 +240,7 @@ class _SensorSound:
         ]
         self.ambient: list[NoiseGenerator] = []
         self.field: ArrayNoise | None = None
-        self.others: list[HumSound | ClickSound | Disturbance] = []
+        self.others: list[Disturbance] = []
         self.gain: AmbientGain | None = None
         self.recorder: RecorderFilter | None = None
         if plan.recorder is not None:
@@ -262,18 +260,8 @@ class _SensorSound:
             )
             for channel in range(self.n_channels)
         ]
-        if noise.hum is not None:
-            seed = (scenario.seed, 101, number)
-            jitter = _hum_jitter(scenario, noise)
-            hum = HumSound(noise.hum, seed, self.n_channels, self.rate, jitter)
-            self.others.append(hum)
-        if noise.clicks is not None:
-            seed = (scenario.seed, 102, number)
-            self.others.append(
-                ClickSound(noise.clicks, seed, self.n_channels, self.rate)
-            )
         self.gain = ambient_gain(scenario, noise)
-        self.others += disturbances(scenario, noise, number, self.n_channels)
+        self.others = disturbances(scenario, noise, number, self.n_channels)
 
     def tile(self, number: int) -> Array:
         """Return a tile of samples in full-scale units."""
@@ -329,11 +317,3 @@ def _mix_dipoles(plan: SensorPlan, total: Array) -> None:
     total[:, 1] = (1.0 + one) * heard
     heard = second + plan.dipole_crosstalk * first + plan.omni_crosstalk[1] * omni
     total[:, 2] = (1.0 + other) * heard
-
-
-def _hum_jitter(scenario: Scenario, noise: Noise) -> JitterSeries | None:
-    if noise.hum is None or noise.hum.fraction == 0.0:
-        return None
-    last_s = scenario.duration_s + TILE / scenario.sample_rate_hz
-    seed = (scenario.seed, 103)
-    return draw_jitter(seed, noise.hum.fraction, noise.hum.correlation_s, 0.0, last_s)

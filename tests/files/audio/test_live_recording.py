@@ -20,8 +20,12 @@ from uwtrack_cli.files.audio.byte_stream import ByteSpool, PipeStream
 from uwtrack_cli.files.audio.live_reader import LiveReader
 from uwtrack_cli.files.audio.live_recording import RawSound, open_live_recording
 from uwtrack_cli.files.audio.recording_file import open_recording
-from uwtrack_cli.files.audio.sample_format import RAW_FORMATS, SampleFormat
-from uwtrack_cli.files.audio.stream_header import StreamHeader, read_stream_header
+from uwtrack_cli.files.audio.stream_header import (
+    RAW_FORMATS,
+    SampleFormat,
+    StreamHeader,
+    read_stream_header,
+)
 
 RATE = 1000
 OMNI = Sensor(id="h1")

@@ -11,7 +11,7 @@ from tests.files.synthetic_containers import synthetic
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.hdf5 import verify
+from uwtrack_cli.files.hdf5 import product as verify
 from uwtrack_cli.files.hdf5.checksum import LINE_BYTES, append_checksum
 from uwtrack_cli.files.hdf5.layout import CONTAINERS
 from uwtrack_cli.files.hdf5.product import read_product, verify_product, write_product

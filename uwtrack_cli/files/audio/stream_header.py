@@ -4,17 +4,82 @@
 program that writes into a pipe cannot know the length beforehand and writes 0, all
 ones, or the length that it uses for this: such a length means everything that follows.
 
-**References.** Microsoft Multimedia Programming Interface 1.0 (RIFF WAVE); Microsoft
+**Conventions.** Whole numbers are divided by their full scale, a power of two, and
+float32 is the result, rounded once: to the bit what libsndfile gives for the same file.
+
+**References.** Microsoft Multimedia Programming Interface 1.0 (RIFF WAVE, formats 1 and 3); Microsoft
 2001 (WAVE_FORMAT_EXTENSIBLE); EBU Tech 3306 (RF64).
 """
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from uwtrack_cli.data.recording import Samples
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.audio.header import MAX_CHUNKS
-from uwtrack_cli.files.audio.sample_format import SampleFormat
+
+
+@dataclass(frozen=True)
+class SampleFormat:
+    """How a sample is written."""
+
+    kind: str
+    """'s' for signed and 'u' for unsigned whole numbers, 'f' for floating point."""
+    n_bytes: int
+    """Bytes of a sample."""
+    order: str = "<"
+    """'<' for the least significant byte first, '>' for the most significant."""
+
+    @property
+    def dtype(self) -> str:
+        """How numpy names the samples; those of 24 bit are widened to 32."""
+        return f"{self.order}{'f' if self.kind == 'f' else 'i'}{self.n_bytes}"
+
+    def decode(self, content: bytes, n_channels: int) -> Samples:
+        """Turn whole frames into samples.
+
+        ``content``: interleaved samples; its length is a multiple of a frame.
+
+        Returned: array, shape (sample, channel); float32 in full-scale units; what is
+        no number is nan.
+        """
+        values = self._values(content)
+        if not np.isfinite(values).all():
+            values = np.where(np.isfinite(values), values, np.float32(np.nan))
+        return values.reshape(-1, n_channels)
+
+    def _values(self, content: bytes) -> Samples:
+        if self.kind == "u":
+            raw = np.frombuffer(content, np.uint8).astype(np.float32)
+            return (raw - np.float32(128.0)) / np.float32(128.0)
+        if self.kind == "f":
+            with np.errstate(over="ignore"):  # beyond float32: no number
+                return np.frombuffer(content, self.dtype).astype(np.float32)
+        if self.n_bytes == 3:
+            wide = np.zeros((len(content) // 3, 4), np.uint8)
+            octets = np.frombuffer(content, np.uint8).reshape(-1, 3)
+            wide[:, 1:] = octets if self.order == "<" else octets[:, ::-1]
+            whole = wide.reshape(-1).view("<i4")
+            return whole.astype(np.float32) / np.float32(2.0**31)
+        whole = np.frombuffer(content, self.dtype)
+        return whole.astype(np.float32) / np.float32(2.0 ** (8 * self.n_bytes - 1))
+
+
+RAW_FORMATS: dict[str, SampleFormat] = {
+    "u8": SampleFormat("u", 1),
+    "s8": SampleFormat("s", 1),
+    **{
+        f"{kind}{8 * n_bytes}{name}": SampleFormat(kind, n_bytes, order)
+        for kind, sizes in (("s", (2, 3, 4)), ("f", (4, 8)))
+        for n_bytes in sizes
+        for name, order in (("le", "<"), ("be", ">"))
+    },
+}
+"""Formats of raw sound by the names that ffmpeg gives them."""
+
 
 UNKNOWN = {0, 0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF}
 """Lengths that mean everything that follows."""
@@ -85,7 +150,7 @@ def read_stream_header(take: Take, name: str) -> StreamHeader:
 def _read_chunks(take: Take, order: str, name: str) -> StreamHeader | None:
     """Read the chunks up to the samples; None if there are none."""
     position, large = 12, 0
-    layout: tuple[float, int, SampleFormat] | None = None
+    layout: StreamHeader | None = None
     for _ in range(MAX_CHUNKS):
         head = take(8)
         if len(head) < 8:
@@ -106,14 +171,11 @@ def _read_chunks(take: Take, order: str, name: str) -> StreamHeader | None:
     return None
 
 
-def _complete(
-    layout: tuple[float, int, SampleFormat], promised: int, start: int
-) -> StreamHeader:
-    rate_hz, n_channels, sample_format = layout
-    frame = n_channels * sample_format.n_bytes
+def _complete(layout: StreamHeader, promised: int, start: int) -> StreamHeader:
+    frame = layout.frame_bytes
     is_unknown = promised in UNKNOWN or promised + frame - 1 in SOX_UNKNOWN
     known = None if is_unknown or promised in SOX_UNKNOWN else promised
-    return StreamHeader(rate_hz, n_channels, sample_format, known, start)
+    return replace(layout, n_bytes=known, start=start)
 
 
 def _chunk(take: Take, kind: bytes, size: int) -> bytes | None:
@@ -130,7 +192,7 @@ def _chunk(take: Take, kind: bytes, size: int) -> bytes | None:
     return b""
 
 
-def _format(content: bytes, order: str, name: str) -> tuple[float, int, SampleFormat]:
+def _format(content: bytes, order: str, name: str) -> StreamHeader:
     """Return rate, channels and sample format of a format chunk."""
     if len(content) < 16:
         msg = f"{name} has a damaged header: its format chunk is too short."
@@ -155,4 +217,4 @@ def _format(content: bytes, order: str, name: str) -> tuple[float, int, SampleFo
         msg = f"{name} claims {rate_hz} Hz, which no recording has: it is damaged."
         raise DataError(msg)
     kind = "f" if tag == FLOAT else "u" if n_bytes == 1 else "s"
-    return float(rate_hz), n_channels, SampleFormat(kind, n_bytes, order)
+    return StreamHeader(float(rate_hz), n_channels, SampleFormat(kind, n_bytes, order))

@@ -60,8 +60,12 @@ def reading(name: str) -> Iterator[None]:
         raise DataError(msg) from error
 
 
-def open_examined(source: Path | bytes, name: str) -> tuple[h5py.File, Checksum]:
+def open_examined(
+    source: Path | bytes, name: str, *, may_be_lost: bool = False
+) -> tuple[h5py.File, Checksum]:
     """Open a product for reading, and return its checksum, too.
+
+    ``may_be_lost``: whether this process may be, so that nothing need be examined before.
 
     Raises
     ------
@@ -69,7 +73,7 @@ def open_examined(source: Path | bytes, name: str) -> tuple[h5py.File, Checksum]
         The file is missing, no HDF5, damaged, foreign, incomplete or too new.
     """
     checksum = check_bytes(source, name)
-    if checksum.sha256 not in examined:
+    if not may_be_lost and checksum.sha256 not in examined:
         look_apart(f"{__name__}:structure_problem", source, name)
         examined.add(checksum.sha256)
     with reading(name):
@@ -201,21 +205,22 @@ def attribute(item: Any, name: str) -> Any:
     except KeyError as error:
         msg = f"{item.name} lacks the attribute {name!r}"
         raise DataError(msg) from error
-    dtype = handle.dtype
-    is_known = dtype.kind in "iufS" or h5py.check_string_dtype(dtype) is not None
-    if handle.shape != () or not is_known:
+    kind = handle.get_type()
+    is_text = isinstance(kind, h5py.h5t.TypeStringID)
+    is_number = isinstance(kind, h5py.h5t.TypeIntegerID | h5py.h5t.TypeFloatID)
+    if handle.shape != () or not (is_text or is_number):
         msg = f"attribute {name!r} of {item.name} is no single number or text"
         raise DataError(msg)
     too_large = f"attribute {name!r} of {item.name} is too large"
     if handle.get_storage_size() > MAX_ATTRIBUTE_BYTES:
         raise DataError(too_large)
-    if dtype.kind == "O":  # a text of any length, in the heap of the file
+    if is_text and kind.is_variable_str():  # of any length, in the heap of the file
         value = item.attrs[name]
         if len(value) > MAX_ATTRIBUTE_BYTES:
             raise DataError(too_large)
     else:
-        held = np.empty((), dtype)
-        handle.read(held)
+        held = np.empty((), f"S{kind.get_size()}" if is_text else kind.dtype)
+        handle.read(held, mtype=kind)
         value = held.item()
     return value.decode() if isinstance(value, bytes) else value
 

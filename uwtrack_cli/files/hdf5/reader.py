@@ -28,9 +28,7 @@ from uwtrack_cli.files.hdf5.container_keys import (
 )
 from uwtrack_cli.files.hdf5.examination import (
     attribute,
-    check_bytes,
     check_stored,
-    examined,
     open_examined,
     reading,
 )
@@ -110,7 +108,8 @@ class Product(ContainerHolder):
             if self.schema_version < 3:
                 self.digest = str(attribute(file, "sha256"))
                 self.created_utc = str(attribute(file, "created_utc"))
-            self.history = _history(file)
+            self.history_texts = _history(file)
+            self.history = list(map(HistoryStep.from_json, self.history_texts))
 
     def __enter__(self) -> Self:
         """Return the product itself."""
@@ -136,6 +135,18 @@ class Product(ContainerHolder):
             found.setdefault(key.sensor, set()).add(key.name)
         order = list(CONTAINERS)
         return {key: sorted(names, key=order.index) for key, names in found.items()}
+
+    def facts(self, key: ContainerKey) -> dict[str, Any]:
+        """Return the single values of a container, and as ``rows`` how many it has.
+
+        Those that the file lacks are left out.
+        """
+        kind = CONTAINERS[key.name]
+        name, spec = next(iter(kind.columns().items()))
+        with reading(self.name):
+            own = _group(self.file, self.paths[key], kind)
+            rows = _dataset(own, name, spec).shape[0]
+            return _scalars(own, kind, _absent(own.group)) | {"rows": rows}
 
     def shapes(self, key: ContainerKey) -> dict[str, tuple[int, ...]]:
         """Return the shapes of a container's columns, as far as it has them."""
@@ -228,8 +239,7 @@ def read_in_child(path: Path) -> Product:
     DataError
         As of `read_product`.
     """
-    examined.add(check_bytes(path, str(path)).sha256)
-    return read_product(path)
+    return _opened(path, str(path), may_be_lost=True)
 
 
 def read_product_bytes(data: bytes) -> Product:
@@ -246,8 +256,8 @@ def read_product_bytes(data: bytes) -> Product:
     return _opened(data, "standard input")
 
 
-def _opened(source: Path | bytes, name: str) -> Product:
-    file, checksum = open_examined(source, name)
+def _opened(source: Path | bytes, name: str, *, may_be_lost: bool = False) -> Product:
+    file, checksum = open_examined(source, name, may_be_lost=may_be_lost)
     try:
         return Product(file, name, checksum)
     except BaseException:
@@ -256,34 +266,36 @@ def _opened(source: Path | bytes, name: str) -> Product:
 
 
 def _container_paths(file: h5py.File) -> dict[ContainerKey, str]:
-    found: dict[ContainerKey, str] = {}
-    for group in _groups(file):
-        if "container" in group.attrs:
-            name = str(attribute(group, "container"))
-            found[ContainerKey(None, name)] = group.name
+    """Return where each container lies: groups are named by what they hold.
+
+    A group of another name is a sensor's, the one of steps, or a step's within them.
+    """
+    found = {
+        ContainerKey(None, name): f"/{name}" for name in file if name in CONTAINERS
+    }
+    for name in (n for n in file if n not in CONTAINERS):
+        group = file[name]
+        if not isinstance(group, h5py.Group):
             continue
-        is_of_steps = group.name == f"/{STEPS}" and "sensor" not in group.attrs
+        is_of_steps = name == STEPS and "sensor" not in group.attrs
         sensor = None if is_of_steps else str(attribute(group, "sensor"))
-        for inner in _groups(group):
-            if "step" in inner.attrs:
-                step = str(attribute(inner, "step"))
-                for own in _groups(inner):
-                    name = str(attribute(own, "container"))
-                    found[ContainerKey(sensor, name, step)] = own.name
-            else:
-                name = str(attribute(inner, "container"))
-                found[ContainerKey(sensor, name)] = inner.name
-    known = {key: path for key, path in found.items() if key.name in CONTAINERS}
+        for inside in group:
+            if inside in CONTAINERS:
+                found[ContainerKey(sensor, inside)] = f"/{name}/{inside}"
+                continue
+            of_step = group[inside]
+            if "step" not in of_step.attrs:  # a container that this program lacks
+                attribute(of_step, "container")
+                continue
+            step = str(attribute(of_step, "step"))
+            for own in (n for n in of_step if n in CONTAINERS):
+                found[ContainerKey(sensor, own, step)] = f"/{name}/{inside}/{own}"
     return dict(
-        sorted(known.items(), key=lambda row: (row[0].sensor or "", *row[0][1:]))
+        sorted(found.items(), key=lambda row: (row[0].sensor or "", *row[0][1:]))
     )
 
 
-def _groups(group: h5py.Group) -> list[h5py.Group]:
-    return [item for item in group.values() if isinstance(item, h5py.Group)]
-
-
-def _history(file: h5py.File) -> list[HistoryStep]:
+def _history(file: h5py.File) -> list[str]:
     steps = file["history"]
     if (
         not isinstance(steps, h5py.Dataset)
@@ -293,7 +305,7 @@ def _history(file: h5py.File) -> list[HistoryStep]:
         msg = "/history is no list of texts"
         raise DataError(msg)
     check_stored(steps)
-    return [HistoryStep.from_json(step.decode()) for step in steps[:]]
+    return [step.decode() for step in steps[:]]
 
 
 def read_whole(file: h5py.File, path: str, kind: type[C], hold: Hold = np.asarray) -> C:
@@ -362,7 +374,10 @@ class _Stored(NamedTuple):
 
 def _group(file: h5py.File, path: str, kind: type[Container]) -> _Stored:
     """Return the group of a container, made sure of its kind."""
-    group = file.get(path) if path in file else None
+    try:
+        group = file[path]
+    except KeyError:
+        group = None
     if not isinstance(group, h5py.Group):
         msg = f"there is no group {path}"
         raise DataError(msg)

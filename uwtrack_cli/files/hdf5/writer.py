@@ -14,14 +14,22 @@ What a run reads back of a day is mostly not looked at: noise that only pictures
 covariances that no fit takes, levels hours away from a passage. Long columns of it are
 written into a file without a name, in the folder for temporary files, and mapped: the
 system reads the pages that are asked for, and may drop them again.
+
+The HDF5 library writes through a Python file (`FailSafeFile`). A handler
+that raises in the midst of such a call leaves the library with half an operation, a
+file that it never closes, and an error that is reported when the interpreter is taken
+down. So the handlers are replaced by one that takes a note, and what was noted is
+raised again afterwards. A write takes a moment, and so does the wait.
 """
 
 import contextlib
 import io
+import signal
 import tempfile
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any, Self
 
 import h5py
@@ -49,7 +57,6 @@ from uwtrack_cli.files.hdf5.layout import (
     sensor_of,
 )
 from uwtrack_cli.files.hdf5.reader import C, read_whole
-from uwtrack_cli.files.held_signals import signals_held
 
 LIBVER = ("v110", "v110")
 """HDF5 1.10 and later read the files: object headers carry checksums of their own."""
@@ -395,3 +402,58 @@ def on_disk(values: NDArray[Any]) -> NDArray[Any]:
     except OSError:
         return values
     return mapped.view(np.ndarray)
+
+
+ENDING = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+    if hasattr(signal, name)
+]
+"""Signals that end a program."""
+
+
+@contextlib.contextmanager
+def signals_held() -> Iterator[None]:
+    """Meet no signal to end within the block, and every one that came after it.
+
+    In a thread other than the main one, where signals are not met, nothing is done.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held = _Held()
+    try:
+        for number, handler in held.before.items():
+            if callable(handler):  # the system's own do not raise
+                signal.signal(number, held.meet)
+        yield
+    finally:
+        held.release()
+
+
+class _Held:
+    """Signals that were held, and who meets them otherwise."""
+
+    def __init__(self) -> None:
+        self.before: dict[int, Any] = {n: signal.getsignal(n) for n in ENDING}
+        self._noted: list[int] = []
+        self._is_holding = True
+
+    def meet(self, number: int, frame: FrameType | None) -> None:
+        """Note a signal; pass it on when nothing is held any more.
+
+        The latter is for a handler that an error has kept from being put back.
+        """
+        if self._is_holding:
+            self._noted.append(number)
+        else:
+            self.before[number](number, frame)
+
+    def release(self) -> None:
+        """Put the handlers back, and raise again what came."""
+        self._is_holding = False
+        for number, handler in self.before.items():
+            if callable(handler):
+                signal.signal(number, handler)
+        for number in self._noted:
+            signal.raise_signal(number)

@@ -16,12 +16,13 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.tables.json_rows import (
-    SPECIAL,
+    OBJECTS,
     Row,
     axes_of,
     axis_rows,
     facts,
     json_rows,
+    object_keys,
 )
 from uwtrack_cli.files.text_escaping import csv_line, plain_text
 
@@ -67,7 +68,7 @@ def write_table(
             f"it has {', '.join(axes_of(container)) or 'none'}."
         )
         raise OptionError(msg)
-    if form == "json" and axis is None and container.NAME not in SPECIAL:
+    if form == "json" and axis is None and container.NAME not in OBJECTS:
         return _json_object(container)
     rows = _rows(container, axis)
     if form == "json":
@@ -78,7 +79,7 @@ def write_table(
 
 
 def _rows(container: Container, axis: str | None) -> Iterable[Row]:
-    is_special = container.NAME in SPECIAL and axis in {None, container.ROW}
+    is_special = container.NAME in OBJECTS and axis in {None, container.ROW}
     if is_special or not container.columns():
         return json_rows(container)
     return axis_rows(container, axis or container.ROW)
@@ -161,8 +162,8 @@ def _names(container: Container, axis: str | None) -> list[str]:
     columns, sizes = container.columns(), container.sizes()
     axis = axis or container.ROW
     keys = [name for name, spec in columns.items() if spec.axes[0] == axis]
-    if container.NAME in SPECIAL and axis == container.ROW:
-        keys = list(SPECIAL[container.NAME][0])
+    if container.NAME in OBJECTS and axis == container.ROW:
+        keys = object_keys(type(container))
     names: list[str] = []
     for key in keys:
         others = columns[key].axes[1:] if key in columns else ()

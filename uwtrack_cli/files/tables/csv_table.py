@@ -13,13 +13,14 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 from warnings import warn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.base import Cells, Column, Container, FloatArray, IntArray
 from uwtrack_cli.data.options import shown
 from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.checks import check_readable
@@ -163,14 +164,32 @@ class Table:
                 )
         return values
 
-    def contacts(self) -> IntArray:
-        """Return the contact of every row; 1 where the table does not say."""
-        if "contact" not in self.cells:
-            return np.ones(len(self.lines), np.int64)
-        values = self.numbers("contact", 1.0, 2.0**53)
+    def whole_numbers(self, name: str, low: float, high: float) -> IntArray:
+        """Return a column of whole numbers within limits."""
+        values = self.numbers(name, low, high)
         for row in np.flatnonzero(values != np.floor(values))[:1]:
-            self.fail(row, f"contact must be a whole number, got {values[row]}.")
+            self.fail(row, f"{name} must be a whole number, got {values[row]}.")
         return values.astype(np.int64)
+
+    def column(self, name: str, spec: Column) -> NDArray[Any] | None:
+        """Return a declared column: texts, whole numbers, or numbers and nan.
+
+        One that the table lacks is None if it may be, else 1 or not measured.
+        """
+        cells = spec.cells or Cells()
+        if name not in self and (spec.optional or spec.dtype.kind == "i"):
+            return None if spec.optional else np.ones(len(self.lines), np.int64)
+        if spec.dtype.kind == "U":
+            return np.array(self.cells[name], np.str_)
+        if spec.dtype.kind == "i":
+            return self.whole_numbers(name, cells.low, cells.high)
+        return self.measured(name, cells)
+
+    def measured(self, name: str, cells: Cells) -> FloatArray:
+        """Return a column of numbers, nan where the table or a cell has none."""
+        if name not in self:
+            return np.full(len(self.lines), np.nan)
+        return self.numbers(name, cells.low, cells.high, may_miss=not cells.every)
 
     def check_known(self, known: Iterable[str]) -> None:
         """Refuse columns that look misspelt, and name those that are not used."""
@@ -217,6 +236,65 @@ def read_table(
         why = f"{error}" if is_text else "it is no text in UTF-8"
         msg = f"{path} is no CSV table ({why})."
         raise DataError(msg) from error
+
+
+def read_declared(path: Path, kind: type[Container], *others: str) -> Table:
+    """Read a table whose columns a container declares, and refuse one that lacks them.
+
+    ``others``: further columns that are looked for.
+
+    Raises
+    ------
+    DataError
+        As of `read_table`; a column is missing, or looks misspelt.
+    """
+    table = read_table(path)
+    names, columns = _declared_names(table, kind), kind.columns()
+    times = ("time_s", "time_utc") if "time_s" in columns else ()
+    table.check_known([*itertools.chain(*names.values()), *times, *others])
+    needed = {name: spec.cells for name, spec in columns.items() if spec.cells}
+    table.need(
+        *(n for name, cells in needed.items() if cells.needed for n in names[name])
+    )
+    return table
+
+
+def columns_of(table: Table, kind: type[Container]) -> dict[str, Any]:
+    """Return the columns that a container declares, and times with their start.
+
+    Raises
+    ------
+    DataError
+        A cell is no number or out of range, or no time; the message names the line.
+    """
+    values: dict[str, Any] = {}
+    if "time_s" in kind.columns():
+        values["time_s"], values["start_utc_ns"] = table_times(table)
+    for name, own in _declared_names(table, kind).items():
+        spec = kind.columns()[name]
+        if len(spec.axes) == 1:
+            values[name] = table.column(name, spec)
+        else:
+            lines = [table.measured(each, spec.cells or Cells()) for each in own]
+            values[name] = np.reshape(lines, (len(own), len(table.lines))).T
+    return values
+
+
+def _declared_names(table: Table, kind: type[Container]) -> dict[str, list[str]]:
+    """Return the columns of a table that each declared column of a container may have.
+
+    One of two axes has as many as there are: ``name``, ``name_2`` and so on.
+    """
+    told = {name: spec for name, spec in kind.columns().items() if spec.cells}
+    wide = [name for name, spec in told.items() if len(spec.axes) > 1]
+    ends = [c.removeprefix(f"{name}_") for name in wide for c in table.cells]
+    numbers = [int(end) for end in ends if end.isdecimal()]
+    count = max(numbers, default=int(bool(wide) and wide[0] in table))
+    further = [f"_{number}" for number in range(2, min(count, MAX_COLUMNS) + 1)]
+    lines = ["", *further] if count else []
+    return {
+        name: [name + end for end in (lines if name in wide else [""])] for name in told
+    }
 
 
 def _table(

@@ -17,7 +17,7 @@ from uwtrack_cli.data.decidecades import Decidecades
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.tables.json_rows import SPECIAL, facts, json_rows
+from uwtrack_cli.files.tables.json_rows import OBJECTS, facts, json_rows, object_keys
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,9 +57,9 @@ def to_pandas(container: Container, start_utc_ns: int | None = None) -> "pd.Data
         import pandas as pd
     except ImportError as error:
         raise DataError(_missing("pandas", error)) from error
-    if container.NAME in SPECIAL:
-        names = SPECIAL[container.NAME][0]
-        frame = pd.DataFrame(json_rows(container), columns=list(names))
+    if container.NAME in OBJECTS:
+        names = object_keys(type(container))
+        frame = pd.DataFrame(json_rows(container), columns=names)
         for name in names:
             if name.endswith("_utc"):
                 frame[name] = pd.to_datetime(frame[name], utc=True, format="ISO8601")

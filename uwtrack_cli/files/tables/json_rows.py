@@ -2,7 +2,8 @@
 
 **Conventions.** What is not known is None (null), never nan; every such value of
 an encounter, a fix or a motion has its reason under its own key. The keys of encounters,
-fixes and motions are those of the command line's documentation.
+fixes, motions and presence follow from their columns (see `data.base`); what else a row
+of them has is made here.
 """
 
 import json
@@ -19,46 +20,6 @@ from uwtrack_cli.files.utc import format_utc
 
 Row = dict[str, Any]
 
-ENCOUNTER_KEYS = (
-    "contact", "sensor", "status", "time_utc", "time_s", "time_std_s",
-    "arrival_time_s", "speed_mps", "speed_std_mps", "slant_range_m",
-    "slant_range_std_m", "horizontal_range_m", "range_over_speed_s",
-    "range_over_speed_std_s", "course_deg", "course_std_deg", "bearing_deg",
-    "bearing_std_deg", "side", "rest_frequencies_hz", "rest_frequencies_std_hz",
-    "sound_speed_mps", "received_level_db", "extrapolated", "ambiguities", "reasons",
-    "received_level_std_db", "source_level_db", "source_level_std_db", "spreading_db",
-    "level_reference", "level_band_hz", "horizontal_range_std_m",
-    "horizontal_range_over_speed_s", "horizontal_range_over_speed_std_s", "nuisances",
-    "rest_frame_evidence", "misfit", "probability", "alternative",
-    "alternative_probability", "evidence",
-    "vessel", "reading", "reading_weight", "rival", "change", "covariance",
-)  # fmt: skip
-FIX_KEYS = (
-    "contact", "mode", "weight", "time_utc", "time_s", "east_m", "north_m",
-    "latitude", "longitude", "east_std_m", "north_std_m", "covariance_m2",
-    "speed_mps", "course_deg", "sensors", "reading", "reading_weight", "rival",
-    "reasons",
-)  # fmt: skip
-MOTION_KEYS = (
-    "contact", "mode", "weight", "time_utc", "range_m", "range_std_m", "bearing_deg",
-    "bearing_std_deg", "speed_mps", "speed_std_mps", "course_deg", "course_std_deg",
-    "rest_frequencies_hz", "observable", "reasons", "rest_frequencies_std_hz",
-    "time_s", "range_low_m", "range_high_m", "speed_low_mps", "speed_high_mps",
-    "course_low_deg", "course_high_deg", "covariance", "ellipse_trusted",
-    "now_time_s", "now_range_m", "now_range_std_m", "now_bearing_deg",
-    "now_bearing_std_deg", "now_speed_mps", "now_speed_std_mps", "now_course_deg",
-    "now_course_std_deg", "misfit", "n_values", "nuisances",
-    "reading", "manoeuvre_time_s", "manoeuvre_gain",
-    "east_m", "north_m", "latitude", "longitude", "reference", "offsets_deg",
-    "probability_of_rows",
-)  # fmt: skip
-PRESENCE_KEYS = (
-    "contact", "sensor", "kind", "from_utc", "to_utc", "from_s", "to_s", "spacing_hz",
-    "spacing_std_hz", "blade_rate_hz", "frequencies_hz", "rates_hz", "n_lines",
-    "level_db", "level_reference", "bearing_deg", "bearing_std_deg",
-    "probability_of_chance", "encounter", "reading", "reading_weight", "rival",
-    "reasons",
-)  # fmt: skip
 NO_START = "the start time of the recording is not known"
 NO_COURSE = "the source is read as still"
 NO_LATITUDE = "the positions are on a local grid"
@@ -85,16 +46,53 @@ def json_rows(container: Container) -> list[Row]:
     """
     if not container.columns():
         return [facts(container)]
-    rows = list(axis_rows(container, container.ROW))
-    if container.NAME not in SPECIAL:
-        return rows
-    keys, complete = SPECIAL[container.NAME]
-    for i, values in enumerate(rows):
-        if "time_utc_ns" in values:
-            values["time_utc"] = _utc(values["time_utc_ns"])
-        values["rival"] = _rival(values)
-        complete(container, i, values)
-    return [{key: values.get(key) for key in keys} for values in rows]
+    if container.NAME not in OBJECTS:
+        return list(axis_rows(container, container.ROW))
+    complete, _ = OBJECTS[container.NAME]
+    keys, facts_by_key = object_keys(type(container)), _scalar_keys(type(container))
+    found = []
+    for row in range(container.sizes().get(container.ROW, 0)):
+        values = dict.fromkeys(keys)
+        values |= {k: _under_key(container, k, row) for k in container.row_keys()}
+        values |= {k: plain(getattr(container, n)) for k, n in facts_by_key.items()}
+        complete(container, row, values)
+        found.append(values)
+    return found
+
+
+def object_keys(kind: type[Container]) -> list[str]:
+    """Return the keys of the objects that stand for the rows of a container."""
+    _, order = OBJECTS[kind.NAME]
+    return list(dict.fromkeys([*order.split(), *kind.row_keys(), *_scalar_keys(kind)]))
+
+
+def _scalar_keys(kind: type[Container]) -> dict[str, str]:
+    """Return the single values that every object of a row repeats, by their keys."""
+    told = ((field.metadata["key"], name) for name, field in kind.scalars().items())
+    return {key: name for key, name in told if key}
+
+
+def _under_key(container: Container, key: str, row: int) -> Any:
+    """Return what the object of a row has under a key; None where it is not known."""
+    one = container.row_keys()[key]
+    if one.owner:
+        return plain(container.ragged(key, row))
+    cells = {inner: _cell(container, name, row) for inner, name in one.columns.items()}
+    if "" in cells:
+        return cells[""]
+    is_known = next(iter(cells.values())) not in {None, ""}
+    return cells if is_known else None
+
+
+def _cell(container: Container, name: str, row: int) -> Any:
+    """Return the value of a column in a row, a time since 1970 as text."""
+    values, spec = getattr(container, name), container.columns()[name]
+    if values is None:
+        return None
+    value = plain(values[row])
+    if name.endswith("_utc_ns"):
+        return _utc(value)
+    return None if spec.unknown is not None and value == spec.unknown else value
 
 
 def axes_of(container: Container) -> list[str]:
@@ -141,59 +139,12 @@ def nested(container: Container) -> Row:
     )
 
 
-def _encounter(container: Encounters, i: int, values: Row) -> None:
-    own = container.rest_encounter == i
-    values["side"] = values["side"] or None
-    values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
-    values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
-    values["ambiguities"] = plain(container.ambiguities(i))
-    values["spreading_db"] = container.spreading_db
-    values["level_reference"] = container.reference
+def _encounter(container: Encounters, _: int, values: Row) -> None:
     band = (container.band_low_hz, container.band_high_hz)
     values["level_band_hz"] = None if None in band else list(band)
-    values["nuisances"] = plain(container.nuisances(i))
-    values["alternative"] = values.get("alternative") or None
-    values["evidence"] = plain(container.evidence(i))
-    values["change"] = _change(values)
-    values["vessel"] = _vessel(values)
-    values["reasons"] = _reasons(container, i, values)
+    _say_no_start(values)
     if values["vessel"] is None:
         values["reasons"].setdefault("vessel", _why_no_vessel(container))
-
-
-CHANGE_KEYS = (
-    "frequency_change", "frequency_change_std", "frequency_slope_per_s",
-    "frequency_slope_std_per_s", "other_leg_speed_mps", "other_leg_speed_std_mps",
-    "other_leg_course_deg", "other_leg_course_std_deg", "turn_away_deg",
-    "turn_away_std_deg", "turn_duration_s", "turn_duration_std_s", "turn_correlation",
-)  # fmt: skip
-
-
-def _rival(values: Row) -> Row | None:
-    """Return the next reading of a row, None where it has less than 5 %."""
-    if not values.get("rival"):
-        return None
-    return {"reading": values["rival"], "weight": values["rival_weight"]}
-
-
-def _change(values: Row) -> Row | None:
-    """Return what changed beside a passage, None for a straight one."""
-    if values.get("change_time_s") is None:
-        return None
-    change = {
-        "time_s": values["change_time_s"], "time_std_s": values["change_time_std_s"],
-        "follows": values["change_follows"],
-    }  # fmt: skip
-    return change | {key: values.get(key) for key in CHANGE_KEYS}
-
-
-def _vessel(values: Row) -> Row | None:
-    """Return the vessel of an encounter by AIS, None where none is known."""
-    if not values.get("vessel_name"):
-        return None
-    return {
-        key: values[f"vessel_{key}"] or None for key in ("name", "mmsi", "probability")
-    }
 
 
 def _why_no_vessel(encounters: Encounters) -> str:
@@ -209,7 +160,6 @@ def _fix(container: Fixes, i: int, values: Row) -> None:
         std = np.sqrt(np.diagonal(container.covariance_m2[i]))
     values["east_std_m"], values["north_std_m"] = plain(std[:2])
     values["sensors"] = [name for name in values["sensors"].split(",") if name]
-    values["reading"] = values.get("reading") or None
     why = {
         "time_utc": NO_START, "course_deg": NO_COURSE, "latitude": NO_LATITUDE,
         "longitude": NO_LATITUDE,
@@ -217,24 +167,9 @@ def _fix(container: Fixes, i: int, values: Row) -> None:
     values["reasons"] = {key: why[key] for key in why if values[key] is None}
 
 
-def _motion(container: Motions, i: int, values: Row) -> None:
-    own = container.rest_motion == i
-    values["rest_frequencies_hz"] = plain(container.rest_frequency_hz[own])
-    values["rest_frequencies_std_hz"] = plain(container.rest_frequency_std_hz[own])
-    values["reasons"] = _reasons(container, i, values)
-    values["nuisances"] = plain(container.nuisances(i))
-    values["reference"] = values.get("reference") or None
-    values["offsets_deg"] = _offsets(container, i)
+def _motion(container: Motions, _: int, values: Row) -> None:
+    _say_no_start(values)
     values["probability_of_rows"] = _probabilities(container, values["contact"])
-
-
-def _offsets(motions: Motions, row: int) -> Row:
-    """Return what the bearings of each sensor must be turned by, by its name."""
-    names, values = motions.offset_sensor, motions.offset_deg
-    if motions.offset_motion is None or names is None or values is None:
-        return {}
-    own = np.flatnonzero(motions.offset_motion == row)
-    return {str(names[i]): plain(values[i]) for i in own}
 
 
 def _probabilities(motions: Motions, contact: int) -> Any:
@@ -246,42 +181,69 @@ def _probabilities(motions: Motions, contact: int) -> Any:
     return plain(chosen) if np.any(chosen < 1.0) else None
 
 
-def _presence(container: Presence, i: int, values: Row) -> None:
-    lines = container.owned_rows("frequency_stretch", i)
-    rates = container.owned_rows("rate_stretch", i)
-    reasons = container.reasons(i)
-    for key in ("from", "to"):
-        values[f"{key}_utc"] = _utc(values[f"{key}_utc_ns"])
-        if values[f"{key}_utc"] is None:
-            reasons.setdefault(f"{key}_utc", NO_START)
-    values["frequencies_hz"] = plain(container.frequency_hz[lines])
-    values["rates_hz"] = plain(container.rate_hz[rates])
-    values["level_reference"] = container.reference
-    values["encounter"] = values["encounter"] or None
-    values["contact"] = values["contact"] or None
-    values["reading"] = values.get("reading") or None
-    values["reasons"] = reasons
+def _presence(_container: Presence, _: int, values: Row) -> None:
+    _say_no_start(values, "from_utc", "to_utc")
+
+
+def _say_no_start(values: Row, *keys: str) -> None:
+    for key in keys or ("time_utc",):
+        if values[key] is None:
+            values["reasons"].setdefault(key, NO_START)
 
 
 Complete = Callable[[Any, int, Row], None]
 """Adds what a row of a container has beside its columns: container, row, its values."""
 
-SPECIAL: dict[str, tuple[tuple[str, ...], Complete]] = {
-    "encounters": (ENCOUNTER_KEYS, _encounter),
-    "fixes": (FIX_KEYS, _fix),
-    "motions": (MOTION_KEYS, _motion),
-    "presence": (PRESENCE_KEYS, _presence),
+OBJECTS: dict[str, tuple[Complete, str]] = {
+    "encounters": (
+        _encounter,
+        (
+            "contact sensor status time_utc time_s time_std_s arrival_time_s speed_mps "
+            "speed_std_mps slant_range_m slant_range_std_m horizontal_range_m range_over_speed_s "
+            "range_over_speed_std_s course_deg course_std_deg bearing_deg bearing_std_deg side "
+            "rest_frequencies_hz rest_frequencies_std_hz sound_speed_mps received_level_db "
+            "extrapolated ambiguities reasons received_level_std_db source_level_db "
+            "source_level_std_db spreading_db level_reference level_band_hz "
+            "horizontal_range_std_m horizontal_range_over_speed_s "
+            "horizontal_range_over_speed_std_s nuisances rest_frame_evidence misfit probability "
+            "alternative alternative_probability evidence vessel reading reading_weight rival "
+            "change covariance"
+        ),
+    ),
+    "fixes": (
+        _fix,
+        (
+            "contact mode weight time_utc time_s east_m north_m latitude longitude east_std_m "
+            "north_std_m covariance_m2 speed_mps course_deg sensors reading reading_weight rival "
+            "reasons"
+        ),
+    ),
+    "motions": (
+        _motion,
+        (
+            "contact mode weight time_utc range_m range_std_m bearing_deg bearing_std_deg "
+            "speed_mps speed_std_mps course_deg course_std_deg rest_frequencies_hz observable "
+            "reasons rest_frequencies_std_hz time_s range_low_m range_high_m speed_low_mps "
+            "speed_high_mps course_low_deg course_high_deg covariance ellipse_trusted now_time_s "
+            "now_range_m now_range_std_m now_bearing_deg now_bearing_std_deg now_speed_mps "
+            "now_speed_std_mps now_course_deg now_course_std_deg misfit n_values nuisances "
+            "reading manoeuvre_time_s manoeuvre_gain east_m north_m latitude longitude reference "
+            "offsets_deg probability_of_rows"
+        ),
+    ),
+    "presence": (
+        _presence,
+        (
+            "contact sensor kind from_utc to_utc from_s to_s spacing_hz spacing_std_hz "
+            "blade_rate_hz frequencies_hz rates_hz n_lines level_db level_reference bearing_deg "
+            "bearing_std_deg probability_of_chance encounter reading reading_weight rival reasons"
+        ),
+    ),
 }
-"""Containers whose objects have documented keys, with how the rows are completed."""
+"""Containers whose rows are objects with documented keys: what completes a row, and the order
+that its keys have had; those of later columns follow."""
 
 
 def _utc(time_ns: int) -> str | None:
     """Return a time to the millisecond, finer than any clock at sea."""
     return None if time_ns < 0 else format_utc((time_ns + 500_000) // 10**6 * 10**6)
-
-
-def _reasons(container: HasReasons, row: int, values: Row) -> dict[str, str]:
-    reasons = container.reasons(row)
-    if values["time_utc"] is None:
-        reasons.setdefault("time_utc", NO_START)
-    return reasons

@@ -9,6 +9,7 @@ what they say.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,14 +21,13 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.tables.csv_table import (
     Table,
     check_increasing,
-    read_table,
-    table_times,
+    columns_of,
+    read_declared,
 )
 
-COLUMNS = (
-    "time_s", "time_utc", "east_m", "north_m", "latitude", "longitude",
-    "speed_mps", "speed_kn", "course_deg", "heading_deg",
-)  # fmt: skip
+OTHERS = ("latitude", "longitude", "speed_mps", "speed_kn", "course_deg")
+"""Columns from which positions are made where the table has not their metres."""
+
 FASTEST_MPS = 100.0
 
 
@@ -43,49 +43,36 @@ def read_navigation(path: Path | str) -> Navigation:
         A column is missing, a cell is no number or out of range, or times do not
         increase.
     """
-    table = read_table(Path(path))
-    table.check_known(COLUMNS)
-    time_s, start_utc_ns = table_times(table)
-    check_increasing(table, time_s)
-    origin: tuple[float, float] | None = None
+    table = read_declared(Path(path), Navigation, *OTHERS)
+    values = columns_of(table, Navigation)
+    check_increasing(table, values["time_s"])
     if "east_m" in table or "north_m" in table:
         table.need("east_m", "north_m")
-        east, north = table.numbers("east_m"), table.numbers("north_m")
     elif "latitude" in table or "longitude" in table:
-        east, north, origin = _geographic(table)
+        values |= _geographic(table)
     elif "speed_mps" in table or "speed_kn" in table:
-        east, north = _integrated(table, time_s)
+        values |= _integrated(table, values["time_s"])
     else:
         msg = (
             f"{path} has no positions: east_m and north_m, or latitude and longitude, "
             f"or speed_mps (speed_kn) and course_deg; it has {', '.join(table.cells)}."
         )
         raise DataError(msg)
-    heading = np.full(time_s.size, np.nan)
-    if "heading_deg" in table:
-        heading = table.numbers("heading_deg", -360.0, 360.0, may_miss=True) % 360.0
-    return Navigation(
-        time_s=time_s,
-        east_m=east,
-        north_m=north,
-        heading_deg=heading,
-        origin_latitude=None if origin is None else origin[0],
-        origin_longitude=None if origin is None else origin[1],
-        start_utc_ns=start_utc_ns,
-    )
+    return Navigation(**values | {"heading_deg": values["heading_deg"] % 360.0})
 
 
-def _geographic(table: Table) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
+def _geographic(table: Table) -> dict[str, Any]:
     table.need("latitude", "longitude")
     latitude = table.numbers("latitude", -90.0, 90.0)
     longitude = table.numbers("longitude", -180.0, 360.0)
     first = Origin(float(latitude[0]), float(longitude[0]))
     places = zip(latitude.tolist(), longitude.tolist(), strict=True)
     grid = np.array([to_grid(*place, first) for place in places])
-    return grid[:, 0], grid[:, 1], first
+    origin = {"origin_latitude": first.latitude, "origin_longitude": first.longitude}
+    return {"east_m": grid[:, 0], "north_m": grid[:, 1], **origin}
 
 
-def _integrated(table: Table, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _integrated(table: Table, time_s: FloatArray) -> dict[str, Any]:
     if "speed_mps" in table and "speed_kn" in table:
         msg = f"{table.path} gives the speed twice: speed_mps and speed_kn."
         raise DataError(msg)
@@ -94,9 +81,11 @@ def _integrated(table: Table, time_s: FloatArray) -> tuple[FloatArray, FloatArra
     name = "speed_kn" if "speed_kn" in table else "speed_mps"
     speed_mps = unit * table.numbers(name, 0.0, FASTEST_MPS / unit)
     course = np.radians(table.numbers("course_deg", -360.0, 360.0))
-    east_mps, north_mps = speed_mps * np.sin(course), speed_mps * np.cos(course)
-    return _integral(time_s, east_mps), _integral(time_s, north_mps)
-
-
-def _integral(time_s: FloatArray, rate: FloatArray) -> FloatArray:
-    return np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(time_s))])
+    rates = {
+        "east_m": speed_mps * np.sin(course),
+        "north_m": speed_mps * np.cos(course),
+    }
+    ways = {
+        name: np.cumsum(rate[:-1] * np.diff(time_s)) for name, rate in rates.items()
+    }
+    return {name: np.append(0.0, way) for name, way in ways.items()}

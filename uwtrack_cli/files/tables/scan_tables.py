@@ -1,26 +1,46 @@
-"""Tables of scans, contacts, delays and operating curves: containers from CSV.
+"""Tables of scans, contacts, delays and operating curves; which table is which container.
 
 **Conventions.** As in `uwtrack_cli.files.tables.csv_table`; an empty cell is "not measured".
+The containers declare what a table of them holds.
 """
 
 import re
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.data.contacts import Contacts
+from uwtrack_cli.data.base import Cells, Container
 from uwtrack_cli.data.directions import Delays
-from uwtrack_cli.data.scans import Roc, Scans
+from uwtrack_cli.data.scans import Contacts, Roc, Scans
+from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.tables.csv_table import Table, read_table, table_times
+from uwtrack_cli.files.tables.csv_table import columns_of, read_declared, read_table
+from uwtrack_cli.files.tables.navigation import read_navigation
+from uwtrack_cli.files.tables.series import read_series
 
 _COMPONENT = re.compile(r"z_(\d+)(?:_?[\[(](.+)[\])]|_(\S+))?$")
 _UNITS = {"hz": "Hz", "db": "dB"}
-_CONTACT_QUANTITIES = (
-    "contact", "time_s", "time_utc", "range_m", "range_std_m", "bearing_deg",
-    "bearing_std_deg", "range_rate_mps", "range_rate_std_mps",
-)  # fmt: skip
+TABLES = (".csv", ".txt", ".tsv")
+"""Endings of tables."""
+
+
+def table_readers(
+    sensors: Sequence[Sensor] = (),
+) -> dict[str, Callable[[Path], Container]]:
+    """Return the reader of each container that a CSV table may be, by its name.
+
+    ``sensors``: those that a table may name in its rows.
+    """
+    return {
+        "delays": read_delays,
+        "series": partial(read_series, sensors=sensors),
+        "scans": read_scans,
+        "contacts": read_contacts,
+        "navigation": read_navigation,
+        "roc": read_roc,
+    }
 
 
 def read_scans(path: Path | str) -> Scans:
@@ -51,16 +71,13 @@ def read_scans(path: Path | str) -> Scans:
     table.check_known(
         [*names, *deviations, "scan", "time_s", "time_utc", "amplitude", "contact"]
     )
-    time_s, start_utc_ns = table_times(table)
+    table.need("scan")
     return Scans(
-        scan=_scan_numbers(table),
-        time_s=time_s,
+        **columns_of(table, Scans),
         measured=np.stack([table.numbers(name, may_miss=True) for name in names], 1),
-        measured_std=np.stack([_optional(table, name, 0.0) for name in deviations], 1),
-        amplitude=_optional(table, "amplitude"),
+        measured_std=np.stack([table.measured(n, Cells(0.0)) for n in deviations], 1),
         component=np.array([f"z_{i}" for i in numbers]),
         component_unit=np.array([_UNITS.get(unit, unit) for unit in units]),
-        start_utc_ns=start_utc_ns,
     )
 
 
@@ -76,21 +93,8 @@ def read_contacts(path: Path | str) -> Contacts:
     DataError
         A column is missing, or a cell is no number; the message names the line.
     """
-    table = read_table(Path(path))
-    table.need("contact", "range_m", "bearing_deg", "range_rate_mps")
-    table.check_known(_CONTACT_QUANTITIES)
-    time_s, start_utc_ns = table_times(table)
-    contacts = Contacts(
-        contact=table.contacts(),
-        time_s=time_s,
-        range_m=table.numbers("range_m", 0.0, may_miss=True),
-        range_std_m=_optional(table, "range_std_m", 0.0),
-        bearing_deg=table.numbers("bearing_deg", -360.0, 360.0, may_miss=True),
-        bearing_std_deg=_optional(table, "bearing_std_deg", 0.0),
-        range_rate_mps=table.numbers("range_rate_mps", may_miss=True),
-        range_rate_std_mps=_optional(table, "range_rate_std_mps", 0.0),
-        start_utc_ns=start_utc_ns,
-    )
+    table = read_declared(Path(path), Contacts)
+    contacts = Contacts(**columns_of(table, Contacts))
     return contacts.take("row", np.argsort(contacts.time_s, kind="stable"))
 
 
@@ -106,34 +110,8 @@ def read_roc(path: Path | str) -> Roc:
     DataError
         A column is missing, or a cell is no probability; the message names the line.
     """
-    table = read_table(Path(path))
-    wanted = ("false_alarm_probability", "detection_probability")
-    table.need(*wanted)
-    table.check_known([*wanted, "threshold"])
-    roc = Roc(
-        false_alarm_probability=table.numbers(wanted[0], 0.0, 1.0),
-        detection_probability=table.numbers(wanted[1], 0.0, 1.0),
-        threshold=_optional(table, "threshold"),
-    )
+    roc = Roc(**columns_of(read_declared(Path(path), Roc), Roc))
     return roc.take("point", np.argsort(roc.false_alarm_probability, kind="stable"))
-
-
-def _optional(table: Table, name: str, low: float = -np.inf) -> FloatArray:
-    """Return a column, nan where the table or the cell has nothing."""
-    if name not in table:
-        return np.full(len(table.lines), np.nan)
-    return table.numbers(name, low, may_miss=True)
-
-
-def _scan_numbers(table: Table) -> IntArray:
-    table.need("scan")
-    values = table.numbers("scan")
-    for row in np.flatnonzero(values != np.floor(values))[:1]:
-        table.fail(row, f"scan must be a whole number, got {values[row]}.")
-    return values.astype(np.int64)
-
-
-_DELAYS = ("channel_a", "channel_b", "delay_s", "delay_std_s")
 
 
 def read_delays(path: Path) -> Delays:
@@ -147,25 +125,13 @@ def read_delays(path: Path) -> Delays:
     DataError
         The table is not readable, or a value is not accepted; the line is named.
     """
-    table = read_table(path)
-    table.check_known(("time_s", "time_utc", "coherence", *_DELAYS))
-    table.need(*_DELAYS)
-    time_s, start_utc_ns = table_times(table)
-    one, other = (np.array(table.cells[name], np.str_) for name in _DELAYS[:2])
+    table = read_declared(path, Delays)
+    delays = Delays(**columns_of(table, Delays))
+    one, other = delays.channel_a, delays.channel_b
     for row in np.flatnonzero((one == other) | (one == "") | (other == ""))[:1]:
         table.fail(
             int(row),
             f"channel_a and channel_b must be two channels, got {one[row]!r} and "
             f"{other[row]!r}.",
         )
-    return Delays(
-        time_s=time_s,
-        channel_a=one,
-        channel_b=other,
-        delay_s=table.numbers("delay_s", -1e6, 1e6),
-        delay_std_s=table.numbers("delay_std_s", 1e-12, 1e6),
-        coherence=table.numbers("coherence", 0.0, 1.0)
-        if "coherence" in table
-        else None,
-        start_utc_ns=start_utc_ns,
-    )
+    return delays

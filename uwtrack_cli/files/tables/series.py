@@ -7,10 +7,10 @@ Rows of different sensors may share a time and stand in any order. Latitudes and
 become metres about the first sensor's first place. Rows that are repeated are left out.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from warnings import warn
 
 import numpy as np
@@ -20,23 +20,22 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import shown
 from uwtrack_cli.data.sensor import Navigation, Sensor
-from uwtrack_cli.data.series import Series
+from uwtrack_cli.data.series import BEARING, Series
 from uwtrack_cli.errors import DataError, UwtrackNote, UwtrackWarning
 from uwtrack_cli.files.tables.csv_table import (
     Table,
     check_increasing,
-    read_table,
+    columns_of,
+    read_declared,
     table_times,
 )
 
-QUANTITIES = (
-    "time_s", "time_utc", "contact", "bearing_deg", "bearing_std_deg", "frequency_hz",
-    "frequency_std_hz", "level_db", "level_std_db", "sensor", "sensor_latitude",
-    "sensor_longitude", "sensor_east_m", "sensor_north_m", "mirrored_bearing_deg",
+OTHERS = (
+    "sensor_latitude", "sensor_longitude", "sensor_east_m", "sensor_north_m",
     "array_heading_deg",
 )  # fmt: skip
-LINE = re.compile(r"frequency(?:_std)?_hz_(\d+)")
-TINY = np.finfo(np.float64).tiny
+"""Columns that say where a sensor was, and how a line array lay."""
+
 FULL_TURN = 2.0 * np.pi
 ENOUGH_ROWS = 8
 
@@ -60,38 +59,25 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
         No measurement, a cell that is no number or out of range, or times that do
         not increase within a contact.
     """
-    table = read_table(Path(path))
-    n_lines = _n_lines(table)
-    table.check_known([*QUANTITIES, *_line_names(n_lines)])
+    table = read_declared(Path(path), Series, *OTHERS)
     if not {"bearing_deg", "frequency_hz", "level_db"} & set(table.cells):
         table.need("bearing_deg, frequency_hz or level_db")
-    time_s, start_utc_ns = table_times(table)
-    contact = table.contacts()
-    kept = _unrepeated(table, time_s)
-    if kept.size < time_s.size:
+    kept = _unrepeated(table, table_times(table)[0])
+    if kept.size < len(table.lines):
         table = table.rows(kept)
-        time_s, contact = time_s[kept], contact[kept]
+    values = columns_of(table, Series)
     if "sensor" not in table:
-        check_increasing(table, time_s, contact)
+        check_increasing(table, values["time_s"], values["contact"])
         if sensors:
             msg = (
                 f"{table.path} has no column sensor: the sensor file cannot say where "
                 f"its rows were heard."
             )
             raise DataError(msg)
-    series = Series(
-        contact=contact,
-        time_s=time_s,
-        bearing_deg=_bearing(table),
-        bearing_std_deg=_values(table, "bearing_std_deg", TINY, 1e9),
-        frequency_hz=_frequencies(table, n_lines),
-        frequency_std_hz=_frequency_stds(table, n_lines),
-        level_db=_values(table, "level_db", -1e3, 1e3),
-        level_std_db=_values(table, "level_std_db", TINY, 1e9),
-        mirrored_bearing_deg=_mirrored(table),
-        start_utc_ns=start_utc_ns,
-        where=table.where,
-    )
+    _remark_on_radians(table, values["bearing_deg"])
+    values["mirrored_bearing_deg"] = _mirrored(table, values)
+    values["bearing_deg"] = values["bearing_deg"] % 360.0
+    series = Series(**values, where=table.where)
     _check_one_unit(table, series)
     return series if "sensor" not in table else _placed(series, table, sensors)
 
@@ -198,20 +184,19 @@ def _unrepeated(table: Table, time_s: FloatArray) -> IntArray:
     return np.delete(np.arange(time_s.size), again)
 
 
-def _mirrored(table: Table) -> FloatArray | None:
+def _mirrored(table: Table, values: Mapping[str, Any]) -> FloatArray | None:
     """Return the bearings that an array hears alike; None where there is no array."""
+    mirrored: FloatArray | None = values["mirrored_bearing_deg"]
     if "array_heading_deg" in table:
-        if "mirrored_bearing_deg" in table:
+        if mirrored is not None:
             msg = (
                 f"{table.path} gives the array's other side twice: array_heading_deg "
                 f"and mirrored_bearing_deg."
             )
             raise DataError(msg)
-        heading = _values(table, "array_heading_deg", -360.0, 360.0)
-        return (2.0 * heading - _values(table, "bearing_deg", -360.0, 360.0)) % 360.0
-    if "mirrored_bearing_deg" not in table:
-        return None
-    return _values(table, "mirrored_bearing_deg", -360.0, 360.0) % 360.0
+        heading = table.measured("array_heading_deg", BEARING)
+        mirrored = 2.0 * heading - values["bearing_deg"]
+    return None if mirrored is None else mirrored % 360.0
 
 
 Place = tuple[FloatArray, FloatArray, Origin | None]
@@ -223,7 +208,6 @@ def _placed(series: Series, table: Table, sensors: Sequence[Sensor] | None) -> S
     names = table.cells["sensor"]
     known = {sensor.id: sensor for sensor in sensors or ()}
     _check_names(table, known)
-    series = replace(series, sensor=np.array(names, np.str_))
     if known:
         series = _as_sensors_say(series, known)
     place = _places_in_rows(table)
@@ -388,24 +372,7 @@ def _way(
     )
 
 
-def _n_lines(table: Table) -> int:
-    numbers = {int(m[1]) for name in table.cells if (m := LINE.fullmatch(name))}
-    n_lines = max(numbers, default=1 if "frequency_hz" in table else 0)
-    for name in _line_names(n_lines)[::2]:
-        table.need(name)
-    return n_lines
-
-
-def _line_names(n_lines: int) -> list[str]:
-    names: list[str] = []
-    for line in range(1, min(n_lines, 1000) + 1):
-        suffix = "" if line == 1 else f"_{line}"
-        names += [f"frequency_hz{suffix}", f"frequency_std_hz{suffix}"]
-    return names
-
-
-def _bearing(table: Table) -> FloatArray:
-    bearing = _values(table, "bearing_deg", -360.0, 360.0)
+def _remark_on_radians(table: Table, bearing: FloatArray) -> None:
     known = bearing[np.isfinite(bearing)]
     if known.size >= ENOUGH_ROWS and np.all(np.abs(known) <= FULL_TURN):
         first = int(np.flatnonzero(np.isfinite(bearing))[0])
@@ -415,26 +382,3 @@ def _bearing(table: Table) -> FloatArray:
             f"radians, convert them to degrees."
         )
         warn(msg, UwtrackWarning, stacklevel=3)
-    return bearing % 360.0
-
-
-def _frequencies(table: Table, n_lines: int) -> FloatArray:
-    names = _line_names(n_lines)[::2]
-    return _stack(table, [_values(table, name, TINY, 1e15) for name in names])
-
-
-def _frequency_stds(table: Table, n_lines: int) -> FloatArray:
-    names = _line_names(n_lines)[1::2]
-    return _stack(table, [_values(table, name, TINY, 1e9) for name in names])
-
-
-def _stack(table: Table, lines: list[FloatArray]) -> FloatArray:
-    if not lines:
-        return np.zeros((len(table.lines), 0))
-    return np.stack(lines, axis=1)
-
-
-def _values(table: Table, name: str, low: float, high: float) -> FloatArray:
-    if name not in table:
-        return np.full(len(table.lines), np.nan)
-    return table.numbers(name, low, high, may_miss=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 from warnings import warn
 
 from uwtrack_cli.data.base import Container
@@ -27,21 +27,8 @@ from uwtrack_cli.flow.exports.raven import raven_text
 from uwtrack_cli.flow.products import small_containers
 
 Form = Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"]
-ENDINGS: dict[Form, str] = {
-    "csv": ".csv", "geojson": ".geojson", "kml": ".kml",
-    "raven": ".selections.txt", "netcdf": ".nc", "rep": ".rep", "dsf": ".dsf",
-}  # fmt: skip
 SUMMARIES = ("fixes", "encounters", "motions", "target", "decision", "lines", "levels")
 """Containers that a CSV holds, the first one there is with a row in it."""
-
-TAKEN: dict[str, frozenset[str]] = {
-    "geojson": frozenset({"encounters", "fixes", "motions"}),
-    "kml": frozenset({"encounters", "fixes", "motions"}),
-    "raven": frozenset({"lines"}),
-    "rep": frozenset({"series", "fixes"}),
-    "dsf": frozenset({"series"}),
-}
-"""Containers of which a format takes one for each sensor."""
 
 
 def export_product(
@@ -71,18 +58,19 @@ def export_product(
     """
     check_target(target, overwrite=overwrite, inputs=inputs)
     refuse_unknown_step([product], step)
-    if form == "csv":
-        chosen = _chosen(product, container, sensor, step)
-        text = "\n".join(write_table(chosen, "csv", axis=axis)) + "\n"
-    elif form == "netcdf":
+    if form == "netcdf":
         with atomic_target(target, overwrite=overwrite, inputs=inputs) as temporary:
             history = [step.to_json() for step in product.history]
             write_netcdf(temporary, list(small_containers(product, step)), history)
         return
+    made = FORMATS[form]
+    if made.text is None:
+        chosen = _chosen(product, container, sensor, step)
+        text = "\n".join(write_table(chosen, "csv", axis=axis)) + "\n"
     else:
-        keys = sole_keys(product, step, TAKEN[form])
+        keys = sole_keys(product, step, frozenset(made.takes))
         containers = [held.container for held in small_containers(product, step, keys)]
-        text = TEXTS[form](containers, product.name)
+        text = made.text(containers, product.name)
     write_text(target, text, overwrite=overwrite, inputs=inputs)
 
 
@@ -118,12 +106,28 @@ def _replay(lines: Iterator[str], name: str) -> str:
     return text
 
 
-TEXTS: dict[str, Callable[[list[Container], str], str]] = {
-    "geojson": _geojson,
-    "kml": _kml,
-    "raven": raven_text,
-    "rep": _rep,
-    "dsf": _dsf,
+class Format(NamedTuple):
+    """A format of another program."""
+
+    ending: str
+    """How its files end."""
+    takes: tuple[str, ...] = ()
+    """Containers of which it takes one for each sensor."""
+    text: Callable[[list[Container], str], str] | None = None
+    """Makes its text of them and the name of the product; None: written in its own way."""
+
+
+PLACED = ("encounters", "fixes", "motions")
+"""Containers whose rows have places on a map."""
+
+FORMATS: dict[Form, Format] = {
+    "csv": Format(".csv"),
+    "geojson": Format(".geojson", PLACED, _geojson),
+    "kml": Format(".kml", PLACED, _kml),
+    "raven": Format(".selections.txt", ("lines",), raven_text),
+    "netcdf": Format(".nc"),
+    "rep": Format(".rep", ("series", "fixes"), _rep),
+    "dsf": Format(".dsf", ("series",), _dsf),
 }
 
 

@@ -13,6 +13,7 @@ adds the sensor's depth, where it is known, over a source at ``SOURCE_DEPTH_M``.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,9 +58,9 @@ def ais_passages(
         raise DataError(msg)
     origin = Origin(sensor.latitude, sensor.longitude)
     for track in truth.tracks:
-        for time_s, place, velocity in _approaches(track, origin, span_s):
-            if np.hypot(*place) <= within_m:
-                yield _passage(truth, track, sensor, (time_s, place, velocity))
+        for approach in _approaches(track, origin, span_s):
+            if np.hypot(*approach.place_m) <= within_m:
+                yield _passage(truth, track, sensor, approach)
 
 
 def interpolate_track(
@@ -95,9 +96,20 @@ def interpolate_track(
     return found[0], found[1]
 
 
+class _Approach(NamedTuple):
+    """A least distance of a vessel from a sensor, which is the origin."""
+
+    time_s: float
+    """When it was, from the start of the truth."""
+    place_m: tuple[float, float]
+    """Where the vessel was then: east and north."""
+    velocity_mps: tuple[float, float]
+    """Its velocity east and north."""
+
+
 def _approaches(
     track: VesselTrack, origin: Origin, span_s: tuple[float, float]
-) -> Iterator[tuple[float, tuple[float, float], tuple[float, float]]]:
+) -> Iterator[_Approach]:
     """Yield time, place and velocity of every least distance in the span."""
     near = (track.time_s > span_s[0] - MAX_GAP_S) & (
         track.time_s < span_s[1] + MAX_GAP_S
@@ -121,13 +133,11 @@ def _approaches(
         around = slice(max(0, dip - ALONE_STEPS), dip + ALONE_STEPS)
         found = _refined(time_s, x, y, int(dip))
         is_least = distance[dip] <= np.nanmin(distance[around])
-        if is_least and np.hypot(*found[2]) >= LEAST_SPEED_MPS:
+        if is_least and np.hypot(*found.velocity_mps) >= LEAST_SPEED_MPS:
             yield found
 
 
-def _refined(
-    time_s: FloatArray, x: FloatArray, y: FloatArray, dip: int
-) -> tuple[float, tuple[float, float], tuple[float, float]]:
+def _refined(time_s: FloatArray, x: FloatArray, y: FloatArray, dip: int) -> _Approach:
     below, here, above = np.hypot(x, y)[dip - 1 : dip + 2] ** 2
     bend = below - 2.0 * here + above
     shift = 0.5 * (below - above) / bend if bend > 0.0 else 0.0
@@ -136,14 +146,14 @@ def _refined(
     place = both[:, dip] + shift * STEP_S * velocity
     (east, north), (east_rate, north_rate) = place.tolist(), velocity.tolist()
     at = float(time_s[dip] + shift * STEP_S)
-    return at, (east, north), (east_rate, north_rate)
+    return _Approach(at, (east, north), (east_rate, north_rate))
 
 
 def _passage(
     truth: Truth,
     track: VesselTrack,
     sensor: Sensor,
-    approach: tuple[float, tuple[float, float], tuple[float, float]],
+    approach: _Approach,
 ) -> TruePassage:
     time_s, (east, north), (east_rate, north_rate) = approach
     range_m, speed = (

@@ -6,8 +6,15 @@ or the fixes are in latitude and longitude. Of the modes of a contact that share
 the weight the one nearest to the truth is compared, and it is said that there were
 others: sensors without bearings hear a vessel and its mirror image alike.
 
+For the distance of two sets positions are paired so that the sum of the cut-off distances is least;
+what finds no partner costs the cut-off (OSPA) or half of it to the power (GOSPA).
+
 **Conventions.** ``position_m`` is the distance to the nearest vessel; its ``sigmas``
 is the Mahalanobis distance under the covariance of the fix.
+
+**References.** Schuhmacher, Vo and Vo (2008), IEEE Trans. Signal Processing 56, 3447
+(OSPA, eq. 3); Rahmathullah, Garcia-Fernandez and Svensson (2017), FUSION (GOSPA with
+alpha = 2, eq. 5 and proposition 1).
 """
 
 from collections.abc import Mapping
@@ -20,10 +27,9 @@ from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Fixes
 from uwtrack_cli.data.truth import Truth, VesselTrack
-from uwtrack_cli.errors import DataError
+from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.scoring.ais_passages import interpolate_track
 from uwtrack_cli.flow.scoring.encounter_scores import Score
-from uwtrack_cli.flow.scoring.gospa import gospa, ospa
 
 LISTED_WEIGHT = 0.95
 """Weight of the modes among which the nearest to the truth is compared."""
@@ -188,3 +194,77 @@ def _score(fixes: Fixes, row: int, names: list[str], true: FloatArray) -> Score:
         "fixes", int(fixes.contact[row]), str(fixes.sensors[row]), names[nearest],
         "position_m", distance, 0.0, distance, float("nan"), std, sigmas,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Gospa:
+    """The distance and its parts, each as a sum of powers before the root."""
+
+    distance_m: float
+    """The distance, m."""
+    localisation: float
+    """Sum of the powers of the distances of the pairs, m^order."""
+    n_missed: int
+    """Number of true positions without a partner."""
+    n_false: int
+    """Number of found positions without a partner."""
+
+
+def gospa(
+    estimated: FloatArray, true: FloatArray, *, cutoff_m: float, order: float = 2.0
+) -> Gospa:
+    """Return the generalised optimal sub-pattern assignment distance.
+
+    ``estimated``: positions found, shape (n, 2), m. ``true``: positions that were
+    there, shape (m, 2), m. ``cutoff_m``: distance from which two positions do not
+    belong together, m, positive. ``order``: power in which distances count, 1 or more.
+
+    Examples
+    --------
+    >>> found = gospa(np.zeros((1, 2)), np.array([[3.0, 4.0]]), cutoff_m=10.0)
+    >>> found.distance_m, found.n_missed
+    (5.0, 0)
+    """
+    costs = _paired_costs(estimated, true, cutoff_m, order)
+    near = costs[costs < cutoff_m**order]
+    n_false, n_missed = len(estimated) - near.size, len(true) - near.size
+    penalty = 0.5 * cutoff_m**order * (n_false + n_missed)
+    total = float(near.sum()) + penalty
+    return Gospa(total ** (1.0 / order), float(near.sum()), n_missed, n_false)
+
+
+def ospa(
+    estimated: FloatArray, true: FloatArray, *, cutoff_m: float, order: float = 2.0
+) -> float:
+    """Return the optimal sub-pattern assignment distance, m.
+
+    ``estimated``: positions found, shape (n, 2), m. ``true``: positions that were
+    there, shape (m, 2), m. ``cutoff_m``: distance from which two positions do not
+    belong together, m, positive. ``order``: power in which distances count, 1 or more.
+
+    Examples
+    --------
+    >>> ospa(np.zeros((0, 2)), np.array([[3.0, 4.0]]), cutoff_m=10.0)
+    10.0
+    """
+    costs = _paired_costs(estimated, true, cutoff_m, order)
+    larger = max(len(estimated), len(true))
+    if larger == 0:
+        return 0.0
+    alone = cutoff_m**order * (larger - costs.size)
+    return float(((costs.sum() + alone) / larger) ** (1.0 / order))
+
+
+def _paired_costs(
+    estimated: FloatArray, true: FloatArray, cutoff_m: float, order: float
+) -> FloatArray:
+    """Return the cut-off costs of the best pairs."""
+    from scipy.optimize import linear_sum_assignment
+
+    if not (cutoff_m > 0.0 and order >= 1.0):
+        msg = f"cutoff_m must be positive and order 1 or more, got {cutoff_m}, {order}."
+        raise OptionError(msg)
+    apart = np.linalg.norm(estimated[:, None, :] - true[None, :, :], axis=-1)
+    costs = np.minimum(apart, cutoff_m) ** order
+    chosen: FloatArray = costs[linear_sum_assignment(costs)]
+    return chosen

@@ -7,12 +7,30 @@ confirmed lines; free peaks start new lines. A frame without valid samples is mi
 time: states are carried across it and nothing is counted. `FollowedLines` feeds a tracker
 frame by frame and passes on the points that have become final.
 
+The innovations of a filter whose noises are right are white and have the
+variance that it expects. A process noise that is too small leaves them correlated from
+one frame to the next, one that is too large turns the correlation around; so its
+logarithm follows the product of neighbouring innovations. What is left of a variance
+that is too large, and not correlated, is the width of the line: a real machine's ridge
+scatters by more than its height promises. Each peak counts by the probability that it
+is the line's own.
+
+The test of combs costs more than all else when there are many lines, and most
+machines run steadily: as long as the same lines are where they were, to a small part of
+the width of a tooth, what was found last still holds.
+
 **Conventions.** Every decision depends on the frames alone, never on how they were
 cut into blocks. One block of lines leaves for each block of peaks, and at the end one
 more with the points still held and the table of lines. What that end would be can be
 asked at any time (`FollowedLines.so_far`).
 
-**References.** Choi (2014); Blackman & Popoli (1999), section 6.2.
+Innovations are in standard deviations. The process noise stays between a share
+of the machine's own drift and that of a vessel nearby; a line begins with the drift of
+its machine alone. `studies/constants/lines.py` tries other gains.
+
+**References.** Choi (2014); Blackman & Popoli (1999), section 6.2; Mehra (1970), IEEE Trans. Automatic Control 15, 175-184 (correlation of
+the innovations); Myers & Tapley (1976), IEEE Trans. Automatic Control 21, 520-523
+(variance of the measurements).
 """
 
 from collections.abc import Callable, Iterator
@@ -30,11 +48,10 @@ from uwtrack_cli.estimation import kalman
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.lines.contacts import ContactSamples, line_table
 from uwtrack_cli.lines.families.comb_test import CombRule
-from uwtrack_cli.lines.families.last_look import LastLook
+from uwtrack_cli.lines.families.harmonics import Comb, find_combs
 from uwtrack_cli.lines.families.lasting_families import FamilyRegister
 from uwtrack_cli.lines.line_points import LinePoints, LineTable, no_table, to_lines
-from uwtrack_cli.lines.tracker_options import TrackerOptions
-from uwtrack_cli.lines.tracking.adaptive_noise import adapt_noise
+from uwtrack_cli.lines.tracker_options import ProcessNoise, TrackerOptions
 from uwtrack_cli.lines.tracking.association import Associator
 from uwtrack_cli.lines.tracking.family_jumps import FamilyJumps
 from uwtrack_cli.lines.tracking.frame_peaks import Choice, FramePeaks, split_frames
@@ -497,3 +514,112 @@ def _peaks_of(block: Families | Peaks) -> Peaks:
         )
         raise DataError(msg)
     return block.peaks
+
+
+STEADY_SHARE = 1e-3
+"""Least process noise of a line over the usual drift of a machine."""
+
+RISE = 3.0
+"""Gain of a correlation beyond one deviation: a line that bends must not be lost."""
+
+GREATEST_WIDTH = 100.0
+"""Greatest variance of a line's peaks over what their heights promise."""
+
+WIDTH_SHARE = 0.25
+"""Gain of the width over that of the process noise."""
+
+FARTHEST = 4.0
+"""Bound of squares and products of innovations: a stray peak must not decide."""
+
+BOUNDED_MEAN = 0.94
+"""Mean of the square of a unit Gaussian that is bounded there."""
+
+
+def adapt_noise(
+    store: TrackStore,
+    slots: IntArray,
+    innovation: FloatArray,
+    probability: FloatArray,
+    motion: ProcessNoise,
+    window_s: float,
+) -> None:
+    """Let process noise and width of some lines follow their innovations.
+
+    Parameters
+    ----------
+    store
+        The lines.
+    slots
+        Lines that have a peak in this frame.
+    innovation
+        Their innovations of frequency in deviations, shape (line,).
+    probability
+        Probability that the peak is the line's own, shape (line,).
+    motion
+        Limits and pace of the process noise.
+    window_s
+        Length of the frames in s.
+    """
+    product = innovation * store.last_innovation[slots]
+    product = np.minimum(np.maximum(product, -FARTHEST), FARTHEST)
+    store.innovation[slots] = innovation
+    pace = motion.adaptation * probability
+    push = product + (RISE - 1.0) * np.maximum(product - 1.0, 0.0)
+    own = motion.own_density(window_s)
+    greatest = motion.frequency_density(store.frequency_hz[slots], window_s)
+    density = store.noise_density[0, slots] * np.exp(pace * push)
+    density = np.minimum(np.maximum(density, STEADY_SHARE * own), greatest)
+    store.noise_density[0, slots] = density
+    surplus = np.minimum(innovation**2, FARTHEST) - BOUNDED_MEAN
+    surplus -= product  # a variance that is correlated is motion
+    width = store.width[slots] * np.exp(WIDTH_SHARE * pace * surplus)
+    store.width[slots] = np.minimum(np.maximum(width, 1.0), GREATEST_WIDTH)
+
+
+MOVED = 0.2
+"""Change of a frequency, in deviations, from which families are sought again: a tooth is
+several deviations wide."""
+
+SIGMA_CHANGE = 0.05
+"""Relative change of the deviation from which they are sought again, too."""
+
+
+class LastLook:
+    """Remembers what was found when families were sought last."""
+
+    def __init__(self) -> None:
+        self.lines: IntArray | None = None
+        self.frequency_hz: FloatArray = np.empty(0)
+        self.sigma_hz = 0.0
+        self.found: tuple[list[Comb], FloatArray] = ([], np.empty(0))
+
+    def find_combs(
+        self,
+        lines: IntArray,
+        frequency_hz: FloatArray,
+        bearing_deg: FloatArray,
+        rule: CombRule,
+        greatest_chance: float,
+    ) -> tuple[list[Comb], FloatArray]:
+        """Find families as `harmonics.find_combs` does, or remember them.
+
+        ``lines`` are the numbers of the lines that the frequencies and bearings are of;
+        where any bearing is known, families are always sought.
+        """
+        if not (
+            self._is_same(lines, frequency_hz, rule) and np.isnan(bearing_deg).all()
+        ):
+            self.found = find_combs(frequency_hz, bearing_deg, rule, greatest_chance)
+            self.lines, self.frequency_hz = lines, frequency_hz
+            self.sigma_hz = rule.sigma_hz
+        return self.found
+
+    def _is_same(
+        self, lines: IntArray, frequency_hz: FloatArray, rule: CombRule
+    ) -> bool:
+        if self.lines is None or not np.array_equal(lines, self.lines):
+            return False
+        if abs(rule.sigma_hz - self.sigma_hz) > SIGMA_CHANGE * self.sigma_hz:
+            return False
+        moved = np.abs(frequency_hz - self.frequency_hz).max()
+        return bool(moved < MOVED * self.sigma_hz)
