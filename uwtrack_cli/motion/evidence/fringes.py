@@ -49,8 +49,8 @@ LONGEST_WIDTH = 1.5
 """Largest R/v that is sought, over the length of what is searched at once."""
 
 ROWS_OF_WIDTH, TOGETHER, REACH = 16.0, 2, 5.0
-"""Rows of each R/v, neighbouring cells that are taken together, and R/v on either side that
-are stacked."""
+"""Rows of each R/v at least, neighbouring cells that are taken together, and R/v on either
+side that are stacked. Rows are a power of two of the image's, so that few are made."""
 
 BETWEEN = (-0.4, -0.2, 0.2, 0.4)
 """Parts of a step of R/v by which the likeliest one is moved."""
@@ -143,10 +143,11 @@ class _Stack(NamedTuple):
         weight = irfft2(squared * known * precise, size[::-1], (1, 0))
         place = np.arange(-out, count + out)
         total, weight = total[place] ** 2, np.maximum(weight[place], 0.0)
-        found = np.max([
-            (total * (s / (1.0 + s * weight)) - np.log1p(s * weight)).sum(axis=1)
-            for s in VARIANCES
-        ], axis=0)  # fmt: skip
+        gains = []
+        for s in VARIANCES:
+            less = s * weight + np.float32(1.0)
+            gains.append((s * total / less - np.log(less)).sum(axis=1))
+        found = np.max(gains, axis=0)
         return self.time_s[0] + self.step_s * place, 0.5 * found
 
 
@@ -217,6 +218,7 @@ class FringeEvidence:
     def __init__(self, fringes: Fringes, mach: tuple[float, float]) -> None:
         self.fringes, self.mach = fringes, mach
         self._known: list[FringePassage] = []
+        self._stacks: dict[int, _Stack | None] = {}
 
     def leftovers(self, panel: Panel) -> "_Leftovers":
         """Return what the known passages may have left of themselves in some rows."""
@@ -253,10 +255,13 @@ class FringeEvidence:
 
     def gains(self, width_s: float) -> tuple[FloatArray, FloatArray]:
         """Return times, s, and what a passage of some R/v at each gains, nepers."""
-        panel = self.panel(width_s / ROWS_OF_WIDTH, TOGETHER)
-        if panel is None:
-            return np.zeros(0), np.zeros(0)
-        return _Stack.of(panel).gains(width_s)
+        rows = max(1.0, width_s / ROWS_OF_WIDTH / self.fringes.average_s)
+        doublings = int(np.log2(rows))
+        if doublings not in self._stacks:
+            panel = self.panel(2.0**doublings * self.fringes.average_s, TOGETHER)
+            self._stacks[doublings] = panel and _Stack.of(panel)
+        stack = self._stacks[doublings]
+        return stack.gains(width_s) if stack else (np.zeros(0), np.zeros(0))
 
     def proposals(self) -> list[Proposal]:
         """Return the likeliest passage of each R/v, the likeliest first."""
