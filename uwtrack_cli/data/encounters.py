@@ -103,6 +103,11 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "Source level at 1 m under the spreading law used."
     )
     source_level_std_db: FloatArray = deviation()
+    source_depth_m: FloatArray | None = column(
+        "Depth of the source, by the spacing of fringes that one surface image makes; "
+        "nan where range, sensor depth or such fringes are not known."
+    )
+    source_depth_std_m: FloatArray | None = deviation()
     extrapolated: BoolArray = column(
         "Whether the closest approach lies outside the recording."
     )

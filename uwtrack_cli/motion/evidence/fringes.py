@@ -18,8 +18,8 @@ tell it. Nepers throughout.
 Schmidt, JASA 127, 2780 (2010), for the spread of the invariant in shallow water.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -288,6 +288,11 @@ class FringeEvidence:
                     found.add(Proposal(float(gain[k]), float(place_s[k]), width_s))
         return list(found)
 
+    def can_tell(self, one: "FringePassage") -> bool:
+        """Return whether a passage is near enough to the recording."""
+        passage = one.passage
+        return bool(self.is_inside(np.array(passage.time_s), passage.width_s))
+
     def is_inside(self, time_s: FloatArray, width_s: float) -> BoolArray:
         """Return whether closest approaches at times, s, can be told."""
         first, last = self.fringes.time_s[[0, -1]]
@@ -547,8 +552,19 @@ def _is_near(one: Hypothesis, other: Hypothesis) -> bool:
 
 def _best_template(panel: Panel, passage: Hypothesis) -> Template:
     """Return the prior of a pattern that makes the image likeliest."""
-    tried = [Template(knots, variance) for knots in KNOTS for variance in VARIANCES]
-    return max(tried, key=lambda t: FringeModel(panel, [t]).log_likelihood([passage]))
+    return _likeliest_template(panel, passage, KNOTS, VARIANCES)
+
+
+def _likeliest_template(
+    panel: Panel, passage: Hypothesis, knots: Sequence[float],
+    variances: Sequence[float],
+) -> Template:  # fmt: skip
+    told: list[tuple[float, Template]] = []
+    for each in knots:
+        model = FringeModel(panel, [Template(each, 1.0)])
+        found = model.of_variances(passage, variances)
+        told += [(f, Template(each, v)) for f, v in zip(found, variances, strict=True)]
+    return max(told)[1]
 
 
 def _weighed(
@@ -586,17 +602,22 @@ def _weighed(
     rest = evidence.leftovers(model.panel)
     likelihood = rest.moving(found, model.templates[0])
     nothing = rest.beside([])
-    rival, other = _strongest_rival(model, found, rest)
     width_s = scale_s * float(np.exp(share * off[1]))
     middle = found._replace(
         time_s=mirror.passage.time_s + share * float(off[0]) * scale_s, width_s=width_s
     )
     slope = np.array([scale_s, width_s])
-    return FringePassage(
-        middle, misfit * both * np.outer(slope, slope), likelihood - nothing, rival,
-        other - nothing, model.templates[0], found, own_contrast,
-        taken.pattern, misfit, model.panel,
+    one = FringePassage(
+        middle, misfit * both * np.outer(slope, slope), likelihood - nothing, "",
+        -np.inf, model.templates[0], found, own_contrast, taken.pattern, misfit,
+        model.panel,
     )  # fmt: skip
+    for code, other in _rivals(model, found, rest):
+        if other - nothing > one.rival_gain:
+            one = replace(one, rival=code, rival_gain=other - nothing)
+        if one.log_odds < PERHAPS:  # it is refused, whatever else there is
+            break
+    return one
 
 
 def _changing(
@@ -632,11 +653,18 @@ def _misfit(residual: FloatArray, precision: FloatArray) -> float:
     return max(total, 1.0) * max(usual, 1.0)
 
 
-def _strongest_rival(
+def _rivals(
     model: FringeModel, found: Hypothesis, rest: _Leftovers
-) -> tuple[str, float]:
-    """Return the likeliest explanation in which nothing passes, and its likelihood."""
+) -> Iterator[tuple[str, float]]:
+    """Yield explanations in which nothing passes, and their likelihood."""
     panel = model.panel
+    course, prior = _likeliest_still(panel, flattened(panel))
+    still, bent = _still(panel, course), _still(panel, np.square(course))
+    yield STAYS, rest.beside([(still, prior)])
+    # rain adds power: where its logarithm bends, the square of its course is there, too
+    for variance in STILL_VARIANCES:
+        bending = bent, Template(prior.knots, variance)
+        yield STAYS, rest.beside([(still, prior), bending])
     upside = [
         found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
         for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -648,18 +676,11 @@ def _strongest_rival(
         for share in AWAY
         for place in (first - share * (last - first), last + share * (last - first))
     ]
-    course, prior = _likeliest_still(panel, flattened(panel))
-    still, bent = _still(panel, course), _still(panel, np.square(course))
-    # rain adds power: where its logarithm bends, the square of its course is there, too
-    bending = [Template(prior.knots, v) for v in STILL_VARIANCES]
-    told = [(rest.beside([(still, prior), (bent, one)]), STAYS) for one in bending]
-    told.append((rest.beside([(still, prior)]), STAYS))
     own = model.templates[0]
+    alone = FringeModel(panel, [own])
     for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
-        best = max(tried, key=lambda one: rest.beside([(one, own)]))
-        told.append((rest.moving(best, own), code))
-    likelihood, code = max(told)
-    return code, likelihood
+        best = max(tried, key=lambda one: alone.log_likelihood([one]))
+        yield code, rest.moving(best, own)
 
 
 def _still(panel: Panel, course: FloatArray) -> Hypothesis:
@@ -673,10 +694,7 @@ def _likeliest_still(panel: Panel, value: FloatArray) -> tuple[FloatArray, Templ
     shape = course[:, 0] / np.abs(course[:, 0]).max()
     still = _still(panel, shape)
     rest = panel._replace(value=value)
-    priors = [Template(k, v) for k in KNOTS[:2] for v in STILL_VARIANCES]
-    return shape, max(
-        priors, key=lambda each: FringeModel(rest, [each]).log_likelihood([still])
-    )
+    return shape, _likeliest_template(rest, still, KNOTS[:2], STILL_VARIANCES)
 
 
 STRETCH_S = 3600.0
@@ -711,14 +729,13 @@ def fringe_passages(fringes: Fringes, mach: tuple[float, float]) -> list[FringeP
                 or (lag_s < 0.0 and start_s == first)
                 or (lag_s >= 0.0 and start_s + STRETCH_S > last)
             )
-            reach_s = INSIDE * one.passage.width_s
-            if is_own and first - reach_s < one.passage.time_s < last + reach_s:
+            if is_own:
                 found.append(one)
     return sorted(found, key=lambda one: one.passage.time_s)
 
 
 def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
-    """Return the passages of a stretch, those outside it included."""
+    """Return the passages of a stretch that can be told."""
     known: list[FringePassage] = []
     for _ in range(MOST_PASSAGES):
         rest = evidence.explained(known)
@@ -726,14 +743,13 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
         if one is None or one.log_odds < (PERHAPS if known else 0.0):
             break
         known.append(one)
-    if len(known) < 2:
-        return known
     # each once more, with the others taken out as they are in the end
     for k, one in enumerate(known):
-        start = Proposal(one.gain, one.passage.time_s, one.passage.width_s)
-        rest = evidence.explained(known[:k] + known[k + 1 :])
-        known[k] = fit_passage(rest, start, one.passage.fading) or one
-    return [one for one in known if one.log_odds >= 0.0]
+        if len(known) > 1 and evidence.can_tell(one):
+            start = Proposal(one.gain, one.passage.time_s, one.passage.width_s)
+            rest = evidence.explained(known[:k] + known[k + 1 :])
+            known[k] = fit_passage(rest, start, one.passage.fading) or one
+    return [one for one in known if one.log_odds >= 0.0 and evidence.can_tell(one)]
 
 
 def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:
