@@ -57,7 +57,7 @@ def test_what_was_not_measured_says_nothing():
     told = decide(empty)
     odds = decision.LOG_ODDS["levels in water"]
     assert told.probability == pytest.approx(1.0 / (1.0 + math.exp(-odds)))
-    assert told.alternative == ""
+    assert told.alternative == "not-significant"
     unknown = decide(empty | dict.fromkeys(("sub_bands_gain", "sub_bands"), math.nan))
     assert unknown == told
 

@@ -145,7 +145,6 @@ def test_levels_of_lines_add_up_to_their_share_of_the_threshold(line_level, off)
         assert found.is_passage is (off > 0)
     parts = LikelihoodRatio(1.0, 2.0, 4.0, 8.0, 16.0, 1.0)
     assert parts.total == 7.0
-    assert parts.doppler_over_break == 10.0
 
 
 def test_tukeys_loss_is_the_integral_of_its_weight():

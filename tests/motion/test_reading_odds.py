@@ -397,7 +397,6 @@ def test_bearings_that_scatter_all_round_say_nothing():
     plain, found = (passage_likelihood_ratio(fit, b, 1e-3) for b in (blocks, other))
     assert plain.bearing > 10.0
     assert found.bearing == 0.0
-    assert found.doppler_over_break == pytest.approx(plain.doppler_over_break)
     silent = make_blocks(replace(heard(), bearing_deg=np.full((1, 120), np.nan)))
     none = passage_likelihood_ratio(fit, silent, 1e-3)
     for name in ("over_line", "over_break"):

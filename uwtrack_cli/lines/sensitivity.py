@@ -144,16 +144,21 @@ def false_lines_by_count(
     return float(births_per_hour * bdtrc(hits - 2, frames - 1, in_gate))
 
 
+@functools.cache
+def _mean_path_score() -> FloatArray:
+    """Return what a frame adds to the score of a steady line's path, shape (snr,)."""
+    power = np.linspace(1e-3, 80.0, 4000)
+    density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)
+    score = np.minimum(amplitude_log_ratio(power, 1.5), 4.0)
+    return np.asarray((density * score).sum(axis=1) * (power[1] - power[0]))
+
+
 def weakest_by_path(least_score: float, n_frames: int, path_gain: float) -> float:
     """Return the SNR in dB at which the expected score of a path comes up.
 
     ``path_gain`` is what it gains per frame by its choice among cells, in nepers.
     """
-    power = np.linspace(1e-3, 80.0, 4000)
-    density = line_power_density(10.0 ** (_GRID_DB / 10.0), power)
-    score = np.minimum(amplitude_log_ratio(power, 1.5), 4.0)
-    mean = (density * score).sum(axis=1) * (power[1] - power[0])
-    return _first_above(n_frames * (mean + path_gain), least_score)
+    return _first_above(n_frames * (_mean_path_score() + path_gain), least_score)
 
 
 def _first_above(values: FloatArray, level: float) -> float:

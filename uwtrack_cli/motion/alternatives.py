@@ -37,10 +37,6 @@ WATER_RANGES_M, AIR_RANGES_M = (5.0, 2e4), (2.0, 600.0)
 OUTSIDE_NEPERS = 1.2
 """How fast other speeds and ranges get rarer: nepers for an e-fold, squared; chosen."""
 
-NOT_SHARPER, OTHER_NOT_SHARPER = 0.1, 0.4
-"""Share of the candidates in air whose tones are not sharpest in source time, where a
-vehicle passes and where none does; chosen near those of 34 drawn candidates."""
-
 CHANCE_TURN = 1.0
 """Log evidence that bearings gain as often where nothing passes: scatter turns, too."""
 
@@ -179,16 +175,13 @@ def undetermined(measured: Measured) -> float:
     return -((value_of(measured, "relative_width_std") / LARGEST_WIDTH_STD) ** 2)
 
 
-def other_time(measured: Measured) -> float:
-    """Return what tones that are sharper in source time than in any other say, in air.
+def other_shift(measured: Measured) -> float:
+    """Return what the pattern of the sound gains by shifting as a passage has it, in air.
 
     In water the lines of a slow vessel drift, too, and as many machines are sharper.
     """
-    sharper = value_of(measured, "rest_frame")
-    if isnan(sharper) or not value_of(measured, "is_air"):
-        return nan
-    here, else_ = NOT_SHARPER, OTHER_NOT_SHARPER
-    return log((1.0 - here) / (1.0 - else_) if sharper > 0.0 else here / else_)
+    gain = value_of(measured, "rest_frame")
+    return compressed(gain) if value_of(measured, "is_air") else nan
 
 
 class Alternative(NamedTuple):

@@ -8,12 +8,13 @@ explanations is never complete. Odds and powers are those that drawn recordings 
 threshold ask for: `studies/constants/passage_probability.py` draws and fits them, and says how
 far probabilities are right on others.
 
-Where no vessel rather passes, the explanation that speaks most against it is the reason: a
+Where no vessel rather passes, the explanation that has gained most is the reason, and where
+all have gained less than what nobody thought of has to begin with, it is none of them: a
 code that a script can rely on, and the sentence that people read. All stand in `REASONS`.
 """
 
 from collections.abc import Mapping
-from math import exp, isnan
+from math import exp, expm1, isnan
 from typing import NamedTuple
 
 from uwtrack_cli.data.encounters import MAINS, TOO_FAST
@@ -63,7 +64,7 @@ REASONS = {
     UNUSUAL_RANGE: "a range of {range_m:.3g} m at the closest approach is unusual",
     MAINS: "its lines are multiples of {mains_hz:g} Hz: mains that wander",
     REST_FRAME: (
-        "in source time its lines are no steadier than otherwise (by {rest_frame:.2f} "
+        "its sound shifts no more as a passage would than otherwise (by {rest_frame:.2f} "
         "nepers)"
     ),
     OTHER_RISE: "its levels rise and fall more as rain, a squall or a machine would",
@@ -118,7 +119,7 @@ ALTERNATIVES = (
     Alternative(TOO_FAST, alternatives.too_fast, 1.00),
     Alternative(UNUSUAL_SPEED, alternatives.unusual_speed, 1.00),
     Alternative(UNUSUAL_RANGE, alternatives.unusual_range, 0.27),
-    Alternative(REST_FRAME, alternatives.other_time, 0.20),
+    Alternative(REST_FRAME, alternatives.other_shift, 0.30),
     Alternative(MAINS, alternatives.mains, 0.20),
     Alternative(OTHER_RISE, alternatives.other_rise, 0.31),
     Alternative(PART_OF_ANOTHER, alternatives.part_of_another, 1.00),
@@ -133,7 +134,7 @@ class PassageDecision(NamedTuple):
     probability: float
     """That a vessel passes as the candidate has it."""
     alternative: str
-    """Code of the explanation that speaks most against it; empty if none does."""
+    """Code of the explanation that is likeliest otherwise; `NOT_SIGNIFICANT` for none."""
     alternative_probability: float
     """Of that explanation."""
     nepers: tuple[tuple[str, float], ...]
@@ -172,11 +173,11 @@ def decide(measured: Evidence) -> PassageDecision:
             nepers.append((one.code, one.exponent * held))
     odds += sum(value for _, value in nepers)
     probability = 1.0 / (1.0 + exp(-odds))
-    against = [(value, code) for code, value in nepers if value < 0.0]
-    if not against:
-        return PassageDecision(probability, "", 0.0, tuple(nepers))
-    least, code = min(against)
-    share = exp(-least) / sum(exp(-value) for value, _ in against)
+    shares = {code: expm1(max(-value, 0.0)) for code, value in nepers}
+    # the list is never complete: what nobody thought of has a share that is fixed
+    shares[NOT_SIGNIFICANT] = 1.0
+    code = max(shares, key=lambda one: (shares[one], one))
+    share = shares[code] / sum(shares.values())
     return PassageDecision(
         probability, code, (1.0 - probability) * share, tuple(nepers)
     )
@@ -192,4 +193,4 @@ def why_not(decision: PassageDecision, measured: Evidence) -> Rejection:
     measured
         What it was decided from, which the sentence states.
     """
-    return reject(decision.alternative or NOT_SIGNIFICANT, **measured)
+    return reject(decision.alternative, **measured)

@@ -315,6 +315,8 @@ def examine_from(
     medium: Medium,
     false_alarm_probability: float,
     other_turn: float = 0.0,
+    *,
+    is_shown: bool = False,
 ) -> CandidatePassage | None:
     """Fit measurements from a known start and keep the fit if it is significant.
 
@@ -332,10 +334,13 @@ def examine_from(
         Probability of a passage in noise alone.
     other_turn
         Weight of the opposite turn.
+    is_shown
+        Whether the sound itself has shown the passage over what passes nowhere.
     """
     found = attempted(
         lambda: _fit_from(
-            data, owner, start, medium, false_alarm_probability, other_turn
+            data, owner, start, medium, false_alarm_probability, other_turn,
+            is_shown=is_shown,
         ),
         owner[0], data.time_s,
     )  # fmt: skip
@@ -349,6 +354,8 @@ def _fit_from(
     medium: Medium,
     false_alarm_probability: float,
     other_turn: float,
+    *,
+    is_shown: bool = False,
 ) -> CandidatePassage | Unclaimed:
     """Fit measurements from a known start."""
     theta, turn = start
@@ -368,7 +375,7 @@ def _fit_from(
     reading = STRAIGHT_READING
     moves_on = blocks.shift.is_empty or bool(fit.theta[0, 2] > 0)
     is_passage = likelihood_ratio.is_passage and _is_resolved(fit, blocks, data)
-    if not (moves_on and is_passage):
+    if not (moves_on and (is_passage or is_shown)):
         # a change of all frequencies larger than their Doppler shift hides a passage
         if not may_hide_passage(fit, blocks, likelihood_ratio.threshold):
             return Unclaimed(owner[0], fit, blocks, None)

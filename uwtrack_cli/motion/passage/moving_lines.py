@@ -329,3 +329,47 @@ def _apart(found: list[Together]) -> list[Together]:
         ):
             kept.append(one)
     return kept
+
+
+FEWEST_POINTS, SMALLEST_FALL = 5, 0.01
+"""Measurements of a line, and fall of its logarithm of frequency, from which it falls."""
+
+
+class LineFall(NamedTuple):
+    """Where a line falls as by a closest approach."""
+
+    time_s: float
+    """Where it falls fastest, s."""
+    width_s: float
+    """Half of its fall over the slope there: R/v of a passage, s."""
+    fall: float
+    """Fall of the logarithm of its frequency."""
+    contact: int
+    """Contact of the line."""
+
+
+def line_falls(lines: Lines) -> list[LineFall]:
+    """Return where each line falls, the largest fall first.
+
+    Parameters
+    ----------
+    lines
+        Tracked lines.
+    """
+    found = []
+    for line, contact in zip(lines.line_id, lines.line_contact, strict=True):
+        points = np.flatnonzero(lines.line == line)
+        frequency = np.asarray(lines.measured_frequency_hz[points], float)
+        known = np.isfinite(frequency) & (frequency > 0)
+        if contact < 1 or np.count_nonzero(known) < FEWEST_POINTS:
+            continue
+        time_s, log = np.asarray(lines.time_s[points])[known], np.log(frequency[known])
+        smooth = np.convolve(log, np.full(3, 1 / 3), "valid")
+        slope = np.gradient(smooth, time_s[1:-1])
+        steepest = int(np.argmin(slope))
+        fall = float(smooth[: steepest + 1].max() - smooth[steepest:].min())
+        if fall < SMALLEST_FALL or slope[steepest] >= 0.0:
+            continue
+        width_s = 0.5 * fall / -float(slope[steepest])
+        found.append(LineFall(float(time_s[1 + steepest]), width_s, fall, int(contact)))
+    return sorted(found, key=lambda one: -one.fall)

@@ -5,7 +5,10 @@ contact that passes, if it agrees with its lines; where no line shows a passage,
 broadband is examined first, with the lines that follow it if its parts tell a passage
 (`sub_bands`). What contacts of minutes do not show is sought among all lines for a few
 d/v (`moving_lines`); such lines are told as a contact of their own, and so is what the
-sound alone tells where nothing else has shown a passage (`own_time`). Where lines and
+sound alone tells where nothing else has shown a passage (`own_time`). In air, contacts in
+short frames are pieces of lines, which break where they fall fastest: there the pattern of
+all sound is shifted along Doppler laws wherever a line falls or the level rises
+(`evidence/doppler_image`), and measured frame by frame along the best one. Where lines and
 broadband tell one passage and either leaves it in doubt, one fit of both is asked.
 Where the broadband tells of passages that no contact accounts for, each is examined
 with what the others put into it taken out (`source_separation`), unless they are one
@@ -25,6 +28,8 @@ from uwtrack_cli.data.directions import Directions
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.motion.correlation import overlap_correlation
+from uwtrack_cli.motion.evidence.doppler_image import doppler_evidence
 from uwtrack_cli.motion.passage import moving_lines, own_time
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
@@ -35,6 +40,7 @@ from uwtrack_cli.motion.passage.candidates import (
     examine_contacts,
     examine_from,
     fit_contact,
+    is_one,
     read,
     split,
     tell_once,
@@ -57,10 +63,12 @@ from uwtrack_cli.motion.passage.model.measurements import (
     contact_data,
     contact_ids,
     lines_of,
+    with_frequency,
 )
 from uwtrack_cli.motion.passage.moving_lines import (
     APART,
     Together,
+    line_falls,
     line_gains,
     lines_together,
     stretch_of,
@@ -91,6 +99,11 @@ N_CUTS, SAME_WIDTH = 3, 0.1
 which the width of what is cut out may still change in the end. Both are chosen."""
 
 
+MOST_PLACES, LONGEST_FRAME_S = 8, 0.5
+"""Places in air at which a pattern is sought in the sound at most, and the length of
+frames, s, up to which contacts are pieces of lines and it is sought."""
+
+
 N_MEASURED, FEWEST_FRAMES = 2, 12
 """How often a passage that the sound tells is measured, the last time by the fit of the
 time before, and frames with a line that it must have."""
@@ -109,6 +122,12 @@ class SearchTerms(NamedTuple):
     """The recording, whose sound may be read again; None without it."""
     directions: Directions | None = None
     """What an array heard, of which the bearings of the levels are; None without it."""
+
+    @property
+    def asks_pattern(self) -> bool:
+        """Whether the pattern of the sound shows passages better than pieces of lines."""
+        is_short = self.limits.window_s <= LONGEST_FRAME_S
+        return self.sound is not None and self.medium.is_air and is_short
 
 
 def examine_recording(
@@ -147,7 +166,7 @@ def examine_recording(
         What the contacts of lines are read as that are none.
     """
     terms = SearchTerms(medium, false_alarm_probability, limits, sound, directions)
-    every, still = _of_lines(lines, terms) if lines is not None else ([], [])
+    every, still = _with_speed(lines, levels, terms)
     parts: dict[int, Lines] = {}
     if lines is not None and not terms.medium.is_air:  # engines hardly keep their speed
         more, parts = _of_lines_together(lines, every, terms)
@@ -156,7 +175,7 @@ def examine_recording(
         return every, still
     found = [item for item in every if item.passes]
     rejected = [item for item in every if not item.passes]
-    if len(found) == 1:
+    if len(found) == 1 and not terms.asks_pattern:
         own = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own, levels, terms)]
     passing = found
@@ -173,7 +192,21 @@ def examine_recording(
         passing = [*passing, *_of_own_time(passing, first, terms)]
     used = {number for item in passing for number in item.contacts}
     others = [item for item in (*found, *rejected) if used.isdisjoint(item.contacts)]
-    return passing + others, [one for one in still if one.contact not in used]
+    return (
+        _with_patterns(passing + others, None, levels, terms),
+        [one for one in still if one.contact not in used],
+    )
+
+
+def _with_speed(
+    lines: Lines | None, levels: Levels | None, terms: SearchTerms
+) -> tuple[list[CandidatePassage], list[Still]]:
+    """Examine what may have a speed: contacts of lines, or patterns of the sound in air."""
+    if not terms.asks_pattern:
+        return _of_lines(lines, terms) if lines is not None else ([], [])
+    rise = _of_levels(levels, terms) if levels is not None else None
+    every = _with_patterns([rise] if rise else [], lines, levels, terms)
+    return [item for item in every if not item.blocks.shift.is_empty], []
 
 
 def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
@@ -376,7 +409,7 @@ def _apart(
     """
     lines, parts = heard
     first = len(found)
-    if len(found) == 1:
+    if len(found) == 1 and not terms.asks_pattern:
         own_lines = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own_lines, shares[0], terms)]
     taken = {number for item in found for number in item.contacts}
@@ -468,6 +501,99 @@ def _both(
     return rise
 
 
+def _with_patterns(
+    items: list[CandidatePassage],
+    lines: Lines | None,
+    levels: Levels | None,
+    terms: SearchTerms,
+) -> list[CandidatePassage]:
+    """Let the pattern of the sound compete for every place where something may pass in air.
+
+    It takes the place of what has no speed, agrees with it or is less probable.
+    """
+    if not terms.asks_pattern:
+        return items
+    kept = sorted(items, key=lambda item: -item.decision.probability)
+    places = [(_place(item), item.contacts) for item in kept if not _has_speed(item)]
+    places += [
+        ((one.time_s, one.width_s), (one.contact,))
+        for one in (line_falls(lines) if lines is not None else [])
+    ]
+    asked = [_place(item) for item in kept if _has_speed(item)]
+    n_asked, found = len(asked), list[CandidatePassage]()
+    for place, contacts in places:
+        if any(_is_beside(place, other) for other in (*asked, *map(_place, found))):
+            continue
+        if len(asked) == n_asked + MOST_PLACES:
+            break
+        asked.append(place)
+        pattern = attempted(
+            partial(_of_pattern, place, contacts, levels, terms),
+            contacts, np.array([place[0] - place[1], place[0] + place[1]]),
+        )  # fmt: skip
+        if pattern is None or not pattern.passes:
+            continue
+        others = [
+            one.decision.probability for one in (*kept, *found)
+            if _has_speed(one) and _is_beside(_place(one), _place(pattern))
+            and not is_one(one, pattern)
+        ]  # fmt: skip
+        if pattern.decision.probability > max(others, default=0.0):
+            found = [
+                one for one in found if not _is_beside(_place(one), _place(pattern))
+            ]
+            found.append(pattern)
+    return found + [
+        one for one in kept
+        if not any(_is_beside(_place(one), _place(other)) for other in found)
+    ]  # fmt: skip
+
+
+def _has_speed(item: CandidatePassage) -> bool:
+    return not item.blocks.shift.is_empty and item.passes
+
+
+def _place(item: CandidatePassage) -> tuple[float, float]:
+    """Return time and R/v of a candidate, s."""
+    return float(item.fit.theta[0, 0]), float(item.fit.range_over_speed_s[0])
+
+
+def _is_beside(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Tell whether two places lie within R/v of each other."""
+    return abs(one[0] - other[0]) < max(one[1], other[1])
+
+
+def _of_pattern(
+    place: tuple[float, float],
+    contacts: tuple[int, ...],
+    levels: Levels | None,
+    terms: SearchTerms,
+) -> CandidatePassage | None:
+    """Measure where the pattern of the sound is about a passage in air, and fit it.
+
+    All that a vehicle radiates is one line, which is read along its Doppler law and not
+    cut where it falls fastest.
+    """
+    assert terms.sound is not None  # noqa: S101 - asked before
+    shown = doppler_evidence(terms.sound, *place)
+    if shown is None or shown.evidence <= 0.0:
+        return None
+    law, course = shown.law, shown.course
+    frequency_hz = course.tone_hz * np.exp(course.shift)
+    overlap = overlap_correlation("frequency", course.overlap)
+    data = with_frequency(
+        contact_data(None, levels, ()), course.time_s, frequency_hz,
+        frequency_hz * course.shift_std, float(overlap[0]),
+    )  # fmt: skip
+    speed_mps = law.mach * terms.medium.sound_speed_mps
+    theta = np.array([[law.time_s, np.log(law.width_s), speed_mps, 0.0]])
+    made = examine_from(
+        data, (contacts, np.zeros(1, np.int64)), (theta, np.ones(1)),
+        terms.medium, terms.probability, is_shown=True,
+    )  # fmt: skip
+    return _checked(made, None, terms) if made else None
+
+
 def _with_lines(
     alone: CandidatePassage,
     lines: Lines | None,
@@ -477,7 +603,7 @@ def _with_lines(
 ) -> CandidatePassage:
     """Add the lines that follow a passage which the broadband has shown."""
     best, gain = alone, SMALLEST_LINE_GAIN + np.log(max(len(contacts), 1))
-    if lines is None:
+    if lines is None or terms.asks_pattern:
         return alone
     for contact in contacts:
         part = (contact,)
@@ -488,11 +614,7 @@ def _with_lines(
         )  # fmt: skip
         if joint is None:
             continue
-        # a gear that is changed in the middle of the rise is no Doppler shift
-        ratio = joint.likelihood_ratio
-        own_gain = ratio.doppler_over_break
-        if not terms.medium.is_air:
-            own_gain = _gain_of_line(joint, alone)
+        own_gain = _gain_of_line(joint, alone)
         told = _checked(joint, lines, terms) if own_gain > gain else None
         if told:
             best, gain = told, own_gain

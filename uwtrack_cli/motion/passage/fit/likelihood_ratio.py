@@ -95,11 +95,6 @@ class LikelihoodRatio:
         return self.doppler + self.bearing + self.level
 
     @property
-    def doppler_over_break(self) -> float:
-        """Gain of the frequencies over constants with one break."""
-        return self.over_break - self.bearing - self.level
-
-    @property
     def is_passage(self) -> bool:
         """Whether something passes, at the stated false-alarm probability.
 

@@ -210,6 +210,47 @@ def contact_data(
     )  # fmt: skip
 
 
+def with_frequency(
+    data: PassageData,
+    time_s: FloatArray,
+    frequency_hz: FloatArray,
+    frequency_std_hz: FloatArray,
+    correlation: float,
+) -> PassageData:
+    """Return the measurements of a source with one line that was measured at other times.
+
+    Parameters
+    ----------
+    data
+        Measurements without a line.
+    time_s, frequency_hz, frequency_std_hz
+        Instants, s, with the frequency there, Hz, and its deviation; shape (n,). Other
+        measurements are kept for as long, and for as long again before and after.
+    correlation
+        Of neighbouring frequencies' errors.
+    """
+    length_s = float(np.ptp(time_s))
+    near = np.abs(data.time_s - 0.5 * (time_s[0] + time_s[-1])) <= 1.5 * length_s
+    time = np.unique(np.concatenate([data.time_s[near], time_s]))
+    there, here = (
+        np.searchsorted(time, data.time_s[near]),
+        np.searchsorted(time, time_s),
+    )
+
+    def placed(value: FloatArray) -> FloatArray:
+        full = np.full((*value.shape[:-1], time.size), np.nan)
+        full[..., there] = value[..., near]
+        return full
+
+    frequency, std = np.full((2, 1, time.size), np.nan)
+    frequency[0, here], std[0, here] = frequency_hz, frequency_std_hz
+    return PassageData(
+        time, frequency, std, placed(data.bearing_deg), placed(data.bearing_std_deg),
+        placed(data.level_db), placed(data.level_std_db), correlation,
+        data.bearing_correlation, data.level_correlation,
+    )  # fmt: skip
+
+
 def _around(levels: Levels, heard_s: FloatArray) -> Levels:
     """Keep the levels while lines were measured, and as long before and after."""
     first, last = float(heard_s.min()), float(heard_s.max())
