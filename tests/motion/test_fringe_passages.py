@@ -46,6 +46,21 @@ def test_proposals_gain_most_at_the_passage(passing):
     assert gain[near].max() > max(20.0, 3.0 * gain[far].max())
 
 
+def test_a_line_of_the_vessel_hides_nothing_of_its_fringes():
+    frequency, power, ship = draw_power(6000, is_deep=True)
+    sensor_m = scene(6000, is_deep=True)[2].sensor_m
+    width_s = ship.slant_m(sensor_m) / ship.speed_mps
+    time_s = (np.arange(len(power)) + 1.0) * 0.25
+    # 30 dB in 1 Hz, in the three cells of a window's line
+    level = 1000.0 / (1.0 + ((time_s - ship.time_s) / width_s) ** 2)
+    near = np.flatnonzero(np.abs(frequency - 240.0) < 3.0)
+    power[:, near] += (
+        level[:, None] * power[:, near].mean(axis=0) * [0.1, 0.3, 0.1]
+    )  # fmt: skip
+    (one,) = fringe_passages(fringes_of(frequency, power), MACH)
+    assert abs(one.passage.width_s / width_s - 1.0) < 0.05
+
+
 def test_a_later_recording_has_its_passage_later():
     frequency, power, _ = draw_power(22, is_deep=True)
     fringes = fringes_of(frequency, power)

@@ -213,13 +213,14 @@ def _add_mirror(
         product = 2.0 * sensor * _median(source, float(priors.std[0]))
         near_m = np.hypot(product / longer_m, 0.5 * longer_m)
         own = np.hypot(spread, _log_std(source, float(priors.std[0])))
-        _take_speed(row, float(near_m), float(own))
+        _take_speed(row, float(near_m), float(own), sensor - source)
 
 
-def _take_speed(row: Row, range_m: float, log_std: float) -> None:
+def _take_speed(row: Row, range_m: float, log_std: float, least_m: float) -> None:
     """Give a row range and speed, by a range that is known to a factor.
 
-    ``log_std``: standard deviation of the range's logarithm.
+    ``log_std``: standard deviation of the range's logarithm. ``least_m``: range below
+    which no vessel is.
     """
     values = row.values
     width_s = values["range_over_speed_s"]
@@ -233,6 +234,8 @@ def _take_speed(row: Row, range_m: float, log_std: float) -> None:
     mean, std = float(means @ precision / precision.sum()), precision.sum() ** -0.5
     speed = float(np.exp(mean + 0.5 * std**2))
     speed_std = speed * float(np.sqrt(np.expm1(std**2)))
+    if speed * width_s < least_m:
+        return
     # a wider R/v makes the range's part of the speed less
     slope = -speed / width_s * float(precision[0] / precision.sum())
     row.covariance[2, :2] = row.covariance[:2, 2] = slope * row.covariance[1, :2]
