@@ -64,3 +64,17 @@ def package_modules() -> dict[Path, ast.Module]:
         path.relative_to(package): ast.parse(path.read_text(encoding="utf-8"))
         for path in sorted(package.rglob("*.py"))
     }
+
+
+def cells_of(ax):
+    """Return the edges in time and frequency, and the levels, of a panel's picture."""
+    (image,) = ax.images
+    left, right, low, high = image.get_extent()
+    levels = image.get_array()
+    space = np.linspace
+    if ax.get_yscale() == "log":
+        (low, high), space = ax.get_ylim(), np.geomspace
+    rows, columns = levels.shape
+    return (
+        np.linspace(left, right, columns + 1), space(low, high, rows + 1), levels
+    )  # fmt: skip

@@ -6,13 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
-from scipy.stats import chi2
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.data.truth import Truth, VesselTrack
 from uwtrack_cli.flow import calibration
-from uwtrack_cli.flow.exports.features import CORNERS, _ellipse
 from uwtrack_cli.flow.scoring.ais_passages import (
     _approaches,
     _passage,
@@ -192,19 +190,3 @@ def test_what_was_measured_is_the_sensors():
     assert found.omni_crosstalk == "0.02,-0.03"
     assert found.compass_offset_deg == pytest.approx(-178.5)  # 3 and 178.5
     assert found.compass_std_deg == 1.235
-
-
-def test_an_ellipse_holds_95_percent_and_runs_against_the_clock():
-    covariance = np.array([[900.0, -400.0], [-400.0, 400.0]])
-    origin = Origin(45.0, 10.0)
-    ring = np.array(_ellipse(covariance, origin))
-    assert ring.shape == (CORNERS + 1, 2)
-    assert np.array_equal(ring[0], ring[-1])
-    grid = np.array([to_grid(lat, lon, origin) for lon, lat in ring])
-    unit = np.linalg.solve(np.linalg.cholesky(covariance), grid.T)
-    steps = np.hypot(*np.diff(unit, axis=1))
-    assert steps == pytest.approx(steps[0], rel=1e-3)  # corners all the way round
-    squares = np.einsum("ij,jk,ik->i", grid, np.linalg.inv(covariance), grid)
-    assert squares == pytest.approx(chi2.ppf(0.95, 2), rel=1e-3)
-    x, y = grid.T
-    assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0.0

@@ -8,10 +8,13 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from tests.draws import fringe_picture
 from uwtrack_cli.cli.app import app
+from uwtrack_cli.plotting.style import draw_cells
 
 ROOT = Path(__file__).parent.parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -80,3 +83,27 @@ def test_the_pictures_are_what_is_drawn_today(tmp_path):
         new, old = (matplotlib.image.imread(p)[..., :3] for p in (path, kept))
         assert new.shape == old.shape, path.name
         assert np.mean(np.abs(new - old).max(axis=-1) > 0.1) < 0.01, path.name
+
+
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_a_cell_is_painted_where_its_frequency_lies(scale):
+    """A bright row of 63 Hz, of even rows on the axis and of uneven ones."""
+    figure = Figure(figsize=(4.0, 4.0), dpi=100)
+    canvas = FigureCanvasAgg(figure)
+    for number, bend in enumerate((1.0, 1.3)):
+        ax = figure.add_subplot(1, 2, number + 1)
+        ax.set(yscale=scale, ylim=(10.0, 1000.0), xlim=(0.0, 1.0))
+        space = np.geomspace if scale == "log" else np.linspace
+        edges = space(10.0, 1000.0**bend, 201) ** np.linspace(1.0, 1.0 / bend, 201)
+        level = np.zeros((3, 200))
+        row = int(np.searchsorted(edges, 63.0)) - 1
+        level[:, row] = 1.0
+        draw_cells(ax, np.linspace(0.0, 1.0, 4), edges, level, (0.0, 1.0), cmap="gray")
+        ax.set_axis_off()
+        canvas.draw()
+        dots = np.asarray(canvas.buffer_rgba())[::-1, :, 0]
+        at = ax.transData.transform([(0.5, edges[row]), (0.5, edges[row + 1])])
+        bright = np.flatnonzero(dots[:, int(at[0, 0])] == 255)
+        inside = bright[(bright > ax.bbox.y0 + 1) & (bright < ax.bbox.y1 - 1)]
+        assert inside.size
+        assert np.abs(inside - at[:, 1].mean()).max() <= 0.5 * np.ptp(at[:, 1]) + 1.5

@@ -16,7 +16,7 @@ from uwtrack_cli.flow.passages import PassageRow
 from uwtrack_cli.flow.sound_hours import SoundSpan
 from uwtrack_cli.plotting.deployment_report import calendar_figure, deployment_html
 from uwtrack_cli.plotting.listen import in_band
-from uwtrack_cli.plotting.report import reasons_once
+from uwtrack_cli.plotting.passage_words import reasons_once
 from uwtrack_cli.plotting.view import View
 
 HOUR_NS = 3600 * 10**9
@@ -133,7 +133,7 @@ def test_a_reason_is_said_once_with_its_passages():
         row(2, course_deg="no bearing", side="no bearing", speed_mps="no line"),
     ])  # fmt: skip
     assert said == [
-        "No course_deg, side: no bearing.", "No speed_mps: no line (passage 2)."
+        "No course, side: no bearing.", "No speed: no line (passage 2)."
     ]  # fmt: skip
 
 

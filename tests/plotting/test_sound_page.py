@@ -8,6 +8,7 @@ import soundfile
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
+from tests.support import cells_of
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.plotting.sound_page import SoundStyle, sound_figure
@@ -26,10 +27,8 @@ class Picture:
         self.figure = figure
         (self.ax,) = [ax for ax in figure.axes if ax.get_label() != "<colorbar>"]
         (self.bar,) = [ax for ax in figure.axes if ax.get_label() == "<colorbar>"]
-        self.mesh = self.ax.collections[0]
-        edges = self.mesh.get_coordinates()
-        self.time_s, self.frequency_hz = edges[0, :, 0], edges[:, 0, 1]
-        self.level_db = self.mesh.get_array()
+        self.image = self.ax.images[0]
+        self.time_s, self.frequency_hz, self.level_db = cells_of(self.ax)
 
     @property
     def middle_hz(self):
@@ -133,9 +132,9 @@ def test_the_axis_follows_from_the_band(plotted, tone):
 def test_range_colours_and_size_are_those_asked_for(plotted, tone):
     words = ("--db-range", 40, "--colormap", "magma", "--size", 5, 3, "--dpi", 50)
     found = plotted(tone, *words, "-o", "small.png")
-    dark, bright = found.mesh.get_clim()
+    dark, bright = found.image.get_clim()
     assert bright - dark == pytest.approx(40.0)
-    assert found.mesh.get_cmap().name == "magma"
+    assert found.image.get_cmap().name == "magma"
     from matplotlib.image import imread
 
     assert imread("small.png").shape[:2] == (150, 250)

@@ -68,7 +68,7 @@ def _decision():
 def test_a_track_in_the_plane_is_drawn_with_an_ellipse_per_scan(ax):
     target = _target()
     assert draw_target(target, _scans(), ax) is ax
-    assert len(ax.patches) == 2 * 4  # an edge and a filling each
+    assert len(ax.patches) == 4
     np.testing.assert_array_equal(ax.lines[1].get_xdata(), target.state[:, 0])
     np.testing.assert_array_equal(ax.lines[1].get_ydata(), target.state[:, 2])
     assert ax.get_xlabel() == "z_1 (m)"

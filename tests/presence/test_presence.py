@@ -310,7 +310,7 @@ def test_every_place_that_finds_nobody_names_what_to_try(uwtrack, words, named):
 
 def test_a_vessel_without_lines_is_told_by_its_blades(uwtrack, ran):
     said = " ".join(ran.stderr.split())
-    assert "no closest approach; shaft and blades of a vessel are heard" in said
+    assert "no closest approach; shaft and blades of a vessel are detected" in said
     assert "no vessel was found" not in said
     shown = uwtrack("show", "p.run.h5", "presence", "--format", "json")
     (row,) = [r for r in json.loads(shown.stdout) if r["kind"] == "rates"]

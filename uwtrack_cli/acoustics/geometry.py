@@ -14,6 +14,13 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 
+RADIUS_95 = float(np.sqrt(-2.0 * np.log(0.05)))
+"""Radius of the region that holds two Gaussian components with 95 % probability, in
+deviations: the root of that quantile of chi-square with two degrees of freedom."""
+
+CORNERS = 72
+"""Corners of a region's outline."""
+
 STARBOARD, PORT = "starboard", "port"
 """Side of the vessel on which the sensor lies, for a turn of +1 and -1."""
 
@@ -33,6 +40,35 @@ def compass_unit(bearing_deg: Any) -> FloatArray:
     """
     angle = np.deg2rad(np.asarray(bearing_deg, float))
     return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+
+
+def place_covariance(
+    range_m: float, bearing_deg: float, covariance: FloatArray
+) -> FloatArray:
+    """Return the covariance of east and north of a place, m^2, to first order.
+
+    ``covariance``: that of range (m) and bearing (degrees), shape (2, 2).
+    """
+    away = compass_unit(bearing_deg)
+    across = np.radians(range_m) * away[::-1] * [1.0, -1.0]  # m for a degree
+    turn = np.column_stack([away, across])
+    return np.asarray(turn @ covariance @ turn.T)
+
+
+def region_95(covariance: FloatArray) -> FloatArray:
+    """Return the outline of the 95 % region about a place, counter-clockwise and closed.
+
+    ``covariance``: that of both coordinates, shape (2, 2).
+
+    Returned: array, shape (2, corners), in the unit of the coordinates.
+    """
+    spread, axes = np.linalg.eigh(covariance)
+    if np.linalg.det(axes) < 0.0:  # a mirrored circle would run clockwise
+        axes = axes * np.array([1.0, -1.0])
+    angle = np.linspace(0.0, 2.0 * np.pi, CORNERS + 1)
+    radii = RADIUS_95 * np.sqrt(np.maximum(spread, 0.0))
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(axes @ (radii[:, None] * circle))
 
 
 def course_deg(bearing_deg: Any, turn: Any) -> FloatArray:

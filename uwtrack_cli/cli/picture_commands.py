@@ -464,13 +464,12 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     from uwtrack_cli.files.atomic import check_target, write_text
 
     try:
-        from uwtrack_cli.plotting.listen import Ear
         from uwtrack_cli.plotting.report import Report, report_html
     except ImportError as error:
         msg = f"reports need matplotlib and jinja2 ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
     refuse_without_ais(context, ais)
-    ear = None if not sound else Ear(_checked_speed_up(speed_up))
+    faster = None if not sound else _checked_speed_up(speed_up)
     if speed_up is not None and not sound:
         msg = "--speed-up is how fast the sound is played: give it with --sound."
         raise OptionError(msg)
@@ -481,12 +480,15 @@ def report(  # noqa: PLR0913 (one parameter for each option)
         raise OptionError(msg)
     inputs = () if is_folder or source == PIPE else (source,)
     check_target(target, overwrite=overwrite, inputs=inputs)
-    made: dict[str, Any] = {"units": "kn" if units == "kn" else "m/s", "ear": ear}
+    made: dict[str, Any] = {
+        "units": "kn" if units == "kn" else "m/s",
+        "speed_up": faster,
+    }
 
     def text_of(path: Path) -> str:
         with open_product(path) as product:
             found, tracks = _reported(product, step, ais, within_m)
-            return report_html(product, Report(found, tracks, **made))
+            return report_html(product, Report(found, None, tracks, **made))
 
     if not is_folder:
         text = text_of(source)
@@ -548,20 +550,20 @@ def _of_folder(
     from uwtrack_cli.flow.passages import collect_passages, usual_cache
     from uwtrack_cli.flow.rerun_sources import with_sound
     from uwtrack_cli.plotting.deployment_report import deployment_html
-    from uwtrack_cli.plotting.thumbnail import MOST_THUMBNAILS, Gallery
+    from uwtrack_cli.plotting.thumbnail import MOST_THUMBNAILS, glances
 
     table = collect_passages([folder], ais=ais, within_m=within_m, cache=usual_cache())
     deployment = read_deployment([folder], table, glanced=MOST_THUMBNAILS)
 
     def read(path: Path) -> list[Container]:
         found = deployment.held.get(str(path.resolve()), [])
-        if made["ear"] is None:
+        if made["speed_up"] is None:
             return found
         with read_product(path) as product:
             return [with_sound(c, [product]) if isinstance(c, Recording) else c
                     for c in found]  # fmt: skip
 
-    gallery = Gallery(beside, read, **made)
+    gallery = glances(beside, read, **made)
     return deployment_html(deployment, folder.resolve().name, gallery, made["units"])
 
 

@@ -148,10 +148,12 @@ def other_rise(measured: Measured) -> float:
 def stationary_level(measured: Measured) -> float:
     """Return what the level of the sound gains by rising and falling with the range of lines.
 
-    A level that does not show the vessel says nothing: another may be louder.
+    A level that does not show the vessel says nothing: another may be louder. In air the
+    source of the frequencies is the loudest.
     """
     gain = value_of(measured, "level")
-    return compressed(gain) if value_of(measured, "has_lines") and gain > 0 else nan
+    says = gain > 0 or value_of(measured, "is_air")
+    return compressed(gain) if value_of(measured, "has_lines") and says else nan
 
 
 def part_of_another(measured: Measured) -> float:

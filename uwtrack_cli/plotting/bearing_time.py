@@ -9,7 +9,7 @@ from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.plotting.picture import check_axes
+from uwtrack_cli.plotting.picture import cell_edges, check_axes
 from uwtrack_cli.plotting.style import (
     LEVELS_MAP,
     MEASURED,
@@ -68,9 +68,9 @@ def draw_bearing_time(
     dark, bright = np.quantile(known, (0.5, BRIGHTEST_SHARE)) if known.size else (0, 0)
     bright = dark + np.clip(bright - dark, LEAST_SPAN_DB, MOST_SPAN_DB)
     draw_cells(
-        ax, time_s[chosen][rows], angle_deg, np.take_along_axis(excess_db, beams, axis=1),
-        (float(dark), float(bright)), f"dB over the background, {record.band_low_hz:.0f}-"
-        f"{record.band_high_hz:.0f} Hz", shading="nearest",
+        ax, cell_edges(time_s[chosen][rows]), cell_edges(angle_deg),
+        np.take_along_axis(excess_db, beams, axis=1), (float(dark), float(bright)),
+        f"dB over the background, {record.band_low_hz:.0f}-{record.band_high_hz:.0f} Hz",
     )  # fmt: skip
     ax.tick_params(labelsize=8)
     widest = 360 if record.cos_angle is None else 180

@@ -19,7 +19,6 @@ from uwtrack_cli.data.spectra import Overview
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
-    PageBlock,
     PagePart,
     page_figure,
     span_title,
@@ -113,7 +112,7 @@ def demon_figure(scene: Scene, view: View) -> Figure:
 
         gram = [PagePart(GRAM_IN, draw)]
     lower = timed(gram, view, scene.clock, span_s)
-    return page_figure(heads, view, [PageBlock(SPECTRUM_IN + 0.4, spectrum), lower])
+    return page_figure(heads, view, [PagePart(SPECTRUM_IN + 0.4, spectrum), lower])
 
 
 def _of_sound(scene: Scene) -> Overview:
@@ -137,12 +136,12 @@ def _shafts(scene: Scene, span_s: Span) -> Iterator[Shaft]:
     for row in scene.stretches(span_s).tolist():
         rates = np.sort(found.rate_hz[found.rate_stretch == row])
         if rates.size:
-            spacing, blade = (
-                float(found.spacing_hz[row]),
-                float(found.blade_rate_hz[row]),
-            )
+            spacing = float(found.spacing_hz[row])
             is_of_rates = spacing <= rates[0] * 1.02  # not of its lines
-            shaft = spacing if is_of_rates else float(rates[0])
+            shaft, blade = (
+                spacing if is_of_rates else rates[0],
+                found.blade_rate_hz[row],
+            )
             yield Shaft(scene.owner(row), shaft, blade, tuple(rates.tolist()))
 
 

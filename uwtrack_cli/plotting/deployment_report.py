@@ -1,7 +1,7 @@
 """The report of a folder: a deployment at a glance, its days, its passages.
 
 **Method.** The calendar has a row per day and sensor: grey where there is sound, darker
-where a vessel is heard, a mark where one passes. Below it stand the medians of every
+where a vessel is detected, a mark where one passes. Below it stand the medians of every
 hour in decidecade bands and of the whole band, the ways of the vessels past their
 sensors, how many passed at which hour, speed and range, and a picture of each passage
 that leads to its page. Of more days or passages than there is room for, the last days
@@ -11,7 +11,6 @@ and the first passages are drawn, which is said.
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from datetime import timedelta
 from functools import partial
 from typing import Any
 
@@ -19,12 +18,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uwtrack_cli import __version__
-from uwtrack_cli.constants import KNOT_MPS, NANOSECONDS
+from uwtrack_cli.acoustics.geometry import compass_unit
+from uwtrack_cli.constants import KNOT_MPS
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.files.tables.summaries import NOT_KNOWN, passage_columns
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.files.utc import EPOCH, parse_utc
+from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.deployment import Deployment
 from uwtrack_cli.flow.long_term import HourLevel, by_hour
 from uwtrack_cli.flow.passages import PassageRow
@@ -39,7 +38,6 @@ from uwtrack_cli.flow.sound_hours import (
 )
 from uwtrack_cli.plotting.html_page import page_html, picture_of_page
 from uwtrack_cli.plotting.maps import (
-    axes_of,
     draw_circle,
     draw_way,
     fit_limits,
@@ -58,6 +56,7 @@ from uwtrack_cli.plotting.style import (
     name_place,
     new_figure,
 )
+from uwtrack_cli.plotting.thumbnail import Glance
 from uwtrack_cli.plotting.view import Units, View
 
 MOST_ROWS = 62
@@ -75,7 +74,7 @@ LABELS_DEG = 37.0
 MARKERS = "ov^sD*"
 """Marks of the sensors, beside their colours."""
 
-CAPTION = "Grey: sound. Dark: a vessel may be heard. Marks: passages."
+CAPTION = "Grey: sound. Dark: a vessel may be detected. Marks: passages."
 
 OF_MAP = (
     "Ways past the sensor, which is the origin, by their course and bearing; a circle is "
@@ -86,8 +85,6 @@ HEARD_COLOR = "#8c8c8c"
 
 BINS = 12
 """Bars of speed and range."""
-
-Glance = Callable[[PassageRow, int], dict[str, Any] | None]
 
 
 def deployment_html(
@@ -107,69 +104,41 @@ def deployment_html(
     return page_html(
         "deployment.html", title=title, warnings=deployment.problems,
         result=f"{count} in {total_h(deployment.sound):.1f} hours of sound",
-        known=_facts(deployment), pictures=list(_pictures(deployment, units)),
+        listened=deployment.listened, vessels={p.vessel for p in passages if p.vessel},
+        pictures=list(_pictures(deployment, units)),
         gallery=[one for one in shown if one is not None],
         tables=list(_tables(deployment, units)) if passages else [],
-        more=n - MOST_PASSAGES, footer=f"uwtrack {__version__}",
+        more=n - MOST_PASSAGES,
     )  # fmt: skip
-
-
-def _facts(deployment: Deployment) -> list[tuple[str, str]]:
-    listened = deployment.listened
-    spans = [one.span_ns for one in listened if one.span_ns is not None]
-    facts = [
-        ("Recordings", str(len(listened))),
-        ("Sensors", ", ".join(sorted({one.sensor for one in listened})) or "none"),
-    ]
-    if spans:
-        first, last = min(s[0] for s in spans), max(s[1] for s in spans)
-        facts += [("First", _utc(first)), ("Last", _utc(last))]
-    unknown = len(listened) - len(spans)
-    if unknown:
-        facts.append(("Without a start time", str(unknown)))
-    vessels = {p.vessel for p in deployment.passages if p.vessel}
-    if vessels:
-        facts.append(("Vessels by AIS", str(len(vessels))))
-    return facts
-
-
-def _utc(time_ns: int) -> str:
-    return f"{EPOCH + timedelta(seconds=time_ns // NANOSECONDS):%Y-%m-%d %H:%M}"
 
 
 def _pictures(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
     """Yield the pictures of the whole, each where it has something to say."""
-
-    def section(
-        name: str, draw: Callable[[View], Figure], shows: str, text: str = ""
-    ) -> dict[str, Any]:
-        picture = picture_of_page(draw, units, shows)
-        return {"heading": name, "text": text, "picture": picture}
-
-    passages, days = deployment.passages, _days(deployment)
-    n, n_days = len(passages), len(days)
-    if days:
+    passages, n_days = deployment.passages, len(_days(deployment))
+    parts: list[tuple[str, Callable[[View], Figure], str, str]] = []
+    if n_days:
         more = f" The last {MOST_ROWS} of {n_days} days." if n_days > MOST_ROWS else ""
-        shows = f"Calendar of {n_days} days of sound with {n} passages."
-        draw = partial(calendar_figure, deployment)
-        yield section("Calendar", draw, shows, CAPTION + more)
-    hours = by_hour(hour for one in deployment.listened for hour in one.hours)
-    for sensor, reference in dict.fromkeys((h.sensor, h.reference) for h in hours):
-        own = [h for h in hours if (h.sensor, h.reference) == (sensor, reference)]
-        shows = (
-            f"Medians of {len(own)} hours in decidecade bands, and of the whole band."
+        shows = f"Calendar of {n_days} days of sound with {len(passages)} passages."
+        parts.append(
+            ("Calendar", partial(calendar_figure, deployment), shows, CAPTION + more)
         )
-        draw = partial(hours_figure, own)
-        yield section(f"Levels by the hour, sensor {sensor}", draw, shows)
-    if not passages:
-        return
-    shows = f"Histograms of {n} passages by hour of the day, speed and range."
-    draw = partial(histogram_figure, passages)
-    yield section("Passages by hour, speed and range", draw, shows)
+    hours = by_hour(hour for one in deployment.listened for hour in one.hours)
+    for key in dict.fromkeys((h.sensor, h.reference) for h in hours):
+        own = [h for h in hours if (h.sensor, h.reference) == key]
+        shows = f"Medians of {len(own)} hours in decidecade bands, and of all of them."
+        name = f"Levels by the hour, sensor {key[0]}"
+        parts.append((name, partial(hours_figure, own), shows, ""))
+    if passages:
+        shows = f"Histograms of {len(passages)} passages by hour, speed and range."
+        name = "Passages by hour, speed and range"
+        parts.append((name, partial(histogram_figure, passages), shows, ""))
     ways = [row for row in passages if row.slant_range_m is not None][:MOST_WAYS]
     if ways:
         shows = f"Map of {len(ways)} passages about their sensors."
-        yield section("Map", partial(map_figure, ways), shows, OF_MAP)
+        parts.append(("Map", partial(map_figure, ways), shows, OF_MAP))
+    for name, draw, shows, text in parts:
+        picture = picture_of_page(draw, units, shows)
+        yield {"heading": name, "text": text, "picture": picture}
 
 
 def _days(deployment: Deployment) -> list[int]:
@@ -249,15 +218,14 @@ def hours_figure(hours: Sequence[HourLevel], view: View) -> Figure:
 
     def bands(ax: Axes) -> None:
         bar = f"median in a decidecade\n{unit}"
-        draw_cells(ax, edges_s, edges_hz, level, (None, None), bar)
         FrequencyAxis(edges_hz[0], edges_hz[-1], is_log=True).set_axis(ax)
+        draw_cells(ax, edges_s, edges_hz, level, (None, None), bar)
 
     def all_bands(ax: Axes) -> None:
         calm(ax, f"all bands, median\nand 10-90 % ({unit})")
-        middle = 0.5 * (edges_s[1:] + edges_s[:-1])
-        ax.fill_between(middle, whole[:, 0], whole[:, 2], color=MEASURED, alpha=0.3,
-                        lw=0, step="mid")  # fmt: skip
-        ax.step(middle, whole[:, 1], where="mid", color=MEASURED, lw=1.0)
+        low, middle, high = whole.T
+        ax.stairs(high, edges_s, baseline=low, fill=True, color=MEASURED, alpha=0.3)
+        ax.stairs(middle, edges_s, baseline=None, color=MEASURED, lw=1.0)
 
     parts, span_s = [PagePart(2.6, bands), PagePart(1.3, all_bands)], (0.0, edges_s[-1])
     clock = Clock(first * HOUR_NS)
@@ -302,7 +270,7 @@ def map_figure(ways: Sequence[PassageRow], view: View) -> Figure:
     for number, row in enumerate(ways, 1):
         distance = row.horizontal_range_m or row.slant_range_m or 0.0
         bearing = LABELS_DEG * number if row.bearing_deg is None else row.bearing_deg
-        place = distance * axes_of(bearing)[:, 0]
+        place = distance * compass_unit(bearing)
         if row.bearing_deg is None or row.course_deg is None:
             draw_circle(ax, distance, 0.0, number)
         else:
@@ -341,7 +309,7 @@ def _tables(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
     known.pop("contact", None)
     if "level dB" in known:  # the two references never mix
         known["level dB"] = tuple(
-            f"{cell} re {row['level_reference']}" if row["level_reference"] else cell
+            cell if cell == NOT_KNOWN else f"{cell} re {row['level_reference']}"
             for cell, row in zip(known["level dB"], listed, strict=True)
         )
     rows = list(zip(*known.values(), strict=True))

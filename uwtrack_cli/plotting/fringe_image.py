@@ -108,10 +108,10 @@ def draw_fringes(
         return ax
     time_s, image = found
     edges = cell_edges(time_s), np.exp(cell_edges(np.log(frequency)))
-    draw_cells(ax, *edges, image, (-NOISES, NOISES), cmap="RdBu_r")
     ax.set_yticks(TICKS_HZ, [str(tick) for tick in TICKS_HZ], fontsize=8)
     ax.minorticks_off()
     ax.set_ylim(frequency[0], frequency[-1])
+    draw_cells(ax, *edges, image, (-NOISES, NOISES), cmap="RdBu_r")
     grid = np.linspace(*span_s, 300)
     for passage in passages:
         far = relative_range(grid, _law(passage))

@@ -15,8 +15,10 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader
 from matplotlib.figure import Figure
 
+from uwtrack_cli import __version__
 from uwtrack_cli.files.tables.json_rows import Row
 from uwtrack_cli.files.text_escaping import plain_text
+from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.plotting.page import png_of
 from uwtrack_cli.plotting.page_layout import alternative_text
 from uwtrack_cli.plotting.passage_words import passage_title
@@ -31,7 +33,8 @@ def page_html(template: str, **said: Any) -> str:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
         finalize=lambda value: plain_text(value) if type(value) is str else value,
     )  # fmt: skip
-    return pages.get_template(template).render(**said)
+    pages.filters["utc"] = format_utc
+    return pages.get_template(template).render(version=__version__, **said)
 
 
 def picture_of_page(
@@ -46,7 +49,8 @@ def picture_of_page(
         view = View(width_in=width_in, units=units, stands_alone=False)
         figure = draw(view)
         found |= {name: png_data(figure), "text": text or alternative_text(figure)}
-        figure.clear()  # its pictures are large, and the next page has its own
+        for image in [image for ax in figure.axes for image in ax.images]:
+            image.remove()  # they are large, and a figure is collected late
     return found
 
 

@@ -5,7 +5,6 @@ domain, with soft edges, and brought to the lowest sample rate that holds it. Pl
 faster, its pitch rises by the same factor. Its loudest moment is as loud as can be.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,36 +31,32 @@ LEAST_RATE_HZ, PEAK = 8000.0, 0.9
 """Lowest sample rate that is written, which every browser plays, and greatest value."""
 
 
-@dataclass(frozen=True)
-class Ear:
-    """How the sound of passages is given."""
+def sound_of(scene: Scene, row: int, speed_up: float) -> dict[str, Any] | None:
+    """Return the sound of a passage as a page has it; None where it is not at hand.
 
-    speed_up: float = 1.0
-    """How many times faster it is played."""
-
-    def heard(self, scene: Scene, row: int) -> dict[str, Any] | None:
-        """Return the sound of a passage as a page has it; None where it is not at hand."""
-        recording, encounters = scene.first(Recording), scene.encounters
-        if recording is None or recording.reader is None or encounters is None:
-            return None
-        fit = ReportedPassage(encounters, row)
-        span_s = shown_span(scene, fit, View())
-        middle = float(np.clip(fit.marked_s, *span_s))
-        begin = max(span_s[0], middle - 0.5 * LONGEST_S)
-        end = min(span_s[1], middle + 0.5 * LONGEST_S)
-        lines = encounters.rest_frequency_hz[fit.rest_rows]
-        low, high = lines.min(initial=np.inf) / REACH, lines.max(initial=0.0) * REACH
-        low, high = (low, high) if lines.size else USUAL_HZ
-        high = min(high, 0.5 * recording.sample_rate_hz)
-        try:
-            samples = recording.stretch(begin, end)[:, 0]
-        except DataError:  # the sound has gone since it was found
-            return None
-        sound, rate_hz = in_band(samples, recording.sample_rate_hz, (low, high))
-        content = flac_bytes(sound, round(rate_hz * self.speed_up))
-        faster = f", {self.speed_up:g} times faster" if self.speed_up != 1.0 else ""
-        text = f"{end - begin:.0f} s of sound, {low:.0f} to {high:.0f} Hz{faster}"
-        return {"address": data_address("audio/flac", content), "text": text}
+    ``speed_up``: how many times faster it is played.
+    """
+    recording, encounters = scene.first(Recording), scene.encounters
+    if recording is None or recording.reader is None or encounters is None:
+        return None
+    fit = ReportedPassage(encounters, row)
+    span_s = shown_span(scene, fit, View())
+    middle = float(np.clip(fit.marked_s, *span_s))
+    begin = max(span_s[0], middle - 0.5 * LONGEST_S)
+    end = min(span_s[1], middle + 0.5 * LONGEST_S)
+    lines = encounters.rest_frequency_hz[fit.rest_rows]
+    low, high = lines.min(initial=np.inf) / REACH, lines.max(initial=0.0) * REACH
+    low, high = (low, high) if lines.size else USUAL_HZ
+    high = min(high, 0.5 * recording.sample_rate_hz)
+    try:
+        samples = recording.stretch(begin, end)[:, 0]
+    except DataError:  # the sound has gone since it was found
+        return None
+    sound, rate_hz = in_band(samples, recording.sample_rate_hz, (low, high))
+    content = flac_bytes(sound, round(rate_hz * speed_up))
+    faster = f", {speed_up:g} times faster" if speed_up != 1.0 else ""
+    text = f"{end - begin:.0f} s of sound, {low:.0f} to {high:.0f} Hz{faster}"
+    return {"address": data_address("audio/flac", content), "text": text}
 
 
 def in_band(

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_grid
+from uwtrack_cli.acoustics.geometry import compass_unit, place_covariance
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.sensor import Sensor
@@ -48,18 +49,12 @@ def range_m(encounters: Encounters, row: int) -> float:
     return known if np.isfinite(known) else float(encounters.slant_range_m[row])
 
 
-def axes_of(bearing_deg: float) -> FloatArray:
-    """Return the unit vectors along a bearing and across it, east and north, as columns."""
-    angle = np.radians(bearing_deg)
-    return np.array([[np.sin(angle), np.cos(angle)], [np.cos(angle), -np.sin(angle)]])
-
-
 def place_of(encounters: Encounters, row: int) -> tuple[FloatArray, FloatArray]:
     """Return the place at closest approach from the sensor, m, and its covariance."""
-    distance, axes = range_m(encounters, row), axes_of(encounters.bearing_deg[row])
-    across_m = distance * np.radians(encounters.bearing_std_deg[row])
-    spread = np.diag([encounters.slant_range_std_m[row], across_m]) ** 2
-    return distance * axes[:, 0], np.asarray(axes @ spread @ axes.T)
+    where = range_m(encounters, row), float(encounters.bearing_deg[row])
+    std = [encounters.slant_range_std_m[row], encounters.bearing_std_deg[row]]
+    covariance = place_covariance(*where, np.diag(std) ** 2)
+    return where[0] * compass_unit(where[1]), covariance
 
 
 def draw_map(scene: Scene, fit: ReportedPassage, ax: Axes) -> Axes:
@@ -97,7 +92,7 @@ def draw_way(
     ax: Axes, place: FloatArray, course_deg: float, reach_m: float, number: int
 ) -> FloatArray:
     """Draw a straight way through a place with its direction; return its ends, m."""
-    color, heading = contact_color(number), axes_of(course_deg)[:, 0]
+    color, heading = contact_color(number), compass_unit(course_deg)
     ends = np.stack([place - reach_m * heading, place + reach_m * heading])
     ax.plot(*ends.T, color=color, lw=1.2, linestyle=contact_dash(number))
     arrow = place + 0.4 * reach_m * heading, place + 0.62 * reach_m * heading
@@ -108,7 +103,7 @@ def draw_way(
 def draw_circle(ax: Axes, range_m: float, std_m: float, number: int) -> None:
     """Draw the range of a vessel whose direction is not known, with its band, m."""
     color, half = contact_color(number), BAND_DEVIATIONS * std_m
-    around = np.stack([axes_of(angle)[:, 0] for angle in range(0, 361, 2)], 1)
+    around = compass_unit(np.arange(0, 361, 2)).T
     inner, outer = max(range_m - half, 0.0) * around, (range_m + half) * around
     ax.plot(*(range_m * around), color=color, lw=1.2, linestyle=contact_dash(number))
     ring = np.concatenate([outer, inner[:, ::-1]], axis=1)

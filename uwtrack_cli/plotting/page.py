@@ -120,15 +120,11 @@ def pages_of(
 
 
 def _motion_pages(whole: Scene, motions: Motions, *, is_array: bool) -> list[Page]:
-    contacts = [int(c) for c in np.unique(motions.contact)]
-    every = Page("motion", None, None, partial(target_motion_figure, whole, None))
-    own = [
-        Page("motion", None, c, partial(target_motion_figure, whole, c))
-        for c in contacts
-    ]
-    if not own:
-        return [every]
-    return own if is_array or len(own) == 1 else [every, *own]
+    contacts: list[int | None] = [*np.unique(motions.contact).tolist()]
+    if not is_array and len(contacts) != 1:
+        contacts.insert(0, None)  # all of them
+    return [Page("motion", None, c, partial(target_motion_figure, whole, c))
+            for c in contacts]  # fmt: skip
 
 
 def _passage_pages(scene: Scene) -> list[Page]:
@@ -239,23 +235,32 @@ def write_pages(
         The file name asks for another kind of picture, or the view for what is not.
     """
     check_picture(output, overwrite=overwrite)
-    form = output.suffix[1:].lower()
-    shown = pages if form == "pdf" else pages[:1]
-    figures = [page.draw(view) for page in shown]
+    is_document = output.suffix.lower() == ".pdf"
+    figures = [page.draw(view) for page in (pages if is_document else pages[:1])]
+    if not is_document:
+        write_figure(figures[0], output, view.dpi or DPI, overwrite=overwrite)
+        return
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    told: Any = {"CreationDate": None, "Title": figures[0].get_label()}
+    with (
+        atomic_target(output, overwrite=overwrite) as temporary,
+        PdfPages(temporary, metadata=told) as document,
+    ):
+        for figure in figures:
+            _lay_out(figure, view.dpi or 2 * DPI)
+            document.savefig(figure, dpi=view.dpi or 2 * DPI)
+
+
+def write_figure(
+    figure: Figure, output: Path, dpi: float, *, overwrite: bool = False
+) -> None:
+    """Write a figure as PNG or SVG."""
     with (
         atomic_target(output, overwrite=overwrite) as temporary,
         temporary.open("wb") as file,
     ):
-        if form != "pdf":
-            save_figure(figures[0], file, form, view.dpi or DPI)
-            return
-        from matplotlib.backends.backend_pdf import PdfPages
-
-        told: Any = {"CreationDate": None, "Title": figures[0].get_label()}
-        with PdfPages(file, metadata=told) as document:
-            for figure in figures:
-                _lay_out(figure, view.dpi or 2 * DPI)
-                document.savefig(figure, dpi=view.dpi or 2 * DPI)
+        save_figure(figure, file, output.suffix[1:].lower(), dpi)
 
 
 def save_figure(figure: Figure, file: IO[bytes], form: str, dpi: float) -> None:

@@ -6,7 +6,6 @@ from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from uwtrack_cli.files.text_escaping import figure_text
@@ -35,11 +34,12 @@ WITHIN_VALUE = re.compile(
 LEAST_SHARE = 0.8
 """Share of its usual height that a panel needs on a page whose height is given."""
 
-Panel = Callable[[Axes], Any]
+Panel = Callable[[Any], Any]
+"""Draws into axes, or into a part of a page."""
 
 
 class PagePart(NamedTuple):
-    """A panel of a page."""
+    """A panel, or a part of a page that holds several."""
 
     height: float
     """Height, inches."""
@@ -72,19 +72,10 @@ def span_title(span_s: tuple[float, float], clock: Clock, names: Sequence[str]) 
     return "   ".join([f"{span} {unit}", ", ".join(dict.fromkeys(names))]).strip()
 
 
-class PageBlock(NamedTuple):
-    """A part of a page below its title."""
-
-    height: float
-    """Height, inches."""
-    draw: Callable[[SubFigure], Any]
-    """Draws it."""
-
-
 def page_figure(
     heads: Sequence[HeadLine],
     view: View,
-    blocks: Sequence[PageBlock],
+    blocks: Sequence[PagePart],
     widths: Sequence[float] = (),
 ) -> Figure:
     """Return a page: a title, and blocks below each other.
@@ -195,7 +186,7 @@ def timed(
     clock: Clock,
     span_s: tuple[float, float],
     ticks: int | None = None,
-) -> PageBlock:
+) -> PagePart:
     """Return panels below each other with one time axis, named at the last one.
 
     ``span_s``: begin and end of the axis, s. ``ticks``: ticks that it has room for; None
@@ -212,4 +203,4 @@ def timed(
             panel.tick_params(labelbottom=part is parts[-1])
         panel.set_xlabel(clock.label(span_s), fontsize=9)
 
-    return PageBlock(sum(part.height for part in parts) + 0.5, draw)
+    return PagePart(sum(part.height for part in parts) + 0.5, draw)

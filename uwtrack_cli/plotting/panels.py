@@ -118,27 +118,25 @@ def lofargram_parts(scene: Scene, view: View, span_s: Span) -> list[PagePart]:
         return [PagePart(PART_IN, partial(_draw_lofargram, scene, None, axis, lines))]
     axis = choose_axis(known_hz, view)
     part = None if view.band_hz is not None else lines_part(lines, axis)
-    shown: list[tuple[FrequencyAxis, float | None, list[Outlined], float]]
-    shown = [
-        (axis, None, [] if part else lines, LONE_IN if lines and not part else WHOLE_IN)
-    ]
-    if part is not None and part.high_hz > part.low_hz:
-        window_s = None if held is None else held.frames.window_s
-        shown.append((part, window_s, lines, PART_IN))
-    return [
-        PagePart(
-            height_in,
-            partial(_draw_lofargram, scene, picture_of(scene, one, span_s, window_s),
-                    one, own),
-        )
-        for one, window_s, own, height_in in shown
-    ]  # fmt: skip
+    if part is not None and part.high_hz <= part.low_hz:
+        part = None
+
+    def panel(
+        axis: FrequencyAxis, own: list[Outlined], window_s: float | None, height: float
+    ) -> PagePart:
+        found = picture_of(scene, axis, span_s, window_s)
+        return PagePart(height, partial(_draw_lofargram, scene, found, axis, own))
+
+    if part is None:
+        return [panel(axis, lines, None, LONE_IN if lines else WHOLE_IN)]
+    window_s = None if held is None else held.frames.window_s
+    return [panel(axis, [], None, WHOLE_IN), panel(part, lines, window_s, PART_IN)]
 
 
 def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:
     """Return the band that there is a picture of, Hz: of the sound, or the overview."""
     overview = scene.overview
-    if _has_sound(scene, span_s):
+    if has_sound(scene, span_s):
         return 0.0, 0.5 * scene.all(Recording)[0].sample_rate_hz
     if overview is None or not overview.shade.size:
         return None
@@ -148,7 +146,7 @@ def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:
     return float(known[1 if is_log and known[0] <= 0 else 0]), float(known[-1])
 
 
-def _has_sound(scene: Scene, span_s: Span) -> bool:
+def has_sound(scene: Scene, span_s: Span) -> bool:
     """Tell whether the sound is at hand, and short enough to be drawn from."""
     recording, overview = scene.first(Recording), scene.overview
     if recording is None or recording.reader is None:
@@ -168,7 +166,7 @@ def picture_of(
 
     def make() -> Picture | None:
         recording, overview, found = scene.first(Recording), scene.overview, None
-        if recording is not None and _has_sound(scene, span_s):
+        if recording is not None and has_sound(scene, span_s):
             found = lofargram(recording, axis, span_s, window_s)
         if found is None and overview is not None and overview.shade.size:
             found = overview_picture(overview, axis, span_s)
@@ -522,23 +520,15 @@ def _measured_bearings(
     """
     levels, lines, series = scene.first(Levels), scene.first(Lines), scene.first(Series)
     if levels is not None and levels.bearing_deg.size:
-        bearing, std = levels.bearing_deg, levels.bearing_std_deg
-        yield levels.frames.time_s, bearing, np.nan_to_num(std, nan=np.inf), MEASURED
+        std = np.nan_to_num(levels.bearing_std_deg, nan=np.inf)
+        yield levels.frames.time_s, levels.bearing_deg, std, MEASURED
     if lines is not None:
+        measured = lines.measured_bearing_deg, lines.measured_bearing_std_deg
         for name, contact in zip(lines.line_id, lines.line_contact, strict=True):
-            number = scene.number(contact)
+            number, rows = scene.number(contact), lines.line == name
             if number == (fit.number if fit is not None else number or -1):
-                rows = lines.line == name
-                bearing, std = (
-                    lines.measured_bearing_deg,
-                    lines.measured_bearing_std_deg,
-                )
-                yield (
-                    lines.time_s[rows],
-                    bearing[rows],
-                    std[rows],
-                    contact_color(number),
-                )
+                bearing, std = (one[rows] for one in measured)
+                yield lines.time_s[rows], bearing, std, contact_color(number)
     if series is not None and fit is not None:
         rows = series.contact == fit.contact
         bearing, std = series.bearing_deg[rows], np.zeros(int(rows.sum()))

@@ -11,13 +11,14 @@ from functools import cached_property
 
 import numpy as np
 
+from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
-from uwtrack_cli.motion.passage.model.law import Passage, passage_law, with_other_leg
-from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
+from uwtrack_cli.motion.passage.model import unknowns
+from uwtrack_cli.motion.passage.model.law import Passage
 from uwtrack_cli.plotting.style import Span
 from uwtrack_cli.plotting.view import Scene, View
 
@@ -125,46 +126,36 @@ class ReportedPassage:
         return middle + turn * np.degrees(law.angle[0]), self._std(columns, width_s)
 
     def _law(self, time_s: FloatArray, width_s: float) -> Passage:
-        """Return the law, with the step, the ramp, the other leg or the turn in it."""
-        found = self.encounters
+        """Return the law with what changed beside it; nan where that is not known."""
 
         def known(name: str) -> float:
-            values = getattr(found, name)
+            values = getattr(self.encounters, name)
             return float("nan") if values is None else float(values[self.row])
 
-        sound = known("sound_speed_mps")
-        parameters = np.array([[self.time_s, np.log(width_s), self.mach * sound]])
-        law = passage_law(time_s, parameters, sound, with_height=True)
-        at = known("change_time_s")
-        if not np.isfinite(at):
-            return law
-        sign = 1.0 if known("change_follows") else -1.0
-        step, slope = known("frequency_change"), known("frequency_slope_per_s")
-        lag = time_s - at
-        if np.isfinite(step) or np.isfinite(slope):
-            share = np.where(lag > 0, step, 0.0) if np.isfinite(step) else (
-                np.where(sign * lag > 0, slope * lag, 0.0)
-            )  # fmt: skip
-            rows = law.rows.copy()
-            rows[:, 0] *= 1 + share
-            rows[:, 0, 0] += share
-            return Passage(rows)
-        angle = np.radians(known("turn_away_deg"))
-        if np.isfinite(angle):
-            turned = np.array([angle]), np.array([known("turn_duration_s")])
-            bend = SteadyTurn(*turned, np.array([at]))
-            return with_steady_turn(time_s, parameters, bend, sound, 0.0)
-        turn = TURN.get(str(found.side[self.row]), float("nan"))
-        speed = known("other_leg_speed_mps")
+        sound, at_s = known("sound_speed_mps"), known("change_time_s")
+        theta = [self.time_s, np.log(width_s), self.mach * sound, 0.0, 0.0]
+        turn = TURN.get(str(self.encounters.side[self.row]), float("nan"))
         angle = np.radians(known("other_leg_course_deg") - known("course_deg"))
-        other = speed * np.array([np.cos(angle), -turn * np.sin(angle)])
-        if not np.isfinite(other).all():
-            rows = law.rows.copy()
-            rows[..., sign * lag > 0] = np.nan
-            return Passage(rows)
-        difference = (other - [parameters[0, 2], 0.0])[None]
-        change = (np.array([at]), np.array([sign]), difference)
-        return with_other_leg(law, time_s, parameters, change, sound, 0.0)
+        along, away = known("other_leg_speed_mps") * np.array(
+            [np.cos(angle), -turn * np.sin(angle)]
+        )
+        sizes = {
+            unknowns.STEP: [known("frequency_change")],
+            unknowns.RAMP: [known("frequency_slope_per_s"), 0.0],
+            unknowns.TURN: [
+                np.radians(known("turn_away_deg")), known("turn_duration_s"), 0.0
+            ],
+            unknowns.MANOEUVRE: [along - theta[2], away],
+        }  # fmt: skip
+        kind = next((k for k, v in sizes.items() if np.isfinite(v).all()), None)
+        sign = 1.0 if known("change_follows") or kind == unknowns.STEP else -1.0
+        if not np.isfinite(at_s) or kind is None:
+            law = unknowns.law_of(np.array([theta]), time_s, Medium(sound))
+            law.rows[..., sign * (time_s - at_s) > 0] = np.nan
+            return law
+        change = unknowns.Change(kind, np.array([at_s]), np.array([sign]))
+        changed = np.array([[*theta, *sizes[kind]]])
+        return unknowns.law_of(changed, time_s, Medium(sound), change)
 
     def _std(self, partials: FloatArray, width_s: float) -> FloatArray:
         """Return deviations from partials by time, ln(d/v), speed and more."""

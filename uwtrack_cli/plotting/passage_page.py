@@ -11,8 +11,8 @@ resolves the shift, and the measured frequencies where it does not.
 of the Doppler shift v/c, so that a fit which leaves its lines is seen at once.
 """
 
-from collections.abc import Sequence
 from functools import partial
+from textwrap import wrap
 from typing import NamedTuple
 
 import numpy as np
@@ -22,15 +22,12 @@ from matplotlib.ticker import MaxNLocator
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import Overview
-from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting.maps import draw_map, has_circle
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
-    PageBlock,
     PagePart,
     fitting,
     page_figure,
@@ -39,12 +36,14 @@ from uwtrack_cli.plotting.page_layout import (
 from uwtrack_cli.plotting.panels import (
     bearing_part,
     fringe_part,
+    has_sound,
     level_part,
     lofargram_parts,
+    picture_of,
 )
 from uwtrack_cli.plotting.passage_fit import ReportedPassage, shown_span
 from uwtrack_cli.plotting.passage_words import MARKED_MISFIT, fact_lines, title_lines
-from uwtrack_cli.plotting.picture import cell_edges, over_floor, overview_levels, shades
+from uwtrack_cli.plotting.picture import FrequencyAxis, shades
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     LEVELS_MAP,
@@ -59,13 +58,18 @@ from uwtrack_cli.plotting.style import (
     within,
 )
 from uwtrack_cli.plotting.view import Scene, View
-from uwtrack_cli.spectra.zoom_transform import Window, Zoom, zoom
 
 BLOCKS = 0.25
 """Length over which residuals are averaged, in d/v."""
 
+FACT_CHARACTERS = 28
+"""Characters of a line of the numbers beside the panels."""
+
 MAP_IN = 3.2
 """Height of the map on a narrow page, inches."""
+
+STRIP_IN, STRIP_ROWS = 0.82, 180
+"""Height of a strip, inches, and its rows."""
 
 SHIFTS = 3.0
 """Height of a strip on either side of the rest frequency, in Doppler shifts."""
@@ -74,8 +78,8 @@ MOST_STRIPS, STRIPS_SHARE = 6, 0.4
 """Lines that have a strip of their own, the best measured ones; and in an inch of a page
 whose height is given."""
 
-FEWEST_CELLS = 6.0
-"""Cells of the overview in a strip below which it shows nothing of the line."""
+FEWEST_CELLS = 6
+"""Cells in a strip, without padding, below which it shows nothing of the line."""
 
 LONGEST_FRAME_S = 30.0
 """Longest frame of a strip, s."""
@@ -127,11 +131,13 @@ def passage_figure(scene: Scene, row: int, view: View) -> Figure:
     ]
     left = timed(parts, view, scene.clock, span_s)
     if view.is_wide and (is_mapped or view.stands_alone):
-        right = PageBlock(
+        right = PagePart(
             3.6, partial(_fill_side, scene, fit, view, is_mapped=is_mapped)
         )
-        return page_figure(heads, view, [left, right], (2.25, 1.0))
-    below = PageBlock(MAP_IN, lambda side: draw_map(scene, fit, side.subplots()))
+        return page_figure(
+            heads, view, [left, right], (2.25 if is_mapped else 3.0, 1.0)
+        )
+    below = PagePart(MAP_IN, lambda side: draw_map(scene, fit, side.subplots()))
     return page_figure(heads, view, [left, below] if is_mapped else [left])
 
 
@@ -154,13 +160,12 @@ def _line_strips(
     rows = _best_lines(fit, view)
     if not rows.size or not fit.is_drawn or fit.mach <= 0:
         return lofargram_parts(scene, view, span_s)
-    zooms = _zooms(scene, fit, span_s, fit.encounters.rest_frequency_hz[rows].tolist())
     named = (rows.size - 1) // 2
     return [
         PagePart(
-            0.82, partial(_draw_strip, scene, fit, int(k), zoomed, number == named)
+            STRIP_IN, partial(_draw_strip, scene, fit, int(row), span_s, k == named)
         )
-        for number, (k, zoomed) in enumerate(zip(rows, zooms, strict=True))
+        for k, row in enumerate(rows)
     ]
 
 
@@ -177,44 +182,21 @@ def _best_lines(fit: ReportedPassage, view: View) -> IntArray:
     return np.asarray(best[np.argsort(-frequency[best], kind="stable")])
 
 
-def _zooms(
-    scene: Scene, fit: ReportedPassage, span_s: Span, rest_hz: Sequence[float]
-) -> Sequence[Zoom | None]:
-    """Return fine spectrograms about the lines, if the sound is at hand."""
-    recording, nothing = scene.first(Recording), [None] * len(rest_hz)
-    if recording is None or recording.reader is None:
-        return nothing
-    windows = []
-    for rest in rest_hz:
-        sweep = rest * fit.mach / fit.width_s  # Hz/s, at closest approach
-        frame_s = min(1 / np.sqrt(sweep), LONGEST_FRAME_S, np.ptp(span_s) / 8)
-        half = max(SHIFTS * fit.mach * rest, 3.0 / frame_s)
-        windows.append(Window(rest, min(half, 0.9 * rest), float(frame_s)))
-    margin = 0.5 * max(window.frame_s for window in windows)
-    reach_s = (span_s[0] - margin, span_s[1] + margin)
-
-    def make() -> Sequence[Zoom | None]:
-        try:
-            return zoom(recording, reach_s, windows)
-        except DataError:  # the sound has gone since it was found
-            return nothing
-
-    return scene.once(("strips", reach_s, tuple(windows)), make)
-
-
 def _draw_strip(
-    scene: Scene, fit: ReportedPassage, rest_row: int, zoomed: Zoom | None,
-    is_named: bool, ax: Axes,
+    scene: Scene, fit: ReportedPassage, rest_row: int, span_s: Span, is_named: bool,
+    ax: Axes,
 ) -> None:  # fmt: skip
     """Draw a line: its sound, else the overview or what was measured; and its fit."""
     rest = float(fit.encounters.rest_frequency_hz[rest_row])
-    half, cells = SHIFTS * fit.mach * rest, None
-    if zoomed is not None and zoomed.time_s.size > 1:
-        half = max(half, float(zoomed.offset_hz[-1]))
-        cells = zoomed.time_s, zoomed.offset_hz, zoomed.level_db
-    else:
-        cells = _part_of(scene.overview, rest, half)
-    if cells is None:
+    sweep = rest * fit.mach / fit.width_s  # Hz/s, at closest approach
+    frame_s = float(min(1 / np.sqrt(sweep), LONGEST_FRAME_S, np.ptp(span_s) / 8))
+    half, picture = SHIFTS * fit.mach * rest, None
+    if has_sound(scene, span_s):
+        half = min(max(half, FEWEST_CELLS / 2 / frame_s), 0.9 * rest)
+    if has_sound(scene, span_s) or _resolves(scene.overview, rest, half):
+        axis = FrequencyAxis(rest - half, rest + half, is_log=False, rows=STRIP_ROWS)
+        picture = picture_of(scene, axis, span_s, frame_s)
+    if picture is None:
         line = int(fit.encounters.rest_line_id[rest_row])
         measured = _measured_line(scene, fit.contact, line)
         calm(ax).scatter(
@@ -223,10 +205,10 @@ def _draw_strip(
             vmax=25.0,
         )  # fmt: skip
     else:
-        time_s, offset_hz, level_db = cells
-        edges = cell_edges(time_s, ax.get_xlim()), cell_edges(offset_hz)
-        draw_cells(ax, *edges, level_db, shades(level_db))
-    _draw_curve(fit, rest, rest_row, ax, is_picture=cells is not None)
+        offset_hz = picture.axis.edges_hz() - rest
+        level_db = picture.level_db
+        draw_cells(ax, picture.edges_s, offset_hz, level_db, shades(level_db))
+    _draw_curve(fit, rest, rest_row, ax, is_picture=picture is not None)
     ax.set_ylim(-half, half)
     ax.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))
     ax.yaxis.set_major_formatter(lambda value, _: f"{value:+g}" if value else "0")
@@ -239,19 +221,12 @@ def _draw_strip(
         ax.set_ylabel("off the rest\nfrequency (Hz)", fontsize=8)
 
 
-def _part_of(
-    overview: Overview | None, rest_hz: float, half_hz: float
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Return the overview about a frequency; None where it resolves nothing."""
+def _resolves(overview: Overview | None, rest_hz: float, half_hz: float) -> bool:
+    """Tell whether an overview has enough cells about a frequency."""
     if overview is None or overview.frequency_hz.size < 2:
-        return None
-    offset_hz = overview.frequency_hz - rest_hz
-    width = float(np.diff(offset_hz).min())
-    near = np.abs(offset_hz) <= half_hz + width
-    if not width > 0 or min(2 * half_hz / width, near.sum()) < FEWEST_CELLS:
-        return None
-    level_db = over_floor(overview_levels(overview))[:, near]
-    return overview.time_s, offset_hz[near], level_db
+        return False
+    inside = np.abs(overview.frequency_hz - rest_hz) <= half_hz
+    return int(inside.sum()) >= FEWEST_CELLS
 
 
 def _measured_line(scene: Scene, contact: int, line: int) -> MeasuredLine:
@@ -364,7 +339,12 @@ def _fill_side(
     if not view.stands_alone:
         return
     panels[-1].axis("off")
-    names, values = zip(*fact_lines(fit.printed, view.units), strict=True)
+    shown = [
+        (name if number == 0 else "", text)
+        for name, value in fact_lines(fit.printed, view.units)
+        for number, text in enumerate(wrap(value, FACT_CHARACTERS))
+    ]
+    names, values = zip(*shown, strict=True)
     for left, texts, color in ((0.0, names, MEASURED), (0.36, values, "black")):
         panels[-1].text(
             left, 1.0, "\n".join(map(figure_text, texts)), va="top", fontsize=8,

@@ -1,5 +1,8 @@
 """What a picture says of a passage in words: title, numbers, what to mind."""
 
+import re
+from collections import defaultdict
+from collections.abc import Sequence
 from typing import Any
 
 from uwtrack_cli.constants import KNOT_MPS
@@ -9,6 +12,12 @@ from uwtrack_cli.plotting.view import Units
 
 MARKED_MISFIT = 0.2
 """Misfit from which a page warns: half of what refuses a passage."""
+
+UNIT = re.compile(r"_(m|mps|deg|s|hz|db)$")
+"""Unit at the end of a column's name."""
+
+LEAST_CHANCE = 0.005
+"""Probability of another explanation below which it is not said."""
 
 SURE = 0.9
 """Probability below which a passage is marked."""
@@ -97,25 +106,43 @@ def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
     ]
     if row.get("probability") is not None:
         found.append(("probability", f"{row['probability']:.2f} that it passes"))
-        if row.get("alternative"):
-            other = f"{row['alternative'].replace('-', ' ')}"
-            chance = row.get("alternative_probability")
-            found.append(
-                ("else", other + ("" if chance is None else f", {chance:.2f}"))
-            )
+        chance = row.get("alternative_probability")
+        if row.get("alternative") and (chance is None or chance >= LEAST_CHANCE):
+            shown = "" if chance is None else f", {chance:.2f}"
+            found.append(("else", f"{row['alternative'].replace('-', ' ')}{shown}"))
     if row["misfit"] is not None:
         left = f"{100 * row['misfit']:.0f} % of the shift unexplained"
         follows = row["misfit"] < MARKED_MISFIT
         found.append(("lines", "follow the fit" if follows else left))
-    rest = sorted(f for f in row["rest_frequencies_hz"] if f is not None)
-    for number in range(0, len(rest), 3):
-        part = ", ".join(f"{f:.2f}" for f in rest[number : number + 3])
-        end = " Hz" if number + 3 >= len(rest) else ","
-        found.append(("at rest" if number == 0 else "", part + end))
+    rest = [f"{f:.2f}" for f in sorted(f for f in row["rest_frequencies_hz"] if f)]
+    if rest:
+        found.append(("at rest", f"{', '.join(rest)} Hz"))
     if row.get("reading") not in {None, "straight"}:  # as in the table
         weight = Head("", "reading_weight", 2).text(row)
         found.append(("motion", f"{row['reading']}, weight {weight}"))
     return [*found, ("sound speed", f"{row['sound_speed_mps']:g} m/s")]
+
+
+def reasons_once(rows: Sequence[Row]) -> list[str]:
+    """Return why values are not known: each reason once, with the passages it is of.
+
+    ``rows``: passages, as `numbered` gives them, or motions.
+    """
+    known = defaultdict[tuple[str, str], list[str]](list)
+    for row in rows:
+        by_reason = defaultdict[str, list[str]](list)
+        for key, reason in row["reasons"].items():
+            if key not in {"vessel", "time_utc"}:
+                by_reason[reason].append(UNIT.sub("", key).replace("_", " "))
+        for reason, keys in by_reason.items():
+            owner = str(row.get("passage", row["contact"]))
+            known[(", ".join(sorted(keys)), reason)].append(owner)
+    return [
+        f"No {keys}: {reason}"
+        + ("." if len(owners) == len(rows) else
+           f" (passage{'s' * (len(owners) > 1)} {', '.join(owners)}).")
+        for (keys, reason), owners in known.items()
+    ]  # fmt: skip
 
 
 def title_lines(row: Row, number: int, units: Units) -> list[tuple[str, bool]]:

@@ -37,7 +37,7 @@ from uwtrack_cli.plotting.view import View
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 COLUMNS, ROWS = 800, 420
-"""Cells of a picture along time and frequency."""
+"""Cells of a picture along time and frequency, unless it is a strip."""
 
 COLUMNS_PER_WINDOW = 8
 """Columns that a window spans, unless the band asks for another: a hundredth of the
@@ -68,7 +68,7 @@ LEAST_SAMPLES = 16
 MARGIN_CELLS = 8
 """Cells that are read on either side of a band, so that its ends are not empty."""
 
-LEAST_RATE_HZ = 500.0
+LEAST_RATE_HZ = 100.0
 """Sample rate below which sound is not reduced."""
 
 MOST_SAMPLES = 1 << 25
@@ -113,11 +113,13 @@ class FrequencyAxis:
     """Highest frequency, Hz."""
     is_log: bool
     """Whether the axis is logarithmic."""
+    rows: int = ROWS
+    """Rows of equal height that a picture has."""
 
-    def edges_hz(self, count: int = ROWS) -> FloatArray:
-        """Return the edges of so many rows of equal height, Hz."""
+    def edges_hz(self) -> FloatArray:
+        """Return the edges of the rows, Hz."""
         space = np.geomspace if self.is_log else np.linspace
-        return np.asarray(space(self.low_hz, self.high_hz, count + 1))
+        return np.asarray(space(self.low_hz, self.high_hz, self.rows + 1))
 
     def share(self, frequency_hz: FloatArray) -> FloatArray:
         """Return where frequencies lie, as shares of the height."""
@@ -214,20 +216,20 @@ def plan_frames(
     duration_s, low, high = recording.duration_s, axis.low_hz, axis.high_hz
     if window_s is not None:
         _check_window(recording, window_s, is_asked=True)
-        return axis, [_frames(recording, axis, window_s, slice(0, ROWS))]
-    enough_s = CELLS / low if axis.is_log else 2.0 * ROWS / (high - low)
+        return axis, [_frames(recording, axis, window_s, slice(0, axis.rows))]
+    enough_s = CELLS / low if axis.is_log else 2.0 * axis.rows / (high - low)
     usual_s = min(COLUMNS_PER_WINDOW * duration_s / COLUMNS, enough_s)
     usual_s = max(usual_s, LEAST_PERIODS / high)
     usual_s = min(usual_s, duration_s, LONGEST_WINDOW_S)
     _check_window(recording, usual_s, is_asked=False)
     if not axis.is_log:
-        return axis, [_frames(recording, axis, usual_s, slice(0, ROWS))]
+        return axis, [_frames(recording, axis, usual_s, slice(0, axis.rows))]
     longest_s = max(usual_s, LONGEST_SHARE * duration_s)
     axis = replace(axis, low_hz=min(max(low, 2.0 / longest_s), 0.5 * high))
     edges, parts, first = axis.edges_hz(), [], 0
     while CELLS / edges[first] > 1.5 * usual_s:  # an octave with its own window
         last = int(np.searchsorted(edges, 2.0 * edges[first]))
-        if last >= ROWS:
+        if last >= axis.rows:
             break
         own_s = min(CELLS / edges[first], longest_s)
         if own_s > 1.5 * usual_s:
@@ -235,13 +237,14 @@ def plan_frames(
             first = last
         else:
             break
-    return axis, [*parts, _frames(recording, axis, usual_s, slice(first, ROWS))]
+    return axis, [*parts, _frames(recording, axis, usual_s, slice(first, axis.rows))]
 
 
 def _frames(
     recording: Recording, axis: FrequencyAxis, window_s: float, rows: slice
 ) -> Framing:
-    rate_hz, column_s = recording.sample_rate_hz, recording.duration_s / COLUMNS
+    rate_hz = recording.sample_rate_hz
+    column_s = recording.duration_s / (COLUMNS * axis.rows / ROWS)
     count = max(1, math.ceil(column_s / (0.5 * window_s)))
     overlap = min(1.0 - column_s / (count * window_s), 0.999)
     top_hz = axis.edges_hz()[rows.stop] + MARGIN_CELLS / window_s
@@ -249,6 +252,16 @@ def _frames(
     if window_s * rate_hz < 2 * LEAST_SAMPLES * decimation:
         decimation = 1
     return Framing(rows, window_s, overlap, count, decimation)
+
+
+def _of_fast_length(recording: Recording, part: Framing) -> Framing:
+    """Return frames a little longer, whose transform takes less time."""
+    from scipy.fft import next_fast_len
+
+    rate_hz = recording.sample_rate_hz / part.decimation
+    fast = next_fast_len(round(part.window_s * rate_hz), real=True)
+    longest = recording.n_samples // part.decimation
+    return part._replace(window_s=min(fast, longest) / rate_hz)
 
 
 def _check_window(recording: Recording, window_s: float, *, is_asked: bool) -> None:
@@ -295,7 +308,7 @@ def sound_picture(
     found = [_columns(recording, p, axis, progress, is_strongest=is_strongest)
              for p in parts]  # fmt: skip
     time_s = found[-1][0]
-    density = np.full((time_s.size, ROWS), np.nan)
+    density = np.full((time_s.size, axis.rows), np.nan)
     for part, (own_s, own) in zip(parts, found, strict=True):
         near = np.searchsorted(0.5 * (own_s[1:] + own_s[:-1]), time_s)
         density[:, part.rows] = own[near]
@@ -311,6 +324,9 @@ def _columns(
     """Return times of columns, and densities of shape (column, row) of some rows."""
     edges_hz = axis.edges_hz()[part.rows.start : part.rows.stop + 1]
     margin_hz = MARGIN_CELLS / part.window_s
+    if recording.sensor.kind == "difar":  # directions are not drawn
+        omni = replace(recording.sensor, kind="omni")
+        recording = replace(recording, sensor=omni)
     blocks = compute_spectrogram(
         recording, window_s=part.window_s, overlap=part.overlap,
         band_hz=(max(0.0, edges_hz[0] - margin_hz), edges_hz[-1] + margin_hz),
@@ -355,17 +371,16 @@ def _mean_rows(
 def _strongest_rows(
     cells: FloatArray, frequency_hz: FloatArray, edges_hz: FloatArray
 ) -> FloatArray:
-    """Return the strongest cell between edges; the nearest one where there is none."""
-    middle = 0.5 * (edges_hz[1:] + edges_hz[:-1])
-    rows = cells[:, np.searchsorted(cell_edges(frequency_hz)[1:-1], middle)].astype(
-        float
-    )
-    first, last = (
-        np.searchsorted(frequency_hz, e) for e in (edges_hz[:-1], edges_hz[1:])
-    )
-    for row in np.flatnonzero(last - first > 1):
-        rows[:, row] = cells[:, first[row] : last[row]].max(axis=1)
-    return rows
+    """Return the strongest cell between edges; what lies between two where none does."""
+    middle, last = 0.5 * (edges_hz[1:] + edges_hz[:-1]), frequency_hz.size - 1
+    place = np.interp(middle, frequency_hz, np.arange(last + 1.0))
+    below, share = place.astype(int), place % 1.0
+    above = np.minimum(below + 1, last)
+    rows = (1.0 - share) * cells[:, below] + share * cells[:, above]
+    first, end = np.searchsorted(frequency_hz, [edges_hz[:-1], edges_hz[1:]])
+    for row in np.flatnonzero(end - first > 1):
+        rows[:, row] = cells[:, first[row] : end[row]].max(axis=1)
+    return np.asarray(rows)
 
 
 def overview_levels(overview: Overview) -> FloatArray:
@@ -385,6 +400,8 @@ def over_floor(level_db: FloatArray, least: FloatArray | int = 0) -> FloatArray:
     if not heard.size:
         return level_db
     quiet = np.quantile(heard, QUIET_SHARE, axis=0)
+    if 2 * np.min(least) > quiet.size:  # a line alone fills the band
+        return np.asarray(level_db - np.median(quiet))
     number = np.arange(quiet.size)
     reach = np.maximum(NEIGHBOURS, (NEIGHBOUR_SHARE * number).astype(int))
     reach = np.maximum(reach, least)
@@ -418,15 +435,17 @@ def lofargram(
 ) -> Picture | None:
     """Return a span of the sound over its noise floor; None where it is too short.
 
-    ``window_s``: as in `plan_frames`.
+    ``window_s``: as in `plan_frames`; what lies half of it beside the span is read, too.
     """
-    part = part_of(recording, span_s)
+    margin_s = 0.5 * (window_s or 0.0)
+    part = part_of(recording, (span_s[0] - margin_s, span_s[1] + margin_s))
     try:
         axis, frames = plan_frames(part, axis, window_s)
+        frames = [_of_fast_length(part, frame) for frame in frames]
         found = sound_picture(part, axis, frames, is_strongest=True)
     except (DataError, OptionError):  # it has gone since it was found, or is too short
         return None
-    begin_s, heights = max(span_s[0], 0.0), np.diff(axis.edges_hz())
+    begin_s, heights = max(span_s[0] - margin_s, 0.0), np.diff(axis.edges_hz())
     windows = np.concatenate(
         [np.full(f.rows.stop - f.rows.start, f.window_s) for f in frames]
     )
@@ -467,8 +486,8 @@ def draw_picture(
     """
     cells = picture.edges_s, picture.axis.edges_hz(), picture.level_db
     limits_db = limits_db or shades(picture.level_db)
-    draw_cells(ax, *cells, limits_db, label, cmap=colormap)
     picture.axis.set_axis(ax)
+    draw_cells(ax, *cells, limits_db, label, colormap)
 
 
 def shades(relative_db: FloatArray) -> tuple[float, float]:

@@ -38,7 +38,6 @@ from uwtrack_cli.plotting.bearing_time import (
 from uwtrack_cli.plotting.maps import draw_sensor_map, has_sensor_map
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
-    PageBlock,
     PagePart,
     Panel,
     badge,
@@ -99,7 +98,7 @@ def recording_figure(scenes: Sequence[Scene], view: View) -> Figure:
         msg = f"there is nothing to draw; the files hold {held or 'nothing'}."
         raise DataError(msg)
     over = timed(fitting(parts, view), view, scenes[0].clock, shared)
-    blocks = ([over] if parts else []) + ([PageBlock(MAP_IN, below)] if below else [])
+    blocks = ([over] if parts else []) + ([PagePart(MAP_IN, below)] if below else [])
     return page_figure(_heads(scenes, view, shared), view, blocks)
 
 

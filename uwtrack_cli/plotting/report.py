@@ -5,23 +5,20 @@ is doubtful. Every passage has a card with its page; a reason why something is n
 is said once, for all passages that it holds of.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import RecordedFiles, Recording
-from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.files.hdf5.product import HistoryStep, Product
+from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences, stretch_words
 from uwtrack_cli.files.tables.summaries import numbered, summary_of
-from uwtrack_cli.files.utc import format_utc
 from uwtrack_cli.flow.next_looks import next_looks
 from uwtrack_cli.plotting.html_page import (
     anchor_of,
@@ -29,31 +26,23 @@ from uwtrack_cli.plotting.html_page import (
     passage_head,
     picture_of_page,
 )
-from uwtrack_cli.plotting.listen import Ear
-from uwtrack_cli.plotting.page import Page, pages_of, scenes_of
-from uwtrack_cli.plotting.passage_words import cautions, fact_lines
-from uwtrack_cli.plotting.view import Units
+from uwtrack_cli.plotting.listen import sound_of
+from uwtrack_cli.plotting.page import pages_of
+from uwtrack_cli.plotting.passage_words import cautions, fact_lines, reasons_once
+from uwtrack_cli.plotting.view import Scene, Units
 
 MOST_PICTURES = 60
 """Passages that have a picture; the others have their numbers."""
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(Scene):
     """What a report is made of."""
 
-    containers: Sequence[Container]
-    """Everything that it may show."""
-    tracks: Sequence[VesselTrack] = ()
-    """Ways of vessels by AIS, where there is one sensor."""
     units: Units = "kn"
     """Unit of every speed."""
-    ear: Ear | None = None
-    """How the passages' sound is given; None: it is not."""
-
-    def all(self, kind: type[Container]) -> list[Any]:
-        """Return the containers of a kind."""
-        return [c for c in self.containers if isinstance(c, kind)]
+    speed_up: float | None = None
+    """How many times faster the passages' sound is played; None: it is not given."""
 
     @property
     def passages(self) -> list[Row]:
@@ -61,8 +50,8 @@ class Report:
         return [row for e in self.all(Encounters) for row in numbered(json_rows(e))]
 
     @property
-    def heard(self) -> list[Row]:
-        """Every stretch in which something was heard."""
+    def detected(self) -> list[Row]:
+        """Every stretch in which something was detected."""
         return [row for found in self.all(Presence) for row in json_rows(found)]
 
 
@@ -75,15 +64,13 @@ def report_html(product: Product, report: Report) -> str:
         for kind in (Fixes, Motions)
     )
     return page_html(
-        "report.html", title=title or Path(product.name).name, **_heard(report),
+        "report.html", title=title or Path(product.name).name, **_detected(report),
         result=_result(product, report), warnings=warnings_of(report),
-        recordings=[_facts(recording, report) for recording in recordings],
+        recordings=recordings, product=product,
+        files={f.sensor: f.name.size for f in report.all(RecordedFiles)},
         passages=_table("encounters", passages, report), reasons=reasons_once(passages),
         **_pictures(report), positions=_table("fixes", positions, report),
         motions=_table("motions", motions, report), motion_reasons=reasons_once(motions),
-        history=[_step(step) for step in product.history],
-        footer=f"uwtrack {product.program_version}, {product.created_utc}, "
-        f"SHA-256 {product.digest}",
     )  # fmt: skip
 
 
@@ -96,7 +83,7 @@ def _result(product: Product, report: Report) -> str:
     recordings = [(one.name, one) for one in report.all(Recording)]
     looks, n = next_looks(stages, recordings, encounters), len(report.passages)
     if report.all(Presence):
-        words = presence_sentences(report.heard, is_passed=n > 0, next_looks=looks)
+        words = presence_sentences(report.detected, is_passed=n > 0, next_looks=looks)
     if n:
         return "; ".join([f"{n} passage{'' if n == 1 else 's'}", *words])
     return "; ".join(words or ["no closest approach", *looks])
@@ -118,77 +105,22 @@ def warnings_of(report: Report) -> list[str]:
     for row in report.passages:
         whose = f"Passage {row['passage']}"
         found += [f"{whose}: {text}." for text in cautions(row)]
-        found += [f"{whose}, ambiguous: {text}." for text in _ambiguities(row)]
-    for recording in report.all(Recording):
-        found += _unknown(recording)
-    found += [m.statement for m in report.all(Motions) if m.statement]
-    return found
-
-
-def _ambiguities(row: Row) -> list[str]:
-    return [
-        ", ".join(
-            f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}"
-            for key, value in other.items()
-        )
-        for other in row["ambiguities"]
-    ]
-
-
-def _unknown(recording: Recording) -> Iterator[str]:
-    """Yield what is not known of a recording, and what follows."""
-    if recording.start_utc_ns is None:
-        yield (
-            f"{recording.name}: the start is not known, so times count from the first "
-            f"sample; run again with --start-utc or --time-pattern."
-        )
-    if recording.sensor.full_scale_upa is None:
-        yield f"{recording.name}: not calibrated, so levels are relative to full scale."
-
-
-def reasons_once(rows: Sequence[Row]) -> list[str]:
-    """Return why values are not known: each reason once, with the passages it is of.
-
-    ``rows``: passages, as `numbered` gives them.
-    """
-    known: dict[tuple[str, str], list[str]] = {}
-    for row in rows:
-        by_reason: dict[str, list[str]] = {}
-        for key, reason in row["reasons"].items():
-            if key not in {"vessel", "time_utc"}:
-                by_reason.setdefault(reason, []).append(key)
-        for reason, keys in by_reason.items():
-            owners = known.setdefault((", ".join(sorted(keys)), reason), [])
-            owners.append(str(row.get("passage", row["contact"])))
-    return [
-        f"No {keys}: {reason}."
-        if len(owners) == len(rows)
-        else f"No {keys}: {reason} (passage{'s' if len(owners) > 1 else ''} "
-        f"{', '.join(owners)})."
-        for (keys, reason), owners in known.items()
-    ]
-
-
-def _facts(recording: Recording, report: Report) -> list[tuple[str, str]]:
-    """Return what is known of a recording."""
-    sensor, start = recording.sensor, recording.start_utc_ns
-    place = "unknown"
-    if sensor.latitude is not None and sensor.longitude is not None:
-        place = f"{sensor.latitude:.5f}\u00b0, {sensor.longitude:.5f}\u00b0"
-    elif sensor.east_m is not None and sensor.north_m is not None:
-        place = f"{sensor.east_m:g} m east, {sensor.north_m:g} m north"
-    joined = [f for f in report.all(RecordedFiles) if f.sensor == sensor.id]
-    files = f", {joined[0].name.size} files" if joined else ""
-    return [
-        ("Recording", f"{recording.name}{files}"),
-        ("Start", "unknown" if start is None else format_utc(start)),
-        ("Length", f"{recording.duration_s:.1f} s"),
-        ("Sample rate", f"{recording.sample_rate_hz:g} Hz"),
-        ("Sensor", f"{sensor.id} ({sensor.kind})"),
-        ("Position", place),
-        ("Sound speed", f"{sensor.sound_speed_mps:g} m/s"),
-        ("Levels", "dB re 1 uPa" if sensor.full_scale_upa else "dB re full scale"),
-    ]
+        for other in row["ambiguities"]:
+            known = (
+                f"{k} {f'{v:.3g}' if type(v) is float else v}" for k, v in other.items()
+            )
+            found.append(f"{whose}, ambiguous: {', '.join(known)}.")
+    for one in report.all(Recording):
+        if one.start_utc_ns is None:
+            found.append(
+                f"{one.name}: the start is not known, so times count from the first "
+                f"sample; run again with --start-utc or --time-pattern."
+            )
+        if one.sensor.full_scale_upa is None:
+            found.append(
+                f"{one.name}: not calibrated: levels are relative to full scale."
+            )
+    return found + [m.statement for m in report.all(Motions) if m.statement]
 
 
 def _pictures(report: Report) -> dict[str, Any]:
@@ -198,76 +130,38 @@ def _pictures(report: Report) -> dict[str, Any]:
     except DataError as error:
         return {"pages": [], "not_drawn": str(error)}
     rows = {(row["sensor"], row["contact"]): row for row in report.passages}
+    is_alone = len({sensor for sensor, _ in rows}) == 1
     shown, cards = [], 0
     for page in pages:
         row = rows.get((page.sensor, page.contact)) if page.kind == "passage" else None
         cards += row is not None
         card: dict[str, Any] = {"kind": page.kind}
+        if row is not None:
+            marks = [] if is_alone else [(f"sensor {row['sensor']}", False)]
+            marks += [(row["status"], row["status"] != "ok")]
+            marks += [(text, True) for text in cautions(row)]
+            card |= passage_head(row, row["passage"], report.units)
+            card["anchor"] = anchor_of(row, is_alone=is_alone)
+            card |= {"marks": marks, "facts": fact_lines(row, report.units)}
         if row is None or cards <= MOST_PICTURES:
             try:
                 card["picture"] = picture_of_page(page.draw, report.units)
             except DataError as error:
                 card["why"] = str(error)
-        shown.append(card if row is None else card | _card(report, page, row, cards))
+            if row is not None and report.speed_up is not None:
+                own = Scene(report.containers, page.sensor)
+                card["sound"] = sound_of(own, row["passage"] - 1, report.speed_up)
+        shown.append(card)
     return {"pages": shown, "not_drawn": max(0, cards - MOST_PICTURES)}
 
 
-def _card(report: Report, page: Page, row: Row, count: int) -> dict[str, Any]:
-    """Return what the card of a passage has beside its page: title, marks, numbers."""
-    is_alone = len({one["sensor"] for one in report.passages}) == 1
-    marks = [] if is_alone else [(f"sensor {row['sensor']}", False)]
-    marks += [(row["status"], row["status"] != "ok")]
-    marks += [(text, True) for text in cautions(row)]
-    card = passage_head(row, row["passage"], report.units)
-    card["anchor"] = anchor_of(row, is_alone=is_alone)
-    card |= {"marks": marks, "facts": _merged(fact_lines(row, report.units))}
-    if report.ear is not None and count <= MOST_PICTURES:
-        (scene,) = [s for s in scenes_of(report.containers) if s.sensor == page.sensor]
-        card["sound"] = report.ear.heard(scene, row["passage"] - 1)
-    return card
-
-
-def _merged(facts: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Join what continues over several lines of a picture."""
-    found: list[tuple[str, str]] = []
-    for name, value in facts:
-        if name or not found:
-            found.append((name, value))
-        else:
-            found[-1] = (found[-1][0], f"{found[-1][1]} {value}")
-    return found
-
-
-def _heard(report: Report) -> dict[str, Any]:
-    """Return what was heard as a table, and in words what was no passage."""
-    heard = report.heard
+def _detected(report: Report) -> dict[str, Any]:
+    """Return what was detected as a table, and in words what was no passage."""
+    rows, notes = report.detected, []
     numbers = {(r["sensor"], r["contact"]): r["passage"] for r in report.passages}
-    for row in heard:
+    for row in rows:
         row["passage"] = numbers.get((row["sensor"], row["encounter"]))
-    notes = [_stretch(row) for row in heard if row["encounter"] is None]
-    return {"heard": _table("presence", heard, report), "notes": notes}
-
-
-def _stretch(row: Row) -> str:
-    text = stretch_words(row)
-    why = row["reasons"].get("encounter")
-    return f"{text[0].upper()}{text[1:]}" + (f": {why}." if why else ".")
-
-
-def _step(step: HistoryStep) -> dict[str, str]:
-    """Return a step of the history: its name and source, and its options."""
-    read = ", ".join(source.name for source in step.sources)
-    return {
-        "name": step.stage, "source": f" of {read}" if read else "",
-        "version": step.versions.get("uwtrack", "unknown"),
-        "options": ", ".join(_options("", step.options)) or "no options",
-    }  # fmt: skip
-
-
-def _options(prefix: str, options: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the options as `--set` takes them; what was left open is left out."""
-    for key, value in options.items():
-        if isinstance(value, Mapping):
-            yield from _options(f"{prefix}{key}.", value)
-        elif value is not None:
-            yield f"{prefix}{key} = {value}"
+        if row["encounter"] is None:
+            text, why = stretch_words(row), row["reasons"].get("encounter")
+            notes.append(f"{text[0].upper()}{text[1:]}{f': {why}' if why else ''}.")
+    return {"detected": _table("presence", rows, report), "notes": notes}

@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from matplotlib.patheffects import Normal, Stroke
 
+from uwtrack_cli.acoustics.geometry import region_95
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import BoolArray, FloatArray
+from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.files.utc import EPOCH
 
@@ -41,8 +41,8 @@ LEVELS_MAP = "viridis"
 NO_SOUND = "#d9d9d9"
 """Colour of gaps in a lofargram."""
 
-RADIUS_95 = 2.448
-"""Radius of the 95 % ellipse of two Gaussian components, in deviations."""
+MOST_PLACES = 2000
+"""Places along an axis that uneven cells are drawn at."""
 
 BAND_DEVIATIONS = 2.0
 """Half the width of every band about a fit, in deviations."""
@@ -129,21 +129,45 @@ def draw_band(
 
 def draw_cells(
     ax: Axes, x: FloatArray, y: FloatArray, level_db: FloatArray,
-    limits_db: tuple[float | None, float | None], bar: str = "", **colors: Any,
+    limits_db: tuple[float | None, float | None], bar: str = "",
+    cmap: str = LEVELS_MAP,
 ) -> None:  # fmt: skip
     """Draw cells in the colours of their levels, grey where there is none.
 
-    ``x``, ``y``: edges of the cells, or their middles. ``level_db``: levels of shape
-    (x, y). ``limits_db``: levels of the darkest and the brightest colour. ``bar``: name
-    of the bar of colours; empty without one.
+    Scale and limits of a logarithmic axis are set before. Cells lie evenly on their axis,
+    or else each place has the cell that covers it.
+
+    ``x``, ``y``: edges of the cells. ``level_db``: levels of shape (x, y).
+    ``limits_db``: levels of the darkest and the brightest colour. ``bar``: name of the
+    bar of colours; empty without one.
     """
-    dark, bright = limits_db
-    shades = {"cmap": LEVELS_MAP, "vmin": dark, "vmax": bright, **colors}
-    cells = np.ma.masked_invalid(level_db.T)
-    image = ax.pcolormesh(x, y, cells, rasterized=True, **shades)
+    scale, ends, place = ax.yaxis.get_transform(), y[[0, -1]], ax.transData
+    columns, rows = _places(x), _places(scale.transform(y))
+    cells = level_db if columns is None else level_db[columns]
+    cells = cells if rows is None else cells[:, rows]
+    if ax.get_yscale() != "linear":  # else an image is even in what the scale bends
+        low, high = scale.transform(np.array(ax.get_ylim()))
+        ends = (scale.transform(ends) - low) / (high - low)
+        place = ax.get_xaxis_transform()
+    image = ax.imshow(
+        np.ma.masked_invalid(cells.T), cmap=cmap, vmin=limits_db[0], vmax=limits_db[1],
+        extent=(x[0], x[-1], ends[0], ends[1]), origin="lower", aspect="auto",
+        interpolation="nearest", transform=place,
+    )  # fmt: skip
     ax.set_facecolor(NO_SOUND)
     if bar:
         color_bar(image, ax, bar)
+
+
+def _places(edges: FloatArray) -> IntArray | None:
+    """Return the cell at each of many even places; None where the cells lie so."""
+    width = np.abs(np.diff(edges))
+    if np.allclose(width, width.mean(), rtol=0.01):
+        return None
+    count = min(MOST_PLACES, int(np.ceil(width.sum() / max(width.min(), 1e-9))))
+    at = edges[0] + (np.arange(count) + 0.5) / count * (edges[-1] - edges[0])
+    sign = np.sign(edges[-1] - edges[0])
+    return np.asarray(np.searchsorted(sign * edges[1:-1], sign * at))
 
 
 def color_bar(image: Any, ax: Axes, name: str) -> None:
@@ -173,15 +197,13 @@ class Clock:
         if self.start_utc_ns is None:
             return f"{time_s:.{digits}f}"
         unit_ns = NANOSECONDS // 10**digits
-        ns = self.start_utc_ns + round(time_s * NANOSECONDS)
-        seconds, rest = divmod((ns + unit_ns // 2) // unit_ns * unit_ns, NANOSECONDS)
-        day = EPOCH + timedelta(seconds=seconds)
+        ns = self.start_utc_ns + round(time_s * NANOSECONDS) + unit_ns // 2
+        at = EPOCH + timedelta(microseconds=ns // unit_ns * unit_ns // 1000)
         if step_s >= STEPS_S[-4]:
-            return f"{day:%m-%d}"
+            return f"{at:%m-%d}"
         if step_s >= 60.0:
-            return f"{day:%H:%M}"
-        fraction = f".{rest // unit_ns:0{digits}d}" if digits else ""
-        return f"{day:%H:%M:%S}{fraction}"
+            return f"{at:%H:%M}"
+        return f"{at:%H:%M:%S.%f}"[: 8 + 2 * digits]
 
     def day(self, time_s: float) -> str:
         """Return the day of a time, empty if it is not known."""
@@ -218,11 +240,7 @@ class Clock:
 
 
 def draw_ellipse(
-    ax: Axes,
-    place: FloatArray,
-    covariance: FloatArray,
-    color: str,
-    alpha: float = 0.2,
+    ax: Axes, place: FloatArray, covariance: FloatArray, color: str, alpha: float = 0.2
 ) -> None:
     """Draw the 95 % ellipse of a position.
 
@@ -230,14 +248,10 @@ def draw_ellipse(
     coordinates, m^2, shape (2, 2); without one nothing is drawn. ``alpha``: share of
     the filling that is seen.
     """
-    if not np.isfinite(covariance).all():
-        return
-    spread, axes = np.linalg.eigh(covariance)
-    width, height = 2.0 * RADIUS_95 * np.sqrt(np.maximum(spread, 0.0))
-    angle = float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
-    middle = (float(place[0]), float(place[1]))
-    for style in ({"fill": False, "lw": 1.0}, {"alpha": alpha, "lw": 0}):
-        ax.add_patch(Ellipse(middle, width, height, angle=angle, color=color, **style))
+    if np.isfinite(covariance).all():
+        ring = np.asarray(place)[:, None] + region_95(covariance)
+        ax.fill(*ring, color=color, alpha=alpha, lw=0)
+        ax.plot(*ring, color=color, lw=1.0)
 
 
 def draw_arrow(

@@ -13,7 +13,7 @@ from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.page_layout import HeadLine, PageBlock, page_figure
+from uwtrack_cli.plotting.page_layout import HeadLine, PagePart, page_figure
 from uwtrack_cli.plotting.style import (
     NO_CONTACT,
     calm,
@@ -36,8 +36,8 @@ def target_figure(scene: Scene, view: View) -> Figure:
     if target is None or not target.scan.size:
         msg = "the track holds no scan, so there is nothing to draw."
         raise DataError(msg)
-    upper = PageBlock(5.4, lambda part: draw_target(target, scans, part.subplots()))
-    lower = PageBlock(2.6, lambda part: draw_threshold(target, part.subplots()))
+    upper = PagePart(5.4, lambda part: draw_target(target, scans, part.subplots()))
+    lower = PagePart(2.6, lambda part: draw_threshold(target, part.subplots()))
     return page_figure([HeadLine("Track in clutter")], view, [upper, lower])
 
 
@@ -53,8 +53,8 @@ def decision_figure(scene: Scene, view: View) -> Figure:
     if decision is None or not decision.scan_time_s.size:
         msg = "no contacts were compared, so there is nothing to draw."
         raise DataError(msg)
-    upper = PageBlock(4.0, lambda part: draw_odds(decision, part.subplots()))
-    lower = PageBlock(4.0, lambda part: draw_terms(decision, part.subplots()))
+    upper = PagePart(4.0, lambda part: draw_odds(decision, part.subplots()))
+    lower = PagePart(4.0, lambda part: draw_terms(decision, part.subplots()))
     return page_figure([HeadLine("Which one moves")], view, [upper, lower])
 
 
@@ -68,7 +68,7 @@ def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
     # ranges, bearings and rates are measured of what is drawn in east and north
     if scans is not None and scans.component.tolist() == target.component.tolist():
         x, y = scans.measured[:, 0], scans.measured[:, 1]
-        ax.plot(x, y, ".", markersize=1.5, color=NO_CONTACT, zorder=1)
+        ax.plot(x, y, ".", ms=1.5, color=NO_CONTACT, zorder=1, label="measurements")
     for number, own in enumerate(target.targets, 1):
         color = contact_color(number)
         ax.plot(own.state[:, 0], own.state[:, 2], "-o", markersize=2, color=color)
@@ -77,6 +77,7 @@ def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
             draw_ellipse(ax, mean[[0, 2]], place, color, alpha=0.1)
     lost = target.lost
     ax.plot(target.state[lost, 0], target.state[lost, 2], "kx", label="lost")
+    ax.legend(fontsize=8)
     _fit_view(target, ax)
     ax.set(xlabel=_label(target, 0), ylabel=_label(target, 1))
     return calm(ax)
@@ -106,6 +107,7 @@ def _draw_over_time(target: Target, scans: Scans | None, ax: Axes) -> Axes:
         draw_band(ax, own.time_s, own.state[:, 0], half, color)
     lost = target.lost
     ax.plot(target.time_s[lost], target.state[lost, 0], "kx", label="lost")
+    ax.legend(fontsize=8)
     ax.set(xlabel="time (s)", ylabel=_label(target, 0))
     return calm(ax)
 
@@ -126,19 +128,14 @@ def _label(target: Target, index: int) -> str:
 
 def draw_odds(decision: Decision, ax: Axes) -> Axes:
     """Draw the log odds of every pair over time, with thresholds and decisions."""
-    for pair in range(decision.verdict.size):
-        rows = decision.scan_pair == pair
-        names = (int(decision.first_contact[pair]), int(decision.second_contact[pair]))
-        color = contact_color(pair + 1)
-        ax.plot(
-            decision.scan_time_s[rows], decision.log_odds[rows], "o-", markersize=3,
-            color=color, label=figure_text(f"{names[0]} or {names[1]}: {decision.verdict[pair]}"),
-        )  # fmt: skip
-        if np.isfinite(decision.decision_time_s[pair]):
-            ax.plot(
-                decision.decision_time_s[pair], decision.final_log_odds[pair], "s",
-                markersize=9, fillstyle="none", color=color,
-            )  # fmt: skip
+    for pair, verdict in enumerate(decision.verdict):
+        rows, color = decision.scan_pair == pair, contact_color(pair + 1)
+        first, second = decision.first_contact[pair], decision.second_contact[pair]
+        name = figure_text(f"{first} or {second}: {verdict}")
+        ax.plot(decision.scan_time_s[rows], decision.log_odds[rows], "o-", ms=3,
+                color=color, label=name)  # fmt: skip
+        ax.plot(decision.decision_time_s[pair], decision.final_log_odds[pair], "s",
+                ms=9, fillstyle="none", color=color)  # fmt: skip
     for level in (decision.lower_threshold, decision.upper_threshold):
         ax.axhline(level, linestyle="--", linewidth=0.8, color="k")
     ax.set(xlabel="time (s)", ylabel="log odds (second moves)")

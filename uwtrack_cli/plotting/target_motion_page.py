@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uwtrack_cli.acoustics.geometry import compass_unit, place_covariance
 from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
@@ -25,6 +26,7 @@ from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError
+from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.files.tables.summaries import utc_text
 from uwtrack_cli.motion.target_motion.inputs import (
@@ -38,17 +40,16 @@ from uwtrack_cli.motion.target_motion.model import predict_values
 from uwtrack_cli.motion.target_motion.own_ship import (
     Doppler,
     OwnPath,
-    make_observer_track,
+    make_sensors_track,
 )
-from uwtrack_cli.plotting.maps import axes_of, fit_limits, furnish
+from uwtrack_cli.plotting.maps import fit_limits, furnish
 from uwtrack_cli.plotting.page_layout import (
     HeadLine,
-    PageBlock,
     PagePart,
     page_figure,
     timed,
 )
-from uwtrack_cli.plotting.passage_words import speed_text, value_text
+from uwtrack_cli.plotting.passage_words import reasons_once, speed_text, value_text
 from uwtrack_cli.plotting.style import (
     BAND_DEVIATIONS,
     MEASURED,
@@ -110,7 +111,7 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
     heads = _heads(motions, scene.clock, view.units)
     map_in = MAP_IN if view.is_wide else 0.95 * view.width_in
     ways = measured_from(scene)
-    left = PageBlock(
+    left = PagePart(
         map_in, lambda part: draw_motion_map(motions, ways, part.subplots())
     )
     if not parts:
@@ -123,31 +124,21 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
 def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
     """Return the state now of the best mode of every contact, and what else is said."""
     found: list[HeadLine] = []
-    for row in json_rows(motions):
-        if row["mode"] == 1:
-            found.append(HeadLine(_state(row, units)))
-            found.append(HeadLine(_now(row, clock)))
-            others = int(np.sum(motions.contact == row["contact"])) - 1
-            if others:
-                text = (
-                    f"{others} other motion{'' if others == 1 else 's'} fit about as "
-                    f"well; this one has the weight {row['weight']:.2f}"
-                )
-                found.append(HeadLine(text))
-            if row["reading"] == "manoeuvre":
-                text = "\u26a0 the target changed its velocity: no straight motion fits"
-                found.append(HeadLine(text, warns=True))
-            found += [HeadLine(f"no {k}: {why}") for why, k in _grouped(row["reasons"])]
+    for row in (row for row in json_rows(motions) if row["mode"] == 1):
+        found += [HeadLine(_state(row, units)), HeadLine(_now(row, clock))]
+        others = int(np.sum(motions.contact == row["contact"])) - 1
+        if others:
+            text = (
+                f"{others} other motion{'' if others == 1 else 's'} fit about as well; "
+                f"this one has the weight {row['weight']:.2f}"
+            )
+            found.append(HeadLine(text))
+        if row["reading"] == "manoeuvre":
+            text = "\u26a0 the target changed its velocity: no straight motion fits"
+            found.append(HeadLine(text, warns=True))
+        if (motions.contact == row["contact"]).all():  # else they stand on its own page
+            found += [HeadLine(text) for text in reasons_once([row])]
     return found
-
-
-def _grouped(reasons: dict[str, str]) -> list[tuple[str, str]]:
-    """Return each reason once, with all that it is the reason of."""
-    known: dict[str, list[str]] = {}
-    for key, reason in reasons.items():
-        if key != "time_utc":
-            known.setdefault(reason, []).append(key)
-    return [(reason, ", ".join(keys)) for reason, keys in known.items()]
 
 
 STATE = (
@@ -172,17 +163,16 @@ def motion_states(motions: Motions, units: Units) -> list[str]:
 
 
 def _now(row: Row, clock: Clock) -> str:
-    begin = utc_text(row["time_utc"]) + " UTC" if row["time_utc"] else ""
-    begin = begin or f"{row['time_s']:.0f} s"
+    begin = f"{row['time_s']:.0f} s"
+    if row["time_utc"]:
+        begin = f"{utc_text(row['time_utc'])} UTC"
     text = f"state at the first measurement, {begin}"
     if row["now_range_m"] is None:
         return text
-    end = clock.text(row["now_time_s"]) + (" s" if clock.start_utc_ns is None else "")
-    now, bearing = (
-        value_text(row, "now_range_m", 0),
-        value_text(row, "now_bearing_deg", 1),
-    )
-    return f"{text} \u00b7 at the last one, {end}: {now} m in {bearing} deg"
+    end = clock.text(row["now_time_s"]) + " s" * (clock.start_utc_ns is None)
+    bearing = value_text(row, "now_bearing_deg", 1)
+    now = f"{value_text(row, 'now_range_m', 0)} m in {bearing} deg"
+    return f"{text} \u00b7 at the last one, {end}: {now}"
 
 
 def draw_motion_map(
@@ -217,48 +207,34 @@ def draw_motion_map(
 
 
 def _draw_mode(motions: Motions, row: int, ray_m: float, ax: Axes) -> None:
-    color, turn = (
-        contact_color(int(motions.contact[row])),
-        axes_of(motions.bearing_deg[row]),
-    )
-    along = turn[:, 0]
+    color = contact_color(int(motions.contact[row]))
+    distance_m, bearing_deg = motions.range_m[row], motions.bearing_deg[row]
+    along = compass_unit(bearing_deg)
     if not np.isfinite(along).all():
         return
-    if not (motions.observable[row] and np.isfinite(motions.range_m[row])):
+    if not (motions.observable[row] and np.isfinite(distance_m)):
         ax.plot(*np.stack([0 * along, ray_m * along], 1), ":", color=color)
         return
     alpha = LIKELY + (1 - LIKELY) * float(motions.weight[row])
-    start = motions.range_m[row] * along
-    spread = np.diag([1.0, np.radians(motions.range_m[row])])
-    polar = spread @ motions.covariance[row, :2, :2] @ spread
+    start = distance_m * along
+    spread = place_covariance(distance_m, bearing_deg, motions.covariance[row, :2, :2])
     ax.plot(*start, "o", ms=4, color=color, alpha=alpha)
-    draw_ellipse(ax, start, turn @ polar @ turn.T, color, 0.25 * alpha)
+    draw_ellipse(ax, start, spread, color, 0.25 * alpha)
     name = f"{motions.contact[row]}"
     if (motions.contact == motions.contact[row]).sum() > 1:
         name += f", mode {motions.mode[row]} ({100 * motions.weight[row]:.0f} %)"
     name_place(ax, start, name, color, (9, 9))
-    way = _way(motions, row)
+    duration_s = motions.now_time_s[row] - motions.time_s[row]
+    way = motions.speed_mps[row] * duration_s * compass_unit(motions.course_deg[row])
     if np.isfinite(way).all():
         end = start + way
         ax.plot(*np.stack([start, end], 1), "-", lw=1.3, color=color, alpha=alpha)
         draw_arrow(ax, start + 0.9 * way, end, color, alpha)
         ax.plot(*end, "s", ms=4, color=color, alpha=alpha)
-        draw_ellipse(ax, end, _now_covariance(motions, row), color, 0.25 * alpha)
-
-
-def _now_covariance(motions: Motions, row: int) -> FloatArray:
-    """Return the covariance of the place at the last measurement, m^2."""
-    across_m = motions.now_range_m[row] * np.radians(motions.now_bearing_std_deg[row])
-    turn = axes_of(motions.now_bearing_deg[row])
-    spread = np.diag([motions.now_range_std_m[row], across_m]) ** 2
-    return np.asarray(turn @ spread @ turn.T)
-
-
-def _way(motions: Motions, row: int) -> FloatArray:
-    """Return how far a mode goes from the first measurement to the last, m."""
-    duration_s = motions.now_time_s[row] - motions.time_s[row]
-    heading = axes_of(motions.course_deg[row])[:, 0]
-    return np.asarray(motions.speed_mps[row] * duration_s * heading)
+        std = [motions.now_range_std_m[row], motions.now_bearing_std_deg[row]]
+        now = float(motions.now_range_m[row]), float(motions.now_bearing_deg[row])
+        spread = place_covariance(*now, np.diag(std) ** 2)
+        draw_ellipse(ax, end, spread, color, 0.25 * alpha)
 
 
 def _measured(scene: Scene) -> list[Measurements]:
@@ -268,41 +244,31 @@ def _measured(scene: Scene) -> list[Measurements]:
     return [] if lines is None else measurements_from_lines(lines)
 
 
-def _navigation(scene: Scene) -> Navigation | None:
-    """Return the way of what measured: of an array its own."""
-    record, sensor = scene.first(BearingTime), scene.first(Sensor)
-    if record is not None and np.isfinite(record.east_m).all():
-        return Navigation(
-            time_s=record.frames.time_s, east_m=record.east_m, north_m=record.north_m,
-            heading_deg=record.heading_deg,
-        )  # fmt: skip
-    given = next((c for c in scene.containers if isinstance(c, Navigation)), None)
-    return given or (None if sensor is None else sensor.navigation)
-
-
 def measured_from(scene: Scene) -> list[tuple[str, OwnPath]]:
     """Return name and way of own ship or of every sensor, the reference first."""
     measured = _measured(scene)
-    if not measured:
-        return []
-    data = measured[0]
     try:
-        paths, sensor = _paths(scene, data)
-    except DataError:
+        paths, sensor = _paths(scene, measured[0])
+    except (DataError, IndexError):
         return []
-    if data.platforms is None:
+    if (platforms := measured[0].platforms) is None:
         return [("own ship", paths[0])] if paths[0].time_s.size > 1 else []
-    names = data.platforms.name
-    order = [int(sensor[0]), *(k for k in range(len(names)) if k != sensor[0])]
-    return [(names[k], paths[k]) for k in order]
+    ways = list(zip(platforms.name, paths, strict=True))
+    return [ways.pop(int(sensor[0])), *ways]
 
 
 def _paths(scene: Scene, data: Measurements) -> tuple[list[OwnPath], IntArray]:
-    """Return the way of every platform, and the platform of every row."""
-    if data.platforms is None:
-        path = own_path(_navigation(scene), data)
-        return [path], np.zeros(data.time_s.size, np.int64)
-    return sensor_paths(data, data.platforms), data.platforms.sensor
+    """Return the way of every platform, of an array its own, and each row's platform."""
+    if data.platforms is not None:
+        return sensor_paths(data, data.platforms), data.platforms.sensor
+    record, sensor = scene.first(BearingTime), scene.first(Sensor)
+    way = scene.first(Navigation) or (None if sensor is None else sensor.navigation)
+    if record is not None and np.isfinite(record.east_m).all():
+        way = Navigation(
+            time_s=record.frames.time_s, east_m=record.east_m, north_m=record.north_m,
+            heading_deg=record.heading_deg,
+        )  # fmt: skip
+    return [own_path(way, data)], np.zeros(data.time_s.size, np.int64)
 
 
 def motion_residuals(
@@ -318,26 +284,34 @@ def motion_residuals(
     if not rows.size or not motions.observable[rows[0]]:
         return None
     row = int(rows[0])
-    names = ("range_m", "bearing_deg", "speed_mps", "course_deg")
-    distance, bearing, speed, course = (float(getattr(motions, n)[row]) for n in names)
-    if not np.isfinite([distance, bearing, speed, course]).all():
+    place = motions.range_m[row] * compass_unit(motions.bearing_deg[row])
+    velocity = motions.speed_mps[row] * compass_unit(motions.course_deg[row])
+    state = np.hstack([place, velocity])
+    if not np.isfinite(state).all():
         return None
     try:
         paths, sensor = _paths(scene, data)
     except DataError:
         return None
-    state = np.hstack(
-        [distance * axes_of(bearing)[:, 0], speed * axes_of(course)[:, 0]]
-    )
-    predicted, rate = _predicted(paths, sensor, data, state, scene, motions)
-    left = data.bearing_deg - np.degrees(predicted)
-    left = (left + 180.0) % 360.0 - 180.0
+    steps = np.diff(np.unique(data.time_s))  # several sensors share instants
+    interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
+    doppler: Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
+    track = make_sensors_track(paths, sensor, data.time_s, doppler, interval_s)
+    hydrophone = scene.first(Sensor)
+    depth = None if hydrophone is None else hydrophone.depth_m
+    medium = Medium(
+        motions.sound_speed_mps, 0.0 if depth is None else depth - SOURCE_DEPTH_M,
+        is_delayed=motions.propagation == "delayed",
+    )  # fmt: skip
+    bearing, rate = (one[0] for one in predict_values(track, state[None], medium))
+    left = wrap_deg(data.bearing_deg - np.degrees(bearing))
     record = scene.first(BearingTime)
     if record is not None and record.ambiguity == MIRROR:
         heading = np.degrees(paths[0].heading_at(data.time_s))
-        mirrored = 2 * heading - data.bearing_deg - np.degrees(predicted)
-        mirrored = (mirrored + 180.0) % 360.0 - 180.0
+        mirrored = wrap_deg(2 * heading - data.bearing_deg - np.degrees(bearing))
         left = np.where(np.abs(mirrored) < np.abs(left), mirrored, left)
+        # an array's heading has an offset
+        left = left - np.nansum(left) / max(1, np.isfinite(left).sum())
     shift = 1.0 - rate / motions.sound_speed_mps
     own = motions.rest_motion == row
     rest = dict(zip(motions.rest_line_id[own].tolist(),
@@ -348,55 +322,16 @@ def motion_residuals(
     )
 
 
-def _predicted(
-    paths: Sequence[OwnPath], sensor: IntArray, data: Measurements, state: FloatArray,
-    scene: Scene, motions: Motions,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Return bearings in rad and range rates in m/s at every row, from its platform.
-
-    The state counts from the platform of the first row, at its time.
-    """
-    hydrophone = scene.first(Sensor)
-    depth = None if hydrophone is None else hydrophone.depth_m
-    medium = Medium(
-        motions.sound_speed_mps, 0.0 if depth is None else depth - SOURCE_DEPTH_M,
-        is_delayed=motions.propagation == "delayed",
-    )  # fmt: skip
-    steps = np.diff(np.unique(data.time_s))  # several sensors share instants
-    interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
-    doppler: Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
-    start_s = data.time_s[:1]
-    origin = np.stack(paths[int(sensor[0])].at(start_s))[:, 0]
-    bearing, rate = np.zeros(data.time_s.size), np.zeros(data.time_s.size)
-    for number, path in enumerate(paths):
-        rows = np.flatnonzero(sensor == number)
-        if not rows.size:
-            continue
-        time_s = data.time_s[rows]
-        begin = np.stack(path.at(time_s[:1]))[:, 0]
-        gone = state[2:] * (time_s[0] - start_s[0])
-        own = np.concatenate([state[:2] + origin + gone - begin, state[2:]])
-        track = make_observer_track(path, time_s, doppler, interval_s)
-        found = predict_values(track, own[np.newaxis], medium)
-        bearing[rows], rate[rows] = found[0][0], found[1][0]
-    return bearing, rate
-
-
 def _parts(
     scene: Scene, motions: Motions, measured: Sequence[Measurements]
 ) -> list[PagePart]:
     """Return residuals of bearing and frequency, and the range over time."""
-    left = [
-        (m.contact, found)
-        for m in measured
-        if (found := motion_residuals(scene, motions, m)) is not None
-    ]
+    each = [(m.contact, motion_residuals(scene, motions, m)) for m in measured]
+    left = [(contact, found) for contact, found in each if found is not None]
     parts = []
-    for name, label in (
-        ("bearing_deg", "bearing residual\n(deg)"),
-        ("frequency_hz", "frequency residual\n(Hz)"),
-    ):
+    for name, unit in (("bearing_deg", "deg"), ("frequency_hz", "Hz")):
         if any(np.isfinite(getattr(found, name)).any() for _, found in left):
+            label = f"{name.partition('_')[0]} residual\n({unit})"
             parts.append(PagePart(1.5, partial(_draw_residuals, left, name, label)))
     if _bounded(motions).any():
         parts.append(PagePart(1.7, lambda ax: draw_ranges(motions, ax)))

@@ -6,7 +6,6 @@ for each, its recording is not; with sound asked for, it is.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -18,7 +17,7 @@ from uwtrack_cli.data.base import Container
 from uwtrack_cli.errors import DataError, UwtrackError
 from uwtrack_cli.flow.passages import PassageRow
 from uwtrack_cli.plotting.html_page import anchor_of, passage_head, png_data
-from uwtrack_cli.plotting.listen import Ear
+from uwtrack_cli.plotting.listen import sound_of
 from uwtrack_cli.plotting.page import scenes_of
 from uwtrack_cli.plotting.panels import picture_of
 from uwtrack_cli.plotting.passage_fit import ReportedPassage, shown_span
@@ -32,30 +31,28 @@ SIZE_IN, THUMB_DPI = (7.0, 2.3), 90
 MOST_THUMBNAILS = 60
 """Passages that have a picture; the others are in the table."""
 
-Open = Callable[[Path], list[Container]]
-"""Gives what a small picture is drawn of."""
+Glance = Callable[[PassageRow, int], dict[str, Any] | None]
+"""Gives what a folder's report has of a passage with its number; None beyond the most."""
 
 
-@dataclass(frozen=True)
-class Gallery:
-    """Small pictures of passages, with links to the pages of their results."""
+def glances(
+    folder: Path,
+    read: Callable[[Path], list[Container]],
+    units: Units,
+    speed_up: float | None = None,
+) -> Glance:
+    """Return what gives small pictures of passages, their titles, links and sound.
 
-    folder: Path
-    """Where the report lies; the page of a result beside it is linked to."""
-    read: Open
-    """Gives what a product holds."""
-    units: Units = "kn"
-    """Unit of every speed."""
-    ear: Ear | None = None
-    """How the passages' sound is given; None: it is not."""
+    ``folder``: where the report lies; the page of a result beside it is linked to.
+    ``read``: gives what a product holds. ``speed_up``: as in `listen`.
+    """
 
-    def __call__(self, passage: PassageRow, number: int) -> dict[str, Any] | None:
-        """Return the picture of a passage, its title and link; None beyond the most."""
+    def glance(passage: PassageRow, number: int) -> dict[str, Any] | None:
         if number > MOST_THUMBNAILS:
             return None
-        path = Path(passage.file)
+        path, link = Path(passage.file), None
         try:
-            scenes = scenes_of(self.read(path))
+            scenes = scenes_of(read(path))
             scene = next(s for s in scenes if s.sensor in (None, passage.sensor))
             encounters = scene.encounters
             if encounters is None:
@@ -64,25 +61,22 @@ class Gallery:
         except (UwtrackError, StopIteration, IndexError):
             return None  # it has gone since the table was made
         fit = ReportedPassage(encounters, row)
-        page, folder, link = (
-            path.with_suffix(".html").resolve(),
-            self.folder.resolve(),
-            None,
-        )
-        if page.is_file() and page.is_relative_to(folder):
-            others = [
-                s for s in scenes if (e := s.encounters) is not None and e.n_encounters
-            ]
-            anchor = anchor_of(
-                {**fit.printed, "passage": row + 1}, is_alone=len(others) < 2
+        page = path.with_suffix(".html").resolve()
+        if page.is_file() and page.is_relative_to(folder.resolve()):
+            n_owners = sum(
+                bool(e and e.n_encounters) for e in (s.encounters for s in scenes)
             )
-            link = f"{quote(page.relative_to(folder).as_posix())}#{anchor}"
+            own = {**fit.printed, "passage": row + 1}
+            link = f"{quote(page.relative_to(folder.resolve()).as_posix())}#"
+            link += anchor_of(own, is_alone=n_owners < 2)
         figure = thumbnail(scene, fit)
         return {
-            **passage_head(fit.printed, number, self.units), "file": path.name,
-            "link": link, "picture": figure and png_data(figure, THUMB_DPI),
-            "sound": self.ear and self.ear.heard(scene, row),
+            **passage_head(fit.printed, number, units), "file": path.name, "link": link,
+            "picture": figure and png_data(figure, THUMB_DPI),
+            "sound": speed_up and sound_of(scene, row, speed_up),
         }  # fmt: skip
+
+    return glance
 
 
 def thumbnail(scene: Scene, fit: ReportedPassage) -> Figure | None:

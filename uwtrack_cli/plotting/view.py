@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 
 from uwtrack_cli.constants import NANOSECONDS
-from uwtrack_cli.data.base import Container, FloatArray, IntArray
+from uwtrack_cli.data.base import Container, IntArray
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.options import AtLeast, AtMost, Unit, convert
 from uwtrack_cli.data.presence import Presence
@@ -31,10 +32,13 @@ Dpi = Annotated[float, AtLeast(20), AtMost(1200)] | None
 DPI = 110
 """Dots per inch of a page that is stored as dots."""
 
+MOST_KEPT = 16
+"""Pictures and tables of a scene that are kept for its next page."""
+
 MOST_DOTS = 5e7
 """Dots of a picture at most, which take four bytes each."""
 
-CLOCK_TIME = re.compile(r"(\d\d):(\d\d)(?::(\d\d(?:\.\d+)?))?")
+DAYTIME = re.compile(r"\d\d:\d\d(:\d\d(\.\d+)?)?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,10 +96,10 @@ class View:
         low = usual[0] if self.begin is None else to_seconds(self.begin, clock)
         high = usual[1] if self.end is None else to_seconds(self.end, clock)
         if self.is_zoomed and (low >= usual[1] or high <= usual[0]):
-            msg = (
-                f"nothing was recorded {self._asked()}; there is sound from "
-                f"{clock.text(usual[0])} to {clock.text(usual[1])}."
-            )
+            ends = (("from", self.begin), ("to", self.end))
+            asked = " ".join(f"{word} {end}" for word, end in ends if end)
+            known = f"{clock.text(usual[0])} to {clock.text(usual[1])}"
+            msg = f"nothing was recorded {asked}; there is sound from {known}."
             raise DataError(msg)
         if not low < high:
             msg = (
@@ -104,12 +108,6 @@ class View:
             )
             raise OptionError(msg)
         return low, high
-
-    def _asked(self) -> str:
-        """Return the span that is asked for in words."""
-        begin = "" if self.begin is None else f"from {self.begin}"
-        end = "" if self.end is None else f"to {self.end}"
-        return f"{begin} {end}".strip()
 
 
 def sized(view: View, size: tuple[float, float] | None, dpi: float | None) -> View:
@@ -152,44 +150,26 @@ def to_seconds(text: str, clock: Clock) -> float:
     >>> to_seconds("00:01", Clock(1515859921862000000)), to_seconds("90", Clock())
     (28138.138, 90.0)
     """
-    seconds = _number(text)
-    if np.isfinite(seconds):
-        return seconds
-    daytime = CLOCK_TIME.fullmatch(text.strip())
-    wanted_ns = 0 if daytime is not None else _utc_ns(text)
-    if clock.start_utc_ns is None:
-        msg = (
-            f"{text!r} needs the start of the recording in UTC, which is not known: give "
-            f"seconds from the first sample, or run again with --start-utc."
-        )
-        raise DataError(msg)
-    if daytime is None:
-        return (wanted_ns - clock.start_utc_ns) / NANOSECONDS
-    hours, minutes, rest = daytime.groups()
-    wanted = 3600 * int(hours) + 60 * int(minutes) + float(rest or 0)
-    if wanted >= 86_400 or int(minutes) > 59 or float(rest or 0) >= 60:
-        msg = f"{text!r} is no time of day: 00:00 to 23:59:59 is accepted."
-        raise OptionError(msg)
-    start = clock.start_utc_ns % (86_400 * NANOSECONDS) / NANOSECONDS
-    return float((wanted - start) % 86_400)
-
-
-def _number(text: str) -> float:
+    with suppress(ValueError):
+        if np.isfinite(seconds := float(text)):
+            return seconds
+    is_of_day = DAYTIME.fullmatch(text.strip()) is not None
     try:
-        return float(text)
-    except ValueError:
-        return float("nan")
-
-
-def _utc_ns(text: str) -> int:
-    try:
-        return parse_utc(text)
+        wanted_ns = parse_utc(f"1970-01-01T{text.strip()}Z" if is_of_day else text)
     except DataError as error:
         msg = (
             f"{text!r} is no time: give seconds from the first sample, a time of day "
             f"such as 12:25 or UTC such as 2024-05-01T12:25:00Z."
         )
         raise OptionError(msg) from error
+    if clock.start_utc_ns is None:
+        msg = (
+            f"{text!r} needs the start of the recording in UTC, which is not known: give "
+            f"seconds from the first sample, or run again with --start-utc."
+        )
+        raise DataError(msg)
+    lag_ns = wanted_ns - clock.start_utc_ns
+    return (lag_ns % (86_400 * NANOSECONDS) if is_of_day else lag_ns) / NANOSECONDS
 
 
 @dataclass(frozen=True)
@@ -206,10 +186,11 @@ class Scene:
     """What was taken of the sound before: pages of several sizes show the same."""
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what was made under a key before, else make it."""
-        if key not in self.taken:
-            self.taken[key] = make()
-        found: T = self.taken[key]
+        """Return what was made under a key lately, else make it."""
+        found: T = self.taken.pop(key) if key in self.taken else make()
+        self.taken[key] = found  # the latest stands last
+        if len(self.taken) > MOST_KEPT:
+            del self.taken[next(iter(self.taken))]
         return found
 
     def first(self, kind: type[C]) -> C | None:
@@ -249,7 +230,7 @@ class Scene:
 
     @property
     def encounters(self) -> Encounters | None:
-        """Closest approaches that the sensor heard."""
+        """Closest approaches to the sensor."""
         return self._own(Encounters)
 
     def number(self, contact: int) -> int:
@@ -265,11 +246,11 @@ class Scene:
 
     @property
     def presence(self) -> Presence | None:
-        """What the sensor heard."""
+        """What was detected at the sensor."""
         return self._own(Presence)
 
     def stretches(self, span_s: Span) -> IntArray:
-        """Return the rows of what the sensor heard within a span, s."""
+        """Return the rows of what was detected within a span, s."""
         found = self.presence
         if found is None:
             return np.zeros(0, np.int64)
@@ -299,20 +280,15 @@ class Scene:
 
     @property
     def times_s(self) -> tuple[float, float] | None:
-        """Begin and end of everything that was heard, s from the first sample."""
+        """Begin and end of everything that was recorded, s from the first sample."""
         recording = self.first(Recording)
         if recording is not None and recording.n_samples and not recording.is_live:
             return 0.0, recording.duration_s
-        known = [_times(c) for c in self.all(Container)]
-        found = [t for t in known if t is not None and t.size and np.isfinite(t).any()]
-        if not found:
+        frames = [getattr(c, "frames", None) or c for c in self.all(Container)]
+        known = [getattr(one, "time_s", None) for one in frames]
+        found = [np.ravel(t) for t in known if isinstance(t, np.ndarray)]
+        times = np.concatenate([np.zeros(0), *found])
+        if not np.isfinite(times).any():
             return None
-        low = min(float(np.nanmin(t)) for t in found)
-        high = max(float(np.nanmax(t)) for t in found)
+        low, high = float(np.nanmin(times)), float(np.nanmax(times))
         return (low, high) if low < high else (low - 0.5, low + 0.5)
-
-
-def _times(container: Container) -> FloatArray | None:
-    frames = getattr(container, "frames", None)
-    found = getattr(container if frames is None else frames, "time_s", None)
-    return found if isinstance(found, np.ndarray) else None

@@ -1,4 +1,4 @@
-"""What was heard, in sentences.
+"""What was detected, in sentences.
 
 **Conventions.** Rows are those of `json_rows`. Times are UTC where known, else seconds
 from the first sample.
@@ -23,13 +23,13 @@ from uwtrack_cli.files.utc import format_utc, parse_utc
 Row = dict[str, Any]
 
 HEARD = {
-    VESSEL: "a vessel is heard",
-    RATES: "shaft and blades of a vessel are heard",
-    LINES: "lines without a family are heard",
-    BROADBAND: "a rise of the broadband is heard",
-    HUM: "mains hum is heard",
-    RAIN: "rain is heard",
-    UNKNOWN: "something unknown is heard",
+    VESSEL: "a vessel is detected",
+    RATES: "shaft and blades of a vessel are detected",
+    LINES: "lines without a family are detected",
+    BROADBAND: "a rise of the broadband is detected",
+    HUM: "mains hum is detected",
+    RAIN: "rain is detected",
+    UNKNOWN: "something unknown is detected",
 }
 """What is said of each kind."""
 
@@ -43,7 +43,7 @@ NO_PASSAGE = "no closest approach"
 def presence_sentences(
     rows: Sequence[Row], *, is_passed: bool, next_looks: Sequence[str] = ()
 ) -> list[str]:
-    """Say what was heard beside the closest approaches.
+    """Say what was detected beside the closest approaches.
 
     ``is_passed``: whether there are closest approaches, which are told elsewhere.
     ``next_looks``: what to try next, which is told where no vessel was found.
@@ -83,7 +83,7 @@ def why_no_passage(rows: Sequence[Row]) -> list[str]:
 
 
 def stretch_words(row: Row) -> str:
-    """Say what was heard in a stretch, and when.
+    """Say what was detected in a stretch, and when.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def stretch_words(row: Row) -> str:
     ...        "spacing_hz": 6.268, "blade_rate_hz": None, "n_lines": 29,
     ...        "rates_hz": [], "to_utc": None}
     >>> stretch_words(row)
-    'a vessel is heard from 12 s to 80 s (spacing 6.27 Hz, 29 lines)'
+    'a vessel is detected from 12 s to 80 s (spacing 6.27 Hz, 29 lines)'
     """
     known = []
     if row["spacing_hz"] is not None:

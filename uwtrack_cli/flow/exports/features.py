@@ -17,6 +17,11 @@ from warnings import warn
 import numpy as np
 
 from uwtrack_cli.acoustics.geodesy import Origin, to_latitude_longitude
+from uwtrack_cli.acoustics.geometry import (
+    compass_unit,
+    place_covariance,
+    region_95,
+)
 from uwtrack_cli.data.base import Container, FloatArray
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
@@ -24,10 +29,6 @@ from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.tables.json_rows import json_rows
 
-SCALE_95 = 2.4477468306808166
-"""Square root of the 95 % quantile of chi-square with two degrees of freedom."""
-
-CORNERS = 72
 TRACK_RANGES = 3.0
 C = TypeVar("C", bound=Container)
 
@@ -108,8 +109,7 @@ def _encounters(
         if sensor is None or range_m is None or values["bearing_deg"] is None:
             continue
         origin = Origin(float(sensor.latitude or 0), float(sensor.longitude or 0))
-        bearing = np.radians(values["bearing_deg"])
-        east, north = range_m * np.sin(bearing), range_m * np.cos(bearing)
+        east, north = range_m * compass_unit(values["bearing_deg"])
         name = f"contact {values['contact']} at {values['sensor']}"
         place = _places(np.array([east]), np.array([north]), origin)
         yield Feature("encounter", "Point", name, place, values)
@@ -136,7 +136,7 @@ def _fixes(fixes: Fixes) -> Iterator[Feature]:
             origin = Origin(values["latitude"], values["longitude"])
             told = ("contact", "mode", "time_s", "time_utc")
             known = {key: values[key] for key in told}
-            ring = _ellipse(covariance, origin)
+            ring = _ring(covariance, origin)
             yield Feature("ellipse", "Polygon", f"95 % region of {name}", ring,
                           {**known, "probability": 0.95})  # fmt: skip
 
@@ -163,25 +163,15 @@ def _motions(motions: Motions) -> Iterator[Feature]:
             yield Feature("track", "LineString", f"track of {name}", track, known)
         polar = motions.covariance[row][:2, :2]
         if np.isfinite(polar).all():
-            bearing = np.radians(motions.bearing_deg[row])
-            across = np.radians(motions.range_m[row])  # m per degree of bearing
-            away = np.array([np.sin(bearing), np.cos(bearing)])
-            turn = np.column_stack([away, across * away[::-1] * [1.0, -1.0]])
-            ring = _ellipse(turn @ polar @ turn.T, origin)
+            where = float(motions.range_m[row]), float(motions.bearing_deg[row])
+            ring = _ring(place_covariance(*where, polar), origin)
             yield Feature("ellipse", "Polygon", f"95 % region of {name}", ring,
                           {**known, "time_s": values["time_s"], "probability": 0.95})  # fmt: skip
 
 
-def _ellipse(covariance: FloatArray, origin: Origin) -> tuple[tuple[float, float], ...]:
-    spread, axes = np.linalg.eigh(covariance)
-    angle = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    if np.linalg.det(axes) < 0.0:  # a mirrored circle would run clockwise
-        axes = axes * np.array([1.0, -1.0])
-    radii = SCALE_95 * np.sqrt(np.maximum(spread, 0.0))
-    east, north = axes @ (radii[:, None] * circle)
-    ring = _places(east, north, origin)
-    return (*ring, ring[0])
+def _ring(covariance: FloatArray, origin: Origin) -> tuple[tuple[float, float], ...]:
+    east, north = region_95(covariance)
+    return _places(east, north, origin)
 
 
 def _places(

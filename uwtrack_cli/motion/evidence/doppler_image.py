@@ -9,11 +9,10 @@ in the others. With that integrated out, what a cell gains is
     log(1 - q + q exp(1/2 [m^2 W W / (1 + W) - log(1 + W)]))
 
 with its weighted mean m, its precision W and the share q of cells that sound, so that no
-pattern gains nothing.
-No line is tracked, and none is cut where it falls fastest. The same frames are explained
-by what passes nowhere: a pattern that stays or drifts, one that steps, and one that moves
-as a passage turned upside down. What the passage gains over the best of them is its
-evidence. The engine may drift while it passes.
+pattern gains nothing. No line is tracked, and none is cut where it falls fastest. The same
+frames are explained by what passes nowhere: a pattern that stays or drifts, one that steps,
+one that moves as a passage turned upside down, and noise. What the passage gains over the
+best of them is its evidence. The engine may drift while it passes.
 
 **Conventions.** Times count from the first sample, as received. A law is the time of the
 closest approach, R/v there and v over the speed of sound. Gains in nepers.
@@ -44,11 +43,14 @@ FRAME_S, SHORTEST_S, LONGEST_S = 0.17, 0.06, 0.24
 """Length of the frames, s, for a passage whose R/v is one second, and limits: it grows as
 the root of R/v, so that a tone moves by a resolution in a frame where it falls fastest."""
 
-OVERLAP, FIRST_LOOK = 3, 2
-"""Frames in the length of one, and every how many are taken in a first look."""
+OVERLAP, MOST_FRAMES, FIRST_LOOK = 3, 240, 2
+"""Frames in the length of one, how many are taken at most of a long passage, and every how
+many in a first look."""
 
-BACKGROUND_OCTAVES = 0.8
-"""Running mean along frequency that is taken off each frame."""
+BACKGROUND_OCTAVES = 0.3
+"""Running mean along frequency that is taken off each frame: orders and tones are narrower,
+and bands of interference with the ground's image, which fall before the closest approach and
+rise behind it, are wider."""
 
 CLIPPED = (-2.5, 4.0)
 """Nepers about that mean to which a cell is held: an empty one says no more."""
@@ -163,7 +165,7 @@ class DopplerImage:
         from scipy.ndimage import uniform_filter1d
 
         length = round(frame_s * rate_hz)
-        hop = max(1, length // OVERLAP)
+        hop = max(1, length // OVERLAP, samples.size // MOST_FRAMES)
         frames = np.lib.stride_tricks.sliding_window_view(samples, length)[::hop]
         size = next_fast_len(PADDING * length, real=True)
         power = np.abs(rfft(frames * np.hanning(length), size, axis=1)) ** 2
@@ -194,12 +196,12 @@ class DopplerImage:
         self.time_s = start_s + (np.arange(len(frames)) * hop + 0.5 * length) / rate_hz
         # Hann frames: bins in a resolution, and frames in one that is independent
         share = np.minimum(1.0, np.exp(self.log_hz) * cell * frame_s / 1.5)
-        self.precision = share * min(1.0, 2.0 / OVERLAP) / variance
+        self.precision = share * min(1.0, 2.0 * hop / length) / variance
         self._margin = int(LARGEST_SHIFT / cell) + 1
         wide = ((0, 0), (self._margin, self._margin))
         self._value = np.pad(value.astype(np.float32), wide)
         self._known = np.pad(np.ones_like(value, np.float32), wide)
-        self._cell = cell
+        self._cell, self._overlap = cell, max(0.0, 1.0 - hop / length)
 
     def _stacked(
         self, moved: FloatArray, step: int = 1
@@ -273,7 +275,7 @@ class DopplerImage:
         return PatternCourse(
             self.time_s, np.where(stands_out, shift, np.nan),
             np.where(stands_out, self._cell / np.sqrt(-bend), np.nan),
-            float(np.exp(self.log_hz[tone])), 1.0 - 1.0 / OVERLAP,
+            float(np.exp(self.log_hz[tone])), self._overlap,
         )  # fmt: skip
 
     def gain(self, law: DopplerLaw) -> float:
@@ -311,7 +313,9 @@ class DopplerImage:
                 x, gain = tried[first], float(found[first])
             else:
                 step = FINER * step
-        return DopplerLaw(float(x[0]), *np.exp(x[1:3]).tolist(), float(x[3])), gain
+        return DopplerLaw(
+            float(x[0]), float(np.exp(x[1])), float(np.exp(x[2])), float(x[3])
+        ), gain
 
     def other_gain(self, law: DopplerLaw) -> float:
         """Return what the best movement without a passage gains, nepers."""

@@ -349,7 +349,7 @@ class LineFall(NamedTuple):
 
 
 def line_falls(lines: Lines) -> list[LineFall]:
-    """Return where each line falls, the largest fall first.
+    """Return where each line falls, first where the lines beside it fall by most in all.
 
     Parameters
     ----------
@@ -372,4 +372,8 @@ def line_falls(lines: Lines) -> list[LineFall]:
             continue
         width_s = 0.5 * fall / -float(slope[steepest])
         found.append(LineFall(float(time_s[1 + steepest]), width_s, fall, int(contact)))
-    return sorted(found, key=lambda one: -one.fall)
+    if not found:
+        return []
+    time_s, width_s, fall, _ = np.array(found).T
+    beside = np.abs(time_s[:, None] - time_s) < np.maximum(width_s[:, None], width_s)
+    return [found[k] for k in np.argsort(-(beside @ fall), kind="stable")]

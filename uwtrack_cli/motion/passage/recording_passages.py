@@ -30,6 +30,7 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.correlation import overlap_correlation
 from uwtrack_cli.motion.evidence.doppler_image import doppler_evidence
+from uwtrack_cli.motion.evidence.level_hump import level_hump
 from uwtrack_cli.motion.passage import moving_lines, own_time
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
@@ -99,7 +100,7 @@ N_CUTS, SAME_WIDTH = 3, 0.1
 which the width of what is cut out may still change in the end. Both are chosen."""
 
 
-MOST_PLACES, LONGEST_FRAME_S = 8, 0.5
+MOST_PLACES, LONGEST_FRAME_S = 4, 0.5
 """Places in air at which a pattern is sought in the sound at most, and the length of
 frames, s, up to which contacts are pieces of lines and it is sought."""
 
@@ -107,6 +108,10 @@ frames, s, up to which contacts are pieces of lines and it is sought."""
 N_MEASURED, FEWEST_FRAMES = 2, 12
 """How often a passage that the sound tells is measured, the last time by the fit of the
 time before, and frames with a line that it must have."""
+
+
+Place = tuple[float, float]
+"""Time and R/v where something may pass, s."""
 
 
 class SearchTerms(NamedTuple):
@@ -166,7 +171,8 @@ def examine_recording(
         What the contacts of lines are read as that are none.
     """
     terms = SearchTerms(medium, false_alarm_probability, limits, sound, directions)
-    every, still = _with_speed(lines, levels, terms)
+    asked: list[Place] = []
+    every, still = _with_speed(lines, levels, terms, asked)
     parts: dict[int, Lines] = {}
     if lines is not None and not terms.medium.is_air:  # engines hardly keep their speed
         more, parts = _of_lines_together(lines, every, terms)
@@ -193,19 +199,19 @@ def examine_recording(
     used = {number for item in passing for number in item.contacts}
     others = [item for item in (*found, *rejected) if used.isdisjoint(item.contacts)]
     return (
-        _with_patterns(passing + others, None, levels, terms),
+        _with_patterns(passing + others, None, levels, terms, asked),
         [one for one in still if one.contact not in used],
     )
 
 
 def _with_speed(
-    lines: Lines | None, levels: Levels | None, terms: SearchTerms
+    lines: Lines | None, levels: Levels | None, terms: SearchTerms, asked: list[Place]
 ) -> tuple[list[CandidatePassage], list[Still]]:
     """Examine what may have a speed: contacts of lines, or patterns of the sound in air."""
     if not terms.asks_pattern:
         return _of_lines(lines, terms) if lines is not None else ([], [])
     rise = _of_levels(levels, terms) if levels is not None else None
-    every = _with_patterns([rise] if rise else [], lines, levels, terms)
+    every = _with_patterns([rise] if rise else [], lines, levels, terms, asked)
     return [item for item in every if not item.blocks.shift.is_empty], []
 
 
@@ -506,10 +512,12 @@ def _with_patterns(
     lines: Lines | None,
     levels: Levels | None,
     terms: SearchTerms,
+    asked: list[Place],
 ) -> list[CandidatePassage]:
     """Let the pattern of the sound compete for every place where something may pass in air.
 
-    It takes the place of what has no speed, agrees with it or is less probable.
+    It takes the place of what has no speed, agrees with it or is less probable. ``asked``
+    are the places that were asked before, and grow by those that are.
     """
     if not terms.asks_pattern:
         return items
@@ -519,12 +527,12 @@ def _with_patterns(
         ((one.time_s, one.width_s), (one.contact,))
         for one in (line_falls(lines) if lines is not None else [])
     ]
-    asked = [_place(item) for item in kept if _has_speed(item)]
-    n_asked, found = len(asked), list[CandidatePassage]()
+    asked += [_place(item) for item in kept if _has_speed(item)]
+    most, found = len(asked) + MOST_PLACES, list[CandidatePassage]()
     for place, contacts in places:
         if any(_is_beside(place, other) for other in (*asked, *map(_place, found))):
             continue
-        if len(asked) == n_asked + MOST_PLACES:
+        if len(asked) == most:
             break
         asked.append(place)
         pattern = attempted(
@@ -553,18 +561,18 @@ def _has_speed(item: CandidatePassage) -> bool:
     return not item.blocks.shift.is_empty and item.passes
 
 
-def _place(item: CandidatePassage) -> tuple[float, float]:
+def _place(item: CandidatePassage) -> Place:
     """Return time and R/v of a candidate, s."""
     return float(item.fit.theta[0, 0]), float(item.fit.range_over_speed_s[0])
 
 
-def _is_beside(one: tuple[float, float], other: tuple[float, float]) -> bool:
+def _is_beside(one: Place, other: Place) -> bool:
     """Tell whether two places lie within R/v of each other."""
     return abs(one[0] - other[0]) < max(one[1], other[1])
 
 
 def _of_pattern(
-    place: tuple[float, float],
+    place: Place,
     contacts: tuple[int, ...],
     levels: Levels | None,
     terms: SearchTerms,
@@ -583,7 +591,7 @@ def _of_pattern(
     overlap = overlap_correlation("frequency", course.overlap)
     data = with_frequency(
         contact_data(None, levels, ()), course.time_s, frequency_hz,
-        frequency_hz * course.shift_std, float(overlap[0]),
+        frequency_hz * course.shift_std, float(overlap[:1].sum()),
     )  # fmt: skip
     speed_mps = law.mach * terms.medium.sound_speed_mps
     theta = np.array([[law.time_s, np.log(law.width_s), speed_mps, 0.0]])
@@ -591,7 +599,12 @@ def _of_pattern(
         data, (contacts, np.zeros(1, np.int64)), (theta, np.ones(1)),
         terms.medium, terms.probability, is_shown=True,
     )  # fmt: skip
-    return _checked(made, None, terms) if made else None
+    found = _checked(made, None, terms) if made else None
+    if found is None or levels is None:
+        return found
+    time_s, width_s = _place(found)
+    heard_s = time_s + width_s * law.mach
+    return found.measured(level=level_hump(levels, heard_s, width_s))
 
 
 def _with_lines(
