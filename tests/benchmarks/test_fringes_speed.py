@@ -60,10 +60,9 @@ def plain_search_s(fringes):
 
 @pytest.mark.benchmark
 def test_the_search_costs_less_than_shifting_and_stacking(fringes, capsys):
-    evidence = FringeEvidence(fringes, MACH)
-    evidence.proposals()  # slow imports
+    FringeEvidence(fringes, MACH).proposals()  # slow imports
     begin = time.process_time()
-    evidence.proposals()
+    FringeEvidence(fringes, MACH).proposals()
     search_s = time.process_time() - begin
     begin = time.process_time()
     assert fringe_passages(fringes, MACH)
@@ -74,5 +73,5 @@ def test_the_search_costs_less_than_shifting_and_stacking(fringes, capsys):
             f"\nfringes: search {search_s / plain_s:.2f} of shifting and stacking, "
             f"all {whole_s / search_s:.1f} searches ({whole_s:.1f} s of CPU time)"
         )
-    assert search_s < 0.6 * plain_s
+    assert search_s < 0.2 * plain_s
     assert whole_s < 8.0 * search_s

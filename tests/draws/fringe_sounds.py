@@ -7,6 +7,7 @@ nothing is said of fringes, and nothing is shared with the program's simulator.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -171,6 +172,51 @@ def draw_power(
 
     Returns frequencies, power of shape (frame, frequency), and the source.
     """
+    rng, source, known = expected(
+        seed, is_deep=is_deep, snr_db=snr_db, swing_db=swing_db, rate=rate,
+        window_s=window_s,
+    )  # fmt: skip
+    return known.frequency_hz, noisy(rng, known.sea + known.vessel), source
+
+
+class Expected(NamedTuple):
+    """What a recording of a passage has in the mean."""
+
+    time_s: np.ndarray
+    """Middle of each frame."""
+    frequency_hz: np.ndarray
+    sea: np.ndarray
+    """Density of the sea, shape (frame, frequency)."""
+    vessel: np.ndarray
+    """Density of the vessel, of the same shape."""
+
+
+def time_bound_s(source: Source, known: Expected) -> float:
+    """Return the least deviation of a closest approach, s.
+
+    By the Cramer-Rao bound of densities that are known but for the level and slope of
+    each frame, time and R/v (Kay 1993, section 3.9): a cell of b Hz and s seconds counts
+    b s values of one complex degree of freedom.
+    """
+    time, frequency = known.time_s, known.frequency_hz
+    used = (frequency > 100.0) & (frequency < 7000.0)
+    total = (known.sea + known.vessel)[:, used]
+    later = np.gradient(known.vessel[:, used], time, axis=0) / total
+    own = np.log(frequency[used])
+    own = (own - own.mean()) / own.std()
+    later -= later.mean(axis=1, keepdims=True)
+    later -= np.outer((later * own).mean(axis=1), own)
+    each = np.stack([later, later * (time - source.time_s)[:, None]])
+    values = (time[1] - time[0]) * (frequency[1] - frequency[0])
+    information = values * np.tensordot(each, each, axes=([1, 2], [1, 2]))
+    return float(np.sqrt(np.linalg.inv(information)[0, 0]))
+
+
+def expected(
+    seed: int, *, is_deep: bool, snr_db: float = -8.0, swing_db: float = 1.5,
+    rate: float = RATE_HZ, window_s: float = 0.5,
+) -> tuple[np.random.Generator, Source, Expected]:  # fmt: skip
+    """Return what `draw_power` has in the mean, and what its noise is drawn with."""
     rng, source, place = scene(seed, is_deep=is_deep)
     n_frames = int(place.seconds / (0.5 * window_s)) - 1
     time = (np.arange(n_frames) + 1.0) * 0.5 * window_s
@@ -203,8 +249,8 @@ def draw_power(
     near = np.abs(time - source.time_s) < 2.0
     scale = 10.0 ** (snr_db / 10.0) * sea.sum() / vessel[near].mean(axis=0).sum()
     swing = 10.0 ** (swing_db * wander(rng, n_frames, 2.0 / window_s, 20.0) / 10.0)
-    density = sea * swing[:, None] + scale * vessel
-    return frequency, noisy(rng, density), source
+    known = Expected(time, frequency, sea * swing[:, None], scale * vessel)
+    return rng, source, known
 
 
 def noisy(rng: np.random.Generator, density: np.ndarray) -> np.ndarray:

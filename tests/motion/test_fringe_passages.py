@@ -10,7 +10,9 @@ import pytest
 
 from tests.draws.fringe_rates import MACH, draw_nothing
 from tests.draws.fringe_sounds import draw_power, fringes_of, scene
+from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
+from uwtrack_cli.motion.evidence.fringe_mirror import lowest_cell_hz, mirror_of
 from uwtrack_cli.motion.evidence.fringes import FringeEvidence, fringe_passages
 
 
@@ -44,6 +46,21 @@ def test_proposals_gain_most_at_the_passage(passing):
     assert gain[near].max() > max(20.0, 3.0 * gain[far].max())
 
 
+def test_a_line_of_the_vessel_hides_nothing_of_its_fringes():
+    frequency, power, ship = draw_power(6000, is_deep=True)
+    sensor_m = scene(6000, is_deep=True)[2].sensor_m
+    width_s = ship.slant_m(sensor_m) / ship.speed_mps
+    time_s = (np.arange(len(power)) + 1.0) * 0.25
+    # 30 dB in 1 Hz, in the three cells of a window's line
+    level = 1000.0 / (1.0 + ((time_s - ship.time_s) / width_s) ** 2)
+    near = np.flatnonzero(np.abs(frequency - 240.0) < 3.0)
+    power[:, near] += (
+        level[:, None] * power[:, near].mean(axis=0) * [0.1, 0.3, 0.1]
+    )  # fmt: skip
+    (one,) = fringe_passages(fringes_of(frequency, power), MACH)
+    assert abs(one.passage.width_s / width_s - 1.0) < 0.05
+
+
 def test_a_later_recording_has_its_passage_later():
     frequency, power, _ = draw_power(22, is_deep=True)
     fringes = fringes_of(frequency, power)
@@ -56,3 +73,41 @@ def test_a_later_recording_has_its_passage_later():
 @pytest.mark.parametrize("kind", ["rain", "throttle", "leaving ship"])
 def test_nothing_is_told_where_nothing_passes(kind):
     assert fringe_passages(draw_nothing(kind, 21), MACH) == []
+
+
+@pytest.fixture(scope="module")
+def evident():
+    """Return the image of a vessel over deep water, who she is, and her sensor."""
+    frequency, power, ship = draw_power(104, is_deep=True)
+    sensor_m = scene(104, is_deep=True)[2].sensor_m
+    sensor = Sensor(id="h1", depth_m=sensor_m, depth_std_m=0.5)
+    return fringes_of(frequency, power), ship, sensor
+
+
+def test_the_surface_image_gives_range_and_speed_by_the_prior_of_the_depth(evident):
+    fringes, ship, sensor = evident
+    table = find_encounters(fringes=fringes, sensor=sensor)
+    (range_m,), (std_m,) = table.slant_range_m, table.slant_range_std_m
+    assert abs(range_m - ship.slant_m(sensor.depth_m)) < 2.0 * std_m
+    assert abs(table.speed_mps[0] - ship.speed_mps) < 2.0 * table.speed_std_mps[0]
+    assert 0.2 < std_m / range_m < 0.5  # no line: the prior is wide
+    assert np.isnan(table.source_depth_m[0])
+    assert "prior" in table.reasons(0)["source_depth_m"]
+
+
+def test_the_delay_of_the_surface_image_is_that_of_the_two_ways(evident):
+    fringes, ship, sensor = evident
+    (one,) = fringe_passages(fringes, MACH)
+    mirror = mirror_of(one, lowest_cell_hz(fringes.frequency_hz))
+    near, far = (
+        np.hypot(ship.flat_m, sensor.depth_m + k * ship.depth_m) for k in (-1.0, 1.0)
+    )
+    off = mirror.delay_s / ((far - near) / 1500.0) - 1.0
+    assert abs(off) < 2.0 * mirror.share < 0.1
+
+
+def test_a_channel_without_one_comb_tells_no_delay():
+    frequency, power, _ = draw_power(102, is_deep=False)
+    fringes = fringes_of(frequency, power)
+    (one,) = fringe_passages(fringes, MACH)
+    assert mirror_of(one, lowest_cell_hz(fringes.frequency_hz)) is None

@@ -125,6 +125,11 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "Source level at 1 m under the spreading law used."
     )
     source_level_std_db: FloatArray = deviation()
+    source_depth_m: FloatArray | None = column(
+        "Depth of the source, by the spacing of fringes that one surface image makes; "
+        "nan where range, sensor depth or such fringes are not known."
+    )
+    source_depth_std_m: FloatArray | None = deviation()
     extrapolated: BoolArray = column(
         "Whether the closest approach lies outside the recording."
     )
@@ -172,8 +177,9 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "nuisance", owner="encounter",
     )  # fmt: skip
     rest_frame_evidence: FloatArray | None = column(
-        "Nepers by which the sound of its lines is sharper in the vessel's own time "
-        "than in any rival's; nan where the sound was not asked."
+        "Nepers by which its lines are sharper in source time than in any other; in air, "
+        "by which the pattern of all sound shifts as the passage has it (inverse hyperbolic "
+        "sine of half of them); nan where the sound was not asked."
     )
     misfit: FloatArray | None = column(
         "What its lines leave of their curve beyond noise, as a share of the Doppler "
@@ -184,7 +190,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     )
     alternative: TextArray | None = column(
         "Code of the strongest explanation in which no vessel passes so, such as "
-        "'nothing-passes' or 'misfit'; empty if none speaks against it.", unknown="",
+        "'nothing-passes'; 'not-significant' for none of them.", unknown="",
     )  # fmt: skip
     alternative_probability: FloatArray | None = column(
         "Probability of that explanation."

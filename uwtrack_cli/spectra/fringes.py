@@ -61,7 +61,8 @@ def measure_fringes(
     cells_per_octave
         Cells of an octave.
     average_s
-        Time that a row is averaged over, s; rounded up to whole frames.
+        Time that a row is averaged over, s; rounded up to whole frames, but for a hundredth
+        of one: half windows of odd rates are no whole part of a second.
     least_highest_hz
         Highest frequency, Hz, that the band must reach in the recording: one that ends
         lower shows too few fringes, and gives rows without cells.
@@ -84,7 +85,7 @@ def measure_fringes(
         if cells is None:
             cells = _cells(block, band_hz, cells_per_octave, least_highest_hz)
             rest = np.zeros((0, cells.middle_hz.size), np.float32)
-        per_row = max(1, int(np.ceil(average_s / block.frames.hop_s - 1e-6)))
+        per_row = max(1, int(np.ceil(average_s / block.frames.hop_s - 0.01)))
         time = np.concatenate([rest_time, block.frames.time_s])
         power = np.concatenate([rest, _cell_density(block, cells)])
         whole = time.size - time.size % per_row

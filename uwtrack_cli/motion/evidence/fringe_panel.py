@@ -5,6 +5,7 @@ before the logarithm loses nothing where a cell has few degrees of freedom. The 
 of a cell is that of differences of consecutive rows, by their median, so that neither
 fringes nor swells count; what neighbouring cells share (a window's bins, cells narrower
 than a bin) is measured from the same differences, and makes each cell count for less.
+Cells that vary more than those about them hold lines, and hardly count.
 
 **Conventions.** Values are nepers of power. Cells count from the lowest; a row without
 sound is left out.
@@ -34,6 +35,11 @@ FEWEST_ROWS = 8
 VARIANCE_CELLS, SHARED_CELLS, FARTHEST_LAG = 9, 31, 6
 """Cells among which a variance is a median, those over which correlations are averaged,
 and the farthest neighbours that are asked. All are chosen."""
+
+
+LINE_SWING, LEFT_OUT = 4.0, 1e-4
+"""How many times a cell's variance over time is that of its neighbours where it holds a
+line, which comes and goes in its place, and what such cells and the next ones count."""
 
 
 class Panel(NamedTuple):
@@ -99,6 +105,9 @@ def panel_of(fringes: Fringes, step_s: float, cells: int = 1) -> Panel | None:
 
 def _precision(value: FloatArray) -> FloatArray:
     """Return the precision of each cell, its neighbours' share taken into account."""
+    swing = value.var(axis=0)
+    has_line = swing > LINE_SWING * _running(swing, SHARED_CELLS, np.median)
+    has_line = np.convolve(has_line, np.ones(3), "same") > 0.0
     steps = np.diff(value, axis=0)
     spread = np.median(steps**2, axis=0) / (2.0 * MEDIAN_SQUARE)
     variance = _running(np.maximum(spread, 1e-6), VARIANCE_CELLS, np.median)
@@ -108,7 +117,7 @@ def _precision(value: FloatArray) -> FloatArray:
         both = (steps[:, lag:] * steps[:, :-lag]).mean(axis=0)
         both = _running(np.pad(both, (0, lag), "edge"), SHARED_CELLS, np.mean)
         shared += 2.0 * np.maximum(both, 0.0)
-    return np.asarray(1.0 / (variance * shared))
+    return np.asarray(np.where(has_line, LEFT_OUT, 1.0) / (variance * shared))
 
 
 def _running(values: FloatArray, size: int, middle: object) -> FloatArray:

@@ -356,6 +356,41 @@ class FringeModel:
             prior = np.concatenate([prior, own, [SATURATION[1] ** -2.0], asked])
         normal, right = self._normal(splines, bent, images, value)
         right[right.size - offset.size :] += offset
+        told, root, unknowns = self._integrated(normal, right, prior, value)
+        return _Solved(told, root, unknowns, splines, bent)
+
+    def of_variances(
+        self, passage: Hypothesis, variances: Sequence[float]
+    ) -> list[float]:
+        """Return `log_likelihood` for some variances of the one template."""
+        normal, right, _ = self.information(passage)
+        return [
+            self._integrated(
+                normal.copy(), right, np.full(right.size, 1.0 / each), self._value
+            )[0]
+            for each in variances
+        ]  # fmt: skip
+
+    def information(
+        self, passage: Hypothesis
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what rows tell of a pattern, and the places of its coefficients, cells.
+
+        The matrix of the normal equations and their right side.
+        """
+        (template,) = self.templates
+        spline = _spline(
+            self.panel.time_s, self._cells, self.panel.cell, template.knots, passage
+        )
+        nothing = np.zeros((0, *self._value.shape))
+        place = template.knots * (spline.lowest + np.arange(spline.size))
+        return *self._normal([spline], None, nothing, self._value), place
+
+    def _integrated(
+        self, normal: FloatArray, right: FloatArray, prior: FloatArray,
+        value: FloatArray,
+    ) -> tuple[float, FloatArray, FloatArray]:  # fmt: skip
+        """Return log-likelihood, root of the precision, and the likeliest unknowns."""
         place = np.arange(right.size)
         normal[place, place] += prior
         root = np.linalg.cholesky(normal)
@@ -363,7 +398,7 @@ class FringeModel:
         log_det = 2.0 * np.log(np.diag(root)).sum() - np.log(prior).sum()
         square = float((value**2 * self._weight).sum())
         told = self._logs - 0.5 * (square - float(half @ half) + float(log_det))
-        return _Solved(told, root, _solve(root, half, upper=True), splines, bent)
+        return told, root, _solve(root, half, upper=True)
 
     def _normal(
         self, splines: list["_Spline"], bent: "_Bent | None", images: FloatArray,

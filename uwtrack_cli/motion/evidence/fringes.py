@@ -18,8 +18,8 @@ tell it. Nepers throughout.
 Schmidt, JASA 127, 2780 (2010), for the spread of the invariant in shallow water.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -49,8 +49,8 @@ LONGEST_WIDTH = 1.5
 """Largest R/v that is sought, over the length of what is searched at once."""
 
 ROWS_OF_WIDTH, TOGETHER, REACH = 16.0, 2, 5.0
-"""Rows of each R/v, neighbouring cells that are taken together, and R/v on either side that
-are stacked."""
+"""Rows of each R/v at least, neighbouring cells that are taken together, and R/v on either
+side that are stacked. Rows are a power of two of the image's, so that few are made."""
 
 BETWEEN = (-0.4, -0.2, 0.2, 0.4)
 """Parts of a step of R/v by which the likeliest one is moved."""
@@ -143,10 +143,11 @@ class _Stack(NamedTuple):
         weight = irfft2(squared * known * precise, size[::-1], (1, 0))
         place = np.arange(-out, count + out)
         total, weight = total[place] ** 2, np.maximum(weight[place], 0.0)
-        found = np.max([
-            (total * (s / (1.0 + s * weight)) - np.log1p(s * weight)).sum(axis=1)
-            for s in VARIANCES
-        ], axis=0)  # fmt: skip
+        gains = []
+        for s in VARIANCES:
+            less = s * weight + np.float32(1.0)
+            gains.append((s * total / less - np.log(less)).sum(axis=1))
+        found = np.max(gains, axis=0)
         return self.time_s[0] + self.step_s * place, 0.5 * found
 
 
@@ -217,6 +218,7 @@ class FringeEvidence:
     def __init__(self, fringes: Fringes, mach: tuple[float, float]) -> None:
         self.fringes, self.mach = fringes, mach
         self._known: list[FringePassage] = []
+        self._stacks: dict[int, _Stack | None] = {}
 
     def leftovers(self, panel: Panel) -> "_Leftovers":
         """Return what the known passages may have left of themselves in some rows."""
@@ -253,10 +255,13 @@ class FringeEvidence:
 
     def gains(self, width_s: float) -> tuple[FloatArray, FloatArray]:
         """Return times, s, and what a passage of some R/v at each gains, nepers."""
-        panel = self.panel(width_s / ROWS_OF_WIDTH, TOGETHER)
-        if panel is None:
-            return np.zeros(0), np.zeros(0)
-        return _Stack.of(panel).gains(width_s)
+        rows = max(1.0, width_s / ROWS_OF_WIDTH / self.fringes.average_s)
+        doublings = int(np.log2(rows))
+        if doublings not in self._stacks:
+            panel = self.panel(2.0**doublings * self.fringes.average_s, TOGETHER)
+            self._stacks[doublings] = panel and _Stack.of(panel)
+        stack = self._stacks[doublings]
+        return stack.gains(width_s) if stack else (np.zeros(0), np.zeros(0))
 
     def proposals(self) -> list[Proposal]:
         """Return the likeliest passage of each R/v, the likeliest first."""
@@ -282,6 +287,11 @@ class FringeEvidence:
                     k = within[np.argmax(gain[within])]
                     found.add(Proposal(float(gain[k]), float(place_s[k]), width_s))
         return list(found)
+
+    def can_tell(self, one: "FringePassage") -> bool:
+        """Return whether a passage is near enough to the recording."""
+        passage = one.passage
+        return bool(self.is_inside(np.array(passage.time_s), passage.width_s))
 
     def is_inside(self, time_s: FloatArray, width_s: float) -> BoolArray:
         """Return whether closest approaches at times, s, can be told."""
@@ -542,8 +552,19 @@ def _is_near(one: Hypothesis, other: Hypothesis) -> bool:
 
 def _best_template(panel: Panel, passage: Hypothesis) -> Template:
     """Return the prior of a pattern that makes the image likeliest."""
-    tried = [Template(knots, variance) for knots in KNOTS for variance in VARIANCES]
-    return max(tried, key=lambda t: FringeModel(panel, [t]).log_likelihood([passage]))
+    return _likeliest_template(panel, passage, KNOTS, VARIANCES)
+
+
+def _likeliest_template(
+    panel: Panel, passage: Hypothesis, knots: Sequence[float],
+    variances: Sequence[float],
+) -> Template:  # fmt: skip
+    told: list[tuple[float, Template]] = []
+    for each in knots:
+        model = FringeModel(panel, [Template(each, 1.0)])
+        found = model.of_variances(passage, variances)
+        told += [(f, Template(each, v)) for f, v in zip(found, variances, strict=True)]
+    return max(told)[1]
 
 
 def _weighed(
@@ -581,17 +602,22 @@ def _weighed(
     rest = evidence.leftovers(model.panel)
     likelihood = rest.moving(found, model.templates[0])
     nothing = rest.beside([])
-    rival, other = _strongest_rival(model, found, rest)
     width_s = scale_s * float(np.exp(share * off[1]))
     middle = found._replace(
         time_s=mirror.passage.time_s + share * float(off[0]) * scale_s, width_s=width_s
     )
     slope = np.array([scale_s, width_s])
-    return FringePassage(
-        middle, misfit * both * np.outer(slope, slope), likelihood - nothing, rival,
-        other - nothing, model.templates[0], found, own_contrast,
-        taken.pattern, misfit, model.panel,
+    one = FringePassage(
+        middle, misfit * both * np.outer(slope, slope), likelihood - nothing, "",
+        -np.inf, model.templates[0], found, own_contrast, taken.pattern, misfit,
+        model.panel,
     )  # fmt: skip
+    for code, other in _rivals(model, found, rest):
+        if other - nothing > one.rival_gain:
+            one = replace(one, rival=code, rival_gain=other - nothing)
+        if one.log_odds < PERHAPS:  # it is refused, whatever else there is
+            break
+    return one
 
 
 def _changing(
@@ -627,11 +653,18 @@ def _misfit(residual: FloatArray, precision: FloatArray) -> float:
     return max(total, 1.0) * max(usual, 1.0)
 
 
-def _strongest_rival(
+def _rivals(
     model: FringeModel, found: Hypothesis, rest: _Leftovers
-) -> tuple[str, float]:
-    """Return the likeliest explanation in which nothing passes, and its likelihood."""
+) -> Iterator[tuple[str, float]]:
+    """Yield explanations in which nothing passes, and their likelihood."""
     panel = model.panel
+    course, prior = _likeliest_still(panel, flattened(panel))
+    still, bent = _still(panel, course), _still(panel, np.square(course))
+    yield STAYS, rest.beside([(still, prior)])
+    # rain adds power: where its logarithm bends, the square of its course is there, too
+    for variance in STILL_VARIANCES:
+        bending = bent, Template(prior.knots, variance)
+        yield STAYS, rest.beside([(still, prior), bending])
     upside = [
         found._replace(invariant=-1.0, time_s=found.time_s + k * found.width_s)
         for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -643,18 +676,11 @@ def _strongest_rival(
         for share in AWAY
         for place in (first - share * (last - first), last + share * (last - first))
     ]
-    course, prior = _likeliest_still(panel, flattened(panel))
-    still, bent = _still(panel, course), _still(panel, np.square(course))
-    # rain adds power: where its logarithm bends, the square of its course is there, too
-    bending = [Template(prior.knots, v) for v in STILL_VARIANCES]
-    told = [(rest.beside([(still, prior), (bent, one)]), STAYS) for one in bending]
-    told.append((rest.beside([(still, prior)]), STAYS))
     own = model.templates[0]
+    alone = FringeModel(panel, [own])
     for code, tried in ((UPSIDE_DOWN, upside), (OUTSIDE_ALONE, away)):
-        best = max(tried, key=lambda one: rest.beside([(one, own)]))
-        told.append((rest.moving(best, own), code))
-    likelihood, code = max(told)
-    return code, likelihood
+        best = max(tried, key=lambda one: alone.log_likelihood([one]))
+        yield code, rest.moving(best, own)
 
 
 def _still(panel: Panel, course: FloatArray) -> Hypothesis:
@@ -668,10 +694,7 @@ def _likeliest_still(panel: Panel, value: FloatArray) -> tuple[FloatArray, Templ
     shape = course[:, 0] / np.abs(course[:, 0]).max()
     still = _still(panel, shape)
     rest = panel._replace(value=value)
-    priors = [Template(k, v) for k in KNOTS[:2] for v in STILL_VARIANCES]
-    return shape, max(
-        priors, key=lambda each: FringeModel(rest, [each]).log_likelihood([still])
-    )
+    return shape, _likeliest_template(rest, still, KNOTS[:2], STILL_VARIANCES)
 
 
 STRETCH_S = 3600.0
@@ -706,14 +729,13 @@ def fringe_passages(fringes: Fringes, mach: tuple[float, float]) -> list[FringeP
                 or (lag_s < 0.0 and start_s == first)
                 or (lag_s >= 0.0 and start_s + STRETCH_S > last)
             )
-            reach_s = INSIDE * one.passage.width_s
-            if is_own and first - reach_s < one.passage.time_s < last + reach_s:
+            if is_own:
                 found.append(one)
     return sorted(found, key=lambda one: one.passage.time_s)
 
 
 def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
-    """Return the passages of a stretch, those outside it included."""
+    """Return the passages of a stretch that can be told."""
     known: list[FringePassage] = []
     for _ in range(MOST_PASSAGES):
         rest = evidence.explained(known)
@@ -721,14 +743,13 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
         if one is None or one.log_odds < (PERHAPS if known else 0.0):
             break
         known.append(one)
-    if len(known) < 2:
-        return known
     # each once more, with the others taken out as they are in the end
     for k, one in enumerate(known):
-        start = Proposal(one.gain, one.passage.time_s, one.passage.width_s)
-        rest = evidence.explained(known[:k] + known[k + 1 :])
-        known[k] = fit_passage(rest, start, one.passage.fading) or one
-    return [one for one in known if one.log_odds >= 0.0]
+        if len(known) > 1 and evidence.can_tell(one):
+            start = Proposal(one.gain, one.passage.time_s, one.passage.width_s)
+            rest = evidence.explained(known[:k] + known[k + 1 :])
+            known[k] = fit_passage(rest, start, one.passage.fading) or one
+    return [one for one in known if one.log_odds >= 0.0 and evidence.can_tell(one)]
 
 
 def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:

@@ -7,6 +7,11 @@ that the range gains. If levels alone tell it, time and range over speed are tho
 fringes, since a level may swing and a pattern cannot. A passage without a row is one of
 its own, whose speed is not known.
 
+Where the pattern is evidently that of one image in the surface, its spacing ties range to
+the depths of source and sensor. A range that lines know gives the depth of the source;
+without lines the prior of that depth and that of vessels' speeds give range and speed
+together, with the wide deviations that they leave.
+
 **Conventions.** As in `encounter_rows`; what disagrees with lines by more than
 `LARGEST_CHI2` is left to them.
 
@@ -21,14 +26,17 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.decision import PassageDecision
+from uwtrack_cli.motion.evidence.fringe_mirror import lowest_cell_hz, mirror_of
 from uwtrack_cli.motion.evidence.fringes import FringePassage, fringe_passages
 from uwtrack_cli.motion.passage.encounter_rows import (
     KEYS,
+    LARGEST_RELATIVE_DEVIATION,
     LEVEL_ONLY,
     NO_SPEED,
     CpaContext,
     Row,
 )
+from uwtrack_cli.motion.passage.fit.nuisances import NuisancePriors
 from uwtrack_cli.motion.passage.readings.change_priors import (
     VESSEL_MPS,
     VESSEL_STD_MPS,
@@ -38,6 +46,7 @@ LARGEST_CHI2 = 25.0
 """Square of the difference of time and R/v over its deviations up to which two answers
 are of one vessel: five deviations."""
 
+NO_MIRROR = "no image in the surface alone is evident in fringes"
 UNKNOWN_SPEED = (
     "speed_mps", "slant_range_m", "horizontal_range_m", "source_level_db",
     "horizontal_range_over_speed_s", "rest_frequencies_hz", "rest_frame_evidence",
@@ -64,6 +73,8 @@ def add_fringes(
     """
     told = list(rows)
     if fringes is None:
+        for row in told:
+            row.explain("no fringes were asked", "source_depth_m")
         return told
     sound_mps = context.sound_speed_mps
     mach = VESSEL_MPS / sound_mps, VESSEL_STD_MPS / sound_mps
@@ -78,6 +89,9 @@ def add_fringes(
             _take(own, one, mach[0])
         else:
             _sharpen(own, one, sound_mps)
+        _add_mirror(told[-1] if own is None else own, one, fringes, context.priors)
+    for row in told:
+        row.explain(NO_MIRROR, "source_depth_m")
     return told
 
 
@@ -172,6 +186,78 @@ def _sharpen(row: Row, one: FringePassage, sound_mps: float) -> None:
     speed = values["speed_mps"] if np.isfinite(values["speed_mps"]) else VESSEL_MPS
     delay_s = values["range_over_speed_s"] * speed / sound_mps
     values["arrival_time_s"] = values["time_s"] + delay_s
+
+
+def _add_mirror(
+    row: Row, one: FringePassage, fringes: Fringes, priors: NuisancePriors
+) -> None:
+    """Give a row what the surface's image tells of depth, or of range and speed."""
+    source, sensor, sound_mps = map(float, priors.mean[:3])
+    if not np.isfinite(sensor):
+        row.explain("no sensor depth", "source_depth_m")
+        return
+    mirror = mirror_of(one, lowest_cell_hz(fringes.frequency_hz))
+    if mirror is None:
+        return
+    longer_m = sound_mps * mirror.delay_s
+    spread = float(np.hypot(mirror.share, priors.std[1] / sensor))
+    values, range_m = row.values, row.values["slant_range_m"]
+    if np.isfinite(range_m):
+        straight = 1.0 - 0.25 * (longer_m / range_m) ** 2
+        depth_m = 0.5 * range_m * longer_m * np.sqrt(max(straight, 0.0)) / sensor
+        std_m = depth_m * np.hypot(spread, values["slant_range_std_m"] / range_m)
+        if 0.0 < depth_m < sensor and std_m < LARGEST_RELATIVE_DEVIATION * depth_m:
+            values["source_depth_m"], values["source_depth_std_m"] = depth_m, std_m
+    elif row.status == NO_SPEED and source > 0.0:
+        row.explain("its prior gives range and speed", "source_depth_m")
+        product = 2.0 * sensor * _median(source, float(priors.std[0]))
+        near_m = np.hypot(product / longer_m, 0.5 * longer_m)
+        own = np.hypot(spread, _log_std(source, float(priors.std[0])))
+        _take_speed(row, float(near_m), float(own), sensor - source)
+
+
+def _take_speed(row: Row, range_m: float, log_std: float, least_m: float) -> None:
+    """Give a row range and speed, by a range that is known to a factor.
+
+    ``log_std``: standard deviation of the range's logarithm. ``least_m``: range below
+    which no vessel is.
+    """
+    values = row.values
+    width_s = values["range_over_speed_s"]
+    wide = values["range_over_speed_std_s"] / width_s
+    usual = _median(VESSEL_MPS, VESSEL_STD_MPS)
+    # logarithm of the speed: by range and by what vessels have
+    means = np.log([range_m / width_s, usual])
+    precision = np.array(
+        [np.hypot(log_std, wide), _log_std(VESSEL_MPS, VESSEL_STD_MPS)]
+    ) ** -2.0  # fmt: skip
+    mean, std = float(means @ precision / precision.sum()), precision.sum() ** -0.5
+    speed = float(np.exp(mean + 0.5 * std**2))
+    speed_std = speed * float(np.sqrt(np.expm1(std**2)))
+    if speed * width_s < least_m:
+        return
+    # a wider R/v makes the range's part of the speed less
+    slope = -speed / width_s * float(precision[0] / precision.sum())
+    row.covariance[2, :2] = row.covariance[:2, 2] = slope * row.covariance[1, :2]
+    row.covariance[2, 2] = speed_std**2
+    values["speed_mps"], values["speed_std_mps"] = speed, speed_std
+    values["slant_range_m"] = speed * width_s
+    partial = np.array([speed, width_s])
+    values["slant_range_std_m"] = float(
+        np.sqrt(partial @ row.covariance[1:3, 1:3] @ partial)
+    )
+    for name in ("speed_mps", "slant_range_m"):
+        row.reasons.pop(name, None)
+
+
+def _median(mean: float, std: float) -> float:
+    """Return the median of what is log-normal."""
+    return mean / float(np.hypot(1.0, std / mean))
+
+
+def _log_std(mean: float, std: float) -> float:
+    """Return the standard deviation of the logarithm of what is log-normal."""
+    return float(np.sqrt(np.log1p((std / mean) ** 2)))
 
 
 def _add_ranges(row: Row, old_width_s: float) -> None:

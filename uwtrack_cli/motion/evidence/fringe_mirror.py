@@ -1,0 +1,126 @@
+"""The delay of a vessel's image in the surface, out of the pattern of its fringes.
+
+**Method.** Where sound comes straight and by the surface alone, the pattern at the closest
+approach is a comb over frequency: dark at zero and at every multiple of one over the
+delay, since the surface turns the sound round. A channel's bottom adds combs of other
+delays. Both are held against each other: one comb, its strength and that of its second
+harmonic free and smooth over log frequency, beside a rest that is free, or the free rest
+alone; and combs of another phase, as of a reflection that turns nothing. What a rest is
+free to be (its variance) the image tells, as for any pattern.
+
+**Conventions.** Delays in s, evidence in nepers, divided by the misfit of the passage.
+
+**References.** Urick (1983), Principles of Underwater Sound, section 5.8 (image
+interference); Rasmussen and Williams (2006), section 2.7 (explicit basis functions).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uwtrack_cli.data.base import FloatArray
+from uwtrack_cli.motion.evidence.fringe_template import FringeModel
+from uwtrack_cli.motion.evidence.fringes import FIT_CELLS, FringePassage
+
+RESTS = (0.0005, 0.002, 0.008, 0.03, 0.12)
+"""Variances of what a pattern has beside its comb, nepers^2."""
+
+STRENGTH_VARIANCE = 0.25
+"""Variance of the strength of a comb, and of its bends, nepers^2."""
+
+CYCLES, FEWEST, STEP = 64.0, 0.6, 0.08
+"""Most and fewest fringes in the band that are tried, and their step."""
+
+PHASES = (0.0, 0.5, 1.0, 1.5)
+"""Of the reflections that are asked, in half turns; the first is the surface's."""
+
+LARGEST_BLUR = 0.35
+"""Cycles over a knot at the lowest frequency: beyond, no comb is seen anywhere."""
+
+LEAST_LOG_ODDS, LARGEST_SHARE = 3.0, 0.15
+"""Evidence for one comb, nepers, from which its delay is taken, and the deviation up to
+which it is, as a share (tests/draws/fringe_rates.py)."""
+
+MODEL_SHARE = 0.03
+"""Deviation of the delay, as a share, by what neither law nor comb say exactly."""
+
+
+class Mirror(NamedTuple):
+    """Delay of the surface's image at the closest approach."""
+
+    delay_s: float
+    """By how much later it arrives, s."""
+    share: float
+    """Standard deviation of that, as a share of it."""
+    log_odds: float
+    """Evidence for one comb over a pattern of any other shape, nepers."""
+
+
+def mirror_of(one: FringePassage, lowest_hz: float) -> Mirror | None:
+    """Return the delay that a passage's pattern shows; None where none is evident.
+
+    ``lowest_hz``: middle of the lowest cell of its panel.
+    """
+    model = FringeModel(one.panel, [one.template])
+    information, right, place = model.information(one.fitted)
+    eigenvalue, axes = np.linalg.eigh(information / one.misfit)
+    eigenvalue, heard = np.maximum(eigenvalue, 0.0), right / one.misfit @ axes
+    frequency_hz = lowest_hz * np.exp(one.panel.cell * place)
+    blur = one.panel.cell * max(1.0, one.template.knots)
+    delay_s = np.arange(FEWEST, CYCLES, STEP) / frequency_hz[-1]
+    delay_s = delay_s[delay_s * frequency_hz[0] * blur < LARGEST_BLUR]
+    bend = np.linspace(-1.0, 1.0, place.size)
+    alone, told = [], []
+    combs = [
+        _combs(phase, delay_s, frequency_hz, bend, blur) @ axes for phase in PHASES
+    ]
+    for variance in RESTS:
+        kept = 1.0 + variance * eigenvalue
+        alone.append(0.5 * float((variance * heard**2 / kept - np.log(kept)).sum()))
+        told.append([
+            alone[-1] + _gains(each, eigenvalue / kept, heard / kept) for each in combs
+        ])  # fmt: skip
+    likely = np.logaddexp.reduce(np.array(told), axis=0)
+    likely -= np.log(len(RESTS) * delay_s.size)
+    each_phase = np.logaddexp.reduce(likely, axis=1)
+    weight = np.exp(likely[0] - each_phase[0])
+    mean = float(weight @ np.log(delay_s))
+    share = float(np.sqrt(weight @ (np.log(delay_s) - mean) ** 2))
+    odds = float(each_phase[0] - max(*alone, *each_phase[1:]))
+    if odds < LEAST_LOG_ODDS or share > LARGEST_SHARE:
+        return None
+    return Mirror(float(np.exp(mean)), float(np.hypot(share, MODEL_SHARE)), odds)
+
+
+def _combs(
+    phase: float, delay_s: FloatArray, frequency_hz: FloatArray, bend: FloatArray,
+    blur: float,
+) -> FloatArray:  # fmt: skip
+    """Return combs of some delays and what changes their strength.
+
+    Shape (delay, part, coefficient). ``phase``: of the reflection, in half turns from one
+    that turns the sound round.
+    """
+    cycles = frequency_hz * delay_s[:, None]
+    first, second = (
+        np.cos(np.pi * order * (2.0 * cycles + 1.0 + phase))
+        * np.sinc(order * cycles * blur)
+        for order in (1, 2)
+    )
+    return np.stack([first, first * bend, first * bend**2, second, second * bend], 1)
+
+
+def _gains(combs: FloatArray, precision: FloatArray, value: FloatArray) -> FloatArray:
+    """Return what a comb of each delay gains beside a rest, nepers, shape (delay,)."""
+    seen = (combs * precision) @ np.swapaxes(combs, 1, 2)
+    seen = np.eye(combs.shape[1]) + STRENGTH_VARIANCE * seen
+    heard = combs @ value
+    strength = np.linalg.solve(seen, heard[:, :, None])[:, :, 0]
+    gain = 0.5 * STRENGTH_VARIANCE * (strength * heard).sum(axis=1)
+    gain -= 0.5 * np.linalg.slogdet(seen)[1]
+    return np.asarray(np.where(strength[:, 0] > 0.0, gain, -np.inf))
+
+
+def lowest_cell_hz(frequency_hz: FloatArray) -> float:
+    """Return the middle of the lowest cell of the panels that passages are fitted in."""
+    return float(np.exp(np.log(frequency_hz[:FIT_CELLS]).mean()))
