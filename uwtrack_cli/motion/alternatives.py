@@ -156,9 +156,13 @@ def stationary_level(measured: Measured) -> float:
 
 
 def engine_level(measured: Measured) -> float:
-    """Return what the level in air gains by the range over one that follows an engine."""
+    """Return what the level in air gains by the range over one that follows an engine.
+
+    One that does not says nothing: exhausts are loudest where they point.
+    """
+    gain = value_of(measured, "level")
     says = value_of(measured, "has_lines") and value_of(measured, "is_air")
-    return compressed(value_of(measured, "level")) if says else nan
+    return compressed(gain) if says and gain > 0.0 else nan
 
 
 def engine(measured: Measured) -> float:

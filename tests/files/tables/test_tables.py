@@ -255,7 +255,7 @@ ENCOUNTER = """
      "source_level_db": 160.3, "source_level_std_db": 0.5, "spreading_db": 20.0,
      "level_reference": "1 uPa", "level_band_hz": [100.0, 1500.0],
      "horizontal_range_std_m": 1.3, "horizontal_range_over_speed_s": 42.4,
-     "horizontal_range_over_speed_std_s": 0.3,
+     "horizontal_range_over_speed_std_s": 0.3, "source_depth_m": 3.2, "source_depth_std_m": 0.4,
      "nuisances": {"source_depth_m": {"value": 3.1, "std": 1.9, "share": 0.02}},
      "rest_frame_evidence": 8.5, "misfit": 0.02, "probability": 0.97,
      "alternative": "line-levels", "alternative_probability": 0.02,

@@ -205,7 +205,7 @@ OBJECTS: dict[str, tuple[Complete, str]] = {
             "extrapolated ambiguities reasons received_level_std_db source_level_db "
             "source_level_std_db spreading_db level_reference level_band_hz "
             "horizontal_range_std_m horizontal_range_over_speed_s "
-            "horizontal_range_over_speed_std_s nuisances rest_frame_evidence misfit probability "
+            "horizontal_range_over_speed_std_s source_depth_m source_depth_std_m nuisances rest_frame_evidence misfit probability "
             "alternative alternative_probability evidence vessel reading reading_weight rival "
             "change covariance"
         ),
