@@ -19,6 +19,7 @@ passage with fringes.
 
 from dataclasses import replace
 from functools import partial
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -101,8 +102,8 @@ which the width of what is cut out may still change in the end. Both are chosen.
 
 
 MOST_PLACES, LONGEST_FRAME_S = 4, 0.5
-"""Places in air at which a pattern is sought in the sound at most, and the length of
-frames, s, up to which contacts are pieces of lines and it is sought."""
+"""Places of a minute in air at which a pattern is sought in the sound at most, and the
+length of frames, s, up to which contacts are pieces of lines and it is sought."""
 
 
 N_MEASURED, FEWEST_FRAMES = 2, 12
@@ -528,7 +529,9 @@ def _with_patterns(
         for one in (line_falls(lines) if lines is not None else [])
     ]
     asked += [_place(item) for item in kept if _has_speed(item)]
-    most, found = len(asked) + MOST_PLACES, list[CandidatePassage]()
+    minutes = (terms.limits.last_s - terms.limits.first_s) / 60.0
+    most = len(asked) + MOST_PLACES * max(1, ceil(minutes))
+    found: list[CandidatePassage] = []
     for place, contacts in places:
         if any(_is_beside(place, other) for other in (*asked, *map(_place, found))):
             continue
