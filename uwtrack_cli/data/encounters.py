@@ -278,7 +278,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_to_s: FloatArray | None = column("Last measurement of it.", "refusal")
     refused_reason: TextArray | None = column("Why it is no passage.", "refusal")
     refused_code: TextArray | None = column(
-        "The same as a code, such as 'too-fast', 'mains' or 'rest-frame'.", "refusal",
+        "The same as a code, such as 'too-fast' or 'mains'.", "refusal",
     )  # fmt: skip
     refused_probability: FloatArray | None = column(
         "Probability that a vessel passes all the same; nan where it was not weighed.",

@@ -192,15 +192,6 @@ def undetermined(measured: Measured) -> float:
     return -((value_of(measured, "relative_width_std") / LARGEST_WIDTH_STD) ** 2)
 
 
-def other_shift(measured: Measured) -> float:
-    """Return what the pattern of the sound gains by shifting as a passage has it, in air.
-
-    In water the lines of a slow vessel drift, too, and as many machines are sharper.
-    """
-    gain = value_of(measured, "rest_frame")
-    return compressed(gain) if value_of(measured, "is_air") else nan
-
-
 class Alternative(NamedTuple):
     """An explanation in which no vessel passes as the row has it."""
 

@@ -335,7 +335,7 @@ class DopplerImage:
 
 
 def doppler_evidence(
-    recording: Recording, time_s: float, width_s: float, law: DopplerLaw | None = None
+    recording: Recording, time_s: float, width_s: float
 ) -> DopplerEvidence | None:
     """Return the best law of a passage of seconds, and the evidence of the sound for it.
 
@@ -345,8 +345,6 @@ def doppler_evidence(
         The recording.
     time_s, width_s
         Where it rises, and for how long, R/v, s.
-    law
-        A law that is weighed near itself; without one all laws are tried.
 
     Returns
     -------
@@ -367,9 +365,6 @@ def doppler_evidence(
     if sound.size < LEAST_FRAMES * frame_s * rate_hz:
         return None
     image = DopplerImage(sound - sound.mean(), rate_hz, start_s, frame_s)
-    if law is None:
-        found, gain = image.best(time_s, width_s)
-    else:
-        found, gain = image.refined(law, image.gain(law))
+    found, gain = image.best(time_s, width_s)
     other = max(image.other_gain(found), 0.0)
     return DopplerEvidence(found, gain, gain - other, image.course(found))

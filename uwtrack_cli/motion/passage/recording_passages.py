@@ -19,7 +19,7 @@ passage with fringes.
 
 from dataclasses import replace
 from functools import partial
-from math import ceil
+from math import asinh, ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -603,7 +603,10 @@ def _of_pattern(
         terms.medium, terms.probability, is_shown=True,
     )  # fmt: skip
     found = _checked(made, None, terms) if made else None
-    if found is None or levels is None:
+    if found is None:
+        return None
+    found = replace(found, rest_frame_evidence=asinh(0.5 * shown.evidence))
+    if levels is None:
         return found
     time_s, width_s = _place(found)
     heard_s = time_s + width_s * law.mach

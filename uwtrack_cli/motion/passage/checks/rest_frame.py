@@ -39,7 +39,6 @@ from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.decimation import decimated_stretch, usual_decimation
 from uwtrack_cli.estimation.narrow_bands import TAPER, NarrowBand, narrow_bands
-from uwtrack_cli.motion.evidence.doppler_image import DopplerLaw, doppler_evidence
 from uwtrack_cli.motion.passage.candidates import CandidatePassage
 from uwtrack_cli.motion.passage.fit.estimator import PassageFit
 from uwtrack_cli.motion.passage.model.measurements import Blocks
@@ -122,13 +121,12 @@ def ask_the_sound(
         The same with its evidence.
     """
     fit = candidate.fit
-    if recording is None or not fit.rest_hz.shape[1]:
+    # engines are no steady machines: in air the pattern of all sound is asked instead
+    if recording is None or fit.medium.is_air or not fit.rest_hz.shape[1]:
         return candidate
     deviation = float(np.sqrt(np.maximum(fit.covariance[0, 2, 2], 0.0)))
     if not fit.theta[0, 2] > FASTEST_KNOWN * deviation:
         return candidate
-    if fit.medium.is_air:
-        return _ask_the_pattern(candidate, recording)
     gain = candidate.likelihood_ratio
     turns = gain.bearing > gain.threshold
     heard = rest_frame(recording, fit, candidate.blocks, turns=turns)
@@ -137,25 +135,6 @@ def ask_the_sound(
     return replace(candidate, rest_frame_evidence=heard.evidence).measured(
         rest_frame=heard.evidence, tones=heard.gain
     )
-
-
-def _ask_the_pattern(
-    candidate: CandidatePassage, recording: Recording
-) -> CandidatePassage:
-    """Return a candidate in air with what the shift of all of its sound says of it."""
-    fit = candidate.fit
-    width_s, mach = (
-        float(fit.range_over_speed_s[0]),
-        float(fit.theta[0, 2]) / fit.medium.sound_speed_mps,
-    )
-    heard_s = float(fit.theta[0, 0]) + mach * width_s
-    law = DopplerLaw(float(fit.theta[0, 0]), width_s, mach)
-    shown = doppler_evidence(recording, heard_s, width_s, law)
-    if shown is None:
-        return candidate
-    return replace(
-        candidate, rest_frame_evidence=float(np.arcsinh(0.5 * shown.evidence))
-    ).measured(rest_frame=shown.evidence)
 
 
 def rest_frame(
