@@ -96,7 +96,7 @@ def reject(code: str, **values: object) -> Rejection:
 
 LOG_ODDS = {
     "lines in water": -0.53, "levels in water": 0.02,
-    "lines in air": -0.85, "levels in air": 3.34, "as given": 2.0,
+    "lines in air": -1.1, "levels in air": 3.34, "as given": 2.0,
 }  # fmt: skip
 """Log odds of a candidate before anything was measured, by what shows it: lines, or the
 level or bearing alone. Chosen for what is taken as it is given: tables, whose measurements
@@ -110,7 +110,7 @@ ALTERNATIVES = (
     Alternative(LINE_LEVELS, alternatives.stationary_levels, 0.56),
     Alternative(LEVEL, alternatives.stationary_level, 0.53),
     Alternative(STATIONARY_LINES, alternatives.stationary_lines, 0.50),
-    Alternative(LEVEL, alternatives.engine_level, 0.57),
+    Alternative(LEVEL, alternatives.engine_level, 0.60),
     Alternative(MACHINERY, alternatives.stationary_source, 0.11),
     Alternative(MACHINERY, alternatives.engine, 0.53),
     Alternative(TOO_FAST, alternatives.too_fast, 1.00),

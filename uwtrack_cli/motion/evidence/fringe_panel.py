@@ -37,7 +37,7 @@ VARIANCE_CELLS, SHARED_CELLS, FARTHEST_LAG = 9, 31, 6
 and the farthest neighbours that are asked. All are chosen."""
 
 
-LINE_SWING, LEFT_OUT = 4.0, 1e-4
+LINE_SWING, LEFT_OUT = 9.0, 1e-4
 """How many times a cell's variance over time is that of its neighbours where it holds a
 line, which comes and goes in its place, and what such cells and the next ones count."""
 

@@ -105,6 +105,15 @@ MOST_PLACES, LONGEST_FRAME_S = 4, 0.5
 """Places of a minute in air at which a pattern is sought in the sound at most, and the
 length of frames, s, up to which contacts are pieces of lines and it is sought."""
 
+WHOLE_FRAMES = 10.0
+"""R/v, in frames, from which lines are whole where they fall, and are examined beside it."""
+
+WANDER = 1.5
+"""How many times wider the deviations by a pattern are than those of its fit: an engine whose
+speed wanders within a second shifts its sound as a part of the law does. From 29 drawn
+passages (`studies/constants/passage_probability.py draw FILE 611000 32 vehicle`), whose errors
+are 1.1, 0.8 and 1.0 of the fit's deviations of time, R/v and speed in the median."""
+
 
 N_MEASURED, FEWEST_FRAMES = 2, 12
 """How often a passage that the sound tells is measured, the last time by the fit of the
@@ -212,8 +221,15 @@ def _with_speed(
     if not terms.asks_pattern:
         return _of_lines(lines, terms) if lines is not None else ([], [])
     rise = _of_levels(levels, terms) if levels is not None else None
-    every = _with_patterns([rise] if rise else [], lines, levels, terms, asked)
-    return [item for item in every if not item.blocks.shift.is_empty], []
+    every, still = [rise] if rise else [], list[Still]()
+    widths_s = [_place(item)[1] for item in every]
+    if lines is not None:
+        widths_s += [one.width_s for one in line_falls(lines)[:MOST_PLACES]]
+        if max(widths_s, default=0.0) > WHOLE_FRAMES * terms.limits.window_s:
+            found, still = _of_lines(lines, terms)
+            every += [_with_hump(item, levels) for item in found]
+    every = _with_patterns(every, lines, levels, terms, asked)
+    return [item for item in every if not item.blocks.shift.is_empty], still
 
 
 def _of_levels(levels: Levels, terms: SearchTerms) -> CandidatePassage | None:
@@ -544,12 +560,18 @@ def _with_patterns(
         )  # fmt: skip
         if pattern is None or not pattern.passes:
             continue
+        beside = [one for one in found if _is_beside(_place(one), _place(pattern))]
         others = [
-            one.decision.probability for one in (*kept, *found)
+            one.decision.probability for one in kept
             if _has_speed(one) and _is_beside(_place(one), _place(pattern))
             and not is_one(one, pattern)
         ]  # fmt: skip
-        if pattern.decision.probability > max(others, default=0.0):
+        # of two patterns at one place the one that gains more
+        gains = [one.rest_frame_evidence for one in beside]
+        if (
+            pattern.decision.probability > max(others, default=0.0)
+            and pattern.rest_frame_evidence > max(gains, default=0.0)
+        ):  # fmt: skip
             found = [
                 one for one in found if not _is_beside(_place(one), _place(pattern))
             ]
@@ -605,12 +627,22 @@ def _of_pattern(
     found = _checked(made, None, terms) if made else None
     if found is None:
         return None
-    found = replace(found, rest_frame_evidence=asinh(0.5 * shown.evidence))
+    fit = replace(
+        found.fit,
+        covariance=WANDER**2 * found.fit.covariance,
+        full_covariance=WANDER**2 * found.fit.full_covariance,
+    )
+    gain = asinh(0.5 * shown.evidence)
+    return _with_hump(replace(found, fit=fit, rest_frame_evidence=gain), levels)
+
+
+def _with_hump(item: CandidatePassage, levels: Levels | None) -> CandidatePassage:
+    """Return a passage in air with what the level says of it."""
     if levels is None:
-        return found
-    time_s, width_s = _place(found)
-    heard_s = time_s + width_s * law.mach
-    return found.measured(level=level_hump(levels, heard_s, width_s))
+        return item
+    time_s, width_s = _place(item)
+    mach = float(item.fit.theta[0, 2]) / item.fit.medium.sound_speed_mps
+    return item.measured(level=level_hump(levels, time_s + width_s * mach, width_s))
 
 
 def _with_lines(
