@@ -16,9 +16,9 @@ from uwtrack_cli.motion.evidence.doppler_image import (
     DopplerImage,
     DopplerLaw,
     doppler_evidence,
+    level_hump,
     shifts,
 )
-from uwtrack_cli.motion.evidence.level_hump import level_hump
 from uwtrack_cli.spectra.levels import measure_levels
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 

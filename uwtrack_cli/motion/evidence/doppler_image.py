@@ -14,11 +14,19 @@ frames are explained by what passes nowhere: a pattern that stays or drifts, one
 one that moves as a passage turned upside down, and noise. What the passage gains over the
 best of them is its evidence. The engine may drift while it passes.
 
+An engine in place that slows down shifts its sound as a passage does, and its level changes
+with its speed; that of a vehicle rises and falls about the closest approach. Mean levels of
+quarters of R/v are fitted by least squares: as the power of the vehicle, which falls with the
+square of the range and may be louder ahead or astern, over the rest of the sound; as a level
+that is linear in the shift; and as one that drifts. The evidence is half the number of means
+times the logarithm of the ratio of the squares that are left, fading of each included.
+
 **Conventions.** Times count from the first sample, as received. A law is the time of the
 closest approach, R/v there and v over the speed of sound. Gains in nepers.
 
 **References.** Kapolka (2008), doi 10.1121/1.2934751, for shifts in log frequency;
-Rasmussen and Williams (2006), section 2.7, for what is integrated out.
+Rasmussen and Williams (2006), section 2.7, for what is integrated out; Gelman et al. (2013),
+Bayesian Data Analysis, ch. 14, for the ratio of squares.
 """
 
 from typing import NamedTuple
@@ -27,6 +35,7 @@ import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.decimation import decimated_stretch, usual_decimation
 
@@ -368,3 +377,55 @@ def doppler_evidence(
     found, gain = image.best(time_s, width_s)
     other = max(image.other_gain(found), 0.0)
     return DopplerEvidence(found, gain, gain - other, image.course(found))
+
+
+HUMP_REACH, BLOCK = 3.0, 0.25
+"""R/v on either side that are taken, and of a mean."""
+
+FADING_DB = 1.5
+"""Scatter of a mean by directions, ground and load, dB."""
+
+FLOORS = 10.0 ** np.arange(-3.0, 0.51, 0.25)
+"""Power of the rest of the sound, over the vehicle's at its closest."""
+
+FEWEST_MEANS = 8
+"""Means without which nothing is said."""
+
+
+def level_hump(levels: Levels, time_s: float, width_s: float) -> float:
+    """Return the log evidence that the level goes with the range of a passage.
+
+    Parameters
+    ----------
+    levels
+        Levels of the sound.
+    time_s, width_s
+        Closest approach, as it is heard, and R/v, s.
+
+    Returns
+    -------
+    float
+        Nepers; nan where too little was measured.
+    """
+    lag = (levels.frames.time_s - time_s) / width_s
+    known = (np.abs(lag) < HUMP_REACH) & np.isfinite(levels.excess_db)
+    cell = np.floor(lag[known] / BLOCK).astype(int)
+    _, place = np.unique(cell, return_inverse=True)
+    count = np.bincount(place)
+    if count.size < FEWEST_MEANS:
+        return float("nan")
+    mean_db = np.bincount(place, levels.excess_db[known]) / count
+    middle = np.bincount(place, lag[known]) / count
+    shift = middle / np.hypot(1.0, middle)
+    rise_db = 10.0 * np.log10(1.0 / (1.0 + middle**2) + FLOORS[:, None])
+    rises = [_left(mean_db - one, shift) for one in rise_db]
+    other = min(_left(mean_db, shift), _left(mean_db, middle))
+    floor = count.size * FADING_DB**2
+    return float(0.5 * count.size * np.log((other + floor) / (min(rises) + floor)))
+
+
+def _left(level_db: FloatArray, course: FloatArray) -> float:
+    """Return the squares that a course times any factor leaves of levels."""
+    own, left = course - course.mean(), level_db - level_db.mean()
+    left = left - own * float(own @ left) / max(float(own @ own), 1e-12)
+    return float(left @ left)

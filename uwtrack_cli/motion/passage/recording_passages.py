@@ -30,8 +30,7 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.motion.correlation import overlap_correlation
-from uwtrack_cli.motion.evidence.doppler_image import doppler_evidence
-from uwtrack_cli.motion.evidence.level_hump import level_hump
+from uwtrack_cli.motion.evidence.doppler_image import doppler_evidence, level_hump
 from uwtrack_cli.motion.passage import moving_lines, own_time
 from uwtrack_cli.motion.passage.candidates import (
     CandidatePassage,
