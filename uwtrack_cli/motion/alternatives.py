@@ -39,7 +39,8 @@ OUTSIDE_NEPERS = 1.2
 
 ANY_COURSE = 1.0
 """What an engine in place whose speed may take any course says against a passage at most,
-nepers; chosen: without it the 79 drawn candidates are as well told apart."""
+nepers; chosen, after a drawn aircraft was refused: 79 drawn candidates are told apart as well
+with it (log score -0.514) as without (-0.513)."""
 
 CHANCE_TURN = 1.0
 """Log evidence that bearings gain as often where nothing passes: scatter turns, too."""
