@@ -21,8 +21,9 @@ square of the range and may be louder ahead or astern, over the rest of the soun
 that is linear in the shift; and as one that drifts. The evidence is half the number of means
 times the logarithm of the ratio of the squares that are left, fading of each included.
 
-**Conventions.** Times count from the first sample, as received. A law is the time of the
-closest approach, R/v there and v over the speed of sound. Gains in nepers.
+**Conventions.** Times count from the first sample; those of frames are as received, that of
+a closest approach is its own, before its sound arrives. A law is that time, R/v there and v
+over the speed of sound. Gains in nepers.
 
 **References.** Kapolka (2008), doi 10.1121/1.2934751, for shifts in log frequency;
 Rasmussen and Williams (2006), section 2.7, for what is integrated out; Gelman et al. (2013),
@@ -77,7 +78,8 @@ FASTEST, SLOWEST, N_SPEEDS = 0.35, 0.012, 28
 """Speeds over that of sound that are tried, and how many."""
 
 WIDTHS, TIMES, DRIFTS = (0.5, 0.7, 1.0, 1.4, 2.0), 7, (-0.05, 0.0, 0.05)
-"""R/v over that of a rise, times within R/v of it, and drifts of the engine in R/v."""
+"""R/v over that of a rise, times within R/v of it, and drifts of the logarithm of the
+engine's speed in R/v, that are tried."""
 
 NEAR, LEAST_GAIN = 0.06, 4.0
 """Shift within which the pattern of a frame is sought about its place, and nepers that it
@@ -87,7 +89,7 @@ LEAST_FRAMES = 8
 """Frames that the sound must have."""
 
 SOUNDING = 0.2
-"""Share of the cells in which something sounds, before they are heard."""
+"""Prior share of the cells in which something sounds; chosen."""
 
 ROUNDS, FINER = 18, 0.6
 """Rounds in which the best law is refined, and the ratio of their steps."""
