@@ -190,7 +190,7 @@ def examine_recording(
         return every, still
     found = [item for item in every if item.passes]
     rejected = [item for item in every if not item.passes]
-    if len(found) == 1 and not terms.asks_pattern:
+    if len(found) == 1:
         own = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own, levels, terms)]
     passing = found
@@ -431,7 +431,7 @@ def _apart(
     """
     lines, parts = heard
     first = len(found)
-    if len(found) == 1 and not terms.asks_pattern:
+    if len(found) == 1:
         own_lines = parts.get(found[0].contacts[0], lines)
         found = [_with_broadband(found[0], own_lines, shares[0], terms)]
     taken = {number for item in found for number in item.contacts}
@@ -690,6 +690,8 @@ def _with_broadband(
     only: CandidatePassage, lines: Lines | None, levels: Levels, terms: SearchTerms
 ) -> CandidatePassage:
     """Fit the lines with the broadband, unless the two have different motions."""
+    if terms.asks_pattern:
+        return only  # it was weighed with the level already
     medium, probability = terms.medium, terms.probability
     levels = with_directions_of(levels, terms.directions, lines, only.contacts)
     wide = contact_data(None, levels, ())
