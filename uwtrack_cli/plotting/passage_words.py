@@ -62,14 +62,20 @@ def _range(row: Row) -> str:
     return f"range/speed {value_text(row, 'range_over_speed_s', 1)} s"
 
 
+def _otherwise(row: Row) -> str:
+    """Return what else a passage is likeliest to be; empty for nothing that is known."""
+    code = row.get("alternative") or ""
+    return "" if code == "not-significant" else str(code).replace("-", " ")
+
+
 def cautions(row: Row) -> list[str]:
     """Return what a reader of a passage must not overlook, a sentence each."""
     found = []
     chance = row.get("probability")
     if chance is not None and chance < SURE:
-        other = row.get("alternative")
+        other = _otherwise(row)
         found.append(f"uncertain: it passes with a probability of {chance:.2f}"
-                     + (f", else {str(other).replace('-', ' ')}" if other else ""))  # fmt: skip
+                     + (f", else {other}" if other else ""))  # fmt: skip
     if (row["misfit"] or 0.0) >= MARKED_MISFIT:
         found.append(
             f"the lines leave the fit by {100 * row['misfit']:.0f} % of the Doppler "
@@ -107,9 +113,10 @@ def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
     if row.get("probability") is not None:
         found.append(("probability", f"{row['probability']:.2f} that it passes"))
         chance = row.get("alternative_probability")
-        if row.get("alternative") and (chance is None or chance >= LEAST_CHANCE):
+        other = _otherwise(row)
+        if other and (chance is None or chance >= LEAST_CHANCE):
             shown = "" if chance is None else f", {chance:.2f}"
-            found.append(("else", f"{row['alternative'].replace('-', ' ')}{shown}"))
+            found.append(("else", f"{other}{shown}"))
     if row["misfit"] is not None:
         left = f"{100 * row['misfit']:.0f} % of the shift unexplained"
         follows = row["misfit"] < MARKED_MISFIT

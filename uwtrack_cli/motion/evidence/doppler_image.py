@@ -119,6 +119,8 @@ class PatternCourse(NamedTuple):
     """Standard deviation of that."""
     tone_hz: float
     """Its strongest tone, at rest, Hz."""
+    tone_std_hz: float
+    """Standard deviation of that, by the width of a cell, Hz."""
     overlap: float
     """Share of a frame that the next one has, too."""
 
@@ -282,11 +284,11 @@ class DopplerImage:
         top = 0.5 * (left - right) / bend
         stands_out = (middle >= np.maximum(left, right)) & (middle > LEAST_GAIN)
         shift = (whole - self._margin + offsets[best] + top) * self._cell
-        tone = int(np.argmax(pattern**2 * weight))
+        tone_hz = float(np.exp(self.log_hz[np.argmax(pattern**2 * weight)]))
         return PatternCourse(
             self.time_s, np.where(stands_out, shift, np.nan),
             np.where(stands_out, self._cell / np.sqrt(-bend), np.nan),
-            float(np.exp(self.log_hz[tone])), self._overlap,
+            tone_hz, tone_hz * self._cell / 12.0**0.5, self._overlap,
         )  # fmt: skip
 
     def gain(self, law: DopplerLaw) -> float:

@@ -630,6 +630,7 @@ def _of_pattern(
         found.fit,
         covariance=WANDER**2 * found.fit.covariance,
         full_covariance=WANDER**2 * found.fit.full_covariance,
+        rest_std_hz=np.hypot(WANDER * found.fit.rest_std_hz, course.tone_std_hz),
     )
     gain = asinh(0.5 * shown.evidence)
     return _with_hump(replace(found, fit=fit, rest_frame_evidence=gain), levels)
