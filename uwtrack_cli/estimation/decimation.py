@@ -1,12 +1,13 @@
 """Reduce the sample rate of sound, block by block, without an edge in it.
 
 **Method.** Halvings, one after the other, and one more step for what is odd in the
-factor. Each is a linear-phase low pass of polyphase form, a sinc under a Kaiser window
-that is zero at every multiple of its ratio. The last one passes `PASS_SHARE` of the new
-Nyquist frequency; those before it need only keep clear what the next one takes, and are
-a third as long. What folds into the pass band is 80 dB down or more; between its end and the new Nyquist
-frequency sound folds, and nothing there is to be used. Delays are removed, so times do
-not move. A sample that is lost (nan) takes along those that are made of it.
+factor. Each is a linear-phase low pass of polyphase form that is zero at every multiple of
+its ratio. The last one, a sinc under a Kaiser window, passes `PASS_SHARE` of the new
+Nyquist frequency. Those before it need only keep clear the narrow band that is left in the
+end: each stops its image alone, by zeros at Chebyshev's places in it, and has two to four
+pairs of taps. What folds into the pass band is 80 dB down or more; between its end and the
+new Nyquist frequency sound folds, and nothing there is to be used. Delays are removed, so
+times do not move. A sample that is lost (nan) takes along those that are made of it.
 
 **Conventions.** Sample k of the result lies at sample k times the factor of the sound, and
 there are as many as whole factors; silence lies before the first sample and after the
@@ -14,7 +15,8 @@ last one. Products are added one tap after the other, never by a matrix product,
 depends on the number of rows: the size of the blocks changes no bit.
 
 **References.** Crochiere & Rabiner, Multirate Digital Signal Processing (1983), sections
-4.3 (half-band filters) and 5.1 (several steps); Kaiser (1974) for length and window.
+4.3 (half-band filters) and 5.1 (several steps); Kaiser (1974) for length and window; Rivlin
+(1974), The Chebyshev Polynomials, for the zeros.
 """
 
 from collections.abc import Iterator
@@ -35,7 +37,7 @@ STOPPED_DB = 86.0
 LEAST_RATE_HZ = 10_000.0
 """Rate below which a spectrum is no longer what costs, so that sound is left as it is."""
 
-STRIP_VALUES = 1 << 13
+STRIP_VALUES = 1 << 15
 """Values that are filtered at once: they stay in the cache."""
 
 STRETCH_VALUES = 1 << 20
@@ -75,7 +77,7 @@ class Decimator:
 
     def __init__(self, factor: int) -> None:
         self._factor = factor
-        self._steps = [_Step(ratio, share) for ratio, share in _ratios(factor)]
+        self._steps = [_Step(*each) for each in _steps(factor)]
         self._n_taken = self._n_given = 0
 
     def feed(self, samples: Samples) -> Samples:
@@ -99,10 +101,12 @@ class Decimator:
 
 
 class _Step:
-    """One reduction by a prime or odd ratio."""
+    """One reduction by a prime or odd ratio.
 
-    def __init__(self, ratio: int, share: float) -> None:
-        taps = _low_pass(ratio, share)
+    ``taps``: of its low pass, from the middle one on.
+    """
+
+    def __init__(self, ratio: int, taps: tuple[np.float32, ...]) -> None:
         self._ratio = ratio
         self._steps = (len(taps) - 1) // ratio + 1
         """Results on either side whose time the filter reaches."""
@@ -150,19 +154,41 @@ class _Step:
             np.add(out, pair, out=out)
 
 
-def _ratios(factor: int) -> Iterator[tuple[int, float]]:
-    """Yield the steps of a reduction, and what each passes of its Nyquist frequency."""
+@cache
+def _steps(factor: int) -> tuple[tuple[int, tuple[np.float32, ...]], ...]:
+    """Return ratio and low pass of each step of a reduction."""
+    found = []
     while factor % 2 == 0 and factor > 2:
         factor //= 2
-        yield 2, 0.5 * PASS_SHARE
+        found.append((2, _half_band(PASS_SHARE / factor)))
     if factor > 1:
-        yield factor, PASS_SHARE
+        found.append((factor, _low_pass(factor)))
+    return tuple(found)
 
 
-@cache
-def _low_pass(ratio: int, share: float) -> tuple[np.float32, ...]:
-    """Return the taps of a low pass from the middle one on, for a share that passes."""
-    transition = 2.0 * np.pi * (1.0 - share) / ratio
+def _half_band(share: float) -> tuple[np.float32, ...]:
+    """Return a half-band filter that keeps a share of the new Nyquist frequency clear.
+
+    Its image is the band of the same width below the old one; pass band and image err
+    alike (Crochiere & Rabiner).
+    """
+    edge = 0.5 * np.pi * share
+    for count in range(2, 9):
+        odd = 2 * np.arange(count) + 1
+        zeros = np.pi - edge * np.cos(odd * np.pi / (4 * count))
+        half = np.linalg.solve(2.0 * np.cos(np.outer(zeros, odd)), np.full(count, -0.5))
+        image = np.pi - edge * np.linspace(0.0, 1.0, 500)
+        left = np.abs(0.5 + 2.0 * np.cos(np.outer(image, odd)) @ half).max()
+        if left < 10.0 ** (-STOPPED_DB / 20.0):
+            break
+    taps = np.zeros(2 * count)
+    taps[0], taps[1::2] = 0.5, half
+    return tuple((taps / (2.0 * taps.sum() - taps[0])).astype(np.float32))
+
+
+def _low_pass(ratio: int) -> tuple[np.float32, ...]:
+    """Return a low pass that keeps `PASS_SHARE` of the new Nyquist frequency clear."""
+    transition = 2.0 * np.pi * (1.0 - PASS_SHARE) / ratio
     half = int(np.ceil((STOPPED_DB - 7.95) / (2.285 * transition) / 2.0))
     beta = 0.1102 * (STOPPED_DB - 8.7)
     place = np.arange(half + 1)

@@ -94,6 +94,8 @@ class _Stack(NamedTuple):
     """Precision, shape (cell,)."""
     cell: float
     """Step of the logarithm of frequency."""
+    spectra: dict[tuple[int, ...], FloatArray]
+    """Two-dimensional spectra of the values, by size: what is asked for once."""
 
     @classmethod
     def of(cls, panel: Panel) -> "_Stack":
@@ -108,7 +110,7 @@ class _Stack(NamedTuple):
         time_s = first + step_s * np.arange(count)
         return cls(
             time_s, step_s, weighted, has_sound,
-            panel.precision.astype(np.float32), panel.cell,
+            panel.precision.astype(np.float32), panel.cell, {},
         )  # fmt: skip
 
     def gains(self, width_s: float) -> tuple[FloatArray, FloatArray]:
@@ -117,36 +119,46 @@ class _Stack(NamedTuple):
         Every row is tried, and as many before and after the rows as `OUTSIDE` says. What
         shifts and stacks is a correlation, of the image and of the law's course in it.
         """
-        from scipy.fft import irfft2, next_fast_len, rfft, rfft2
+        from scipy.fft import irfft, irfft2, next_fast_len, rfft, rfft2
 
         count, n_cells = self.weighted.shape
         wide = width_s / self.step_s
         out = int(min(OUTSIDE * wide, count))
         reach = int(min(REACH * wide, count + out))
-        square = (np.arange(-reach, reach + 1) / wide) ** 2
+        row = np.arange(-reach, reach + 1)
+        square = (row / wide) ** 2
         shift = np.rint(0.5 * np.log1p(square) / self.cell).astype(np.int64)
         contrast = 1.0 / (1.0 + USUAL_FADING * square)
+        farthest = int(shift.max())
         size = tuple(
             next_fast_len(each, real=True)
-            for each in (count + out + reach, n_cells + int(shift.max()))
+            for each in (count + out + reach, n_cells + farthest)
         )
-        course = np.zeros((2, *size), np.float32)
-        row = np.arange(-reach, reach + 1)
-        course[0, row, shift], course[1, row, shift] = contrast, contrast**2
-        # half a spectrum along time, the whole one along frequency
-        seen, squared = np.conj(rfft2(course, axes=(2, 1)))
-        total = irfft2(
-            seen * rfft2(self.weighted, size[::-1], (1, 0)), size[::-1], (1, 0)
-        )
-        known = rfft(self.has_sound, size[0])[:, None]
-        precise = np.fft.fft(self.precision, size[1]).astype(np.complex64)
-        weight = irfft2(squared * known * precise, size[::-1], (1, 0))
         place = np.arange(-out, count + out)
-        total, weight = total[place] ** 2, np.maximum(weight[place], 0.0)
+        course = np.zeros(size, np.float32)
+        course[row, shift] = contrast
+        # half a spectrum along time, the whole one along frequency
+        if size not in self.spectra:
+            self.spectra[size] = rfft2(self.weighted, size[::-1], (1, 0))
+        seen = np.conj(rfft2(course, axes=(1, 0))) * self.spectra[size]
+        total = irfft2(seen, size[::-1], (1, 0), overwrite_x=True)[place] ** 2
+        # what rows of one shift weigh, and what the cells that they show do
+        course = np.zeros((size[0], farthest + 1), np.float32)
+        course[row, shift] = contrast**2
+        known = rfft(self.has_sound, size[0])[:, None]
+        rows = irfft(np.conj(rfft(course, axis=0)) * known, size[0], 0)[place]
+        shown = np.zeros((farthest + 1, size[1]), np.float32)
+        for k, cells in enumerate(shown):
+            cells[(np.arange(n_cells) - k) % size[1]] = self.precision
+        weight = np.maximum(rows @ shown, 0.0)
         gains = []
         for s in VARIANCES:
-            less = s * weight + np.float32(1.0)
-            gains.append((s * total / less - np.log(less)).sum(axis=1))
+            less = s * weight
+            less += np.float32(1.0)
+            gain = np.float32(s) * total
+            gain /= less
+            gain -= np.log(less, out=less)
+            gains.append(gain.sum(axis=1))
         found = np.max(gains, axis=0)
         return self.time_s[0] + self.step_s * place, 0.5 * found
 
