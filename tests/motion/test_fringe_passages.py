@@ -12,7 +12,6 @@ from tests.draws.fringe_rates import MACH, draw_nothing
 from tests.draws.fringe_sounds import draw_power, fringes_of, scene
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.evidence.fringe_mirror import lowest_cell_hz, mirror_of
 from uwtrack_cli.motion.evidence.fringes import FringeEvidence, fringe_passages
 
 
@@ -98,7 +97,8 @@ def test_the_surface_image_gives_range_and_speed_by_the_prior_of_the_depth(evide
 def test_the_delay_of_the_surface_image_is_that_of_the_two_ways(evident):
     fringes, ship, sensor = evident
     (one,) = fringe_passages(fringes, MACH)
-    mirror = mirror_of(one, lowest_cell_hz(fringes.frequency_hz))
+    mirror = one.mirror
+    assert mirror.is_evident
     near, far = (
         np.hypot(ship.flat_m, sensor.depth_m + k * ship.depth_m) for k in (-1.0, 1.0)
     )
@@ -110,4 +110,4 @@ def test_a_channel_without_one_comb_tells_no_delay():
     frequency, power, _ = draw_power(102, is_deep=False)
     fringes = fringes_of(frequency, power)
     (one,) = fringe_passages(fringes, MACH)
-    assert mirror_of(one, lowest_cell_hz(fringes.frequency_hz)) is None
+    assert not one.mirror.is_evident

@@ -19,8 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray
-from uwtrack_cli.motion.evidence.fringe_template import FringeModel
-from uwtrack_cli.motion.evidence.fringes import FIT_CELLS, FringePassage
+from uwtrack_cli.motion.evidence.fringe_panel import Panel
+from uwtrack_cli.motion.evidence.fringe_template import (
+    FringeModel,
+    Hypothesis,
+    Template,
+)
 
 RESTS = (0.0005, 0.002, 0.008, 0.03, 0.12)
 """Variances of what a pattern has beside its comb, nepers^2."""
@@ -55,18 +59,27 @@ class Mirror(NamedTuple):
     log_odds: float
     """Evidence for one comb over a pattern of any other shape, nepers."""
 
+    @property
+    def is_evident(self) -> bool:
+        """Whether its delay can be used."""
+        return self.log_odds >= LEAST_LOG_ODDS and self.share <= LARGEST_SHARE
 
-def mirror_of(one: FringePassage, lowest_hz: float) -> Mirror | None:
-    """Return the delay that a passage's pattern shows; None where none is evident.
 
-    ``lowest_hz``: middle of the lowest cell of its panel.
+def mirror_of(
+    panel: Panel, passage: Hypothesis, template: Template, misfit: float,
+    lowest_hz: float,
+) -> Mirror:  # fmt: skip
+    """Return the likeliest delay of a comb in a passage's pattern.
+
+    ``misfit``: what the evidence is divided by. ``lowest_hz``: middle of the panel's lowest
+    cell.
     """
-    model = FringeModel(one.panel, [one.template])
-    information, right, place = model.information(one.fitted)
-    eigenvalue, axes = np.linalg.eigh(information / one.misfit)
-    eigenvalue, heard = np.maximum(eigenvalue, 0.0), right / one.misfit @ axes
-    frequency_hz = lowest_hz * np.exp(one.panel.cell * place)
-    blur = one.panel.cell * max(1.0, one.template.knots)
+    model = FringeModel(panel, [template])
+    information, right, place = model.information(passage)
+    eigenvalue, axes = np.linalg.eigh(information / misfit)
+    eigenvalue, heard = np.maximum(eigenvalue, 0.0), right / misfit @ axes
+    frequency_hz = lowest_hz * np.exp(panel.cell * place)
+    blur = panel.cell * max(1.0, template.knots)
     delay_s = np.arange(FEWEST, CYCLES, STEP) / frequency_hz[-1]
     delay_s = delay_s[delay_s * frequency_hz[0] * blur < LARGEST_BLUR]
     bend = np.linspace(-1.0, 1.0, place.size)
@@ -87,8 +100,6 @@ def mirror_of(one: FringePassage, lowest_hz: float) -> Mirror | None:
     mean = float(weight @ np.log(delay_s))
     share = float(np.sqrt(weight @ (np.log(delay_s) - mean) ** 2))
     odds = float(each_phase[0] - max(*alone, *each_phase[1:]))
-    if odds < LEAST_LOG_ODDS or share > LARGEST_SHARE:
-        return None
     return Mirror(float(np.exp(mean)), float(np.hypot(share, MODEL_SHARE)), odds)
 
 
@@ -119,8 +130,3 @@ def _gains(combs: FloatArray, precision: FloatArray, value: FloatArray) -> Float
     gain = 0.5 * STRENGTH_VARIANCE * (strength * heard).sum(axis=1)
     gain -= 0.5 * np.linalg.slogdet(seen)[1]
     return np.asarray(np.where(strength[:, 0] > 0.0, gain, -np.inf))
-
-
-def lowest_cell_hz(frequency_hz: FloatArray) -> float:
-    """Return the middle of the lowest cell of the panels that passages are fitted in."""
-    return float(np.exp(np.log(frequency_hz[:FIT_CELLS]).mean()))

@@ -23,9 +23,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.fringes import Fringes
+from uwtrack_cli.motion.evidence.fringe_mirror import Mirror, mirror_of
 from uwtrack_cli.motion.evidence.fringe_panel import (
     FEWEST_ROWS,
     Panel,
@@ -94,7 +96,7 @@ class _Stack(NamedTuple):
     """Precision, shape (cell,)."""
     cell: float
     """Step of the logarithm of frequency."""
-    spectra: dict[tuple[int, ...], FloatArray]
+    spectra: dict[tuple[int, ...], NDArray[np.complexfloating]]
     """Two-dimensional spectra of the values, by size: what is asked for once."""
 
     @classmethod
@@ -330,9 +332,14 @@ INVARIANT_PRIOR = (1.1, 0.25)
 BROAD_SHARE = 0.5
 """Prior probability that the invariant is not that of a mirror."""
 
-CHANNEL_WIDTH, CHANNEL_TIME = 0.02, 0.002
-"""Deviation of the logarithm of R/v, and of the time in R/v, by what a channel's images
-do beyond an invariant."""
+CHANNEL_LONGER, CHANNEL_WIDTH, CHANNEL_TIME = 0.022, 0.014, 0.001
+"""By how much images in a bottom make the logarithm of R/v longer: they are those of a
+sensor that lies deeper, and so farther; mean and deviation, and the deviation of the time
+in R/v (tests/draws/fringe_rates.py)."""
+
+COMB_NEPERS, COMB_IN_CHANNEL = 3.0, 0.08
+"""What the evidence for one comb is divided by, to be that for water without a bottom, and
+how often a channel has one as evident: its bottom's images are weak or far then."""
 
 LARGEST_STEP = np.array([0.15, 0.15, 1.0, 0.2, 1.0])
 """What a step of the fit changes each of `UNKNOWNS` by at most."""
@@ -411,6 +418,8 @@ class FringePassage:
     """What the residuals' variance and correlation in time make of one measurement."""
     panel: Panel
     """The rows that it was found in."""
+    mirror: Mirror | None = None
+    """Likeliest delay of the surface's image; None before it was sought."""
 
     @property
     def log_odds(self) -> float:
@@ -434,12 +443,24 @@ class _Fitted(NamedTuple):
     passage: Hypothesis
     covariance: FloatArray
     """Of what is asked (`UNKNOWNS`), shape (unknown, unknown); 0 where it is held."""
+    prior: FloatArray
+    """Precision of each before, shape (unknown,); infinite where it is held."""
     log_likelihood: float
     """Log of the probability of the image there, nepers."""
     log_share: float
     """Log of the prior probability of what agrees with the image, nepers."""
     model: FringeModel
     """The image, about the likeliest pattern."""
+
+    def covariance_with(self, misfit: float) -> FloatArray:
+        """Return that of time and R/v where noise has a multiple of its variance.
+
+        What was known before is as well known then.
+        """
+        free = np.isfinite(self.prior)
+        known = np.diag(self.prior[free])
+        told = np.linalg.inv(self.covariance[np.ix_(free, free)]) - known
+        return np.asarray(np.linalg.inv(told / misfit + known)[:2, :2])
 
 
 class _Law(NamedTuple):
@@ -530,7 +551,8 @@ def _climbed(
     log_det = float(np.linalg.slogdet(covariance[np.ix_(is_asked, is_asked)])[1])
     share = law.log_density(here) + 0.5 * log_det
     share -= float(np.log(law.deviation[is_asked]).sum())
-    return _Fitted(here, covariance, rows.log_likelihood([here]), share, rows)
+    told = rows.log_likelihood([here])
+    return _Fitted(here, covariance, law.precision, told, share, rows)
 
 
 def _rows_about(
@@ -602,12 +624,11 @@ def _weighed(
         [(channel.passage.time_s - mirror.passage.time_s) / scale_s, np.log(ratio)]
     )
     units = np.array([ratio, 1.0])
-    own = channel.covariance[:2, :2] * np.outer(units, units)
-    both = (1.0 - share) * mirror.covariance[:2, :2] + share * own
-    both = both + share * (1.0 - share) * np.outer(off, off)
-    both = both + np.diag(np.square([CHANNEL_TIME, CHANNEL_WIDTH]))
     told = model.explain([found])
     misfit = _misfit(told.residual, model.panel.precision)
+    own = channel.covariance_with(misfit) * np.outer(units, units)
+    both = (1.0 - share) * mirror.covariance_with(misfit) + share * own
+    both = both + share * (1.0 - share) * np.outer(off, off)
     own_contrast = model.panel.time_s, told.contrast
     changing = _changing(found, own_contrast, model.panel.time_s)
     taken = FringeModel(model.panel, model.templates * len(changing)).explain(changing)
@@ -620,7 +641,7 @@ def _weighed(
     )
     slope = np.array([scale_s, width_s])
     one = FringePassage(
-        middle, misfit * both * np.outer(slope, slope), likelihood - nothing, "",
+        middle, both * np.outer(slope, slope), likelihood - nothing, "",
         -np.inf, model.templates[0], found, own_contrast, taken.pattern, misfit,
         model.panel,
     )  # fmt: skip
@@ -630,6 +651,25 @@ def _weighed(
         if one.log_odds < PERHAPS:  # it is refused, whatever else there is
             break
     return one
+
+
+def _in_water(one: FringePassage, frequency_hz: FloatArray) -> FringePassage:
+    """Allow for images in a bottom as far as the pattern is not that of the surface alone.
+
+    ``frequency_hz``: middles of the cells of the image.
+    """
+    lowest_hz = float(np.exp(np.log(frequency_hz[:FIT_CELLS]).mean()))
+    mirror = mirror_of(one.panel, one.fitted, one.template, one.misfit, lowest_hz)
+    other = float(np.exp(-np.clip(mirror.log_odds / COMB_NEPERS, -50.0, 50.0)))
+    odds = COMB_IN_CHANNEL + (1.0 - COMB_IN_CHANNEL) * other
+    share = odds / (1.0 + odds)
+    width_s = one.passage.width_s
+    longer = share * (CHANNEL_WIDTH**2 + (1.0 - share) * CHANNEL_LONGER**2)
+    more = np.diag([share * CHANNEL_TIME**2, longer]) * width_s**2
+    shorter = one.passage.changed("width_s", -share * CHANNEL_LONGER)
+    return replace(
+        one, passage=shorter, covariance=one.covariance + more, mirror=mirror
+    )
 
 
 def _changing(
@@ -761,7 +801,11 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
             start = Proposal(one.gain, one.passage.time_s, one.passage.width_s)
             rest = evidence.explained(known[:k] + known[k + 1 :])
             known[k] = fit_passage(rest, start, one.passage.fading) or one
-    return [one for one in known if one.log_odds >= 0.0 and evidence.can_tell(one)]
+    return [
+        _in_water(one, evidence.fringes.frequency_hz)
+        for one in known
+        if one.log_odds >= 0.0 and evidence.can_tell(one)
+    ]
 
 
 def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:

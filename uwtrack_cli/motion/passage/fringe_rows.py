@@ -26,7 +26,6 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.decision import PassageDecision
-from uwtrack_cli.motion.evidence.fringe_mirror import lowest_cell_hz, mirror_of
 from uwtrack_cli.motion.evidence.fringes import FringePassage, fringe_passages
 from uwtrack_cli.motion.passage.encounter_rows import (
     KEYS,
@@ -89,7 +88,7 @@ def add_fringes(
             _take(own, one, mach[0])
         else:
             _sharpen(own, one, sound_mps)
-        _add_mirror(told[-1] if own is None else own, one, fringes, context.priors)
+        _add_mirror(told[-1] if own is None else own, one, context.priors)
     for row in told:
         row.explain(NO_MIRROR, "source_depth_m")
     return told
@@ -188,16 +187,14 @@ def _sharpen(row: Row, one: FringePassage, sound_mps: float) -> None:
     values["arrival_time_s"] = values["time_s"] + delay_s
 
 
-def _add_mirror(
-    row: Row, one: FringePassage, fringes: Fringes, priors: NuisancePriors
-) -> None:
+def _add_mirror(row: Row, one: FringePassage, priors: NuisancePriors) -> None:
     """Give a row what the surface's image tells of depth, or of range and speed."""
     source, sensor, sound_mps = map(float, priors.mean[:3])
     if not np.isfinite(sensor):
         row.explain("no sensor depth", "source_depth_m")
         return
-    mirror = mirror_of(one, lowest_cell_hz(fringes.frequency_hz))
-    if mirror is None:
+    mirror = one.mirror
+    if mirror is None or not mirror.is_evident:
         return
     longer_m = sound_mps * mirror.delay_s
     spread = float(np.hypot(mirror.share, priors.std[1] / sensor))
