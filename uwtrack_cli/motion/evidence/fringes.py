@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.fringes import Fringes
+from uwtrack_cli.motion.association import PassageReport, same_vessel
 from uwtrack_cli.motion.evidence.fringe_mirror import Mirror, mirror_of
 from uwtrack_cli.motion.evidence.fringe_panel import (
     FEWEST_ROWS,
@@ -422,6 +423,13 @@ class FringePassage:
     """Likeliest delay of the surface's image; None before it was sought."""
 
     @property
+    def report(self) -> PassageReport:
+        """What is compared with other reports of a vessel."""
+        time_std_s, width_std_s = np.sqrt(np.diag(self.covariance)).tolist()
+        passage = self.passage
+        return PassageReport(passage.time_s, time_std_s, passage.width_s, width_std_s)
+
+    @property
     def log_odds(self) -> float:
         """Log of the odds that something passes, against its strongest rival."""
         more = (self.gain - self.rival_gain) / self.misfit
@@ -801,11 +809,15 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
             start = Proposal(one.gain, one.passage.time_s, one.passage.width_s)
             rest = evidence.explained(known[:k] + known[k + 1 :])
             known[k] = fit_passage(rest, start, one.passage.fading) or one
-    return [
-        _in_water(one, evidence.fringes.frequency_hz)
-        for one in known
-        if one.log_odds >= 0.0 and evidence.can_tell(one)
-    ]
+    # images in a bottom make R/v longer each by its own: they are of one vessel
+    vessels: list[FringePassage] = []
+    for one in known:
+        if one.log_odds < 0.0 or not evidence.can_tell(one):
+            continue
+        one = _in_water(one, evidence.fringes.frequency_hz)
+        if all(same_vessel(one.report, other.report) <= 0.0 for other in vessels):
+            vessels.append(one)
+    return vessels
 
 
 def _likeliest_fit(evidence: FringeEvidence) -> FringePassage | None:

@@ -96,11 +96,7 @@ def add_fringes(
 
 def _nearest(rows: Sequence[Row], one: FringePassage) -> Row | None:
     """Return the row of the same vessel; None if there is none."""
-    std_s = np.sqrt(np.diag(one.covariance))
     passage = one.passage
-    report = PassageReport(
-        passage.time_s, float(std_s[0]), passage.width_s, float(std_s[1])
-    )
     near: list[tuple[float, int]] = []
     for k, row in enumerate(rows):
         values = row.values
@@ -110,7 +106,7 @@ def _nearest(rows: Sequence[Row], one: FringePassage) -> Row | None:
         )  # fmt: skip
         apart_s = abs(other.time_s - passage.time_s)
         width_s = min(passage.width_s, other.range_over_speed_s)
-        if apart_s < width_s or same_vessel(report, other) > 0.0:
+        if apart_s < width_s or same_vessel(one.report, other) > 0.0:
             near.append((apart_s, k))
     return rows[min(near)[1]] if near else None
 
