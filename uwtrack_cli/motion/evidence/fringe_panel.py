@@ -121,6 +121,7 @@ def _precision(value: FloatArray) -> FloatArray:
 
 
 def _running(values: FloatArray, size: int, middle: object) -> FloatArray:
-    padded = np.pad(values, size // 2, "edge")
-    views = np.lib.stride_tricks.sliding_window_view(padded, size)
-    return np.asarray(middle(views, axis=-1))  # type: ignore[operator]
+    """Return the middle of so many neighbours; at the ends those of the first or last."""
+    views = np.lib.stride_tricks.sliding_window_view(values, min(size, values.size))
+    place = np.clip(np.arange(values.size) - size // 2, 0, len(views) - 1)
+    return np.asarray(middle(views, axis=-1)[place])  # type: ignore[operator]

@@ -811,10 +811,9 @@ def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:
             known[k] = fit_passage(rest, start, one.passage.fading) or one
     # images in a bottom make R/v longer each by its own: they are of one vessel
     vessels: list[FringePassage] = []
-    for one in known:
-        if one.log_odds < 0.0 or not evidence.can_tell(one):
-            continue
-        one = _in_water(one, evidence.fringes.frequency_hz)
+    frequency_hz = evidence.fringes.frequency_hz
+    told = [one for one in known if one.log_odds >= 0.0 and evidence.can_tell(one)]
+    for one in (_in_water(each, frequency_hz) for each in told):
         if all(same_vessel(one.report, other.report) <= 0.0 for other in vessels):
             vessels.append(one)
     return vessels
