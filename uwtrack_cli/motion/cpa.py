@@ -227,7 +227,9 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
             rows.append(row)
         else:
             refusals.append(_refused(item, turned))
-    rows = add_fringes(rows, fringes, context, _free_number(lines, found))
+    number = _free_number(lines, found)
+    rows, contradicted = add_fringes(rows, fringes, context, number, probability)
+    refusals += contradicted
     rows.sort(key=lambda row: np.nan_to_num(row.values["time_s"], nan=np.inf))
     refusals += [still_contact(one) for one in still]
     told = {row.contact for row in rows} | {one.contact for one in refusals}

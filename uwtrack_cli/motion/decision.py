@@ -36,6 +36,7 @@ UNUSUAL_RANGE = "unusual-range"
 OTHER_RISE = "other-rise"
 PART_OF_ANOTHER = "part-of-another"
 FIT_FAILED = "fit-failed"
+FRINGES = "fringes"
 
 REASONS = {
     TOO_LITTLE: "too little of the passage is in the recording",
@@ -65,6 +66,7 @@ REASONS = {
     OTHER_RISE: "its levels rise and fall more as rain, a squall or a machine would",
     PART_OF_ANOTHER: "it rises within {apart_s:.3g} s of a larger rise: rather a part of it",
     OTHER_RESOLUTION: "frames of another length show another passage, {better}",
+    FRINGES: "its spectrum changes more as that of a source that stays, or passes otherwise",
     FIT_FAILED: "its fit failed ({kind}: {error})",
 }
 """Sentence of every code of a rejection, with the names of what it states."""
@@ -176,6 +178,26 @@ def decide(measured: Evidence) -> PassageDecision:
     share = shares[code] / sum(shares.values())
     return PassageDecision(
         probability, code, (1.0 - probability) * share, tuple(nepers)
+    )
+
+
+def weigh_more(decision: PassageDecision, code: str, nepers: float) -> PassageDecision:
+    """Return a decision with one more log evidence, of an explanation of some code."""
+    held = max(-MOST_NEPERS, min(MOST_NEPERS, nepers))
+    before = min(decision.probability, 1.0 - 1e-12)
+    odds = before / (1.0 - before) * exp(held)
+    probability = odds / (1.0 + odds)
+    other = decision._replace(
+        probability=probability, nepers=(*decision.nepers, (code, held))
+    )
+    if held < 0.0 and probability < before:
+        share = 1.0 - exp(held)
+        return other._replace(
+            alternative=code, alternative_probability=(1.0 - probability) * share
+        )
+    share = (1.0 - probability) / (1.0 - before)
+    return other._replace(
+        alternative_probability=decision.alternative_probability * share
     )
 
 

@@ -386,6 +386,10 @@ LEFT_ORDER = 2
 STILL_VARIANCES = (0.01, 0.1, 1.0)
 """Variances of what rises and falls in place, nepers^2."""
 
+MOST_SHOWN = 0.8
+"""How often a vessel without noise about her shows a pattern: rough seas, deep sources and
+sheltered ones leave none. It is chosen."""
+
 MOST_PASSAGES = 3
 """Passages of a stretch at most."""
 
@@ -792,6 +796,37 @@ def fringe_passages(fringes: Fringes, mach: tuple[float, float]) -> list[FringeP
             if is_own:
                 found.append(one)
     return sorted(found, key=lambda one: one.passage.time_s)
+
+
+def evidence_of_levels(
+    fringes: Fringes, mach: tuple[float, float], known: Sequence[FringePassage],
+    report: PassageReport,
+) -> float:  # fmt: skip
+    """Return the log evidence of fringes for a passage that levels tell, nepers.
+
+    A vessel shows a pattern that moves as the passage has it, whose odds against rivals
+    are weighed as ever, or none: the louder she is in the band, the less often. What rises
+    in place is evidence of levels, and counts there. nan where too little was recorded.
+    ``known``: passages that are taken out of the image.
+    """
+    width_s = report.range_over_speed_s
+    if width_s < LEAST_WIDTH_S:
+        return float("nan")
+    near = np.abs(fringes.time_s - report.time_s) <= 2.0 * FIT_REACH * width_s
+    part = fringes.take("row", np.flatnonzero(near))
+    evidence = FringeEvidence(part, mach).explained(known)
+    one = fit_passage(evidence, Proposal(0.0, report.time_s, width_s))
+    if one is None:
+        return float("nan")
+    law = Hypothesis(report.time_s, width_s, fading=1.0)
+    course = contrast_of(part.time_s, law)
+    power = 10.0 ** ((part.level_db - np.nanmax(part.level_db)) / 10.0)
+    heard = np.isfinite(power)
+    rise, sea = np.polyfit(course[heard], power[heard], 1).tolist()
+    unseen = 1.0 - MOST_SHOWN * max(rise, 0.0) / max(rise + sea, 1e-9)
+    agrees = same_vessel(one.report, report) > 0.0
+    shown = np.exp(min(one.log_odds, 50.0)) if agrees else 0.0
+    return float(np.log(unseen + (1.0 - unseen) * shown))
 
 
 def _of_stretch(evidence: FringeEvidence) -> list[FringePassage]:

@@ -5,7 +5,8 @@ lies within the narrower R/v of the two, or where `association` takes them for o
 are weighed by their deviations: fringes know range over speed, and lines the speed, so
 that the range gains. If levels alone tell it, time and range over speed are those of the
 fringes, since a level may swing and a pattern cannot. A passage without a row is one of
-its own, whose speed is not known.
+its own, whose speed is not known. A row of levels that no passage confirms is weighed
+again, with the log evidence of the image at its law, and refused where that decides.
 
 Where the pattern is evidently that of one image in the surface, its spacing ties range to
 the depths of source and sensor. A range that lines know gives the depth of the source;
@@ -25,14 +26,24 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.motion.association import PassageReport, same_vessel
-from uwtrack_cli.motion.decision import PassageDecision
-from uwtrack_cli.motion.evidence.fringes import FringePassage, fringe_passages
+from uwtrack_cli.motion.decision import (
+    FRINGES,
+    PassageDecision,
+    reject,
+    weigh_more,
+)
+from uwtrack_cli.motion.evidence.fringes import (
+    FringePassage,
+    evidence_of_levels,
+    fringe_passages,
+)
 from uwtrack_cli.motion.passage.encounter_rows import (
     KEYS,
     LARGEST_RELATIVE_DEVIATION,
     LEVEL_ONLY,
     NO_SPEED,
     CpaContext,
+    Refusal,
     Row,
 )
 from uwtrack_cli.motion.passage.fit.nuisances import NuisancePriors
@@ -55,9 +66,13 @@ NO_LINE = "no line: fringes tell time and range over speed"
 
 
 def add_fringes(
-    rows: Sequence[Row], fringes: Fringes | None, context: CpaContext, number: int
-) -> list[Row]:
-    """Return the rows with what fringes tell of them, and those of fringes alone.
+    rows: Sequence[Row],
+    fringes: Fringes | None,
+    context: CpaContext,
+    number: int,
+    least: float,
+) -> tuple[list[Row], list[Refusal]]:
+    """Return the rows with what fringes tell of them, those of fringes alone, and refusals.
 
     Parameters
     ----------
@@ -69,16 +84,19 @@ def add_fringes(
         Sensor and medium.
     number
         First contact number that is free.
+    least
+        Probability above which a row is reported.
     """
     told = list(rows)
     if fringes is None:
         for row in told:
             row.explain("no fringes were asked", "source_depth_m")
-        return told
+        return told, []
     sound_mps = context.sound_speed_mps
     mach = VESSEL_MPS / sound_mps, VESSEL_STD_MPS / sound_mps
     free = list(rows)
-    for one in fringe_passages(fringes, mach):
+    passages = fringe_passages(fringes, mach)
+    for one in passages:
         own = _nearest(free, one)
         free = [row for row in free if row is not own]
         if own is None:
@@ -89,9 +107,43 @@ def add_fringes(
         else:
             _sharpen(own, one, sound_mps)
         _add_mirror(told[-1] if own is None else own, one, context.priors)
+    kept, refused = [], []
     for row in told:
-        row.explain(NO_MIRROR, "source_depth_m")
-    return told
+        _weigh_levels(row, fringes, mach, passages)
+        if row.status == LEVEL_ONLY and row.decision.probability <= least:
+            refused.append(_refusal(row))
+        else:
+            row.explain(NO_MIRROR, "source_depth_m")
+            kept.append(row)
+    return kept, refused
+
+
+def _weigh_levels(
+    row: Row, fringes: Fringes, mach: tuple[float, float],
+    passages: Sequence[FringePassage],
+) -> None:  # fmt: skip
+    """Weigh a row of levels by what the image says of it."""
+    if row.status == LEVEL_ONLY:
+        nepers = evidence_of_levels(fringes, mach, passages, _report(row))
+        if np.isfinite(nepers):
+            row.decision = weigh_more(row.decision, FRINGES, nepers)
+
+
+def _report(row: Row) -> PassageReport:
+    """Return what of a row is compared."""
+    values = row.values
+    return PassageReport(
+        values["time_s"], values["time_std_s"], values["range_over_speed_s"],
+        values["range_over_speed_std_s"],
+    )  # fmt: skip
+
+
+def _refusal(row: Row) -> Refusal:
+    """Return what is said of a row that fringes refuse."""
+    time_s, width_s = row.values["time_s"], row.values["range_over_speed_s"]
+    span_s = max(time_s - width_s, 0.0), time_s + width_s
+    why = reject(FRINGES)
+    return Refusal(row.contact, *span_s, why, probability=row.decision.probability)
 
 
 def _nearest(rows: Sequence[Row], one: FringePassage) -> Row | None:
@@ -99,11 +151,7 @@ def _nearest(rows: Sequence[Row], one: FringePassage) -> Row | None:
     passage = one.passage
     near: list[tuple[float, int]] = []
     for k, row in enumerate(rows):
-        values = row.values
-        other = PassageReport(
-            values["time_s"], values["time_std_s"], values["range_over_speed_s"],
-            values["range_over_speed_std_s"],
-        )  # fmt: skip
+        other = _report(row)
         apart_s = abs(other.time_s - passage.time_s)
         width_s = min(passage.width_s, other.range_over_speed_s)
         if apart_s < width_s or same_vessel(one.report, other) > 0.0:
