@@ -16,6 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from uwtrack_cli import __version__
 from uwtrack_cli.cli.console import USAGE, say, set_verbosity
+from uwtrack_cli.data import renamed
 from uwtrack_cli.flow.catalogue import STAGES, summary_of
 
 COMMANDS: dict[str, str] = {
@@ -86,6 +87,7 @@ class CommandList(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that is called, and import it."""
+        args = _with_new_names(args)
         if args and args[0] in COMMANDS:
             found, words = load_command(args[0]), _words(*args)
             if not ctx.resilient_parsing:  # completion asks before all is typed
@@ -95,6 +97,21 @@ class CommandList(TyperGroup):
         if args and not args[0].startswith("-") and not ctx.resilient_parsing:
             ctx.fail(_no_such_command(args[0]))
         return super().resolve_command(ctx, args)
+
+
+def _with_new_names(words: Sequence[str]) -> list[str]:
+    """Return words with the names that commands and options have now, and say so."""
+    command = renamed.STAGES.get(words[0], words[0]) if words else ""
+    found = [command, *words[1:]]
+    for place, word in enumerate(found[1:], 1):
+        flag, sign, value = word.partition("=")
+        new = renamed.FLAGS.get((command, flag))
+        if new is not None:
+            found[place] = f"{new}{sign}{value}"
+    for old, new in zip(words, found, strict=False):
+        if old != new:
+            say(f"warning: {old} is now called {new}; the old name goes in 0.4.")
+    return found[: len(words)]
 
 
 def _no_such_command(name: str) -> str:

@@ -13,6 +13,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.options import nearest
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.renamed import TABLES, with_old_keys
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.text_escaping import shell_word
 
@@ -50,7 +51,7 @@ def info(
         return
     with open_product(file) as product:
         if json_output:
-            put([json.dumps(_facts(product), ensure_ascii=False)])
+            put([json.dumps(with_old_keys(_facts(product)), ensure_ascii=False)])
         elif is_verbose():
             put(_lines(_facts(product)))
         else:
@@ -58,9 +59,9 @@ def info(
 
 
 def _facts(product: Any) -> dict[str, Any]:
-    containers = [
+    tables = [
         {
-            "container": key.name,
+            "table": key.name,
             "sensor": key.sensor,
             "step": key.step,
             "columns": _columns(product, key),
@@ -73,7 +74,7 @@ def _facts(product: Any) -> dict[str, Any]:
         "program_version": product.program_version,
         "created_utc": product.created_utc,
         "sha256": product.digest,
-        "containers": containers,
+        "tables": [with_old_keys(each) for each in tables],
         "history": [json.loads(step.to_json()) for step in product.history],
     }
 
@@ -91,10 +92,10 @@ def _columns(product: Any, key: Any) -> list[dict[str, Any]]:
 def _lines(facts: dict[str, Any]) -> list[str]:
     made = f"made {facts['created_utc']} by uwtrack {facts['program_version']}"
     lines = [f"{facts['file']}: {made}, schema {facts['schema_version']}"]
-    for item in facts["containers"]:
+    for item in facts["tables"]:
         of = f" of {item['sensor']}" if item["sensor"] else ""
         of += f" by {item['step']}" if item["step"] else ""
-        lines.append(f"  {item['container']}{of}")
+        lines.append(f"  {item['table']}{of}")
         for column in item["columns"]:
             shape = " x ".join(map(str, column["shape"]))
             unit = f" [{column['units']}]" if column["units"] not in {"", "1"} else ""
@@ -164,6 +165,7 @@ def show(
             raise OptionError(msg)
         _show_result(file, form, sensor, step)
         return
+    container = TABLES.get(container, container)
     if container not in CONTAINERS:
         if str(file) in CONTAINERS:
             msg = f"the file comes first: uwtrack show {shell_word(container)} {file}"

@@ -25,6 +25,7 @@ from uwtrack_cli.cli.targets import (
 )
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource, Recording
+from uwtrack_cli.data.renamed import with_old_keys
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.checks import is_pipe
 from uwtrack_cli.files.text_escaping import shell_word
@@ -213,7 +214,7 @@ def put_event(event: Mapping[str, Any]) -> None:
     once, and the file is written all the same.
     """
     try:
-        put([json.dumps(event, ensure_ascii=False)])
+        put([json.dumps(with_old_keys(event), ensure_ascii=False)])
         sys.stdout.flush()
     except OSError as error:
         if not isinstance(error, BrokenPipeError):

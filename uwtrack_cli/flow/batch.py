@@ -22,6 +22,7 @@ from uwtrack_cli import __version__
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
+from uwtrack_cli.data.renamed import with_old_keys
 from uwtrack_cli.errors import (
     DataError,
     MissingError,
@@ -140,7 +141,7 @@ def statement_of(product: Product) -> Statement:
     return {
         "history": product.history_texts,
         "recordings": [nested(recording) for recording in product.read_all(Recording)],
-        "encounters": [row for one in found for row in json_rows(one)],
+        "encounters": [with_old_keys(row) for one in found for row in json_rows(one)],
         "names": [[f.get("ais_digest", ""), f.get("ais_within_m")] for f in facts],
     }
 
