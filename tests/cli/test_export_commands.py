@@ -219,6 +219,12 @@ def test_netcdf_is_opened_by_xarray_with_its_times(exported, found):
         np.testing.assert_array_equal(data["encounters_status"], found[0].status)
         assert data["h1_sensor"].attrs["depth_m"] == 22.0
         assert "h1_lines_frequency_hz" in data
+        assert data["h1_overview_shade"].dims == ("time", "frequency")
+        assert data["frequency"].attrs == {
+            "units": "Hz",
+            "standard_name": "sound_frequency",
+        }
+        assert data["time"].dtype.kind == "M"
 
 
 @pytest.mark.parametrize("kind", CONTAINERS.values(), ids=list(CONTAINERS))

@@ -19,31 +19,59 @@ from uwtrack_cli.cli.console import USAGE, say, set_verbosity
 from uwtrack_cli.data import renamed
 from uwtrack_cli.flow.catalogue import STAGES, summary_of
 
-COMMANDS: dict[str, str] = {
-    "run": "run_commands:run",
-    "batch": "batch_commands:batch",
-    "watch": "watch_commands:watch",
-    "passages": "passages_commands:passages",
-    "recipes": "run_commands:recipes",
-    "rerun": "batch_commands:rerun",
-    "difar": "difar_commands:difar",
-    **dict.fromkeys(STAGES, "chain_commands"),
-    "forecast": "forecast_commands:forecast",
-    "info": "file_commands:info",
-    "show": "file_commands:show",
-    "verify": "file_commands:verify",
-    "plot": "picture_commands:plot",
-    "report": "picture_commands:report",
-    "export": "export_commands:export",
-    "calibrate": "calibrate_commands:calibrate",
-    "score": "score_commands:score",
-    "diff": "score_commands:diff",
-    "simulate": "sample_commands:simulate",
-    "sample": "sample_commands:sample",
-    "study": "study_commands:study",
-    "help": "app:explain",
+CHAIN = (
+    "spectrogram", "overview", "levels", "peaks", "classify", "track", "cpa", "locate",
+    "presence",
+)  # fmt: skip
+"""Stages that every recipe has, in their order."""
+
+ANALYSES = ("tma", "pdaf", "discriminate")
+"""Stages that take tables instead of sound."""
+
+GROUPS: dict[str, dict[str, str]] = {
+    "The chain": {
+        "run": "run_commands:run",
+        "recipes": "run_commands:recipes",
+        **dict.fromkeys(CHAIN, "chain_commands"),
+    },
+    "More steps for the chain": {
+        name: "chain_commands" for name in STAGES if name not in {*CHAIN, *ANALYSES}
+    },
+    "Analyses": {
+        **dict.fromkeys(ANALYSES, "chain_commands"),
+        "forecast": "forecast_commands:forecast",
+        "score": "score_commands:score",
+        "calibrate": "calibrate_commands:calibrate",
+        "study": "study_commands:study",
+    },
+    "Files": {
+        "info": "file_commands:info",
+        "show": "file_commands:show",
+        "verify": "file_commands:verify",
+        "diff": "score_commands:diff",
+        "export": "export_commands:export",
+        "rerun": "batch_commands:rerun",
+        "init-sensor": "init_sensor_command:init_sensor",
+        "difar": "difar_commands:difar",
+        "sample": "sample_commands:sample",
+        "simulate": "sample_commands:simulate",
+    },
+    "Folders": {
+        "batch": "batch_commands:batch",
+        "passages": "passages_commands:passages",
+    },
+    "Live": {"watch": "watch_commands:watch"},
+    "Pictures": {
+        "plot": "picture_commands:plot",
+        "report": "picture_commands:report",
+    },
+    "Help": {"help": "app:explain"},
 }
-"""Module and function of each command; that of a stage documents itself."""
+"""Commands by what they are for: module and function of each. That of a stage documents
+itself."""
+
+COMMANDS = {name: place for group in GROUPS.values() for name, place in group.items()}
+"""Module and function of every command, in the order of the help."""
 
 
 class CommandList(TyperGroup):
@@ -60,9 +88,12 @@ class CommandList(TyperGroup):
         return TyperCommand(cmd_name, help=_summary(cmd_name))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write every command with its whole summary."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, _summary(name)) for name in COMMANDS])
+        """Write the commands group by group, each with its whole summary."""
+        widest = max(map(len, COMMANDS))
+        for title, names in GROUPS.items():
+            with formatter.section(title):
+                rows = [(name.ljust(widest), _summary(name)) for name in names]
+                formatter.write_dl(rows)
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the program; what is wrong with a command line is one sentence.

@@ -32,7 +32,7 @@ def info(
     ],
     json_output: AsJson = False,
 ) -> None:
-    """Tell in ten lines what a product or recording is; with -v every column and option.
+    """Describe a file in ten lines; with -v every column and option.
 
     Of a folder, tell which recordings follow each other.
     """
@@ -139,7 +139,7 @@ def show(
         ),
     ] = None,
 ) -> None:
-    """Print a container of a product on standard output.
+    """Print a table of a result file on standard output.
 
     Without a container, the table that the command printed which made the product. A
     table of results has the columns that fit a screen; --format csv or json has all.
@@ -242,7 +242,7 @@ def verify(
     *,
     files: Annotated[list[Path], typer.Argument(help="Products to check.")],
 ) -> None:
-    """Check products for damage: checksums, completeness, schema, history.
+    """Check result files for damage: checksum, completeness, schema, history.
 
     A checksum shows damage, not forgery: it has no key, and whoever changes a product
     can write it anew. Such a file is refused where it could do harm (it is read in a

@@ -50,7 +50,7 @@ LIVE_PARAMETERS = parameters_of({
         float | None, None,
         "End when no sound came for so long, s; 60 with --follow, else never.",
     ),
-})  # fmt: skip
+}, panel="Live sound")  # fmt: skip
 """Options of `run` for sound that is still coming."""
 
 

@@ -529,7 +529,7 @@ def _write_pages_of(
     from uwtrack_cli.flow.passages import find_results
 
     paths = find_results([folder])
-    with progress_bar("pages", len(paths)) as done:
+    with progress_bar("report", len(paths), "pages") as done:
         for number, path in enumerate(paths, 1):
             page = path.with_suffix(".html")
             if overwrite or not page.exists():

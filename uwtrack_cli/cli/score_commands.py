@@ -43,7 +43,7 @@ def diff(
     tolerance: Tolerance = None,
     json_output: AsJson = False,
 ) -> None:
-    """Compare two products by their numbers; exit code 4 when they differ.
+    """Compare two result files by their numbers; exit code 4 when they differ.
 
     What made them, and when, does not count. A tolerance file overrides --rtol and
     --atol per quantity: [encounters] speed_mps = { rtol = 1e-3, atol = 0.01 }.

@@ -69,7 +69,7 @@ def zoom_in(
     *,
     recipes: list[str] | None = None,
 ) -> Encounters:
-    """Look again, in shorter frames, where something passes within seconds.
+    """Reanalyse in shorter frames where something passes within seconds.
 
     Parameters
     ----------

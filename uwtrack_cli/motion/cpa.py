@@ -112,7 +112,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     spreading_db: Spreading = 20.0,
     rest_frame_test: bool = True,
 ) -> Encounters:
-    """Find the closest approach of every contact that passed the sensor.
+    """Find the closest point of approach (CPA) of every contact.
 
     Each passing vessel gives one row: when it was nearest, how fast, how far, on
     which course and side, with deviations that hold. A steady hum, a ship that

@@ -146,7 +146,7 @@ def find_transients(
     *,
     least_spreads: Annotated[float, AtLeast(1), AtMost(1000)] = 7.0,
 ) -> Iterator[Transients]:
-    """Find where the level, or lines, rise and fall again within seconds.
+    """Find transients: lines or a level that rise and fall within seconds.
 
     Parameters
     ----------
