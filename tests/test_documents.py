@@ -97,6 +97,7 @@ def test_the_blocks_of_a_page_run_in_their_order(
     folders = (shared_program, sound_programs, Path(sys.executable).parent)
     path = ":".join([*map(str, folders), os.environ["PATH"]])
     monkeypatch.setenv("PATH", path)
+    monkeypatch.setenv("COLUMNS", "80")
     (tmp_path / "home").mkdir()
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     script = ["set -eu", "export MPLBACKEND=agg"]

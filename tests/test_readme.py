@@ -18,7 +18,10 @@ def test_the_commands_run_in_an_empty_folder_and_print_what_it_says(
     done = subprocess.run(
         ["bash", "-o", "pipefail", "-c", "set -eu\n" + "\n".join(blocks)], cwd=tmp_path,
         capture_output=True, text=True, check=False,
-        env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
+        env={
+            **os.environ, "COLUMNS": "80", "MPLBACKEND": "agg",
+            "PATH": f"{folder}:{os.environ['PATH']}",
+        },
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr

@@ -14,7 +14,7 @@ Examples
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _HOMES = {
     "run": "flow.results",
