@@ -173,10 +173,19 @@ def _asked(identifier: str) -> dict[str, Any]:
                 break
             try:
                 is_number = isinstance(key.example, float)
-                known[name] = float(answer) if is_number else answer.strip()
-                if name != "latitude":  # it is checked with the longitude
-                    sensor_file({"id": identifier, **_values(known)})
-            except (ValueError, OptionError) as error:
+                known[name] = _number(answer) if is_number else answer.strip()
+                # a latitude is checked before its longitude is asked for
+                other = {"longitude": 0.0} if name == "latitude" else {}
+                sensor_file({"id": identifier, **_values(known | other)})
+            except OptionError as error:
                 known.pop(name, None)
                 say(f"not accepted: {error}", -1)
     return known
+
+
+def _number(answer: str) -> float:
+    try:
+        return float(answer)
+    except ValueError as error:
+        msg = f"a number is asked for, got {answer!r}."
+        raise OptionError(msg) from error

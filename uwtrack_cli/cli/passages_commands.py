@@ -31,7 +31,7 @@ LEVELS = (
     Head("background dB", "background_level_db", 1),
 )  # fmt: skip
 SPARE_OF_LEVELS = ("received dB", "sensor", "vessel")
-SPARE = ("level dB", "status", "contact", "course deg", "sensor", "recording")
+SPARE = ("level dB", "status", "course deg", "sensor", "contact", "recording")
 """Columns that a narrow table does without."""
 
 
