@@ -79,7 +79,7 @@ def batch(
     folder: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Folder of the products, as the sources lie."
+            "--output", "-o", help="Folder of the result files, as the sources lie."
         ),
     ],
     recipe: RecipeName = DEFAULT_RECIPE,
@@ -274,7 +274,7 @@ def _repeated(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 def rerun(
     *,
-    file: Annotated[Path, typer.Argument(help="Product to make once more.")],
+    file: Annotated[Path, typer.Argument(help="Result file to make once more.")],
     source: Annotated[
         list[Path] | None,
         typer.Option("--source", help="What it was made of, if not beside it."),

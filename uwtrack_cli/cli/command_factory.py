@@ -58,7 +58,7 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON on standard output.")
 ]
 
-ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
+ProductFile = Annotated[Path, typer.Argument(help="Result file; - is standard input.")]
 Branch = Annotated[
     str | None,
     typer.Option(

@@ -26,7 +26,7 @@ def info(
     file: Annotated[
         Path,
         typer.Argument(
-            help="Product, recording, or folder of recordings; - is a product on "
+            help="Result file, recording, or folder of recordings; - is a file on "
             "standard input."
         ),
     ],
@@ -112,7 +112,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
 def show(
     *,
     file: Annotated[
-        Path | None, typer.Argument(help="Product; - is standard input.")
+        Path | None, typer.Argument(help="Result file; - is standard input.")
     ] = None,
     container: Annotated[
         str | None,
@@ -240,7 +240,7 @@ def _results(product: "Product") -> tuple[str, ...]:
 
 def verify(
     *,
-    files: Annotated[list[Path], typer.Argument(help="Products to check.")],
+    files: Annotated[list[Path], typer.Argument(help="Result files to check.")],
 ) -> None:
     """Check result files for damage: checksum, completeness, schema, history.
 
