@@ -124,9 +124,9 @@ def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
     rest = [f"{f:.2f}" for f in sorted(f for f in row["rest_frequencies_hz"] if f)]
     if rest:
         found.append(("at rest", f"{', '.join(rest)} Hz"))
-    if row.get("reading") not in {None, "straight"}:  # as in the table
-        weight = Head("", "reading_weight", 2).text(row)
-        found.append(("motion", f"{row['reading']}, weight {weight}"))
+    if row.get("motion_model") not in {None, "straight"}:  # as in the table
+        weight = Head("", "motion_model_probability", 2).text(row)
+        found.append(("motion", f"{row['motion_model']}, weight {weight}"))
     return [*found, ("sound speed", f"{row['sound_speed_mps']:g} m/s")]
 
 

@@ -133,7 +133,7 @@ def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
                 f"this one has the weight {row['weight']:.2f}"
             )
             found.append(HeadLine(text))
-        if row["reading"] == "manoeuvre":
+        if row["motion_model"] == "manoeuvre":
             text = "\u26a0 the target changed its velocity: no straight motion fits"
             found.append(HeadLine(text, warns=True))
         if (motions.contact == row["contact"]).all():  # else they stand on its own page
