@@ -11,8 +11,13 @@ import pytest
 from tests.draws.fringe_rates import MACH, draw_nothing
 from tests.draws.fringe_sounds import draw_power, fringes_of, scene
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.motion.association import PassageReport
 from uwtrack_cli.motion.cpa import find_encounters
-from uwtrack_cli.motion.evidence.fringes import FringeEvidence, fringe_passages
+from uwtrack_cli.motion.evidence.fringes import (
+    FringeEvidence,
+    evidence_of_levels,
+    fringe_passages,
+)
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["deep", "shallow"])
@@ -50,9 +55,9 @@ def test_a_line_of_the_vessel_hides_nothing_of_its_fringes():
     sensor_m = scene(6000, is_deep=True)[2].sensor_m
     width_s = ship.slant_m(sensor_m) / ship.speed_mps
     time_s = (np.arange(len(power)) + 1.0) * 0.25
-    # 30 dB in 1 Hz, in the three cells of a window's line
+    # 30 dB in 1 Hz, in the three bins of a window's line, at the edge of the band
     level = 1000.0 / (1.0 + ((time_s - ship.time_s) / width_s) ** 2)
-    near = np.flatnonzero(np.abs(frequency - 240.0) < 3.0)
+    near = np.flatnonzero(np.abs(frequency - 104.0) < 3.0)
     power[:, near] += (
         level[:, None] * power[:, near].mean(axis=0) * [0.1, 0.3, 0.1]
     )  # fmt: skip
@@ -111,3 +116,22 @@ def test_a_channel_without_one_comb_tells_no_delay():
     fringes = fringes_of(frequency, power)
     (one,) = fringe_passages(fringes, MACH)
     assert not one.mirror.is_evident
+
+
+def test_a_passage_that_levels_tell_is_confirmed_by_the_pattern_at_its_law(evident):
+    fringes, ship, sensor = evident
+    width_s = ship.slant_m(sensor.depth_m) / ship.speed_mps
+    report = PassageReport(ship.time_s, 1.0, width_s, 0.2 * width_s)
+    assert evidence_of_levels(fringes, MACH, [], report) > 3.0
+    # where nothing is loud, a vessel may show nothing
+    report = report._replace(time_s=ship.time_s + 4.0 * width_s)
+    known = fringe_passages(fringes, MACH)
+    assert -0.5 < evidence_of_levels(fringes, MACH, known, report) < 0.1
+
+
+def test_a_rise_of_rain_without_a_pattern_speaks_against_a_passage():
+    fringes = draw_nothing("rain", 21)
+    level = np.convolve(fringes.level_db, np.ones(31) / 31.0, "same")
+    time_s = float(fringes.time_s[15:-15][np.argmax(level[15:-15])])
+    report = PassageReport(time_s, 2.0, 30.0, 10.0)
+    assert -2.0 < evidence_of_levels(fringes, MACH, [], report) < -0.3
