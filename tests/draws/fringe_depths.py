@@ -19,7 +19,7 @@ from uwtrack_cli.motion.evidence.fringes import fringe_passages
 
 def main(first: int, last: int, say: Callable[[str], None]) -> None:
     """Print depths of draws."""
-    held = {True: [], False: []}
+    held: dict[bool, list[tuple[float, float]]] = {True: [], False: []}
     for seed in range(first, last):
         for is_deep, told in held.items():
             frequency, power, ship = draw_power(seed, is_deep=is_deep)
