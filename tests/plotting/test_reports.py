@@ -15,8 +15,8 @@ from uwtrack_cli.flow.long_term import by_hour, hour_levels
 from uwtrack_cli.flow.passages import PassageRow
 from uwtrack_cli.flow.sound_hours import SoundSpan
 from uwtrack_cli.plotting.deployment_report import calendar_figure, deployment_html
-from uwtrack_cli.plotting.listen import in_band
-from uwtrack_cli.plotting.passage_words import reasons_once
+from uwtrack_cli.plotting.html_page import in_band
+from uwtrack_cli.plotting.passage import reasons_once
 from uwtrack_cli.plotting.view import View
 
 HOUR_NS = 3600 * 10**9

@@ -265,15 +265,11 @@ def _write_sound(
 ) -> None:  # fmt: skip
     """Write the spectrogram of a sound file, opened as the options say."""
     from uwtrack_cli.plotting.page import Page, write_pages
-    from uwtrack_cli.plotting.sound_page import checked_style, sound_figure
+    from uwtrack_cli.plotting.sound_pages import sound_figure
 
-    checked = checked_style(**style)
     recording = open_source(file, opening)
     with progress_bar("plot", recording.duration_s) as done:
-        page = Page(
-            "sound", None, None,
-            lambda asked: sound_figure(recording, checked, asked, done),
-        )  # fmt: skip
+        page = Page("sound", lambda view: sound_figure(recording, view, done, **style))
         write_pages([page], target, view, overwrite=overwrite)
     say(f"wrote {target}")
 
@@ -549,8 +545,11 @@ def _of_folder(
     from uwtrack_cli.flow.deployment import read_deployment
     from uwtrack_cli.flow.passages import collect_passages, usual_cache
     from uwtrack_cli.flow.rerun_sources import with_sound
-    from uwtrack_cli.plotting.deployment_report import deployment_html
-    from uwtrack_cli.plotting.thumbnail import MOST_THUMBNAILS, glances
+    from uwtrack_cli.plotting.deployment_report import (
+        MOST_THUMBNAILS,
+        deployment_html,
+        glances,
+    )
 
     table = collect_passages([folder], ais=ais, within_m=within_m, cache=usual_cache())
     deployment = read_deployment([folder], table, glanced=MOST_THUMBNAILS)

@@ -6,9 +6,8 @@ from matplotlib.axes import Axes
 from uwtrack_cli.arrays.line_array import LineArray
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import BearingTime
-from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
-from uwtrack_cli.data.series import Series
+from uwtrack_cli.plotting.panels import contact_bearings
 from uwtrack_cli.plotting.picture import cell_edges, check_axes
 from uwtrack_cli.plotting.style import (
     LEVELS_MAP,
@@ -109,18 +108,13 @@ def draw_contact_angles(record: BearingTime, scene: Scene, ax: Axes) -> Axes:
 
     Those that are followed without lines lie below those of lines.
     """
-    series, lines = scene.first(Series), scene.first(Lines)
-    if series is not None and record.cos_angle is not None:
-        angle_deg = _angle_from_ahead(record, series.time_s, series.bearing_deg)
-        for contact in np.unique(series.contact).tolist():
-            own = series.contact == contact
-            _mark(ax, series.time_s[own], angle_deg[own], contact)
-    if lines is not None:
-        angle_deg = _angle_from_ahead(record, lines.time_s, lines.measured_bearing_deg)
-        for line, contact in zip(lines.line_id, lines.line_contact, strict=True):
-            if contact > 0:
-                own = lines.line == line
-                _mark(ax, lines.time_s[own], angle_deg[own], scene.number(contact))
+    measured = contact_bearings(scene, has_tables=record.cos_angle is not None)
+    for _, number, time_s, bearing_deg, _ in measured:
+        angle_deg = _angle_from_ahead(record, time_s, bearing_deg)
+        rows = np.flatnonzero(np.isfinite(angle_deg))
+        kept = rows[:: max(1, -(-rows.size // MOST_MARKS))]
+        ax.plot(time_s[kept], angle_deg[kept], "o", ms=2.6, mew=0.4,
+                color=contact_color(number), mec="white")  # fmt: skip
     return ax
 
 
@@ -137,15 +131,6 @@ def _angle_from_ahead(
         angle_deg = (side * angle_deg) % 360.0
         angle_deg = np.minimum(angle_deg, 360.0 - angle_deg)
     return angle_deg
-
-
-def _mark(ax: Axes, time_s: FloatArray, angle_deg: FloatArray, contact: int) -> None:
-    rows = np.flatnonzero(np.isfinite(angle_deg))
-    kept = rows[:: max(1, -(-rows.size // MOST_MARKS))]
-    ax.plot(
-        time_s[kept], angle_deg[kept], "o", ms=2.6, mew=0.4,
-        color=contact_color(contact), mec="white",
-    )  # fmt: skip
 
 
 def draw_frequency_azimuth(

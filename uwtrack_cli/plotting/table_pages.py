@@ -4,6 +4,8 @@ A target's page: its track among the measurements, and how the threshold followe
 decision's page: the log odds of each pair, and the four terms they rest on, over scans.
 """
 
+from functools import partial
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,7 +15,7 @@ from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.page_layout import HeadLine, PagePart, page_figure
+from uwtrack_cli.plotting.layout import HeadLine, alone, page_figure
 from uwtrack_cli.plotting.style import (
     NO_CONTACT,
     calm,
@@ -36,9 +38,9 @@ def target_figure(scene: Scene, view: View) -> Figure:
     if target is None or not target.scan.size:
         msg = "the track holds no scan, so there is nothing to draw."
         raise DataError(msg)
-    upper = PagePart(5.4, lambda part: draw_target(target, scans, part.subplots()))
-    lower = PagePart(2.6, lambda part: draw_threshold(target, part.subplots()))
-    return page_figure([HeadLine("Track in clutter")], view, [upper, lower])
+    blocks = [alone(5.4, partial(draw_target, target, scans)),
+              alone(2.6, partial(draw_threshold, target))]  # fmt: skip
+    return page_figure([HeadLine("Track in clutter")], view, blocks)
 
 
 def decision_figure(scene: Scene, view: View) -> Figure:
@@ -53,9 +55,8 @@ def decision_figure(scene: Scene, view: View) -> Figure:
     if decision is None or not decision.scan_time_s.size:
         msg = "no contacts were compared, so there is nothing to draw."
         raise DataError(msg)
-    upper = PagePart(4.0, lambda part: draw_odds(decision, part.subplots()))
-    lower = PagePart(4.0, lambda part: draw_terms(decision, part.subplots()))
-    return page_figure([HeadLine("Which one moves")], view, [upper, lower])
+    blocks = [alone(4.0, partial(draw, decision)) for draw in (draw_odds, draw_terms)]
+    return page_figure([HeadLine("Which one moves")], view, blocks)
 
 
 def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
@@ -63,23 +64,35 @@ def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
 
     Two or more components are drawn as a map of the first two, one over time.
     """
-    if target.component.size == 1:
-        return _draw_over_time(target, scans, ax)
+    is_map, lost = target.component.size > 1, target.lost
     # ranges, bearings and rates are measured of what is drawn in east and north
     if scans is not None and scans.component.tolist() == target.component.tolist():
-        x, y = scans.measured[:, 0], scans.measured[:, 1]
-        ax.plot(x, y, ".", ms=1.5, color=NO_CONTACT, zorder=1, label="measurements")
+        first = scans.measured[:, 0]
+        across = (first, scans.measured[:, 1]) if is_map else (scans.time_s, first)
+        ax.plot(*across, ".", ms=1.5, color=NO_CONTACT, zorder=1, label="measurements")
     for number, own in enumerate(target.targets, 1):
         color = contact_color(number)
+        if not is_map:
+            half = 1.96 * own.state_std[:, 0]
+            draw_band(ax, own.time_s, own.state[:, 0], half, color)
+            continue
         ax.plot(own.state[:, 0], own.state[:, 2], "-o", markersize=2, color=color)
         for mean, covariance in zip(own.state, own.state_covariance, strict=True):
             place = covariance[np.ix_([0, 2], [0, 2])]
             draw_ellipse(ax, mean[[0, 2]], place, color, alpha=0.1)
-    lost = target.lost
-    ax.plot(target.state[lost, 0], target.state[lost, 2], "kx", label="lost")
+    place = target.state[:, [0, 2]] if is_map else None
+    lost_at = (target.time_s, target.state[:, 0]) if place is None else tuple(place.T)
+    ax.plot(*(one[lost] for one in lost_at), "kx", label="lost")
     ax.legend(fontsize=8)
-    _fit_view(target, ax)
-    ax.set(xlabel=_label(target, 0), ylabel=_label(target, 1))
+    names = [f"{name} ({unit})" if unit else str(name) for name, unit in
+             zip(target.component, target.component_unit, strict=True)]  # fmt: skip
+    names = list(map(figure_text, names if is_map else ["time (s)", *names]))
+    ax.set(xlabel=names[0], ylabel=names[1])
+    if place is not None:  # clutter may fill a window many times the track's size
+        variance = target.state_std[:, [0, 2]] ** 2
+        reach = 4.0 * np.sqrt(np.nanmedian(variance, axis=0))
+        low, high = place.min(axis=0) - reach, place.max(axis=0) + reach
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return calm(ax)
 
 
@@ -95,35 +108,6 @@ def draw_threshold(target: Target, ax: Axes) -> Axes:
         other.fill_between(own.time_s, own.loss_cusum, step="mid", alpha=0.2, color="k")
     other.set(ylabel="score of loss", ylim=(0.0, None))
     return calm(ax)
-
-
-def _draw_over_time(target: Target, scans: Scans | None, ax: Axes) -> Axes:
-    if scans is not None:
-        ax.plot(
-            scans.time_s, scans.measured[:, 0], ".", markersize=1.5, color=NO_CONTACT
-        )
-    for number, own in enumerate(target.targets, 1):
-        half, color = 1.96 * own.state_std[:, 0], contact_color(number)
-        draw_band(ax, own.time_s, own.state[:, 0], half, color)
-    lost = target.lost
-    ax.plot(target.time_s[lost], target.state[lost, 0], "kx", label="lost")
-    ax.legend(fontsize=8)
-    ax.set(xlabel="time (s)", ylabel=_label(target, 0))
-    return calm(ax)
-
-
-def _fit_view(target: Target, ax: Axes) -> None:
-    """Show the track: clutter may fill a window many times its size."""
-    reach = 4.0 * np.sqrt(np.nanmedian(target.state_std[:, [0, 2]] ** 2, axis=0))
-    low = target.state[:, [0, 2]].min(axis=0) - reach
-    high = target.state[:, [0, 2]].max(axis=0) + reach
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-
-
-def _label(target: Target, index: int) -> str:
-    unit = str(target.component_unit[index])
-    name = str(target.component[index])
-    return figure_text(f"{name} ({unit})" if unit else name)
 
 
 def draw_odds(decision: Decision, ax: Axes) -> Axes:

@@ -9,8 +9,8 @@ the model that it was fitted with, in degrees and in hertz.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -42,25 +42,17 @@ from uwtrack_cli.motion.target_motion.own_ship import (
     OwnPath,
     make_sensors_track,
 )
-from uwtrack_cli.plotting.maps import fit_limits, furnish
-from uwtrack_cli.plotting.page_layout import (
+from uwtrack_cli.plotting import style
+from uwtrack_cli.plotting.layout import (
     HeadLine,
     PagePart,
+    alone,
     page_figure,
     timed,
 )
-from uwtrack_cli.plotting.passage_words import reasons_once, speed_text, value_text
-from uwtrack_cli.plotting.style import (
-    BAND_DEVIATIONS,
-    MEASURED,
-    Clock,
-    calm,
-    contact_color,
-    draw_arrow,
-    draw_band,
-    draw_ellipse,
-    name_place,
-)
+from uwtrack_cli.plotting.maps import fit_limits, furnish
+from uwtrack_cli.plotting.passage import reasons_once, speed_text, value_text
+from uwtrack_cli.plotting.style import Clock
 from uwtrack_cli.plotting.view import Scene, Units, View
 
 MAP_IN = 5.4
@@ -73,10 +65,21 @@ LIKELY = 0.3
 """How visible a mode of no weight is."""
 
 
-@dataclass(frozen=True, eq=False)
-class PlottedResiduals:
+MANY_POINTS = 200
+"""Rows from which residuals are drawn as small dots, lest they hide each other."""
+
+STATE = (
+    ("range_m", "", 0, "m"), ("bearing_deg", "in ", 1, "deg"), ("speed_mps", "", 1, ""),
+    ("course_deg", "course ", 0, "deg"),
+)  # fmt: skip
+"""What is said of a state: column, words before it, decimals, unit."""
+
+
+class PlottedResiduals(NamedTuple):
     """What the best mode of a contact leaves of its measurements."""
 
+    contact: int
+    """The contact."""
     time_s: FloatArray
     """Times of the rows, s, shape (row,)."""
     bearing_deg: FloatArray
@@ -104,16 +107,13 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
         motions = motions.take("motion", np.flatnonzero(motions.contact == contact))
         own = np.flatnonzero(motions.update_contact == contact)
         motions = motions.take("update", own)
-    measured = [m for m in _measured(scene) if m.contact in motions.contact]
-    parts = _parts(scene, motions, measured)
+    parts = _parts(scene, motions)
     first, last = float(motions.time_s.min()), float(motions.now_time_s.max())
     span_s = view.span_s((first, max(last, first + 1.0)), scene.clock)
     heads = _heads(motions, scene.clock, view.units)
-    map_in = MAP_IN if view.is_wide else 0.95 * view.width_in
     ways = measured_from(scene)
-    left = PagePart(
-        map_in, lambda part: draw_motion_map(motions, ways, part.subplots())
-    )
+    left = alone(MAP_IN if view.is_wide else 0.95 * view.width_in,
+                 lambda ax: draw_motion_map(motions, ways, ax))  # fmt: skip
     if not parts:
         return page_figure(heads, view, [left._replace(height=0.7 * view.width_in)])
     ticks = 5 if view.is_wide else view.ticks
@@ -126,13 +126,11 @@ def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
     found: list[HeadLine] = []
     for row in (row for row in json_rows(motions) if row["mode"] == 1):
         found += [HeadLine(_state(row, units)), HeadLine(_now(row, clock))]
-        others = int(np.sum(motions.contact == row["contact"])) - 1
-        if others:
+        if others := int(np.sum(motions.contact == row["contact"])) - 1:
             text = (
                 f"{others} other motion{'' if others == 1 else 's'} fit about as well; "
-                f"this one has the weight {row['weight']:.2f}"
             )
-            found.append(HeadLine(text))
+            found.append(HeadLine(f"{text}this one has the weight {row['weight']:.2f}"))
         if row["reading"] == "manoeuvre":
             text = "\u26a0 the target changed its velocity: no straight motion fits"
             found.append(HeadLine(text, warns=True))
@@ -141,20 +139,14 @@ def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
     return found
 
 
-STATE = (
-    ("range_m", "", 0, "m"), ("bearing_deg", "in ", 1, "deg"), ("speed_mps", "", 1, ""),
-    ("course_deg", "course ", 0, "deg"),
-)  # fmt: skip
-"""What is said of a state: column, words before it, decimals, unit."""
-
-
 def _state(row: Row, units: Units) -> str:
     parts = [f"contact {row['contact']}"]
     for key, before, digits, unit in STATE:
-        if row[key] is not None:
-            speed = speed_text(row, units) if key == "speed_mps" else ""
-            parts.append(speed or f"{before}{value_text(row, key, digits)} {unit}")
-    return "   ".join(parts)
+        if key == "speed_mps":
+            parts.append(speed_text(row, units))
+        elif row[key] is not None:
+            parts.append(f"{before}{value_text(row, key, digits)} {unit}")
+    return "   ".join(filter(None, parts))
 
 
 def motion_states(motions: Motions, units: Units) -> list[str]:
@@ -163,10 +155,8 @@ def motion_states(motions: Motions, units: Units) -> list[str]:
 
 
 def _now(row: Row, clock: Clock) -> str:
-    begin = f"{row['time_s']:.0f} s"
-    if row["time_utc"]:
-        begin = f"{utc_text(row['time_utc'])} UTC"
-    text = f"state at the first measurement, {begin}"
+    begin = f"{utc_text(row['time_utc'])} UTC" if row["time_utc"] else ""
+    text = f"state at the first measurement, {begin or format(row['time_s'], '.0f') + ' s'}"
     if row["now_range_m"] is None:
         return text
     end = clock.text(row["now_time_s"]) + " s" * (clock.start_utc_ns is None)
@@ -197,9 +187,9 @@ def draw_motion_map(
         way = place - origin
         if np.ptp(way, axis=1).max() > 1.0:
             ax.plot(*way, color="black", lw=1.4)
-            draw_arrow(ax, way[:, -6], way[:, -1], "black")
+            style.draw_arrow(ax, way[:, -6], way[:, -1], "black")
         ax.plot(*way[:, 0], "k^", ms=7)
-        name_place(ax, way[:, 0], name, "black", (6, -12))
+        style.name_place(ax, way[:, 0], name, "black", (6, -12))
     for row in range(motions.contact.size):
         _draw_mode(motions, row, ray_m, ax)
     fit_limits(ax, ratio)
@@ -207,7 +197,7 @@ def draw_motion_map(
 
 
 def _draw_mode(motions: Motions, row: int, ray_m: float, ax: Axes) -> None:
-    color = contact_color(int(motions.contact[row]))
+    color = style.contact_color(int(motions.contact[row]))
     distance_m, bearing_deg = motions.range_m[row], motions.bearing_deg[row]
     along = compass_unit(bearing_deg)
     if not np.isfinite(along).all():
@@ -219,22 +209,22 @@ def _draw_mode(motions: Motions, row: int, ray_m: float, ax: Axes) -> None:
     start = distance_m * along
     spread = place_covariance(distance_m, bearing_deg, motions.covariance[row, :2, :2])
     ax.plot(*start, "o", ms=4, color=color, alpha=alpha)
-    draw_ellipse(ax, start, spread, color, 0.25 * alpha)
+    style.draw_ellipse(ax, start, spread, color, 0.25 * alpha)
     name = f"{motions.contact[row]}"
     if (motions.contact == motions.contact[row]).sum() > 1:
         name += f", mode {motions.mode[row]} ({100 * motions.weight[row]:.0f} %)"
-    name_place(ax, start, name, color, (9, 9))
+    style.name_place(ax, start, name, color, (9, 9))
     duration_s = motions.now_time_s[row] - motions.time_s[row]
     way = motions.speed_mps[row] * duration_s * compass_unit(motions.course_deg[row])
     if np.isfinite(way).all():
         end = start + way
         ax.plot(*np.stack([start, end], 1), "-", lw=1.3, color=color, alpha=alpha)
-        draw_arrow(ax, start + 0.9 * way, end, color, alpha)
+        style.draw_arrow(ax, start + 0.9 * way, end, color, alpha)
         ax.plot(*end, "s", ms=4, color=color, alpha=alpha)
         std = [motions.now_range_std_m[row], motions.now_bearing_std_deg[row]]
         now = float(motions.now_range_m[row]), float(motions.now_bearing_deg[row])
         spread = place_covariance(*now, np.diag(std) ** 2)
-        draw_ellipse(ax, end, spread, color, 0.25 * alpha)
+        style.draw_ellipse(ax, end, spread, color, 0.25 * alpha)
 
 
 def _measured(scene: Scene) -> list[Measurements]:
@@ -280,18 +270,20 @@ def motion_residuals(
 
     None where the range is not observable, or own ship's way is not known.
     """
-    rows = np.flatnonzero((motions.contact == data.contact) & (motions.mode == 1))
-    if not rows.size or not motions.observable[rows[0]]:
+    is_best = (motions.contact == data.contact) & (motions.mode == 1)
+    rows = np.flatnonzero(is_best & motions.observable)
+    if not rows.size:
         return None
     row = int(rows[0])
-    place = motions.range_m[row] * compass_unit(motions.bearing_deg[row])
-    velocity = motions.speed_mps[row] * compass_unit(motions.course_deg[row])
-    state = np.hstack([place, velocity])
-    if not np.isfinite(state).all():
-        return None
+    state = np.hstack([
+        motions.range_m[row] * compass_unit(motions.bearing_deg[row]),
+        motions.speed_mps[row] * compass_unit(motions.course_deg[row]),
+    ])  # fmt: skip
     try:
         paths, sensor = _paths(scene, data)
     except DataError:
+        return None
+    if not np.isfinite(state).all():
         return None
     steps = np.diff(np.unique(data.time_s))  # several sensors share instants
     interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
@@ -313,48 +305,39 @@ def motion_residuals(
         # an array's heading has an offset
         left = left - np.nansum(left) / max(1, np.isfinite(left).sum())
     shift = 1.0 - rate / motions.sound_speed_mps
-    own = motions.rest_motion == row
-    rest = dict(zip(motions.rest_line_id[own].tolist(),
-                    motions.rest_frequency_hz[own].tolist(), strict=True))  # fmt: skip
-    at_rest = np.array([rest.get(int(k), np.nan) for k in data.line_id])
-    return PlottedResiduals(
-        data.time_s, left, data.frequency_hz - at_rest[:, np.newaxis] * shift
-    )
+    at_rest = np.full((data.line_id.size, 1), np.nan)
+    for k in np.flatnonzero(motions.rest_motion == row):
+        at_rest[data.line_id == motions.rest_line_id[k]] = motions.rest_frequency_hz[k]
+    off_hz = data.frequency_hz - at_rest * shift
+    return PlottedResiduals(data.contact, data.time_s, left, off_hz)
 
 
-def _parts(
-    scene: Scene, motions: Motions, measured: Sequence[Measurements]
-) -> list[PagePart]:
+def _parts(scene: Scene, motions: Motions) -> list[PagePart]:
     """Return residuals of bearing and frequency, and the range over time."""
-    each = [(m.contact, motion_residuals(scene, motions, m)) for m in measured]
-    left = [(contact, found) for contact, found in each if found is not None]
-    parts = []
+    each = [motion_residuals(scene, motions, data) for data in _measured(scene)]
+    left, parts = [found for found in each if found is not None], []
     for name, unit in (("bearing_deg", "deg"), ("frequency_hz", "Hz")):
-        if any(np.isfinite(getattr(found, name)).any() for _, found in left):
+        if any(np.isfinite(getattr(found, name)).any() for found in left):
             label = f"{name.partition('_')[0]} residual\n({unit})"
             parts.append(PagePart(1.5, partial(_draw_residuals, left, name, label)))
     if _bounded(motions).any():
-        parts.append(PagePart(1.7, lambda ax: draw_ranges(motions, ax)))
+        parts.append(PagePart(1.7, partial(draw_ranges, motions)))
     return parts
 
 
-MANY_POINTS = 200
-"""Rows from which residuals are drawn as small dots, lest they hide each other."""
-
-
 def _draw_residuals(
-    left: Sequence[tuple[int, PlottedResiduals]], name: str, label: str, ax: Axes
+    left: Sequence[PlottedResiduals], name: str, label: str, ax: Axes
 ) -> None:
-    calm(ax, label).axhline(0.0, color=MEASURED, lw=0.8)
-    for contact, found in left:
+    style.calm(ax, label).axhline(0.0, color=style.MEASURED, lw=0.8)
+    for found in left:
         size = 3 if found.time_s.size > MANY_POINTS else 6
         ax.plot(found.time_s, getattr(found, name).T, ".", ms=size, alpha=0.6,
-                mec="none", color=contact_color(contact))  # fmt: skip
+                mec="none", color=style.contact_color(found.contact))  # fmt: skip
 
 
 def _bounded(motions: Motions) -> BoolArray:
     """Tell which estimates over time say something of the range."""
-    half = BAND_DEVIATIONS * motions.update_range_std_m
+    half = style.BAND_DEVIATIONS * motions.update_range_std_m
     bounded: BoolArray = half < WIDEST * motions.update_range_m
     return bounded
 
@@ -364,12 +347,12 @@ def draw_ranges(motions: Motions, ax: Axes) -> Axes:
 
     Before the range is observable the band would fill the picture: it is left out.
     """
-    calm(ax, "range at the start,\nas known then (m)")
+    style.calm(ax, "range at the start,\nas known then (m)")
     bounded = _bounded(motions)
     for name in np.unique(motions.update_contact):
         own = bounded & (motions.update_contact == name)
-        half = BAND_DEVIATIONS * motions.update_range_std_m[own]
+        half = style.BAND_DEVIATIONS * motions.update_range_std_m[own]
         time_s, middle = motions.update_time_s[own], motions.update_range_m[own]
-        color = contact_color(int(name))
-        draw_band(ax, time_s, middle, half, color, marker=".", lw=1.0)
+        color = style.contact_color(int(name))
+        style.draw_band(ax, time_s, middle, half, color, marker=".", lw=1.0)
     return ax
