@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.motions import Motions
@@ -206,32 +206,22 @@ def write_pages(
         The file name asks for another kind of picture, or the view for what is not.
     """
     check_picture(output, overwrite=overwrite)
-    is_document = output.suffix.lower() == ".pdf"
-    figures = [page.draw(view) for page in (pages if is_document else pages[:1])]
-    if not is_document:
-        write_figure(figures[0], output, view.dpi or DPI, overwrite=overwrite)
-        return
-    from matplotlib.backends.backend_pdf import PdfPages
-
-    told: Any = {"CreationDate": None, "Title": figures[0].get_label()}
-    with (
-        atomic_target(output, overwrite=overwrite) as temporary,
-        PdfPages(temporary, metadata=told) as document,
-    ):
-        for figure in figures:
-            _lay_out(figure, view.dpi or 2 * DPI)
-            document.savefig(figure, dpi=view.dpi or 2 * DPI)
-
-
-def write_figure(
-    figure: Figure, output: Path, dpi: float, *, overwrite: bool = False
-) -> None:
-    """Write a figure as PNG or SVG."""
+    form = output.suffix[1:].lower()
+    figures = [page.draw(view) for page in (pages if form == "pdf" else pages[:1])]
     with (
         atomic_target(output, overwrite=overwrite) as temporary,
         temporary.open("wb") as file,
     ):
-        save_figure(figure, file, output.suffix[1:].lower(), dpi)
+        if form != "pdf":
+            save_figure(figures[0], file, form, view.dpi or DPI)
+            return
+        from matplotlib.backends.backend_pdf import PdfPages
+
+        told: Any = {"CreationDate": None, "Title": figures[0].get_label()}
+        with PdfPages(file, metadata=told) as document:
+            for figure in figures:
+                _lay_out(figure, view.dpi or 2 * DPI)
+                document.savefig(figure, dpi=view.dpi or 2 * DPI)
 
 
 def save_figure(figure: Figure, file: IO[bytes], form: str, dpi: float) -> None:
@@ -253,14 +243,10 @@ def _lay_out(figure: Figure, dpi: float) -> None:
     figure.set_dpi(dpi)
     engine.execute(figure)
     figure.set_layout_engine(None)  # one that is left would have all drawn twice
-    parts = list(figure.subfigs)
-    while parts:
-        part = parts.pop()
-        parts += part.subfigs
+    for part in figure.findobj(SubFigure):
         part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), 6))
     for ax in figure.axes:
-        place = np.round(ax.get_position(original=True).bounds, 6)
-        ax.set_position(tuple(place))
+        ax.set_position(np.round(ax.get_position(original=True).bounds, 6).tolist())
 
 
 def png_of(figure: Figure, dpi: float = DPI) -> bytes:

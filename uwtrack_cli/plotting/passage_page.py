@@ -23,15 +23,8 @@ from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting import panels, passage, style
-from uwtrack_cli.plotting.layout import (
-    HeadLine,
-    PagePart,
-    alone,
-    fitting,
-    page_figure,
-    timed,
-)
+from uwtrack_cli.plotting import layout, panels, passage, style
+from uwtrack_cli.plotting.layout import HeadLine, PagePart
 from uwtrack_cli.plotting.maps import draw_map
 from uwtrack_cli.plotting.passage import ReportedPassage
 from uwtrack_cli.plotting.picture import FrequencyAxis, shades
@@ -90,14 +83,14 @@ def passage_figure(scene: Scene, row: int, view: View) -> Figure:
         view.is_wide or view.height_in is None
     )
     marked = [part._replace(draw=partial(_draw_marked, part, fit))
-              for part in fitting(parts, view)]  # fmt: skip
-    heads, left = _heads(fit, view), timed(marked, view, scene.clock, span_s)
+              for part in layout.fitting(parts, view)]  # fmt: skip
+    heads, left = _heads(fit, view), layout.timed(marked, view, scene.clock, span_s)
     if view.is_wide and (has_map or view.stands_alone):
         side = partial(_fill_side, scene, fit, view, has_map=has_map)
         widths = (2.25 if has_map else 3.0, 1.0)
-        return page_figure(heads, view, [left, PagePart(3.6, side)], widths)
-    below = alone(MAP_IN, partial(draw_map, scene, fit))
-    return page_figure(heads, view, [left, below] if has_map else [left])
+        return layout.page_figure(heads, view, [left, PagePart(3.6, side)], widths)
+    below = layout.alone(MAP_IN, partial(draw_map, scene, fit))
+    return layout.page_figure(heads, view, [left, below] if has_map else [left])
 
 
 def _heads(fit: ReportedPassage, view: View) -> list[HeadLine]:

@@ -42,14 +42,8 @@ from uwtrack_cli.motion.target_motion.own_ship import (
     OwnPath,
     make_sensors_track,
 )
-from uwtrack_cli.plotting import style
-from uwtrack_cli.plotting.layout import (
-    HeadLine,
-    PagePart,
-    alone,
-    page_figure,
-    timed,
-)
+from uwtrack_cli.plotting import layout, style
+from uwtrack_cli.plotting.layout import HeadLine, PagePart
 from uwtrack_cli.plotting.maps import fit_limits, furnish
 from uwtrack_cli.plotting.passage import reasons_once, speed_text, value_text
 from uwtrack_cli.plotting.style import Clock
@@ -112,13 +106,17 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
     span_s = view.span_s((first, max(last, first + 1.0)), scene.clock)
     heads = _heads(motions, scene.clock, view.units)
     ways = measured_from(scene)
-    left = alone(MAP_IN if view.is_wide else 0.95 * view.width_in,
+    left = layout.alone(MAP_IN if view.is_wide else 0.95 * view.width_in,
                  lambda ax: draw_motion_map(motions, ways, ax))  # fmt: skip
     if not parts:
-        return page_figure(heads, view, [left._replace(height=0.7 * view.width_in)])
+        return layout.page_figure(
+            heads, view, [left._replace(height=0.7 * view.width_in)]
+        )
     ticks = 5 if view.is_wide else view.ticks
-    right = timed(parts, view, scene.clock, span_s, ticks)
-    return page_figure(heads, view, [left, right], (1.0, 1.05) if view.is_wide else ())
+    right = layout.timed(parts, view, scene.clock, span_s, ticks)
+    return layout.page_figure(
+        heads, view, [left, right], (1.0, 1.05) if view.is_wide else ()
+    )
 
 
 def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
