@@ -271,6 +271,8 @@ def map_figure(ways: Sequence[PassageRow], view: View) -> Figure:
 def _tables(deployment: Deployment, units: Units) -> Iterator[dict[str, Any]]:
     """Yield the counts per day and vessel, and all passages; the counts add up."""
     passages, hours = deployment.passages, hours_per_day(deployment.sound)
+    if undated := [span for span in deployment.sound if span.recording]:
+        hours["unknown"] = total_h(undated)
     counts = Counter((p.time_utc or "unknown")[:10] for p in passages)
     days = sorted(hours.keys() | counts.keys())
     vessels = Counter(p.vessel or "" for p in passages).most_common()

@@ -100,7 +100,8 @@ class FringeImage(NamedTuple):
         grid = np.linspace(*ax.get_xlim(), 300)
         starts_hz = np.geomspace(frequency[0], 0.8 * frequency[-1], N_CURVES)
         for far in (relative_range(grid, law) for law in laws):
-            ax.plot(grid, starts_hz * far[:, np.newaxis], color="black", lw=0.8)
+            ax.plot(grid, starts_hz * far[:, np.newaxis], color="black", lw=0.9,
+                    path_effects=style.halo())  # fmt: skip
         return ax
 
 

@@ -48,6 +48,9 @@ LEAST_CHANCE = 0.005
 SURE = 0.9
 """Probability below which a passage is marked."""
 
+OTHERWISE = {"not-significant": "", "outside": "it passes outside of the recording"}
+"""Words for what else a passage may be, where its code does not say it."""
+
 FACTS = (
     ("slant range", "slant_range_m", 1, "m"),
     ("horizontal range", "horizontal_range_m", 1, "m"),
@@ -271,8 +274,8 @@ def speed_text(row: Row, units: Units) -> str:
 
 def _otherwise(row: Row) -> str:
     """Return what else a passage is likeliest to be; empty for nothing that is known."""
-    code = row.get("alternative") or ""
-    return "" if code == "not-significant" else str(code).replace("-", " ")
+    code = str(row.get("alternative") or "")
+    return OTHERWISE.get(code, code.replace("-", " "))
 
 
 def cautions(row: Row) -> list[str]:

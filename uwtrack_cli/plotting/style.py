@@ -105,7 +105,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def halo() -> list[Any]:
-    """Return the white edge that marks have on the dark of a lofargram."""
+    """Return the white edge that marks have on a picture."""
     return [Stroke(linewidth=1.4, foreground="white", alpha=0.9), Normal()]
 
 

@@ -106,7 +106,9 @@ def draw_threshold(target: Target, ax: Axes) -> Axes:
     other = ax.twinx()
     for own in target.targets:
         other.fill_between(own.time_s, own.loss_cusum, step="mid", alpha=0.2, color="k")
-    other.set(ylabel="score of loss", ylim=(0.0, None))
+    other.set(ylim=(0.0, None))
+    other.set_ylabel("score of loss", fontsize=8)
+    other.tick_params(labelsize=8)
     return calm(ax)
 
 
