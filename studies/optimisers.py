@@ -14,6 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from studies.annealing import (
+    AnnealingPolicy,
+    annealing_search,
+)
+from studies.genetic import (
+    GeneticPolicy,
+    genetic_search,
+)
 from studies.rows import (
     exact_row,
     load_reference,
@@ -21,21 +29,13 @@ from studies.rows import (
     median_row,
     share_row,
 )
-from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.data.study import Study, StudyRow
-from uwtrack_cli.motion.target_motion.solvers.annealing import (
-    AnnealingPolicy,
-    annealing_search,
-)
-from uwtrack_cli.motion.target_motion.solvers.genetic import (
-    GeneticPolicy,
-    genetic_search,
-)
-from uwtrack_cli.motion.target_motion.solvers.simplex import (
+from studies.simplex import (
     Minima,
     nelder_mead,
     simplex_about,
 )
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.data.study import Study, StudyRow
 
 HALF_WIDTH = 2.0
 BOX = (np.full(6, -HALF_WIDTH), np.full(6, HALF_WIDTH))

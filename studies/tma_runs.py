@@ -12,6 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from studies.hybrid import (
+    Box,
+    Global,
+    PenalisedMisfit,
+    hybrid_search,
+    to_solver,
+)
 from studies.tma_scenarios import (
     REST_HZ,
     TmaScenario,
@@ -25,13 +32,6 @@ from uwtrack_cli.motion.target_motion.model import to_motion, to_state
 from uwtrack_cli.motion.target_motion.objective import misfit_value
 from uwtrack_cli.motion.target_motion.observability import information
 from uwtrack_cli.motion.target_motion.problem import Problem
-from uwtrack_cli.motion.target_motion.solvers.hybrid import (
-    Box,
-    Global,
-    PenalisedMisfit,
-    hybrid_search,
-    to_solver,
-)
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     DescentResult,
     minimise,

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from studies.hybrid import Global, hybrid_search
 from studies.rows import (
     exact_row,
     load_reference,
@@ -55,7 +56,6 @@ from uwtrack_cli.data.base import BoolArray
 from uwtrack_cli.data.study import Study, StudyRow
 from uwtrack_cli.motion.target_motion.observability import information
 from uwtrack_cli.motion.target_motion.problem import Loss, Problem
-from uwtrack_cli.motion.target_motion.solvers.hybrid import Global, hybrid_search
 from uwtrack_cli.motion.target_motion.solvers.recursive import estimate_recursively
 from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 

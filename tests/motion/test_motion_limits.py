@@ -8,6 +8,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi2, multivariate_normal
 
+from studies import genetic, hybrid
+from studies.simplex import nelder_mead
 from tests.motion.sonar_scene import Scene as SonarScene
 from tests.motion.test_sub_bands import LAW, PLACE_S, heights, levels_of
 from uwtrack_cli.data.sensor import Navigation, Sensor
@@ -51,12 +53,10 @@ from uwtrack_cli.motion.target_motion.observability import (
     criterion_probability,
 )
 from uwtrack_cli.motion.target_motion.own_ship import OwnPath, bend_rad
-from uwtrack_cli.motion.target_motion.solvers import genetic, hybrid
 from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     SearchBounds,
     search_bounds,
 )
-from uwtrack_cli.motion.target_motion.solvers.simplex import nelder_mead
 from uwtrack_cli.motion.tma import _deviations
 
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import minimize, rosen
 
 from studies.rows import load_reference
+from studies.simplex import nelder_mead, simplex_about
 from studies.tma_runs import (
     PAPER,
     PAPER_BOX,
@@ -36,7 +37,6 @@ from uwtrack_cli.motion.target_motion.objective import misfit
 from uwtrack_cli.motion.target_motion.observability import information
 from uwtrack_cli.motion.target_motion.solvers.marquardt import minimise
 from uwtrack_cli.motion.target_motion.solvers.recursive import estimate_recursively
-from uwtrack_cli.motion.target_motion.solvers.simplex import nelder_mead, simplex_about
 from uwtrack_cli.motion.target_motion.solvers.solvers import solve_mle
 from uwtrack_cli.motion.target_motion.starts import multistart
 

@@ -91,8 +91,9 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
     solver
         How the minimum is found: mle descends from many starts, is exact and the
         fastest; recursive updates the estimate with every row and is the fastest for
-        an estimate after each; genetic and annealing are the paper's hybrids with a
-        simplex, which find the same, several times slower, and miss it sometimes.
+        an estimate after each; genetic and annealing search the whole box as the paper
+        does (scipy's differential evolution and dual annealing) and descend from the
+        best point, which finds the same, several times slower.
     array_heading
         Direction of a line array that cannot resolve left from right: own course, the
         heading of own ship (of a fixed sensor: its own), or none for bearings that

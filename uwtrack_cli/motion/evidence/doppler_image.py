@@ -213,7 +213,10 @@ class DopplerImage:
         self._margin = int(LARGEST_SHIFT / cell) + 1
         wide = ((0, 0), (self._margin, self._margin))
         self._value = np.pad(value.astype(np.float32), wide)
-        self._known = np.pad(np.ones_like(value, np.float32), wide)
+        self._known = np.pad(np.ones(self.log_hz.size, np.float32), self._margin)
+        view = np.lib.stride_tricks.sliding_window_view
+        self._shifted = view(self._value, self.log_hz.size, axis=1)
+        self._known_of = view(self._known, self.log_hz.size)
         self._cell, self._overlap = cell, max(0.0, 1.0 - hop / length)
 
     def _stacked(
@@ -227,15 +230,10 @@ class DopplerImage:
         whole = np.floor(place if step == 1 else place + 0.5).astype(int)
         share = (place - whole).astype(np.float32)[..., None]
         whole += self._margin
-        count = self.log_hz.size
-        total = np.zeros((len(moved), count), np.float32)
-        known = np.zeros_like(total)
+        total = np.zeros((len(moved), self.log_hz.size), np.float32)
+        known, is_known = np.zeros_like(total), self._known_of
         for frame in range(0, self.time_s.size, step):
-            values, is_known = (
-                np.lib.stride_tricks.sliding_window_view(each[frame], count)
-                for each in (self._value, self._known)
-            )
-            low = whole[:, frame]
+            values, low = self._shifted[frame], whole[:, frame]
             if step > 1:
                 total += values[low]
                 known += is_known[low]
@@ -275,7 +273,7 @@ class DopplerImage:
         frames = np.arange(self.time_s.size)[:, None, None]
         cells = whole[:, None, None] + offsets[:, None] + np.arange(pattern.size)
         cells = np.clip(cells, 0, self._value.shape[1] - 1)
-        value, known = self._value[frames, cells], self._known[frames, cells]
+        value, known = self._value[frames, cells], self._known[cells]
         gain = ((value * pattern - 0.5 * known * pattern**2) * self.precision).sum(-1)
         best = np.clip(gain.argmax(axis=1), 1, 2 * reach - 1)
         rows = np.arange(best.size)

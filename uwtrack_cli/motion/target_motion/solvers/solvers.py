@@ -1,5 +1,11 @@
 """The solvers behind one interface: growing records in, estimates out.
 
+**Method.** `mle` and `recursive` descend. `genetic` and `annealing` search the box of
+the limits as Chang et al. (2003) do, by scipy's differential evolution (Storn & Price
+1997) and dual annealing (Xiang et al. 1997), and descend from what they find; the
+estimate of a record is fed back into the search of a longer one (their section IV).
+The paper's own searches stand in `studies`.
+
 **Conventions.** A solver takes the problem, the limits, the numbers of rows after
 which an estimate is wanted (ascending; the last is the whole record) and a seed. It
 returns one motion per such number, in solver coordinates.
@@ -7,15 +13,15 @@ returns one motion per such number, in solver coordinates.
 
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.estimation.angles import wrap_rad
+from uwtrack_cli.motion.target_motion.objective import misfit
 from uwtrack_cli.motion.target_motion.problem import Problem
-from uwtrack_cli.motion.target_motion.solvers.hybrid import solve_hybrid
-from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds
+from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.solvers.recursive import solve_recursive
 from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
 
@@ -55,9 +61,53 @@ def _nearest(q: FloatArray, last: FloatArray) -> FloatArray:
     return np.asarray(q[np.abs(apart[:, 1]).argmin()])
 
 
+def solve_globally(
+    problem: Problem,
+    limits: SearchBounds,
+    ends: IntArray,
+    seed: int,
+    *,
+    search: Literal["genetic", "annealing"],
+) -> FloatArray:
+    """Search the whole box at every length, and descend from the best point."""
+    from scipy.optimize import Bounds, differential_evolution, dual_annealing
+
+    lower, upper = limits.lower.copy(), limits.upper.copy()
+    lower[1], upper[1] = 0.0, 2.0 * np.pi
+    box, rng = Bounds(lower, upper), np.random.default_rng(seed)
+    place: FloatArray | None = None
+    found: list[FloatArray] = []
+    for end in ends:
+        part = problem.rows(slice(0, int(end)))
+
+        def value(points: FloatArray, part: Problem = part) -> Any:
+            # scipy's types know of one point (4,) alone, its search asks (4, n), too
+            found = misfit(part, np.atleast_2d(points.T)).value
+            return found if points.ndim == 2 else float(found[0])
+
+        if search == "genetic":
+            best = differential_evolution(
+                value, box, x0=place, rng=rng, vectorized=True, polish=False,
+                updating="deferred",
+            ).x  # fmt: skip
+        else:
+            best = dual_annealing(
+                value, box, x0=place, rng=rng, no_local_search=True,
+                maxiter=ANNEALING_STEPS,
+            ).x  # fmt: skip
+        fit = minimise(part, np.asarray(best)[np.newaxis], limits)
+        found.append(fit.q[0])
+        place = np.clip(fit.q[0], lower, upper)
+        place[1] = np.mod(fit.q[0, 1], 2.0 * np.pi)
+    return np.stack(found)
+
+
+ANNEALING_STEPS = 300
+"""Temperatures of the annealing; the descent does the rest."""
+
 SOLVERS: dict[SolverName, Solver] = {
     "mle": solve_mle,
     "recursive": solve_recursive,
-    "genetic": partial(solve_hybrid, search="genetic"),
-    "annealing": partial(solve_hybrid, search="annealing"),
+    "genetic": partial(solve_globally, search="genetic"),
+    "annealing": partial(solve_globally, search="annealing"),
 }

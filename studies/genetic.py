@@ -11,9 +11,9 @@ from typing import Annotated
 
 import numpy as np
 
+from studies.simplex import Minima, Objective
 from uwtrack_cli.data.base import BoolArray, FloatArray
 from uwtrack_cli.data.options import AtLeast, AtMost, OptionGroup
-from uwtrack_cli.motion.target_motion.solvers.simplex import Minima, Objective
 
 
 @dataclass(frozen=True)

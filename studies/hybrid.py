@@ -1,4 +1,4 @@
-"""The paper's hybrids: a global search, then a simplex, with adaptive feedback.
+"""The hybrids of the paper: a global search, then a simplex, with adaptive feedback.
 
 **Method.** Chang et al. 2003, sections III-IV, corrected. The unknowns are range,
 bearing, speed, course and every rest frequency, in a box. Values outside are charged
@@ -16,24 +16,24 @@ from typing import Literal
 
 import numpy as np
 
-from uwtrack_cli.data.base import FloatArray, IntArray
-from uwtrack_cli.motion.target_motion.model import from_motion
-from uwtrack_cli.motion.target_motion.objective import misfit_value
-from uwtrack_cli.motion.target_motion.problem import Problem
-from uwtrack_cli.motion.target_motion.solvers.annealing import (
+from studies.annealing import (
     AnnealingPolicy,
     annealing_search,
 )
-from uwtrack_cli.motion.target_motion.solvers.genetic import (
+from studies.genetic import (
     GeneticPolicy,
     genetic_search,
 )
-from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds
-from uwtrack_cli.motion.target_motion.solvers.simplex import (
+from studies.simplex import (
     Minima,
     nelder_mead,
     simplex_about,
 )
+from uwtrack_cli.data.base import FloatArray, IntArray
+from uwtrack_cli.motion.target_motion.model import from_motion
+from uwtrack_cli.motion.target_motion.objective import misfit_value
+from uwtrack_cli.motion.target_motion.problem import Problem
+from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds
 
 PENALTY = 1e6
 """Charge for a violation by the whole width of the box (Chang et al., eq. 8)."""
