@@ -178,7 +178,8 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
             pages_of,
             write_pages,
         )
-        from uwtrack_cli.plotting.view import View, sized
+        from uwtrack_cli.plotting.style import WIDE_IN
+        from uwtrack_cli.plotting.view import View
     except ImportError as error:
         msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
@@ -187,13 +188,11 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     refuse_without_ais(context, ais)
     target = _picture_name(output, files, contact, passage, is_demon=is_demon)
     check_picture(target, overwrite=overwrite)
-    view = sized(
-        View(
-            begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
-            has_lines=has_lines, units="kn" if units == "kn" else "m/s",
-            stands_alone=has_title,
-        ),
-        size, dpi,
+    width_in, height_in = size or (WIDE_IN, None)
+    view = View(
+        begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
+        has_lines=has_lines, units="kn" if units == "kn" else "m/s",
+        stands_alone=has_title, width_in=width_in, height_in=height_in, dpi=dpi,
     )  # fmt: skip
     if is_sound:
         style = {"window_s": window_s, "db_range": db_range, "colormap": colormap}

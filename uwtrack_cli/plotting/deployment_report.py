@@ -46,7 +46,7 @@ from uwtrack_cli.plotting import html_page, maps, panels, style
 from uwtrack_cli.plotting.layout import PagePart, page_figure, timed
 from uwtrack_cli.plotting.page import scenes_of
 from uwtrack_cli.plotting.passage import ReportedPassage, passages_of
-from uwtrack_cli.plotting.picture import FrequencyAxis, cell_edges, shades
+from uwtrack_cli.plotting.picture import FrequencyAxis, cell_edges
 from uwtrack_cli.plotting.style import Clock
 from uwtrack_cli.plotting.view import Scene, Units, View
 
@@ -363,8 +363,7 @@ def thumbnail(scene: Scene, fit: ReportedPassage) -> Figure | None:
         return None
     figure = Figure(figsize=THUMB_IN)  # fixed margins: a layout costs more than it
     ax = figure.add_axes((0.09, 0.2, 0.9, 0.75))
-    cells = found.edges_s, found.axis.edges_hz(), found.level_db
-    style.draw_cells(ax, *cells, shades(found.level_db))
+    found.draw(ax, label="")
     if fit.has_doppler:
         time_s = np.linspace(*span_s, 200)
         ax.plot(time_s, rest * (1.0 + fit.shift(time_s)[0])[:, np.newaxis], lw=0.7,
@@ -372,8 +371,6 @@ def thumbnail(scene: Scene, fit: ReportedPassage) -> Figure | None:
                 path_effects=style.halo())  # fmt: skip
     ax.axvline(fit.marked_s, color="white", lw=0.8, linestyle=(0, (2, 2)))
     scene.clock.set_axis(ax, span_s, 6)
-    ax.set_ylim(low, high)
     ax.set_ylabel("Hz", fontsize=8)
-    ax.tick_params(labelsize=8)
     figure.set_label(f"passage {fit.number}")
     return figure

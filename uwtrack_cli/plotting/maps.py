@@ -188,19 +188,18 @@ def sensor_places(
     ``sensors``: the sensors; without latitude and longitude their own grid is taken.
     ``fixes``: positions; None without.
     """
-    known = [
-        Origin(s.latitude, s.longitude)
-        for s in sensors
+    known = {
+        s.id: Origin(s.latitude, s.longitude) for s in sensors
         if s.latitude is not None and s.longitude is not None
-    ]
+    }  # fmt: skip
     if not known or len(known) < len(sensors):
         return {s.id: (s.east_m or 0.0, s.north_m or 0.0) for s in sensors}
-    origin = known[0]
+    origin = next(iter(known.values()))
     if fixes is not None and fixes.origin_latitude is not None:
         origin = Origin(fixes.origin_latitude, fixes.origin_longitude or 0.0)
     return {
-        s.id: to_grid(where.latitude, where.longitude, origin)
-        for s, where in zip(sensors, known, strict=True)
+        name: to_grid(where.latitude, where.longitude, origin)
+        for name, where in known.items()
     }
 
 

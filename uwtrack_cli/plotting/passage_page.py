@@ -27,7 +27,7 @@ from uwtrack_cli.plotting import layout, panels, passage, style
 from uwtrack_cli.plotting.layout import HeadLine, PagePart
 from uwtrack_cli.plotting.maps import draw_map
 from uwtrack_cli.plotting.passage import ReportedPassage
-from uwtrack_cli.plotting.picture import FrequencyAxis, shades
+from uwtrack_cli.plotting.picture import FrequencyAxis
 from uwtrack_cli.plotting.style import Span
 from uwtrack_cli.plotting.view import Scene, View
 
@@ -167,8 +167,8 @@ def _draw_strip(
             c=np.nan_to_num(snr_db, nan=USUAL_SNR_DB), cmap=f"{style.LEVELS_MAP}_r",
         )  # fmt: skip
     else:
-        cells = found.edges_s, found.axis.edges_hz() - rest, found.level_db
-        style.draw_cells(ax, *cells, shades(found.level_db))
+        axis = FrequencyAxis(-half, half, is_log=False, rows=STRIP_ROWS)
+        found._replace(axis=axis).draw(ax, label="")
     _draw_curve(fit, rest, rest_row, ax, is_picture=found is not None)
     ax.set_ylim(-half, half)
     ax.yaxis.set_major_locator(MaxNLocator(nbins=3, symmetric=True))

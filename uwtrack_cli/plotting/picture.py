@@ -342,11 +342,10 @@ def _columns(
         begins = np.flatnonzero(np.diff(column, prepend=-1))
         pooled = pool(block.power_density, block.frequency_hz, edges_hz)
         pooled[~is_whole] = 0.0
-        own = column[begins]
-        total[own] += np.add.reduceat(pooled, begins)
-        time_s[own] += np.add.reduceat(frames.time_s, begins)
-        n_frames[own] += np.add.reduceat(np.ones(column.size), begins)
-        n_whole[own] += np.add.reduceat(is_whole.astype(float), begins)
+        for sums, own in ((total, pooled), (time_s, frames.time_s),
+                          (n_frames, np.ones(column.size)),
+                          (n_whole, is_whole.astype(float))):  # fmt: skip
+            sums[column[begins]] += np.add.reduceat(own, begins)
         progress(float(frames.time_s[-1]))
     drawn = n_frames > 0
     density = np.full_like(total, np.nan)

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -26,7 +26,7 @@ O = TypeVar("O", Encounters, Presence)
 T = TypeVar("T")
 
 Units = Literal["kn", "m/s"]
-SizeIn = Annotated[tuple[float, float], Unit("in"), AtLeast(2), AtMost(60)] | None
+SizeIn = Annotated[tuple[float, float], Unit("in"), AtLeast(2), AtMost(60)]
 Dpi = Annotated[float, AtLeast(20), AtMost(1200)] | None
 
 DPI = 110
@@ -43,7 +43,7 @@ DAYTIME = re.compile(r"\d\d:\d\d(:\d\d(\.\d+)?)?")
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """How pages are drawn."""
+    """How pages are drawn; a size or number of dots out of range is an `OptionError`."""
 
     begin: str | None = None
     """Begin: UTC, time of day or seconds; None is that of what is drawn."""
@@ -65,6 +65,21 @@ class View:
     """Dots per inch of a page that is stored as dots; None is the usual number."""
     stands_alone: bool = True
     """Whether the page has its title and numbers; else they stand beside it."""
+
+    def __post_init__(self) -> None:
+        """Refuse pictures of a size that cannot be drawn."""
+        convert("--dpi", Dpi, self.dpi)
+        if self.height_in is None:
+            return
+        size = self.width_in, self.height_in
+        convert("--size", SizeIn, size)
+        dpi = self.dpi or DPI
+        if (dots := size[0] * size[1] * dpi**2) > MOST_DOTS:
+            msg = (
+                f"--size {size[0]:g} {size[1]:g} with --dpi {dpi:g} makes {dots / 1e6:.0f} "
+                f"million dots; {MOST_DOTS / 1e6:.0f} million are accepted."
+            )
+            raise OptionError(msg)
 
     @property
     def is_wide(self) -> bool:
@@ -108,29 +123,6 @@ class View:
             )
             raise OptionError(msg)
         return low, high
-
-
-def sized(view: View, size: tuple[float, float] | None, dpi: float | None) -> View:
-    """Return a view of a page of so many inches, and so many dots in each.
-
-    Raises
-    ------
-    OptionError
-        One is out of range, or both make a picture of too many dots.
-    """
-    dpi = convert("--dpi", Dpi, dpi)
-    size = convert("--size", SizeIn, size)
-    view = replace(view, dpi=dpi)
-    if size is None:
-        return view
-    dots = size[0] * size[1] * (dpi or DPI) ** 2
-    if dots > MOST_DOTS:
-        msg = (
-            f"--size {size[0]:g} {size[1]:g} with --dpi {dpi or DPI:g} makes "
-            f"{dots / 1e6:.0f} million dots; {MOST_DOTS / 1e6:.0f} million are accepted."
-        )
-        raise OptionError(msg)
-    return replace(view, width_in=size[0], height_in=size[1])
 
 
 def to_seconds(text: str, clock: Clock) -> float:
