@@ -171,7 +171,8 @@ def test_a_folder_leads_to_the_pages_of_its_passages(uwtrack, timed_run, tmp_pat
 
 def test_counts_of_a_folder_add_up():
     page = Page(deployment_html(deployment(), "spring"))
-    assert page.rows["Days"][-1] == ["all", "2.0", "3"]
+    assert page.rows["Days"][-1] == ["all", "3.0", "3"]
+    assert sum(float(row[1]) for row in page.rows["Days"][1:-1]) == 3.0
     assert sum(int(row[-1]) for row in page.rows["Days"][1:-1]) == 3
     assert page.rows["Vessels"][1:] == [
         ["not named", "2"],

@@ -345,7 +345,8 @@ def thumbnail(scene: Scene, fit: ReportedPassage) -> Figure | None:
 
     It has the part of the overview where its lines are; without a line, all of it.
     """
-    overview, span_s = scene.overview, fit.span_s(scene, View())
+    scene = scene.shown(View(), fit.span_s(scene, View()))
+    overview, span_s = scene.overview, scene.span_s
     if overview is None or overview.frequency_hz.size < 2:
         return None
     rest = fit.encounters.rest_frequency_hz[fit.rest_rows]
@@ -356,7 +357,7 @@ def thumbnail(scene: Scene, fit: ReportedPassage) -> Figure | None:
         high = min(high, float(rest.max()) + margin)
     try:
         axis = FrequencyAxis(low, high, is_log=False)
-        found = panels.picture_of(scene, axis, span_s) if low < high else None
+        found = panels.picture_of(scene, axis) if low < high else None
     except DataError:
         found = None
     if found is None:

@@ -56,6 +56,11 @@ class HeadLine(NamedTuple):
     """Size of its letters, points; 0: as it fits the page."""
 
 
+def warning(text: str) -> HeadLine:
+    """Return a line that a reader must not overlook."""
+    return HeadLine(f"\u26a0 {text}", warns=True)
+
+
 def span_title(span_s: Span, clock: Clock, names: Sequence[str]) -> str:
     """Return the title of a span of recordings: begin and end, s, and their names."""
     length_s, is_utc = np.ptp(span_s), clock.start_utc_ns is not None

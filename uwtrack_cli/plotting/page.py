@@ -24,12 +24,15 @@ from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.hdf5.layout import sensor_of
+from uwtrack_cli.plotting.analysis_pages import (
+    decision_figure,
+    target_figure,
+    target_motion_figure,
+)
 from uwtrack_cli.plotting.layout import alternative_text
 from uwtrack_cli.plotting.passage_page import passage_figure
 from uwtrack_cli.plotting.recording_page import recording_figure
 from uwtrack_cli.plotting.sound_pages import demon_figure
-from uwtrack_cli.plotting.table_pages import decision_figure, target_figure
-from uwtrack_cli.plotting.target_motion_page import target_motion_figure
 from uwtrack_cli.plotting.view import DPI, Scene, View
 
 SUFFIXES = (".png", ".pdf", ".svg")

@@ -19,6 +19,7 @@ from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import Fringes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import KINDS, OF_VESSELS, Presence
+from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.data.spectra import MODULATION, Levels, Overview
 from uwtrack_cli.files.text_escaping import figure_text
@@ -35,8 +36,7 @@ from uwtrack_cli.plotting.picture import (
     lofargram,
     overview_picture,
 )
-from uwtrack_cli.plotting.style import Span
-from uwtrack_cli.plotting.view import Scene, View
+from uwtrack_cli.plotting.view import Scene
 
 WHOLE_IN, PART_IN, COMB_IN, RATES_IN, CURVE_IN = 2.5, 2.3, 1.9, 1.6, 1.1
 """Heights of the pictures of the whole band, of the lines' part of it, of a comb, of the
@@ -90,13 +90,13 @@ class Outlined(NamedTuple):
     """Passage that it belongs to; 0 for none."""
 
 
-def lofargram_parts(scene: Scene, view: View, span_s: Span) -> list[PagePart]:
+def lofargram_parts(scene: Scene) -> list[PagePart]:
     """Return the picture of the whole band, and that of the lines' part enlarged.
 
     Where there is no picture, the lines are drawn by themselves.
     """
-    lines, held = outlined_lines(scene, view, span_s), scene.first(Lines)
-    known_hz = _known_band(scene, span_s)
+    lines, held, view = outlined_lines(scene), scene.first(Lines), scene.view
+    known_hz = _known_band(scene)
     if known_hz is None and not lines:
         return []
     if known_hz is None:
@@ -115,15 +115,15 @@ def lofargram_parts(scene: Scene, view: View, span_s: Span) -> list[PagePart]:
     return [
         PagePart(height, partial(_draw_lofargram, scene, found, axis, own))
         for height, axis, own, window_s in shown
-        for found in [picture_of(scene, axis, span_s, window_s)]
+        for found in [picture_of(scene, axis, window_s)]
     ]
 
 
-def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:
+def _known_band(scene: Scene) -> tuple[float, float] | None:
     """Return the band that there is a picture of, Hz: of the sound, or the overview."""
     overview = scene.overview
-    if scene.sound is not None and has_sound(scene, span_s):
-        return 0.0, 0.5 * scene.sound.sample_rate_hz
+    if (sound := drawn_sound(scene)) is not None:
+        return 0.0, 0.5 * sound.sample_rate_hz
     if overview is None or not overview.shade.size:
         return None
     check_axes(overview, "time_s", "frequency_hz")
@@ -137,16 +137,17 @@ def is_of_envelope(overview: Overview | None) -> bool:
     return overview is not None and overview.reference == MODULATION
 
 
-def has_sound(scene: Scene, span_s: Span) -> bool:
-    """Tell whether the sound is at hand, and short enough to be drawn from."""
-    overview = scene.overview
-    if scene.sound is None or is_of_envelope(overview):
-        return False
-    return float(np.ptp(span_s)) * scene.sound.sample_rate_hz <= MOST_SAMPLES
+def drawn_sound(scene: Scene) -> Recording | None:
+    """Return the sound that pictures are drawn from: at hand, and short enough."""
+    sound = scene.sound
+    if sound is None or is_of_envelope(scene.overview):
+        return None
+    is_short = float(np.ptp(scene.span_s)) * sound.sample_rate_hz <= MOST_SAMPLES
+    return sound if is_short else None
 
 
 def picture_of(
-    scene: Scene, axis: FrequencyAxis, span_s: Span, window_s: float | None = None
+    scene: Scene, axis: FrequencyAxis, window_s: float | None = None
 ) -> Picture | None:
     """Return a span of the sound over its floor, else of the overview; None without.
 
@@ -154,14 +155,14 @@ def picture_of(
     """
 
     def make() -> Picture | None:
-        overview, found = scene.overview, None
-        if scene.sound is not None and has_sound(scene, span_s):
-            found = lofargram(scene.sound, axis, span_s, window_s)
+        sound, overview, found = drawn_sound(scene), scene.overview, None
+        if sound is not None:
+            found = lofargram(sound, axis, scene.span_s, window_s)
         if found is None and overview is not None and overview.shade.size:
-            found = overview_picture(overview, axis, span_s)
+            found = overview_picture(overview, axis, scene.span_s)
         return found
 
-    return scene.once((axis, span_s, window_s), make)
+    return scene.once((axis, scene.span_s, window_s), make)
 
 
 def _draw_lofargram(
@@ -187,25 +188,24 @@ def _draw_lofargram(
                         color="white", alpha=0.8, mec="none")  # fmt: skip
 
 
-def outlined_lines(scene: Scene, view: View, span_s: Span) -> list[Outlined]:
+def outlined_lines(scene: Scene) -> list[Outlined]:
     """Return the lines that are outlined: no fragments, unless all are asked for."""
-    key = ("lines", view.has_lines, span_s)
-    return scene.once(key, lambda: list(_outlined(scene, view.has_lines, span_s)))
+    key = ("lines", scene.view.has_lines, scene.span_s)
+    return scene.once(key, lambda: list(_outlined(scene)))
 
 
-def _outlined(scene: Scene, has_lines: bool | None, span_s: Span) -> Iterator[Outlined]:
-    lines = scene.first(Lines)
+def _outlined(scene: Scene) -> Iterator[Outlined]:
+    lines, has_lines = scene.first(Lines), scene.view.has_lines
     if lines is None or has_lines is False:
         return
     order = np.argsort(lines.line, kind="stable")
-    order = order[style.within(lines.time_s[order], span_s)]
+    order = order[style.within(lines.time_s[order], scene.span_s)]
     first, last = (np.searchsorted(lines.line[order], lines.line_id, side=side)
                    for side in ("left", "right"))  # fmt: skip
     rows = [order[begin:end] for begin, end in zip(first, last, strict=True)]
-    lasting_s = np.array(
-        [np.ptp(lines.time_s[own]) if own.size else -1.0 for own in rows]
-    )
-    least_s = 0.0 if has_lines else LASTING * float(np.ptp(span_s))
+    times = [lines.time_s[own] for own in rows]
+    lasting_s = np.array([np.ptp(one) if one.size else -1.0 for one in times])
+    least_s = 0.0 if has_lines else LASTING * float(np.ptp(scene.span_s))
     longest = np.argsort(-lasting_s, kind="stable")[: None if has_lines else MOST_LINES]
     kept = longest[lasting_s[longest] >= least_s]
     for line in np.sort(kept):
@@ -228,9 +228,8 @@ def lines_part(lines: Sequence[Outlined], axis: FrequencyAxis) -> FrequencyAxis 
     share = 1.0 if middle.size <= FEW_LINES else LINES_SHARE
     low, high = middle[[0, int(np.ceil(share * middle.size)) - 1]].tolist()
     margin = max(0.15 * (high - low), 0.08 * high)
-    part = FrequencyAxis(
-        max(0.0, low - margin), min(high + margin, axis.high_hz), False
-    )
+    low, high = max(0.0, low - margin), min(high + margin, axis.high_hz)
+    part = FrequencyAxis(low, high, is_log=False)
     ends = np.clip([part.low_hz, part.high_hz], axis.low_hz, axis.high_hz)
     is_small = float(np.ptp(axis.share(ends))) < PART_SHARE
     return part if is_small and part.low_hz < part.high_hz else None
@@ -253,9 +252,9 @@ def _outline(
                 alpha=0.9 if line.number else alpha)  # fmt: skip
 
 
-def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
+def comb_part(scene: Scene) -> list[PagePart]:
     """Return the harmonics of the longest family over time, by their number."""
-    presence, rows = scene.presence, scene.stretches(span_s)
+    presence, rows = scene.presence, scene.stretches
     if presence is None:
         return []
     is_vessel = np.isin(presence.kind[rows], list(OF_VESSELS))
@@ -263,17 +262,17 @@ def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
     rows = rows[known & (presence.n_lines[rows] > 1)]
     if not rows.size:
         return []
-    seen = np.clip([presence.from_s[rows], presence.to_s[rows]], *span_s)
+    seen = np.clip([presence.from_s[rows], presence.to_s[rows]], *scene.span_s)
     row = int(rows[np.argmax(np.ptp(seen, axis=0))])
     spacing = float(presence.spacing_hz[row])
     own = presence.frequency_hz[presence.frequency_stretch == row] / spacing
     highest = min(HARMONICS, round(float(own.max(initial=4.0))) + 2)
-    window_s = min(CELLS_PER_TOOTH / spacing, 0.125 * float(np.ptp(span_s)))
+    window_s = min(CELLS_PER_TOOTH / spacing, 0.125 * float(np.ptp(scene.span_s)))
     axis = FrequencyAxis(0.5 * spacing, (highest + 0.5) * spacing, is_log=False)
-    band_hz = _known_band(scene, span_s)
+    band_hz = _known_band(scene)
     if band_hz is None or axis.high_hz > band_hz[1] or window_s * spacing < 2.0:
         return []
-    if (picture := picture_of(scene, axis, span_s, window_s)) is None:
+    if (picture := picture_of(scene, axis, window_s)) is None:
         return []
 
     def draw(ax: Axes) -> None:
@@ -285,12 +284,10 @@ def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
     return [PagePart(COMB_IN, draw)]
 
 
-def fringe_part(
-    scene: Scene, span_s: Span, fits: Sequence[ReportedPassage]
-) -> list[PagePart]:
+def fringe_part(scene: Scene, fits: Sequence[ReportedPassage]) -> list[PagePart]:
     """Return the image of fringes, with the curves of passages over it."""
     fringes = scene.first(Fringes)
-    image = None if fringes is None else FringeImage.of(fringes, span_s)
+    image = None if fringes is None else FringeImage.of(fringes, scene.span_s)
     if image is None:
         return []
     laws = [law_of(fit.time_s, fit.width_s, fit.mach) for fit in fits if fit.is_drawn]
@@ -298,12 +295,12 @@ def fringe_part(
     return [PagePart(COMB_IN, lambda ax: image.draw(ax, laws))] if laws else []
 
 
-def presence_part(scene: Scene, span_s: Span) -> list[PagePart]:
+def presence_part(scene: Scene) -> list[PagePart]:
     """Return bars of what was heard: a row for each vessel, and for each other kind."""
     if (presence := scene.presence) is None:
         return []
     rows = defaultdict[tuple[int, int, int], list[int]](list)
-    for stretch in scene.stretches(span_s).tolist():
+    for stretch in scene.stretches.tolist():
         number = scene.owner(stretch)
         is_vessel = presence.kind[stretch] in OF_VESSELS
         contact = int(presence.contact[stretch]) if is_vessel else 0
@@ -350,18 +347,18 @@ def _draw_bars(
             )  # fmt: skip
 
 
-def rates_part(scene: Scene, span_s: Span) -> list[PagePart]:
+def rates_part(scene: Scene) -> list[PagePart]:
     """Return the modulation rates that were heard, over the envelope's spectrum."""
     presence, envelope = scene.presence, scene.envelope
     if presence is None:
         return []
-    near = np.isin(presence.rate_stretch, scene.stretches(span_s))
+    near = np.isin(presence.rate_stretch, scene.stretches)
     if not near.any():
         return []
     axis = FrequencyAxis(0.0, 1.25 * float(presence.rate_hz[near].max()), is_log=False)
     picture = None
     if envelope is not None and envelope is not scene.overview:
-        picture = overview_picture(envelope, axis, span_s)
+        picture = overview_picture(envelope, axis, scene.span_s)
 
     def draw(ax: Axes) -> None:
         if picture is not None:
@@ -373,7 +370,8 @@ def rates_part(scene: Scene, span_s: Span) -> list[PagePart]:
         below, place, is_over = -np.inf, 0, picture is not None
         for row in rows:
             stretch, rate = int(presence.rate_stretch[row]), presence.rate_hz[row]
-            ends = np.clip([presence.from_s[stretch], presence.to_s[stretch]], *span_s)
+            ends = presence.from_s[stretch], presence.to_s[stretch]
+            ends = np.clip(ends, *scene.span_s)
             line = Outlined(ends, np.full(2, rate), scene.owner(stretch))
             _outline(line, axis, ax, is_over=is_over)
             share = float(axis.share(rate))  # a value that covers one is put beside it
@@ -388,12 +386,10 @@ def rates_part(scene: Scene, span_s: Span) -> list[PagePart]:
     return [PagePart(CURVE_IN if picture is None else RATES_IN, draw)]
 
 
-def level_part(
-    scene: Scene, span_s: Span, fit: ReportedPassage | None = None
-) -> list[PagePart]:
+def level_part(scene: Scene, fit: ReportedPassage | None = None) -> list[PagePart]:
     """Return the level: its middle, what most frames lie within, and a passage's fit."""
     measured_s, level, name = _measured_level(scene, fit)
-    inside = style.within(measured_s, span_s) & np.isfinite(level)
+    inside = style.within(measured_s, scene.span_s) & np.isfinite(level)
     if inside.sum() < 2:
         return []
     time_s, level_db = measured_s[inside], level[inside]
@@ -461,9 +457,7 @@ def _draw_level_fit(
     ax.set_ylim(bottom - 1.5, float(np.nanmax(middle, initial=top)) + 1.5)
 
 
-def bearing_part(
-    scene: Scene, span_s: Span, fit: ReportedPassage | None = None
-) -> list[PagePart]:
+def bearing_part(scene: Scene, fit: ReportedPassage | None = None) -> list[PagePart]:
     """Return bearings of the sound and of lines, and those of a passage as fitted."""
     levels, own = scene.first(Levels), fit and fit.contact
     measured: list[Sequence[Any]] = []
@@ -476,10 +470,11 @@ def bearing_part(
     shown = [
         (time_s[inside], np.mod(bearing[inside], 360.0), number)
         for number, time_s, bearing, std in measured
-        for inside in [style.within(time_s, span_s) & ~(std >= USABLE_BEARING_DEG)]
+        for is_usable in [~(std >= USABLE_BEARING_DEG)]
+        for inside in [style.within(time_s, scene.span_s) & is_usable]
         if np.isfinite(bearing[inside]).any()
     ]
-    grid = np.linspace(*span_s, 400)
+    grid = np.linspace(*scene.span_s, 400)
     fitted = None if fit is None else fit.bearing(grid)
     if not shown and fitted is None:
         return []

@@ -28,7 +28,6 @@ from uwtrack_cli.plotting.layout import HeadLine, PagePart
 from uwtrack_cli.plotting.maps import draw_map
 from uwtrack_cli.plotting.passage import ReportedPassage
 from uwtrack_cli.plotting.picture import FrequencyAxis
-from uwtrack_cli.plotting.style import Span
 from uwtrack_cli.plotting.view import Scene, View
 
 BLOCKS = 0.25
@@ -71,22 +70,25 @@ def passage_figure(scene: Scene, row: int, view: View) -> Figure:
         The sound is asked for outside of the recording.
     """
     fit = passage.passages_of(scene)[row]
-    span_s = fit.span_s(scene, view)
+    scene = scene.shown(view, fit.span_s(scene, view))
     parts = [
-        *_line_strips(scene, fit, view, span_s),
-        *_residuals(scene, fit, span_s),
-        *panels.fringe_part(scene, span_s, [fit]),
-        *panels.level_part(scene, span_s, fit),
-        *panels.bearing_part(scene, span_s, fit),
+        *_line_strips(scene, fit),
+        *_residuals(scene, fit),
+        *panels.fringe_part(scene, [fit]),
+        *panels.level_part(scene, fit),
+        *panels.bearing_part(scene, fit),
     ]
     has_map = bool(np.isfinite(fit.range_m)) and (
         view.is_wide or view.height_in is None
     )
     marked = [part._replace(draw=partial(_draw_marked, part, fit))
               for part in layout.fitting(parts, view)]  # fmt: skip
-    heads, left = _heads(fit, view), layout.timed(marked, view, scene.clock, span_s)
+    heads, left = (
+        _heads(fit, view),
+        layout.timed(marked, view, scene.clock, scene.span_s),
+    )
     if view.is_wide and (has_map or view.stands_alone):
-        side = partial(_fill_side, scene, fit, view, has_map=has_map)
+        side = partial(_fill_side, scene, fit, has_map=has_map)
         widths = (2.25 if has_map else 3.0, 1.0)
         return layout.page_figure(heads, view, [left, PagePart(3.6, side)], widths)
     below = layout.alone(MAP_IN, partial(draw_map, scene, fit))
@@ -104,8 +106,7 @@ def _heads(fit: ReportedPassage, view: View) -> list[HeadLine]:
     n = len(row["rest_frequencies_hz"])
     second += [f"{n or 'no'} line{'' if n == 1 else 's'}", row["status"]]
     texts = [passage.passage_title(row, view.units), " \u00b7 ".join(second)]
-    return [*map(HeadLine, texts),
-            *(HeadLine(f"\u26a0 {text}", True) for text in passage.cautions(row))]  # fmt: skip
+    return [*map(HeadLine, texts), *map(layout.warning, passage.cautions(row))]
 
 
 def _draw_marked(part: PagePart, fit: ReportedPassage, ax: Axes) -> None:
@@ -116,16 +117,14 @@ def _draw_marked(part: PagePart, fit: ReportedPassage, ax: Axes) -> None:
         ax.axvline(at, lw=0.7, ls=(0, (1, 3)), color="black", zorder=1)
 
 
-def _line_strips(
-    scene: Scene, fit: ReportedPassage, view: View, span_s: Span
-) -> list[PagePart]:
+def _line_strips(scene: Scene, fit: ReportedPassage) -> list[PagePart]:
     """Return the strips of the best lines, the highest one on top."""
-    rows = _best_lines(fit, view)
+    rows = _best_lines(fit, scene.view)
     if not rows.size or not fit.has_doppler:
-        return panels.lofargram_parts(scene, view, span_s)
+        return panels.lofargram_parts(scene)
     names = [""] * rows.size
     names[(rows.size - 1) // 2] = "off the rest\nfrequency (Hz)"
-    return [PagePart(STRIP_IN, partial(_draw_strip, scene, fit, row, span_s, name))
+    return [PagePart(STRIP_IN, partial(_draw_strip, scene, fit, row, name))
             for row, name in zip(rows.tolist(), names, strict=True)]  # fmt: skip
 
 
@@ -143,14 +142,14 @@ def _best_lines(fit: ReportedPassage, view: View) -> IntArray:
 
 
 def _draw_strip(
-    scene: Scene, fit: ReportedPassage, rest_row: int, span_s: Span, name: str, ax: Axes
+    scene: Scene, fit: ReportedPassage, rest_row: int, name: str, ax: Axes
 ) -> None:
     """Draw a line: its sound, else the overview or what was measured; and its fit."""
     rest = float(fit.encounters.rest_frequency_hz[rest_row])
     sweep = rest * fit.mach / fit.width_s  # Hz/s, at closest approach
-    frame_s = float(min(1 / np.sqrt(sweep), LONGEST_FRAME_S, np.ptp(span_s) / 8))
+    frame_s = float(min(1 / np.sqrt(sweep), LONGEST_FRAME_S, np.ptp(scene.span_s) / 8))
     half, found, overview = SHIFTS * fit.mach * rest, None, scene.overview
-    is_resolved = panels.has_sound(scene, span_s)
+    is_resolved = panels.drawn_sound(scene) is not None
     if is_resolved:
         half = min(max(half, FEWEST_CELLS / 2 / frame_s), 0.9 * rest)
     elif overview is not None and overview.frequency_hz.size > 1:
@@ -158,7 +157,7 @@ def _draw_strip(
         is_resolved = int(inside.sum()) >= FEWEST_CELLS
     if is_resolved:
         axis = FrequencyAxis(rest - half, rest + half, is_log=False, rows=STRIP_ROWS)
-        found = panels.picture_of(scene, axis, span_s, frame_s)
+        found = panels.picture_of(scene, axis, frame_s)
     if found is None:
         line = int(fit.encounters.rest_line_id[rest_row])
         time_s, frequency_hz, _, snr_db = _measured_line(scene, fit.contact, line)
@@ -215,11 +214,11 @@ def _draw_curve(
     style.draw_band(ax, time_s, rest_hz * shift, half, color, path_effects=edge)
 
 
-def _residuals(scene: Scene, fit: ReportedPassage, span_s: Span) -> list[PagePart]:
+def _residuals(scene: Scene, fit: ReportedPassage) -> list[PagePart]:
     """Return what the lines leave of their curve."""
     if not fit.rest_rows.size or not fit.has_doppler:
         return []
-    time_s, left, weight = _left(scene, fit, span_s)
+    time_s, left, weight = _left(scene, fit)
     if time_s.size < 3:
         return []
     misfit = fit.printed["misfit"] or 0.0
@@ -233,7 +232,7 @@ def _residuals(scene: Scene, fit: ReportedPassage, span_s: Span) -> list[PagePar
         middle, mean, std = _block_means(time_s, left, weight, BLOCKS * fit.width_s)
         ax.errorbar(middle, mean, style.BAND_DEVIATIONS * std, fmt="o", ms=2.8, lw=0.9,
                     color="black")  # fmt: skip
-        grid = np.linspace(*span_s, 300)
+        grid = np.linspace(*scene.span_s, 300)
         half = 100 * style.BAND_DEVIATIONS * fit.shift(grid)[1] / fit.mach
         style.draw_band(ax, grid, np.zeros(grid.size), half, color)
         reach = 3.0 * float(np.median(np.abs(left))) / 0.6745
@@ -249,7 +248,7 @@ def _residuals(scene: Scene, fit: ReportedPassage, span_s: Span) -> list[PagePar
     return [PagePart(1.15, draw)]
 
 
-def _left(scene: Scene, fit: ReportedPassage, span_s: Span) -> FloatArray:
+def _left(scene: Scene, fit: ReportedPassage) -> FloatArray:
     """Return times, residuals in % of v/c, and weights of all lines of a passage."""
     found = [np.zeros((3, 0))]
     for k in fit.rest_rows:
@@ -262,7 +261,7 @@ def _left(scene: Scene, fit: ReportedPassage, span_s: Span) -> FloatArray:
         found.append(np.stack([time_s, left, weight]))
     every = np.concatenate(found, axis=1)
     # what lies outside, or the fit says nothing of, is left out
-    return every[:, style.within(every[0], span_s) & np.isfinite(every[1])]
+    return every[:, style.within(every[0], scene.span_s) & np.isfinite(every[1])]
 
 
 def _block_means(
@@ -279,19 +278,19 @@ def _block_means(
 
 
 def _fill_side(
-    scene: Scene, fit: ReportedPassage, view: View, side: SubFigure, *, has_map: bool
+    scene: Scene, fit: ReportedPassage, side: SubFigure, *, has_map: bool
 ) -> None:
     """Fill the side of the page: the map, and the numbers where the page stands alone."""
-    shares = [1.25] * has_map + [1.0] * view.stands_alone
+    shares = [1.25] * has_map + [1.0] * scene.view.stands_alone
     grid = side.subplots(len(shares), 1, height_ratios=shares, squeeze=False)[:, 0]
     if has_map:
         draw_map(scene, fit, grid[0])
-    if not view.stands_alone:
+    if not scene.view.stands_alone:
         return
     grid[-1].axis("off")
     shown = [
         (name if number == 0 else "", text)
-        for name, value in passage.fact_lines(fit.printed, view.units)
+        for name, value in passage.fact_lines(fit.printed, scene.view.units)
         for number, text in enumerate(wrap(value, FACT_CHARACTERS))
     ]
     for left, texts, color in zip((0.0, 0.36), zip(*shown, strict=True),

@@ -27,15 +27,14 @@ from uwtrack_cli.files.tables.json_rows import json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences
 from uwtrack_cli.files.text_escaping import figure_text
 from uwtrack_cli.plotting import bearing_time, layout, panels, passage, style
-from uwtrack_cli.plotting.layout import HeadLine, PagePart
-from uwtrack_cli.plotting.maps import draw_sensor_map, has_sensor_map
-from uwtrack_cli.plotting.passage import ReportedPassage
-from uwtrack_cli.plotting.style import Span
-from uwtrack_cli.plotting.target_motion_page import (
+from uwtrack_cli.plotting.analysis_pages import (
     draw_motion_map,
     measured_from,
     motion_states,
 )
+from uwtrack_cli.plotting.layout import HeadLine, PagePart
+from uwtrack_cli.plotting.maps import draw_sensor_map, has_sensor_map
+from uwtrack_cli.plotting.passage import ReportedPassage
 from uwtrack_cli.plotting.view import Scene, View
 
 MAP_IN = 4.6
@@ -60,21 +59,23 @@ def recording_figure(scenes: Sequence[Scene], view: View) -> Figure:
     if ends:
         begins, stops = zip(*ends, strict=True)
         shared = view.span_s((min(begins), max(stops)), scenes[0].clock)
-        parts = [p for s in scenes for p in _parts(s, view, shared, len(scenes))]
+    scenes = [scene.shown(view, shared) for scene in scenes]
+    if ends:
+        parts = [part for s in scenes for part in _parts(s, len(scenes))]
     below = None
     if view.is_wide or view.height_in is None or not parts:
-        below = _below(scenes, shared, 0.9 * view.width_in / (MAP_IN - 0.5))
+        below = _below(scenes, 0.9 * view.width_in / (MAP_IN - 0.5))
     if not parts and below is None:
         held = ", ".join(sorted({c.NAME for s in scenes for c in s.containers}))
         msg = f"there is nothing to draw; the files hold {held or 'nothing'}."
         raise DataError(msg)
     over = layout.timed(layout.fitting(parts, view), view, scenes[0].clock, shared)
     blocks = ([over] if parts else []) + ([PagePart(MAP_IN, below)] if below else [])
-    return layout.page_figure(_heads(scenes, view, shared), view, blocks)
+    return layout.page_figure(_heads(scenes), view, blocks)
 
 
 def _below(
-    scenes: Sequence[Scene], span_s: Span, ratio: float
+    scenes: Sequence[Scene], ratio: float
 ) -> Callable[[SubFigure], object] | None:
     """Return what is drawn below the panels over time: a map, or peaks of an array."""
     first = scenes[0]
@@ -92,7 +93,7 @@ def _below(
         is_line = sensor is not None and record.cos_angle is not None
         widths = [4.0, 1.0] if is_line else [1.0]
         grid = part.subplots(1, len(widths), width_ratios=widths, squeeze=False)[0]
-        bearing_time.draw_frequency_azimuth(record, peaks, grid[0], span_s)
+        bearing_time.draw_frequency_azimuth(record, peaks, grid[0], first.span_s)
         if sensor is not None and is_line:
             array = LineArray(sensor.element_places_m, sensor.sound_speed_mps)
             bearing_time.draw_beam_pattern(record, array, grid[1])
@@ -100,68 +101,62 @@ def _below(
     return draw
 
 
-def _heads(scenes: Sequence[Scene], view: View, span_s: Span) -> list[HeadLine]:
+def _heads(scenes: Sequence[Scene]) -> list[HeadLine]:
     """Return the title: what was recorded when; what came of it; and every passage."""
-    clock = scenes[0].clock
+    first, view = scenes[0], scenes[0].view
     names = [s.recording.name for s in scenes if s.recording is not None]
-    found = [HeadLine(layout.span_title(span_s, clock, names))]
+    found = [HeadLine(layout.span_title(first.span_s, first.clock, names))]
     sensors = ", ".join(scene.sensor for scene in scenes if scene.sensor)
     facts = [f"sensor {sensors}"] if sensors else []
-    passages = [fit for scene in scenes for fit in _passages(scene, span_s)]
-    facts += _counts(scenes[0], span_s, len(passages))
+    passages = [fit for scene in scenes for fit in _passages(scene)]
+    facts += _counts(first, len(passages))
     lines = [line.number for s in scenes if s.first(BearingTime) is None
-             for line in panels.outlined_lines(s, view, span_s)]  # fmt: skip
+             for line in panels.outlined_lines(s)]  # fmt: skip
     if lines:
         more = ", white ones of no passage" if 0 in lines else ""
         facts.append(f"edges: lines{more}")
     if facts:
         found.append(HeadLine(" \u00b7 ".join(facts)))
-    motions = scenes[0].first(Motions)
+    motions = first.first(Motions)
     if motions is not None:
         found += [HeadLine(text) for text in motion_states(motions, view.units)]
     for fit in passages[:MOST_NAMED]:
         where = f"   {fit.printed['sensor']}" if len(scenes) > 1 else ""
         title = f"{passage.passage_title(fit.printed, view.units)}{where}"
         found.append(HeadLine(title, number=fit.number))
-        found += [
-            HeadLine(f"\u26a0 {text}", True) for text in passage.cautions(fit.printed)
-        ]
+        found += map(layout.warning, passage.cautions(fit.printed))
     more = f"and {len(passages) - MOST_NAMED} more, as in the table"
     return found + [HeadLine(more)] * (len(passages) > MOST_NAMED)
 
 
-def _passages(scene: Scene, span_s: Span) -> list[ReportedPassage]:
+def _passages(scene: Scene) -> list[ReportedPassage]:
     """Return the passages within a span, and those whose time is not known."""
     return [fit for fit in passage.passages_of(scene)
-            if not (fit.marked_s < span_s[0] or fit.marked_s > span_s[1])]  # fmt: skip
+            if not (fit.marked_s < scene.span_s[0] or fit.marked_s > scene.span_s[1])]  # fmt: skip
 
 
-def _counts(scene: Scene, span_s: Span, n: int) -> list[str]:
+def _counts(scene: Scene, n: int) -> list[str]:
     """Say how many passages a span holds, and what else was heard in it."""
     presence, facts = scene.presence, []
     if scene.encounters is not None and (n or presence is None):
         facts.append(f"{n or 'no'} passage{'' if n == 1 else 's'}")
     if presence is not None:
-        heard = json_rows(presence.take("stretch", scene.stretches(span_s)))
+        heard = json_rows(presence.take("stretch", scene.stretches))
         for text in presence_sentences(heard, is_passed=n > 0):
             facts.append(text.removeprefix(NO_PASSAGE) if facts else text)
     return facts
 
 
-def _parts(scene: Scene, view: View, span_s: Span, count: int) -> list[PagePart]:
+def _parts(scene: Scene, count: int) -> list[PagePart]:
     """Return the panels of one sensor; of several sensors, only the first ones."""
-    first = _record(scene, span_s) or panels.lofargram_parts(scene, view, span_s)
-    fits = _passages(scene, span_s)
-    parts = [
-        *(first if count == 1 else first[:1]),
-        *panels.presence_part(scene, span_s),
-    ]
+    first = _record(scene) or panels.lofargram_parts(scene)
+    fits = _passages(scene)
+    parts = (first if count == 1 else first[:1]) + panels.presence_part(scene)
     if count == 1:
-        parts += panels.comb_part(scene, span_s)
-        parts += panels.fringe_part(scene, span_s, fits)
-        parts += panels.rates_part(scene, span_s) + panels.level_part(scene, span_s)
+        parts += panels.comb_part(scene) + panels.fringe_part(scene, fits)
+        parts += panels.rates_part(scene) + panels.level_part(scene)
         if scene.first(BearingTime) is None:
-            parts += panels.bearing_part(scene, span_s)
+            parts += panels.bearing_part(scene)
     name = scene.sensor if count > 1 else None
     return [
         part._replace(draw=partial(_draw_marked, part, fits, name, place == 0))
@@ -189,14 +184,14 @@ def _draw_marked(
         )  # fmt: skip
 
 
-def _record(scene: Scene, span_s: Span) -> list[PagePart]:
+def _record(scene: Scene) -> list[PagePart]:
     """Return the bearing-time record of a line array, and where it pointed."""
     record = scene.first(BearingTime)
     if record is None or not record.frames.n_frames:
         return []
 
     def draw(ax: Axes) -> None:
-        bearing_time.draw_bearing_time(record, ax, span_s)
+        bearing_time.draw_bearing_time(record, ax, scene.span_s)
         bearing_time.draw_contact_angles(record, scene, ax)
 
     parts = [PagePart(3.6, draw)]

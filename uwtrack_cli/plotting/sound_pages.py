@@ -28,7 +28,7 @@ from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.plotting import layout, picture, style
 from uwtrack_cli.plotting.layout import HeadLine, PagePart
 from uwtrack_cli.plotting.panels import rates_part
-from uwtrack_cli.plotting.style import Clock, Span
+from uwtrack_cli.plotting.style import Clock
 from uwtrack_cli.plotting.view import Scene, View
 from uwtrack_cli.spectra.demon import demodulate
 from uwtrack_cli.spectra.overview import pool_overview
@@ -165,7 +165,8 @@ def demon_figure(scene: Scene, view: View) -> Figure:
     """
     envelope = scene.envelope or _of_sound(scene)
     span_s = view.span_s(scene.times_s or (0.0, 1.0), scene.clock)
-    shafts = list(_shafts(scene, span_s))
+    scene = scene.shown(view, span_s)
+    shafts = list(_shafts(scene))
     highest = 1.25 * max((max(s.rates_hz) for s in shafts), default=USUAL_HZ / 1.25)
     rate_hz = envelope.frequency_hz
     low, high = view.band_hz or (0.0, min(highest, float(rate_hz[-1])))
@@ -192,7 +193,7 @@ def demon_figure(scene: Scene, view: View) -> Figure:
         ax.set(xlim=(low, high), ylim=(bottom, 1.25 * top))
         ax.set_xlabel("modulation rate (Hz)", fontsize=9)
 
-    gram = [PagePart(GRAM_IN, part.draw) for part in rates_part(scene, span_s)]
+    gram = [PagePart(GRAM_IN, part.draw) for part in rates_part(scene)]
     if not gram or scene.envelope is None or view.band_hz is not None:
         axis = picture.FrequencyAxis(low, high, is_log=False)
         found = picture.overview_picture(envelope, axis, span_s)
@@ -220,12 +221,12 @@ def _of_sound(scene: Scene) -> Overview:
     return found
 
 
-def _shafts(scene: Scene, span_s: Span) -> Iterator[Shaft]:
+def _shafts(scene: Scene) -> Iterator[Shaft]:
     """Yield what was heard of shafts in a span."""
     found = scene.presence
     if found is None:
         return
-    for row in scene.stretches(span_s).tolist():
+    for row in scene.stretches.tolist():
         rates = np.sort(found.rate_hz[found.rate_stretch == row])
         if rates.size:
             spacing = float(found.spacing_hz[row])

@@ -1,9 +1,10 @@
 """What of a product is drawn, and how: the choices that a page is asked for."""
 
+import math
 import re
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -174,8 +175,16 @@ class Scene:
     """Sensor whose page it is; None for tables."""
     tracks: Sequence[VesselTrack] = field(default=())
     """Ways of vessels by AIS: s from the first sample, east and north of the sensor, m."""
+    view: View = field(default_factory=View)
+    """How it is drawn."""
+    span_s: Span = (-math.inf, math.inf)
+    """Begin and end of what is drawn, s."""
     taken: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
     """What was taken of the sound before: pages of several sizes show the same."""
+
+    def shown(self, view: View, span_s: Span) -> "Scene":
+        """Return a span of it, s, as a view draws it; what was taken is shared."""
+        return replace(self, view=view, span_s=span_s)
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return what was made under a key lately, else make it."""
@@ -243,12 +252,11 @@ class Scene:
         """What was detected at the sensor."""
         return self._own(Presence)
 
-    def stretches(self, span_s: Span) -> IntArray:
-        """Return the rows of what was detected within a span, s."""
-        found = self.presence
-        is_near = found is not None and (
-            (found.to_s >= span_s[0]) & (found.from_s <= span_s[1])
-        )
+    @property
+    def stretches(self) -> IntArray:
+        """Rows of what was detected within the span."""
+        found, (low, high) = self.presence, self.span_s
+        is_near = found is not None and (found.to_s >= low) & (found.from_s <= high)
         return np.flatnonzero(is_near)
 
     def owner(self, stretch: int) -> int:

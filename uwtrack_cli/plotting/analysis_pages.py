@@ -1,9 +1,11 @@
-"""The page of target motion: own ship, the target with its regions, what is left.
+"""Pages of the analyses beside the chain: target motion, clutter, which contact moves.
 
-**Method.** The map has own ship's way and every mode from the first measurement to the
-last, with its 95 % regions; a faint way is an unlikely mode, a dotted ray the bearing
-of a target whose range is not observable. Residuals are those of the best mode under
-the model that it was fitted with, in degrees and in hertz.
+**Method.** The map of a target's motion has own ship's track and every mode from the
+first measurement to the last, with its 95 % regions; a faint track is an unlikely mode, a
+dotted ray the bearing of a target whose range is not observable. Residuals are those of
+the best mode under the model that it was fitted with, in degrees and in hertz. A target
+in clutter has its track among the measurements, and how the threshold followed it. A
+decision has the log odds of each pair, and the four terms they rest on, over scans.
 
 **Conventions.** The map's origin is own ship at the first measurement, north up.
 """
@@ -21,27 +23,22 @@ from uwtrack_cli.acoustics.medium import Medium
 from uwtrack_cli.constants import SOURCE_DEPTH_M
 from uwtrack_cli.data.base import BoolArray, FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import MIRROR, BearingTime
+from uwtrack_cli.data.decisions import FILTERS, Decision
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.sensor import Navigation, Sensor
 from uwtrack_cli.data.series import Series
+from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.files.tables.summaries import utc_text
-from uwtrack_cli.motion.target_motion.inputs import (
-    Measurements,
-    measurements_from_lines,
-    measurements_from_series,
-    own_path,
-    sensor_paths,
-)
+from uwtrack_cli.files.text_escaping import figure_text
+from uwtrack_cli.motion.target_motion import inputs, own_ship
+from uwtrack_cli.motion.target_motion.inputs import Measurements
 from uwtrack_cli.motion.target_motion.model import predict_values
-from uwtrack_cli.motion.target_motion.own_ship import (
-    Doppler,
-    OwnPath,
-    make_sensors_track,
-)
+from uwtrack_cli.motion.target_motion.own_ship import OwnPath
 from uwtrack_cli.plotting import layout, style
 from uwtrack_cli.plotting.layout import HeadLine, PagePart
 from uwtrack_cli.plotting.maps import fit_limits, furnish
@@ -130,8 +127,8 @@ def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
             )
             found.append(HeadLine(f"{text}this one has the weight {row['weight']:.2f}"))
         if row["reading"] == "manoeuvre":
-            text = "\u26a0 the target changed its velocity: no straight motion fits"
-            found.append(HeadLine(text, warns=True))
+            text = "the target changed its velocity: no straight motion fits"
+            found.append(layout.warning(text))
         if (motions.contact == row["contact"]).all():  # else they stand on its own page
             found += [HeadLine(text) for text in reasons_once([row])]
     return found
@@ -228,8 +225,8 @@ def _draw_mode(motions: Motions, row: int, ray_m: float, ax: Axes) -> None:
 def _measured(scene: Scene) -> list[Measurements]:
     series, lines = scene.first(Series), scene.first(Lines)
     if series is not None:
-        return measurements_from_series(series)
-    return [] if lines is None else measurements_from_lines(lines)
+        return inputs.measurements_from_series(series)
+    return [] if lines is None else inputs.measurements_from_lines(lines)
 
 
 def measured_from(scene: Scene) -> list[tuple[str, OwnPath]]:
@@ -248,7 +245,7 @@ def measured_from(scene: Scene) -> list[tuple[str, OwnPath]]:
 def _paths(scene: Scene, data: Measurements) -> tuple[list[OwnPath], IntArray]:
     """Return the way of every platform, of an array its own, and each row's platform."""
     if data.platforms is not None:
-        return sensor_paths(data, data.platforms), data.platforms.sensor
+        return inputs.sensor_paths(data, data.platforms), data.platforms.sensor
     record, sensor = scene.first(BearingTime), scene.first(Sensor)
     way = scene.first(Navigation) or (None if sensor is None else sensor.navigation)
     if record is not None and np.isfinite(record.east_m).all():
@@ -256,7 +253,7 @@ def _paths(scene: Scene, data: Measurements) -> tuple[list[OwnPath], IntArray]:
             time_s=record.frames.time_s, east_m=record.east_m, north_m=record.north_m,
             heading_deg=record.heading_deg,
         )  # fmt: skip
-    return [own_path(way, data)], np.zeros(data.time_s.size, np.int64)
+    return [inputs.own_path(way, data)], np.zeros(data.time_s.size, np.int64)
 
 
 def motion_residuals(
@@ -285,8 +282,10 @@ def motion_residuals(
         return None
     steps = np.diff(np.unique(data.time_s))  # several sensors share instants
     interval_s = data.window_s or (float(np.median(steps)) if steps.size else 1.0)
-    doppler: Doppler = "interval" if motions.doppler == "interval" else "instantaneous"
-    track = make_sensors_track(paths, sensor, data.time_s, doppler, interval_s)
+    doppler: own_ship.Doppler = (
+        "interval" if motions.doppler == "interval" else "instantaneous"
+    )
+    track = own_ship.make_sensors_track(paths, sensor, data.time_s, doppler, interval_s)
     hydrophone = scene.first(Sensor)
     depth = None if hydrophone is None else hydrophone.depth_m
     medium = Medium(
@@ -354,3 +353,127 @@ def draw_ranges(motions: Motions, ax: Axes) -> Axes:
         color = style.contact_color(int(name))
         style.draw_band(ax, time_s, middle, half, color, marker=".", lw=1.0)
     return ax
+
+
+def target_figure(scene: Scene, view: View) -> Figure:
+    """Return the tracks of targets among false measurements, and their threshold.
+
+    Raises
+    ------
+    DataError
+        There is no track, or it holds no scan.
+    """
+    target, scans = scene.first(Target), scene.first(Scans)
+    if target is None or not target.scan.size:
+        msg = "the track holds no scan, so there is nothing to draw."
+        raise DataError(msg)
+    blocks = [layout.alone(5.4, partial(draw_target, target, scans)),
+              layout.alone(2.6, partial(draw_threshold, target))]  # fmt: skip
+    return layout.page_figure([HeadLine("Track in clutter")], view, blocks)
+
+
+def decision_figure(scene: Scene, view: View) -> Figure:
+    """Return the odds between two contacts over the scans, and what they rest on.
+
+    Raises
+    ------
+    DataError
+        No contacts were compared.
+    """
+    decision = scene.first(Decision)
+    if decision is None or not decision.scan_time_s.size:
+        msg = "no contacts were compared, so there is nothing to draw."
+        raise DataError(msg)
+    blocks = [
+        layout.alone(4.0, partial(draw, decision)) for draw in (draw_odds, draw_terms)
+    ]
+    return layout.page_figure([HeadLine("Which one moves")], view, blocks)
+
+
+def draw_target(target: Target, scans: Scans | None, ax: Axes) -> Axes:
+    """Draw the track with its 95 % regions, and the measurements where given.
+
+    Two or more components are drawn as a map of the first two, one over time.
+    """
+    is_map, lost = target.component.size > 1, target.lost
+    # ranges, bearings and rates are measured of what is drawn in east and north
+    if scans is not None and scans.component.tolist() == target.component.tolist():
+        first = scans.measured[:, 0]
+        across = (first, scans.measured[:, 1]) if is_map else (scans.time_s, first)
+        ax.plot(
+            *across, ".", ms=1.5, color=style.NO_CONTACT, zorder=1, label="measurements"
+        )
+    for number, own in enumerate(target.targets, 1):
+        color = style.contact_color(number)
+        if not is_map:
+            half = 1.96 * own.state_std[:, 0]
+            style.draw_band(ax, own.time_s, own.state[:, 0], half, color)
+            continue
+        ax.plot(own.state[:, 0], own.state[:, 2], "-o", markersize=2, color=color)
+        for mean, covariance in zip(own.state, own.state_covariance, strict=True):
+            place = covariance[np.ix_([0, 2], [0, 2])]
+            style.draw_ellipse(ax, mean[[0, 2]], place, color, alpha=0.1)
+    place = target.state[:, [0, 2]] if is_map else None
+    lost_at = (target.time_s, target.state[:, 0]) if place is None else tuple(place.T)
+    ax.plot(*(one[lost] for one in lost_at), "kx", label="lost")
+    ax.legend(fontsize=8)
+    names = [f"{name} ({unit})" if unit else str(name) for name, unit in
+             zip(target.component, target.component_unit, strict=True)]  # fmt: skip
+    names = list(map(figure_text, names if is_map else ["time (s)", *names]))
+    ax.set(xlabel=names[0], ylabel=names[1])
+    if place is not None:  # clutter may fill a window many times the track's size
+        variance = target.state_std[:, [0, 2]] ** 2
+        reach = 4.0 * np.sqrt(np.nanmedian(variance, axis=0))
+        low, high = place.min(axis=0) - reach, place.max(axis=0) + reach
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    return style.calm(ax)
+
+
+def draw_threshold(target: Target, ax: Axes) -> Axes:
+    """Draw the threshold used at each scan, and the score for a lost target."""
+    for number, own in enumerate(target.targets, 1):
+        ax.step(
+            own.time_s, own.threshold, where="mid", color=style.contact_color(number)
+        )
+    ax.set(
+        xlabel="time (s)", ylabel=f"threshold ({figure_text(target.threshold_rule)})"
+    )
+    other = ax.twinx()
+    for own in target.targets:
+        other.fill_between(own.time_s, own.loss_cusum, step="mid", alpha=0.2, color="k")
+    other.set(ylim=(0.0, None))
+    other.set_ylabel("score of loss", fontsize=8)
+    other.tick_params(labelsize=8)
+    return style.calm(ax)
+
+
+def draw_odds(decision: Decision, ax: Axes) -> Axes:
+    """Draw the log odds of every pair over time, with thresholds and decisions."""
+    for pair, verdict in enumerate(decision.verdict):
+        rows, color = decision.scan_pair == pair, style.contact_color(pair + 1)
+        first, second = decision.first_contact[pair], decision.second_contact[pair]
+        name = figure_text(f"{first} or {second}: {verdict}")
+        ax.plot(decision.scan_time_s[rows], decision.log_odds[rows], "o-", ms=3,
+                color=color, label=name)  # fmt: skip
+        ax.plot(decision.decision_time_s[pair], decision.final_log_odds[pair], "s",
+                ms=9, fillstyle="none", color=color)  # fmt: skip
+    for level in (decision.lower_threshold, decision.upper_threshold):
+        ax.axhline(level, linestyle="--", linewidth=0.8, color="k")
+    ax.set(xlabel="time (s)", ylabel="log odds (second moves)")
+    ax.legend(loc="best", fontsize="small")
+    return style.calm(ax)
+
+
+def draw_terms(decision: Decision, ax: Axes) -> Axes:
+    """Draw the four log likelihoods of the first pair over time."""
+    rows = decision.scan_pair == 0
+    for index, name in enumerate(FILTERS):
+        dash = "-" if index < 2 else "--"
+        fit = decision.consistency[0, index]
+        ax.plot(
+            decision.scan_time_s[rows], decision.log_likelihood[rows, index], dash,
+            color=style.contact_color(index + 1), label=f"{name} (p = {fit:.2g})",
+        )  # fmt: skip
+    ax.set(xlabel="time (s)", ylabel="log likelihood")
+    ax.legend(loc="best", fontsize="small")
+    return style.calm(ax)
