@@ -27,7 +27,7 @@ def main(path: str) -> None:
     assert image is not None
     ax.set_xlim(0.0, fringes.time_s[-1])
     image.draw(ax, laws)
-    ax.set_xlabel("s", fontsize=8)
+    ax.set_xlabel("time (s)", fontsize=8)
     figure.savefig(path, dpi=90)
 
 

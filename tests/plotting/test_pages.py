@@ -236,7 +236,7 @@ def test_a_table_has_a_page_of_its_measurements(uwtrack, tmp_path):
         found = [held.container for held in small_containers(opened)]
     (page,) = pages_of(found)
     figure = page.draw(View())
-    (strip,) = [ax for ax in panels(figure) if "off the rest" in ax.get_ylabel()]
+    (strip,) = [ax for ax in panels(figure) if "Doppler" in ax.get_ylabel()]
     points = strip.collections[0].get_offsets()
     assert len(points) == time_s.size
     (curve,) = curves(strip)
@@ -623,7 +623,7 @@ def test_a_page_is_the_same_file_again_and_says_what_it_shows(product, tmp_path,
     assert made[0] == made[1]
     if form != "pdf":
         assert b"2024-05-01 12:02:28" in made[0]
-        assert b"Panels: off the rest frequency" in made[0]
+        assert b"Panels: Doppler shift" in made[0]
 
 
 def test_one_unit_of_speed_is_on_a_page(containers):

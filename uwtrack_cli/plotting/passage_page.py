@@ -123,7 +123,7 @@ def _line_strips(scene: Scene, fit: ReportedPassage) -> list[PagePart]:
     if not rows.size or not fit.has_doppler:
         return panels.lofargram_parts(scene)
     names = [""] * rows.size
-    names[(rows.size - 1) // 2] = "off the rest\nfrequency (Hz)"
+    names[(rows.size - 1) // 2] = "Doppler\nshift (Hz)"
     return [PagePart(STRIP_IN, partial(_draw_strip, scene, fit, row, name))
             for row, name in zip(rows.tolist(), names, strict=True)]  # fmt: skip
 

@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patheffects import Normal, Stroke
 
 from uwtrack_cli.acoustics.geometry import region_95
@@ -49,6 +50,9 @@ BAND_DEVIATIONS = 2.0
 
 WIDE_IN, NARROW_IN = 11.0, 4.6
 """Width of a page for a screen or paper, and for a telephone, inches."""
+
+MARGIN_IN = 0.08
+"""Room on the left and right of every panel, inches."""
 
 STEPS_S = (
     0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10_800,
@@ -101,7 +105,8 @@ class NotebookFigure(Figure):
 
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Return an empty page; needs no screen."""
-    return NotebookFigure(figsize=(width_in, height_in), layout="constrained", dpi=100)
+    layout = ConstrainedLayoutEngine(w_pad=MARGIN_IN)
+    return NotebookFigure(figsize=(width_in, height_in), layout=layout, dpi=100)
 
 
 def halo() -> list[Any]:
