@@ -64,7 +64,7 @@ samples: $(VENV)/.development  ## make the sample recordings and tables again
 	remake_samples(Path('sample_data')); write_sample_tables(Path('sample_data'))"
 
 figures: $(VENV)/.development  ## draw the pictures of README and docs again
-	for name in auto vessel ladder presence small-craft small-array towed-array vehicle weak-lines dense-clutter; do \
+	for name in auto vessel multi-resolution presence small-craft small-array towed-array vehicle weak-lines dense-clutter; do \
 	$(BIN)/uwtrack recipes --graph $$name -o docs/recipes/$$name.svg --overwrite; done
 	mkdir -p $(DEMO)
 	$(BIN)/uwtrack run sample_data/propeller.wav --recipe presence -o $(DEMO)/propeller.run.h5 --overwrite
@@ -82,7 +82,7 @@ figures: $(VENV)/.development  ## draw the pictures of README and docs again
 	$(BIN)/python -m tests.draws.fringe_picture docs/fringes.png
 	if command -v chromium >/dev/null; then $(MAKE) docs && chromium --headless --no-sandbox \
 	--hide-scrollbars --window-size=1280,1000 --screenshot=docs/site.png \
-	"file://$(CURDIR)/docs/_build/html/tutorial.html"; fi
+	"file://$(CURDIR)/docs/_build/html/soundtrap-folder.html"; fi
 
 docs: $(VENV)/.development  ## the documentation site in docs/_build/html; a warning is an error
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html

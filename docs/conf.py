@@ -52,7 +52,8 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
 }
 html_sidebars = {
-    name: [] for name in ("index", "install", "first-half-hour", "tutorial", "notebook")
+    name: []
+    for name in ("index", "install", "first-half-hour", "soundtrap-folder", "notebook")
 }
 
 

@@ -11,6 +11,7 @@ import inspect
 import itertools
 import json
 import math
+import re
 import sys
 import types
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +20,7 @@ from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import uwtrack_cli
-from uwtrack_cli.cli.app import COMMANDS, load_command
+from uwtrack_cli.cli.app import COMMANDS, GROUPS, load_command
 from uwtrack_cli.cli.json_schemas import json_schema, schema_names
 from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.options import plain_type, range_of, unit_of
@@ -40,6 +41,32 @@ ROOMS = {
     "estimation": "numerics without sonar in them",
 }
 """Folders of the package whose modules say what they are from, and what they do."""
+
+PAGES_OF = Path(__file__).parent
+"""Folder of the pages that people write."""
+
+EXAMPLES = re.findall(
+    r"^```console\n(.*?)^```$",
+    (PAGES_OF / "commands.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL,
+)  # fmt: skip
+"""What is typed on the page of examples, block by block."""
+
+PICTURES = {
+    "plot": {"pass.png": "The page of a passage", "recording.png": "A recording"},
+    "demon": {"demon.png": "The mean spectrum of the envelope"},
+    "presence": {"presence.png": "What was detected over time"},
+    "fringes": {"fringes.png": "The image of the fringes"},
+    "recipes": {"recipes/vessel.svg": "The steps of the recipe vessel"},
+}
+"""Pictures of commands, with what they show."""
+
+FOR_ALL = {
+    "commands.md", "first-half-hour.md", "measured.md", "migration.md", "notebook.md"
+}  # fmt: skip
+"""Pages that name a command only by the way, and those that begin with no heading."""
+
+MOST_PAGES = 6
+"""Pages that a command's page leads to, at most."""
 
 SHARED = ("quiet", "verbose", "debug", "overwrite", "output", "help")
 """Options that come last: they are nearly everywhere."""
@@ -122,6 +149,7 @@ def _command(name: str) -> Iterator[str]:
         made = stage.output.NAME
         yield from ("", (f"Takes {takes}; makes [{made}](../containers/{made}.md). From "
                     f"Python: {{py:func}}`uwtrack_cli.{function}`."))  # fmt: skip
+    yield from _example(name)
     if arguments:
         yield from ("", "## Arguments")
         yield from _table(["argument", "meaning"], [
@@ -137,6 +165,47 @@ def _command(name: str) -> Iterator[str]:
         yield from _table(
             ["option", "value", "default", "meaning"], map(_option, options)
         )
+    yield from _see_also(name)
+
+
+def _example(name: str) -> Iterator[str]:
+    """Yield what the page of examples types for a command, and its pictures."""
+    yield from ("", "## Example")
+    for block in EXAMPLES:
+        lines = block.splitlines()
+        begins = [k for k, line in enumerate(lines) if line.startswith("$ ")]
+        for begin, end in itertools.pairwise([*begins, len(lines)]):
+            if lines[begin].startswith(f"$ uwtrack {name} ") or lines[begin] == (
+                f"$ uwtrack {name}"
+            ):
+                yield from ("", "```console", *lines[begin:end], "```")
+    for picture, text in PICTURES.get(name, {}).items():
+        yield from ("", f"![{text}](../../../{picture})")
+
+
+def _see_also(name: str) -> Iterator[str]:
+    """Yield links to the commands before and after, those of its group, and pages."""
+    near = [other for group in GROUPS.values() if name in group for other in group]
+    if name in STAGES:
+        own = find_stage(name)
+        stages = {other: find_stage(other) for other in STAGES}
+        kinds = {kind for item in own.inputs for kind in item.kinds}
+        before = [o for o, stage in stages.items() if stage.output in kinds]
+        after = [
+            o for o, stage in stages.items()
+            if any(own.output in item.kinds for item in stage.inputs)
+        ]  # fmt: skip
+        near = [*before, *after]
+    links = [f"[{other}]({other}.md)" for other in dict.fromkeys(near) if other != name]
+    said = re.compile(rf"uwtrack {re.escape(name)}[ `\n]")
+    links += [
+        f"[{path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ')}]"
+        f"(../../../{path.name})"
+        for path in sorted(PAGES_OF.glob("*.md"))
+        if path.name not in FOR_ALL and said.search(path.read_text(encoding="utf-8"))
+    ][:MOST_PAGES]
+    if links:
+        yield from ("", "## See also", "", ", ".join(links))
 
 
 def _placeholder(param: Any) -> str:

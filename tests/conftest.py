@@ -11,6 +11,7 @@ import soundfile
 from typer.testing import CliRunner, Result
 
 from tests.command_server import command_server
+from tests.shared_commands import write_program
 from uwtrack_cli.flow.shipped_recipes import shipped_folder
 
 USUAL_TIMEOUT_S = 300
@@ -49,6 +50,13 @@ def program(tmp_path_factory) -> Iterator[Path]:
     """The folder of an `uwtrack` for scripts, which needs no start."""
     with command_server(tmp_path_factory.mktemp("program")) as folder:
         yield folder
+
+
+@pytest.fixture(scope="session")
+def shared_program(program, tmp_path_factory) -> Path:
+    """The folder of an `uwtrack` that runs the same costly command once."""
+    folder = tmp_path_factory.mktemp("shared")
+    return write_program(folder, program / "uwtrack", Path(__file__).parent.parent)
 
 
 @pytest.fixture(scope="session")

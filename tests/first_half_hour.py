@@ -1,9 +1,10 @@
-"""Types the commands of `docs/first-half-hour.md`, and writes what they print.
+"""Types the commands of pages that show what is printed, and writes what they print.
 
 Run as ``python -m tests.first_half_hour`` in a clone: the wheel is built, everything is
 typed into one shell in an empty folder with a home of its own, and the page is written
-again with what came. The suite types the same again, without the installations, and
-compares (`tests/test_documents.py`).
+again with what came. ``python -m tests.first_half_hour commands`` does the same with
+`docs/commands.md`, whose program is that of the clone. The suite types the same again,
+without the installations, and compares (`tests/test_documents.py`).
 """
 
 import os
@@ -17,6 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "first-half-hour.md"
+COMMANDS_PAGE = ROOT / "docs" / "commands.md"
 BLOCK = re.compile(r"^```console\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INSTALLS = ("$ ls\n", "$ git clone")
 """How the blocks begin that install the program."""
@@ -81,13 +83,16 @@ class Shell:
 
 def main() -> None:
     """Type all of it, and write the page."""
+    page = COMMANDS_PAGE if sys.argv[1:] == ["commands"] else PAGE
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         folder, home = Path(name) / "new", Path(name) / "home"
         folder.mkdir()
         home.mkdir()
         build = [sys.executable, "-m", "build", "--no-isolation", "--wheel"]
-        subprocess.run([*build, "-o", folder, ROOT], check=True, capture_output=True)
+        if page == PAGE:
+            words = [*build, "-o", folder, ROOT]
+            subprocess.run(words, check=True, capture_output=True)
         shell = Shell(
             folder,
             {
@@ -101,13 +106,13 @@ def main() -> None:
             print(f"{time.monotonic() - begin:5.0f} s  {command}", flush=True)
             return shell.type(command)
 
-        text = repeated(PAGE.read_text(encoding="utf-8"), type_and_tell, installs=True)
+        text = repeated(page.read_text(encoding="utf-8"), type_and_tell, installs=True)
         shell.close()
     for hidden in (name, str(ROOT), str(Path.home())):
         if hidden in text:
             msg = f"a path of this machine stands in what was printed: {hidden}"
             raise SystemExit(msg)
-    PAGE.write_text(text, encoding="utf-8")
+    page.write_text(text, encoding="utf-8")
     print(f"{time.monotonic() - begin:5.0f} s  written")
 
 

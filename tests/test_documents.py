@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 import soundfile
 
+from tests.first_half_hour import COMMANDS_PAGE, Shell, repeated
 from tests.first_half_hour import PAGE as HALF_HOUR
-from tests.first_half_hour import Shell, repeated
 from uwtrack_cli.cli.app import COMMANDS, load_command
+from uwtrack_cli.files.hdf5.layout import CONTAINERS
+from uwtrack_cli.files.tables.json_rows import object_keys
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
@@ -89,12 +91,13 @@ def sound_programs(tmp_path_factory):
 
 @pytest.mark.parametrize("page", EXECUTED, ids=lambda page: page.stem)
 def test_the_blocks_of_a_page_run_in_their_order(
-    page, program, sound_programs, tmp_path, monkeypatch
+    page, shared_program, sound_programs, tmp_path, monkeypatch
 ):
     (tmp_path / "recorder.wav").write_bytes((sound_programs / "sound.wav").read_bytes())
-    folders = (program, sound_programs, Path(sys.executable).parent)
+    folders = (shared_program, sound_programs, Path(sys.executable).parent)
     path = ":".join([*map(str, folders), os.environ["PATH"]])
     monkeypatch.setenv("PATH", path)
+    monkeypatch.setenv("COLUMNS", "80")
     (tmp_path / "home").mkdir()
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     script = ["set -eu", "export MPLBACKEND=agg"]
@@ -106,14 +109,15 @@ def test_the_blocks_of_a_page_run_in_their_order(
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
-    if page.stem == "tutorial":
+    if page.stem == "soundtrap-folder":
         shown = re.sub(r"\s+", " ", page.read_text(encoding="utf-8"))
         for line in done.stdout.splitlines()[:5]:  # what it prints is what it says
             assert re.sub(r"\s+", " ", line).strip() in shown
 
 
-def test_the_first_half_hour_prints_what_the_page_says(program, tmp_path):
-    folders = (program, Path(sys.executable).parent)
+@pytest.mark.parametrize("path", [HALF_HOUR, COMMANDS_PAGE], ids=lambda p: p.stem)
+def test_what_is_typed_prints_what_the_page_says(path, shared_program, tmp_path):
+    folders = (shared_program, Path(sys.executable).parent)
     shell = Shell(
         tmp_path,
         {
@@ -123,7 +127,7 @@ def test_the_first_half_hour_prints_what_the_page_says(program, tmp_path):
         },
     )  # fmt: skip
     try:
-        page = HALF_HOUR.read_text(encoding="utf-8")
+        page = path.read_text(encoding="utf-8")
         now = repeated(page, shell.type, installs=False)
     finally:
         shell.close()
@@ -138,11 +142,28 @@ def test_the_first_half_hour_prints_what_the_page_says(program, tmp_path):
             assert float(one) == pytest.approx(float(other), rel=0.01, abs=unit)
 
 
+def test_every_command_has_an_example_and_every_key_of_a_result_its_row():
+    typed = COMMANDS_PAGE.read_text(encoding="utf-8")
+    assert not re.search(r"^error:", typed, re.MULTILINE)
+    for name in COMMANDS:
+        assert re.search(rf"^\$ uwtrack {name}( |$)", typed, re.MULTILINE), name
+    sections = (ROOT / "docs" / "numbers.md").read_text(encoding="utf-8").split("\n## ")
+    for section in sections:
+        kind = CONTAINERS.get(section.partition("\n")[0])
+        if kind is not None:
+            table = section.partition("\n###")[0]
+            rows = [line.split("|")[1] for line in table.splitlines() if "| `" in line]
+            keys = [key for row in rows for key in re.findall(r"`(\w+)`", row)]
+            assert sorted(keys) == sorted(object_keys(kind)), kind.NAME
+
+
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.stem)
 def test_commands_stand_in_blocks_that_are_run(page):
     text = FENCED.sub("", page.read_text(encoding="utf-8"))
     lines = [line.strip() for line in text.splitlines()]
-    assert not [line for line in lines if re.match(r"(uwtrack|python) [a-z-]", line)]
+    names = "|".join(COMMANDS)
+    typed = re.compile(rf"uwtrack ({names})( |$)|python -")
+    assert not [line for line in lines if typed.match(line)]
 
 
 def test_every_other_command_line_names_commands_and_options_that_exist():

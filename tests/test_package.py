@@ -1,6 +1,7 @@
 """Wheel and source distribution carry what the program needs, away from the checkout."""
 
 import os
+import re
 import subprocess
 import sys
 import tarfile
@@ -56,9 +57,20 @@ def test_the_source_distribution_carries_recipes_samples_and_tests(distributions
         "tests/test_package.py",
         "studies/reference/clutter.json",
         "constraints.txt",
+        "constraints.hashes.txt",
         "Makefile",
     ):
         assert name in names
+
+
+def test_what_is_pinned_by_its_hash_has_the_version_that_the_suite_passes_with():
+    def pins(name):
+        text = (ROOT / name).read_text().lower().replace("_", "-")
+        return dict(re.findall(r"^([a-z0-9.-]+)==([^ \n]+)", text, re.MULTILINE))
+
+    every, hashed = pins("constraints.txt"), pins("constraints.hashes.txt")
+    assert {name: every.get(name) for name in hashed} == hashed
+    assert {"numpy", "scipy", "h5py", "typer", "rich", "soundfile"} < set(hashed)
 
 
 def demo(tmp_path, what):

@@ -14,7 +14,7 @@ Examples
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _HOMES = {
     "run": "flow.results",
@@ -30,7 +30,7 @@ _HOMES = {
     "pool_overview": "spectra.overview",
     "measure_levels": "spectra.levels",
     "find_peaks": "spectra.peaks",
-    "find_rises": "spectra.rises",
+    "find_transients": "spectra.transients",
     "form_beams": "arrays.beamform",
     "track_bearings": "arrays.track_bearings",
     "measure_delays": "arrays.delays",
@@ -71,7 +71,7 @@ _HOMES = {
     "BearingTime": "data.bearing_time",
     "Peaks": "data.peaks",
     "Families": "data.peaks",
-    "Rises": "data.rises",
+    "Transients": "data.transients",
     "Lines": "data.lines",
     "Lock": "data.recording",
     "Presence": "data.presence",

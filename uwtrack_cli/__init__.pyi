@@ -72,9 +72,6 @@ from uwtrack_cli.data.recording import (
 from uwtrack_cli.data.recording import (
     Recording as Recording,
 )
-from uwtrack_cli.data.rises import (
-    Rises as Rises,
-)
 from uwtrack_cli.data.scans import (
     Contacts as Contacts,
 )
@@ -104,6 +101,9 @@ from uwtrack_cli.data.spectra import (
 )
 from uwtrack_cli.data.targets import (
     Target as Target,
+)
+from uwtrack_cli.data.transients import (
+    Transients as Transients,
 )
 from uwtrack_cli.discrimination.discriminate import (
     discriminate_contacts as discriminate_contacts,
@@ -210,11 +210,11 @@ from uwtrack_cli.spectra.overview import (
 from uwtrack_cli.spectra.peaks import (
     find_peaks as find_peaks,
 )
-from uwtrack_cli.spectra.rises import (
-    find_rises as find_rises,
-)
 from uwtrack_cli.spectra.spectrogram import (
     compute_spectrogram as compute_spectrogram,
+)
+from uwtrack_cli.spectra.transients import (
+    find_transients as find_transients,
 )
 
 __version__: str

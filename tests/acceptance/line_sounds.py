@@ -16,7 +16,7 @@ from tests.draws.recordings import Drawn
 from tests.draws.shaft_sounds import draw as draw_shaft
 from tests.draws.ship_families import count as count_families
 from tests.draws.ship_families import draw as draw_families
-from uwtrack_cli.lines.ladder import join_rungs
+from uwtrack_cli.lines.multi_resolution import join_rungs
 from uwtrack_cli.simulate import make_scenario, simulate_recordings
 
 Case = Callable[[Path], Outcome]

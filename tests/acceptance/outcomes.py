@@ -59,7 +59,7 @@ def run(
     rows = json.loads(command("run", path, *made, *words))
     stretches = json.loads(command("show", product, "presence", "--format", "json"))
     codes = {
-        f"{one['kind']} {one.get('reading') or ''}".strip()
+        f"{one['kind']} {one.get('motion_model') or ''}".strip()
         for one in stretches
         if not one["encounter"]
     }

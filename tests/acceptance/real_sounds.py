@@ -71,7 +71,7 @@ def folder_of_data() -> Path | None:
 
 def row_of(row: dict[str, Any], known: Known) -> dict[str, Any]:
     """Return what is held of a row."""
-    kept: dict[str, Any] = {"status": row["status"], "reading": row.get("reading")}
+    kept: dict[str, Any] = {"status": row["status"], "reading": row.get("motion_model")}
     agrees = True
     for name in ("time_s", "range_over_speed_s", "speed_mps"):
         stem, unit = name.rsplit("_", 1)
@@ -128,7 +128,7 @@ def north_sea(folder: Path) -> Outcome:
     (product,) = (folder / "out").glob("*.h5")
     told = json.loads(command("show", product, "encounters", "--format", "json"))
     stretches = json.loads(command("show", product, "presence", "--format", "json"))
-    codes = {f"{one['kind']} {one.get('reading') or ''}".strip() for one in stretches if not one["encounter"]}  # fmt: skip
+    codes = {f"{one['kind']} {one.get('motion_model') or ''}".strip() for one in stretches if not one["encounter"]}  # fmt: skip
     rows = [row_of(row, _nearest(row)) for row in told]
     return {"rows": rows, "codes": sorted(codes)}
 

@@ -21,7 +21,7 @@ RECORDINGS = ("pass", "mono", "propeller", "noise", "small-array")
 CHI_SQUARE_95 = 5.99
 """Of two degrees of freedom."""
 
-RECIPES = ("vessel", "weak-lines", "ladder", "small-craft")
+RECIPES = ("vessel", "weak-lines", "multi-resolution", "small-craft")
 """Recipes beside the default one that are run over the passage."""
 
 

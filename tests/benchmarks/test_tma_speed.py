@@ -10,7 +10,10 @@ from studies.tma_runs import (
     solve_by_descent,
     solve_by_peer,
 )
+from tests.draws.sonar_tables import heard, own_ship
+from uwtrack_cli.motion.options import MotionModel, Nuisances
 from uwtrack_cli.motion.target_motion.solvers.recursive import estimate_recursively
+from uwtrack_cli.motion.tma import estimate_motion
 
 pytestmark = pytest.mark.benchmark
 
@@ -36,6 +39,22 @@ def test_the_descent_is_twenty_times_faster_than_differential_evolution(
     record, evolution_s
 ):
     assert evolution_s / cpu_of(lambda: solve_by_descent(record), 5) >= 20.0
+
+
+def test_the_whole_call_is_five_times_faster_than_differential_evolution(evolution_s):
+    table, ship = heard("S3"), own_ship("S3")
+
+    def whole():
+        return estimate_motion(
+            table, None, ship, sound_speed_mps=1480.0, updates=1,
+            model=MotionModel(doppler="interval"),
+            nuisances=Nuisances(0.0, 0.0, 0.0, 0.0),
+        )  # fmt: skip
+
+    whole()
+    ratio = evolution_s / cpu_of(whole, 5)
+    print(f"\ntma, whole call: {ratio:.1f} times faster than differential evolution")
+    assert ratio >= 5.0
 
 
 def test_the_descent_is_forty_times_faster_than_dual_annealing(record):

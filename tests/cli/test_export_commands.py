@@ -52,7 +52,7 @@ def found(pass_run):
 def test_csv_is_read_by_pandas(exported, found):
     table = pd.read_csv(exported("csv"))
     assert table["latitude"].to_numpy() == pytest.approx(found[1].latitude)
-    lines = pd.read_csv(exported("csv", "--container", "lines", "--overwrite"))
+    lines = pd.read_csv(exported("csv", "--table", "lines", "--overwrite"))
     assert {"line", "time_s", "frequency_hz"} <= set(lines.columns)
 
 
@@ -74,7 +74,7 @@ def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
     fixes = tmp_path / "still.fixes.h5"
     done = uwtrack("locate", "still.csv", "--at", "600", "-o", fixes, "--json")
     (row,) = json.loads(done.stdout)
-    assert (row["reading"], row["course_deg"]) == ("still", None)
+    assert (row["motion_model"], row["course_deg"]) == ("still", None)
     assert row["reasons"] == {"course_deg": "the source is read as still"}
 
     def export(form):
@@ -85,9 +85,9 @@ def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
 
     assert pd.read_csv(export("csv"))["course_deg"].isna().all()
     first = json.loads(export("geojson").read_text())["features"][0]["properties"]
-    assert (first["course_deg"], first["reading"]) == (None, "still")
+    assert (first["course_deg"], first["motion_model"]) == (None, "still")
     page = export("kml").read_text()
-    assert "reading: still" in page
+    assert "motion_model: still" in page
     assert "course_deg" not in page
     # the region has its time, too, lest those of several times be taken for one
     assert page.count("<when>2024-05-01T00:10:00.000Z</when>") == 2
@@ -219,6 +219,12 @@ def test_netcdf_is_opened_by_xarray_with_its_times(exported, found):
         np.testing.assert_array_equal(data["encounters_status"], found[0].status)
         assert data["h1_sensor"].attrs["depth_m"] == 22.0
         assert "h1_lines_frequency_hz" in data
+        assert data["h1_overview_shade"].dims == ("time", "frequency")
+        assert data["frequency"].attrs == {
+            "units": "Hz",
+            "standard_name": "sound_frequency",
+        }
+        assert data["time"].dtype.kind == "M"
 
 
 @pytest.mark.parametrize("kind", CONTAINERS.values(), ids=list(CONTAINERS))
@@ -340,7 +346,7 @@ def test_residuals_of_a_table_are_exported(uwtrack, samples, tmp_path):
         (tmp_path / name).write_bytes((samples / name).read_bytes())
     words = ["tma", "bearings.csv", "--own-ship", "own-ship.csv", "-q", "-o", "b.h5"]
     assert uwtrack(*words, "--sound-speed-mps", 1480).exit_code == 0
-    rows = ["--container", "motions", "--axis", "row"]
+    rows = ["--table", "motions", "--axis", "row"]
     done = uwtrack("export", "b.h5", "--to", "csv", *rows, "-o", "rows.csv")
     assert done.exit_code == 0, done.output
     head, *lines = (tmp_path / "rows.csv").read_text().splitlines()
@@ -349,7 +355,7 @@ def test_residuals_of_a_table_are_exported(uwtrack, samples, tmp_path):
     assert uwtrack("show", "b.h5", "motions", "--axis", "row").exit_code == 0
     alone = uwtrack("export", "b.h5", "--to", "csv", "--axis", "row", "-o", "c.csv")
     assert alone.exit_code == 2
-    assert "needs --container" in alone.stderr
+    assert "needs --table" in alone.stderr
     wrong = uwtrack("show", "b.h5", "motions", "--axis", "lobe")
     assert wrong.exit_code == 2
     assert "it has motion" in wrong.stderr

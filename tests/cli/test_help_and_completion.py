@@ -8,15 +8,17 @@ from pathlib import Path
 import pytest
 
 from uwtrack_cli import __version__
-from uwtrack_cli.cli.app import COMMANDS, load_command
+from uwtrack_cli.cli.app import COMMANDS, GROUPS, load_command
 
 
 def test_help_without_a_name_lists_every_command(uwtrack):
     done = uwtrack("help")
     assert done.exit_code == 0
-    _, _, listed = done.stdout.partition("Commands:\n")
-    names = {line[2:].partition(" ")[0] for line in listed.splitlines()}
-    assert set(COMMANDS) == names - {""}
+    place = 0
+    for title, names in GROUPS.items():  # in their order, under their headings
+        place = done.stdout.index(f"\n{title}:\n", place)
+        for name in names:
+            place = done.stdout.index(f"\n  {name} ", place)
 
 
 def test_help_with_a_name_is_the_help_of_the_command(uwtrack):

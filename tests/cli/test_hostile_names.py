@@ -88,7 +88,7 @@ def test_a_spreadsheet_finds_no_formula(uwtrack, hostile):
         target = hostile.with_name(f"out.{form}")
         words = ["--to", form, "-o", target]
         if form == "csv":
-            words += ["--container", "encounters"]
+            words += ["--table", "encounters"]
         done = uwtrack("export", hostile, *words)
         assert done.exit_code == 0, done.output
         text = target.read_text()

@@ -84,7 +84,7 @@ def test_a_name_reaches_every_output_of_a_run(uwtrack, named, short_pass, ais):
     assert passage["vessel_probability"] == row["vessel"]["probability"]
     for form in ("csv", "geojson"):
         words = ["export", "pass.run.h5", "--to", form, "-o", f"out.{form}"]
-        words += ["--container", "encounters"] if form == "csv" else []
+        words += ["--table", "encounters"] if form == "csv" else []
         assert uwtrack(*words).exit_code == 0
         with open(f"out.{form}") as file:  # noqa: PTH123 - beside the command
             assert "FERRY" in file.read()

@@ -103,7 +103,7 @@ def test_another_number_of_rows_is_told_by_its_shape(differences):
 
 def test_a_missing_container_is_told(differences):
     found = differences([changed(), SENSOR], [changed()])
-    assert found[""].container == "sensor"
+    assert found[""].table == "sensor"
 
 
 def test_tolerances_per_quantity_override_the_others(differences, tmp_path):

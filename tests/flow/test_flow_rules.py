@@ -10,8 +10,8 @@ from tests.flow.made_encounters import encounters_of
 from tests.support import recording_of
 from uwtrack_cli.data.lines import COASTED, DETECTED
 from uwtrack_cli.data.recording import HeldSamples
-from uwtrack_cli.data.rises import Rises
 from uwtrack_cli.data.sensor import Sensor
+from uwtrack_cli.data.transients import Transients
 from uwtrack_cli.errors import UwtrackWarning
 from uwtrack_cli.flow import comparison, information, recorder_folder, rungs, zoom
 from uwtrack_cli.flow.batch import FAILED, Outcome
@@ -26,7 +26,7 @@ from uwtrack_cli.flow.scoring.tolerances import Closeness, Limits
 
 def rises_of(*rows):
     time_s, half_s, kind = zip(*rows, strict=True)
-    return Rises(
+    return Transients(
         time_s=np.array(time_s), half_length_s=np.array(half_s), kind=np.array(kind),
         spreads=np.full(len(rows), 9.0), least_spreads=7.0, sensor="h1",
     )  # fmt: skip

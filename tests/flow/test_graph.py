@@ -385,7 +385,7 @@ def test_results_of_any_step_have_a_place_of_their_own(branched):
 COMMANDS_OF_ONE_RESULT = (
     "show {} lines", "plot {} -o p.png", "report {} -o p.html", "cpa {} -o c.h5",
     "locate {} -o f.h5", "export {} --to geojson -o p.geojson",
-    "export {} --to raven -o p.txt", "export {} --to csv --container lines -o p.csv",
+    "export {} --to raven -o p.txt", "export {} --to csv --table lines -o p.csv",
     "score {} --truth pass.truth.json",
 )  # fmt: skip
 
@@ -473,7 +473,7 @@ def test_a_graph_without_steps_lacks_what_they_alone_feed():
     graph = load_recipe("auto").graph()
     names = [
         step.name
-        for step in graph.without(["long-lines", "long-levels", "rises"]).steps()
+        for step in graph.without(["long-lines", "long-levels", "transients"]).steps()
     ]
     assert "long-cpa" not in names  # closest approaches of nothing
     left = {node.step.name: node for node in graph.without(["long-lines"]).nodes}

@@ -6,8 +6,8 @@ import pytest
 from tests.lines.line_scenes import line_peaks, some_frames
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.rises import LEVEL, Rises
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.data.transients import LEVEL, Transients
 from uwtrack_cli.flow.live_activity import (
     ALWAYS,
     HeardSpan,
@@ -90,7 +90,7 @@ def test_lines_of_a_contact_count_throughout_and_hum_as_it_begins():
 
 
 def test_a_rise_of_seconds_is_a_span():
-    rises = Rises(
+    rises = Transients(
         time_s=np.array([30.0]), half_length_s=np.array([0.5]),
         kind=np.array([LEVEL]), spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
     )  # fmt: skip

@@ -130,7 +130,7 @@ def test_every_event_has_its_keys_and_every_line_an_end(told):
 def test_what_is_heard_is_told_before_it_passes_and_agrees_with_the_file(told, uwtrack):
     events = events_of(told[0], "presence")
     vessel = [event for event in events if event["n_lines"] >= 3]
-    assert {event["stretch"] for event in vessel} == {vessel[0]["stretch"]}
+    assert {event["segment"] for event in vessel} == {vessel[0]["segment"]}
     assert [event["revision"] for event in vessel] == list(range(len(vessel)))
     assert vessel[0]["from_s"] < PASS_S
     assert not vessel[0]["final"]
@@ -142,8 +142,8 @@ def test_what_is_heard_is_told_before_it_passes_and_agrees_with_the_file(told, u
         assert [vessel[-1][key]] == [row[key] for row in in_file]
     (number,) = {event["contact"] for event in events_of(told[0], "encounter")}
     assert vessel[-1]["encounter"] == number
-    ends = {event["stretch"] for event in events if event["final"]}
-    assert ends == {event["stretch"] for event in events}
+    ends = {event["segment"] for event in events if event["final"]}
+    assert ends == {event["segment"] for event in events}
 
 
 def test_the_last_word_on_everything_is_that_of_the_file(told, uwtrack):

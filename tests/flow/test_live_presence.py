@@ -30,7 +30,7 @@ def heard():
         assert time_s == facts["from_s"]
         assert "contact" not in facts
         said.append(
-            (facts["stretch"], revision, is_final, facts["kind"], facts["to_s"])
+            (facts["segment"], revision, is_final, facts["kind"], facts["to_s"])
         )
 
     return LivePresence(say), said

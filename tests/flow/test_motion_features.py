@@ -58,7 +58,7 @@ def test_geojson_and_kml_have_the_state_with_its_deviations(motions):
     known = json.loads(geojson_text(features))["features"][0]["properties"]
     assert known["kind"] == "motion"
     assert known["now_range_m"] == pytest.approx(motions.now_range_m[0])
-    assert known["reading"] == "straight"
+    assert known["motion_model"] == "straight"
     text = kml_text(features, "p")
     assert "<name>Motions</name>" in text
     assert f"speed_std_mps: {motions.speed_std_mps[0]}" in text

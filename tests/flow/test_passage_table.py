@@ -272,7 +272,7 @@ def test_the_command_prints_tables_that_others_read(listed, folder):
     assert len(found) == 6
     assert str(found[0][0]).startswith("2024-05-01 12:01")
     counted = listed("--per", "month", "--to", "csv").stdout.splitlines()
-    assert counted == ["month,passages,hours,passages_per_hour", "2024-05,6,0.5,12.0"]
+    assert counted == ["month,passages,hours,passages_per_hour", "2024-05,6,0.5,12"]
 
 
 def test_sql_sees_the_table_and_nothing_else(listed, uwtrack, folder):

@@ -11,7 +11,7 @@ from tests.motion.test_sub_bands import TIME, levels_of
 from tests.support import recording_of, white_noise
 from uwtrack_cli.data.encounters import MAINS, TOO_FAST, Encounters
 from uwtrack_cli.data.recording import HeldSamples
-from uwtrack_cli.data.rises import Rises
+from uwtrack_cli.data.transients import Transients
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import run_recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
@@ -61,7 +61,7 @@ def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
 ):
     sound = np.zeros((60 * 1000, 1), np.float32)
     recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
-    rises = Rises(
+    rises = Transients(
         time_s=np.array([30.0]), half_length_s=np.array([half_length_s]),
         kind=np.array([kind]), spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
     )  # fmt: skip
@@ -77,7 +77,7 @@ def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
 def test_stretches_whose_sound_has_passed_are_told():
     """A reader that cannot go back: sound made on the way, or a pipe."""
     passed = recording_of(np.zeros((60 * 1000, 1), np.float32), 1000.0)
-    rises = Rises(
+    rises = Transients(
         time_s=np.array([30.0, 31.0]), half_length_s=np.full(2, 2.0),
         kind=np.array(["fall", "level"]), spreads=np.full(2, 9.0), least_spreads=7.0,
         sensor="h1",
@@ -99,7 +99,7 @@ def test_the_level_alone_must_rise_in_the_whole_recording_too(
     """Within twenty seconds a crest of swell has the shape of a passage."""
     sound = np.zeros((60 * 1000, 1), np.float32)
     recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
-    rises = Rises(
+    rises = Transients(
         time_s=np.array([30.0]), half_length_s=np.array([0.5]), kind=np.array([kind]),
         spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
     )  # fmt: skip
@@ -114,7 +114,7 @@ def test_what_is_too_fast_for_water_is_told_where_nothing_passes(monkeypatch):
     """The look that refuses it leaves no other trace."""
     sound = np.zeros((60 * 1000, 1), np.float32)
     recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
-    rises = Rises(
+    rises = Transients(
         time_s=np.array([30.0]), half_length_s=np.array([0.5]), kind=np.array(["fall"]),
         spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
     )  # fmt: skip
@@ -140,7 +140,7 @@ def test_what_is_too_fast_for_water_is_told_where_nothing_passes(monkeypatch):
 def test_a_rise_of_the_level_must_stand_out_of_the_swell(ratio, n_found, monkeypatch):
     sound = np.zeros((240 * 1000, 1), np.float32)
     recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
-    rises = Rises(
+    rises = Transients(
         time_s=np.array([120.5]), half_length_s=np.array([2.0]),
         kind=np.array(["level"]), spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
     )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import expon
 
-from uwtrack_cli.lines import ladder
+from uwtrack_cli.lines import multi_resolution
 from uwtrack_cli.lines.contacts import ContactSamples
 from uwtrack_cli.lines.families.comb_test import CombRule
 from uwtrack_cli.lines.families.harmonics import Comb
@@ -155,18 +155,18 @@ def test_joined_points_have_the_nearest_frame_of_the_shortest():
     )
     at_s = np.array([-3.0, 1.4, 1.6, 2.9, 3.1, 5.4, 5.6, 7.6, 99.0])
     away = np.abs(frames.time_s - at_s[:, None])
-    found = ladder._nearest_frame(frames, at_s)
+    found = multi_resolution._nearest_frame(frames, at_s)
     assert found.tolist() == (10 + away.argmin(axis=1)).tolist()
     single = SimpleNamespace(n_frames=1, time_s=np.array([1.0]), first_frame=3)
-    assert ladder._nearest_frame(single, at_s).tolist() == [3] * at_s.size
+    assert multi_resolution._nearest_frame(single, at_s).tolist() == [3] * at_s.size
 
 
 def test_the_usual_length_of_frames_holds_half_of_the_time():
     points = {"window_s": np.repeat([0.5, 2.0, 8.0], [30, 10, 5])}  # 15, 20 and 40 s
-    assert ladder._usual_window_s(points) == 8.0
+    assert multi_resolution._usual_window_s(points) == 8.0
     points = {"window_s": np.repeat([0.5, 2.0, 8.0], [60, 20, 5])}  # 30, 40 and 40 s
-    assert ladder._usual_window_s(points) == 2.0
-    assert ladder._usual_window_s({"window_s": np.zeros(0)}) == 1.0
+    assert multi_resolution._usual_window_s(points) == 2.0
+    assert multi_resolution._usual_window_s({"window_s": np.zeros(0)}) == 1.0
 
 
 def test_lines_are_compared_on_a_grid_where_they_have_points_about():
@@ -180,7 +180,7 @@ def test_lines_are_compared_on_a_grid_where_they_have_points_about():
         "bearing_covariance": np.where(np.arange(n) == 3, np.nan, 1.0)[:, None, None]
         * np.ones((2, 2)),
     }  # fmt: skip
-    found = ladder._on_grid(7, points, slice(0, n), 2.0)
+    found = multi_resolution._on_grid(7, points, slice(0, n), 2.0)
     # grid at 2, 4, 6 ... 16 s; a point within two seconds, the nearest
     assert found.frame.tolist() == [1, 2, 4, 5, 6, 7, 8]
     assert found.time_s.tolist() == [2.0, 4.0, 8.0, 10.0, 12.0, 14.0, 16.0]

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.lines.test_ladder import at, drawn, power
 
 from tests.lines.line_scenes import line_peaks
-from tests.lines.test_ladder import at, drawn, power
 from tests.support import DIFAR, recording_of
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
 from uwtrack_cli.lines.classify import classify_peaks
-from uwtrack_cli.lines.ladder import join_rungs
+from uwtrack_cli.lines.multi_resolution import join_rungs
 from uwtrack_cli.lines.trace import trace_lines
 from uwtrack_cli.lines.track import track_lines
 from uwtrack_cli.lines.track_pda import track_lines_pda

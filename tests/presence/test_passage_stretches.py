@@ -170,6 +170,6 @@ def test_a_stretch_is_read_as_all_of_its_contacts_are(reasons, read):
     assert [one.reason for one in found] == ["a test", "a rise"]
     assert (found[0].reading, found[1].reading) == (read[0], "")
     if read[1] is None:
-        assert "reading" in found[0].reasons()
+        assert "motion_model" in found[0].reasons()
     else:
         assert (found[0].reading_weight, found[0].rival) == (read[1], "constant")

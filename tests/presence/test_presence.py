@@ -210,7 +210,12 @@ def test_what_cpa_refuses_is_in_presence_with_its_reason():
 def test_every_missing_value_has_its_reason():
     rows = [Stretch("unknown", 1.0, 2.0, reason="a test")]
     presence = make_presence({"h1": rows}, {"h1": None}, "full scale")
-    assert set(presence.reasons(0)) == {"encounter", "reading", *MISSING}
+    assert set(presence.reasons(0)) == {
+        "encounter",
+        "motion_model",
+        "motion_model_probability",
+        *(MISSING.keys() - {"reading_weight"}),
+    }
 
 
 def test_there_must_be_something_to_work_on():
@@ -286,7 +291,7 @@ def test_what_was_not_looked_for_is_named_where_no_vessel_was_found(uwtrack, sam
     ("words", "named"),
     [
         ("--recipe vessel", "--recipe auto"),
-        ("--recipe auto", "--recipe ladder"),
+        ("--recipe auto", "--recipe multi-resolution"),
         ("", "--sound-speed-mps 343"),
     ],
 )

@@ -115,7 +115,7 @@ def test_the_files_say_what_the_owner_knows(tmp_path):
     }  # fmt: skip
     sensor = load_sensor(tmp_path / "tow.sensor.toml")
     assert sensor.element_places_m.tolist() == PLACES
-    assert (sensor.tow_offset_m, sensor.heading_source) == (40.0, "way")
+    assert (sensor.tow_offset_m, sensor.heading_source) == (40.0, "track")
     ship = track_trajectory(scenario.sensors[0].track)
     navigation = sensor.navigation
     assert navigation.time_s[0] < -(40.0 + 4.5) / 3.0  # the way the array follows

@@ -62,17 +62,18 @@ def check_place(recording: Recording, *, needs_heading: bool) -> None:
             )
             raise DataError(msg)
         return
-    if sensor.tow_offset_m is None or sensor.heading_source not in {"way", "compass"}:
+    knows_heading = sensor.heading_source in {"track", "way", "compass"}  # way: 0.2
+    if sensor.tow_offset_m is None or not knows_heading:
         msg = (
             f"array {sensor.id!r} has navigation, but not tow_offset_m (0 if it is the "
-            f'array\'s own) and heading_source ("way" or "compass"): give both in its '
+            f'array\'s own) and heading_source ("track" or "compass"): give both in its '
             f"sensor file."
         )
         raise DataError(msg)
     if sensor.heading_source == "compass" and np.isnan(navigation.heading_deg).any():
         msg = (
             f"heading_source of array {sensor.id!r} is 'compass', and rows of its "
-            f'navigation have no heading_deg; give them, or heading_source = "way".'
+            f'navigation have no heading_deg; give them, or heading_source = "track".'
         )
         raise DataError(msg)
     if navigation.start_utc_ns is not None and recording.start_utc_ns is None:

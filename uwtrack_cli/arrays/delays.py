@@ -82,7 +82,7 @@ def measure_delays(
     weighting: Weighting = "ml",
     false_alarm_probability: Annotated[float, AtLeast(1e-9), AtMost(0.5)] = 1e-3,
 ) -> Iterator[Delays]:
-    """Measure how much later each hydrophone of an array hears than the others.
+    """Measure the delays between the hydrophones of an array.
 
     For small arrays, four hydrophones about a metre apart: every pair of them gives a
     delay in every frame, from which directions follow.

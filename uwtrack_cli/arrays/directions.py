@@ -67,7 +67,7 @@ class _Fit(NamedTuple):
 
 @checked
 def find_directions(delays: Delays, sensor: Sensor) -> Directions:
-    """Find from which directions an array heard, by the delays between hydrophones.
+    """Estimate directions of arrival from the delays between hydrophones.
 
     Bearings and elevations go on into cpa, together with levels. A frame whose delays
     cannot be those of one distant source has none.

@@ -81,7 +81,7 @@ def track_bearings(
     *,
     average_s: Annotated[float, Unit("s"), AtLeast(0.1), AtMost(3600)] = 10.0,
 ) -> Series:
-    """Follow the directions of broadband sound that a line array hears.
+    """Track the bearings of broadband sources on a line array.
 
     A vessel without lines stands out of the bearing-time record by its noise alone. Its
     bearings over time are a contact for tma, which finds its range after own ship has

@@ -16,33 +16,62 @@ from typer.core import TyperCommand, TyperGroup
 
 from uwtrack_cli import __version__
 from uwtrack_cli.cli.console import USAGE, say, set_verbosity
+from uwtrack_cli.data import renamed
 from uwtrack_cli.flow.catalogue import STAGES, summary_of
 
-COMMANDS: dict[str, str] = {
-    "run": "run_commands:run",
-    "batch": "batch_commands:batch",
-    "watch": "watch_commands:watch",
-    "passages": "passages_commands:passages",
-    "recipes": "run_commands:recipes",
-    "rerun": "batch_commands:rerun",
-    "difar": "difar_commands:difar",
-    **dict.fromkeys(STAGES, "chain_commands"),
-    "forecast": "forecast_commands:forecast",
-    "info": "file_commands:info",
-    "show": "file_commands:show",
-    "verify": "file_commands:verify",
-    "plot": "picture_commands:plot",
-    "report": "picture_commands:report",
-    "export": "export_commands:export",
-    "calibrate": "calibrate_commands:calibrate",
-    "score": "score_commands:score",
-    "diff": "score_commands:diff",
-    "simulate": "sample_commands:simulate",
-    "sample": "sample_commands:sample",
-    "study": "study_commands:study",
-    "help": "app:explain",
+CHAIN = (
+    "spectrogram", "overview", "levels", "peaks", "classify", "track", "cpa", "locate",
+    "presence",
+)  # fmt: skip
+"""Stages that every recipe has, in their order."""
+
+ANALYSES = ("tma", "pdaf", "discriminate")
+"""Stages that take tables instead of sound."""
+
+GROUPS: dict[str, dict[str, str]] = {
+    "The chain": {
+        "run": "run_commands:run",
+        "recipes": "run_commands:recipes",
+        **dict.fromkeys(CHAIN, "chain_commands"),
+    },
+    "More steps for the chain": {
+        name: "chain_commands" for name in STAGES if name not in {*CHAIN, *ANALYSES}
+    },
+    "Analyses": {
+        **dict.fromkeys(ANALYSES, "chain_commands"),
+        "forecast": "forecast_commands:forecast",
+        "score": "score_commands:score",
+        "calibrate": "calibrate_commands:calibrate",
+        "study": "study_commands:study",
+    },
+    "Files": {
+        "info": "file_commands:info",
+        "show": "file_commands:show",
+        "verify": "file_commands:verify",
+        "diff": "score_commands:diff",
+        "export": "export_commands:export",
+        "rerun": "batch_commands:rerun",
+        "init-sensor": "init_sensor_command:init_sensor",
+        "difar": "difar_commands:difar",
+        "sample": "sample_commands:sample",
+        "simulate": "sample_commands:simulate",
+    },
+    "Folders": {
+        "batch": "batch_commands:batch",
+        "passages": "passages_commands:passages",
+    },
+    "Live": {"watch": "watch_commands:watch"},
+    "Pictures": {
+        "plot": "picture_commands:plot",
+        "report": "picture_commands:report",
+    },
+    "Help": {"help": "app:explain"},
 }
-"""Module and function of each command; that of a stage documents itself."""
+"""Commands by what they are for: module and function of each. That of a stage documents
+itself."""
+
+COMMANDS = {name: place for group in GROUPS.values() for name, place in group.items()}
+"""Module and function of every command, in the order of the help."""
 
 
 class CommandList(TyperGroup):
@@ -59,9 +88,12 @@ class CommandList(TyperGroup):
         return TyperCommand(cmd_name, help=_summary(cmd_name))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write every command with its whole summary."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, _summary(name)) for name in COMMANDS])
+        """Write the commands group by group, each with its whole summary."""
+        widest = max(map(len, COMMANDS))
+        for title, names in GROUPS.items():
+            with formatter.section(title):
+                rows = [(name.ljust(widest), _summary(name)) for name in names]
+                formatter.write_dl(rows)
 
     def main(self, *args: Any, **options: Any) -> Any:
         """Run the program; what is wrong with a command line is one sentence.
@@ -86,6 +118,7 @@ class CommandList(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command that is called, and import it."""
+        args = _with_new_names(args)
         if args and args[0] in COMMANDS:
             found, words = load_command(args[0]), _words(*args)
             if not ctx.resilient_parsing:  # completion asks before all is typed
@@ -95,6 +128,21 @@ class CommandList(TyperGroup):
         if args and not args[0].startswith("-") and not ctx.resilient_parsing:
             ctx.fail(_no_such_command(args[0]))
         return super().resolve_command(ctx, args)
+
+
+def _with_new_names(words: Sequence[str]) -> list[str]:
+    """Return words with the names that commands and options have now, and say so."""
+    command = renamed.STAGES.get(words[0], words[0]) if words else ""
+    found = [command, *words[1:]]
+    for place, word in enumerate(found[1:], 1):
+        flag, sign, value = word.partition("=")
+        new = renamed.FLAGS.get((command, flag))
+        if new is not None:
+            found[place] = f"{new}{sign}{value}"
+    for old, new in zip(words, found, strict=False):
+        if old != new:
+            say(f"warning: {old} is now called {new}; the old name goes in 0.4.")
+    return found[: len(words)]
 
 
 def _no_such_command(name: str) -> str:

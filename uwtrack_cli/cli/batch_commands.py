@@ -1,6 +1,7 @@
 """`batch` and `rerun`: many recordings at once, and a product once more."""
 
 import json
+import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -59,7 +60,7 @@ OWN_PARAMETERS = parameters_of({
         float | None, None,
         "Sound in s that a part reads beside its own span; 900 if unset.",
     ),
-})  # fmt: skip
+}, panel="Many recordings")  # fmt: skip
 """Options of running many: where, and what belongs together."""
 
 BATCH_PARAMETERS = [
@@ -78,7 +79,7 @@ def batch(
     folder: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Folder of the products, as the sources lie."
+            "--output", "-o", help="Folder of the result files, as the sources lie."
         ),
     ],
     recipe: RecipeName = DEFAULT_RECIPE,
@@ -92,7 +93,7 @@ def batch(
     within_m: WithinM = 2000.0,
     **options: Any,
 ) -> None:
-    """Run a recipe over many recordings; one bad file is a row of the report.
+    """Run a recipe over many recordings; a bad file is a row of the report.
 
     Writes the products, batch.csv and batch.jsonl into the folder. Exit code 3 when
     some failed; after an interrupt, --resume goes on where it ended. What was made of
@@ -169,12 +170,17 @@ def _run(
     found: dict[int, Outcome] = {}
     wanted = available_processors() if jobs is None else jobs
     folder.mkdir(parents=True, exist_ok=True)
+    sound = SoundDone(made)
     try:
-        with progress_bar("batch", len(made)) as done:
-            n_workers = min(wanted, len(made))
-            for k, outcome in run_jobs(made, n_workers=n_workers, scheduler=scheduler):
+        with progress_bar("batch", sum(sound.total_s)) as show:
+            for k, outcome in run_jobs(
+                made,
+                n_workers=min(wanted, len(made)),
+                scheduler=scheduler,
+                progress=lambda number, done_s: show(*sound.reached(number, done_s)),
+            ):
                 found[k] = outcome
-                done(len(found))
+                show(*sound.ended(k))
                 if outcome.status == "failed":
                     say(f"failed: {outcome.source}: {outcome.message}", 1)
     finally:
@@ -182,6 +188,36 @@ def _run(
         for path in write_report(outcomes, folder):
             say(f"wrote {path}", 1)
     return outcomes
+
+
+class SoundDone:
+    """How much of the sound of a batch is done.
+
+    ``jobs``: what is to be made.
+    """
+
+    def __init__(self, jobs: "Sequence[Job]") -> None:
+        from uwtrack_cli.files.audio.recording_file import sound_s
+
+        is_seen = sys.stderr.isatty()
+        self.total_s = [
+            sum(map(sound_s, job.sources)) if is_seen else 0.0 for job in jobs
+        ]
+        """Length of the sound of each job, s; 0 where nobody looks on."""
+        self._done_s = [0.0] * len(jobs)
+
+    def reached(self, number: int, done_s: float) -> tuple[float, str]:
+        """Return the seconds that are done of all sound, and the stage of a job."""
+        from uwtrack_cli.flow.engine import STREAM_SHARE
+
+        self._done_s[number] = min(done_s, self.total_s[number])
+        is_read = done_s >= STREAM_SHARE * self.total_s[number]
+        return sum(self._done_s), "closest approaches" if is_read else "reading sound"
+
+    def ended(self, number: int) -> tuple[float, str]:
+        """Return the seconds that are done of all sound when a job has ended."""
+        self._done_s[number] = self.total_s[number]
+        return sum(self._done_s), ""
 
 
 def _tell(
@@ -238,7 +274,7 @@ def _repeated(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 def rerun(
     *,
-    file: Annotated[Path, typer.Argument(help="Product to make once more.")],
+    file: Annotated[Path, typer.Argument(help="Result file to make once more.")],
     source: Annotated[
         list[Path] | None,
         typer.Option("--source", help="What it was made of, if not beside it."),
@@ -246,7 +282,7 @@ def rerun(
     output: Output = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Make a product again from its own history.
+    """Make a result file again from its own history.
 
     The sources are looked for beside the product and must be the same to the bit.
     Without --output, pass.run.h5 becomes pass.rerun.run.h5.

@@ -47,7 +47,7 @@ def calibrate(
     ] = None,
     band_hz: Annotated[
         tuple[float, float],
-        typer.Option(help="Band in Hz between whose lines the vessel is heard."),
+        typer.Option(help="Band in Hz between whose lines the vessel is detected."),
     ] = (100.0, 1500.0),
     window_s: Annotated[
         float, typer.Option(help="Length of a frame in s.")

@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from uwtrack_cli.cli.targets import Inputs
 
 Sound = Annotated[Path, typer.Argument(help="Recording: WAV, RF64, W64, FLAC or AIFF.")]
-OneFile = Annotated[Path, typer.Argument(help="Product file; - is standard input.")]
+OneFile = Annotated[Path, typer.Argument(help="Result file; - is standard input.")]
 Files = Annotated[
     list[Path],
-    typer.Argument(help="Product files in any order, or a CSV table; - is standard input."),
+    typer.Argument(help="Result files in any order, or a CSV table; - is standard input."),
 ]  # fmt: skip
 REPLAYS = (".rep", ".dsf")
 """Endings of files of tracks and cuts."""

@@ -18,11 +18,35 @@ from uwtrack_cli.data.options import is_union, makes_rungs
 from uwtrack_cli.files.input_ledger import input_ledger
 from uwtrack_cli.flow.stage import Option, Stage
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
-Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Say more about what is done.")
+GENERAL, EXPERT = "General options", "Expert options"
+"""Titles of the panels that come last."""
+
+RARE = frozenset({
+    "above_design", "cells_per_octave", "decimation", "dipole_noise_ratio",
+    "kept_probability", "largest_share", "least_highest_hz", "loading",
+    "lowest_false_alarm", "max_pixels", "most_peaks", "overlap", "shading",
+    "sidelobe_db", "snapshots", "weighting", "zero_padding",
+})  # fmt: skip
+"""Options of stages that few people need, beside those in groups of their own."""
+
+Quiet = Annotated[
+    bool,
+    typer.Option(
+        "--quiet", "-q", help="Say nothing but errors.", rich_help_panel=GENERAL
+    ),
 ]
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+Verbose = Annotated[
+    bool,
+    typer.Option(
+        "--verbose", "-v", help="Say more about what is done.", rich_help_panel=GENERAL
+    ),
+]
+Debug = Annotated[
+    bool,
+    typer.Option(
+        "--debug", help="Show the traceback of an error.", rich_help_panel=GENERAL
+    ),
+]
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace an existing output file.")
 ]
@@ -34,7 +58,7 @@ AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON on standard output.")
 ]
 
-ProductFile = Annotated[Path, typer.Argument(help="Product; - is standard input.")]
+ProductFile = Annotated[Path, typer.Argument(help="Result file; - is standard input.")]
 Branch = Annotated[
     str | None,
     typer.Option(
@@ -50,14 +74,21 @@ Axis = Annotated[
         help="Rows of another axis of the container: row (motions), lobe (directions).",
     ),
 ]
+NAMES = "Names of vessels"
 Ais = Annotated[
     Path | None,
     typer.Option(
-        "--ais", help="AIS table or log that gives passages names of vessels."
+        "--ais",
+        help="AIS table or log that gives passages names of vessels.",
+        rich_help_panel=NAMES,
     ),
 ]
 WithinM = Annotated[
-    float, typer.Option(help="Range in m within which AIS vessels must be found.")
+    float,
+    typer.Option(
+        help="Range in m within which AIS vessels must be found.",
+        rich_help_panel=NAMES,
+    ),
 ]
 
 SHARED: dict[str, Any] = {"quiet": Quiet, "verbose": Verbose, "debug": Debug}
@@ -79,10 +110,19 @@ class PlainCommand(TyperCommand):
             usual = "Arguments" if is_argument else "Options"
             if record is not None:
                 title = getattr(param, "rich_help_panel", None) or usual
+                title = GENERAL if param.name == "help" else title
                 panels.setdefault(title, []).append(record)
-        for title, records in panels.items():
+        for title, records in sorted(panels.items(), key=lambda panel: _rank(panel[0])):
             with formatter.section(title):
                 formatter.write_dl(records)
+
+
+def _rank(panel: str) -> int:
+    """Return where a panel stands: what is common first, what experts need last."""
+    first = ("Arguments", "Options", "Recording", "Many recordings")
+    if panel in first:
+        return first.index(panel)
+    return len(first) + (panel == GENERAL) + 2 * panel.startswith(EXPERT)
 
 
 def register(app: typer.Typer, name: str, function: Callable[..., None]) -> None:
@@ -165,7 +205,9 @@ def nest(stage: Stage, flat: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _parameter(option: Option) -> inspect.Parameter:
-    panel = None if option.group is None else f"{option.group.capitalize()} options"
+    panel = EXPERT if option.name in RARE else None
+    if option.group is not None:
+        panel = f"{EXPERT}: {option.group}"
     several = makes_rungs(option.hint)
     return inspect.Parameter(
         option.flat_name,

@@ -8,6 +8,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from datetime import timedelta
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -158,18 +159,23 @@ def _console(*, stderr: bool = True, width: int | None = None) -> "Console":
 
 
 @contextmanager
-def progress_bar(title: str, total_s: float) -> Iterator[Callable[[float], None]]:
-    """Show how far a run is, on a terminal and after two seconds only."""
+def progress_bar(
+    title: str, total: float, things: str = ""
+) -> Iterator[Callable[..., None]]:
+    """Show how much sound a run has worked on, on a terminal and after two seconds only.
+
+    ``total``: sound to work on, s, or the number of ``things``, if these are named.
+    """
     import time
 
     begin = time.monotonic()
     bars: list[Progress] = []
 
-    def update(done_s: float) -> None:
+    def update(done_s: float, stage: str = "") -> None:
         if not bars and _verbosity >= 0 and time.monotonic() - begin > 2.0:
-            bars.append(_started_bar(title, total_s))
+            bars.append(_started_bar(title, total, things))
         for bar in bars:
-            bar.update(bar.task_ids[0], completed=done_s)
+            bar.update(bar.task_ids[0], completed=done_s, stage=stage)
 
     try:
         yield update
@@ -179,19 +185,49 @@ def progress_bar(title: str, total_s: float) -> Iterator[Callable[[float], None]
                 bar.stop()
 
 
-def _started_bar(title: str, total_s: float) -> "Progress":
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+def _started_bar(title: str, total: float, things: str) -> "Progress":
+    from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.text import Text
+
+    class DoneAndTimeLeft(ProgressColumn):
+        """How much is done, and how long the rest takes at the pace so far."""
+
+        def render(self, task: Task) -> Text:
+            elapsed_s = task.elapsed or 0.0
+            return Text(progress_text(task.completed, total, elapsed_s, things))
 
     console = _console()
     bar = Progress(
-        TextColumn("{task.description}", markup=False), BarColumn(),
-        "{task.percentage:3.0f} %",
-        TimeRemainingColumn(), console=console, transient=True,
-        disable=not console.is_terminal,
+        TextColumn("{task.description}", markup=False), BarColumn(bar_width=20),
+        DoneAndTimeLeft(), TextColumn("{task.fields[stage]}", markup=False),
+        console=console, transient=True, disable=not console.is_terminal,
     )  # fmt: skip
-    bar.add_task(plain_text(title), total=total_s)
+    bar.add_task(plain_text(title), total=total, stage="")
     bar.start()
     return bar
+
+
+def progress_text(done: float, total: float, elapsed_s: float, things: str = "") -> str:
+    """Return how much is done, and how long the rest takes at the pace so far.
+
+    ``done``, ``total``: seconds of sound, or numbers of ``things``.
+
+    Examples
+    --------
+    >>> progress_text(1800.0, 7200.0, 60.0)
+    '0:30:00 of 2:00:00, 0:03:00 left'
+    >>> progress_text(3, 4, 60.0, "pages")
+    '3 of 4 pages, 0:00:20 left'
+    """
+    if things:
+        text = f"{done:.0f} of {total:.0f} {things}"
+    else:
+        read, whole = (timedelta(seconds=round(each)) for each in (done, total))
+        text = f"{read} of {whole}"
+    if not done > 0.0:
+        return text
+    left_s = elapsed_s * max(0.0, total - done) / done
+    return f"{text}, {timedelta(seconds=round(left_s))} left"
 
 
 @contextmanager

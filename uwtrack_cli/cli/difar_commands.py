@@ -52,7 +52,7 @@ def difar(
     overwrite: Overwrite = False,
     **options: Any,
 ) -> None:
-    """Take omni, east and north out of the audio of a DIFAR sonobuoy.
+    """Extract omni, east and north from the audio of a DIFAR sonobuoy.
 
     Writes a recording of three channels at 6 kHz that every stage reads, its sensor file
     and the level of lock (buoy.lock.csv). What has no lock is no number, and a gap.

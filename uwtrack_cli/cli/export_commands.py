@@ -26,7 +26,7 @@ def export(
     ],
     container: Annotated[
         str | None,
-        typer.Option("--container", help="Container that a CSV holds: fixes, lines."),
+        typer.Option("--table", help="Table that a CSV holds: fixes, lines."),
     ] = None,
     sensor: Annotated[
         str | None, typer.Option("--sensor", help="Sensor, where there are several.")
@@ -44,10 +44,10 @@ def export(
     from uwtrack_cli.flow.exports.export import FORMATS, export_product
 
     if container is not None and form != "csv":
-        msg = f"--container goes with --to csv, not {form}, which takes what it needs."
+        msg = f"--table goes with --to csv, not {form}, which takes what it needs."
         raise OptionError(msg)
     if axis is not None and container is None:
-        msg = f"--axis {axis} needs --container, and --to csv."
+        msg = f"--axis {axis} needs --table, and --to csv."
         raise OptionError(msg)
     target = _target(output, file, FORMATS[form].ending)
     inputs = () if file == PIPE else (file,)

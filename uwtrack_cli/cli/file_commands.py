@@ -13,6 +13,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.options import nearest
 from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.renamed import TABLES, with_old_keys
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.text_escaping import shell_word
 
@@ -25,13 +26,13 @@ def info(
     file: Annotated[
         Path,
         typer.Argument(
-            help="Product, recording, or folder of recordings; - is a product on "
+            help="Result file, recording, or folder of recordings; - is a file on "
             "standard input."
         ),
     ],
     json_output: AsJson = False,
 ) -> None:
-    """Tell in ten lines what a product or recording is; with -v every column and option.
+    """Describe a file in ten lines; with -v every column and option.
 
     Of a folder, tell which recordings follow each other.
     """
@@ -50,7 +51,7 @@ def info(
         return
     with open_product(file) as product:
         if json_output:
-            put([json.dumps(_facts(product), ensure_ascii=False)])
+            put([json.dumps(with_old_keys(_facts(product)), ensure_ascii=False)])
         elif is_verbose():
             put(_lines(_facts(product)))
         else:
@@ -58,9 +59,9 @@ def info(
 
 
 def _facts(product: Any) -> dict[str, Any]:
-    containers = [
+    tables = [
         {
-            "container": key.name,
+            "table": key.name,
             "sensor": key.sensor,
             "step": key.step,
             "columns": _columns(product, key),
@@ -73,7 +74,7 @@ def _facts(product: Any) -> dict[str, Any]:
         "program_version": product.program_version,
         "created_utc": product.created_utc,
         "sha256": product.digest,
-        "containers": containers,
+        "tables": [with_old_keys(each) for each in tables],
         "history": [json.loads(step.to_json()) for step in product.history],
     }
 
@@ -91,10 +92,10 @@ def _columns(product: Any, key: Any) -> list[dict[str, Any]]:
 def _lines(facts: dict[str, Any]) -> list[str]:
     made = f"made {facts['created_utc']} by uwtrack {facts['program_version']}"
     lines = [f"{facts['file']}: {made}, schema {facts['schema_version']}"]
-    for item in facts["containers"]:
+    for item in facts["tables"]:
         of = f" of {item['sensor']}" if item["sensor"] else ""
         of += f" by {item['step']}" if item["step"] else ""
-        lines.append(f"  {item['container']}{of}")
+        lines.append(f"  {item['table']}{of}")
         for column in item["columns"]:
             shape = " x ".join(map(str, column["shape"]))
             unit = f" [{column['units']}]" if column["units"] not in {"", "1"} else ""
@@ -111,7 +112,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
 def show(
     *,
     file: Annotated[
-        Path | None, typer.Argument(help="Product; - is standard input.")
+        Path | None, typer.Argument(help="Result file; - is standard input.")
     ] = None,
     container: Annotated[
         str | None,
@@ -138,7 +139,7 @@ def show(
         ),
     ] = None,
 ) -> None:
-    """Print a container of a product on standard output.
+    """Print a table of a result file on standard output.
 
     Without a container, the table that the command printed which made the product. A
     table of results has the columns that fit a screen; --format csv or json has all.
@@ -164,6 +165,7 @@ def show(
             raise OptionError(msg)
         _show_result(file, form, sensor, step)
         return
+    container = TABLES.get(container, container)
     if container not in CONTAINERS:
         if str(file) in CONTAINERS:
             msg = f"the file comes first: uwtrack show {shell_word(container)} {file}"
@@ -238,9 +240,9 @@ def _results(product: "Product") -> tuple[str, ...]:
 
 def verify(
     *,
-    files: Annotated[list[Path], typer.Argument(help="Products to check.")],
+    files: Annotated[list[Path], typer.Argument(help="Result files to check.")],
 ) -> None:
-    """Check products for damage: checksums, completeness, schema, history.
+    """Check result files for damage: checksum, completeness, schema, history.
 
     A checksum shows damage, not forgery: it has no key, and whoever changes a product
     can write it anew. Such a file is refused where it could do harm (it is read in a

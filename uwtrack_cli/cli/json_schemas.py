@@ -18,10 +18,11 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from uwtrack_cli.data.base import Column, Container
 from uwtrack_cli.data.options import refuse_unknown
+from uwtrack_cli.data.renamed import INNER_KEYS, KEYS
 from uwtrack_cli.files.hdf5.layout import CONTAINERS, scalar_types
 from uwtrack_cli.files.tables.json_rows import OBJECTS, object_keys
 
-VERSION = 1
+VERSION = 2
 """Version of all schemas; a reader finds it in ``$id``."""
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -121,7 +122,7 @@ _OF_LINES_AND_GAPS: dict[str, Schema] = {
     "frequency_high_hz": _told(_NUMBER, "Highest frequency so far. [Hz]"),
     "snr_db": _maybe("number", "Median SNR. [dB]"),
     "n_points": _told(_INTEGER, "Points of the line so far."),
-    "stretch": _told(_INTEGER, "Number of a stretch of presence."),
+    "segment": _told(_INTEGER, "Number of a segment of presence."),
     "duration_s": _told(_NUMBER, "Length of the gap so far. [s]"),
     "reason": _told(_TEXT, "What disturbs the sound."),
 }
@@ -171,7 +172,29 @@ def json_schema(name: str) -> Schema:
             body["properties"]["n_encounters"] = {"type": "integer"}
         if REPORTS[name][1]:
             body = {"title": body["title"], **_list(body)}
-    return {"$schema": DIALECT, "$id": f"urn:uwtrack:{name}:{VERSION}", **body}
+    head = {"$schema": DIALECT, "$id": f"urn:uwtrack:{name}:{VERSION}"}
+    return head | _with_old_keys(body)
+
+
+def _with_old_keys(schema: Schema, *, is_inner: bool = False) -> Schema:
+    """Return a schema that also has the keys of the version before, as deprecated.
+
+    ``is_inner``: whether it is that of the object which was called ``rival``.
+    """
+    found = dict(schema)
+    if "items" in found:
+        found["items"] = _with_old_keys(found["items"])
+    if "properties" in found:
+        now = {key: _with_old_keys(one) for key, one in found["properties"].items()}
+        for before, after in (INNER_KEYS if is_inner else KEYS).items():
+            if after in now:
+                one = _with_old_keys(now[after], is_inner=before == "rival")
+                now[before] = {**one, "deprecated": True}
+        if is_inner:
+            now = {key: now[key] for key in INNER_KEYS}
+            found["required"] = list(INNER_KEYS)
+        found["properties"] = now
+    return found
 
 
 def _container(kind: type[Container]) -> Schema:
@@ -183,7 +206,7 @@ def _container(kind: type[Container]) -> Schema:
         name: _scalar(plain, kind.scalars()[name].metadata)
         for name, plain in scalar_types(kind).items()
     }
-    properties = {"container": {"const": kind.NAME}, **facts}
+    properties = {"table": {"const": kind.NAME}, **facts}
     axes = dict.fromkeys(spec.axes[0] for spec in kind.columns().values())
     for axis in (a for a in axes if a != "reason"):
         key = f"{axis}_rows" if axis in properties else axis
@@ -285,8 +308,8 @@ _INFO: Schema = {"title": "What is inside a product."} | _object({
     "program_version": _TEXT,
     "created_utc": {"type": "string", "format": "date-time"},
     "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
-    "containers": _list(_object({
-        "container": _TEXT,
+    "tables": _list(_object({
+        "table": _TEXT,
         "sensor": _maybe("string"),
         "step": _TEXT,
         "columns": _list(_COLUMN),

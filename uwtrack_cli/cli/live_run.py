@@ -25,6 +25,7 @@ from uwtrack_cli.cli.targets import (
 )
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.recording import LiveSource, Recording
+from uwtrack_cli.data.renamed import with_old_keys
 from uwtrack_cli.errors import OptionError, UwtrackWarning
 from uwtrack_cli.files.checks import is_pipe
 from uwtrack_cli.files.text_escaping import shell_word
@@ -49,7 +50,7 @@ LIVE_PARAMETERS = parameters_of({
         float | None, None,
         "End when no sound came for so long, s; 60 with --follow, else never.",
     ),
-})  # fmt: skip
+}, panel="Live sound")  # fmt: skip
 """Options of `run` for sound that is still coming."""
 
 
@@ -213,7 +214,7 @@ def put_event(event: Mapping[str, Any]) -> None:
     once, and the file is written all the same.
     """
     try:
-        put([json.dumps(event, ensure_ascii=False)])
+        put([json.dumps(with_old_keys(event), ensure_ascii=False)])
         sys.stdout.flush()
     except OSError as error:
         if not isinstance(error, BrokenPipeError):

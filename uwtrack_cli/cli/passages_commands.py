@@ -31,14 +31,14 @@ LEVELS = (
     Head("background dB", "background_level_db", 1),
 )  # fmt: skip
 SPARE_OF_LEVELS = ("received dB", "sensor", "vessel")
-SPARE = ("level dB", "status", "course deg", "sensor")
+SPARE = ("level dB", "status", "course deg", "sensor", "contact", "recording")
 """Columns that a narrow table does without."""
 
 
 def passages(  # noqa: PLR0913 - three views of one table
     *,
     sources: Annotated[
-        list[Path], typer.Argument(help="Products, or folders with them.")
+        list[Path], typer.Argument(help="Result files, or folders with them.")
     ],
     per: Annotated[
         Literal["day", "month", "vessel", "sensor"] | None,
@@ -72,7 +72,7 @@ def passages(  # noqa: PLR0913 - three views of one table
     overwrite: Overwrite = False,
     fresh: Annotated[
         bool,
-        typer.Option("--fresh", help="Read every product again, and remember nothing."),
+        typer.Option("--fresh", help="Read every file again, and remember nothing."),
     ] = False,
 ) -> None:
     """List every passage of results and folders in one table.

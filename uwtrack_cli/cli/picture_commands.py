@@ -93,7 +93,7 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="Products of one recording, in any order; or one recording: WAV, RF64, "
+            help="Result files of one recording, in any order; or one recording: WAV, RF64, "
             "W64, FLAC or AIFF."
         ),
     ],
@@ -116,7 +116,7 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
         str | None,
         typer.Option(
             "--sensor",
-            help="Sensor, where several heard it; of a recording, its sensor file.",
+            help="Sensor, where several detected it; of a recording, its sensor file.",
         ),
     ] = None,
     begin: Begin = None,
@@ -428,7 +428,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
         Path,
         typer.Argument(
             metavar="{file}",
-            help="Product, or folder of products; - is standard input.",
+            help="Result file, or folder of them; - is standard input.",
         ),
     ],
     step: Branch = None,
@@ -440,12 +440,14 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     pages: Annotated[
         bool,
         typer.Option(
-            "--pages", help="Of a folder: write the page of every product, too."
+            "--pages", help="Of a folder: write the page of every file in it, too."
         ),
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="HTML file; else named after the product."),
+        typer.Option(
+            "--output", "-o", help="HTML file; else named after the result file."
+        ),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -524,7 +526,7 @@ def _write_pages_of(
     from uwtrack_cli.flow.passages import find_results
 
     paths = find_results([folder])
-    with progress_bar("pages", len(paths)) as done:
+    with progress_bar("report", len(paths), "pages") as done:
         for number, path in enumerate(paths, 1):
             page = path.with_suffix(".html")
             if overwrite or not page.exists():

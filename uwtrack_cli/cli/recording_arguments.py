@@ -12,12 +12,15 @@ from uwtrack_cli.data.recording import Recording
 
 
 def parameters_of(
-    options: Mapping[str, tuple[Any, Any, str]], flags: Mapping[str, str] | None = None
+    options: Mapping[str, tuple[Any, Any, str]],
+    flags: Mapping[str, str] | None = None,
+    *,
+    panel: str | None = None,
 ) -> list[inspect.Parameter]:
     """Return options that several commands have as parameters of their functions.
 
     ``options``: type, default and help by name. ``flags``: flags that are not called
-    like their options.
+    like their options. ``panel``: title under which the help lists them.
     """
     named = {name: f"--{name.replace('_', '-')}" for name in options} | dict(
         flags or {}
@@ -27,7 +30,9 @@ def parameters_of(
             name,
             inspect.Parameter.KEYWORD_ONLY,
             default=default,
-            annotation=Annotated[hint, typer.Option(named[name], help=text)],
+            annotation=Annotated[
+                hint, typer.Option(named[name], help=text, rich_help_panel=panel)
+            ],
         )
         for name, (hint, default, text) in options.items()
     ]
@@ -41,7 +46,7 @@ SOURCE_PARAMETERS = parameters_of({
         float | None, None, "Sound speed in m/s, instead of the sensor's."
     ),
     "own_ship": (
-        Path | None, None, "CSV table of the platform's way, instead of the sensor's."
+        Path | None, None, "CSV table of the platform's track, instead of the sensor's."
     ),
     "start_utc": (str | None, None, "Time of the first sample, ISO 8601."),
     "time_zone": (str, "UTC", "Zone of times that name none: UTC, Asia/Seoul, +09:00."),
@@ -52,7 +57,7 @@ SOURCE_PARAMETERS = parameters_of({
     "allow_truncated": (
         bool, False, "Take what is there of a file that ends too early."
     ),
-}, {"sensor_sound_speed_mps": "--sound-speed-mps"})  # fmt: skip
+}, {"sensor_sound_speed_mps": "--sound-speed-mps"}, panel="Recording")  # fmt: skip
 """Options of every command that reads sound."""
 
 

@@ -68,6 +68,7 @@ SENSOR_EACH = Annotated[
     typer.Option(
         "--sensor",
         help="Sensor file of each recording, in their order, or one deployment file.",
+        rich_help_panel="Recording",
     ),
 ]
 """How `run` takes sensors: one for each recording."""

@@ -12,6 +12,7 @@ import typer
 from uwtrack_cli.cli.command_factory import AsJson, Branch, ProductFile
 from uwtrack_cli.cli.console import OUTSIDE, put, say, show_table, unread_too
 from uwtrack_cli.cli.targets import open_product
+from uwtrack_cli.data.renamed import with_old_keys
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.tables.json_rows import plain
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from uwtrack_cli.flow.scoring.score_product import ProductScore
 
 STRAIGHT = "straight"
-"""The reading that goes without saying."""
+"""The motion model that goes without saying."""
 
 Tolerance = Annotated[
     Path | None,
@@ -42,7 +43,7 @@ def diff(
     tolerance: Tolerance = None,
     json_output: AsJson = False,
 ) -> None:
-    """Compare two products by their numbers; exit code 4 when they differ.
+    """Compare two result files by their numbers; exit code 4 when they differ.
 
     What made them, and when, does not count. A tolerance file overrides --rtol and
     --atol per quantity: [encounters] speed_mps = { rtol = 1e-3, atol = 0.01 }.
@@ -60,7 +61,7 @@ def diff(
         )
     with unread_too():
         if json_output:
-            put([json.dumps([plain(asdict(item)) for item in found])])
+            put([json.dumps([with_old_keys(plain(asdict(item))) for item in found])])
         else:
             put(map(_difference_line, found))
     if found:
@@ -71,7 +72,7 @@ def diff(
 def _difference_line(item: "Difference") -> str:
     of = f" of {item.sensor}" if item.sensor else ""
     of += f" by {item.step}" if item.step else ""
-    name = f"{item.container}.{item.quantity}" if item.quantity else item.container
+    name = f"{item.table}.{item.quantity}" if item.quantity else item.table
     line = f"{name}{of} {item.reason}"
     if item.n_different:
         line += f": {item.n_different} of {item.n_values} values"
@@ -113,7 +114,9 @@ def score(
         )
     with unread_too():
         if json_output:
-            put([json.dumps(plain(asdict(found)), ensure_ascii=False)])
+            facts = plain(asdict(found))
+            facts["identities"] = list(map(with_old_keys, facts["identities"]))
+            put([json.dumps(facts, ensure_ascii=False)])
         else:
             _show(found)
     for problem in found.problems:
@@ -134,7 +137,7 @@ def _show(found: "ProductScore") -> None:
         chances = ", ".join(f"{name} {p:.3f}" for name, p in who.candidates)
         say(
             f"contact {who.contact} of {who.sensor}: {chances or 'no vessel known'}, "
-            f"unlisted {who.unlisted:.3f}{_reading(who)}"
+            f"unlisted {who.unlisted:.3f}{_model(who)}"
         )
     for text in found.missed:
         say(f"missed: {text}")
@@ -149,12 +152,13 @@ def _show(found: "ProductScore") -> None:
         )
 
 
-def _reading(who: "Identity") -> str:
-    """Say how an encounter is read where it is not a straight passage for certain."""
-    if who.reading in ("", STRAIGHT) and not who.rival:
+def _model(who: "Identity") -> str:
+    """Say the motion model where it is not a straight passage for certain."""
+    model, other = who.motion_model, who.alternative_motion_model
+    if model in ("", STRAIGHT) and not other:
         return ""
-    rival = f", rival {who.rival}" if who.rival else ""
-    return f"; read as {who.reading} {who.reading_weight:.2f}{rival}"
+    alternative = f", alternative {other}" if other else ""
+    return f"; motion model {model} {who.motion_model_probability:.2f}{alternative}"
 
 
 def _cells(item: Any) -> Sequence[str]:

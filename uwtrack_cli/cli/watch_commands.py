@@ -30,7 +30,7 @@ def watch(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Folder of the products and of the journal."
+            "--output", "-o", help="Folder of the result files and of the journal."
         ),
     ],
     recipe: RecipeName = DEFAULT_RECIPE,

@@ -82,7 +82,7 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
     motion: TargetMotion = TargetMotion(),  # noqa: B008 - frozen
     start: TargetStart = TargetStart(),  # noqa: B008 - frozen
 ) -> Target:
-    """Follow one or several targets through false measurements.
+    """Track one or several targets through false measurements (PDAF).
 
     A scan brings many measurements and at most one of them is the vessel's. The filter
     weighs all that are near enough, and the detection threshold may follow its need: low

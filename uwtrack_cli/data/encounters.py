@@ -72,7 +72,9 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "ambiguities": "Other solutions with their weights.",
         "change": "What changed beside a passage, and when; null if nothing.",
         "evidence": "Log evidence of the passage over each explanation, as it is weighed.",
-        "rival": "Next reading with its weight; null if none has 5 %.",
+        "alternative_motion_model": (
+            "Next motion model with its probability; null if none has 5 %."
+        ),
         "vessel": "Vessel by AIS, and the probability that it was that one.",
     }
 
@@ -208,19 +210,20 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "evidence", unit="neper", key="evidence.nepers",
     )  # fmt: skip
     reading: TextArray | None = column(
-        "How the measurements are read: 'straight', 'frequency-step', "
+        "Motion model of the row: 'straight', 'frequency-step', "
         "'frequency-ramp', 'manoeuvre' or 'two-targets' (its contact was divided).",
-        unknown="", choices=READINGS,
+        unknown="", choices=READINGS, key="motion_model",
     )  # fmt: skip
     reading_weight: FloatArray | None = column(
-        "Probability of that reading, among those in which nothing passes, too."
+        "Probability of that motion model, among those in which nothing passes, too.",
+        key="motion_model_probability",
     )
     rival: TextArray | None = column(
-        "Next reading, also 'constant', 'machinery' or 'joined', in which nothing "
-        "passes; empty if it has less than 5 %.", key="rival.reading",
+        "Next motion model, also 'constant', 'machinery' or 'joined', in which nothing "
+        "passes; empty if it has less than 5 %.", key="alternative_motion_model.motion_model",
     )  # fmt: skip
     rival_weight: FloatArray | None = column(
-        "Its probability; 0 without one.", key="rival."
+        "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
     change_time_s: FloatArray | None = column(
         "When frequencies or velocity changed; nan for a straight passage.",
@@ -377,7 +380,9 @@ class Fixes(Container):
     ROW: ClassVar[str] = "fix"
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("coordinate", "coordinate_too")
     OBJECTS: ClassVar[dict[str, str]] = {
-        "rival": "The other reading; null if it has less than 5 %.",
+        "alternative_motion_model": (
+            "The other motion model; null if it has less than 5 %."
+        ),
     }
 
     contact: IntArray = column("Contact, from 1.")
@@ -400,17 +405,19 @@ class Fixes(Container):
     course_std_deg: FloatArray = deviation(key="")
     sensors: TextArray = column("Sensors that contributed, comma separated.")
     reading: TextArray | None = column(
-        "How bearings that cross are read: 'still' or 'moving'; empty where the two "
-        "did not compete.", unknown="", choices=("still", "moving"),
+        "Motion model of bearings that cross: 'still' or 'moving'; empty where the two "
+        "did not compete.", unknown="", choices=("still", "moving"), key="motion_model",
     )  # fmt: skip
     reading_weight: FloatArray | None = column(
-        "Probability of that reading; position and ellipse are those of both."
+        "Probability of that motion model; position and ellipse are those of both.",
+        key="motion_model_probability",
     )
     rival: TextArray | None = column(
-        "The other reading; empty if it has less than 5 %.", key="rival.reading"
+        "The other motion model; empty if it has less than 5 %.",
+        key="alternative_motion_model.motion_model",
     )
     rival_weight: FloatArray | None = column(
-        "Its probability; 0 without one.", key="rival."
+        "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
     origin: str = scalar("What the grid is relative to: a sensor or 'grid'.")
     origin_latitude: float | None = scalar("Latitude of the origin.", None)

@@ -50,7 +50,9 @@ class Presence(HasReasons):
     NAME: ClassVar[str] = "presence"
     ROW: ClassVar[str] = "stretch"
     OBJECTS: ClassVar[dict[str, str]] = {
-        "rival": "Next reading with its weight; null if none has 5 %.",
+        "alternative_motion_model": (
+            "Next motion model with its probability; null if none has 5 %."
+        ),
     }
 
     contact: IntArray = column("Contact of its lines, from 1; 0 for none.", unknown=0)
@@ -87,19 +89,21 @@ class Presence(HasReasons):
         "Probability that noise alone gives as much."
     )
     reading: TextArray | None = column(
-        "What its contacts are read as: that of its closest approach; else 'constant', "
+        "Motion model of its contacts: that of its closest approach; else 'constant', "
         "'machinery' or 'joined' where nothing passes, or a passage that noise alone "
-        "gives, too; empty if they are not read as one.", unknown="", choices=READINGS,
+        "gives, too; empty if they have none in common.", unknown="", choices=READINGS,
+        key="motion_model",
     )  # fmt: skip
     reading_weight: FloatArray | None = column(
-        "Probability of that reading, of the least certain contact."
+        "Probability of that motion model, of the least certain contact.",
+        key="motion_model_probability",
     )
     rival: TextArray | None = column(
-        "Next reading of that contact; empty if it has less than 5 %.",
-        key="rival.reading",
+        "Next motion model of that contact; empty if it has less than 5 %.",
+        key="alternative_motion_model.motion_model",
     )  # fmt: skip
     rival_weight: FloatArray | None = column(
-        "Its probability; 0 without one.", key="rival."
+        "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
     frequency_stretch: IntArray = column(
         "Row of the stretch that a line belongs to.", "frequency", owner="stretch"

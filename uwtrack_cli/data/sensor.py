@@ -111,7 +111,7 @@ class Sensor(Container):
         "Way from the place that the navigation gives to the array's middle.", None
     )
     heading_source: str | None = scalar(
-        "What tells an array's heading: 'way', 'compass' or 'fixed'; None: nothing.",
+        "What tells an array's heading: 'track', 'compass' or 'fixed'; None: nothing.",
         None,
     )  # fmt: skip
     navigation_position_std_m: float | None = scalar(

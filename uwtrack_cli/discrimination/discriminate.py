@@ -262,7 +262,7 @@ def discriminate_contacts(
     errors: ContactErrors = ContactErrors(),  # noqa: B008 - frozen
     filters: ContactFilters = ContactFilters(),  # noqa: B008 - frozen
 ) -> Decision:
-    """Tell which of two contacts moves and which is a stationary repeater.
+    """Decide which of two contacts moves and which is a stationary repeater.
 
     Two echoes look alike: one is a vessel under way, the other a moored or drifting
     repeater whose range and range rate are false. Scan by scan the

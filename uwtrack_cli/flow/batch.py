@@ -22,6 +22,7 @@ from uwtrack_cli import __version__
 from uwtrack_cli.constants import NANOSECONDS
 from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.recording import RecordedFiles, Recording
+from uwtrack_cli.data.renamed import with_old_keys
 from uwtrack_cli.errors import (
     DataError,
     MissingError,
@@ -44,6 +45,7 @@ from uwtrack_cli.files.tables.json_rows import json_rows, nested
 from uwtrack_cli.files.text_escaping import file_name
 from uwtrack_cli.files.utc import parse_utc
 from uwtrack_cli.flow.concatenate import clip_recording, join_recordings
+from uwtrack_cli.flow.engine import Progress
 from uwtrack_cli.flow.products import (
     history_of_graph,
     run_into_product,
@@ -140,13 +142,16 @@ def statement_of(product: Product) -> Statement:
     return {
         "history": product.history_texts,
         "recordings": [nested(recording) for recording in product.read_all(Recording)],
-        "encounters": [row for one in found for row in json_rows(one)],
+        "encounters": [with_old_keys(row) for one in found for row in json_rows(one)],
         "names": [[f.get("ais_digest", ""), f.get("ais_within_m")] for f in facts],
     }
 
 
-def run_job(job: Job) -> Outcome:
-    """Make a product, and tell how it went."""
+def run_job(job: Job, progress: Progress | None = None) -> Outcome:
+    """Make a product, and return how it went.
+
+    ``progress``: called with the seconds of sound that are done.
+    """
     begin = time.process_time()
     blank = Outcome(
         str(job.sources[0]), str(job.target), FAILED, n_sources=len(job.sources)
@@ -156,7 +161,7 @@ def run_job(job: Job) -> Outcome:
         warnings.simplefilter("always", UwtrackWarning)
         try:
             with input_ledger():
-                outcome = _make(job, blank)
+                outcome = _make(job, blank, progress)
         except (MissingError, OutputError) as error:
             outcome = replace(blank, message=str(error), retry=True)
         except (DataError, ValueError) as error:
@@ -195,7 +200,7 @@ class _Opened:
     """Files that could not be read, or not to their end."""
 
 
-def _make(job: Job, blank: Outcome) -> Outcome:
+def _make(job: Job, blank: Outcome, progress: Progress | None) -> Outcome:
     opened = _opened(job)
     recording = opened.recording
     vessels = None if job.ais is None else read_vessels(job.ais, job.within_m)
@@ -224,6 +229,7 @@ def _make(job: Job, blank: Outcome) -> Outcome:
             sources=opened.sources,
             files=opened.files,
             vessels=vessels,
+            progress=progress,
         )
     small = [held.container for held in made]
     rows = [row for c in small if isinstance(c, Encounters) for row in json_rows(c)]

@@ -4,7 +4,7 @@
 read. The branch of a step is the step itself, all that it follows from and all that
 follows from it. Of several results of one kind that one is taken which the step itself
 made, or else which lies in the branch; of lines that were joined from several rungs, the
-points of the branch's own. Where no step is named, lines that `presence` or `ladder` alone
+points of the branch's own. Where no step is named, lines that `presence` or `multi-resolution` alone
 read are not meant, nor those that a step reads after other lines, nor what was read
 for a table alone that a later step has made again, nor the picture of an envelope beside
 that of the sound.
@@ -23,7 +23,7 @@ from uwtrack_cli.flow.catalogue import STAGES, output_class
 
 C = TypeVar("C", bound=Container)
 
-GATHERING = frozenset({"presence", "ladder"})
+GATHERING = frozenset({"presence", "multi-resolution"})
 """Stages that gather the lines of several steps: what they alone read is told by them."""
 
 
@@ -110,7 +110,7 @@ def without_asides(
 ) -> list[ContainerKey]:
     """Leave out what is meant only where it is named, if there is more of its kind.
 
-    That is what is gathered by `presence` or `ladder`, and the picture of an envelope.
+    That is what is gathered by `presence` or `multi-resolution`, and the picture of an envelope.
 
     ``keys``: some of what it holds.
     """

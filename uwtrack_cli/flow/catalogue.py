@@ -8,6 +8,7 @@ not imported, so that listing them costs nothing.
 from functools import cache
 from typing import TYPE_CHECKING
 
+from uwtrack_cli.data import renamed
 from uwtrack_cli.errors import OptionError
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ STAGES: dict[str, str] = {
     "decidecades": "uwtrack_cli.spectra.decidecades:measure_decidecades",
     "fringes": "uwtrack_cli.spectra.fringes:measure_fringes",
     "peaks": "uwtrack_cli.spectra.peaks:find_peaks",
-    "rises": "uwtrack_cli.spectra.rises:find_rises",
+    "transients": "uwtrack_cli.spectra.transients:find_transients",
     "beamform": "uwtrack_cli.arrays.beamform:form_beams",
     "track-bearings": "uwtrack_cli.arrays.track_bearings:track_bearings",
     "delays": "uwtrack_cli.arrays.delays:measure_delays",
@@ -31,7 +32,7 @@ STAGES: dict[str, str] = {
     "track-pda": "uwtrack_cli.lines.track_pda:track_lines_pda",
     "trace": "uwtrack_cli.lines.trace:trace_lines",
     "combs": "uwtrack_cli.lines.combs:find_combs",
-    "ladder": "uwtrack_cli.lines.ladder:join_rungs",
+    "multi-resolution": "uwtrack_cli.lines.multi_resolution:join_rungs",
     "cpa": "uwtrack_cli.motion.cpa:find_encounters",
     "zoom": "uwtrack_cli.flow.zoom:zoom_in",
     "radiated": "uwtrack_cli.motion.radiated:estimate_radiated_levels",
@@ -55,6 +56,7 @@ def find_stage(name: str) -> "Stage":
     """
     from uwtrack_cli.flow.stage import Stage
 
+    name = renamed.STAGES.get(name, name)
     if name not in STAGES:
         msg = f"there is no stage {name!r}; the stages are: {', '.join(STAGES)}."
         raise OptionError(msg)

@@ -36,12 +36,12 @@ Tolerances = Mapping[str, Mapping[str, Closeness]]
 class Difference:
     """A quantity in which two products differ, and by how much at most."""
 
-    container: str
-    """Name of the container."""
+    table: str
+    """Name of the table."""
     sensor: str | None
-    """Identifier of its sensor; None for a container of the whole file."""
+    """Identifier of its sensor; None for a table of the whole file."""
     quantity: str
-    """Column or single value; empty for the whole container."""
+    """Column or single value; empty for the whole table."""
     reason: str
     """In what they differ, in words."""
     n_values: int = 0

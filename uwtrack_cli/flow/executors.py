@@ -26,10 +26,11 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.process import BaseProcess
 from types import FrameType
@@ -37,8 +38,13 @@ from typing import Any, NoReturn
 
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.batch import FAILED, Job, Outcome, finished, looked_over, run_job
+from uwtrack_cli.flow.engine import Progress
+
+JobProgress = Callable[[int, float], None]
+"""Takes the number of a job and the seconds of its sound that are done."""
 
 CONNECT_S = 10.0
+SENT_EVERY_S = 0.5
 RETRIES = 3
 
 
@@ -47,13 +53,22 @@ def available_processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
+def _nothing(_number: int, _done_s: float) -> None:
+    """Take progress that nobody looks at."""
+
+
 def run_jobs(
-    jobs: Sequence[Job], *, n_workers: int = 1, scheduler: str | None = None
+    jobs: Sequence[Job],
+    *,
+    n_workers: int = 1,
+    scheduler: str | None = None,
+    progress: JobProgress = _nothing,
 ) -> Iterator[tuple[int, Outcome]]:
     """Run jobs and yield their outcomes as they are ready.
 
     ``n_workers``: local processes, 1 or more; one means in this process. ``scheduler``:
-    address of a Dask scheduler to run on instead.
+    address of a Dask scheduler to run on instead. ``progress``: called with the number
+    of a job and the seconds of its sound that are done; on a cluster it is not.
 
     Raises
     ------
@@ -68,11 +83,11 @@ def run_jobs(
     numbered = dict(enumerate(jobs))
     if scheduler is None and n_workers == 1:
         for number, job in looked_over(numbered):
-            yield number, run_job(job)
+            yield number, run_job(job, partial(progress, number))
         return
     if scheduler is None:
         yield from run_in_processes(
-            looked_over(numbered), min(n_workers, len(numbered))
+            looked_over(numbered), min(n_workers, len(numbered)), progress
         )
         return
     for number in [n for n, job in numbered.items() if _is_refused(job)]:
@@ -149,36 +164,34 @@ class Worker:
 
 
 def run_in_processes(
-    jobs: Iterable[tuple[int, Job]], n_workers: int
+    jobs: Iterable[tuple[int, Job]],
+    n_workers: int,
+    progress: JobProgress = _nothing,
 ) -> Iterator[tuple[int, Outcome]]:
     """Run jobs in local processes and yield their outcomes as they are ready.
 
     ``jobs``: what to make, with its number. ``n_workers``: how many processes, 1 or
-    more.
+    more. ``progress``: as for `run_jobs`.
     """
     waiting = iter(jobs)
     workers = [_start() for _ in range(n_workers)]
     try:
         while True:
-            for worker in workers:
-                if worker.job is None:
-                    worker.number, worker.job = next(waiting, (0, None))
-                    with contextlib.suppress(OSError):  # it died: met below
-                        if worker.job is not None:
-                            worker.pipe.send(worker.job)
+            for worker in [worker for worker in workers if worker.job is None]:
+                _give(worker, *next(waiting, (0, None)))
             busy = [worker for worker in workers if worker.job is not None]
             if not busy:
                 return
             ready = connection.wait([worker.pipe for worker in busy])
             for worker in [worker for worker in busy if worker.pipe in ready]:
-                job, worker.job = worker.job, None
-                assert job is not None  # noqa: S101 - for the type checker
-                try:
-                    outcome: Outcome = worker.pipe.recv()
-                except (EOFError, OSError):
+                answer = _answer(worker)
+                if isinstance(answer, float):
+                    progress(worker.number, answer)
+                    continue
+                worker.job = None
+                if worker.pipe.closed:
                     workers[workers.index(worker)] = _start()
-                    outcome = _lost(worker, job)
-                yield worker.number, outcome
+                yield worker.number, answer
     finally:
         _end(workers)
 
@@ -206,8 +219,26 @@ def _held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _give(worker: Worker, number: int, job: Job | None) -> None:
+    """Give a worker a job, if there is one."""
+    worker.number, worker.job = number, job
+    if job is not None:
+        with contextlib.suppress(OSError):  # it died: its answer tells
+            worker.pipe.send(job)
+
+
+def _answer(worker: Worker) -> Outcome | float:
+    """Return what a worker sent: an outcome, or the seconds of sound that are done."""
+    assert worker.job is not None  # noqa: S101 - for the type checker
+    try:
+        answer: Outcome | float = worker.pipe.recv()
+    except (EOFError, OSError):
+        answer = _lost(worker, worker.job)
+    return answer
+
+
 def _lost(worker: Worker, job: Job) -> Outcome:
-    """Say how a worker ended that took its job along."""
+    """Say how a worker ended that took its job along; its pipe is closed."""
     worker.pipe.close()
     worker.process.join(PATIENCE_S)
     if (outcome := finished(job)) is not None:
@@ -252,7 +283,7 @@ def _serve(pipe: connection.Connection, parent_pid: int) -> None:
     code = 0
     try:
         while True:
-            pipe.send(_run(pipe.recv()))
+            pipe.send(_run(pipe.recv(), _now_and_then(pipe)))
     except (EOFError, OSError, KeyboardInterrupt):
         pass  # the parent is gone, or has interrupted a worker between two jobs
     except SystemExit as ending:
@@ -262,12 +293,25 @@ def _serve(pipe: connection.Connection, parent_pid: int) -> None:
     os._exit(code)
 
 
-def _run(job: Job) -> Outcome:
+def _now_and_then(pipe: connection.Connection) -> Progress:
+    """Return what sends the seconds of sound that are done, at most twice a second."""
+    last = time.monotonic()
+
+    def send(done_s: float) -> None:
+        nonlocal last
+        if time.monotonic() - last > SENT_EVERY_S:
+            last = time.monotonic()
+            pipe.send(float(done_s))
+
+    return send
+
+
+def _run(job: Job, progress: Progress) -> Outcome:
     """Run a job so that a signal ends it and removes what it has begun."""
     signal.signal(signal.SIGTERM, _exit)
     signal.signal(signal.SIGINT, _interrupt)
     try:
-        return run_job(job)
+        return run_job(job, progress)
     except KeyboardInterrupt:
         return _failed(job, "interrupted")
     finally:

@@ -28,8 +28,8 @@ import numpy as np
 
 from uwtrack_cli.data.base import BoolArray, Container, FloatArray
 from uwtrack_cli.data.lines import Lines
-from uwtrack_cli.data.rises import Rises
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.data.transients import Transients
 
 LEAST_SPREADS = 3.9
 """Height of a run of frames from which it counts, in deviations of its mean. A passage
@@ -129,7 +129,7 @@ def spans_of(known: Iterable[Container]) -> list[HeardSpan]:
     for one in known:
         if isinstance(one, Lines):
             found += _of_lines(one)
-        elif isinstance(one, Rises):
+        elif isinstance(one, Transients):
             half_s = one.half_length_s
             begins, ends = one.time_s - half_s, one.time_s + half_s
             found += map(HeardSpan, begins.tolist(), ends.tolist())

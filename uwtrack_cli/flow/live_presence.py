@@ -170,7 +170,7 @@ class LivePresence:
         self._tell(told)
 
     def _tell(self, told: _Told) -> None:
-        facts = {**told.row, "stretch": told.number}
+        facts = {**told.row, "segment": told.number}
         del facts["contact"]  # a tracker's number, which another look does not know
         self._say(
             "presence", facts["from_s"], facts, told.revision, is_final=told.is_final

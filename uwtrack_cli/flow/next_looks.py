@@ -68,7 +68,7 @@ def _looks(
     elif "trace" not in stages:
         yield _look(
             "steady lines below the noise of a frame were not looked for",
-            first, "--recipe ladder", "ladder",
+            first, "--recipe multi-resolution", "multi-resolution",
         )  # fmt: skip
     if in_air and not falls:
         yield _look("if the sound was recorded in air", in_air[0], *AIR)

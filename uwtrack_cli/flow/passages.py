@@ -348,10 +348,7 @@ def _result_of(product: Product, vessels: AisVessels | None) -> Result:
     for encounters in found:
         named, reason = _named(encounters, vessels, sensors, recordings)
         unnamed.update({reason} if reason else ())
-        places = _positions(product.read_all(Fixes), encounters)
-        for row, place in zip(json_rows(named), places, strict=True):
-            if row["status"] in SCORED:
-                rows.append(_passage(path, row, recordings, place))
+        rows += passage_rows(product, named)
     joined = product.read_all(RecordedFiles)
     return Result(
         str(path), product.created_utc, tuple(sorted(views)),
@@ -363,6 +360,15 @@ def _result_of(product: Product, vessels: AisVessels | None) -> Result:
         tuple(sound_of(product)),
         tuple(sorted(unnamed)),
     )  # fmt: skip
+
+
+def passage_rows(product: Product, encounters: Encounters) -> Iterator[PassageRow]:
+    """Yield the passages of a product's closest approaches."""
+    recordings = product.read_all(Recording)
+    places = _positions(product.read_all(Fixes), encounters)
+    for row, place in zip(json_rows(encounters), places, strict=True):
+        if row["status"] in SCORED:
+            yield _passage(Path(product.name), row, recordings, place)
 
 
 def _levels(path: Path, product: Product) -> Iterator[PassageLevel]:

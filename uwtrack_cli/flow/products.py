@@ -321,9 +321,9 @@ def with_sound_at_hand(
         for h in available
     ]
     found = [h.container for h in held if isinstance(h.container, Recording)]
-    can_do_without = "ask_sound" in step.stage.defaults
+    can_do_without = "rest_frame_test" in step.stage.defaults
     if can_do_without and found and all(one.reader is None for one in found):
-        step = replace(step, options={**step.options, "ask_sound": False})
+        step = replace(step, options={**step.options, "rest_frame_test": False})
     return step, held
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self
 
+from uwtrack_cli.data import renamed
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.options import convert, refuse_unknown, shown
 from uwtrack_cli.errors import DataError, OptionError
@@ -106,6 +107,7 @@ class Recipe:
         settled = {step.name: set(step.settled) for step in self.steps}
         for setting in settings:
             name, path, value = _parse_setting(setting)
+            name = name if name in tables else renamed.STAGES.get(name, name)
             refuse_unknown({name: value}, tables, f"recipe {self.name}", "step")
             alike = [
                 other
@@ -175,8 +177,9 @@ def _step(name: str, table: Any) -> Step:
         written = [written]
     inputs = convert(f"{name}.input", tuple[str, ...] | None, written)
     is_output = convert(f"{name}.output", bool, options.pop("output", False))
-    bound = find_stage(stage_name).bind(options, name)
-    return Step(name, stage_name, bound, inputs, is_output)
+    stage = find_stage(stage_name)
+    bound = stage.bind(options, name)
+    return Step(name, stage.name, bound, inputs, is_output)
 
 
 def _parse_setting(setting: str) -> tuple[str, list[str], Any]:

@@ -3,7 +3,7 @@
 **Method.** Each length of frames is a rung: a step of its own, named after its length
 (``spectrogram-100ms``, ``peaks-8s``), all in one pass over the sound. What follows takes
 all the rungs of a product; stages that follow lines join them at the end
-(`lines.ladder`). Rungs are told from other steps by the history: their spectrograms
+(`lines.multi_resolution`). Rungs are told from other steps by the history: their spectrograms
 differ in nothing but the length of their frames.
 
 **Conventions.** Rungs are in the order of their lengths, the shortest first. The picture
@@ -48,7 +48,7 @@ from uwtrack_cli.flow.step import Step, simple_step
 CLIMBING: tuple[type[Container], ...] = (Peaks, Families, Lines)
 """What is made of all rungs at once."""
 
-JOINING = "ladder"
+JOINING = "multi-resolution"
 """Stage that joins the lines of the rungs."""
 
 

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import uwtrack_cli
+from uwtrack_cli.data import renamed
 from uwtrack_cli.data.options import nearest
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError
@@ -100,7 +101,8 @@ def load_recipe(name: Path | str) -> Recipe:
     """
     path = Path(name)
     if path.suffix != ".toml":
-        path = shipped_folder("pipelines") / f"{name}.toml"
+        known = renamed.STAGES.get(str(name), str(name))
+        path = shipped_folder("pipelines") / f"{known}.toml"
     try:
         if path.stat().st_size > MAX_BYTES:
             msg = f"{path} is larger than {MAX_BYTES} bytes; that is no recipe."

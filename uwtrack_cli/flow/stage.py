@@ -33,6 +33,7 @@ from uwtrack_cli.data.options import (
     without_none,
 )
 from uwtrack_cli.data.recording import Recording
+from uwtrack_cli.data.renamed import with_old_options
 
 Kind = Literal["source", "map", "scan", "whole"]
 
@@ -192,6 +193,7 @@ class Stage:
             The stage has no such option, or a value is not accepted.
         """
         whose = step or self.name
+        given = with_old_options(self.name, given)
         refuse_unknown(given, self.defaults, whose, "option")
         return {
             name: self._bound(f"{whose}.{name}", name, value)

@@ -2,7 +2,7 @@
 
 **Method.** Frames as long as a passage of minutes needs blur one of seconds, and short
 ones are blind to weak lines and cost ten times as much. So the sound is looked at again
-where lines or the level rise for seconds (`spectra/rises.py`), and where the long frames
+where lines or the level rise for seconds (`spectra/transients.py`), and where the long frames
 show a closest approach that lasts only a few of their lengths. Lines that keep their
 frequencies, and a level that rises for longer, do not need the shortest frames, and
 lines that climb none. These stretches of the sound are read again, and recipes of
@@ -32,8 +32,8 @@ from uwtrack_cli.data.encounters import TOO_FAST, Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
 from uwtrack_cli.data.recording import PartReader, Recording, read_stretch
-from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, Rises
 from uwtrack_cli.data.spectra import Levels
+from uwtrack_cli.data.transients import CLIMB, FALL, LEVEL, Transients
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
@@ -62,14 +62,14 @@ LONGEST_S = 60.0
 @checked
 def zoom_in(
     encounters: list[Encounters],
-    rises: Rises | None = None,
+    rises: Transients | None = None,
     lines: list[Lines] | None = None,
     recording: Recording | None = None,
     levels: Levels | None = None,
     *,
     recipes: list[str] | None = None,
 ) -> Encounters:
-    """Look again, in shorter frames, where something passes within seconds.
+    """Reanalyse in shorter frames where something passes within seconds.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def zoom_in(
         Closest approaches that long frames have shown; of several lengths of frames the
         table of the lines first, which keeps its contact numbers.
     rises
-        Rises of lines or level within seconds, which tell where to look.
+        Transients of lines or level within seconds, which tell where to look.
     lines
         Tracked lines of each table, in the same order: of the first for the length of
         its frames and contact numbers that are free, of all to tell which rows another
@@ -177,7 +177,7 @@ def _confirmed(table: Encounters, levels: Levels | None) -> Encounters:
     return table.take("encounter", np.flatnonzero(kept))
 
 
-def _seen(rises: Rises, *, is_first: bool) -> Rises:
+def _seen(rises: Transients, *, is_first: bool) -> Transients:
     """Return the rises that the first of the recipes, or the others, look at."""
     if is_first:
         return rises.take("rise", np.flatnonzero(rises.kind != CLIMB))
@@ -186,7 +186,7 @@ def _seen(rises: Rises, *, is_first: bool) -> Rises:
 
 
 def _stretches(
-    known: Encounters, rises: Rises | None, lines: Lines | None
+    known: Encounters, rises: Transients | None, lines: Lines | None
 ) -> list[tuple[float, float]]:
     """Return where to look, in the order of time, s."""
     places: list[tuple[float, float]] = []
@@ -258,7 +258,10 @@ def _passages(part: Recording, graph: Graph) -> Encounters | None:
 
 
 def _risen(
-    found: Encounters, known: Encounters, rises: Rises | None, levels: Levels | None
+    found: Encounters,
+    known: Encounters,
+    rises: Transients | None,
+    levels: Levels | None,
 ) -> Encounters:
     """Return the passages of a stretch; by the level alone, where the recording rises."""
     time_s, reach_s = known.time_s, known.range_over_speed_s

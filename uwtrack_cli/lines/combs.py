@@ -53,7 +53,7 @@ def find_combs(
     | None = None,
     motion: ProcessNoise = _MOTION,
 ) -> Iterator[Lines]:
-    """Find machines by all of their harmonics at once, too weak to be heard singly.
+    """Detect machines by all of their harmonics at once.
 
     A comb is a fundamental with at least three multiples that drift together: a shaft
     and its blades, a generator, an engine.

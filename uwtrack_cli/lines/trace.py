@@ -49,7 +49,7 @@ def trace_lines(
     motion: ProcessNoise = _MOTION,
     harmonics: Harmonics = _HARMONICS,
 ) -> Iterator[Lines]:
-    """Follow frequency lines too weak to stand out in any single frame.
+    """Track frequency lines that are too weak for any single frame.
 
     Searches whole minutes at once, so it finds vessels that `track` misses; a line that
     bends by more than a cell per frame is for `track`.

@@ -48,7 +48,7 @@ def track_lines(
     motion: ProcessNoise = _MOTION,
     harmonics: Harmonics = _HARMONICS,
 ) -> Iterator[Lines]:
-    """Follow spectral peaks from frame to frame as frequency lines.
+    """Track spectral peaks from frame to frame as frequency lines.
 
     A line is what one machine on one vessel emits; its frequency bends when the
     vessel passes. Lines of one vessel share a contact.

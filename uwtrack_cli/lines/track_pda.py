@@ -64,7 +64,7 @@ def track_lines_pda(
     motion: ProcessNoise = _MOTION,
     harmonics: Harmonics = _HARMONICS,
 ) -> Iterator[Lines]:
-    """Follow frequency lines by weighing all peaks near each of them.
+    """Track frequency lines by probabilistic data association.
 
     An alternative to `track` for lines that coast through clutter: a line takes the mean
     of what may be its own, and its deviation says how doubtful that was.

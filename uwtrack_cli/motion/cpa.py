@@ -110,9 +110,9 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     probability: Probability = LEAST_PROBABILITY,
     false_alarm_probability: Probability | None = None,
     spreading_db: Spreading = 20.0,
-    ask_sound: bool = True,
+    rest_frame_test: bool = True,
 ) -> Encounters:
-    """Find the closest approach of every contact that passed the sensor.
+    """Find the closest point of approach (CPA) of every contact.
 
     Each passing vessel gives one row: when it was nearest, how fast, how far, on
     which course and side, with deviations that hold. A steady hum, a ship that
@@ -156,7 +156,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         that noise alone is examined at all.
     spreading_db
         Spreading loss per decade of range, for the source level.
-    ask_sound
+    rest_frame_test
         Whether a passage is held against the sound itself, where it is at hand.
 
     Returns
@@ -191,7 +191,7 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
         series = _bearings_alone(directions)
     name = _name(lines, levels, fringes)
     known = sensor if sensor is not None else Sensor(id=name)
-    sound = recording if ask_sound else None
+    sound = recording if rest_frame_test else None
     priors = nuisance_priors(
         known, sound_speed_mps, sound_speed_std_mps, source_depth_m, source_depth_std_m
     )

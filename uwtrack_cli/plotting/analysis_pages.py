@@ -126,7 +126,7 @@ def _heads(motions: Motions, clock: Clock, units: Units) -> list[HeadLine]:
                 f"{others} other motion{'' if others == 1 else 's'} fit about as well; "
             )
             found.append(HeadLine(f"{text}this one has the weight {row['weight']:.2f}"))
-        if row["reading"] == "manoeuvre":
+        if row["motion_model"] == "manoeuvre":
             text = "the target changed its velocity: no straight motion fits"
             found.append(layout.warning(text))
         if (motions.contact == row["contact"]).all():  # else they stand on its own page

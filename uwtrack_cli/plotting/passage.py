@@ -321,9 +321,9 @@ def fact_lines(row: Row, units: Units) -> list[tuple[str, str]]:
         f"{f:.2f}" for f in sorted(filter(None, row["rest_frequencies_hz"]))
     )
     found.append(("at rest", rest and f"{rest} Hz"))
-    if row.get("reading") not in {None, "straight"}:  # as in the table
-        weight = Head("", "reading_weight", 2).text(row)
-        found.append(("motion", f"{row['reading']}, weight {weight}"))
+    if row.get("motion_model") not in {None, "straight"}:  # as in the table
+        weight = Head("", "motion_model_probability", 2).text(row)
+        found.append(("motion", f"{row['motion_model']}, weight {weight}"))
     found.append(("sound speed", f"{row['sound_speed_mps']:g} m/s"))
     return [(name, text) for name, text in found if text]
 

@@ -1,4 +1,4 @@
-"""Rises of the broadband level: the shape of a passage, rain, or unknown.
+"""Transients of the broadband level: the shape of a passage, rain, or unknown.
 
 **Method.** The excess is averaged over bins. A stretch is a rise when it stands above
 the usual level by several of the spreads that the rest of the recording has by itself,

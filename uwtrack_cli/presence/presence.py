@@ -181,7 +181,7 @@ def find_presence(
     levels: list[Levels] | None = None,
     encounters: list[Encounters] | None = None,
 ) -> Presence:
-    """Tell what was heard and when: vessels, rates, lines, hum, rain, unknown.
+    """Report what was detected, and when: vessels, lines, hum, rain and others.
 
     Everything that was found is here, closest approaches as well as what is none, with
     the reason.

@@ -23,7 +23,7 @@ MISSING: Mapping[str, str] = {
     "level_db": "the rates of an envelope have no level",
     "bearing_deg": "no bearing channel, or no bearing that stands out",
     "probability_of_chance": "it was not tested against noise",
-    "reading_weight": "its lines were not read as those of one contact",
+    "reading_weight": "its lines have no motion model in common",
 }
 """Why a number is missing where nothing more is known."""
 
@@ -111,8 +111,9 @@ class Stretch:
             for name, text in MISSING.items()
             if not np.isfinite(getattr(self, name))
         }
-        if "reading_weight" in found:
-            found["reading"] = found["reading_weight"]
+        if "reading_weight" in found:  # under the keys of the object of a row
+            why = found.pop("reading_weight")
+            found |= {"motion_model": why, "motion_model_probability": why}
         return found
 
 

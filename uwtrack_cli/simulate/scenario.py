@@ -72,8 +72,8 @@ class SensorPlan(OptionGroup):
     """Places of the hydrophones of a fixed array of any shape: starboard, ahead, up, m."""
     tow_offset_m: Range = 0.0
     """Way from the place on the track back to the array's middle, m."""
-    heading_source: Literal["way", "compass"] = "way"
-    """What the owner of a towed array knows: the ship's way, or the array's compass."""
+    heading_source: Literal["track", "way", "compass"] = "track"
+    """What the owner of a towed array knows: the ship's track, or the array's compass."""
     element_noise_db: Level | None = None
     """Density of each hydrophone's own noise, dB re 1 uPa^2/Hz; None is none."""
     east_m: Coordinate = 0.0

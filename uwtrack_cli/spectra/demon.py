@@ -112,7 +112,7 @@ def demodulate(
     zero_padding: Annotated[int, AtLeast(1), AtMost(8)] = 2,
     decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
 ) -> Iterator[Spectrogram]:
-    """Turn a recording into the spectrum of its envelope (DEMON).
+    """Compute the spectrum of a recording's envelope (DEMON).
 
     Propellers modulate the noise of their cavitation at the shaft and blade rates, which
     can be found where no line of the vessel is above the noise.

@@ -84,7 +84,7 @@ def compute_spectrogram(
     decimation: Annotated[int, AtLeast(1), AtMost(1024)] | None = None,
     largest_share: Annotated[float, AtLeast(1e-3), AtMost(1)] | None = None,
 ) -> Iterator[Spectrogram]:
-    """Turn a recording into blocks of spectrogram, reading it once.
+    """Compute the spectrogram of a recording, block by block.
 
     Parameters
     ----------

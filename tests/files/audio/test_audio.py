@@ -168,7 +168,7 @@ def test_channels_that_do_not_fit_say_what_to_do(tmp_path):
 
 def test_mono_without_a_sensor_says_what_is_unknown(tmp_path):
     soundfile.write(tmp_path / "a.wav", sound(), RATE)
-    with pytest.warns(UwtrackWarning, match="position, depth and calibration"):
+    with pytest.warns(UwtrackWarning, match="depth and calibration"):
         recording = open_recording(tmp_path / "a.wav")
     assert recording.sensor.full_scale_upa is None
     assert recording.sensor.latitude is None

@@ -61,7 +61,7 @@ def test_one_channel_of_an_array_is_a_hydrophone(write, tmp_path):
         ({"element_along_m": "[0.001, 0.0, -0.001]"}, "Are the places in metres"),
         ({"tow_offset_m": None}, "needs tow_offset_m"),
         ({"heading_source": None}, "needs heading_source"),
-        ({"heading_source": '"gyro"'}, "'way', 'compass'"),
+        ({"heading_source": '"gyro"'}, "'track', 'way', 'compass'"),
         ({"heading_deg": "20.0"}, "not both"),
         ({"kind": '"omni"', "channels": '["omni"]'}, 'kind = "array"'),
     ],

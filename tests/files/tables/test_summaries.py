@@ -50,11 +50,11 @@ def test_what_is_nowhere_known_has_no_column():
     )
 
 
-def test_a_reading_is_shown_where_one_is_not_straight():
-    straight, turned = ROW | {"reading": "straight"}, ROW | {"reading": "manoeuvre"}
-    assert "reading" not in summary_of("encounters", [straight, straight]).titles
+def test_a_motion_model_is_shown_where_one_is_not_straight():
+    straight, turned = (ROW | {"motion_model": m} for m in ("straight", "manoeuvre"))
+    assert "motion model" not in summary_of("encounters", [straight, straight]).titles
     table = _table([straight, turned])
-    place = table[0].index("reading")
+    place = table[0].index("motion model")
     assert [row[place] for row in table[1:]] == ["straight", "manoeuvre"]
 
 

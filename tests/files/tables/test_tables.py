@@ -261,8 +261,8 @@ ENCOUNTER = """
      "alternative": "line-levels", "alternative_probability": 0.02,
      "evidence": [{"alternative": "line-levels", "nepers": -0.4}],
      "vessel": {"name": "FERRY", "mmsi": "235000001", "probability": 0.98},
-     "reading": "manoeuvre", "reading_weight": 0.9,
-     "rival": {"reading": "frequency-step", "weight": 0.1},
+     "motion_model": "manoeuvre", "motion_model_probability": 0.9,
+     "alternative_motion_model": {"motion_model": "frequency-step", "probability": 0.1},
      "change": {"time_s": 700.1, "time_std_s": 0.8, "follows": true, "frequency_change": null,
                 "frequency_change_std": null, "frequency_slope_per_s": null,
                 "frequency_slope_std_per_s": null, "other_leg_speed_mps": 4.1,
@@ -296,6 +296,7 @@ def test_encounter_has_the_documented_keys_types_and_order():
              "change_follows": change.pop("follows")}  # fmt: skip
     known = {k: [np.nan if v is None else v] for k, v in (times | change).items()}
     direct |= known | {"rival": ["frequency-step"], "rival_weight": [0.1]}
+    direct |= {"reading": ["manoeuvre"], "reading_weight": [0.9]}
     documented = json.loads(ENCOUNTER)
     container = synthetic(
         Encounters, 1, **direct, time_utc_ns=[1_577_836_800_123_456_789],
@@ -335,7 +336,12 @@ def test_fix_has_the_documented_keys_and_order():
     direct = {k: [v] for k, v in documented.items() if k in Fixes.columns()}
     direct |= {"sensors": ["h1,h2"], "time_utc_ns": [-1]}
     (row,) = json_rows(synthetic(Fixes, 1, **direct))
-    further = ["reading", "reading_weight", "rival", "reasons"]
+    further = [
+        "motion_model",
+        "motion_model_probability",
+        "alternative_motion_model",
+        "reasons",
+    ]
     assert list(row) == [*documented, *further]
     expected = documented | {"time_utc": None}
     assert {key: row[key] for key in expected} == expected
@@ -357,7 +363,7 @@ MOTION = """
      "now_course_std_deg": 0.9,
      "misfit": 1995.0, "n_values": 2000,
      "nuisances": {"compass_deg": {"value": 0.0, "std": 1.0, "share": 0.05}},
-     "reading": "straight", "manoeuvre_time_s": null, "manoeuvre_gain": 2.5,
+     "motion_model": "straight", "manoeuvre_time_s": null, "manoeuvre_gain": 2.5,
      "east_m": 100.0, "north_m": -20.0, "latitude": 35.0, "longitude": 129.0,
      "reference": "b1", "offsets_deg": {"b1": -1.5},
      "probability_of_rows": [1.0, 0.25]}"""
@@ -367,6 +373,7 @@ def test_motion_has_the_documented_keys_and_order():
     documented = json.loads(MOTION)
     direct = {k: [v] for k, v in documented.items() if k in Motions.columns()}
     direct |= {
+        "reading": ["straight"],
         "time_utc_ns": [1_577_836_800_000_000_000],
         **reason_columns("reason_motion", [{}]),
     }

@@ -30,6 +30,7 @@ from uwtrack_cli.files.audio.opening import (
 )
 from uwtrack_cli.files.audio.reader import AudioReader, file_stamp
 from uwtrack_cli.files.checks import check_readable, file_digest
+from uwtrack_cli.files.input_ledger import as_input
 from uwtrack_cli.files.text_escaping import file_name
 
 __all__ = ["open_recording", "write_wav"]
@@ -222,17 +223,22 @@ def _one_channel(
 
 
 def _unnamed(path: Path, n_channels: int = 1) -> Sensor:
-    first = (
-        f"channel 1 of {n_channels} is read (--channel takes another), "
-        if n_channels > 1
-        else ""
-    )
+    first = f"channel 1 of {n_channels} is read, " if n_channels > 1 else ""
     msg = (
-        f"{path.name} has no sensor file: {first}position, depth and calibration are "
-        f"unknown, levels are relative to full scale; give --sensor to change that."
+        f"{path.name} has no sensor file: {first}depth and calibration are unknown "
+        f"(uwtrack init-sensor)."
     )
     warn(msg, UwtrackWarning, stacklevel=4)
     return Sensor(id=UNNAMED)
+
+
+def sound_s(path: Path) -> float:
+    """Return the length of a recording as its header has it, s; 0 if it is unreadable."""
+    try:
+        facts = soundfile.info(as_input(path))
+    except (OSError, soundfile.SoundFileError):
+        return 0.0
+    return float(facts.duration)
 
 
 def span_in(

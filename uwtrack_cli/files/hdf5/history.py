@@ -16,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from uwtrack_cli import __version__
+from uwtrack_cli.data import renamed
 from uwtrack_cli.errors import DataError
 
 DIGEST_LENGTH = 64
@@ -91,7 +92,7 @@ class HistoryStep:
         try:
             raw = json.loads(text)
             step = cls(
-                stage=_text(raw["stage"]),
+                stage=renamed.STAGES.get(_text(raw["stage"]), _text(raw["stage"])),
                 name=_text(raw.get("name", "")),
                 inputs=tuple(_text(name) for name in raw.get("inputs", [])),
                 options=dict(raw["options"]),

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import Column, Container
+from uwtrack_cli.data.renamed import TABLES
 from uwtrack_cli.errors import DataError
 
 FORMAT = "uwtrack product"
@@ -63,7 +64,7 @@ _PLACES = {
     "bearing_time": "bearing_time:BearingTime",
     "peaks": "peaks:Peaks",
     "families": "peaks:Families",
-    "rises": "rises:Rises",
+    "transients": "transients:Transients",
     "lines": "lines:Lines",
     "presence": "presence:Presence",
     "encounters": "encounters:Encounters",
@@ -115,6 +116,7 @@ def container_class(name: str) -> type[Container]:
     DataError
         There is no container of that name.
     """
+    name = TABLES.get(name, name)
     if name not in CONTAINERS:
         msg = f"there is no container {name!r}; there are: {', '.join(CONTAINERS)}."
         raise DataError(msg)

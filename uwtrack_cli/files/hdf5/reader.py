@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from uwtrack_cli.data import renamed
 from uwtrack_cli.data.base import Column, Container, IntArray
 from uwtrack_cli.data.frames import Frames
 from uwtrack_cli.data.lines import Lines, point_order
@@ -271,28 +272,36 @@ def _container_paths(file: h5py.File) -> dict[ContainerKey, str]:
     A group of another name is a sensor's, the one of steps, or a step's within them.
     """
     found = {
-        ContainerKey(None, name): f"/{name}" for name in file if name in CONTAINERS
+        ContainerKey(None, own): f"/{name}" for name in file if (own := _held(name))
     }
-    for name in (n for n in file if n not in CONTAINERS):
+    for name in (n for n in file if not _held(n)):
         group = file[name]
         if not isinstance(group, h5py.Group):
             continue
         is_of_steps = name == STEPS and "sensor" not in group.attrs
         sensor = None if is_of_steps else str(attribute(group, "sensor"))
         for inside in group:
-            if inside in CONTAINERS:
-                found[ContainerKey(sensor, inside)] = f"/{name}/{inside}"
+            if own := _held(inside):
+                found[ContainerKey(sensor, own)] = f"/{name}/{inside}"
                 continue
             of_step = group[inside]
             if "step" not in of_step.attrs:  # a container that this program lacks
                 attribute(of_step, "container")
                 continue
             step = str(attribute(of_step, "step"))
-            for own in (n for n in of_step if n in CONTAINERS):
-                found[ContainerKey(sensor, own, step)] = f"/{name}/{inside}/{own}"
+            for each in of_step:
+                if own := _held(each):
+                    key = ContainerKey(sensor, own, step)
+                    found[key] = f"/{name}/{inside}/{each}"
     return dict(
         sorted(found.items(), key=lambda row: (row[0].sensor or "", *row[0][1:]))
     )
+
+
+def _held(group: str) -> str:
+    """Return the container that a group is named after; empty if it is none."""
+    name = renamed.TABLES.get(group, group)
+    return name if name in CONTAINERS else ""
 
 
 def _history(file: h5py.File) -> list[str]:
@@ -381,7 +390,7 @@ def _group(file: h5py.File, path: str, kind: type[Container]) -> _Stored:
     if not isinstance(group, h5py.Group):
         msg = f"there is no group {path}"
         raise DataError(msg)
-    if attribute(group, "container") != kind.NAME:
+    if _held(str(attribute(group, "container"))) != kind.NAME:
         msg = f"{path} holds no {kind.NAME}"
         raise DataError(msg)
     return _Stored(group, kind.NAME, int(attribute(file, "schema_version")))

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from uwtrack_cli.data.base import Container
+from uwtrack_cli.data.renamed import with_old_keys
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.tables.json_rows import (
@@ -71,10 +72,9 @@ def write_table(
     if form == "json" and axis is None and container.NAME not in OBJECTS:
         return _json_object(container)
     rows = _rows(container, axis)
-    if form == "json":
-        return _json_array(rows)
-    if form == "jsonl":
-        return map(_json, rows)
+    if form in {"json", "jsonl"}:
+        rows = map(with_old_keys, rows)
+        return _json_array(rows) if form == "json" else map(_json, rows)
     return _csv(container, rows, axis) if form == "csv" else _table(container, rows)
 
 
@@ -107,7 +107,7 @@ def _json_array(
 def _json_object(container: Container) -> Iterator[str]:
     yield "{"
     axes = [axis for axis in axes_of(container) if axis != "reason"]  # within rows
-    values = {"container": container.NAME, **facts(container)}
+    values = with_old_keys({"table": container.NAME, **facts(container)})
     for i, (name, value) in enumerate(values.items(), 1):
         comma = "," if axes or i < len(values) else ""
         yield f"{_json(name)}: {_json(value)}{comma}"

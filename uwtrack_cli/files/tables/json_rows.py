@@ -16,6 +16,7 @@ from uwtrack_cli.data.base import Container, HasReasons
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
+from uwtrack_cli.data.renamed import KEYS
 from uwtrack_cli.files.utc import format_utc
 
 Row = dict[str, Any]
@@ -56,8 +57,16 @@ def json_rows(container: Container) -> list[Row]:
         values |= {k: _under_key(container, k, row) for k in container.row_keys()}
         values |= {k: plain(getattr(container, n)) for k, n in facts_by_key.items()}
         complete(container, row, values)
+        _name_reasons_anew(values.get("reasons") or {})
         found.append(values)
     return found
+
+
+def _name_reasons_anew(reasons: dict[str, str]) -> None:
+    """Put reasons of an older file under the keys that values have now."""
+    for before, now in KEYS.items():
+        if before in reasons:
+            reasons[now] = reasons.pop(before)
 
 
 def object_keys(kind: type[Container]) -> list[str]:
@@ -206,16 +215,16 @@ OBJECTS: dict[str, tuple[Complete, str]] = {
             "source_level_std_db spreading_db level_reference level_band_hz "
             "horizontal_range_std_m horizontal_range_over_speed_s "
             "horizontal_range_over_speed_std_s source_depth_m source_depth_std_m nuisances rest_frame_evidence misfit probability "
-            "alternative alternative_probability evidence vessel reading reading_weight rival "
-            "change covariance"
+            "alternative alternative_probability evidence vessel motion_model "
+            "motion_model_probability alternative_motion_model change covariance"
         ),
     ),
     "fixes": (
         _fix,
         (
             "contact mode weight time_utc time_s east_m north_m latitude longitude east_std_m "
-            "north_std_m covariance_m2 speed_mps course_deg sensors reading reading_weight rival "
-            "reasons"
+            "north_std_m covariance_m2 speed_mps course_deg sensors motion_model "
+            "motion_model_probability alternative_motion_model reasons"
         ),
     ),
     "motions": (
@@ -227,7 +236,7 @@ OBJECTS: dict[str, tuple[Complete, str]] = {
             "speed_high_mps course_low_deg course_high_deg covariance ellipse_trusted now_time_s "
             "now_range_m now_range_std_m now_bearing_deg now_bearing_std_deg now_speed_mps "
             "now_speed_std_mps now_course_deg now_course_std_deg misfit n_values nuisances "
-            "reading manoeuvre_time_s manoeuvre_gain east_m north_m latitude longitude reference "
+            "motion_model manoeuvre_time_s manoeuvre_gain east_m north_m latitude longitude reference "
             "offsets_deg probability_of_rows"
         ),
     ),
@@ -236,7 +245,8 @@ OBJECTS: dict[str, tuple[Complete, str]] = {
         (
             "contact sensor kind from_utc to_utc from_s to_s spacing_hz spacing_std_hz "
             "blade_rate_hz frequencies_hz rates_hz n_lines level_db level_reference bearing_deg "
-            "bearing_std_deg probability_of_chance encounter reading reading_weight rival reasons"
+            "bearing_std_deg probability_of_chance encounter motion_model "
+            "motion_model_probability alternative_motion_model reasons"
         ),
     ),
 }

@@ -54,11 +54,11 @@ STRAIGHT_SHARE = 1e-3
 
 TOW_KEYS = {
     "tow_offset_m": (
-        "the way from the navigation's place back to the array's middle, 0 if the "
+        "the distance along the track from the navigation's place back to the array's middle, 0 if the "
         "navigation is the array's own"
     ),
     "heading_source": (
-        '"way" if the array follows the ship\'s way, "compass" if heading_deg of the '
+        '"track" if the array follows the ship\'s track, "compass" if heading_deg of the '
         "navigation is the array's"
     ),
 }
@@ -170,9 +170,9 @@ class SensorTable:
     element_positions_m: list[tuple[Place, Place, Place]] | None = None
     """Places of the hydrophones of a planar or volume array: starboard, ahead, up."""
     tow_offset_m: Annotated[float, Unit("m"), AtLeast(0), AtMost(1e5)] | None = None
-    """Way from the place that the navigation gives back to the array's middle."""
-    heading_source: Literal["way", "compass"] | None = None
-    """Heading of an array: along the ship's way, or the navigation's heading_deg."""
+    """Distance along the track from the place that the navigation gives back to the array's middle."""
+    heading_source: Literal["track", "way", "compass"] | None = None
+    """Heading of an array: along the ship's track (once "way"), or the navigation's heading_deg."""
     navigation: str | None = None
     """File with positions and headings over time, relative to this one."""
     navigation_position_std_m: (

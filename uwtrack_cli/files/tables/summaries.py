@@ -64,8 +64,8 @@ class Head:
         return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 
 
-class _StretchReading(Head):
-    """How a stretch is read: of one that is no passage with its probability.
+class _SegmentModel(Head):
+    """Motion model of a segment: of one that is no passage with its probability.
 
     A passage that noise alone gives too often to be told is not named as one.
     """
@@ -77,7 +77,7 @@ class _StretchReading(Head):
             return super().text(row)
         if value not in STILL:
             return UNSURE
-        return f"{value} {row['reading_weight']:.2f}"
+        return f"{value} {row['motion_model_probability']:.2f}"
 
 
 SUMMARIES: dict[str, tuple[Head, ...]] = {
@@ -94,7 +94,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("course deg", "course_deg", 1, "course_std_deg"),
         Head("bearing deg", "bearing_deg", 1, "bearing_std_deg"),
         Head("side", "side"),
-        Head("reading", "reading", usual="straight"),
+        Head("motion model", "motion_model", usual="straight"),
     ),
     "fixes": (
         Head("contact", "contact"),
@@ -109,7 +109,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("± north m", "north_std_m", 0),
         Head("speed m/s", "speed_mps", 2),
         Head("course deg", "course_deg", 1),
-        Head("reading", "reading", usual="moving"),
+        Head("motion model", "motion_model", usual="moving"),
     ),
     "presence": (
         Head("sensor", "sensor"),
@@ -123,7 +123,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("level dB", "level_db", 1),
         Head("bearing deg", "bearing_deg", 0, "bearing_std_deg"),
         Head("passage", "encounter"),
-        _StretchReading("reading", "reading", usual="straight"),
+        _SegmentModel("motion model", "motion_model", usual="straight"),
     ),
     "motions": (
         Head("contact", "contact"),
@@ -133,7 +133,7 @@ SUMMARIES: dict[str, tuple[Head, ...]] = {
         Head("bearing deg", "bearing_deg", 2, "bearing_std_deg"),
         Head("speed m/s", "speed_mps", 2, "speed_std_mps"),
         Head("course deg", "course_deg", 1, "course_std_deg"),
-        Head("reading", "reading", usual="straight"),
+        Head("motion model", "motion_model", usual="straight"),
         Head("observable", "observable"),
     ),
 }
@@ -157,7 +157,7 @@ SPARE: dict[str, tuple[str, ...]] = {
         "level dB",
         "rates Hz",
         "blade Hz",
-        "reading",
+        "motion model",
         "bearing deg",
     ),
 }

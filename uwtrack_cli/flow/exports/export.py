@@ -1,12 +1,13 @@
 """Export a product: CSV, GeoJSON, KML, Raven table, NetCDF, REP, DSF."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal, NamedTuple
 from warnings import warn
 
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.encounters import Fixes
+from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.series import Series
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.atomic import atomic_target, check_target, write_text
@@ -23,7 +24,9 @@ from uwtrack_cli.flow.branches import (
 from uwtrack_cli.flow.exports.features import geographic_features
 from uwtrack_cli.flow.exports.geojson import geojson_text
 from uwtrack_cli.flow.exports.kml import kml_text
+from uwtrack_cli.flow.exports.passage_tables import COLUMNS, csv_lines
 from uwtrack_cli.flow.exports.raven import raven_text
+from uwtrack_cli.flow.passages import passage_rows
 from uwtrack_cli.flow.products import small_containers
 
 Form = Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"]
@@ -64,7 +67,13 @@ def export_product(
             write_netcdf(temporary, list(small_containers(product, step)), history)
         return
     made = FORMATS[form]
-    if made.text is None:
+    if made.text is None and container is None and axis is None and _lists(product):
+        encounters = read_of_branch(product, Encounters, None, step)
+        found = [asdict(row) for row in passage_rows(product, encounters)]
+        rows = [row for row in found if sensor in {None, row["sensor"]}]
+        _remark(product.name, "passages", n_rows=len(rows))
+        text = "".join(f"{line}\n" for line in csv_lines(rows, COLUMNS))
+    elif made.text is None:
         chosen = _chosen(product, container, sensor, step)
         text = "\n".join(write_table(chosen, "csv", axis=axis)) + "\n"
     else:
@@ -72,6 +81,13 @@ def export_product(
         containers = [held.container for held in small_containers(product, step, keys)]
         text = made.text(containers, product.name)
     write_text(target, text, overwrite=overwrite, inputs=inputs)
+
+
+def _lists(product: Product) -> bool:
+    """Tell whether the result of a product is the closest approaches of passages."""
+    last = product.history[-1].stage if product.history else ""
+    held = {key.name for key in product.paths}
+    return "encounters" in held and last != "locate" and "motions" not in held
 
 
 def _geojson(containers: list[Container], name: str) -> str:
@@ -145,7 +161,7 @@ def _chosen(
             return found
         there = there or found
     if there is None:
-        msg = f"{product.name} holds no table; name one with --container."
+        msg = f"{product.name} holds no table; name one with --table."
         raise DataError(msg)
     return _remarked(there, product.name)
 
@@ -157,7 +173,11 @@ def _n_rows(container: Container) -> int:
 
 def _remarked(container: Container, name: str) -> Container:
     """Say of a table without rows that it is one."""
-    if not _n_rows(container):
-        msg = f"{name} has no {container.NAME}: the table has a head and no rows."
-        warn(msg, UwtrackWarning, stacklevel=4)
+    _remark(name, container.NAME, n_rows=_n_rows(container))
     return container
+
+
+def _remark(name: str, rows: str, *, n_rows: int) -> None:
+    if not n_rows:
+        msg = f"{name} has no {rows}: the table has a head and no rows."
+        warn(msg, UwtrackWarning, stacklevel=4)

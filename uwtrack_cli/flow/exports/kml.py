@@ -16,8 +16,8 @@ FOLDERS = {
 }  # fmt: skip
 SHOWN = (
     "status", "time_utc", "speed_mps", "speed_std_mps", "course_deg", "course_std_deg",
-    "slant_range_m", "slant_range_std_m", "side", "weight", "depth_m", "reading",
-    "reading_weight", "rival", "misfit", "now_range_m", "now_range_std_m",
+    "slant_range_m", "slant_range_std_m", "side", "weight", "depth_m",
+    "motion_model", "motion_model_probability", "alternative_motion_model", "misfit", "now_range_m", "now_range_std_m",
     "now_bearing_deg", "now_bearing_std_deg",
 )  # fmt: skip
 

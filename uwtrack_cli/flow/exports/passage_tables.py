@@ -7,7 +7,6 @@ What is not known is an empty cell in CSV, null elsewhere. Parquet and SQL need 
 **References.** RFC 7946 (2016), The GeoJSON Format.
 """
 
-import itertools
 import json
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -32,9 +31,33 @@ _SQL_TYPES = {str: "VARCHAR", int: "BIGINT", float: "DOUBLE"}
 
 
 def csv_lines(rows: Iterable[Row], heads: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of a CSV table, its heads first."""
-    for cells in itertools.chain([heads], ([row[n] for n in heads] for row in rows)):
-        yield csv_line(cells)
+    """Yield the lines of a CSV table for people, its heads first.
+
+    Numbers have six significant digits and deviations four; places and times as many
+    as a tenth of a metre and a millisecond need.
+    """
+    yield csv_line(heads)
+    for row in rows:
+        yield csv_line([_rounded(name, row[name]) for name in heads])
+
+
+def _rounded(name: str, value: Any) -> Any:
+    """Return a value with the digits that a person needs.
+
+    Examples
+    --------
+    >>> _rounded("speed_mps", 5.998984426), _rounded("speed_std_mps", 0.00985050367)
+    ('5.99898', '0.009851')
+    >>> _rounded("latitude", 34.997776612), _rounded("time_s", 36148.070598)
+    ('34.997777', '36148.071')
+    """
+    if not isinstance(value, float):
+        return value
+    if name in {"latitude", "longitude"}:
+        return f"{value:.6f}"
+    if name == "time_s":
+        return f"{value:.3f}"
+    return f"{value:.4g}" if "_std" in name else f"{value:.6g}"
 
 
 def json_lines(rows: Iterable[Row]) -> Iterator[str]:

@@ -161,12 +161,12 @@ class Identity:
     """Vessels with their probabilities, most probable first."""
     unlisted: float
     """Probability that it is a vessel not in the truth."""
-    reading: str = ""
-    """How its measurements are read; empty where the result does not tell."""
-    reading_weight: float = float("nan")
-    """Probability of that reading."""
-    rival: str = ""
-    """The next reading; empty if it has less than 5 %."""
+    motion_model: str = ""
+    """Its motion model; empty where the result has none."""
+    motion_model_probability: float = float("nan")
+    """Probability of that motion model."""
+    alternative_motion_model: str = ""
+    """The next motion model; empty if it has less than 5 %."""
 
 
 @dataclass(frozen=True)
@@ -374,10 +374,10 @@ def _identity(
         chance[passage.vessel] = chance.get(passage.vessel, 0.0) + float(value)
     ranked = sorted(chance.items(), key=lambda item: -item[1])
     best = dict(matching.pairs).get(k)
-    reading: tuple[str, float, str] = ("", float("nan"), "")
+    model: tuple[str, float, str] = ("", float("nan"), "")
     if encounters.reading is not None and encounters.rival is not None:
         weight = encounters.reading_weight
-        reading = (
+        model = (
             str(encounters.reading[row]),
             float("nan") if weight is None else float(weight[row]),
             str(encounters.rival[row]),
@@ -388,7 +388,7 @@ def _identity(
         None if best is None else passages[best].vessel,
         tuple((name, value) for name, value in ranked if value >= 0.001),
         float(matching.unlisted[k]),
-        *reading,
+        *model,
     )
 
 

@@ -28,7 +28,7 @@ from uwtrack_cli.lines.rungs.same_line import SAME_LINE, line_evidence
 
 PEAK_CHOICE = 0.2
 """Evidence that a followed line gains in each independent frame, nepers, because the
-strongest cell nearby is taken for it: 0.17 at most (`studies/constants/ladder.py`)."""
+strongest cell nearby is taken for it: 0.17 at most (`studies/constants/multi_resolution.py`)."""
 
 PREFERENCE = 1.25
 """Weight of the evidence of finer lines: two lines that short frames do not resolve have

@@ -62,7 +62,7 @@ from uwtrack_cli.motion.target_motion.solvers.marquardt import (
     search_bounds,
 )
 from uwtrack_cli.motion.target_motion.solvers.solvers import SOLVERS
-from uwtrack_cli.motion.target_motion.starts import multistart
+from uwtrack_cli.motion.target_motion.starts import minima_of, multistart
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +225,7 @@ def _sources(
     """Take the rows apart into sources where the misfit asks for it."""
     is_told = _is_told(data, options)
     if is_told:
-        fit = multistart(problem, limits)
+        fit = minima_of(problem, limits)
         freedom = max(problem.n_values - 4 - problem.n_lines, 1)
         excess = float(fit.value[0]) / freedom - 1.0
         if excess < LARGE_MISFIT * np.sqrt(2.0 / freedom):
@@ -473,7 +473,7 @@ def _growing(rows: int, updates: int) -> IntArray:
 
 
 def _allow_for_overlap(problem: Problem, limits: SearchBounds, lags: int) -> Problem:
-    first = multistart(problem, limits)
+    first = minima_of(problem, limits)
     r = residuals(problem, first.q[:1])
     bearing = correlation_inflation(r.bearing[0], problem.bearing_weight, lags)
     frequency = correlation_inflation(r.frequency[0], problem.frequency_weight, lags)
@@ -490,7 +490,7 @@ def _modes(
     """List the solver's answer and every other motion within the region."""
     from scipy.special import chdtri
 
-    fit = multistart(problem, limits)
+    fit = minima_of(problem, limits)
     own = minimise(problem, solution[np.newaxis], limits, iterations=0)
     merged = DescentResult.join([own, fit])
     order = np.argsort(merged.value, kind="stable")

@@ -12,6 +12,7 @@ CACM 24, 381; Lingren & Gong 1978 for the linear form).
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -73,6 +74,12 @@ def multistart(
         starts = np.concatenate([starts, extra])
     final = minimise(problem, starts, limits)
     return final.take(np.argsort(final.value, kind="stable"))
+
+
+@lru_cache(maxsize=2)
+def minima_of(problem: Problem, limits: SearchBounds) -> DescentResult:
+    """Find the minima of a record as `multistart`, once for all that ask about it."""
+    return multistart(problem, limits)
 
 
 MOVING_DRAWS, STILL_DRAWS = (600, 5), (300, 3)

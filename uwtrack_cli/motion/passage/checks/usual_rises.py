@@ -32,7 +32,7 @@ FACTOR = 2.0
 1.4 times above what one instant in twenty exceeds, before gusts and noise."""
 
 FEWEST_LENGTHS = 10
-"""Rises with their sides that the rest of the recording must hold to say anything."""
+"""Transients with their sides that the rest of the recording must hold to say anything."""
 
 
 def stands_out(levels: Levels, time_s: float, width_s: float) -> bool:

@@ -31,7 +31,7 @@ from uwtrack_cli.motion.passage.fit.gear_changes import (
 )
 from uwtrack_cli.motion.passage.fit.residual_noise import clip_wild
 from uwtrack_cli.motion.passage.model.measurements import Blocks
-from uwtrack_cli.motion.passage.model.unknowns import FLOOR, RAMP
+from uwtrack_cli.motion.passage.model.unknowns import FLOOR
 
 WIDEST_SCATTER_RAD = 1.2
 """Bearings that scatter more than this (69 degrees) carry no information: they wrap."""
@@ -50,7 +50,7 @@ N_BREAKS = 17
 """Instants within d/v of the closest approach at which a line may be two."""
 
 N_ANYWHERE = 25
-"""Instants of the whole record at which a change that is claimed may be all there is."""
+"""Instants of the whole record at which a step that is claimed may be all there is."""
 
 
 class _Changes(NamedTuple):
@@ -58,8 +58,6 @@ class _Changes(NamedTuple):
 
     breaks_s: FloatArray
     """Instants at which they may break, s."""
-    bends_s: FloatArray
-    """Instants at which they may begin or end to drift, s."""
     shifts_s: FloatArray
     """Instants at which all may step together, and take their time for it, s."""
     shift_lengths_s: tuple[float, ...]
@@ -107,7 +105,11 @@ class LikelihoodRatio:
 
 
 def passage_likelihood_ratio(
-    fit: PassageFit, blocks: Blocks, false_alarm_probability: float
+    fit: PassageFit,
+    blocks: Blocks,
+    false_alarm_probability: float,
+    *,
+    is_shown: bool = False,
 ) -> LikelihoodRatio:
     """Weigh the fit of one data set against "nothing passes".
 
@@ -119,41 +121,35 @@ def passage_likelihood_ratio(
         The measurements that it was made from.
     false_alarm_probability
         Probability of a passage in noise alone.
+    is_shown
+        Whether the sound has shown a passage, so that all gains are wanted. Else breaks
+        are asked about only where they decide: `over_break` is the total without them.
     """
-    width_s = float(fit.range_over_speed_s[0])
-    changes = _changes(fit, blocks.time_s)
-    nowhere = _Changes(*(changes.breaks_s[:0],) * 3, ())
-    passing = passage_residuals(fit, blocks)
-    resting = resting_values(blocks)
-    gains = [
-        _gains(
+    series = [
+        (
             measured_series(one, block.weight[0], noise.scale[0]),
             measured_series(other, block.weight[0], noise.scale[0])[0],
-            blocks.time_s,
-            width_s,
-            own,
         )
-        for one, other, block, noise, own in zip(
-            passing,
-            resting,
-            (blocks.shift, blocks.bearing, blocks.level),
-            fit.noises,
-            (changes, nowhere, nowhere),
-            strict=True,
+        for one, other, block, noise in zip(
+            passage_residuals(fit, blocks), resting_values(blocks),
+            (blocks.shift, blocks.bearing, blocks.level), fit.noises, strict=True,
         )
-    ]
-    if is_wrapped(passing[1], blocks.bearing.weight[0]):
-        gains[1] = (0.0, 0.0, 0.0)
-    places = _independent_places(blocks)
-    return LikelihoodRatio(
-        gains[0][0],
-        gains[1][0],
-        gains[2][0],
-        sum(gain[1] for gain in gains),
-        sum(gain[2] for gain in gains),
-        float(np.log(places / false_alarm_probability)),
+    ]  # fmt: skip
+    width_s = float(fit.range_over_speed_s[0])
+    gains = [_gains(*pair, blocks.time_s, width_s) for pair in series]
+    bearing = passage_residuals(fit, blocks)[1]
+    if is_wrapped(bearing, blocks.bearing.weight[0]):
+        gains[1] = (0.0, 0.0)
+    over_constant = [gain[0] for gain in gains]
+    ratio = LikelihoodRatio(
+        *over_constant, sum(gain[1] for gain in gains), sum(over_constant),
+        float(np.log(_independent_places(blocks) / false_alarm_probability)),
         _gain_of_line_levels(fit, blocks),
-    )
+    )  # fmt: skip
+    if not (is_shown or ratio.is_passage):
+        return ratio  # what a line gains no passage need not be asked about breaks
+    broken = _gains(*series[0], blocks.time_s, width_s, _changes(fit, blocks.time_s))
+    return replace(ratio, over_break=sum([min(broken), *over_constant[1:]]))
 
 
 def _gain_of_line_levels(fit: PassageFit, blocks: Blocks) -> float:
@@ -180,9 +176,8 @@ def _gain_of_line_levels(fit: PassageFit, blocks: Blocks) -> float:
         measured_series(still, weight, scale)[0],
         blocks.time_s,
         float(fit.range_over_speed_s[0]),
-        _Changes(*(np.empty(0),) * 3, ()),
     )
-    return min(gains[:2])
+    return min(gains)
 
 
 def motion_likelihood(blocks: Blocks, own: PassageFit, motion: PassageFit) -> float:
@@ -284,61 +279,54 @@ def _gains(
     still: FloatArray,
     time_s: FloatArray,
     width_s: float,
-    changes: _Changes,
-) -> tuple[float, float, float]:
-    """Compute the gain of "passes" over a constant per row, a line, and a change."""
+    changes: _Changes | None = None,
+) -> tuple[float, ...]:
+    """Compute what "passes" gains over a constant per row and a line, or over changes."""
     moving, constants, precision, used = passing
     if not used.any():
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0
     time = time_s[used]
-    unit = max(float(np.ptp(time_s)), 1e-300)
-    lag = (time - time.mean()) / unit
-    line = np.concatenate([constants, lag[:, None]], axis=1)
-    rivals = [constants, line]
-    rivals += [_broken(constants, time > at) for at in changes.breaks_s]
-    rivals += [
-        np.column_stack([constants, np.maximum(sign * (time - at), 0.0) / unit])
-        for at in changes.bends_s
-        for sign in (1.0, -1.0)
-    ]
-    rivals += [
-        np.column_stack([constants, step, speed])
-        for length in changes.shift_lengths_s
-        for step, speed in zip(
-            frequency_steps(time, changes.shifts_s, length),
-            step_speeds(time, changes.shifts_s, length),
-            strict=True,
-        )
-    ]
+    rivals = [constants]
+    if changes is None:
+        unit = max(float(np.ptp(time_s)), 1e-300)
+        lag = (time - time.mean()) / unit
+        rivals.append(np.concatenate([constants, lag[:, None]], axis=1))
+    else:
+        rivals += [_broken(constants, time > at) for at in changes.breaks_s]
+        rivals += [
+            np.column_stack([constants, step, speed])
+            for length in changes.shift_lengths_s
+            for step, speed in zip(
+                frequency_steps(time, changes.shifts_s, length),
+                step_speeds(time, changes.shifts_s, length),
+                strict=True,
+            )
+        ]
     likelihood = coloured_likelihoods(
         [(moving, constants), *((still, columns) for columns in rivals)],
         precision,
         time,
         width_s,
     )
-    gain = likelihood[0] - likelihood[1:]
-    return float(gain[0]), float(gain[1]), float(gain[[0, *range(2, gain.size)]].min())
+    return tuple((likelihood[0] - likelihood[1:]).tolist())
 
 
 def _changes(fit: PassageFit, time_s: FloatArray) -> _Changes:
-    """Return when frequencies may break, and when they may bend, without a passage.
+    """Return when frequencies may break, without a passage.
 
-    They may break near the closest approach. Where a passage is claimed beside a change
-    of its own, that change may be all there is, at any instant and first of all at its
-    own.
+    They may break near the closest approach. Where a passage is claimed beside a step
+    of its own, that step may be all there is, at any instant and first of all at its own.
     """
     width_s = float(fit.range_over_speed_s[0])
     near = float(fit.theta[0, 0]) + width_s * np.linspace(-1.0, 1.0, N_BREAKS)
     lengths = shift_lengths_s(fit.medium, width_s)
     if fit.change is None:
-        return _Changes(near, near[:0], near[::2], lengths)
+        return _Changes(near, near[::2], lengths)
     first, last = time_s[0], time_s[-1]
     own = float(fit.change.time_s[0]) + 0.5 * width_s * np.linspace(-1, 1, N_BREAKS)
     more = np.concatenate([own, np.linspace(first, last, N_ANYWHERE + 2)[1:-1]])
     more = more[(more > first) & (more < last)]
-    is_ramp = fit.change.kind == RAMP
-    every = np.concatenate([near, more])
-    return _Changes(every, more if is_ramp else more[:0], near[::2], lengths)
+    return _Changes(np.concatenate([near, more]), near[::2], lengths)
 
 
 def _broken(constants: FloatArray, is_late: BoolArray) -> FloatArray:

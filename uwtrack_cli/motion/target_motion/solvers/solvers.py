@@ -23,7 +23,11 @@ from uwtrack_cli.motion.target_motion.objective import misfit
 from uwtrack_cli.motion.target_motion.problem import Problem
 from uwtrack_cli.motion.target_motion.solvers.marquardt import SearchBounds, minimise
 from uwtrack_cli.motion.target_motion.solvers.recursive import solve_recursive
-from uwtrack_cli.motion.target_motion.starts import StartCounts, multistart
+from uwtrack_cli.motion.target_motion.starts import (
+    StartCounts,
+    minima_of,
+    multistart,
+)
 
 SolverName = Literal["mle", "recursive", "genetic", "annealing"]
 Solver = Callable[[Problem, SearchBounds, IntArray, int], FloatArray]
@@ -42,13 +46,15 @@ def solve_mle(
     del seed  # nothing is random here
     found: list[FloatArray] = []
     for end in ends:
-        last = end == ends[-1]
-        fit = multistart(
-            problem.rows(slice(0, int(end))),
-            limits,
-            counts=StartCounts() if last else WHILE_GROWING,
-            extra=found[-1][np.newaxis] if found else None,
-        )
+        if not found and end == problem.n_rows:
+            fit = minima_of(problem, limits)
+        else:
+            fit = multistart(
+                problem.rows(slice(0, int(end))),
+                limits,
+                counts=StartCounts() if end == ends[-1] else WHILE_GROWING,
+                extra=found[-1][np.newaxis] if found else None,
+            )
         equal = fit.q[fit.value < fit.value[0] + TIE]
         found.append(_nearest(equal, found[-1]) if found else equal[0])
     return np.stack(found)

@@ -23,7 +23,7 @@ def sound(tmp_path_factory):
     sweep_hz = 300.0 + 40.0 * np.abs((time_s / 30.0) % 2.0 - 1.0)
     phase = 2.0 * np.pi * np.cumsum(sweep_hz) / RATE_HZ
     samples += np.sqrt(2.0 * 10.0**1.8) * np.sin(phase)
-    path = tmp_path_factory.mktemp("ladder") / "two.wav"
+    path = tmp_path_factory.mktemp("multi-resolution") / "two.wav"
     soundfile.write(path, samples / np.abs(samples).max(), RATE_HZ, subtype="PCM_16")
     return path
 
@@ -64,7 +64,7 @@ def test_lines_of_all_rungs_are_one_table(uwtrack, sound, ladder):
     )
     told = [line.rsplit(",", 1)[1] for line in shown.stdout.splitlines()]
     assert told == ["window_s", *["8.0"] * np.count_nonzero(lines.window_s == 8.0)]
-    out = ("--to", "csv", "--container", "lines", "-o", "one.csv")
+    out = ("--to", "csv", "--table", "lines", "-o", "one.csv")
     assert uwtrack("export", "two.lines.h5", *out, "--step", "track-8s").exit_code == 0
     assert Path("one.csv").read_text().count("\n") == len(told)
     assert (

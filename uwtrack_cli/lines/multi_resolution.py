@@ -45,7 +45,7 @@ SAME_OVERLAP = 0.05
 
 @checked
 def join_rungs(lines: list[Lines]) -> Lines:
-    """Join the lines that frames of several lengths have shown.
+    """Join the lines that were tracked in frames of several lengths.
 
     Every stretch is told once, by the frames that hear it best, and every line has one
     number.

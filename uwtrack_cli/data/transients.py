@@ -1,4 +1,4 @@
-"""Rises: where sound is stronger for seconds than before and after."""
+"""Transients: where sound is stronger for seconds than before and after."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -19,10 +19,10 @@ CLIMB = "climb"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rises(Container):
+class Transients(Container):
     """One row for each rise of a length, in the order in which they were found."""
 
-    NAME: ClassVar[str] = "rises"
+    NAME: ClassVar[str] = "transients"
     ROW: ClassVar[str] = "rise"
     STREAMS: ClassVar[bool] = True
 

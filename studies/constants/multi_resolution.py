@@ -6,7 +6,7 @@ on average, coasted ones as zero, the share of their frames that is told, and by
 s - ln(1 + s) of the told ratio exceeds that of the true one: the greatest is
 `PEAK_CHOICE`. Positive values are what the choice of the strongest cell gives, negative ones
 what is lost between cells and overlapping floors. Chosen on seeds 0 to 2:
-python -m studies.constants.ladder 3 0
+python -m studies.constants.multi_resolution 3 0
 """
 
 import sys

@@ -16,8 +16,8 @@ from uwtrack_cli.data.lines import DETECTED, Lines
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
 from uwtrack_cli.lines.families.lasting_families import no_families
-from uwtrack_cli.lines.ladder import join_rungs
 from uwtrack_cli.lines.line_points import LinePoints, LineTable, to_lines
+from uwtrack_cli.lines.multi_resolution import join_rungs
 from uwtrack_cli.lines.rungs.best_basis import is_finer_best
 from uwtrack_cli.motion.target_motion.inputs import measurements_from_lines
 from uwtrack_cli.presence.line_summary import summarise

@@ -1,4 +1,4 @@
-"""Rises of level or lines that last seconds: where something may pass quickly.
+"""Transients of level or lines that last seconds: where something may pass quickly.
 
 **Method.** Each frame is cut into sub-bands. A sub-band's noise is its median cell; the
 cells that exceed it by a factor which noise exceeds with a stated probability make the
@@ -26,7 +26,7 @@ calls climb as well as they fall.
 bounded by one stretch.
 
 **References.** Rohling (1983), IEEE Trans. Aerosp. Electron. Syst. 19, 608, eq. 33, for
-the factor. `studies/constants/rises.py` draws what the constants were set from.
+the factor. `studies/constants/transients.py` draws what the constants were set from.
 """
 
 from collections.abc import Iterator
@@ -38,10 +38,10 @@ from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.options import AtLeast, AtMost, checked
-from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, LINES, Rises
 from uwtrack_cli.data.rows import Rows
 from uwtrack_cli.data.spectra import Spectrogram
 from uwtrack_cli.data.streams import RememberedStream
+from uwtrack_cli.data.transients import CLIMB, FALL, LEVEL, LINES, Transients
 from uwtrack_cli.estimation.noise_floor import LN2, threshold_factor
 from uwtrack_cli.estimation.window import BIN_CORRELATION
 
@@ -97,7 +97,7 @@ MOVED_WIDTHS = 3.0
 
 LEAST_FALL, LEAST_CLIMB = 1.4, 1.2
 """Sums of squares, over those of lines that keep their frequency, from which lines fall
-or climb: see studies/constants/rises.py."""
+or climb: see studies/constants/transients.py."""
 
 LOWEST_MEDIAN = 2.0
 """Usual spreads, at most, by which the median rise of a stretch lies below zero: leaving
@@ -136,17 +136,17 @@ class _Hits(NamedTuple):
     """1 + ln(power over what must be exceeded)."""
 
 
-_Rise = tuple[float, float, str, float]
+_Transient = tuple[float, float, str, float]
 """Middle and half length in s, kind, and height in spreads."""
 
 
 @checked
-def find_rises(
+def find_transients(
     blocks: Iterator[Spectrogram],
     *,
     least_spreads: Annotated[float, AtLeast(1), AtMost(1000)] = 7.0,
-) -> Iterator[Rises]:
-    """Find where the level, or lines, rise and fall again within seconds.
+) -> Iterator[Transients]:
+    """Find transients: lines or a level that rise and fall within seconds.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def find_rises(
 
     Returns
     -------
-    Iterator[Rises]
+    Iterator[Transients]
         One block per block read, and the rest at last.
 
     Raises
@@ -166,10 +166,10 @@ def find_rises(
     OptionError
         The option is out of range.
     """
-    return FoundRises(blocks, least_spreads)
+    return FoundTransients(blocks, least_spreads)
 
 
-class FoundRises(RememberedStream[Rises, _Rise]):
+class FoundTransients(RememberedStream[Transients, _Transient]):
     """The rises of a stream of spectrograms, found while they come.
 
     Parameters
@@ -177,7 +177,7 @@ class FoundRises(RememberedStream[Rises, _Rise]):
     blocks
         Blocks of a spectrogram with short frames.
     least_spreads
-        Option of `find_rises`.
+        Option of `find_transients`.
     """
 
     def __init__(self, blocks: Iterator[Spectrogram], least_spreads: float) -> None:
@@ -186,7 +186,7 @@ class FoundRises(RememberedStream[Rises, _Rise]):
         self._hop_s, self._known, self._sensor = 1.0, 0, ""
         super().__init__(self._follow(blocks))
 
-    def so_far(self, start_s: float) -> Rises | None:
+    def so_far(self, start_s: float) -> Transients | None:
         """Return the rises as they would be if the spectrogram ended here.
 
         They begin at a time, s. Those that are not certain yet count in spreads of the
@@ -203,7 +203,7 @@ class FoundRises(RememberedStream[Rises, _Rise]):
         found = _search(near, self._hop_s, searched, self._least_spreads, passes=True)
         return self._table([*self._since(start_s), *found])
 
-    def _follow(self, blocks: Iterator[Spectrogram]) -> Iterator[Rises]:
+    def _follow(self, blocks: Iterator[Spectrogram]) -> Iterator[Transients]:
         for block in blocks:
             self._hop_s, self._sensor = block.frames.hop_s, block.frames.sensor
             self._held.append(_cells(block))
@@ -228,9 +228,9 @@ class FoundRises(RememberedStream[Rises, _Rise]):
                 _search(whole, self._hop_s, searched, self._least_spreads)
             )
 
-    def _table(self, found: list[_Rise]) -> Rises:
+    def _table(self, found: list[_Transient]) -> Transients:
         time_s, half_s, kind, spreads = zip(*found, strict=True) if found else ((),) * 4
-        return Rises(
+        return Transients(
             time_s=np.array(time_s, float),
             half_length_s=np.array(half_s, float),
             kind=np.array(kind, np.str_),
@@ -268,7 +268,7 @@ def _cells(block: Spectrogram) -> _Cells:
 def _search(
     held: _Cells, hop_s: float, searched: tuple[int, int], least_spreads: float,
     *, passes: bool = False,
-) -> list[_Rise]:  # fmt: skip
+) -> list[_Transient]:  # fmt: skip
     """Return middle, half length, kind and height of the rises of a stretch.
 
     A length of which plain means leave no doubt that none is there may be passed over:

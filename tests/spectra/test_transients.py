@@ -1,13 +1,18 @@
-"""Rises of lines and level within seconds, against the law of noise and of a passage."""
+"""Transients of lines and level within seconds, against the law of noise and of a passage."""
 
 import numpy as np
 import pytest
 
 from tests.support import recording_of, white_noise
-from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, LINES, Rises
+from uwtrack_cli.data.transients import CLIMB, FALL, LEVEL, LINES, Transients
 from uwtrack_cli.errors import OptionError
-from uwtrack_cli.spectra.rises import CELL_PROBABILITY, _cells, find_rises, heights
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
+from uwtrack_cli.spectra.transients import (
+    CELL_PROBABILITY,
+    _cells,
+    find_transients,
+    heights,
+)
 
 RATE_HZ = 4000.0
 HOP_S = 0.5
@@ -54,7 +59,7 @@ def test_a_knock_is_no_rise():
 def rises_in(sound, block=None, **options):
     recording = recording_of(sound.astype(np.float32), RATE_HZ, block=block)
     blocks = compute_spectrogram(recording, **FRAMES)
-    return Rises.join(list(find_rises(blocks, **options)))
+    return Transients.join(list(find_transients(blocks, **options)))
 
 
 def test_noise_exceeds_the_factor_as_often_as_is_stated():
@@ -120,8 +125,8 @@ def test_broadband_that_swells_for_a_second_rises_in_level():
 
 
 def test_blocks_have_no_influence(monkeypatch):
-    monkeypatch.setattr("uwtrack_cli.spectra.rises.STRETCH_FRAMES", 320)
-    monkeypatch.setattr("uwtrack_cli.spectra.rises.CONTEXT_FRAMES", 160)
+    monkeypatch.setattr("uwtrack_cli.spectra.transients.STRETCH_FRAMES", 320)
+    monkeypatch.setattr("uwtrack_cli.spectra.transients.CONTEXT_FRAMES", 160)
     sound = white_noise(int(60 * RATE_HZ), 5) + sweep(60.0, 31.0, 0.5, 60.0)
     whole = rises_in(sound)
     assert whole.time_s.size
@@ -129,7 +134,7 @@ def test_blocks_have_no_influence(monkeypatch):
     (spectra,) = [list(compute_spectrogram(recording, **FRAMES))]
     cut = [b.take("frame", slice(k, k + 16))
            for b in spectra for k in range(0, b.frames.n_frames, 16)]  # fmt: skip
-    again = Rises.join(list(find_rises(iter(cut))))
+    again = Transients.join(list(find_transients(iter(cut))))
     np.testing.assert_array_equal(again.time_s, whole.time_s)
     np.testing.assert_array_equal(again.spreads, whole.spreads)
 
@@ -143,14 +148,16 @@ def test_what_is_known_so_far_is_what_the_end_would_give():
     blocks = list(compute_spectrogram(recording_of(sound, RATE_HZ), **FRAMES))
     parts = [b.take("frame", slice(k, k + 64)) for b in blocks
              for k in range(0, b.frames.n_frames, 64)]  # fmt: skip
-    scan = find_rises(iter(parts))
+    scan = find_transients(iter(parts))
     scan.remember(1e9)
     assert scan.so_far(0.0) is None
     told = []
     for n_parts, _ in zip(range(1, len(parts) + 1), scan, strict=False):
         if n_parts % 4 == 0:
             known = scan.so_far(-np.inf)
-            assert known.equals(Rises.join(list(find_rises(iter(parts[:n_parts])))))
+            assert known.equals(
+                Transients.join(list(find_transients(iter(parts[:n_parts]))))
+            )
             told.append(known.time_s.size)
     assert told[0] == 0 < told[-1]
     assert scan.so_far(40.0).time_s.size == 0

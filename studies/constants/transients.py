@@ -6,7 +6,7 @@ with their broadband and without it. The threshold lies where noise has fewer th
 an hour. Of the rises of lines above the default height it prints how many keep their
 frequencies, fall and climb. The second number is the first seed: the height was chosen
 on 100, what falls and climbs on 4200. A recording takes a second:
-python -m studies.constants.rises 20 100
+python -m studies.constants.transients 20 100
 """
 
 import sys
@@ -17,12 +17,12 @@ import numpy as np
 
 from tests.draws.brief_passages import passages, small_craft, vehicle
 from tests.draws.random_passages import draw_scenario
-from uwtrack_cli.data.rises import CLIMB, FALL, LEVEL, LINES, Rises
 from uwtrack_cli.data.spectra import Spectrogram
+from uwtrack_cli.data.transients import CLIMB, FALL, LEVEL, LINES, Transients
 from uwtrack_cli.flow.recipe import Recipe
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.simulate import Scenario, simulate_recordings
-from uwtrack_cli.spectra import rises as stage
+from uwtrack_cli.spectra import transients as stage
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
 HEIGHTS = (4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
@@ -43,7 +43,7 @@ def short_frames(scenario: Scenario) -> Iterator[Spectrogram]:
     return compute_spectrogram(recording, **options)
 
 
-def movements(found: list[Rises], default: float = 7.0) -> str:
+def movements(found: list[Transients], default: float = 7.0) -> str:
     """Tell how many rises of lines keep their frequencies, fall and climb."""
     kind = np.concatenate([one.kind[one.spreads > default] for one in found])
     return ", ".join(
@@ -51,10 +51,10 @@ def movements(found: list[Rises], default: float = 7.0) -> str:
     )
 
 
-def rises_of(scenario: Scenario, least: float) -> Rises:
+def rises_of(scenario: Scenario, least: float) -> Transients:
     """Return the rises of a scenario above a height."""
-    blocks = stage.find_rises(short_frames(scenario), least_spreads=least)
-    return Rises.join(list(blocks))
+    blocks = stage.find_transients(short_frames(scenario), least_spreads=least)
+    return Transients.join(list(blocks))
 
 
 def quiet(seed: int, kinds: list[str] | None) -> Scenario:
