@@ -102,9 +102,9 @@ def target_motion_figure(scene: Scene, contact: int | None, view: View) -> Figur
     first, last = float(motions.time_s.min()), float(motions.now_time_s.max())
     span_s = view.span_s((first, max(last, first + 1.0)), scene.clock)
     heads = _heads(motions, scene.clock, view.units)
-    ways = measured_from(scene)
+    tracks = measured_from(scene)
     left = layout.alone(MAP_IN if view.is_wide else 0.95 * view.width_in,
-                 lambda ax: draw_motion_map(motions, ways, ax))  # fmt: skip
+                 lambda ax: draw_motion_map(motions, tracks, ax))  # fmt: skip
     if not parts:
         return layout.page_figure(
             heads, view, [left._replace(height=0.7 * view.width_in)]
@@ -162,29 +162,29 @@ def _now(row: Row, clock: Clock) -> str:
 
 def draw_motion_map(
     motions: Motions,
-    ways: Sequence[tuple[str, OwnPath]],
+    tracks: Sequence[tuple[str, OwnPath]],
     ax: Axes,
     ratio: float = 1.0,
 ) -> Axes:
-    """Draw the ways of what measured, and every mode's way and regions.
+    """Draw the tracks of what measured, and every mode's track and regions.
 
-    ``ways``: name and way of own ship, or of every sensor, the one first from which the
+    ``tracks``: name and track of own ship, or of every sensor, the one first from which the
     ranges count; none is a platform that stands still. ``ratio``: width of the panel
     over its height.
     """
     known = motions.range_m[np.isfinite(motions.range_m)]
     ray_m = float(known.max()) if known.size else 1000.0
     grid = np.linspace(motions.time_s.min(), motions.now_time_s.max(), 200)
-    origin = np.stack(ways[0][1].at(grid[:1])) if ways else np.zeros((2, 1))
+    origin = np.stack(tracks[0][1].at(grid[:1])) if tracks else np.zeros((2, 1))
     places = [(name, np.stack(path.at(grid if path.time_s.size > 1 else path.time_s)))
-              for name, path in ways]  # fmt: skip
+              for name, path in tracks]  # fmt: skip
     for name, place in places or [("own ship", origin)]:
-        way = place - origin
-        if np.ptp(way, axis=1).max() > 1.0:
-            ax.plot(*way, color="black", lw=1.4)
-            style.draw_arrow(ax, way[:, -6], way[:, -1], "black")
-        ax.plot(*way[:, 0], "k^", ms=7)
-        style.name_place(ax, way[:, 0], name, "black", (6, -12))
+        track = place - origin
+        if np.ptp(track, axis=1).max() > 1.0:
+            ax.plot(*track, color="black", lw=1.4)
+            style.draw_arrow(ax, track[:, -6], track[:, -1], "black")
+        ax.plot(*track[:, 0], "k^", ms=7)
+        style.name_place(ax, track[:, 0], name, "black", (6, -12))
     for row in range(motions.contact.size):
         _draw_mode(motions, row, ray_m, ax)
     fit_limits(ax, ratio)
@@ -210,11 +210,11 @@ def _draw_mode(motions: Motions, row: int, ray_m: float, ax: Axes) -> None:
         name += f", mode {motions.mode[row]} ({100 * motions.weight[row]:.0f} %)"
     style.name_place(ax, start, name, color, (9, 9))
     duration_s = motions.now_time_s[row] - motions.time_s[row]
-    way = motions.speed_mps[row] * duration_s * compass_unit(motions.course_deg[row])
-    if np.isfinite(way).all():
-        end = start + way
+    track = motions.speed_mps[row] * duration_s * compass_unit(motions.course_deg[row])
+    if np.isfinite(track).all():
+        end = start + track
         ax.plot(*np.stack([start, end], 1), "-", lw=1.3, color=color, alpha=alpha)
-        style.draw_arrow(ax, start + 0.9 * way, end, color, alpha)
+        style.draw_arrow(ax, start + 0.9 * track, end, color, alpha)
         ax.plot(*end, "s", ms=4, color=color, alpha=alpha)
         std = [motions.now_range_std_m[row], motions.now_bearing_std_deg[row]]
         now = float(motions.now_range_m[row]), float(motions.now_bearing_deg[row])
@@ -230,7 +230,7 @@ def _measured(scene: Scene) -> list[Measurements]:
 
 
 def measured_from(scene: Scene) -> list[tuple[str, OwnPath]]:
-    """Return name and way of own ship or of every sensor, the reference first."""
+    """Return name and track of own ship or of every sensor, the reference first."""
     measured = _measured(scene)
     try:
         paths, sensor = _paths(scene, measured[0])
@@ -238,22 +238,22 @@ def measured_from(scene: Scene) -> list[tuple[str, OwnPath]]:
         return []
     if (platforms := measured[0].platforms) is None:
         return [("own ship", paths[0])] if paths[0].time_s.size > 1 else []
-    ways = list(zip(platforms.name, paths, strict=True))
-    return [ways.pop(int(sensor[0])), *ways]
+    tracks = list(zip(platforms.name, paths, strict=True))
+    return [tracks.pop(int(sensor[0])), *tracks]
 
 
 def _paths(scene: Scene, data: Measurements) -> tuple[list[OwnPath], IntArray]:
-    """Return the way of every platform, of an array its own, and each row's platform."""
+    """Return the track of every platform, of an array its own, and each row's platform."""
     if data.platforms is not None:
         return inputs.sensor_paths(data, data.platforms), data.platforms.sensor
     record, sensor = scene.first(BearingTime), scene.first(Sensor)
-    way = scene.first(Navigation) or (None if sensor is None else sensor.navigation)
+    track = scene.first(Navigation) or (None if sensor is None else sensor.navigation)
     if record is not None and np.isfinite(record.east_m).all():
-        way = Navigation(
+        track = Navigation(
             time_s=record.frames.time_s, east_m=record.east_m, north_m=record.north_m,
             heading_deg=record.heading_deg,
         )  # fmt: skip
-    return [inputs.own_path(way, data)], np.zeros(data.time_s.size, np.int64)
+    return [inputs.own_path(track, data)], np.zeros(data.time_s.size, np.int64)
 
 
 def motion_residuals(
@@ -263,7 +263,7 @@ def motion_residuals(
 
     ``scene``: where own ship was, and how deep the sensor lies.
 
-    None where the range is not observable, or own ship's way is not known.
+    None where the range is not observable, or own ship's track is not known.
     """
     is_best = (motions.contact == data.contact) & (motions.mode == 1)
     rows = np.flatnonzero(is_best & motions.observable)

@@ -2,7 +2,7 @@
 
 **Method.** The calendar has a row per day and sensor: grey where there is sound, darker
 where a vessel is detected, a mark where one passes. Below it stand the medians of every
-hour in decidecade bands and of the whole band, the ways of the vessels past their
+hour in decidecade bands and of the whole band, the tracks of the vessels past their
 sensors, how many passed at which hour, speed and range, and a picture of each passage
 that leads to its page: the part of the overview where its lines are, with the fit, from
 its product alone. Of more days or passages than there is room for, the last days
@@ -65,7 +65,7 @@ MOST_ROWS = 62
 MOST_PASSAGES = 1000
 """Passages that are listed."""
 
-MOST_WAYS = 300
+MOST_TRACKS = 300
 """Passages on the map."""
 
 LABELS_DEG = 37.0
@@ -77,7 +77,7 @@ MARKERS = "ov^sD*"
 CAPTION = "Grey: sound. Dark: a vessel may be detected. Marks: passages."
 
 OF_MAP = (
-    "Ways past the sensor, which is the origin, by their course and bearing; a circle is "
+    "Tracks past the sensor, which is the origin, by their course and bearing; a circle is "
     "the range of a vessel whose direction is not known."
 )
 
@@ -138,10 +138,10 @@ def _pictures(
         shows = f"Histograms of {len(passages)} passages by hour, speed and range."
         heading = "Passages by hour, speed and range"
         yield heading, "", shows, partial(histogram_figure, passages)
-    ways = [row for row in passages if row.slant_range_m is not None][:MOST_WAYS]
-    if ways:
-        shows = f"Map of {len(ways)} passages about their sensors."
-        yield "Map", OF_MAP, shows, partial(map_figure, ways)
+    tracks = [row for row in passages if row.slant_range_m is not None][:MOST_TRACKS]
+    if tracks:
+        shows = f"Map of {len(tracks)} passages about their sensors."
+        yield "Map", OF_MAP, shows, partial(map_figure, tracks)
 
 
 def _days(deployment: Deployment) -> list[int]:
@@ -249,18 +249,18 @@ def histogram_figure(passages: Sequence[PassageRow], view: View) -> Figure:
     return figure
 
 
-def map_figure(ways: Sequence[PassageRow], view: View) -> Figure:
-    """Return the ways of passages past their sensors, which are the origin."""
+def map_figure(tracks: Sequence[PassageRow], view: View) -> Figure:
+    """Return the tracks of passages past their sensors, which are the origin."""
     figure = style.new_figure(view.width_in, 5.0 if view.is_wide else view.width_in)
     ax = figure.subplots()
-    for number, row in enumerate(ways, 1):
+    for number, row in enumerate(tracks, 1):
         distance = row.horizontal_range_m or row.slant_range_m or 0.0
         bearing = LABELS_DEG * number if row.bearing_deg is None else row.bearing_deg
         place = distance * compass_unit(bearing)
         if row.bearing_deg is None or row.course_deg is None:
             maps.draw_circle(ax, distance, 0.0, number)
         else:
-            maps.draw_way(ax, place, row.course_deg, 2.0 * distance, number)
+            maps.draw_track(ax, place, row.course_deg, 2.0 * distance, number)
         style.name_place(ax, place, str(number), style.contact_color(number), (4, 4))
     ax.plot(0.0, 0.0, "k^", ms=7)
     maps.fit_limits(ax, 0.9 * view.width_in / 4.5 if view.is_wide else 1.0)

@@ -1,4 +1,4 @@
-"""Maps: the way of a vessel past a sensor, and several sensors with their positions."""
+"""Maps: the track of a vessel past a sensor, and several sensors with their positions."""
 
 from collections.abc import Sequence
 
@@ -33,9 +33,9 @@ def place_of(fit: ReportedPassage) -> tuple[FloatArray, FloatArray]:
 
 
 def draw_map(scene: Scene, fit: ReportedPassage, ax: Axes) -> Axes:
-    """Draw the way of a vessel past a sensor, north up, with scale and region.
+    """Draw the track of a vessel past a sensor, north up, with scale and region.
 
-    Another solution of its side is drawn dotted; the way by AIS is grey. Without a
+    Another solution of its side is drawn dotted; the track by AIS is grey. Without a
     direction the range is a circle with its band.
     """
     distance, color = max(fit.range_m, 1.0), style.contact_color(fit.number)
@@ -46,7 +46,7 @@ def draw_map(scene: Scene, fit: ReportedPassage, ax: Axes) -> Axes:
     )
     if fit.is_mapped:
         place, covariance = place_of(fit)
-        ends = draw_way(ax, place, fit.value("course_deg"), reach, fit.number)
+        ends = draw_track(ax, place, fit.value("course_deg"), reach, fit.number)
         style.draw_ellipse(ax, place, covariance, color)
         ax.plot(*place, "o", ms=3.5, color=color)
         if fit.encounters.ambiguities(fit.row):
@@ -62,10 +62,10 @@ def draw_map(scene: Scene, fit: ReportedPassage, ax: Axes) -> Axes:
     return furnish(ax)
 
 
-def draw_way(
+def draw_track(
     ax: Axes, place: FloatArray, course_deg: float, reach_m: float, number: int
 ) -> FloatArray:
-    """Draw a straight way through a place with its direction; return its ends, m."""
+    """Draw a straight track through a place with its direction; return its ends, m."""
     color, heading = style.contact_color(number), compass_unit(course_deg)
     ends = np.stack([place - reach_m * heading, place + reach_m * heading])
     ax.plot(*ends.T, color=color, lw=1.2, linestyle=style.contact_dash(number))
@@ -147,7 +147,7 @@ def _draw_tracks(scene: Scene, fit: ReportedPassage, ax: Axes, reach_m: float) -
 
 
 def has_sensor_map(scenes: Sequence[Scene]) -> bool:
-    """Tell whether there are positions, or ways past several sensors, to draw."""
+    """Tell whether there are positions, or tracks past several sensors, to draw."""
     fixes = scenes[0].first(Fixes)
     has_fixes = fixes is not None and fixes.time_s.size > 0
     if len(scenes) == 1:
@@ -156,7 +156,7 @@ def has_sensor_map(scenes: Sequence[Scene]) -> bool:
 
 
 def draw_sensor_map(scenes: Sequence[Scene], ax: Axes, ratio: float) -> Axes:
-    """Draw sensors, ways through the closest approaches, and positions.
+    """Draw sensors, tracks through the closest approaches, and positions.
 
     The grid is that of the positions; without positions, metres from the first sensor.
 
@@ -169,7 +169,7 @@ def draw_sensor_map(scenes: Sequence[Scene], ax: Axes, ratio: float) -> Axes:
         home, n = places.get(str(fit.encounters.sensor[fit.row])), fit.number
         if home is not None and fit.is_mapped:
             place = np.array(home) + place_of(fit)[0]
-            draw_way(ax, place, fit.value("course_deg"), 2.0 * fit.range_m, n)
+            draw_track(ax, place, fit.value("course_deg"), 2.0 * fit.range_m, n)
             style.name_place(ax, place, str(n), style.contact_color(n), (5, 5))
     if fixes is not None:
         _draw_fixes(scenes[0], fixes, ax)

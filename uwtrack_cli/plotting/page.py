@@ -62,7 +62,7 @@ def scenes_of(
 ) -> list[Scene]:
     """Return what belongs to each sensor; everything, where there are no sensors.
 
-    ``containers``: containers of one recording, or of several sensors. ``tracks``: ways
+    ``containers``: containers of one recording, or of several sensors. ``tracks``: tracks
     of vessels by AIS, where there is one sensor.
     """
     heard = {sensor_of(c) for c in containers if c.NAME in {*HEARD, "recording"}}
@@ -78,7 +78,7 @@ def pages_of(
 ) -> list[Page]:
     """Return the pages that containers have, that of the whole first.
 
-    ``containers``: containers of one recording or table. ``tracks``: ways of vessels by
+    ``containers``: containers of one recording or table. ``tracks``: tracks of vessels by
     AIS: s from the first sample, east and north of the sensor. ``is_demon``: whether the
     spectra of the envelope are asked for, one for each sensor, and nothing else.
 

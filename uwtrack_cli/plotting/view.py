@@ -174,7 +174,7 @@ class Scene:
     sensor: str | None = None
     """Sensor whose page it is; None for tables."""
     tracks: Sequence[VesselTrack] = field(default=())
-    """Ways of vessels by AIS: s from the first sample, east and north of the sensor, m."""
+    """Tracks of vessels by AIS: s from the first sample, east and north of the sensor, m."""
     view: View = field(default_factory=View)
     """How it is drawn."""
     span_s: Span = (-math.inf, math.inf)
