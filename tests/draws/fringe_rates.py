@@ -4,7 +4,7 @@ Draws two passages of `fringe_sounds` for each seed in power, one in deep and on
 shallow water, and two recordings of the kinds of `nothing_passes.KINDS` by turns, made
 again in the band of fringes; prints each row, and at last what was found of those whose
 bound says that they can be, what was false, and how many of the 95 % intervals hold. The
-constants of `motion/evidence/fringes.py` were set by the seeds from 1 to 6 and 100 to 105:
+constants of `motion/evidence/fringes.py` were set by the seeds from 1 to 6, 100 to 105, 300 to 311 and 700 to 702:
 python -m tests.draws.fringe_rates 100 106
 """
 
