@@ -184,6 +184,25 @@ def test_a_recording_shorter_than_the_long_frames_is_read_in_shorter_ones():
     assert found.n_encounters == 0
 
 
+def test_shorter_frames_report_from_the_probability_that_is_asked(monkeypatch):
+    asked = []
+
+    def passages(_, graph):
+        (last,) = [one for one in graph.steps() if one.stage.output is Encounters]
+        asked.append(last.options["probability"])
+
+    monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", passages)
+    sound = np.zeros((60 * 1000, 1), np.float32)
+    recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
+    rises = Transients(
+        time_s=np.array([30.0]), half_length_s=np.array([0.5]), kind=np.array(["fall"]),
+        spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
+    )  # fmt: skip
+    zoom_in([encounters_of()], rises, recording=recording, probability=0.8)
+    assert asked
+    assert set(asked) == {0.8}
+
+
 def test_without_the_sound_there_is_nothing_to_look_at():
     with pytest.raises(DataError, match="run the recording itself"):
         zoom_in([encounters_of()])

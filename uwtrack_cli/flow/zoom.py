@@ -39,7 +39,9 @@ from uwtrack_cli.flow.engine import Engine, MemorySink, context_of
 from uwtrack_cli.flow.graph import Graph
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.motion.competition import LEVEL_ONLY, compete
+from uwtrack_cli.motion.decision import LEAST_PROBABILITY
 from uwtrack_cli.motion.explained_lines import unexplained
+from uwtrack_cli.motion.options import Probability
 from uwtrack_cli.motion.passage.checks.sub_bands import agreement
 from uwtrack_cli.motion.passage.checks.usual_rises import stands_out
 
@@ -68,6 +70,7 @@ def zoom_in(
     levels: Levels | None = None,
     *,
     recipes: list[str] | None = None,
+    probability: Probability = LEAST_PROBABILITY,
 ) -> Encounters:
     """Reanalyse in shorter frames where something passes within seconds.
 
@@ -91,6 +94,8 @@ def zoom_in(
         Recipes with shorter frames that are run over what is looked at; small-craft
         and vehicle unless given. Only the first is run where lines keep their
         frequencies or the level rises for longer.
+    probability
+        Least probability that a vessel passes as a row of shorter frames has it.
 
     Returns
     -------
@@ -110,7 +115,7 @@ def zoom_in(
             "itself, or keep it beside its product."
         )
         raise DataError(msg)
-    graphs = [_up_to_passages(name) for name in recipes or RECIPES]
+    graphs = [_up_to_passages(name, probability) for name in recipes or RECIPES]
     tracked = lines[0] if lines else None
     taken = 0 if tracked is None else int(tracked.line_contact.max(initial=0))
     first, *others = _own_passages(encounters, lines or [])
@@ -232,14 +237,16 @@ def _part(recording: Recording, start_s: float, stop_s: float) -> Recording | No
     )
 
 
-def _up_to_passages(recipe: str) -> Graph:
+def _up_to_passages(recipe: str, probability: float) -> Graph:
     """Return the part of a recipe that its first closest approaches need."""
-    graph = load_recipe(recipe).graph()
+    loaded = load_recipe(recipe)
+    graph = loaded.graph()
     made = [step.name for step in graph.steps() if step.stage.output is Encounters]
     if not made:
         msg = f"recipe {recipe} has no closest approaches to look for; give another."
         raise OptionError(msg)
-    return graph.part(made[:1])
+    told = loaded.with_settings([f"{made[0]}.probability={probability}"])
+    return told.graph().part(made[:1])
 
 
 def _passages(part: Recording, graph: Graph) -> Encounters | None:
