@@ -75,6 +75,10 @@ figures: $(VENV)/.development  ## draw the pictures of README and docs again
 	$(BIN)/uwtrack run $(DEMO)/pass.wav --start-utc 2024-05-01T12:00:00Z --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --passage 1 -o docs/pass.png --overwrite
 	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 -o docs/recording.png --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/pass.run.h5 --passage 1 --size 3.35 5 --dpi 150 --no-title -o docs/column.png --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/pass.wav --band-hz 20 500 --db-range 40 --window-s 2 -o docs/sound.png --overwrite
+	$(BIN)/uwtrack tma sample_data/bearings.csv --own-ship sample_data/own-ship.csv -o $(DEMO)/bearings.motions.h5 --overwrite
+	$(BIN)/uwtrack plot $(DEMO)/bearings.motions.h5 -o docs/motion.png --overwrite
 	$(BIN)/python -m tests.draws.fringe_picture docs/fringes.png
 	if command -v chromium >/dev/null; then $(MAKE) docs && chromium --headless --no-sandbox \
 	--hide-scrollbars --window-size=1280,1000 --screenshot=docs/site.png \

@@ -7,7 +7,7 @@ import matplotlib as mpl
 from tests.draws.fringe_rates import MACH
 from tests.draws.fringe_sounds import draw_power, fringes_of
 from uwtrack_cli.motion.evidence.fringes import fringe_passages
-from uwtrack_cli.plotting.fringe_image import draw_fringes
+from uwtrack_cli.plotting.fringe_image import FringeImage, law_of
 
 SEED = 2
 """A drawn vessel in shallow water."""
@@ -20,14 +20,14 @@ def main(path: str) -> None:
 
     frequency, power, _ = draw_power(SEED, is_deep=False)
     fringes = fringes_of(frequency, power)
-    told = [
-        (one.passage.time_s, one.passage.width_s, one.passage.mach)
-        for one in fringe_passages(fringes, MACH)
-    ]
+    found = [one.passage for one in fringe_passages(fringes, MACH)]
+    laws = [law_of(one.time_s, one.width_s, one.mach) for one in found]
     figure = Figure(figsize=(8.0, 3.6), layout="constrained")
-    ax = draw_fringes(figure.subplots(), fringes, (0.0, fringes.time_s[-1]), told)
+    image, ax = FringeImage.of(fringes, (0.0, fringes.time_s[-1])), figure.subplots()
+    assert image is not None
     ax.set_xlim(0.0, fringes.time_s[-1])
-    ax.set_xlabel("s", fontsize=8)
+    image.draw(ax, laws)
+    ax.set_xlabel("time (s)", fontsize=8)
     figure.savefig(path, dpi=90)
 
 

@@ -21,7 +21,7 @@ from uwtrack_cli.motion.cpa import find_encounters
 from uwtrack_cli.motion.locate import locate_vessels
 from uwtrack_cli.motion.passage.model.law import passage_law, with_other_leg
 from uwtrack_cli.motion.passage.model.unknowns import RAMP, Change, law_of
-from uwtrack_cli.plotting.passage_fit import ReportedPassage
+from uwtrack_cli.plotting.passage import ReportedPassage
 
 CLOSEST_S, FLAT_M, HEIGHT_M, SPEED_MPS = 300.0, 180.0, 19.0, 6.0
 STRAIGHT = np.array([[CLOSEST_S, np.log(FLAT_M / SPEED_MPS), SPEED_MPS]])

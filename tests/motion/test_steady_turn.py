@@ -18,7 +18,7 @@ from tests.draws.measured_passages import (
 from uwtrack_cli.motion.locate import locate_vessels
 from uwtrack_cli.motion.passage.model.law import passage_law
 from uwtrack_cli.motion.passage.model.steady_turn import SteadyTurn, with_steady_turn
-from uwtrack_cli.plotting.passage_fit import ReportedPassage
+from uwtrack_cli.plotting.passage import ReportedPassage
 
 FLAT_M, HEIGHT_M, SPEED_MPS, SOUND_MPS = 180.0, 19.0, 6.0, 1500.0
 TIME_S = np.arange(0.5, LENGTH_S)

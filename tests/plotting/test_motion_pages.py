@@ -13,14 +13,14 @@ from uwtrack_cli.files.tables.navigation import read_navigation
 from uwtrack_cli.files.tables.series import read_series
 from uwtrack_cli.motion.target_motion.inputs import measurements_from_series
 from uwtrack_cli.motion.tma import estimate_motion
-from uwtrack_cli.plotting.maps import scale_length, sensor_places
-from uwtrack_cli.plotting.page import pages_of
-from uwtrack_cli.plotting.style import draw_ellipse
-from uwtrack_cli.plotting.target_motion_page import (
+from uwtrack_cli.plotting.analysis_pages import (
     draw_motion_map,
     draw_ranges,
     motion_residuals,
 )
+from uwtrack_cli.plotting.maps import scale_length, sensor_places
+from uwtrack_cli.plotting.page import pages_of
+from uwtrack_cli.plotting.style import draw_ellipse
 from uwtrack_cli.plotting.view import Scene, View
 
 

@@ -26,11 +26,10 @@ from uwtrack_cli.flow.branches import without_asides
 from uwtrack_cli.flow.products import small_containers
 from uwtrack_cli.flow.rerun_sources import with_sound
 from uwtrack_cli.flow.vessel_names import read_vessels, tracks_past
-from uwtrack_cli.plotting.fringe_image import has_pattern
+from uwtrack_cli.plotting.fringe_image import FringeImage, law_of
 from uwtrack_cli.plotting.page import pages_of
 from uwtrack_cli.plotting.panels import Outlined, lines_part
-from uwtrack_cli.plotting.passage_fit import ReportedPassage
-from uwtrack_cli.plotting.passage_words import cautions, fact_lines
+from uwtrack_cli.plotting.passage import ReportedPassage, cautions, fact_lines
 from uwtrack_cli.plotting.picture import (
     FrequencyAxis,
     choose_axis,
@@ -237,7 +236,7 @@ def test_a_table_has_a_page_of_its_measurements(uwtrack, tmp_path):
         found = [held.container for held in small_containers(opened)]
     (page,) = pages_of(found)
     figure = page.draw(View())
-    (strip,) = [ax for ax in panels(figure) if "off the rest" in ax.get_ylabel()]
+    (strip,) = [ax for ax in panels(figure) if "Doppler" in ax.get_ylabel()]
     points = strip.collections[0].get_offsets()
     assert len(points) == time_s.size
     (curve,) = curves(strip)
@@ -624,7 +623,7 @@ def test_a_page_is_the_same_file_again_and_says_what_it_shows(product, tmp_path,
     assert made[0] == made[1]
     if form != "pdf":
         assert b"2024-05-01 12:02:28" in made[0]
-        assert b"Panels: off the rest frequency" in made[0]
+        assert b"Panels: Doppler shift" in made[0]
 
 
 def test_one_unit_of_speed_is_on_a_page(containers):
@@ -717,13 +716,14 @@ def test_fringes_are_drawn_where_they_move_as_the_passage_says():
     def image(height_db):
         shade = np.round(128 + height_db / 0.25).clip(1, 255).astype(np.uint8)
         flat = np.zeros(time_s.size, np.float32)
-        return Fringes(
+        held = Fringes(
             time_s=time_s, frequency_hz=frequency, shade=shade, level_db=flat,
             slope_db=flat, average_s=2.0, bin_hz=1.0, reference="full scale", sensor="h1",
         )  # fmt: skip
+        return FringeImage.of(held, (0.0, 300.0))
 
-    law, span_s = (150.0, 60.0, 0.004), (0.0, 300.0)
-    assert has_pattern(image(bands + noise), span_s, law)
-    assert not has_pattern(image(noise), span_s, law)
-    assert not has_pattern(image(bands[75] + noise), span_s, law)  # it stays
-    assert not has_pattern(image(bands + noise), span_s, (30.0, 60.0, 0.004))
+    law = law_of(150.0, 60.0, 0.004)
+    assert image(bands + noise).moves_as(law)
+    assert not image(noise).moves_as(law)
+    assert not image(bands[75] + noise).moves_as(law)  # it stays
+    assert not image(bands + noise).moves_as(law_of(30.0, 60.0, 0.004))

@@ -15,8 +15,8 @@ from uwtrack_cli.flow.long_term import by_hour, hour_levels
 from uwtrack_cli.flow.passages import PassageRow
 from uwtrack_cli.flow.sound_hours import SoundSpan
 from uwtrack_cli.plotting.deployment_report import calendar_figure, deployment_html
-from uwtrack_cli.plotting.listen import in_band
-from uwtrack_cli.plotting.passage_words import reasons_once
+from uwtrack_cli.plotting.html_page import in_band
+from uwtrack_cli.plotting.passage import reasons_once
 from uwtrack_cli.plotting.view import View
 
 HOUR_NS = 3600 * 10**9
@@ -171,7 +171,8 @@ def test_a_folder_leads_to_the_pages_of_its_passages(uwtrack, timed_run, tmp_pat
 
 def test_counts_of_a_folder_add_up():
     page = Page(deployment_html(deployment(), "spring"))
-    assert page.rows["Days"][-1] == ["all", "2.0", "3"]
+    assert page.rows["Days"][-1] == ["all", "3.0", "3"]
+    assert sum(float(row[1]) for row in page.rows["Days"][1:-1]) == 3.0
     assert sum(int(row[-1]) for row in page.rows["Days"][1:-1]) == 3
     assert page.rows["Vessels"][1:] == [
         ["not named", "2"],

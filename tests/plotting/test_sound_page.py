@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from tests.support import cells_of
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Sensor
-from uwtrack_cli.plotting.sound_page import SoundStyle, sound_figure
+from uwtrack_cli.plotting.sound_pages import sound_figure
 from uwtrack_cli.plotting.view import View
 
 RATE = 8000
@@ -191,7 +191,7 @@ def test_a_day_is_read_in_blocks():
         n_samples=n_samples, n_channels=1, reader=reader,
     )  # fmt: skip
     tracemalloc.start()
-    figure = sound_figure(day, SoundStyle(), View())
+    figure = sound_figure(day, View())
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 40e6

@@ -8,7 +8,7 @@ from uwtrack_cli.data.decisions import Decision
 from uwtrack_cli.data.scans import Scans
 from uwtrack_cli.data.targets import Target
 from uwtrack_cli.errors import DataError
-from uwtrack_cli.plotting.table_pages import (
+from uwtrack_cli.plotting.analysis_pages import (
     draw_odds,
     draw_target,
     draw_terms,

@@ -178,7 +178,8 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
             pages_of,
             write_pages,
         )
-        from uwtrack_cli.plotting.view import View, sized
+        from uwtrack_cli.plotting.style import WIDE_IN
+        from uwtrack_cli.plotting.view import View
     except ImportError as error:
         msg = f"plots need matplotlib ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
@@ -187,13 +188,11 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     refuse_without_ais(context, ais)
     target = _picture_name(output, files, contact, passage, is_demon=is_demon)
     check_picture(target, overwrite=overwrite)
-    view = sized(
-        View(
-            begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
-            has_lines=has_lines, units="kn" if units == "kn" else "m/s",
-            stands_alone=has_title,
-        ),
-        size, dpi,
+    width_in, height_in = size or (WIDE_IN, None)
+    view = View(
+        begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
+        has_lines=has_lines, units="kn" if units == "kn" else "m/s",
+        stands_alone=has_title, width_in=width_in, height_in=height_in, dpi=dpi,
     )  # fmt: skip
     if is_sound:
         style = {"window_s": window_s, "db_range": db_range, "colormap": colormap}
@@ -265,15 +264,11 @@ def _write_sound(
 ) -> None:  # fmt: skip
     """Write the spectrogram of a sound file, opened as the options say."""
     from uwtrack_cli.plotting.page import Page, write_pages
-    from uwtrack_cli.plotting.sound_page import checked_style, sound_figure
+    from uwtrack_cli.plotting.sound_pages import sound_figure
 
-    checked = checked_style(**style)
     recording = open_source(file, opening)
     with progress_bar("plot", recording.duration_s) as done:
-        page = Page(
-            "sound", None, None,
-            lambda asked: sound_figure(recording, checked, asked, done),
-        )  # fmt: skip
+        page = Page("sound", lambda view: sound_figure(recording, view, done, **style))
         write_pages([page], target, view, overwrite=overwrite)
     say(f"wrote {target}")
 
@@ -551,8 +546,11 @@ def _of_folder(
     from uwtrack_cli.flow.deployment import read_deployment
     from uwtrack_cli.flow.passages import collect_passages, usual_cache
     from uwtrack_cli.flow.rerun_sources import with_sound
-    from uwtrack_cli.plotting.deployment_report import deployment_html
-    from uwtrack_cli.plotting.thumbnail import MOST_THUMBNAILS, glances
+    from uwtrack_cli.plotting.deployment_report import (
+        MOST_THUMBNAILS,
+        deployment_html,
+        glances,
+    )
 
     table = collect_passages([folder], ais=ais, within_m=within_m, cache=usual_cache())
     deployment = read_deployment([folder], table, glanced=MOST_THUMBNAILS)

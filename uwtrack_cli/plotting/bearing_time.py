@@ -6,21 +6,11 @@ from matplotlib.axes import Axes
 from uwtrack_cli.arrays.line_array import LineArray
 from uwtrack_cli.data.base import FloatArray, IntArray
 from uwtrack_cli.data.bearing_time import BearingTime
-from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Peaks
-from uwtrack_cli.data.series import Series
+from uwtrack_cli.plotting import style
+from uwtrack_cli.plotting.panels import contact_bearings
 from uwtrack_cli.plotting.picture import cell_edges, check_axes
-from uwtrack_cli.plotting.style import (
-    LEVELS_MAP,
-    MEASURED,
-    Span,
-    broken_bearing,
-    calm,
-    color_bar,
-    contact_color,
-    draw_cells,
-    within,
-)
+from uwtrack_cli.plotting.style import Span
 from uwtrack_cli.plotting.view import Scene
 
 LARGEST_ROWS = 2000
@@ -53,7 +43,7 @@ def draw_bearing_time(
     """
     check_axes(record.frames, "time_s")
     time_s = record.frames.time_s
-    chosen = np.flatnonzero(within(time_s, span_s or (-np.inf, np.inf)))
+    chosen = np.flatnonzero(style.within(time_s, span_s or (-np.inf, np.inf)))
     if not chosen.size:
         return ax
     step = -(-chosen.size // LARGEST_ROWS)
@@ -67,7 +57,7 @@ def draw_bearing_time(
     known = excess_db[:, inside][np.isfinite(excess_db[:, inside])]
     dark, bright = np.quantile(known, (0.5, BRIGHTEST_SHARE)) if known.size else (0, 0)
     bright = dark + np.clip(bright - dark, LEAST_SPAN_DB, MOST_SPAN_DB)
-    draw_cells(
+    style.draw_cells(
         ax, cell_edges(time_s[chosen][rows]), cell_edges(angle_deg),
         np.take_along_axis(excess_db, beams, axis=1), (float(dark), float(bright)),
         f"dB over the background, {record.band_low_hz:.0f}-{record.band_high_hz:.0f} Hz",
@@ -109,18 +99,13 @@ def draw_contact_angles(record: BearingTime, scene: Scene, ax: Axes) -> Axes:
 
     Those that are followed without lines lie below those of lines.
     """
-    series, lines = scene.first(Series), scene.first(Lines)
-    if series is not None and record.cos_angle is not None:
-        angle_deg = _angle_from_ahead(record, series.time_s, series.bearing_deg)
-        for contact in np.unique(series.contact).tolist():
-            own = series.contact == contact
-            _mark(ax, series.time_s[own], angle_deg[own], contact)
-    if lines is not None:
-        angle_deg = _angle_from_ahead(record, lines.time_s, lines.measured_bearing_deg)
-        for line, contact in zip(lines.line_id, lines.line_contact, strict=True):
-            if contact > 0:
-                own = lines.line == line
-                _mark(ax, lines.time_s[own], angle_deg[own], scene.number(contact))
+    measured = contact_bearings(scene, has_tables=record.cos_angle is not None)
+    for _, number, time_s, bearing_deg, _ in measured:
+        angle_deg = _angle_from_ahead(record, time_s, bearing_deg)
+        rows = np.flatnonzero(np.isfinite(angle_deg))
+        kept = rows[:: max(1, -(-rows.size // MOST_MARKS))]
+        ax.plot(time_s[kept], angle_deg[kept], "o", ms=2.6, mew=0.4,
+                color=style.contact_color(number), mec="white")  # fmt: skip
     return ax
 
 
@@ -139,15 +124,6 @@ def _angle_from_ahead(
     return angle_deg
 
 
-def _mark(ax: Axes, time_s: FloatArray, angle_deg: FloatArray, contact: int) -> None:
-    rows = np.flatnonzero(np.isfinite(angle_deg))
-    kept = rows[:: max(1, -(-rows.size // MOST_MARKS))]
-    ax.plot(
-        time_s[kept], angle_deg[kept], "o", ms=2.6, mew=0.4,
-        color=contact_color(contact), mec="white",
-    )  # fmt: skip
-
-
 def draw_frequency_azimuth(
     record: BearingTime, peaks: Peaks, ax: Axes, span_s: Span
 ) -> Axes:
@@ -158,7 +134,7 @@ def draw_frequency_azimuth(
     ``peaks``: what was found in its beams. ``span_s``: begin and end, s.
     """
     time_s = record.frames.time_s[peaks.frame - record.frames.first_frame]
-    at = np.flatnonzero(peaks.is_detection & within(time_s, span_s))
+    at = np.flatnonzero(peaks.is_detection & style.within(time_s, span_s))
     if peaks.cone_deg is not None:
         angle_deg = peaks.cone_deg[at]
     else:
@@ -166,9 +142,9 @@ def draw_frequency_azimuth(
     order = np.argsort(peaks.snr_db[at])
     dots = ax.scatter(
         peaks.frequency_hz[at][order], angle_deg[order], c=peaks.snr_db[at][order],
-        s=7.0, cmap=LEVELS_MAP, vmin=5.0, vmax=30.0, linewidths=0.0, rasterized=True,
+        s=7.0, cmap=style.LEVELS_MAP, vmin=5.0, vmax=30.0, linewidths=0.0, rasterized=True,
     )  # fmt: skip
-    color_bar(dots, calm(ax), "dB over the noise of the beam")
+    style.color_bar(dots, style.calm(ax), "dB over the noise of the beam")
     widest = 180 if record.cos_angle is not None else 360
     ax.set(xlim=(record.band_low_hz, record.band_high_hz), ylim=(widest, 0.0))
     ax.set(yticks=range(0, widest + 1, 30))
@@ -187,12 +163,12 @@ def draw_beam_pattern(record: BearingTime, array: LineArray, ax: Axes) -> Axes:
     angle_deg = np.linspace(0.0, 180.0, PATTERN_POINTS)
     cosines = np.cos(np.radians(angle_deg))
     frequencies = np.array([0.25, 0.5, 1.0]) * record.band_high_hz
-    for frequency_hz, style in zip(frequencies, (":", "--", "-"), strict=True):
+    for frequency_hz, dash in zip(frequencies, (":", "--", "-"), strict=True):
         steering = array.steering(np.array([frequency_hz]), cosines, weights)[0]
         power = np.abs(steering.sum(axis=1)) ** 2
-        ax.plot(10.0 * np.log10(np.maximum(power, 1e-9)), angle_deg, style,
-                color=MEASURED, lw=0.9, label=f"{frequency_hz:.0f} Hz")  # fmt: skip
-    calm(ax)
+        ax.plot(10.0 * np.log10(np.maximum(power, 1e-9)), angle_deg, dash,
+                color=style.MEASURED, lw=0.9, label=f"{frequency_hz:.0f} Hz")  # fmt: skip
+    style.calm(ax)
     ax.set(xlim=(-45.0, 2.0), ylim=(180.0, 0.0), yticks=range(0, 181, 30))
     ax.set_xlabel("beam at 90 deg (dB)", fontsize=9)
     ax.legend(fontsize=7, loc="lower left", framealpha=0.9, edgecolor="none")
@@ -201,6 +177,6 @@ def draw_beam_pattern(record: BearingTime, array: LineArray, ax: Axes) -> Axes:
 
 def draw_heading(record: BearingTime, ax: Axes) -> Axes:
     """Draw the compass heading of the array over time, broken where it passes north."""
-    heading = broken_bearing(record.heading_deg)
-    ax.plot(record.frames.time_s, heading, color=MEASURED)
-    return calm(ax, "array heading\n(deg)")
+    heading = style.broken_bearing(record.heading_deg)
+    ax.plot(record.frames.time_s, heading, color=style.MEASURED)
+    return style.calm(ax, "array heading\n(deg)")

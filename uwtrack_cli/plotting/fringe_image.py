@@ -10,14 +10,18 @@ vessel: only the time that sound takes depends on it. Curves are those of a mirr
 waveguide's lie a few percent beside them.
 """
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from matplotlib.axes import Axes
 
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.data.fringes import MIDDLE, STEP_DB, Fringes
 from uwtrack_cli.motion.evidence.fringe_template import Hypothesis, relative_range
+from uwtrack_cli.plotting import style
 from uwtrack_cli.plotting.picture import cell_edges
-from uwtrack_cli.plotting.style import Span, draw_cells, within
+from uwtrack_cli.plotting.style import Span
 
 MOST_ROWS = 300
 """Rows that are drawn."""
@@ -39,82 +43,69 @@ USUAL_MACH = 0.0037
 """Speed of a vessel over that of sound, where it is not known."""
 
 
-def has_pattern(
-    fringes: Fringes, span_s: Span, passage: tuple[float, float, float]
-) -> bool:
-    """Tell whether a stretch has a pattern that moves as a passage says.
+class FringeImage(NamedTuple):
+    """The image of a stretch, each cell in its own noise."""
 
-    Its rows are stacked along the passage's law. What stays, or moves the other way, does
-    not stack so; of noise alone, nothing does.
+    time_s: FloatArray
+    """Times of its rows, s."""
+    frequency_hz: FloatArray
+    """Frequencies of its columns, Hz."""
+    height: FloatArray
+    """Heights over the median in the noise of the cell, shape (row, column)."""
 
-    ``span_s``, ``passage``: as for `draw_fringes`.
-    """
-    found = _image(fringes, span_s)
-    if found is None:
-        return False
-    time_s, image = found
-    image = np.clip(image, -NOISES, NOISES)
-    cells = np.log(fringes.frequency_hz)
-    shift = np.log(relative_range(time_s, _law(passage)))
+    @classmethod
+    def of(cls, fringes: Fringes, span_s: Span) -> "FringeImage | None":
+        """Return the image of a stretch, s; None where there is none."""
+        inside = style.within(fringes.time_s, span_s)
+        rows = np.flatnonzero(inside & (fringes.shade[:, :1] > 0).any(axis=1))
+        if rows.size < 2 or not fringes.frequency_hz.size:
+            return None
+        height_db = STEP_DB * (fringes.shade[rows].astype(np.float32) - MIDDLE)
+        height_db = height_db - np.median(height_db, axis=0)
+        each = -(-rows.size // MOST_ROWS)
+        count = rows.size // each
+        image = height_db[: count * each].reshape(count, each, -1).mean(axis=1)
+        time_s = fringes.time_s[rows[: count * each]].reshape(count, each).mean(axis=1)
+        # low cells hold few degrees of freedom: each is drawn in its own noise
+        noise_db = np.median(np.abs(np.diff(image, axis=0)), axis=0)
+        return cls(time_s, fringes.frequency_hz, image / np.maximum(noise_db, STEP_DB))
 
-    def stacked(sign: float) -> float:
-        rows = [np.interp(cells + sign * moved, cells, row, right=0.0)
-                for moved, row in zip(shift, image, strict=True)]  # fmt: skip
-        return float(np.var(np.mean(rows, axis=0)))
+    def moves_as(self, law: Hypothesis) -> bool:
+        """Tell whether the pattern moves as a passage says.
 
-    noise = float(np.var(image)) / len(image)
-    return stacked(1.0) > LEAST_STACK * max(stacked(0.0), stacked(-1.0), noise)
+        Its rows are stacked along the passage's law. What stays, or moves the other way,
+        does not stack so; of noise alone, nothing does.
+        """
+        image = np.clip(self.height, -NOISES, NOISES)
+        cells = np.log(self.frequency_hz)
+        shift = np.log(relative_range(self.time_s, law))
 
+        def stacked(sign: float) -> float:
+            rows = [np.interp(cells + sign * moved, cells, row, right=0.0)
+                    for moved, row in zip(shift, image, strict=True)]  # fmt: skip
+            return float(np.var(np.mean(rows, axis=0)))
 
-def _law(passage: tuple[float, float, float]) -> Hypothesis:
-    at_s, width_s, mach = passage
-    known = mach if np.isfinite(mach) and mach > 0 else USUAL_MACH
-    return Hypothesis(at_s, width_s, mach=known)
+        noise = float(np.var(image)) / len(image)
+        return stacked(1.0) > LEAST_STACK * max(stacked(0.0), stacked(-1.0), noise)
 
-
-def _image(fringes: Fringes, span_s: Span) -> tuple[FloatArray, FloatArray] | None:
-    """Return times and rows of the image of a stretch, each cell in its own noise."""
-    inside = within(fringes.time_s, span_s)
-    rows = np.flatnonzero(inside & (fringes.shade[:, :1] > 0).any(axis=1))
-    if rows.size < 2 or not fringes.frequency_hz.size:
-        return None
-    height_db = STEP_DB * (fringes.shade[rows].astype(np.float32) - MIDDLE)
-    height_db = height_db - np.median(height_db, axis=0)
-    each = -(-rows.size // MOST_ROWS)
-    count = rows.size // each
-    image = height_db[: count * each].reshape(count, each, -1).mean(axis=1)
-    time_s = fringes.time_s[rows[: count * each]].reshape(count, each).mean(axis=1)
-    # low cells hold few degrees of freedom: each is drawn in its own noise
-    noise_db = np.median(np.abs(np.diff(image, axis=0)), axis=0)
-    return time_s, image / np.maximum(noise_db, STEP_DB)
-
-
-def draw_fringes(
-    ax: Axes,
-    fringes: Fringes,
-    span_s: Span,
-    passages: list[tuple[float, float, float]],
-) -> Axes:
-    """Draw the image of a stretch, and the curves of passages over it.
-
-    ``span_s``: begin and end, s. ``passages``: time and range over speed of each, s, and
-    its speed over that of sound, nan if unknown.
-    """
-    frequency = fringes.frequency_hz
-    ax.set_yscale("log")
-    ax.set_ylabel("fringes\n(Hz)", fontsize=8)
-    found = _image(fringes, span_s)
-    if found is None:
+    def draw(self, ax: Axes, laws: Sequence[Hypothesis]) -> Axes:
+        """Draw the image, and the curves of passages over it."""
+        frequency = self.frequency_hz
+        style.calm(ax, "fringes\n(Hz)").set_yscale("log")
+        ax.set_yticks(TICKS_HZ, [str(tick) for tick in TICKS_HZ], fontsize=8)
+        ax.minorticks_off()
+        ax.set_ylim(frequency[0], frequency[-1])
+        edges = cell_edges(self.time_s), np.exp(cell_edges(np.log(frequency)))
+        style.draw_cells(ax, *edges, self.height, (-NOISES, NOISES), cmap="RdBu_r")
+        grid = np.linspace(*ax.get_xlim(), 300)
+        starts_hz = np.geomspace(frequency[0], 0.8 * frequency[-1], N_CURVES)
+        for far in (relative_range(grid, law) for law in laws):
+            ax.plot(grid, starts_hz * far[:, np.newaxis], color="black", lw=0.9,
+                    path_effects=style.halo())  # fmt: skip
         return ax
-    time_s, image = found
-    edges = cell_edges(time_s), np.exp(cell_edges(np.log(frequency)))
-    ax.set_yticks(TICKS_HZ, [str(tick) for tick in TICKS_HZ], fontsize=8)
-    ax.minorticks_off()
-    ax.set_ylim(frequency[0], frequency[-1])
-    draw_cells(ax, *edges, image, (-NOISES, NOISES), cmap="RdBu_r")
-    grid = np.linspace(*span_s, 300)
-    for passage in passages:
-        far = relative_range(grid, _law(passage))
-        for start_hz in np.geomspace(frequency[0], 0.8 * frequency[-1], N_CURVES):
-            ax.plot(grid, start_hz * far, color="black", lw=0.8)
-    return ax
+
+
+def law_of(time_s: float, width_s: float, mach: float) -> Hypothesis:
+    """Return the law of a passage: time and range over speed, s, speed over sound speed."""
+    known = mach if np.isfinite(mach) and mach > 0 else USUAL_MACH
+    return Hypothesis(time_s, width_s, mach=known)

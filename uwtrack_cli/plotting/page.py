@@ -16,33 +16,29 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from uwtrack_cli.data.base import Container
-from uwtrack_cli.data.bearing_time import BearingTime
-from uwtrack_cli.data.decisions import Decision
-from uwtrack_cli.data.encounters import Fixes
-from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
-from uwtrack_cli.data.presence import Presence
-from uwtrack_cli.data.spectra import Levels, Overview
-from uwtrack_cli.data.targets import Target
 from uwtrack_cli.data.truth import VesselTrack
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.files.atomic import atomic_target, check_target
 from uwtrack_cli.files.hdf5.layout import sensor_of
-from uwtrack_cli.plotting.demon_page import demon_figure
-from uwtrack_cli.plotting.page_layout import alternative_text
+from uwtrack_cli.plotting.analysis_pages import (
+    decision_figure,
+    target_figure,
+    target_motion_figure,
+)
+from uwtrack_cli.plotting.layout import alternative_text
 from uwtrack_cli.plotting.passage_page import passage_figure
 from uwtrack_cli.plotting.recording_page import recording_figure
-from uwtrack_cli.plotting.table_pages import decision_figure, target_figure
-from uwtrack_cli.plotting.target_motion_page import target_motion_figure
+from uwtrack_cli.plotting.sound_pages import demon_figure
 from uwtrack_cli.plotting.view import DPI, Scene, View
 
 SUFFIXES = (".png", ".pdf", ".svg")
 
-HEARD = (Overview, BearingTime, Levels, Lines, Presence, Fixes)
-"""Containers that the page of a recording shows by themselves."""
+HEARD = {"overview", "bearing_time", "levels", "lines", "presence", "fixes"}
+"""Names of containers that the page of a recording shows by themselves."""
 
 
 class Page(NamedTuple):
@@ -50,12 +46,12 @@ class Page(NamedTuple):
 
     kind: str
     """'recording', 'passage', 'motion', 'target', 'decision', 'demon' or 'sound'."""
-    sensor: str | None
-    """Sensor; None where it does not matter."""
-    contact: int | None
-    """Contact; None for all."""
     draw: Callable[[View], Figure]
     """Draws it."""
+    sensor: str | None = None
+    """Sensor; None where it does not matter."""
+    contact: int | None = None
+    """Contact; None for all."""
     number: int | None = None
     """Number of the passage, by time from 1; None if it is of none."""
 
@@ -66,14 +62,10 @@ def scenes_of(
 ) -> list[Scene]:
     """Return what belongs to each sensor; everything, where there are no sensors.
 
-    ``containers``: containers of one recording, or of several sensors. ``tracks``: ways
+    ``containers``: containers of one recording, or of several sensors. ``tracks``: tracks
     of vessels by AIS, where there is one sensor.
     """
-    heard = {
-        sensor_of(c)
-        for c in containers
-        if isinstance(c, HEARD) or c.NAME == "recording"
-    }
+    heard = {sensor_of(c) for c in containers if c.NAME in {*HEARD, "recording"}}
     sensors: list[str | None] = [*sorted(name for name in heard if name is not None)]
     return [Scene(containers, name, tracks) for name in sensors or [None]]
 
@@ -86,7 +78,7 @@ def pages_of(
 ) -> list[Page]:
     """Return the pages that containers have, that of the whole first.
 
-    ``containers``: containers of one recording or table. ``tracks``: ways of vessels by
+    ``containers``: containers of one recording or table. ``tracks``: tracks of vessels by
     AIS: s from the first sample, east and north of the sensor. ``is_demon``: whether the
     spectra of the envelope are asked for, one for each sensor, and nothing else.
 
@@ -97,43 +89,31 @@ def pages_of(
     """
     scenes, whole = scenes_of(containers, tracks), Scene(containers)
     if is_demon:
-        return [Page("demon", s.sensor, None, partial(demon_figure, s)) for s in scenes]
-    pages = []
-    if any(isinstance(c, Target) for c in containers):
-        pages.append(Page("target", None, None, partial(target_figure, whole)))
-    if any(isinstance(c, Decision) for c in containers):
-        pages.append(Page("decision", None, None, partial(decision_figure, whole)))
-    motions = whole.first(Motions)
-    is_array = any(isinstance(c, BearingTime) for c in containers)
-    is_heard = any(isinstance(c, HEARD) for c in containers)
-    if is_heard and (is_array or motions is None):
-        draw = partial(recording_figure, scenes)
-        pages.append(Page("recording", None, None, draw))
+        return [Page("demon", partial(demon_figure, s), s.sensor) for s in scenes]
+    held, pages = {c.NAME for c in containers}, []
+    for kind, draw in (("target", target_figure), ("decision", decision_figure)):
+        if kind in held:
+            pages.append(Page(kind, partial(draw, whole)))
+    motions, is_array = whole.first(Motions), "bearing_time" in held
+    if held & HEARD and (is_array or motions is None):
+        pages.append(Page("recording", partial(recording_figure, scenes)))
     if motions is not None:
-        pages += _motion_pages(whole, motions, is_array=is_array)
-    pages += [page for scene in scenes for page in _passage_pages(scene)]
+        contacts: list[int | None] = [*np.unique(motions.contact).tolist()]
+        if not is_array and len(contacts) != 1:
+            contacts.insert(0, None)  # all of them
+        pages += [Page("motion", partial(target_motion_figure, whole, c), None, c)
+                  for c in contacts]  # fmt: skip
+    pages += [
+        Page("passage", partial(passage_figure, scene, row), str(found.sensor[row]),
+             int(found.contact[row]), row + 1)
+        for scene in scenes if (found := scene.encounters) is not None
+        for row in range(found.n_encounters)
+    ]  # fmt: skip
     if not pages:
-        held = ", ".join(sorted({c.NAME for c in containers})) or "nothing"
-        msg = f"there is nothing to draw; the files hold {held}."
+        names = ", ".join(sorted(held)) or "nothing"
+        msg = f"there is nothing to draw; the files hold {names}."
         raise DataError(msg)
     return pages
-
-
-def _motion_pages(whole: Scene, motions: Motions, *, is_array: bool) -> list[Page]:
-    contacts: list[int | None] = [*np.unique(motions.contact).tolist()]
-    if not is_array and len(contacts) != 1:
-        contacts.insert(0, None)  # all of them
-    return [Page("motion", None, c, partial(target_motion_figure, whole, c))
-            for c in contacts]  # fmt: skip
-
-
-def _passage_pages(scene: Scene) -> list[Page]:
-    found = scene.encounters
-    return [
-        Page("passage", str(found.sensor[row]), int(found.contact[row]),
-             partial(passage_figure, scene, row), row + 1)
-        for row in range(found.n_encounters)
-    ] if found is not None else []  # fmt: skip
 
 
 def choose_pages(
@@ -148,21 +128,17 @@ def choose_pages(
         There is no such page; those that there are are named.
     """
     found = list(pages)
-    wanted = (("contact", contact), ("number", passage), ("sensor", sensor))
-    for key, value in wanted:
-        if value is None:
-            continue
+    wanted = (("contact", "contact", contact), ("passage", "number", passage),
+              ("sensor", "sensor", sensor))  # fmt: skip
+    for name, key, value in wanted:
         known = dict.fromkeys(getattr(p, key) for p in found)
-        found = [page for page in found if getattr(page, key) == value]
-        if not found:
-            name = "passage" if key == "number" else key
+        if value is not None and value not in known:
             names = ", ".join(map(str, sorted(k for k in known if k is not None)))
-            msg = (
-                f"{name} {value} has no page; {name}s with one: {names or 'none'}."
-                + (" Contacts that pass are numbered by time: --passage."
-                   if key == "contact" else "")
-            )  # fmt: skip
+            msg = f"{name} {value} has no page; {name}s with one: {names or 'none'}."
+            if key == "contact":
+                msg += " Contacts that pass are numbered by time: --passage."
             raise DataError(msg)
+        found = [page for page in found if value in (None, getattr(page, key))]
     return found
 
 
@@ -189,13 +165,11 @@ def draw_page(
     OutputError
         The picture exists, or cannot be written.
     """
-    unknown = set(how) - {one.name for one in fields(View)}
-    if unknown:
-        names = ", ".join(one.name for one in fields(View))
-        msg = f"a plot has no option {min(unknown)!r}; it has {names}."
+    names = [one.name for one in fields(View)]
+    if unknown := set(how) - set(names):
+        msg = f"a plot has no option {min(unknown)!r}; it has {', '.join(names)}."
         raise OptionError(msg)
-    view = View(**how)
-    every = pages_of(containers, is_demon=is_demon)
+    view, every = View(**how), pages_of(containers, is_demon=is_demon)
     page = choose_pages(every, None, sensor, passage)[0]
     figure = page.draw(view)
     if output is not None:
@@ -235,32 +209,22 @@ def write_pages(
         The file name asks for another kind of picture, or the view for what is not.
     """
     check_picture(output, overwrite=overwrite)
-    is_document = output.suffix.lower() == ".pdf"
-    figures = [page.draw(view) for page in (pages if is_document else pages[:1])]
-    if not is_document:
-        write_figure(figures[0], output, view.dpi or DPI, overwrite=overwrite)
-        return
-    from matplotlib.backends.backend_pdf import PdfPages
-
-    told: Any = {"CreationDate": None, "Title": figures[0].get_label()}
-    with (
-        atomic_target(output, overwrite=overwrite) as temporary,
-        PdfPages(temporary, metadata=told) as document,
-    ):
-        for figure in figures:
-            _lay_out(figure, view.dpi or 2 * DPI)
-            document.savefig(figure, dpi=view.dpi or 2 * DPI)
-
-
-def write_figure(
-    figure: Figure, output: Path, dpi: float, *, overwrite: bool = False
-) -> None:
-    """Write a figure as PNG or SVG."""
+    form = output.suffix[1:].lower()
+    figures = [page.draw(view) for page in (pages if form == "pdf" else pages[:1])]
     with (
         atomic_target(output, overwrite=overwrite) as temporary,
         temporary.open("wb") as file,
     ):
-        save_figure(figure, file, output.suffix[1:].lower(), dpi)
+        if form != "pdf":
+            save_figure(figures[0], file, form, view.dpi or DPI)
+            return
+        from matplotlib.backends.backend_pdf import PdfPages
+
+        told: Any = {"CreationDate": None, "Title": figures[0].get_label()}
+        with PdfPages(file, metadata=told) as document:
+            for figure in figures:
+                _lay_out(figure, view.dpi or 2 * DPI)
+                document.savefig(figure, dpi=view.dpi or 2 * DPI)
 
 
 def save_figure(figure: Figure, file: IO[bytes], form: str, dpi: float) -> None:
@@ -282,14 +246,10 @@ def _lay_out(figure: Figure, dpi: float) -> None:
     figure.set_dpi(dpi)
     engine.execute(figure)
     figure.set_layout_engine(None)  # one that is left would have all drawn twice
-    parts = list(figure.subfigs)
-    while parts:
-        part = parts.pop()
-        parts += part.subfigs
+    for part in figure.findobj(SubFigure):
         part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), 6))
     for ax in figure.axes:
-        place = np.round(ax.get_position(original=True).bounds, 6)
-        ax.set_position(tuple(place))
+        ax.set_position(np.round(ax.get_position(original=True).bounds, 6).tolist())
 
 
 def png_of(figure: Figure, dpi: float = DPI) -> bytes:

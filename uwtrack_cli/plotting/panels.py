@@ -9,7 +9,7 @@ grey. Bands are two standard deviations on either side.
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,33 +21,22 @@ from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.presence import KINDS, OF_VESSELS, Presence
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.series import Series
-from uwtrack_cli.data.spectra import MODULATION, Levels
+from uwtrack_cli.data.spectra import MODULATION, Levels, Overview
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.fringe_image import draw_fringes, has_pattern
-from uwtrack_cli.plotting.page_layout import PagePart
-from uwtrack_cli.plotting.passage_fit import ReportedPassage
+from uwtrack_cli.plotting import style
+from uwtrack_cli.plotting.fringe_image import FringeImage, law_of
+from uwtrack_cli.plotting.layout import PagePart
+from uwtrack_cli.plotting.passage import ReportedPassage, passages_of
 from uwtrack_cli.plotting.picture import (
     MOST_SAMPLES,
     FrequencyAxis,
     Picture,
     check_axes,
     choose_axis,
-    draw_picture,
     lofargram,
     overview_picture,
 )
-from uwtrack_cli.plotting.style import (
-    BAND_DEVIATIONS,
-    MEASURED,
-    Span,
-    broken_bearing,
-    calm,
-    contact_color,
-    draw_band,
-    text_on,
-    within,
-)
-from uwtrack_cli.plotting.view import Scene, View
+from uwtrack_cli.plotting.view import Scene
 
 WHOLE_IN, PART_IN, COMB_IN, RATES_IN, CURVE_IN = 2.5, 2.3, 1.9, 1.6, 1.1
 """Heights of the pictures of the whole band, of the lines' part of it, of a comb, of the
@@ -101,63 +90,64 @@ class Outlined(NamedTuple):
     """Passage that it belongs to; 0 for none."""
 
 
-def lofargram_parts(scene: Scene, view: View, span_s: Span) -> list[PagePart]:
+def lofargram_parts(scene: Scene) -> list[PagePart]:
     """Return the picture of the whole band, and that of the lines' part enlarged.
 
     Where there is no picture, the lines are drawn by themselves.
     """
-    lines, held = outlined_lines(scene, view, span_s), scene.first(Lines)
-    known_hz = _known_band(scene, span_s)
+    lines, held, view = outlined_lines(scene), scene.first(Lines), scene.view
+    known_hz = _known_band(scene)
+    if known_hz is None and not lines:
+        return []
     if known_hz is None:
-        every = [line.frequency_hz for line in lines]
-        if not every:
-            return []
-        low, high = view.band_hz or map(float, np.quantile(np.hstack(every), (0, 1)))
+        every = np.hstack([line.frequency_hz for line in lines])
+        low, high = view.band_hz or (float(every.min()), float(every.max()))
         margin = 0.05 * (high - low) or 0.5
         axis = FrequencyAxis(low - margin, high + margin, bool(view.is_log and low > 0))
         return [PagePart(PART_IN, partial(_draw_lofargram, scene, None, axis, lines))]
     axis = choose_axis(known_hz, view)
     part = None if view.band_hz is not None else lines_part(lines, axis)
-    if part is not None and part.high_hz <= part.low_hz:
-        part = None
-
-    def panel(
-        axis: FrequencyAxis, own: list[Outlined], window_s: float | None, height: float
-    ) -> PagePart:
-        found = picture_of(scene, axis, span_s, window_s)
-        return PagePart(height, partial(_draw_lofargram, scene, found, axis, own))
-
-    if part is None:
-        return [panel(axis, lines, None, LONE_IN if lines else WHOLE_IN)]
     window_s = None if held is None else held.frames.window_s
-    return [panel(axis, [], None, WHOLE_IN), panel(part, lines, window_s, PART_IN)]
+    whole = (LONE_IN if lines else WHOLE_IN, axis, lines, None)
+    shown = [whole] if part is None else [
+        (WHOLE_IN, axis, [], None), (PART_IN, part, lines, window_s)
+    ]  # fmt: skip
+    return [
+        PagePart(height, partial(_draw_lofargram, scene, found, axis, own))
+        for height, axis, own, window_s in shown
+        for found in [picture_of(scene, axis, window_s)]
+    ]
 
 
-def _known_band(scene: Scene, span_s: Span) -> tuple[float, float] | None:
+def _known_band(scene: Scene) -> tuple[float, float] | None:
     """Return the band that there is a picture of, Hz: of the sound, or the overview."""
     overview = scene.overview
-    if has_sound(scene, span_s):
-        return 0.0, 0.5 * scene.all(Recording)[0].sample_rate_hz
+    if (sound := drawn_sound(scene)) is not None:
+        return 0.0, 0.5 * sound.sample_rate_hz
     if overview is None or not overview.shade.size:
         return None
     check_axes(overview, "time_s", "frequency_hz")
     known = overview.frequency_hz
-    is_log = overview.reference != MODULATION and known.size > 1
-    return float(known[1 if is_log and known[0] <= 0 else 0]), float(known[-1])
+    is_log = not is_of_envelope(overview) and known.size > 1 and known[0] <= 0
+    return float(known[int(is_log)]), float(known[-1])
 
 
-def has_sound(scene: Scene, span_s: Span) -> bool:
-    """Tell whether the sound is at hand, and short enough to be drawn from."""
-    recording, overview = scene.first(Recording), scene.overview
-    if recording is None or recording.reader is None:
-        return False
-    if overview is not None and overview.reference == MODULATION:
-        return False
-    return float(np.ptp(span_s)) * recording.sample_rate_hz <= MOST_SAMPLES
+def is_of_envelope(overview: Overview | None) -> bool:
+    """Tell whether a picture is of the envelope, and its frequencies are rates."""
+    return overview is not None and overview.reference == MODULATION
+
+
+def drawn_sound(scene: Scene) -> Recording | None:
+    """Return the sound that pictures are drawn from: at hand, and short enough."""
+    sound = scene.sound
+    if sound is None or is_of_envelope(scene.overview):
+        return None
+    is_short = float(np.ptp(scene.span_s)) * sound.sample_rate_hz <= MOST_SAMPLES
+    return sound if is_short else None
 
 
 def picture_of(
-    scene: Scene, axis: FrequencyAxis, span_s: Span, window_s: float | None = None
+    scene: Scene, axis: FrequencyAxis, window_s: float | None = None
 ) -> Picture | None:
     """Return a span of the sound over its floor, else of the overview; None without.
 
@@ -165,14 +155,14 @@ def picture_of(
     """
 
     def make() -> Picture | None:
-        recording, overview, found = scene.first(Recording), scene.overview, None
-        if recording is not None and has_sound(scene, span_s):
-            found = lofargram(recording, axis, span_s, window_s)
+        sound, overview, found = drawn_sound(scene), scene.overview, None
+        if sound is not None:
+            found = lofargram(sound, axis, scene.span_s, window_s)
         if found is None and overview is not None and overview.shade.size:
-            found = overview_picture(overview, axis, span_s)
+            found = overview_picture(overview, axis, scene.span_s)
         return found
 
-    return scene.once((axis, span_s, window_s), make)
+    return scene.once((axis, scene.span_s, window_s), make)
 
 
 def _draw_lofargram(
@@ -180,13 +170,12 @@ def _draw_lofargram(
     lines: Sequence[Outlined], ax: Axes,
 ) -> None:  # fmt: skip
     """Draw a picture with lines as outlines; of many without a passage, their ends."""
-    overview = scene.overview
     if picture is None:
-        axis.set_axis(calm(ax))
+        axis.set_axis(style.calm(ax))
     else:
         axis = picture.axis
-        draw_picture(picture, ax)
-    if overview is not None and overview.reference == MODULATION:
+        picture.draw(ax)
+    if is_of_envelope(scene.overview):
         ax.set_ylabel("modulation rate (Hz)", fontsize=9)
     is_crowd = sum(not line.number for line in lines) > MOST_OUTLINES
     for line in lines:
@@ -199,31 +188,30 @@ def _draw_lofargram(
                         color="white", alpha=0.8, mec="none")  # fmt: skip
 
 
-def outlined_lines(scene: Scene, view: View, span_s: Span) -> list[Outlined]:
+def outlined_lines(scene: Scene) -> list[Outlined]:
     """Return the lines that are outlined: no fragments, unless all are asked for."""
-    key = ("lines", view.has_lines, span_s)
-    return scene.once(key, lambda: _outlined(scene, view.has_lines, span_s))
+    key = ("lines", scene.view.has_lines, scene.span_s)
+    return scene.once(key, lambda: list(_outlined(scene)))
 
 
-def _outlined(scene: Scene, has_lines: bool | None, span_s: Span) -> list[Outlined]:
-    lines = scene.first(Lines)
+def _outlined(scene: Scene) -> Iterator[Outlined]:
+    lines, has_lines = scene.first(Lines), scene.view.has_lines
     if lines is None or has_lines is False:
-        return []
-    least_s = 0.0 if has_lines else LASTING * float(np.ptp(span_s))
+        return
     order = np.argsort(lines.line, kind="stable")
-    first = np.searchsorted(lines.line[order], lines.line_id, side="left")
-    last = np.searchsorted(lines.line[order], lines.line_id, side="right")
-    found: list[tuple[float, Outlined]] = []
-    for begin, end, contact in zip(first, last, lines.line_contact, strict=True):
-        rows = order[begin:end]
-        rows = rows[within(lines.time_s[rows], span_s)]
-        if rows.size and np.ptp(lines.time_s[rows]) >= least_s:
-            kept, number = rows[:: -(-rows.size // MOST_POINTS)], scene.number(contact)
-            own = Outlined(lines.time_s[kept], lines.frequency_hz[kept], number)
-            found.append((float(np.ptp(own.time_s)), own))
-    if has_lines is None and len(found) > MOST_LINES:
-        found = sorted(found, key=lambda one: -one[0])[:MOST_LINES]
-    return [line for _, line in found]
+    order = order[style.within(lines.time_s[order], scene.span_s)]
+    first, last = (np.searchsorted(lines.line[order], lines.line_id, side=side)
+                   for side in ("left", "right"))  # fmt: skip
+    rows = [order[begin:end] for begin, end in zip(first, last, strict=True)]
+    times = [lines.time_s[own] for own in rows]
+    lasting_s = np.array([np.ptp(one) if one.size else -1.0 for one in times])
+    least_s = 0.0 if has_lines else LASTING * float(np.ptp(scene.span_s))
+    longest = np.argsort(-lasting_s, kind="stable")[: None if has_lines else MOST_LINES]
+    kept = longest[lasting_s[longest] >= least_s]
+    for line in np.sort(kept):
+        own = rows[line][:: -(-rows[line].size // MOST_POINTS)]
+        number = scene.number(lines.line_contact[line])
+        yield Outlined(lines.time_s[own], lines.frequency_hz[own], number)
 
 
 def lines_part(lines: Sequence[Outlined], axis: FrequencyAxis) -> FrequencyAxis | None:
@@ -234,30 +222,29 @@ def lines_part(lines: Sequence[Outlined], axis: FrequencyAxis) -> FrequencyAxis 
     if not lines or not axis.is_log:
         return None
     middle = np.sort([float(np.median(line.frequency_hz)) for line in lines])
-    middle = middle[(middle >= axis.low_hz) & (middle <= axis.high_hz)]
+    middle = middle[style.within(middle, (axis.low_hz, axis.high_hz))]
     if not middle.size:
         return None
-    low = float(middle[0])
     share = 1.0 if middle.size <= FEW_LINES else LINES_SHARE
-    high = float(middle[int(np.ceil(share * middle.size)) - 1])
+    low, high = middle[[0, int(np.ceil(share * middle.size)) - 1]].tolist()
     margin = max(0.15 * (high - low), 0.08 * high)
-    part = FrequencyAxis(
-        max(0.0, low - margin), min(high + margin, axis.high_hz), False
-    )
+    low, high = max(0.0, low - margin), min(high + margin, axis.high_hz)
+    part = FrequencyAxis(low, high, is_log=False)
     ends = np.clip([part.low_hz, part.high_hz], axis.low_hz, axis.high_hz)
-    return part if float(np.ptp(axis.share(ends))) < PART_SHARE else None
+    is_small = float(np.ptp(axis.share(ends))) < PART_SHARE
+    return part if is_small and part.low_hz < part.high_hz else None
 
 
 def _outline(
     line: Outlined, axis: FrequencyAxis, ax: Axes, *, is_over: bool = True
 ) -> None:
     """Draw a line in the colour of its passage; over a picture an edge on either side."""
-    inside = within(line.frequency_hz, (axis.low_hz, axis.high_hz))
+    inside = style.within(line.frequency_hz, (axis.low_hz, axis.high_hz))
     frequency = np.where(inside, line.frequency_hz, np.nan)
     if not is_over:
-        ax.plot(line.time_s, frequency, color=contact_color(line.number), lw=0.9)
+        ax.plot(line.time_s, frequency, color=style.contact_color(line.number), lw=0.9)
         return
-    color, alpha = contact_color(line.number) if line.number else "white", 0.4
+    color, alpha = style.contact_color(line.number) if line.number else "white", 0.4
     dots = ax.figure.dpi_scale_trans
     for side in (-1.0, 1.0):
         moved = ax.transData + ScaledTranslation(0, side * EDGE_PT / 72, dots)
@@ -265,9 +252,9 @@ def _outline(
                 alpha=0.9 if line.number else alpha)  # fmt: skip
 
 
-def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
+def comb_part(scene: Scene) -> list[PagePart]:
     """Return the harmonics of the longest family over time, by their number."""
-    presence, rows = scene.presence, scene.stretches(span_s)
+    presence, rows = scene.presence, scene.stretches
     if presence is None:
         return []
     is_vessel = np.isin(presence.kind[rows], list(OF_VESSELS))
@@ -275,21 +262,21 @@ def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
     rows = rows[known & (presence.n_lines[rows] > 1)]
     if not rows.size:
         return []
-    seen = np.clip([presence.from_s[rows], presence.to_s[rows]], *span_s)
+    seen = np.clip([presence.from_s[rows], presence.to_s[rows]], *scene.span_s)
     row = int(rows[np.argmax(np.ptp(seen, axis=0))])
     spacing = float(presence.spacing_hz[row])
     own = presence.frequency_hz[presence.frequency_stretch == row] / spacing
     highest = min(HARMONICS, round(float(own.max(initial=4.0))) + 2)
-    window_s = min(CELLS_PER_TOOTH / spacing, 0.125 * float(np.ptp(span_s)))
+    window_s = min(CELLS_PER_TOOTH / spacing, 0.125 * float(np.ptp(scene.span_s)))
     axis = FrequencyAxis(0.5 * spacing, (highest + 0.5) * spacing, is_log=False)
-    band_hz = _known_band(scene, span_s)
+    band_hz = _known_band(scene)
     if band_hz is None or axis.high_hz > band_hz[1] or window_s * spacing < 2.0:
         return []
-    if (picture := picture_of(scene, axis, span_s, window_s)) is None:
+    if (picture := picture_of(scene, axis, window_s)) is None:
         return []
 
     def draw(ax: Axes) -> None:
-        draw_picture(picture, ax)
+        picture.draw(ax)
         numbers = range(1, highest + 1, 1 + highest // 9)
         ax.set_yticks([n * spacing for n in numbers], [f"{n}" for n in numbers])
         ax.set_ylabel(f"multiple of\n{spacing:.2f} Hz", fontsize=8)
@@ -297,50 +284,46 @@ def comb_part(scene: Scene, span_s: Span) -> list[PagePart]:
     return [PagePart(COMB_IN, draw)]
 
 
-def fringe_part(
-    scene: Scene, span_s: Span, fits: Sequence[ReportedPassage]
-) -> list[PagePart]:
+def fringe_part(scene: Scene, fits: Sequence[ReportedPassage]) -> list[PagePart]:
     """Return the image of fringes, with the curves of passages over it."""
     fringes = scene.first(Fringes)
-    if fringes is None:
+    image = None if fringes is None else FringeImage.of(fringes, scene.span_s)
+    if image is None:
         return []
-    laws = [(fit.time_s, fit.width_s, fit.mach) for fit in fits if fit.is_drawn]
-    laws = [law for law in laws if has_pattern(fringes, span_s, law)]
-    if not laws:
-        return []
-    return [PagePart(COMB_IN, lambda ax: draw_fringes(calm(ax), fringes, span_s, laws))]
+    laws = [law_of(fit.time_s, fit.width_s, fit.mach) for fit in fits if fit.is_drawn]
+    laws = [law for law in laws if image.moves_as(law)]
+    return [PagePart(COMB_IN, lambda ax: image.draw(ax, laws))] if laws else []
 
 
-def presence_part(scene: Scene, span_s: Span) -> list[PagePart]:
+def presence_part(scene: Scene) -> list[PagePart]:
     """Return bars of what was heard: a row for each vessel, and for each other kind."""
-    presence, rows = scene.presence, defaultdict[tuple[int, int, int], list[int]](list)
-    for stretch in scene.stretches(span_s).tolist():
-        assert presence is not None  # noqa: S101 - it has stretches
+    if (presence := scene.presence) is None:
+        return []
+    rows = defaultdict[tuple[int, int, int], list[int]](list)
+    for stretch in scene.stretches.tolist():
         number = scene.owner(stretch)
         is_vessel = presence.kind[stretch] in OF_VESSELS
         contact = int(presence.contact[stretch]) if is_vessel else 0
         kind = KINDS.index(presence.kind[stretch])
         rows[(-1, number, 0) if number else (kind, 0, contact)].append(stretch)
-    if presence is None or not rows:
-        return []
     order = sorted(rows, reverse=True)
 
     def draw(ax: Axes) -> None:
-        calm(ax).grid(visible=False, axis="y")
+        style.calm(ax).grid(visible=False, axis="y")
         for place, key in enumerate(order):
             _draw_bars(presence, rows[key], key[1], place, ax)
         names = [f"passage {key[1]}" if key[1] else KINDS[key[0]] for key in order]
         ax.set_yticks(range(len(order)), names, fontsize=7)
         ax.set_ylim(-0.6, len(order) - 0.4)
 
-    return [PagePart(0.28 + 0.17 * len(order), draw)]
+    return [PagePart(0.28 + 0.17 * len(order), draw)] if order else []
 
 
 def _draw_bars(
     presence: Presence, rows: list[int], number: int, place: int, ax: Axes
 ) -> None:
     """Draw stretches in a row, those that overlap as one, with the longest's spacing."""
-    color, span_s = contact_color(number), ax.get_xlim()
+    color, span_s = style.contact_color(number), ax.get_xlim()
     length_s, bars = float(np.ptp(span_s)), list[tuple[float, float, list[int]]]()
     for row in sorted(rows, key=lambda row: float(presence.from_s[row])):
         begin, end, own = float(presence.from_s[row]), float(presence.to_s[row]), [row]
@@ -360,34 +343,35 @@ def _draw_bars(
             ax.text(
                 float(seen.mean()), place, f"every {presence.spacing_hz[row]:.2f} Hz",
                 ha="center", va="center", fontsize=7, clip_on=True,
-                color=text_on(color) if number else "black",
+                color=style.text_on(color) if number else "black",
             )  # fmt: skip
 
 
-def rates_part(scene: Scene, span_s: Span) -> list[PagePart]:
+def rates_part(scene: Scene) -> list[PagePart]:
     """Return the modulation rates that were heard, over the envelope's spectrum."""
     presence, envelope = scene.presence, scene.envelope
     if presence is None:
         return []
-    near = np.isin(presence.rate_stretch, scene.stretches(span_s))
+    near = np.isin(presence.rate_stretch, scene.stretches)
     if not near.any():
         return []
     axis = FrequencyAxis(0.0, 1.25 * float(presence.rate_hz[near].max()), is_log=False)
     picture = None
     if envelope is not None and envelope is not scene.overview:
-        picture = overview_picture(envelope, axis, span_s)
+        picture = overview_picture(envelope, axis, scene.span_s)
 
     def draw(ax: Axes) -> None:
         if picture is not None:
-            draw_picture(picture, ax)
-        axis.set_axis(ax if picture else calm(ax))
+            picture.draw(ax)
+        axis.set_axis(ax if picture else style.calm(ax))
         ax.set_ylabel("modulation\nrate (Hz)", fontsize=8)
         rows = np.flatnonzero(near)
         rows = rows[np.argsort(presence.rate_hz[rows], kind="stable")]
         below, place, is_over = -np.inf, 0, picture is not None
         for row in rows:
             stretch, rate = int(presence.rate_stretch[row]), presence.rate_hz[row]
-            ends = np.clip([presence.from_s[stretch], presence.to_s[stretch]], *span_s)
+            ends = presence.from_s[stretch], presence.to_s[stretch]
+            ends = np.clip(ends, *scene.span_s)
             line = Outlined(ends, np.full(2, rate), scene.owner(stretch))
             _outline(line, axis, ax, is_over=is_over)
             share = float(axis.share(rate))  # a value that covers one is put beside it
@@ -402,23 +386,21 @@ def rates_part(scene: Scene, span_s: Span) -> list[PagePart]:
     return [PagePart(CURVE_IN if picture is None else RATES_IN, draw)]
 
 
-def level_part(
-    scene: Scene, span_s: Span, fit: ReportedPassage | None = None
-) -> list[PagePart]:
+def level_part(scene: Scene, fit: ReportedPassage | None = None) -> list[PagePart]:
     """Return the level: its middle, what most frames lie within, and a passage's fit."""
     measured_s, level, name = _measured_level(scene, fit)
-    inside = within(measured_s, span_s) & np.isfinite(level)
+    inside = style.within(measured_s, scene.span_s) & np.isfinite(level)
     if inside.sum() < 2:
         return []
     time_s, level_db = measured_s[inside], level[inside]
 
     def draw(ax: Axes) -> None:
-        calm(ax, name)
+        style.calm(ax, name)
         middle, low, half, high = _quantiles(time_s, level_db)
-        ax.fill_between(middle, low, high, color=MEASURED, alpha=0.3, lw=0)
-        ax.plot(middle, half, color=MEASURED, lw=0.8)
-        if fit is not None:
-            _draw_level_fit(fit, time_s, level_db, ax)
+        ax.fill_between(middle, low, high, color=style.MEASURED, alpha=0.3, lw=0)
+        ax.plot(middle, half, color=style.MEASURED, lw=0.8)
+        if fit is not None and fit.has_level:
+            _draw_level_fit(scene, fit, time_s, level_db, ax)
 
     return [PagePart(CURVE_IN, draw)]
 
@@ -440,96 +422,99 @@ def _measured_level(
     return series.time_s[rows], series.level_db[rows], "level (dB)"
 
 
-def _quantiles(
-    time_s: FloatArray, values: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _quantiles(time_s: FloatArray, values: FloatArray) -> FloatArray:
     """Return middles of blocks of as many frames, and quantiles of values in each."""
     size = -(-time_s.size // LEVEL_BLOCKS)
     blocks = np.split(np.arange(time_s.size), range(size, time_s.size, size))
-    found = np.array([np.quantile(values[b], LEVEL_QUANTILES) for b in blocks])
-    middle = np.array([time_s[b].mean() for b in blocks])
-    steps = np.diff(middle, prepend=middle[0])
-    found[steps > 3 * np.median(steps)] = np.nan  # a gap in the sound
-    return middle, found[:, 0], found[:, 1], found[:, 2]
+    found = np.array([[time_s[b].mean(), *np.quantile(values[b], LEVEL_QUANTILES)]
+                      for b in blocks])  # fmt: skip
+    steps = np.diff(found[:, 0], prepend=found[0, 0])
+    found[steps > 3 * np.median(steps), 1:] = np.nan  # a gap in the sound
+    return found.T
 
 
 def _draw_level_fit(
-    fit: ReportedPassage, time_s: FloatArray, level_db: FloatArray, ax: Axes
+    scene: Scene,
+    fit: ReportedPassage,
+    time_s: FloatArray,
+    level_db: FloatArray,
+    ax: Axes,
 ) -> None:
     """Draw the vessels over the background, with the deviation of the one's level."""
-    found, peak = fit.encounters, fit.encounters.received_level_db
-    if not np.isfinite(peak[fit.row]) or not fit.is_drawn:
-        return
-    every = (ReportedPassage(found, row) for row in range(found.n_encounters))
-    heard = [f for f in every if f.is_drawn and np.isfinite(peak[f.row])]
-    grid = np.linspace(*ax.get_xlim(), 400)
-
-    def power(at_s: FloatArray, added_db: float) -> FloatArray:
-        own = [10 ** ((float(peak[f.row]) + (added_db if f.row == fit.row else 0.0)
-                       + f.spread_db(at_s)) / 10) for f in heard]  # fmt: skip
-        return np.asarray(np.sum(own, axis=0))
-
-    left = 10 ** (level_db / 10) - power(time_s, 0.0)
-    background = max(float(np.nanmedian(left)), 0.0)
-    half = BAND_DEVIATIONS * np.nan_to_num(float(found.received_level_std_db[fit.row]))
+    every = [one for one in passages_of(scene) if one.has_level]
+    grid, color = np.linspace(*ax.get_xlim(), 400), style.contact_color(fit.number)
+    others = sum(one.power(grid) for one in every if one.row != fit.row)
+    left = 10 ** (level_db / 10) - sum(one.power(time_s) for one in every)
+    background = others + max(float(np.nanmedian(left)), 0.0)
+    half = style.BAND_DEVIATIONS * np.nan_to_num(fit.value("received_level_std_db"))
     middle, low, high = (
-        10 * np.log10(power(grid, add) + background) for add in (0.0, -half, half)
+        10 * np.log10(fit.power(grid) * 10 ** (add / 10) + background)
+        for add in (0.0, -half, half)
     )
-    color = contact_color(fit.number)
     ax.plot(grid, middle, color=color, lw=1.1)
     ax.fill_between(grid, low, high, color=color, alpha=0.25, lw=0)
     bottom, top = float(np.quantile(level_db, 0.005)), float(level_db.max())
     ax.set_ylim(bottom - 1.5, float(np.nanmax(middle, initial=top)) + 1.5)
 
 
-def bearing_part(
-    scene: Scene, span_s: Span, fit: ReportedPassage | None = None
-) -> list[PagePart]:
+def bearing_part(scene: Scene, fit: ReportedPassage | None = None) -> list[PagePart]:
     """Return bearings of the sound and of lines, and those of a passage as fitted."""
+    levels, own = scene.first(Levels), fit and fit.contact
+    measured: list[Sequence[Any]] = []
+    if levels is not None and levels.bearing_deg.size:
+        std = np.nan_to_num(levels.bearing_std_deg, nan=np.inf)
+        measured.append((0, levels.frames.time_s, levels.bearing_deg, std))
+    for contact, *columns in contact_bearings(scene, has_tables=fit is not None):
+        if contact == own or (fit is None and columns[0]):
+            measured.append(columns)
     shown = [
-        (time_s[inside], np.mod(bearing[inside], 360.0), color)
-        for time_s, bearing, std, color in _measured_bearings(scene, fit)
-        for inside in [within(time_s, span_s) & ~(std >= USABLE_BEARING_DEG)]
+        (time_s[inside], np.mod(bearing[inside], 360.0), number)
+        for number, time_s, bearing, std in measured
+        for is_usable in [~(std >= USABLE_BEARING_DEG)]
+        for inside in [style.within(time_s, scene.span_s) & is_usable]
         if np.isfinite(bearing[inside]).any()
     ]
-    grid = np.linspace(*span_s, 400)
+    grid = np.linspace(*scene.span_s, 400)
     fitted = None if fit is None else fit.bearing(grid)
     if not shown and fitted is None:
         return []
 
     def draw(ax: Axes) -> None:
-        calm(ax, "bearing (deg)")
-        for time_s, bearing, color in shown:
+        style.calm(ax, "bearing (deg)")
+        for time_s, bearing, number in shown:
             thin = slice(None, None, -(-time_s.size // (4 * MOST_POINTS)))
+            color = style.contact_color(number) if number else style.MEASURED
             ax.plot(time_s[thin], bearing[thin], ".", ms=2.4, color=color, alpha=0.4,
                     mec="none", rasterized=True)  # fmt: skip
         if fit is not None and fitted is not None:
-            half, color = BAND_DEVIATIONS * fitted[1], contact_color(fit.number)
-            draw_band(ax, grid, broken_bearing(fitted[0]), half, color)
+            half, color = (
+                style.BAND_DEVIATIONS * fitted[1],
+                style.contact_color(fit.number),
+            )
+            style.draw_band(ax, grid, style.broken_bearing(fitted[0]), half, color)
         ax.set(ylim=(0.0, 360.0), yticks=range(0, 361, 90))
 
     return [PagePart(CURVE_IN, draw)]
 
 
-def _measured_bearings(
-    scene: Scene, fit: ReportedPassage | None
-) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, str]]:
-    """Yield times, bearings, deviations and colour: of the sound, then of lines.
+def contact_bearings(
+    scene: Scene, *, has_tables: bool = True
+) -> Iterator[tuple[int, int, FloatArray, FloatArray, FloatArray]]:
+    """Yield contact, number of its passage, times, bearings and their deviations.
 
-    ``fit``: the passage whose lines, or whose table, they are of; None is every one.
+    Those of a table, or followed without lines, come before those of each line.
     """
-    levels, lines, series = scene.first(Levels), scene.first(Lines), scene.first(Series)
-    if levels is not None and levels.bearing_deg.size:
-        std = np.nan_to_num(levels.bearing_std_deg, nan=np.inf)
-        yield levels.frames.time_s, levels.bearing_deg, std, MEASURED
+    lines, series = scene.first(Lines), scene.first(Series)
+    if series is not None and has_tables:
+        columns = series.time_s, series.bearing_deg, series.bearing_std_deg
+        for contact in np.unique(series.contact).tolist():
+            own = series.contact == contact
+            number = scene.number(contact) or contact
+            yield contact, number, *(one[own] for one in columns)
     if lines is not None:
-        measured = lines.measured_bearing_deg, lines.measured_bearing_std_deg
+        columns = (lines.time_s, lines.measured_bearing_deg,
+                   lines.measured_bearing_std_deg)  # fmt: skip
         for name, contact in zip(lines.line_id, lines.line_contact, strict=True):
-            number, rows = scene.number(contact), lines.line == name
-            if number == (fit.number if fit is not None else number or -1):
-                bearing, std = (one[rows] for one in measured)
-                yield lines.time_s[rows], bearing, std, contact_color(number)
-    if series is not None and fit is not None:
-        rows = series.contact == fit.contact
-        bearing, std = series.bearing_deg[rows], np.zeros(int(rows.sum()))
-        yield series.time_s[rows], bearing, std, contact_color(fit.number)
+            if contact > 0:
+                own = lines.line == name
+                yield contact, scene.number(contact), *(one[own] for one in columns)

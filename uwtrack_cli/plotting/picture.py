@@ -149,6 +149,23 @@ class Picture(NamedTuple):
     level_db: FloatArray
     """Levels, dB, shape (column, row); nan where there is no sound."""
 
+    def draw(
+        self,
+        ax: Axes,
+        limits_db: tuple[float, float] | None = None,
+        label: str = "dB over the noise floor",
+        colormap: str = LEVELS_MAP,
+    ) -> None:
+        """Draw it with a bar of its colours.
+
+        ``limits_db``: levels of the darkest and brightest colour; None are those of a
+        lofargram. ``label``: what the levels are, empty without a bar. ``colormap``: name
+        of the colours.
+        """
+        cells = self.edges_s, self.axis.edges_hz(), self.level_db
+        self.axis.set_axis(ax)
+        draw_cells(ax, *cells, limits_db or shades(self.level_db), label, colormap)
+
 
 class Framing(NamedTuple):
     """How the sound of some rows is cut into frames."""
@@ -214,29 +231,31 @@ def plan_frames(
         The recording is too short for a picture.
     """
     duration_s, low, high = recording.duration_s, axis.low_hz, axis.high_hz
-    if window_s is not None:
-        _check_window(recording, window_s, is_asked=True)
-        return axis, [_frames(recording, axis, window_s, slice(0, axis.rows))]
     enough_s = CELLS / low if axis.is_log else 2.0 * axis.rows / (high - low)
     usual_s = min(COLUMNS_PER_WINDOW * duration_s / COLUMNS, enough_s)
     usual_s = max(usual_s, LEAST_PERIODS / high)
-    usual_s = min(usual_s, duration_s, LONGEST_WINDOW_S)
-    _check_window(recording, usual_s, is_asked=False)
-    if not axis.is_log:
-        return axis, [_frames(recording, axis, usual_s, slice(0, axis.rows))]
-    longest_s = max(usual_s, LONGEST_SHARE * duration_s)
-    axis = replace(axis, low_hz=min(max(low, 2.0 / longest_s), 0.5 * high))
-    edges, parts, first = axis.edges_hz(), [], 0
-    while CELLS / edges[first] > 1.5 * usual_s:  # an octave with its own window
-        last = int(np.searchsorted(edges, 2.0 * edges[first]))
-        if last >= axis.rows:
-            break
-        own_s = min(CELLS / edges[first], longest_s)
-        if own_s > 1.5 * usual_s:
+    usual_s = window_s or min(usual_s, duration_s, LONGEST_WINDOW_S)
+    what = "what is drawn" if window_s is None else f"--window-s {window_s:g}"
+    if usual_s > duration_s:
+        msg = f"{what} is longer than what is drawn, {duration_s:g} s."
+        raise OptionError(msg)
+    if (count := round(usual_s * recording.sample_rate_hz)) < LEAST_SAMPLES:
+        msg = (
+            f"{what} holds {count} samples at {recording.sample_rate_hz:g} Hz; a spectrum "
+            f"needs {LEAST_SAMPLES} or more."
+        )
+        raise DataError(msg) if window_s is None else OptionError(msg)
+    parts, first = list[Framing](), 0
+    if axis.is_log and window_s is None:
+        longest_s = max(usual_s, LONGEST_SHARE * duration_s)
+        axis = replace(axis, low_hz=min(max(low, 2.0 / longest_s), 0.5 * high))
+        edges = axis.edges_hz()
+        while (own_s := min(CELLS / edges[first], longest_s)) > 1.5 * usual_s:
+            last = int(np.searchsorted(edges, 2.0 * edges[first]))
+            if last >= axis.rows:
+                break
             parts.append(_frames(recording, axis, own_s, slice(first, last)))
-            first = last
-        else:
-            break
+            first = last  # every octave has its own window
     return axis, [*parts, _frames(recording, axis, usual_s, slice(first, axis.rows))]
 
 
@@ -264,30 +283,11 @@ def _of_fast_length(recording: Recording, part: Framing) -> Framing:
     return part._replace(window_s=min(fast, longest) / rate_hz)
 
 
-def _check_window(recording: Recording, window_s: float, *, is_asked: bool) -> None:
-    rate_hz = recording.sample_rate_hz
-    if is_asked and window_s > recording.duration_s:
-        msg = (
-            f"--window-s {window_s:g} is longer than what is drawn, "
-            f"{recording.duration_s:g} s."
-        )
-        raise OptionError(msg)
-    count = round(window_s * rate_hz)
-    if count < LEAST_SAMPLES:
-        what = f"--window-s {window_s:g}" if is_asked else "what is drawn"
-        msg = (
-            f"{what} holds {count} samples at {rate_hz:g} Hz; a spectrum needs "
-            f"{LEAST_SAMPLES} or more."
-        )
-        raise OptionError(msg) if is_asked else DataError(msg)
-
-
 def part_of(recording: Recording, span_s: Span) -> Recording:
     """Return a span of a recording whose sound is at hand, s from its first sample."""
     assert recording.reader is not None  # noqa: S101 - it was opened for this
-    last = recording.n_samples
-    ends = (round(time * recording.sample_rate_hz) for time in span_s)
-    first, last = (min(max(sample, 0), last) for sample in ends)
+    first, last = (min(max(round(time * recording.sample_rate_hz), 0), recording.n_samples)
+                   for time in span_s)  # fmt: skip
     reader = PartReader(recording.reader, first, last - first)
     return replace(recording, reader=reader, n_samples=last - first)
 
@@ -342,11 +342,10 @@ def _columns(
         begins = np.flatnonzero(np.diff(column, prepend=-1))
         pooled = pool(block.power_density, block.frequency_hz, edges_hz)
         pooled[~is_whole] = 0.0
-        own = column[begins]
-        total[own] += np.add.reduceat(pooled, begins)
-        time_s[own] += np.add.reduceat(frames.time_s, begins)
-        n_frames[own] += np.add.reduceat(np.ones(column.size), begins)
-        n_whole[own] += np.add.reduceat(is_whole.astype(float), begins)
+        for sums, own in ((total, pooled), (time_s, frames.time_s),
+                          (n_frames, np.ones(column.size)),
+                          (n_whole, is_whole.astype(float))):  # fmt: skip
+            sums[column[begins]] += np.add.reduceat(own, begins)
         progress(float(frames.time_s[-1]))
     drawn = n_frames > 0
     density = np.full_like(total, np.nan)
@@ -408,11 +407,10 @@ def over_floor(level_db: FloatArray, least: FloatArray | int = 0) -> FloatArray:
     # as many on both sides, so that a steep ambient spectrum does not tilt the floor
     both = np.minimum(number, quiet.size - 1 - number)
     reach = np.maximum(FEWEST_NEIGHBOURS, np.minimum(reach, both))
-    floor = np.array([
-        np.median(quiet[max(0, k - r) : k + r + 1])
-        for k, r in zip(number, reach, strict=True)
-    ])  # fmt: skip
-    return np.asarray(level_db - floor)
+    near = (
+        quiet[max(0, k - r) : k + r + 1] for k, r in zip(number, reach, strict=True)
+    )
+    return np.asarray(level_db - np.array(list(map(np.median, near))))
 
 
 def overview_picture(overview: Overview, axis: FrequencyAxis, span_s: Span) -> Picture:
@@ -445,11 +443,11 @@ def lofargram(
         found = sound_picture(part, axis, frames, is_strongest=True)
     except (DataError, OptionError):  # it has gone since it was found, or is too short
         return None
-    begin_s, heights = max(span_s[0] - margin_s, 0.0), np.diff(axis.edges_hz())
-    windows = np.concatenate(
-        [np.full(f.rows.stop - f.rows.start, f.window_s) for f in frames]
-    )
-    least = np.ceil(LOBES * LOBE_CELLS / windows / heights).astype(int)
+    begin_s = max(span_s[0] - margin_s, 0.0)
+    least = np.ceil(LOBES * LOBE_CELLS / np.diff(axis.edges_hz())
+                    / np.repeat([f.window_s for f in frames],
+                                [f.rows.stop - f.rows.start for f in frames])
+                    ).astype(int)  # fmt: skip
     return Picture(found.edges_s + begin_s, axis, over_floor(found.level_db, least))
 
 
@@ -472,24 +470,6 @@ def check_axes(container: Container, *names: str) -> None:
             raise DataError(msg)
 
 
-def draw_picture(
-    picture: Picture,
-    ax: Axes,
-    limits_db: tuple[float, float] | None = None,
-    label: str = "dB over the noise floor",
-    colormap: str = LEVELS_MAP,
-) -> None:
-    """Draw a picture with a bar of its colours.
-
-    ``limits_db``: levels of the darkest and brightest colour; None are those of a
-    lofargram. ``label``: what the levels are. ``colormap``: name of the colours.
-    """
-    cells = picture.edges_s, picture.axis.edges_hz(), picture.level_db
-    limits_db = limits_db or shades(picture.level_db)
-    picture.axis.set_axis(ax)
-    draw_cells(ax, *cells, limits_db, label, colormap)
-
-
 def shades(relative_db: FloatArray) -> tuple[float, float]:
     """Return the levels of the darkest and the brightest colour, dB over the floor."""
     known = relative_db[np.isfinite(relative_db)]
@@ -500,15 +480,17 @@ def shades(relative_db: FloatArray) -> tuple[float, float]:
     return dark, dark + float(np.clip(top - dark, LEAST_SPAN_DB, MOST_SPAN_DB))
 
 
-def cell_edges(middle: FloatArray, span: Span | None = None) -> FloatArray:
+def cell_edges(
+    middle: FloatArray, span: Span | None = None, width: float = 1.0
+) -> FloatArray:
     """Return the edges of cells whose middles are known.
 
     ``middle``: middles of the cells, in order. ``span``: what is shown: the first cell
     reaches to its begin where that is less than the cell's width away, the last one to
-    its end where no further frame had room.
+    its end where no further frame had room. ``width``: of a cell that has no neighbour.
     """
     if middle.size == 1:
-        return np.array([middle[0] - 0.5, middle[0] + 0.5])
+        return np.array([middle[0] - 0.5 * width, middle[0] + 0.5 * width])
     between = 0.5 * (middle[1:] + middle[:-1])
     first, last = 2 * middle[0] - between[0], 2 * middle[-1] - between[-1]
     if span is not None:

@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.page import check_picture, write_figure
-from uwtrack_cli.plotting.view import DPI
+from uwtrack_cli.plotting.page import Page, write_pages
+from uwtrack_cli.plotting.view import View
 
 _BOX_WIDTH, _BOX_HEIGHT = 1.5, 0.5
 _COLUMN, _ROW = 2.5, 0.85
@@ -32,7 +32,6 @@ def draw_recipe_graph(
     OutputError
         The picture exists, is an input, or cannot be written.
     """
-    check_picture(output, overwrite=overwrite)
     place = _places(edges)
     kept = {source for source, reader, _ in edges if reader == "product"}
     width = max(x for x, _ in place.values()) + _BOX_WIDTH + 0.4
@@ -47,9 +46,9 @@ def draw_recipe_graph(
     for source, reader, container in edges:
         if reader == "product":
             continue
-        (x0, y0), (x1, y1) = place[source], place[reader]
-        start = x0 + _BOX_WIDTH, y0 + _BOX_HEIGHT / 2
-        end = x1, y1 + _BOX_HEIGHT / 2
+        middle = _BOX_HEIGHT / 2
+        start = place[source][0] + _BOX_WIDTH, place[source][1] + middle
+        end = place[reader][0], place[reader][1] + middle
         ax.annotate("", end, start, arrowprops={"color": "black", **arrow})
         ax.text(
             (start[0] + end[0]) / 2, (start[1] + end[1]) / 2, figure_text(container),
@@ -67,7 +66,8 @@ def draw_recipe_graph(
         ax.text(x + _BOX_WIDTH / 2, y + _BOX_HEIGHT / 2, figure_text(name), fontsize=9,
                 ha="center", va="center")  # fmt: skip
     figure.set_label(title)
-    write_figure(figure, output, DPI, overwrite=overwrite)
+    page = Page("recipe", lambda _: figure)
+    write_pages([page], output, View(), overwrite=overwrite)
 
 
 def _places(edges: Sequence[tuple[str, str, str]]) -> dict[str, tuple[float, float]]:
@@ -76,10 +76,8 @@ def _places(edges: Sequence[tuple[str, str, str]]) -> dict[str, tuple[float, flo
     for source, reader, _ in edges:
         if reader != "product":
             column[reader] = max(column.get(reader, 0), column.get(source, 0) + 1)
-    rows: dict[int, int] = {}
-    place: dict[str, tuple[float, float]] = {}
-    for name, at in column.items():
-        row = rows.get(at, 0)
-        rows[at] = row + 1
-        place[name] = (at * _COLUMN, row * _ROW)
-    return place
+    columns = list(column.values())
+    return {
+        name: (at * _COLUMN, columns[:number].count(at) * _ROW)
+        for number, (name, at) in enumerate(column.items())
+    }

@@ -7,9 +7,11 @@ is said once, for all passages that it holds of.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.motions import Motions
 from uwtrack_cli.data.presence import Presence
@@ -20,15 +22,8 @@ from uwtrack_cli.files.tables.json_rows import Row, json_rows
 from uwtrack_cli.files.tables.presence_words import presence_sentences, stretch_words
 from uwtrack_cli.files.tables.summaries import numbered, summary_of
 from uwtrack_cli.flow.next_looks import next_looks
-from uwtrack_cli.plotting.html_page import (
-    anchor_of,
-    page_html,
-    passage_head,
-    picture_of_page,
-)
-from uwtrack_cli.plotting.listen import sound_of
-from uwtrack_cli.plotting.page import pages_of
-from uwtrack_cli.plotting.passage_words import cautions, fact_lines, reasons_once
+from uwtrack_cli.plotting import html_page, passage
+from uwtrack_cli.plotting.page import Page, pages_of
 from uwtrack_cli.plotting.view import Scene, Units
 
 MOST_PICTURES = 60
@@ -44,33 +39,36 @@ class Report(Scene):
     speed_up: float | None = None
     """How many times faster the passages' sound is played; None: it is not given."""
 
-    @property
+    @cached_property
     def passages(self) -> list[Row]:
         """Every passage, as `json_rows` gives it, with its number."""
-        return [row for e in self.all(Encounters) for row in numbered(json_rows(e))]
+        return numbered(self.rows(Encounters))
 
-    @property
-    def detected(self) -> list[Row]:
-        """Every stretch in which something was detected."""
-        return [row for found in self.all(Presence) for row in json_rows(found)]
+    def rows(self, kind: type[Container]) -> list[Row]:
+        """Return the rows of all containers of a kind, as `json_rows` gives them."""
+        return [row for found in self.all(kind) for row in json_rows(found)]
+
+    def table(self, name: str, rows: Sequence[Row]) -> dict[str, Any] | None:
+        """Return the summary of rows of a container as a table; None without any."""
+        if not rows:
+            return None
+        summary = summary_of(name, rows, self.units)
+        return {"heads": summary.titles, "rows": summary.rows}
 
 
 def report_html(product: Product, report: Report) -> str:
     """Return the report of a product as HTML."""
     recordings, passages = report.all(Recording), report.passages
     title = ", ".join(dict.fromkeys(one.name for one in recordings))
-    positions, motions = (
-        [row for found in report.all(kind) for row in json_rows(found)]
-        for kind in (Fixes, Motions)
-    )
-    return page_html(
+    motions = report.rows(Motions)
+    return html_page.page_html(
         "report.html", title=title or Path(product.name).name, **_detected(report),
         result=_result(product, report), warnings=warnings_of(report),
         recordings=recordings, product=product,
         files={f.sensor: f.name.size for f in report.all(RecordedFiles)},
-        passages=_table("encounters", passages, report), reasons=reasons_once(passages),
-        **_pictures(report), positions=_table("fixes", positions, report),
-        motions=_table("motions", motions, report), motion_reasons=reasons_once(motions),
+        passages=report.table("encounters", passages), reasons=passage.reasons_once(passages),
+        **_pictures(report), positions=report.table("fixes", report.rows(Fixes)),
+        motions=report.table("motions", motions), motion_reasons=passage.reasons_once(motions),
     )  # fmt: skip
 
 
@@ -83,20 +81,12 @@ def _result(product: Product, report: Report) -> str:
     recordings = [(one.name, one) for one in report.all(Recording)]
     looks, n = next_looks(stages, recordings, encounters), len(report.passages)
     if report.all(Presence):
-        words = presence_sentences(report.detected, is_passed=n > 0, next_looks=looks)
+        words = presence_sentences(
+            report.rows(Presence), is_passed=n > 0, next_looks=looks
+        )
     if n:
         return "; ".join([f"{n} passage{'' if n == 1 else 's'}", *words])
     return "; ".join(words or ["no closest approach", *looks])
-
-
-def _table(
-    name: str, rows: Sequence[Row], report: Report
-) -> dict[str, Sequence[Any]] | None:
-    """Return the summary of a container as a table; None where it is empty."""
-    if not rows:
-        return None
-    summary = summary_of(name, rows, report.units)
-    return {"heads": summary.titles, "rows": summary.rows}
 
 
 def warnings_of(report: Report) -> list[str]:
@@ -104,12 +94,11 @@ def warnings_of(report: Report) -> list[str]:
     found = []
     for row in report.passages:
         whose = f"Passage {row['passage']}"
-        found += [f"{whose}: {text}." for text in cautions(row)]
+        found += [f"{whose}: {text}." for text in passage.cautions(row)]
         for other in row["ambiguities"]:
-            known = (
-                f"{k} {f'{v:.3g}' if type(v) is float else v}" for k, v in other.items()
-            )
-            found.append(f"{whose}, ambiguous: {', '.join(known)}.")
+            shown = {k: f"{v:.3g}" if type(v) is float else v for k, v in other.items()}
+            known = ", ".join(f"{key} {value}" for key, value in shown.items())
+            found.append(f"{whose}, ambiguous: {known}.")
     for one in report.all(Recording):
         if one.start_utc_ns is None:
             found.append(
@@ -129,39 +118,41 @@ def _pictures(report: Report) -> dict[str, Any]:
         pages = pages_of(report.containers, report.tracks)
     except DataError as error:
         return {"pages": [], "not_drawn": str(error)}
-    rows = {(row["sensor"], row["contact"]): row for row in report.passages}
-    is_alone = len({sensor for sensor, _ in rows}) == 1
-    shown, cards = [], 0
-    for page in pages:
-        row = rows.get((page.sensor, page.contact)) if page.kind == "passage" else None
-        cards += row is not None
-        card: dict[str, Any] = {"kind": page.kind}
-        if row is not None:
-            marks = [] if is_alone else [(f"sensor {row['sensor']}", False)]
-            marks += [(row["status"], row["status"] != "ok")]
-            marks += [(text, True) for text in cautions(row)]
-            card |= passage_head(row, row["passage"], report.units)
-            card["anchor"] = anchor_of(row, is_alone=is_alone)
-            card |= {"marks": marks, "facts": fact_lines(row, report.units)}
-        if row is None or cards <= MOST_PICTURES:
-            try:
-                card["picture"] = picture_of_page(page.draw, report.units)
-            except DataError as error:
-                card["why"] = str(error)
-            if row is not None and report.speed_up is not None:
-                own = Scene(report.containers, page.sensor)
-                card["sound"] = sound_of(own, row["passage"] - 1, report.speed_up)
-        shown.append(card)
-    return {"pages": shown, "not_drawn": max(0, cards - MOST_PICTURES)}
+    late = [page for page in pages if page.number is not None][MOST_PICTURES:]
+    cards = [_card(page, report, is_drawn=page not in late) for page in pages]
+    return {"pages": cards, "not_drawn": len(late)}
+
+
+def _card(page: Page, report: Report, *, is_drawn: bool) -> dict[str, Any]:
+    """Return a page as the report has it: that of a passage with title and numbers."""
+    card: dict[str, Any] = {"kind": page.kind}
+    if page.number is not None:
+        scene = Scene(report.containers, page.sensor)
+        fit = passage.passages_of(scene)[page.number - 1]
+        row, is_alone = fit.printed, len({r["sensor"] for r in report.passages}) == 1
+        marks = [] if is_alone else [(f"sensor {row['sensor']}", False)]
+        marks += [(row["status"], row["status"] != "ok")]
+        marks += [(text, True) for text in passage.cautions(row)]
+        card |= html_page.passage_head(row, page.number, report.units)
+        card["anchor"] = html_page.anchor_of(row, is_alone=is_alone)
+        card |= {"marks": marks, "facts": passage.fact_lines(row, report.units)}
+        if not is_drawn:
+            return card
+        card["sound"] = html_page.sound_of(scene, fit, report.speed_up)
+    try:
+        card["picture"] = html_page.picture_of_page(page.draw, report.units)
+    except DataError as error:
+        card["why"] = str(error)
+    return card
 
 
 def _detected(report: Report) -> dict[str, Any]:
     """Return what was detected as a table, and in words what was no passage."""
-    rows, notes = report.detected, []
+    rows, notes = report.rows(Presence), []
     numbers = {(r["sensor"], r["contact"]): r["passage"] for r in report.passages}
     for row in rows:
         row["passage"] = numbers.get((row["sensor"], row["encounter"]))
         if row["encounter"] is None:
             text, why = stretch_words(row), row["reasons"].get("encounter")
             notes.append(f"{text[0].upper()}{text[1:]}{f': {why}' if why else ''}.")
-    return {"detected": _table("presence", rows, report), "notes": notes}
+    return {"detected": report.table("presence", rows), "notes": notes}

@@ -9,13 +9,14 @@ colours, and grey prints, still tell them apart, and every mark bears its number
 import io
 import math
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patheffects import Normal, Stroke
 
 from uwtrack_cli.acoustics.geometry import region_95
@@ -49,6 +50,9 @@ BAND_DEVIATIONS = 2.0
 
 WIDE_IN, NARROW_IN = 11.0, 4.6
 """Width of a page for a screen or paper, and for a telephone, inches."""
+
+MARGIN_IN = 0.08
+"""Room on the left and right of every panel, inches."""
 
 STEPS_S = (
     0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10_800,
@@ -101,11 +105,12 @@ class NotebookFigure(Figure):
 
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Return an empty page; needs no screen."""
-    return NotebookFigure(figsize=(width_in, height_in), layout="constrained", dpi=100)
+    layout = ConstrainedLayoutEngine(w_pad=MARGIN_IN)
+    return NotebookFigure(figsize=(width_in, height_in), layout=layout, dpi=100)
 
 
 def halo() -> list[Any]:
-    """Return the white edge that marks have on the dark of a lofargram."""
+    """Return the white edge that marks have on a picture."""
     return [Stroke(linewidth=1.4, foreground="white", alpha=0.9), Normal()]
 
 
@@ -197,20 +202,21 @@ class Clock:
         if self.start_utc_ns is None:
             return f"{time_s:.{digits}f}"
         unit_ns = NANOSECONDS // 10**digits
-        ns = self.start_utc_ns + round(time_s * NANOSECONDS) + unit_ns // 2
-        at = EPOCH + timedelta(microseconds=ns // unit_ns * unit_ns // 1000)
+        at = self._date(round(time_s * NANOSECONDS) + unit_ns // 2, unit_ns)
         if step_s >= STEPS_S[-4]:
             return f"{at:%m-%d}"
-        if step_s >= 60.0:
-            return f"{at:%H:%M}"
-        return f"{at:%H:%M:%S.%f}"[: 8 + 2 * digits]
+        return f"{at:%H:%M:%S.%f}"[: 5 if step_s >= 60.0 else 8 + 2 * digits]
 
     def day(self, time_s: float) -> str:
         """Return the day of a time, empty if it is not known."""
         if self.start_utc_ns is None:
             return ""
-        ns = self.start_utc_ns + round(time_s * NANOSECONDS)
-        return f"{EPOCH + timedelta(seconds=ns // NANOSECONDS):%Y-%m-%d}"
+        return f"{self._date(round(time_s * NANOSECONDS), NANOSECONDS):%Y-%m-%d}"
+
+    def _date(self, since_ns: int, unit_ns: int) -> datetime:
+        """Return a time, cut to whole units."""
+        ns = ((self.start_utc_ns or 0) + since_ns) // unit_ns * unit_ns
+        return EPOCH + timedelta(microseconds=ns // 1000)
 
     def set_axis(self, ax: Axes, span_s: Span, ticks: int = 8) -> None:
         """Give a panel a time axis from one time to another, s.
@@ -218,13 +224,9 @@ class Clock:
         Ticks lie at whole seconds, minutes, hours or days of UTC.
         """
         low, high = span_s
-        step = next(
-            (s for s in STEPS_S if s * ticks >= high - low),
-            math.ceil((high - low) / ticks),
-        )
-        offset = 0.0
-        if self.start_utc_ns is not None:
-            offset = self.start_utc_ns % (604_800 * NANOSECONDS) / NANOSECONDS
+        enough = (high - low) / ticks
+        step = next((s for s in STEPS_S if s >= enough), math.ceil(enough))
+        offset = (self.start_utc_ns or 0) % (604_800 * NANOSECONDS) / NANOSECONDS
         first = math.ceil((low + offset) / step - 1e-9)
         last = math.floor((high + offset) / step + 1e-9)
         at = [k * step - offset for k in range(first, last + 1)]

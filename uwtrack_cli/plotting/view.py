@@ -1,5 +1,6 @@
 """What of a product is drawn, and how: the choices that a page is asked for."""
 
+import math
 import re
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
@@ -26,7 +27,7 @@ O = TypeVar("O", Encounters, Presence)
 T = TypeVar("T")
 
 Units = Literal["kn", "m/s"]
-SizeIn = Annotated[tuple[float, float], Unit("in"), AtLeast(2), AtMost(60)] | None
+SizeIn = Annotated[tuple[float, float], Unit("in"), AtLeast(2), AtMost(60)]
 Dpi = Annotated[float, AtLeast(20), AtMost(1200)] | None
 
 DPI = 110
@@ -43,7 +44,7 @@ DAYTIME = re.compile(r"\d\d:\d\d(:\d\d(\.\d+)?)?")
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """How pages are drawn."""
+    """How pages are drawn; a size or number of dots out of range is an `OptionError`."""
 
     begin: str | None = None
     """Begin: UTC, time of day or seconds; None is that of what is drawn."""
@@ -66,6 +67,21 @@ class View:
     stands_alone: bool = True
     """Whether the page has its title and numbers; else they stand beside it."""
 
+    def __post_init__(self) -> None:
+        """Refuse pictures of a size that cannot be drawn."""
+        convert("--dpi", Dpi, self.dpi)
+        if self.height_in is None:
+            return
+        size = self.width_in, self.height_in
+        convert("--size", SizeIn, size)
+        dpi = self.dpi or DPI
+        if (dots := size[0] * size[1] * dpi**2) > MOST_DOTS:
+            msg = (
+                f"--size {size[0]:g} {size[1]:g} with --dpi {dpi:g} makes {dots / 1e6:.0f} "
+                f"million dots; {MOST_DOTS / 1e6:.0f} million are accepted."
+            )
+            raise OptionError(msg)
+
     @property
     def is_wide(self) -> bool:
         """Whether panels can stand side by side."""
@@ -81,7 +97,7 @@ class View:
         """Number of ticks that a time axis has room for."""
         return 8 if self.is_wide else 4
 
-    def span_s(self, usual: tuple[float, float], clock: Clock) -> tuple[float, float]:
+    def span_s(self, usual: Span, clock: Clock) -> Span:
         """Return begin and end of what is drawn, s from the first sample.
 
         ``usual``: begin and end where none is asked for, s.
@@ -96,9 +112,9 @@ class View:
         low = usual[0] if self.begin is None else to_seconds(self.begin, clock)
         high = usual[1] if self.end is None else to_seconds(self.end, clock)
         if self.is_zoomed and (low >= usual[1] or high <= usual[0]):
-            ends = (("from", self.begin), ("to", self.end))
-            asked = " ".join(f"{word} {end}" for word, end in ends if end)
-            known = f"{clock.text(usual[0])} to {clock.text(usual[1])}"
+            ends = {"from": self.begin, "to": self.end}
+            asked = " ".join(f"{word} {end}" for word, end in ends.items() if end)
+            known = " to ".join(map(clock.text, usual))
             msg = f"nothing was recorded {asked}; there is sound from {known}."
             raise DataError(msg)
         if not low < high:
@@ -108,29 +124,6 @@ class View:
             )
             raise OptionError(msg)
         return low, high
-
-
-def sized(view: View, size: tuple[float, float] | None, dpi: float | None) -> View:
-    """Return a view of a page of so many inches, and so many dots in each.
-
-    Raises
-    ------
-    OptionError
-        One is out of range, or both make a picture of too many dots.
-    """
-    dpi = convert("--dpi", Dpi, dpi)
-    size = convert("--size", SizeIn, size)
-    view = replace(view, dpi=dpi)
-    if size is None:
-        return view
-    dots = size[0] * size[1] * (dpi or DPI) ** 2
-    if dots > MOST_DOTS:
-        msg = (
-            f"--size {size[0]:g} {size[1]:g} with --dpi {dpi or DPI:g} makes "
-            f"{dots / 1e6:.0f} million dots; {MOST_DOTS / 1e6:.0f} million are accepted."
-        )
-        raise OptionError(msg)
-    return replace(view, width_in=size[0], height_in=size[1])
 
 
 def to_seconds(text: str, clock: Clock) -> float:
@@ -181,9 +174,17 @@ class Scene:
     sensor: str | None = None
     """Sensor whose page it is; None for tables."""
     tracks: Sequence[VesselTrack] = field(default=())
-    """Ways of vessels by AIS: s from the first sample, east and north of the sensor, m."""
+    """Tracks of vessels by AIS: s from the first sample, east and north of the sensor, m."""
+    view: View = field(default_factory=View)
+    """How it is drawn."""
+    span_s: Span = (-math.inf, math.inf)
+    """Begin and end of what is drawn, s."""
     taken: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
     """What was taken of the sound before: pages of several sizes show the same."""
+
+    def shown(self, view: View, span_s: Span) -> "Scene":
+        """Return a span of it, s, as a view draws it; what was taken is shared."""
+        return replace(self, view=view, span_s=span_s)
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return what was made under a key lately, else make it."""
@@ -199,23 +200,26 @@ class Scene:
 
     def all(self, kind: type[C]) -> list[C]:
         """Return all containers of a kind that the sensor owns or shares."""
-        return [
-            c
-            for c in self.containers
-            if isinstance(c, kind)
-            and (self.sensor is None or sensor_of(c) in (None, self.sensor))
-        ]
+        own = (None, self.sensor)
+        return [c for c in self.containers if isinstance(c, kind)
+                and (self.sensor is None or sensor_of(c) in own)]  # fmt: skip
 
     def _own(self, kind: type[O]) -> O | None:
         """Return a table of the sensor's rows, which a page asks for once a line."""
+        if (found := self.first(kind)) is None or (sensor := self.sensor) is None:
+            return found
+        return self.once(kind.NAME, lambda: found.of_sensor(sensor))
 
-        def make() -> O | None:
-            found = self.first(kind)
-            if found is None or self.sensor is None:
-                return found
-            return found.of_sensor(self.sensor)
+    @property
+    def recording(self) -> Recording | None:
+        """Its recording."""
+        return self.first(Recording)
 
-        return self.once(kind.NAME, make)
+    @property
+    def sound(self) -> Recording | None:
+        """Its recording, where the sound is at hand."""
+        found = self.recording
+        return None if found is None or found.reader is None else found
 
     @property
     def overview(self) -> Overview | None:
@@ -238,52 +242,45 @@ class Scene:
 
         Where closest approaches were not sought, it is that of the contact.
         """
-        found = self.encounters
-        if found is None:
+        if self.encounters is None:
             return max(int(contact), 0)
-        rows = np.flatnonzero(found.contact == contact)
-        return int(rows[0]) + 1 if rows.size else 0
+        own = np.flatnonzero(self.encounters.contact == contact)
+        return int(own[0]) + 1 if own.size else 0
 
     @property
     def presence(self) -> Presence | None:
         """What was detected at the sensor."""
         return self._own(Presence)
 
-    def stretches(self, span_s: Span) -> IntArray:
-        """Return the rows of what was detected within a span, s."""
-        found = self.presence
-        if found is None:
-            return np.zeros(0, np.int64)
-        return np.flatnonzero((found.to_s >= span_s[0]) & (found.from_s <= span_s[1]))
+    @property
+    def stretches(self) -> IntArray:
+        """Rows of what was detected within the span."""
+        found, (low, high) = self.presence, self.span_s
+        is_near = found is not None and (found.to_s >= low) & (found.from_s <= high)
+        return np.flatnonzero(is_near)
 
     def owner(self, stretch: int) -> int:
         """Return the number of the passage that a stretch belongs to; 0 for none."""
         found = self.presence
         if found is None or self.encounters is None:
             return 0
-        own = int(found.encounter[stretch]) or int(found.contact[stretch])
-        return self.number(own)
+        return self.number(found.encounter[stretch] or found.contact[stretch])
 
     @property
     def clock(self) -> Clock:
         """The clock of its recording."""
-        recording = self.first(Recording)
-        if recording is not None and recording.start_utc_ns is not None:
-            return Clock(recording.start_utc_ns)
-        for container in self.containers:
-            frames = getattr(container, "frames", container)
-            if sensor_of(container) in (None, self.sensor) and hasattr(
-                frames, "start_utc_ns"
-            ):
-                return Clock(frames.start_utc_ns)
-        return Clock()
+        owners = (getattr(c, "frames", c) for c in self.all(Container))
+        starts = [
+            getattr(one, "start_utc_ns", None) for one in (self.recording, *owners)
+        ]
+        return Clock(next((start for start in starts if start is not None), None))
 
     @property
-    def times_s(self) -> tuple[float, float] | None:
+    def times_s(self) -> Span | None:
         """Begin and end of everything that was recorded, s from the first sample."""
-        recording = self.first(Recording)
-        if recording is not None and recording.n_samples and not recording.is_live:
-            return 0.0, recording.duration_s
+        own = self.recording
+        if own is not None and own.n_samples and not own.is_live:
+            return 0.0, own.duration_s
         frames = [getattr(c, "frames", None) or c for c in self.all(Container)]
         known = [getattr(one, "time_s", None) for one in frames]
         found = [np.ravel(t) for t in known if isinstance(t, np.ndarray)]

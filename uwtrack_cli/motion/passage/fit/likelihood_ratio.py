@@ -142,7 +142,8 @@ def passage_likelihood_ratio(
         gains[1] = (0.0, 0.0)
     over_constant = [gain[0] for gain in gains]
     ratio = LikelihoodRatio(
-        *over_constant, sum(gain[1] for gain in gains), sum(over_constant),
+        over_constant[0], over_constant[1], over_constant[2],
+        sum(gain[1] for gain in gains), sum(over_constant),
         float(np.log(_independent_places(blocks) / false_alarm_probability)),
         _gain_of_line_levels(fit, blocks),
     )  # fmt: skip

@@ -6,18 +6,12 @@ from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from uwtrack_cli.files.text_escaping import figure_text
-from uwtrack_cli.plotting.style import (
-    MEASURED,
-    NARROW_IN,
-    WARNING,
-    Clock,
-    contact_color,
-    new_figure,
-    text_on,
-)
+from uwtrack_cli.plotting import style
+from uwtrack_cli.plotting.style import Clock, Span
 from uwtrack_cli.plotting.view import View
 
 TITLE_PT, LINE_PT, COLUMN_PT = 12.0, 9.0, 7.5
@@ -34,17 +28,19 @@ WITHIN_VALUE = re.compile(
 LEAST_SHARE = 0.8
 """Share of its usual height that a panel needs on a page whose height is given."""
 
-Panel = Callable[[Any], Any]
-"""Draws into axes, or into a part of a page."""
-
 
 class PagePart(NamedTuple):
     """A panel, or a part of a page that holds several."""
 
     height: float
     """Height, inches."""
-    draw: Panel
-    """Draws it."""
+    draw: Callable[[Any], Any]
+    """Draws it into axes, or into a part of a page."""
+
+
+def alone(height: float, draw: Callable[[Axes], Any]) -> PagePart:
+    """Return a part of a page that one panel fills, ``height`` inches high."""
+    return PagePart(height, lambda part: draw(part.subplots()))
 
 
 class HeadLine(NamedTuple):
@@ -56,20 +52,24 @@ class HeadLine(NamedTuple):
     """Whether a reader must not overlook it."""
     number: int = 0
     """Passage whose badge stands before it; 0 for none."""
+    size_pt: float = 0.0
+    """Size of its letters, points; 0: as it fits the page."""
 
 
-def span_title(span_s: tuple[float, float], clock: Clock, names: Sequence[str]) -> str:
+def warning(text: str) -> HeadLine:
+    """Return a line that a reader must not overlook."""
+    return HeadLine(f"\u26a0 {text}", warns=True)
+
+
+def span_title(span_s: Span, clock: Clock, names: Sequence[str]) -> str:
     """Return the title of a span of recordings: begin and end, s, and their names."""
-    length_s = np.ptp(span_s)
-    step = 1.0 if length_s < 7200 else 60.0
-    if clock.start_utc_ns is None and length_s < 20:
-        step = 0.5
-    begin, end = clock.text(span_s[0], step), clock.text(span_s[1], step)
-    last = clock.day(span_s[1])
-    end = end if last == clock.day(span_s[0]) else f"{last} {end}"
-    span = f"{clock.day(span_s[0])} {begin} to {end}".strip()
-    unit = "UTC" if clock.start_utc_ns is not None else "s"
-    return "   ".join([f"{span} {unit}", ", ".join(dict.fromkeys(names))]).strip()
+    length_s, is_utc = np.ptp(span_s), clock.start_utc_ns is not None
+    step = 0.5 if length_s < 20 and not is_utc else 1.0 if length_s < 7200 else 60.0
+    begin, end = (clock.text(time, step) for time in span_s)
+    first, last = map(clock.day, span_s)
+    span = f"{first} {begin} to {'' if first == last else f'{last} '}{end}".strip()
+    span += " UTC" if is_utc else " s"
+    return "   ".join([span, ", ".join(dict.fromkeys(names))]).strip()
 
 
 def page_figure(
@@ -85,13 +85,13 @@ def page_figure(
     """
     heights = [block.height for block in blocks]
     body_in, head_in = max(heights) if widths else sum(heights), 0.0
-    lines = _head_lines(heads, view) if view.stands_alone else []
+    lines = _fitted(heads, view) if view.stands_alone else []
     if lines:
-        head_in = sum(step for *_, step in lines) + 0.12
+        head_in = sum(_step_in(line) for line in lines) + 0.12
         if view.height_in is not None:
             body_in = max(0.5 * view.height_in, view.height_in - head_in)
             head_in = view.height_in - body_in
-    figure = new_figure(view.width_in, head_in + body_in)
+    figure = style.new_figure(view.width_in, head_in + body_in)
     figure.set_label(". ".join(head.text for head in heads))
     *upper, body = _parts(figure, [head_in, body_in] if lines else [body_in])
     for part in upper:
@@ -112,45 +112,41 @@ def _parts(figure: Figure | SubFigure, heights: Sequence[float]) -> list[SubFigu
     return list(parts[:, 0])
 
 
-def _head_lines(
-    heads: Sequence[HeadLine], view: View
-) -> list[tuple[HeadLine, float, float]]:
-    """Return the lines of a title as they fit the page, their sizes and steps."""
-    is_column = view.width_in < NARROW_IN
-    title_pt, line_pt = (
-        (COLUMN_PT + 1.5, COLUMN_PT) if is_column else (TITLE_PT, LINE_PT)
-    )
-    return [
-        (head._replace(text=text.replace("\u00a0", " "), number=0 if part else head.number), size,
-         size * 1.45 / 72)
-        for place, head in enumerate(heads)
-        for size in [line_pt if place else title_pt]
-        for bold in [head.warns or not place]
-        for room in [view.width_in * (BOLD_CHARACTERS if bold else POINT_CHARACTERS)]
-        for part, text in enumerate(
-            wrap(WITHIN_VALUE.sub("\u00a0", head.text), int(room / size))
-        )
-    ]  # fmt: skip
+def _fitted(heads: Sequence[HeadLine], view: View) -> list[HeadLine]:
+    """Return the lines of a title as they fit the page."""
+    is_column = view.width_in < style.NARROW_IN
+    sizes = (COLUMN_PT + 1.5, COLUMN_PT) if is_column else (TITLE_PT, LINE_PT)
+    found = []
+    for place, head in enumerate(heads):
+        size = sizes[place > 0]
+        is_bold = head.warns or not place
+        room = view.width_in * (BOLD_CHARACTERS if is_bold else POINT_CHARACTERS)
+        for text in wrap(WITHIN_VALUE.sub("\u00a0", head.text), int(room / size)):
+            found.append(head._replace(text=text.replace("\u00a0", " "), size_pt=size))
+            head = head._replace(number=0)  # noqa: PLW2901 - one badge
+    return found
+
+
+def _step_in(line: HeadLine) -> float:
+    return line.size_pt * 1.45 / 72
 
 
 def _write_heads(
-    upper: SubFigure,
-    lines: Sequence[tuple[HeadLine, float, float]],
-    width_in: float,
-    height_in: float,
+    upper: SubFigure, lines: Sequence[HeadLine], width_in: float, height_in: float
 ) -> None:
-    down, title_pt = 0.06, lines[0][1]
-    for head, size, step in lines:
-        left, top, is_title = 0.12 / width_in, 1.0 - down / height_in, size == title_pt
+    down_in = 0.06
+    for head in lines:
+        left, top = 0.12 / width_in, 1.0 - down_in / height_in
+        is_title = head.size_pt == lines[0].size_pt
         if head.number:
             badge(upper, head.number, (left, top), va="top")
             left += 0.25 / width_in
         upper.text(
-            left, top, figure_text(head.text), va="top", fontsize=size,
+            left, top, figure_text(head.text), va="top", fontsize=head.size_pt,
             fontweight="bold" if is_title or head.warns else "normal",
-            color=WARNING if head.warns else "black" if is_title else MEASURED,
+            color=style.WARNING if head.warns else "black" if is_title else style.MEASURED,
         )  # fmt: skip
-        down += step
+        down_in += _step_in(head)
 
 
 def fitting(parts: Sequence[PagePart], view: View) -> list[PagePart]:
@@ -164,11 +160,11 @@ def fitting(parts: Sequence[PagePart], view: View) -> list[PagePart]:
 
 def badge(owner: Any, number: int, place: tuple[float, float], **more: Any) -> None:
     """Write the number of a passage on its colour, at a place of a panel or page."""
-    color = contact_color(number)
+    color = style.contact_color(number)
     box = {"boxstyle": "round,pad=0.2", "fc": color, "ec": "none"}
     owner.text(
-        *place, str(number), fontsize=8, fontweight="bold", color=text_on(color), bbox=box,
-        **more,
+        *place, str(number), fontsize=8, fontweight="bold", color=style.text_on(color),
+        bbox=box, **more,
     )  # fmt: skip
 
 
@@ -184,7 +180,7 @@ def timed(
     parts: Sequence[PagePart],
     view: View,
     clock: Clock,
-    span_s: tuple[float, float],
+    span_s: Span,
     ticks: int | None = None,
 ) -> PagePart:
     """Return panels below each other with one time axis, named at the last one.
