@@ -184,7 +184,8 @@ def test_every_other_command_line_names_commands_and_options_that_exist():
                     line,
                 )
                 continue
-            known = {flag for p in load_command(words[0]).params for flag in p.opts}
+            params = load_command(words[0]).params
+            known = {flag for p in params for flag in (*p.opts, *p.secondary_opts)}
             known |= {"-h", "--help"}
             given = re.findall(r"(?<=\s)--[a-z][a-z-]*", words[1])
             assert set(given) <= known, f"{page}: {line}"

@@ -227,7 +227,7 @@ def an_unknown_option(folder):
     return ["run", "s.wav", "--loudness", "3"]
 
 
-@case(2, "there is no container 'vessels'")
+@case(2, "there is no table 'vessels'")
 def an_unknown_container(folder):
     _spectrogram(folder)
     return ["show", "s.spectrogram.h5", "vessels"]

@@ -1,7 +1,5 @@
 """A sensor file that is asked for, or made of options, is read back as it was meant."""
 
-import sys
-
 import pytest
 
 from uwtrack_cli.cli.init_sensor_command import KEYS, sensor_file
@@ -92,7 +90,7 @@ def test_on_a_terminal_it_asks_again_what_is_not_accepted(monkeypatch, tmp_path)
 
     answers = iter(["dipole", "omni", "91", "35", "128.5", "deep", "22", ""])
     monkeypatch.setattr(command.typer, "prompt", lambda *_, **__: next(answers))
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(command.os, "isatty", lambda _: True)
     command.init_sensor(identifier="h1", output=tmp_path / "h1.toml")
     sensor = load_sensor(tmp_path / "h1.toml")
     assert (sensor.latitude, sensor.longitude, sensor.depth_m) == (35.0, 128.5, 22.0)

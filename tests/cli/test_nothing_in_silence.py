@@ -123,7 +123,7 @@ def test_paths_are_texts_or_paths_and_containers_have_names(tmp_path, omni):
     with read_product(str(omni)) as product:
         assert product.read("encounters").equals(product.read(Encounters))
         assert [c.NAME for c in product.read_all("sensor")] == [Sensor.NAME]
-        with pytest.raises(DataError, match="there is no container 'vessels'"):
+        with pytest.raises(DataError, match="there is no table 'vessels'"):
             product.read("vessels")
         with pytest.raises(DataError, match="holds no files"):
             product.read(RecordedFiles.NAME)

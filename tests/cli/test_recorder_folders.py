@@ -94,7 +94,7 @@ def test_a_day_has_a_row_for_each_vessel_also_at_midnight(recorder, day, tmp_pat
     counted = recorder("passages", "out", "--per", "day", "--to", "csv").stdout
     assert counted.splitlines() == [
         "day,passages,hours,passages_per_hour",
-        "2024-05-01,1,0.083,12.0",  # 300 of 440 s
+        "2024-05-01,1,0.083,12",  # 300 of 440 s
         "2024-05-02,1,0.039,25.714",
     ]
     assert recorder("report", "out", "-o", "out.html").exit_code == 0

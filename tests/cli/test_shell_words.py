@@ -88,4 +88,4 @@ def test_info_counts_the_channels_of_the_file(uwtrack, tmp_path):
 def test_a_misspelt_container_is_guessed(uwtrack, short_run):
     done = uwtrack("show", short_run, "encouters")
     assert done.exit_code == 2
-    assert "no container 'encouters'. Did you mean 'encounters'?" in done.stderr
+    assert "no table 'encouters'. Did you mean 'encounters'?" in done.stderr

@@ -71,7 +71,7 @@ Axis = Annotated[
     str | None,
     typer.Option(
         "--axis",
-        help="Rows of another axis of the container: row (motions), lobe (directions).",
+        help="Rows of another axis of the table: row (motions), lobe (directions).",
     ),
 ]
 NAMES = "Names of vessels"

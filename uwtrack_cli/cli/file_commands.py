@@ -117,7 +117,7 @@ def show(
     container: Annotated[
         str | None,
         typer.Argument(
-            help="Name of the container: encounters, lines, peaks ...; without it the "
+            help="Name of the table: encounters, lines, peaks ...; without it the "
             "result that the command printed."
         ),
     ] = None,
@@ -134,15 +134,15 @@ def show(
         str | None,
         typer.Option(
             "--schema",
-            help="Print the JSON Schema of an output instead: of a container, or of "
+            help="Print the JSON Schema of an output instead: of a table, or of "
             "info, batch, passages, diff, score, study.",
         ),
     ] = None,
 ) -> None:
     """Print a table of a result file on standard output.
 
-    Without a container, the table that the command printed which made the product. A
-    table of results has the columns that fit a screen; --format csv or json has all.
+    Without the name of a table, that which the command printed that made the file. It has
+    the columns that fit a screen; --format csv or json has all.
     """
     from uwtrack_cli.cli.result_output import print_container
     from uwtrack_cli.files.hdf5.layout import CONTAINERS
@@ -157,11 +157,11 @@ def show(
         put(json.dumps(json_schema(schema), indent=2, ensure_ascii=False).splitlines())
         return
     if file is None:
-        msg = "name the product to show, or an output with --schema."
+        msg = "name the file to show, or an output with --schema."
         raise OptionError(msg)
     if container is None:
         if axis is not None:
-            msg = f"--axis {axis} needs the name of the container that has it."
+            msg = f"--axis {axis} needs the name of the table that has it."
             raise OptionError(msg)
         _show_result(file, form, sensor, step)
         return
@@ -172,7 +172,7 @@ def show(
             raise OptionError(msg)
         hint = nearest(container, CONTAINERS)
         kinds = ", ".join(CONTAINERS)
-        msg = f"there is no container {container!r}.{hint} There are: {kinds}."
+        msg = f"there is no table {container!r}.{hint} There are: {kinds}."
         raise OptionError(msg)
     with open_product(file) as product:
         refuse_unknown_step([product], step)

@@ -1,7 +1,7 @@
 """`init-sensor`: a sensor file with a comment on every line, to be filled in."""
 
 import json
-import sys
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -64,6 +64,9 @@ KEYS = {
 }  # fmt: skip
 """Keys in the order of the file."""
 
+STANDARD_INPUT = 0
+"""Number of the file that a terminal types into."""
+
 VECTOR = ["omni", "east", "north"]
 """Channels of a vector sensor whose file does not say otherwise."""
 
@@ -98,7 +101,7 @@ def init_sensor(
             f"{output} exists already, and init-sensor replaces no file: give another."
         )
         raise OutputError(msg)
-    if not known and sys.stdin.isatty():
+    if not known and os.isatty(STANDARD_INPUT):
         known = _asked(identifier)
     text = sensor_file({"id": identifier, **_values(known)})
     if output in {None, PIPE}:

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwtrack_cli.data.base import Column, Container
+from uwtrack_cli.data.options import nearest
 from uwtrack_cli.data.renamed import TABLES
 from uwtrack_cli.errors import DataError
 
@@ -118,7 +119,8 @@ def container_class(name: str) -> type[Container]:
     """
     name = TABLES.get(name, name)
     if name not in CONTAINERS:
-        msg = f"there is no container {name!r}; there are: {', '.join(CONTAINERS)}."
+        names = ", ".join(CONTAINERS)
+        msg = f"there is no table {name!r}.{nearest(name, CONTAINERS)} There are: {names}."
         raise DataError(msg)
     return CONTAINERS[name]
 
