@@ -41,8 +41,8 @@ def test_only_options_with_lists_take_several_values(given, expected):
 
 def test_help_shows_range_and_unit_in_panels(uwtrack):
     text = " ".join(uwtrack("track", "--help").stdout.replace("│", " ").split())
-    assert "Gates options" in text
-    assert "Feedback options" in text
+    assert "Expert options: gates:" in text
+    assert "Expert options: feedback:" in text
     assert "above 0, at most 360)" in text
     text = " ".join(uwtrack("spectrogram", "--help").stdout.replace("│", " ").split())
     assert "at most 3600" in text

@@ -1,6 +1,6 @@
 """One line, one id: scenes of lines in noise at the commands' defaults.
 
-Acceptance holds more of them; here is a draw or two of each of what broke lines once. Sweeps of two bins a frame are in test_ladder.py.
+Acceptance holds more of them; here is a draw or two of each of what broke lines once. Sweeps of two bins a frame are in test_multi_resolution.py.
 """
 
 from dataclasses import replace

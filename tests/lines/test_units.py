@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.lines.test_ladder import at, drawn, power
+from tests.lines.test_multi_resolution import at, drawn, power
 
 from tests.lines.line_scenes import line_peaks
 from tests.support import DIFAR, recording_of

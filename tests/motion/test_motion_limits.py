@@ -640,7 +640,7 @@ def test_others_are_sought_where_the_misfit_exceeds_five_deviations(
     asked = []
     monkeypatch.setattr(contact, "_is_told", lambda *_: True)
     monkeypatch.setattr(
-        contact, "multistart", lambda *_: SimpleNamespace(value=np.array([value]))
+        contact, "minima_of", lambda *_: SimpleNamespace(value=np.array([value]))
     )
     monkeypatch.setattr(contact, "associate", lambda *_, is_told: asked.append(is_told))
     assert contact._sources(problem, None, None, None) is None
