@@ -270,7 +270,8 @@ def a_needed_option_left_out(_folder):
 
 
 @case(
-    2, "SOURCES is missing: Result files, or folders with them. See uwtrack help passages."
+    2,
+    "SOURCES is missing: Result files, or folders with them. See uwtrack help passages.",
 )
 def nothing_to_work_on(_folder):
     return ["passages"]

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.lines.test_multi_resolution import at, drawn, power
 
 from tests.lines.line_scenes import line_peaks
+from tests.lines.test_multi_resolution import at, drawn, power
 from tests.support import DIFAR, recording_of
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.peaks import Families, Peaks
