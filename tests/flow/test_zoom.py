@@ -22,6 +22,14 @@ def encounters_in(made):
     return [item for item in made if isinstance(item, Encounters)]
 
 
+def falling_line():
+    """Lines that fall within a second, half a minute after the first sample."""
+    return Transients(
+        time_s=np.array([30.0]), half_length_s=np.array([0.5]), kind=np.array(["fall"]),
+        spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
+    )  # fmt: skip
+
+
 @pytest.mark.filterwarnings("ignore::uwtrack_cli.errors.UwtrackNote")
 def test_a_vehicle_is_found_without_being_expected():
     ((time_s, width_s, speed_mps),) = passages(car())
@@ -114,10 +122,7 @@ def test_what_is_too_fast_for_water_is_told_where_nothing_passes(monkeypatch):
     """The look that refuses it leaves no other trace."""
     sound = np.zeros((60 * 1000, 1), np.float32)
     recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
-    rises = Transients(
-        time_s=np.array([30.0]), half_length_s=np.array([0.5]), kind=np.array(["fall"]),
-        spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
-    )  # fmt: skip
+    rises = falling_line()
     look = replace(
         encounters_of(), refused_contact=np.array([2]), refused_sensor=np.array(["h1"]),
         refused_from_s=np.array([9.0]), refused_to_s=np.array([11.0]),
@@ -194,10 +199,7 @@ def test_shorter_frames_report_from_the_probability_that_is_asked(monkeypatch):
     monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", passages)
     sound = np.zeros((60 * 1000, 1), np.float32)
     recording = replace(recording_of(sound, 1000.0), reader=HeldSamples(sound))
-    rises = Transients(
-        time_s=np.array([30.0]), half_length_s=np.array([0.5]), kind=np.array(["fall"]),
-        spreads=np.array([9.0]), least_spreads=7.0, sensor="h1",
-    )  # fmt: skip
+    rises = falling_line()
     zoom_in([encounters_of()], rises, recording=recording, probability=0.8)
     assert asked
     assert set(asked) == {0.8}

@@ -125,20 +125,20 @@ def passage_likelihood_ratio(
         Whether the sound has shown a passage, so that all gains are wanted. Else breaks
         are asked about only where they decide: `over_break` is the total without them.
     """
+    passing = passage_residuals(fit, blocks)
     series = [
         (
             measured_series(one, block.weight[0], noise.scale[0]),
             measured_series(other, block.weight[0], noise.scale[0])[0],
         )
         for one, other, block, noise in zip(
-            passage_residuals(fit, blocks), resting_values(blocks),
+            passing, resting_values(blocks),
             (blocks.shift, blocks.bearing, blocks.level), fit.noises, strict=True,
         )
     ]  # fmt: skip
     width_s = float(fit.range_over_speed_s[0])
     gains = [_gains(*pair, blocks.time_s, width_s) for pair in series]
-    bearing = passage_residuals(fit, blocks)[1]
-    if is_wrapped(bearing, blocks.bearing.weight[0]):
+    if is_wrapped(passing[1], blocks.bearing.weight[0]):
         gains[1] = (0.0, 0.0)
     over_constant = [gain[0] for gain in gains]
     ratio = LikelihoodRatio(
@@ -148,7 +148,7 @@ def passage_likelihood_ratio(
         _gain_of_line_levels(fit, blocks),
     )  # fmt: skip
     if not (is_shown or ratio.is_passage):
-        return ratio  # what a line gains no passage need not be asked about breaks
+        return ratio  # what is no passage over a line is none over breaks either
     broken = _gains(*series[0], blocks.time_s, width_s, _changes(fit, blocks.time_s))
     return replace(ratio, over_break=sum([min(broken), *over_constant[1:]]))
 
