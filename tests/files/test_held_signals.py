@@ -89,7 +89,7 @@ def test_a_worker_that_is_interrupted_says_nothing():
         "import os, signal\n"
         "from uwtrack_cli.flow import executors as worker_pool\n"
         "from multiprocessing import Pipe\n"
-        "def run(job):\n"
+        "def run(job, progress):\n"
         "    raise KeyboardInterrupt\n"
         "worker_pool._run = run\n"
         "worker_pool._end_with = lambda parent: None\n"
