@@ -65,9 +65,9 @@ from uwtrack_cli.motion.passage.model.measurements import (
     make_blocks,
     thin,
 )
-from uwtrack_cli.motion.passage.model.unknowns import STEP
 from uwtrack_cli.motion.passage.readings.change_priors import VESSEL_MPS
 from uwtrack_cli.motion.passage.readings.competing_readings import (
+    FREQUENCY_CHANGES,
     STRAIGHT_READING,
     TWO_TARGETS,
     Reading,
@@ -378,10 +378,10 @@ def _fit_from(
     moves_on = blocks.shift.is_empty or bool(fit.theta[0, 2] > 0)
     is_passage = likelihood_ratio.is_passage and _is_resolved(fit, blocks, data)
     if not (moves_on and (is_passage or is_shown)):
-        # a step of all frequencies larger than their Doppler shift hides a passage
+        # a change of all frequencies larger than their Doppler shift hides a passage
         if not may_hide_passage(fit, blocks, likelihood_ratio.threshold):
             return Unclaimed(owner[0], fit, blocks, None)
-        straight, tried = fit, try_readings(fit, blocks, (STEP,))
+        straight, tried = fit, try_readings(fit, blocks, FREQUENCY_CHANGES)
         fit, reading = weigh_readings(tried, blocks)
         if fit.change is None:
             return Unclaimed(owner[0], straight, blocks, tried)

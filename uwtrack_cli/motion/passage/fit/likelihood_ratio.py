@@ -31,7 +31,7 @@ from uwtrack_cli.motion.passage.fit.gear_changes import (
 )
 from uwtrack_cli.motion.passage.fit.residual_noise import clip_wild
 from uwtrack_cli.motion.passage.model.measurements import Blocks
-from uwtrack_cli.motion.passage.model.unknowns import FLOOR
+from uwtrack_cli.motion.passage.model.unknowns import FLOOR, RAMP
 
 WIDEST_SCATTER_RAD = 1.2
 """Bearings that scatter more than this (69 degrees) carry no information: they wrap."""
@@ -50,7 +50,7 @@ N_BREAKS = 17
 """Instants within d/v of the closest approach at which a line may be two."""
 
 N_ANYWHERE = 25
-"""Instants of the whole record at which a step that is claimed may be all there is."""
+"""Instants of the whole record at which a change that is claimed may be all there is."""
 
 
 class _Changes(NamedTuple):
@@ -58,6 +58,8 @@ class _Changes(NamedTuple):
 
     breaks_s: FloatArray
     """Instants at which they may break, s."""
+    bends_s: FloatArray
+    """Instants at which they may begin or end to drift, s."""
     shifts_s: FloatArray
     """Instants at which all may step together, and take their time for it, s."""
     shift_lengths_s: tuple[float, ...]
@@ -287,13 +289,18 @@ def _gains(
     if not used.any():
         return 0.0, 0.0
     time = time_s[used]
+    unit = max(float(np.ptp(time_s)), 1e-300)
     rivals = [constants]
     if changes is None:
-        unit = max(float(np.ptp(time_s)), 1e-300)
         lag = (time - time.mean()) / unit
         rivals.append(np.concatenate([constants, lag[:, None]], axis=1))
     else:
         rivals += [_broken(constants, time > at) for at in changes.breaks_s]
+        rivals += [
+            np.column_stack([constants, np.maximum(sign * (time - at), 0.0) / unit])
+            for at in changes.bends_s
+            for sign in (1.0, -1.0)
+        ]
         rivals += [
             np.column_stack([constants, step, speed])
             for length in changes.shift_lengths_s
@@ -313,21 +320,24 @@ def _gains(
 
 
 def _changes(fit: PassageFit, time_s: FloatArray) -> _Changes:
-    """Return when frequencies may break, without a passage.
+    """Return when frequencies may break, and when they may bend, without a passage.
 
-    They may break near the closest approach. Where a passage is claimed beside a step
-    of its own, that step may be all there is, at any instant and first of all at its own.
+    They may break near the closest approach. Where a passage is claimed beside a change
+    of its own, that change may be all there is, at any instant and first of all at its
+    own.
     """
     width_s = float(fit.range_over_speed_s[0])
     near = float(fit.theta[0, 0]) + width_s * np.linspace(-1.0, 1.0, N_BREAKS)
     lengths = shift_lengths_s(fit.medium, width_s)
     if fit.change is None:
-        return _Changes(near, near[::2], lengths)
+        return _Changes(near, near[:0], near[::2], lengths)
     first, last = time_s[0], time_s[-1]
     own = float(fit.change.time_s[0]) + 0.5 * width_s * np.linspace(-1, 1, N_BREAKS)
     more = np.concatenate([own, np.linspace(first, last, N_ANYWHERE + 2)[1:-1]])
     more = more[(more > first) & (more < last)]
-    return _Changes(np.concatenate([near, more]), near[::2], lengths)
+    is_ramp = fit.change.kind == RAMP
+    every = np.concatenate([near, more])
+    return _Changes(every, more if is_ramp else more[:0], near[::2], lengths)
 
 
 def _broken(constants: FloatArray, is_late: BoolArray) -> FloatArray:

@@ -333,7 +333,7 @@ def _evidences(
 
 
 def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
-    """Return whether a step of all frequencies leaves room for a passage beside it.
+    """Return whether a change of all frequencies leaves room for a passage beside it.
 
     Parameters
     ----------
@@ -352,35 +352,36 @@ def may_hide_passage(fit: PassageFit, blocks: Blocks, least: float) -> bool:
     )
     time_s = time_s[used]
     search = PassageSearch.of(blocks, fit.medium, float(fit.turn[0]))
-    every = instants(STEP, fit, blocks)
-    found = find_changed_estimates(search, fit.medium, every, n_starts=N_STARTS)
-    width = slant_over_speed_s(
-        np.exp(found.theta[:, 1]), found.theta[:, 2], fit.medium.height_m
-    )
-    lag = (time_s - found.theta[:, :1]) / width[:, None]
-    passing = lag / np.hypot(1, lag)
-    stepped = Change(STEP, found.time_s, found.sign).shape(time_s)
-    for at, step, passage, others in zip(
-        found.time_s, stepped, passing, found.others, strict=True
-    ):
-        # the instant is known to a step of the search: what lies there is left out
-        kept = abs(time_s - at) > found.known_to_s
-        alone = np.column_stack([constants, step])[kept]
-        both = np.column_stack([alone, passage[kept]])
-        spread = [
-            _weighed_misfit(series[kept], columns, precision[kept])
-            for columns in (alone, both)
-        ]
-        n_values = np.count_nonzero(kept)
-        white = 0.5 * n_values * np.log(spread[0] / max(spread[1], 1e-300))
-        if white + others <= ROUGH_SHARE * least:
-            continue  # noise that is coloured gives it less, and takes long to ask
-        value = coloured_likelihoods(
-            [(series[kept], alone), (series[kept], both)], precision[kept],
-            time_s[kept], float(fit.range_over_speed_s[0]),
-        )  # fmt: skip
-        if value[1] - value[0] + others > ROUGH_SHARE * least:
-            return True
+    for kind in FREQUENCY_CHANGES:
+        every = instants(kind, fit, blocks)
+        found = find_changed_estimates(search, fit.medium, every, n_starts=N_STARTS)
+        width = slant_over_speed_s(
+            np.exp(found.theta[:, 1]), found.theta[:, 2], fit.medium.height_m
+        )
+        lag = (time_s - found.theta[:, :1]) / width[:, None]
+        passing = lag / np.hypot(1, lag)
+        changed = Change(kind, found.time_s, found.sign).shape(time_s) / np.ptp(time_s)
+        for at, change, passage, others in zip(
+            found.time_s, changed, passing, found.others, strict=True
+        ):
+            # the instant is known to a step of the search: what lies there is left out
+            kept = abs(time_s - at) > found.known_to_s
+            alone = np.column_stack([constants, change])[kept]
+            both = np.column_stack([alone, passage[kept]])
+            spread = [
+                _weighed_misfit(series[kept], columns, precision[kept])
+                for columns in (alone, both)
+            ]
+            n_values = np.count_nonzero(kept)
+            white = 0.5 * n_values * np.log(spread[0] / max(spread[1], 1e-300))
+            if white + others <= ROUGH_SHARE * least:
+                continue  # noise that is coloured gives it less, and takes long to ask
+            value = coloured_likelihoods(
+                [(series[kept], alone), (series[kept], both)], precision[kept],
+                time_s[kept], float(fit.range_over_speed_s[0]),
+            )  # fmt: skip
+            if value[1] - value[0] + others > ROUGH_SHARE * least:
+                return True
     return False
 
 
