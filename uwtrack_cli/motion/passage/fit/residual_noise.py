@@ -16,6 +16,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.robust import (
     CONSTANT,
+    PRIOR_COUNT,
     SHARE_CORRECTION,
     bisquare_weight,
     median_scale,
@@ -107,6 +108,9 @@ def block_noises(
 def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
     """Return weights of a rough round: one scale per row, outliers left out.
 
+    The scale leans on the nominal one, as that of neighbours does: the residual of a row
+    with one measurement is zero, whatever its noise.
+
     Parameters
     ----------
     residual
@@ -116,7 +120,8 @@ def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
     """
     deviation = residual * np.sqrt(blocks.weight)
     weight = np.broadcast_to(blocks.weight, residual.shape)
-    scale = np.maximum(median_scale(deviation, weight), 1e-9)[..., None]
+    square, count = median_scale(deviation, weight) ** 2, (weight > 0).sum(axis=-1)
+    scale = np.sqrt((count * square + PRIOR_COUNT) / (count + PRIOR_COUNT))[..., None]
     rough: FloatArray = blocks.weight / scale**2 * bisquare_weight(deviation / scale)
     return rough
 
