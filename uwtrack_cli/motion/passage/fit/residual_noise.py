@@ -16,7 +16,7 @@ import numpy as np
 from uwtrack_cli.data.base import FloatArray
 from uwtrack_cli.estimation.robust import (
     CONSTANT,
-    PRIOR_COUNT,
+    FEWEST_VALUES,
     SHARE_CORRECTION,
     bisquare_weight,
     median_scale,
@@ -108,8 +108,8 @@ def block_noises(
 def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
     """Return weights of a rough round: one scale per row, outliers left out.
 
-    The scale leans on the nominal one, as that of neighbours does: the residual of a row
-    with one measurement is zero, whatever its noise.
+    A row of few measurements keeps its nominal scale: the residual of a single one is
+    zero, whatever its noise.
 
     Parameters
     ----------
@@ -120,8 +120,9 @@ def rough_weight(residual: FloatArray, blocks: Blocks) -> FloatArray:
     """
     deviation = residual * np.sqrt(blocks.weight)
     weight = np.broadcast_to(blocks.weight, residual.shape)
-    square, count = median_scale(deviation, weight) ** 2, (weight > 0).sum(axis=-1)
-    scale = np.sqrt((count * square + PRIOR_COUNT) / (count + PRIOR_COUNT))[..., None]
+    is_judged = (weight > 0).sum(axis=-1) >= FEWEST_VALUES
+    scale = np.where(is_judged, median_scale(deviation, weight), 1.0)
+    scale = np.maximum(scale, 1e-9)[..., None]
     rough: FloatArray = blocks.weight / scale**2 * bisquare_weight(deviation / scale)
     return rough
 
