@@ -659,6 +659,15 @@ def test_a_doubtful_passage_says_its_probability(containers):
     assert not {"evidence", "misfit"} & set(facts)
 
 
+def test_a_page_says_why_its_picture_is_coarse(containers):
+    """A product away from its recording has the overview alone, to a lower band."""
+    away = [replace(c, reader=None) if isinstance(c, Recording) else c
+            for c in containers]  # fmt: skip
+    reason = "drawn from the overview: pass.wav is not beside the product"
+    assert reason in words(pages_of(away)[0].draw(View()))
+    assert "overview" not in words(pages_of(containers)[0].draw(View()))
+
+
 def test_a_comb_is_drawn_by_its_multiples():
     """Teeth of a family lie at whole numbers, whatever its fundamental."""
     rng = np.random.default_rng(9)

@@ -146,6 +146,21 @@ def drawn_sound(scene: Scene) -> Recording | None:
     return sound if is_short else None
 
 
+def why_coarse(scene: Scene) -> str:
+    """Say why pictures are drawn from the overview; nothing where they are from the sound.
+
+    That of the envelope is all that there is of it.
+    """
+    overview, own = scene.overview, scene.recording
+    if overview is None or is_of_envelope(overview) or drawn_sound(scene) is not None:
+        return ""
+    if scene.sound is not None:
+        return "drawn from the overview: so long a span of sound takes too long"
+    if own is None or own.is_live:
+        return "drawn from the overview: the sound is not kept"
+    return f"drawn from the overview: {own.name} is not beside the product"
+
+
 def picture_of(
     scene: Scene, axis: FrequencyAxis, window_s: float | None = None
 ) -> Picture | None:

@@ -115,6 +115,8 @@ def _heads(scenes: Sequence[Scene]) -> list[HeadLine]:
     if lines:
         more = ", white ones of no passage" if 0 in lines else ""
         facts.append(f"edges: lines{more}")
+    if first.first(BearingTime) is None and (reason := panels.why_coarse(first)):
+        facts.append(figure_text(reason))
     if facts:
         found.append(HeadLine(" \u00b7 ".join(facts)))
     motions = first.first(Motions)
