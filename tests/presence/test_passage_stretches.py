@@ -128,6 +128,16 @@ def test_lines_of_another_time_are_not_the_passages():
     assert found[0].encounter == 0
 
 
+def test_passages_without_lines_that_overlap_have_a_row_each():
+    """The rise of one vessel is not that of the next, however long both last."""
+    shown = [{"time_s": time_s, "arrival_time_s": time_s, "range_over_speed_s": width_s}
+             for time_s, width_s in ((14.0, 280.0), (820.0, 1040.0))]  # fmt: skip
+    found = []
+    mark_passages(encounters_of(*shown), found)
+    rows = {one.encounter: (one.from_s, one.to_s) for one in found}
+    assert rows == {1: (-546.0, 574.0), 2: (-1260.0, 2900.0)}
+
+
 def test_what_was_refused_of_a_vessel_that_passed_is_no_row():
     table = passage((2, 20.0, 49.0, LEVELS_REFUSED), (4, 40.0, 60.0, "another"))
     found = [told("vessel", pieces(20.0, 49.0))]

@@ -102,7 +102,7 @@ def mark_passages(table: Encounters, found: list[Stretch]) -> None:
             one
             for one in found
             if _has_lines(one, passage)
-            or (one.tones is None and not one.rates_hz and one.overlaps(*middle))
+            or (_is_free_rise(one) and one.overlaps(*middle))
         ]
         for one in own:
             one.kind = VESSEL
@@ -128,6 +128,11 @@ def mark_passages(table: Encounters, found: list[Stretch]) -> None:
         for one in own:
             one.encounter = one.contact = passage.contact
             one.read_as(*table.reading_of(row))
+
+
+def _is_free_rise(stretch: Stretch) -> bool:
+    """Tell whether a rise of the level alone is no passage's yet."""
+    return stretch.tones is None and not stretch.rates_hz and not stretch.encounter
 
 
 def _has_lines(stretch: Stretch, passage: _Passage) -> bool:
