@@ -11,8 +11,11 @@ Examples
 'find_peaks'
 """
 
+import warnings
 from importlib import import_module
 from typing import Any
+
+from uwtrack_cli.data.renamed import PYTHON
 
 __version__ = "0.3.0"
 
@@ -95,7 +98,14 @@ __all__ = [*_HOMES, "__version__"]  # noqa: PLE0604 - names of the table above
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name from its module."""
+    """Import a public name from its module; an old name warns."""
+    if new := PYTHON.get(name):
+        warnings.warn(
+            f"{name} is now called {new}; the old name goes in 0.4.",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return __getattr__(new)
     if name not in _HOMES:
         msg = f"module {__name__!r} has no attribute {name!r}"
         raise AttributeError(msg)

@@ -97,7 +97,7 @@ def with_passage(name: str, draw: Callable[[int], Scenario], seeds: range) -> No
         ((time_s, width_s, _),) = passages(scenario)
         found = rises_of(scenario, 1.0)
         near = np.abs(found.time_s - time_s) < max(1.0, width_s)
-        nearby.append(found.take("rise", np.flatnonzero(near)))
+        nearby.append(found.take("transient", np.flatnonzero(near)))
         for kind, values in best.items():
             own = found.spreads[near & ((found.kind == LEVEL) == (kind == LEVEL))]
             values.append(float(own.max(initial=0.0)))

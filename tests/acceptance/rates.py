@@ -258,7 +258,7 @@ RATES: tuple[Rate, ...] = (
     _at_most("pdaf: lost", counted("tables", "lost"), ("tables",), 0.01, 0.01, "specification, pdaf"),
     *(
         _at_most(f"discriminate: {what} at an accepted {share:g} %", counted("targets", f"{name} of pairs at {share:g} %"), ("targets",), limit * share / 100.0, limit * share / 100.0, TARGETS)
-        for share in (5, 1) for what, name, limit in (("wrong", "wrong", 1.0), ("neither reading", "neither", 0.2))
+        for share in (5, 1) for what, name, limit in (("wrong", "wrong", 1.0), ("neither fits", "neither", 0.2))
     ),
     _at_most("pdaf: takeovers at 10 degrees", counted("targets", "takeovers"), ("targets",), 0.02, 0.02, TARGETS),
     _at_most("pdaf: one of two lost", counted("targets", "lost of two"), ("targets",), 0.02, 0.02, TARGETS),

@@ -90,8 +90,8 @@ def fixes(runs, seed, kind):
         ours.append(np.hypot(*off[1]))
         chance = np.linalg.solve(found.covariance_m2[:3], off[:, :, None])[:, :, 0]
         held.append((off * chance).sum(1) < 5.99)
-        share = 1.0 - found.reading_weight[0]
-        readings.append((found.reading[0], float(share)))
+        share = 1.0 - found.motion_model_probability[0]
+        readings.append((found.motion_model[0], float(share)))
     print(
         f"{kind}, {runs} tables, seed {seed}: median error {np.median(ours):.0f} m, by "
         f"least squares {np.median(theirs):.0f} m, bound {np.median(bound):.0f} m; "
@@ -102,7 +102,7 @@ def fixes(runs, seed, kind):
         print(
             f"ellipses at {time_s} s hold {inside.mean():.1%} ({low:.1%} to {high:.1%})"
         )
-    for name in ("still", "moving", ""):
+    for name in ("stationary", "moving", ""):
         shares = np.array([share for read, share in readings if read == name])
         if shares.size:
             print(

@@ -74,7 +74,7 @@ def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
     fixes = tmp_path / "still.fixes.h5"
     done = uwtrack("locate", "still.csv", "--at", "600", "-o", fixes, "--json")
     (row,) = json.loads(done.stdout)
-    assert (row["motion_model"], row["course_deg"]) == ("still", None)
+    assert (row["motion_model"], row["course_deg"]) == ("stationary", None)
     assert row["reasons"] == {"course_deg": "the source is read as still"}
 
     def export(form):
@@ -85,7 +85,7 @@ def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
 
     assert pd.read_csv(export("csv"))["course_deg"].isna().all()
     first = json.loads(export("geojson").read_text())["features"][0]["properties"]
-    assert (first["course_deg"], first["motion_model"]) == (None, "still")
+    assert (first["course_deg"], first["motion_model"]) == (None, "stationary")
     page = export("kml").read_text()
     assert "motion_model: still" in page
     assert "course_deg" not in page

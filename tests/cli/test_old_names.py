@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
+import uwtrack_cli
 from tests.files.synthetic_containers import synthetic
 from uwtrack_cli.cli.json_schemas import json_schema
 from uwtrack_cli.data import renamed
@@ -54,6 +55,13 @@ def test_every_name_leads_to_one_that_exists():
         assert now in find_stage(stage).defaults
     step = {"stage": "ladder", "options": {}, "versions": {}, "sources": []}
     assert HistoryStep.from_json(json.dumps(step)).stage == "multi-resolution"
+
+
+def test_an_old_name_of_the_package_is_the_new_one():
+    for old, new in renamed.PYTHON.items():
+        with pytest.warns(DeprecationWarning, match=f"now called {new}"):
+            found = getattr(uwtrack_cli, old)
+        assert found is getattr(uwtrack_cli, new)
 
 
 def test_an_old_table_is_read(tmp_path, uwtrack):

@@ -25,14 +25,14 @@ def wav(path, samples):
     return path
 
 
-def test_a_stretch_of_a_file_is_its_samples(tmp_path):
+def test_a_segment_of_a_file_is_its_samples(tmp_path):
     recording = open_recording(wav(tmp_path / "a.wav", SOUND), sensor=OMNI, start_s=2.0)
-    np.testing.assert_array_equal(recording.stretch(1.5, 3.25), SOUND[3500:5250])
-    np.testing.assert_array_equal(recording.stretch(-5.0, 1.0), SOUND[2000:3000])
-    np.testing.assert_array_equal(recording.stretch(17.0, 99.0), SOUND[19000:])
+    np.testing.assert_array_equal(recording.segment(1.5, 3.25), SOUND[3500:5250])
+    np.testing.assert_array_equal(recording.segment(-5.0, 1.0), SOUND[2000:3000])
+    np.testing.assert_array_equal(recording.segment(17.0, 99.0), SOUND[19000:])
 
 
-def test_a_stretch_of_joined_files_has_their_gap(tmp_path):
+def test_a_segment_of_joined_files_has_their_gap(tmp_path):
     parts = [
         open_recording(
             wav(tmp_path / f"{k}.wav", SOUND[5000 * k : 5000 * (k + 1)]),
@@ -42,7 +42,7 @@ def test_a_stretch_of_joined_files_has_their_gap(tmp_path):
         for k, start_s in enumerate((0, 7))
     ]
     joined, _ = join_recordings(parts, slack_s=0.1)
-    found = joined.stretch(4.0, 8.0)
+    found = joined.segment(4.0, 8.0)
     np.testing.assert_array_equal(found[:1000], SOUND[4000:5000])
     assert np.isnan(found[1000:3000]).all()
     np.testing.assert_array_equal(found[3000:], SOUND[5000:6000])
@@ -51,21 +51,21 @@ def test_a_stretch_of_joined_files_has_their_gap(tmp_path):
 def test_a_product_has_no_sound():
     recording = replace(recording_of(SOUND, RATE), reader=None)
     with pytest.raises(DataError, match="not at hand to be read again"):
-        recording.stretch(0.0, 1.0)
+        recording.segment(0.0, 1.0)
 
 
 def loudest(levels: Levels, recording: Recording) -> Levels:
     """Read the sound of the loudest frame again, for the test of the engine."""
     frames = levels.frames
     at_s = frames.time_s[np.argmax(levels.level_db)]
-    STRETCHES.append(recording.stretch(at_s - 0.5, at_s + 0.5))
+    STRETCHES.append(recording.segment(at_s - 0.5, at_s + 0.5))
     return levels
 
 
 STRETCHES: list[np.ndarray] = []
 
 
-def test_a_stage_reads_a_stretch_again_whatever_the_source(tmp_path, monkeypatch):
+def test_a_stage_reads_a_segment_again_whatever_the_source(tmp_path, monkeypatch):
     monkeypatch.setitem(STAGES, "loudest", f"{__name__}:loudest")
     text = "[spectrogram]\n[levels]\nband_hz = [50.0, 400.0]\n[loudest]\n"
     recipe = Recipe.from_toml("again", text)

@@ -104,7 +104,7 @@ def test_a_source_that_turns_as_the_repeater_separates_is_found():
         found = [_decide(*_case(scene, seed=s), filters=filters) for s in range(20)]
         assert sum(d.verdict[0] == "first moves" for d in found) >= 18
     steady = _decide(*_case(scene), filters=ContactFilters(acceleration_std_mps2=0.5))
-    assert steady.verdict[0] == "neither reading"
+    assert steady.verdict[0] == "neither fits"
     assert "may have manoeuvred" in steady.reasons(0)["verdict"]
 
 
@@ -174,7 +174,7 @@ def test_a_source_and_its_repeater_are_hardly_ever_called_anything_else():
             _decide(*_case(scene, seed=s), miss=0.05, false_alarm=0.05)
             for s in range(60)
         ]
-        other = [d.verdict[0] in {"both move", "neither reading"} for d in found]
+        other = [d.verdict[0] in {"both move", "neither fits"} for d in found]
         assert sum(other) <= 2  # a fifth of 5 % is 0.6 of 60
 
 
@@ -187,9 +187,9 @@ def test_measurements_that_jump_fit_neither_reading():
         range_m=contacts.range_m + np.where(late, 300.0, 0.0),
     )
     decision = _decide(jumped, navigation)
-    assert decision.verdict[0] == "neither reading"
-    assert "neither reading fits" in decision.reasons(0)["verdict"]
-    assert "neither reading" in decision.statements[0]
+    assert decision.verdict[0] == "neither fits"
+    assert "neither hypothesis fits" in decision.reasons(0)["verdict"]
+    assert "neither fits" in decision.statements[0]
 
 
 def test_overwhelming_odds_end_in_a_verdict():
@@ -243,7 +243,7 @@ def test_readings_are_rejected_below_a_tenth_of_the_accepted_error():
     assert fits[2] < 1e-6 < fits[0] < 0.04
     assert fits[1] > 0.05
     below, above = 10.0 * fits[0] / 1.02, 10.0 * fits[0] * 1.02
-    for miss, verdict in ((below, "first moves"), (above, "neither reading")):
+    for miss, verdict in ((below, "first moves"), (above, "neither fits")):
         found = _decide(jumped, navigation, miss=miss, false_alarm=0.49)
         assert found.verdict[0] == verdict
 

@@ -151,7 +151,7 @@ def _limits(count, total):
 
 def _tables(pairs, seed):
     yield ("| motion | earlier contact | bearings | accepted | wrong (95 % limits) | right |"
-           " undecided | scans when right | neither reading |")  # fmt: skip
+           " undecided | scans when right | neither fits |")  # fmt: skip
     yield "|---" * 9 + "|"
     rows = product(MOTIONS, (True, False), BEARING_STD_DEG)
     for number, (motion, has_history, data) in enumerate(rows):

@@ -367,8 +367,8 @@ def score(kind, seed):
     if not found.n_encounters:
         return [_without(found, bound, slant)]
     error, std = errors(drawn, found)
-    reading = "straight" if found.reading is None else str(found.reading[0])
-    weight = float(found.reading_weight[0])
+    reading = "straight" if found.motion_model is None else str(found.motion_model[0])
+    weight = float(found.motion_model_probability[0])
     is_wrong = found.side[0] not in ("", drawn.side)
     return [Scored(reading, error, std, is_wrong, bound, slant, weight)]
 
@@ -385,8 +385,8 @@ def score_pair(pair, found):
         row = left.pop(int(np.argmin(apart)))
         error, std = errors(drawn, found, row)
         scored.append(Scored(
-            str(found.reading[row]), error, std, False, np.full(5, np.nan),
-            float(truth[2]), float(found.reading_weight[row]),
+            str(found.motion_model[row]), error, std, False, np.full(5, np.nan),
+            float(truth[2]), float(found.motion_model_probability[row]),
         ))  # fmt: skip
     return scored
 

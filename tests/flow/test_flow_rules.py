@@ -39,19 +39,19 @@ def passage(time_s, width_s=1.0, status="ok", **more):
     }  # fmt: skip
 
 
-def test_stretches_to_look_at_reach_ten_seconds_or_five_widths_and_are_joined():
+def test_segments_to_look_at_reach_ten_seconds_or_five_widths_and_are_joined():
     rises = rises_of((100.0, 1.0, "fall"), (200.0, 4.0, "level"))
     lines = SimpleNamespace(frames=SimpleNamespace(window_s=2.0))
     known = encounters_of(
         passage(300.0, 15.9), passage(400.0, 16.0), passage(500.0, 1.0),
         passage(np.nan, 1.0), passage(600.0, np.nan),
     )  # fmt: skip
-    found = zoom._stretches(known, rises, lines)
+    found = zoom._segments(known, rises, lines)
     # quick is less than eight of the long frames; of the others nothing is asked
     assert found == [
         (90.0, 110.0), (180.0, 220.0), (300.0 - 79.5, 379.5), (490.0, 510.0)
     ]  # fmt: skip
-    assert zoom._stretches(known, None, None) == []
+    assert zoom._segments(known, None, None) == []
 
 
 @pytest.mark.parametrize(
@@ -65,13 +65,13 @@ def test_stretches_to_look_at_reach_ten_seconds_or_five_widths_and_are_joined():
         ((100.0, 115.0, 130.0, 140.0), [(90.0, 140.0), (130.0, 150.0)]),
     ],
 )
-def test_stretches_that_meet_are_one_of_less_than_a_minute(times, wanted):
+def test_segments_that_meet_are_one_of_less_than_a_minute(times, wanted):
     rises = rises_of(*((t, 1.0, "fall") for t in times))
-    found = zoom._stretches(encounters_of(), rises, None)
+    found = zoom._segments(encounters_of(), rises, None)
     assert found == [pytest.approx(pair) for pair in wanted]
 
 
-def test_passages_of_a_stretch_are_told_in_the_recordings_time_if_well_inside():
+def test_passages_of_a_segment_are_told_in_the_recordings_time_if_well_inside():
     recording = recording_of(np.zeros((400, 1)), 4.0)  # 100 s
     rows = [
         passage(2.1, 2.0), passage(1.9, 2.0), passage(17.9, 2.0), passage(18.1, 2.0),
@@ -103,7 +103,7 @@ def test_by_the_level_alone_is_kept_what_rises_in_the_whole_recording(at_s, is_k
     assert kept.status.tolist() == ["level-only"] * is_kept + ["ok"]
 
 
-def test_a_stretch_of_a_recording_knows_when_it_begins():
+def test_a_segment_of_a_recording_knows_when_it_begins():
     sound = np.arange(400.0, dtype=np.float32)[:, None]
     whole = replace(
         recording_of(sound, 4.0), reader=HeldSamples(sound), first_sample=40,
@@ -119,7 +119,7 @@ def test_a_stretch_of_a_recording_knows_when_it_begins():
     assert zoom._part(whole, 90.0, 300.0).n_samples == 40
 
 
-def test_a_stretch_of_joined_files_is_their_samples_and_nothing_between():
+def test_a_segment_of_joined_files_is_their_samples_and_nothing_between():
     one, two = (
         np.arange(a, b, dtype=np.float32)[:, None] for a, b in ((0, 30), (50, 90))
     )
@@ -127,7 +127,7 @@ def test_a_stretch_of_joined_files_is_their_samples_and_nothing_between():
     whole = np.full((120, 1), np.nan, np.float32)
     whole[:30], whole[50:90] = one, two
     for first, count in ((0, 120), (10, 5), (20, 35), (31, 9), (60, 20), (85, 35)):
-        found = joined.stretch(first, count)
+        found = joined.segment(first, count)
         assert np.array_equal(found, whole[first : first + count], equal_nan=True)
 
 

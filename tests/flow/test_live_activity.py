@@ -97,8 +97,8 @@ def test_a_rise_of_seconds_is_a_span():
     assert spans_of([rises]) == [HeardSpan(29.5, 30.5)]
 
 
-def worth(*spans, now_s=400.0, last_s=-np.inf, stretch_s=160.0, shorter_s=0.0, told=()):
-    return is_worth_a_look(spans, now_s, last_s, stretch_s, shorter_s, told)
+def worth(*spans, now_s=400.0, last_s=-np.inf, segment_s=160.0, shorter_s=0.0, told=()):
+    return is_worth_a_look(spans, now_s, last_s, segment_s, shorter_s, told)
 
 
 def test_a_look_needs_something_new():
@@ -108,8 +108,8 @@ def test_a_look_needs_something_new():
     assert not worth(HeardSpan(300.0, 305.0), last_s=340.0)
 
 
-def test_a_longer_stretch_is_for_what_a_shorter_one_does_not_hold():
-    long = {"stretch_s": 400.0, "shorter_s": 160.0}
+def test_a_longer_segment_is_for_what_a_shorter_one_does_not_hold():
+    long = {"segment_s": 400.0, "shorter_s": 160.0}
     assert worth(HeardSpan(200.0, 399.0), **long)
     assert not worth(HeardSpan(300.0, 399.0), **long)
     assert not worth(HeardSpan(200.0, 205.0), **long)
@@ -131,9 +131,9 @@ def test_a_passage_is_looked_at_by_what_holds_it_until_it_is_final():
 
     own, over = HeardSpan(210.0, 399.0, 63.2), HeardSpan(210.0, 440.0, 63.2)
     assert worth(own, told=[told(380.0)])
-    assert not worth(own, told=[told(381.0)])  # by whatever stretch
+    assert not worth(own, told=[told(381.0)])  # by whatever segment
     assert not worth(own, told=[told(0.0)], now_s=401.0)  # from 241 s on
-    assert worth(own, told=[told(0.0)], now_s=401.0, stretch_s=400.0)
+    assert worth(own, told=[told(0.0)], now_s=401.0, segment_s=400.0)
     assert not worth(own, told=[told(0.0, is_final=True)])
     assert worth(over, told=[told(381.0, is_final=True)])  # it goes on
     assert not worth(over, told=[told(381.0)], last_s=385.0)

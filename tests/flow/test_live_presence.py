@@ -36,7 +36,7 @@ def heard():
     return LivePresence(say), said
 
 
-def test_a_stretch_that_goes_on_is_told_once(heard):
+def test_a_segment_that_goes_on_is_told_once(heard):
     known, said = heard
     known.see([row(20, 100)], (0, 100), 160)
     known.see([row(40, 200)], (40, 200), 160)  # the short look begins later
@@ -77,7 +77,7 @@ def test_lines_that_broke_off_at_the_passage_are_not_told_alone(heard):
         (15, FALLEN, 40),  # they began before
     ],
 )
-def test_other_lines_beside_a_stretch_are_told_at_once(heard, from_s, lines, now_s):
+def test_other_lines_beside_a_segment_are_told_at_once(heard, from_s, lines, now_s):
     known, said = heard
     known.see([row(20, 80)], (0, 80), 160)
     own = row(from_s, now_s, **{**BROKEN, "lines": lines})
@@ -92,7 +92,7 @@ def test_what_still_sounds_is_not_decided(heard):
     assert [told[2] for told in said] == [False]
 
 
-def test_other_lines_or_another_time_are_another_stretch(heard):
+def test_other_lines_or_another_time_are_another_segment(heard):
     known, said = heard
     other = row(50, 90, lines=(77.0, 91.0, 99.0), spacing_hz=None)
     known.see([row(20, 100), other], (0, 100), 160)

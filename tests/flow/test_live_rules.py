@@ -189,7 +189,7 @@ NO_LINES = {"lines": ()}
         (row(0, 99, (5.0,), spacing_hz=10.0), row(0, 9, (9.0,), spacing_hz=10.11), False),
     ],
 )  # fmt: skip
-def test_two_stretches_are_one_by_time_and_lines(one, other, is_one):
+def test_two_segments_are_one_by_time_and_lines(one, other, is_one):
     assert live_presence._are_one(one, other) == is_one
     assert live_presence._are_one(other, one) == is_one
 
@@ -255,7 +255,7 @@ def test_what_may_be_chance_is_not_told(kind, chance, is_certain):
     assert live_presence._is_certain(one) == is_certain
 
 
-def test_stretches_are_paired_by_the_time_that_they_share():
+def test_segments_are_paired_by_the_time_that_they_share():
     told = [
         live_presence._Told(one, one, k, 160.0)
         for k, one in enumerate((row(0, 100), row(80, 300)))
@@ -285,7 +285,7 @@ def test_spans_that_lie_closer_than_they_last_are_one(last, wanted):
     [
         (HeardSpan(100.0, 384.0), True),  # sound after it tells a tenth more
         (HeardSpan(100.0, 383.9), False),
-        (HeardSpan(372.0, 392.0), True),  # the shorter stretch has what begins later
+        (HeardSpan(372.0, 392.0), True),  # the shorter segment has what begins later
         (HeardSpan(372.1, 400.0), False),
         (HeardSpan(370.0, 390.0), True),  # an eighth of the shorter one, or half
         (HeardSpan(370.0, 389.9), False),

@@ -122,7 +122,7 @@ def test_several_views_of_a_recording_count_once(folder):
     write_result(folder / "day0.levels.h5", 0, times=())
     assert len(collect_passages([folder]).passages) == 6
     write_result(folder / "other.run.h5", 0, times=(100.0,), first_sample=7)
-    assert len(collect_passages([folder]).passages) == 7  # another stretch of it
+    assert len(collect_passages([folder]).passages) == 7  # another segment of it
 
 
 def test_a_damaged_product_is_named_and_left_out(folder):

@@ -161,7 +161,7 @@ def test_a_clipped_recording_is_the_sound_of_its_span(tmp_path):
     assert (part.first_sample, part.n_samples) == (2000, 3000)
     assert part.start_utc_ns == start + 2 * S
     np.testing.assert_array_equal(next(iter(part.reader(9000)))[:, 0], ramp[2000:5000])
-    np.testing.assert_array_equal(part.stretch(1.0, 2.0)[:, 0], ramp[3000:4000])
+    np.testing.assert_array_equal(part.segment(1.0, 2.0)[:, 0], ramp[3000:4000])
     assert clip_recording(whole, start - S, start + 60 * S) is whole
     assert clip_recording(whole, start + 60 * S, start + 70 * S) is None
 

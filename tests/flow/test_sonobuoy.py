@@ -176,7 +176,7 @@ def test_signs_are_those_of_the_published_demultiplexer():
 
 
 @pytest.mark.parametrize("rate", [44_100, 48_000, 50_001, 96_000])
-def test_blocks_parts_and_stretches_are_the_same_to_the_bit(rate):
+def test_blocks_parts_and_segments_are_the_same_to_the_bit(rate):
     noise = 0.02 * np.random.default_rng(3).standard_normal(int(5.3 * rate))
     audio = composite(200.0, 6, rate)[: noise.size] + noise
     opened = demultiplex(in_memory(audio, rate))
@@ -195,7 +195,7 @@ def test_blocks_parts_and_stretches_are_the_same_to_the_bit(rate):
     np.testing.assert_array_equal(
         np.concatenate(list(part.reader(4096))), whole[8000:21_000]
     )
-    np.testing.assert_array_equal(part.reader.stretch(1000, 9000), whole[9000:18_000])
+    np.testing.assert_array_equal(part.reader.segment(1000, 9000), whole[9000:18_000])
 
 
 def test_lock_holds_at_12_db_and_is_back_within_a_second():

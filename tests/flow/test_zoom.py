@@ -49,7 +49,7 @@ def test_sound_that_does_not_rise_is_not_read_for_shorter_frames(monkeypatch):
     looked = []
     held = replace(recording, reader=HeldSamples(sound))
     monkeypatch.setattr(
-        HeldSamples, "stretch", lambda *place: looked.append(place[1:]) or sound[:0]
+        HeldSamples, "segment", lambda *place: looked.append(place[1:]) or sound[:0]
     )
     run_recipe(held, load_recipe("vessel"))  # seeks passages in the vessel's own time
     by_vessel = looked.copy()
@@ -82,7 +82,7 @@ def test_only_what_needs_them_is_looked_at_in_the_shortest_frames(
     assert looked == [20.0] * n_recipes
 
 
-def test_stretches_whose_sound_has_passed_are_told():
+def test_segments_whose_sound_has_passed_are_told():
     """A reader that cannot go back: sound made on the way, or a pipe."""
     passed = recording_of(np.zeros((60 * 1000, 1), np.float32), 1000.0)
     rises = Transients(
@@ -92,7 +92,7 @@ def test_stretches_whose_sound_has_passed_are_told():
     )  # fmt: skip
     known = encounters_of({"time_s": 31.0, "range_over_speed_s": 2.0, "status": "ok"})
     with pytest.warns(
-        UwtrackWarning, match=r"1 stretch of memory.wav, from 20 s on.* not"
+        UwtrackWarning, match=r"1 segment of memory.wav, from 20 s on.* not"
     ):
         found = zoom_in([known], rises, recording=passed)
     assert found.time_s.tolist() == [31.0]
@@ -127,9 +127,9 @@ def test_what_is_too_fast_for_water_is_told_where_nothing_passes(monkeypatch):
         encounters_of(), refused_contact=np.array([2]), refused_sensor=np.array(["h1"]),
         refused_from_s=np.array([9.0]), refused_to_s=np.array([11.0]),
         refused_reason=np.array(["149 m/s"]), refused_code=np.array([TOO_FAST]),
-        refused_probability=np.array([np.nan]), refused_reading=np.array([""]),
-        refused_reading_weight=np.array([np.nan]),
-        refused_rival=np.array([""]), refused_rival_weight=np.array([np.nan]),
+        refused_probability=np.array([np.nan]), refused_motion_model=np.array([""]),
+        refused_motion_model_probability=np.array([np.nan]),
+        refused_alternative_motion_model=np.array([""]), refused_alternative_motion_model_probability=np.array([np.nan]),
     )  # fmt: skip
     monkeypatch.setattr("uwtrack_cli.flow.zoom._passages", lambda *_: look)
     asked = {"recording": recording, "recipes": ["vessel"]}

@@ -97,9 +97,9 @@ def test_winners_of_one_table_get_numbers_that_nobody_has_had():
         refused_sensor=np.array(["h1"]), refused_from_s=np.array([1.0]),
         refused_to_s=np.array([2.0]), refused_reason=np.array(["hum"]),
         refused_code=np.array([""]), refused_probability=np.array([np.nan]),
-        refused_reading=np.array([""]),
-        refused_reading_weight=np.array([np.nan]), refused_rival=np.array([""]),
-        refused_rival_weight=np.array([np.nan]),
+        refused_motion_model=np.array([""]),
+        refused_motion_model_probability=np.array([np.nan]), refused_alternative_motion_model=np.array([""]),
+        refused_alternative_motion_model_probability=np.array([np.nan]),
     )  # fmt: skip
     made = compete(refused, [encounters_of(*second)])
     assert made.contact.tolist() == [8, 9, 3]

@@ -84,7 +84,7 @@ def test_the_partials_of_two_legs_are_those_of_differences():
 def test_a_passage_is_read_as_it_was_drawn(kind, seed):
     drawn, found = analysed(kind, seed)
     error, std = errors(drawn, found)
-    assert found.reading[0] == READ_AS.get(kind, kind)
+    assert found.motion_model[0] == READ_AS.get(kind, kind)
     assert np.nanmax(np.abs(error / std)) < 4.0
     is_changed = kind not in ("straight", "jitter")
     assert np.isfinite(found.change_time_s[0]) == is_changed
@@ -140,7 +140,7 @@ def test_a_passage_beside_a_step_beyond_its_doppler_shift_is_found():
     assert abs(drawn.facts.change[0]) > 2 * drawn.truth[1] / 1500.0
     found = analyse(drawn)
     error, std = errors(drawn, found)
-    assert found.reading.tolist() == ["frequency-step"]
+    assert found.motion_model.tolist() == ["frequency-step"]
     assert np.nanmax(np.abs(error / std)) < 4.0
     size = found.frequency_change[0], found.frequency_change_std[0]
     assert abs(size[0] - drawn.facts.change[0]) < 4 * size[1]

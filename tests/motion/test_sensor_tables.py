@@ -57,21 +57,21 @@ def test_a_source_at_rest_is_read_as_still_and_one_that_moves_as_moving():
     for seed in (3, 11):
         series, place, _, _ = buoys(seed, moving=False, rows=40)
         fixes = locate_vessels(series=series, at=["0", "1200"])
-        assert set(fixes.reading) == {"still"}
+        assert set(fixes.motion_model) == {"stationary"}
         assert np.isnan(fixes.course_deg).all()
         assert np.isnan(fixes.course_std_deg).all()
-        assert fixes.reading_weight[0] > 0.6
+        assert fixes.motion_model_probability[0] > 0.6
         # both readings are in the place: little motion is left, and the ellipse holds
         # (beyond 99.9 %: once in 170 such tests)
         assert np.hypot(np.ptp(fixes.east_m), np.ptp(fixes.north_m)) < 100.0
         assert errors(one_fix(fixes, 0), place, np.zeros(2))[1] < 13.8
     series, _, velocity, _ = buoys(3, rows=40)
     fixes = locate_vessels(series=series, at=MIDDLE)
-    assert (fixes.reading[0], fixes.rival[0]) == ("moving", "")
+    assert (fixes.motion_model[0], fixes.alternative_motion_model[0]) == ("moving", "")
     course = np.degrees(np.arctan2(*velocity))
     off = (fixes.course_deg[0] - course + 180.0) % 360.0 - 180.0
     assert abs(off) < 4.0 * fixes.course_std_deg[0]
-    assert fixes.reading_weight[0] > 0.99
+    assert fixes.motion_model_probability[0] > 0.99
 
 
 def test_the_readings_part_where_the_drift_is_about_its_deviation():
@@ -82,11 +82,11 @@ def test_the_readings_part_where_the_drift_is_about_its_deviation():
             3, rows=20, strange=0.0, std_deg=4.0, speeds_mps=(speed, speed)
         )
         fixes = locate_vessels(series=series, at=MIDDLE)
-        is_still = fixes.reading[0] == "still"
-        weight = fixes.reading_weight[0]
+        is_still = fixes.motion_model[0] == "stationary"
+        weight = fixes.motion_model_probability[0]
         chance.append(weight if is_still else 1.0 - weight)
         other = min(weight, 1.0 - weight)
-        assert (fixes.rival[0] != "") == (other >= 0.05)
+        assert (fixes.alternative_motion_model[0] != "") == (other >= 0.05)
     assert chance == sorted(chance, reverse=True)
     assert chance[0] > 0.5
     assert chance[-1] < 1e-3

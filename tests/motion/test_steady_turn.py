@@ -73,7 +73,7 @@ def test_a_course_that_bends_is_read_so_and_followed():
     """Read as straight, its d/v was off by several deviations, and its curve too."""
     drawn, found = bending()
     error, std = errors(drawn, found)
-    assert found.reading.tolist() == ["manoeuvre"]
+    assert found.motion_model.tolist() == ["manoeuvre"]
     assert np.nanmax(np.abs(error / std)) < 4.0
     lasts, angle = drawn.facts.change
     given = found.turn_away_deg[0], found.turn_away_std_deg[0]

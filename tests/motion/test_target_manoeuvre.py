@@ -66,7 +66,7 @@ def motions_of(series, name):
 @pytest.mark.parametrize("name", TARGETS)
 def test_a_straight_target_is_not_suspected(name):
     motions = motions_of(heard(name), name)
-    assert motions.reading.tolist() == ["straight"] * motions.mode.size
+    assert motions.motion_model.tolist() == ["straight"] * motions.mode.size
     assert motions.manoeuvre_gain[0] < 14.5
     assert np.isnan(motions.manoeuvre_time_s).all()
 
@@ -108,7 +108,7 @@ def test_a_target_that_changes_its_velocity_is_told_and_where_it_is_now(
     turn_deg, faster_kn, noise
 ):
     motions = motions_of(turning("S1-T1", turn_deg, faster_kn, noise), "S1-T1")
-    assert set(motions.reading) == {"manoeuvre"}
+    assert set(motions.motion_model) == {"manoeuvre"}
     # a turn of ten degrees at one sigma: the published gain is 160
     assert motions.manoeuvre_gain[0] > 20.0
     if turn_deg < 90.0:

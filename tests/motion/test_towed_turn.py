@@ -80,7 +80,7 @@ def test_a_turn_of_own_ship_does_not_pull_the_course(seed, is_table):
         error = (motions.course_deg[0] - due + 180.0) % 360.0 - 180.0
         off[tow_m] = abs(error), motions.course_std_deg[0]
         if tow_m:
-            assert motions.reading[0] == "straight"
+            assert motions.motion_model[0] == "straight"
             assert motions.range_m[0] == pytest.approx(
                 np.hypot(2500.0, 1500.0), abs=4.0 * motions.range_std_m[0]
             )
@@ -101,7 +101,7 @@ def test_an_array_whose_own_heading_is_in_the_table_is_taken_at_its_word():
         for tow_m in (0.0, TOW_M)
     ]
     assert found[0].range_std_m == found[1].range_std_m
-    assert found[0].reading[0] == "straight"
+    assert found[0].motion_model[0] == "straight"
 
 
 def test_the_bend_lasts_until_the_array_has_passed_the_turn():

@@ -93,5 +93,5 @@ def test_the_half_width_holds_95_percent_of_what_is_drawn(share, mean, std):
 
 def test_a_straight_passage_is_not_certain_to_be_one():
     found = analyse(draw("straight", 121001))
-    assert found.reading[0] == "straight"
-    assert 0.9 < found.reading_weight[0] < 0.995
+    assert found.motion_model[0] == "straight"
+    assert 0.9 < found.motion_model_probability[0] < 0.995

@@ -40,7 +40,7 @@ from uwtrack_cli.plotting.picture import (
 )
 from uwtrack_cli.plotting.style import CONTACT_COLORS, Clock, contact_color
 from uwtrack_cli.plotting.view import Scene, View, to_seconds
-from uwtrack_cli.presence.stretch import Stretch, make_presence
+from uwtrack_cli.presence.segment import Segment, make_presence
 
 START = "2024-05-01T12:01:30Z"
 
@@ -55,7 +55,7 @@ class Held:
         for begin in range(0, len(self.samples), block):
             yield self.samples[begin : begin + block]
 
-    def stretch(self, first, count):
+    def segment(self, first, count):
         return self.samples[first : first + count]
 
 
@@ -92,7 +92,10 @@ def day(containers):
 
 
 def test_a_page_tells_a_reading_that_is_not_the_usual_one(containers):
-    changed = {"reading": np.array(["manoeuvre"]), "reading_weight": np.array([0.67])}
+    changed = {
+        "motion_model": np.array(["manoeuvre"]),
+        "motion_model_probability": np.array([0.67]),
+    }
     other = [
         replace(c, **changed) if isinstance(c, Encounters) else c for c in containers
     ]
@@ -595,7 +598,7 @@ def test_rates_lie_on_the_spectrum_of_their_envelope():
     spectrum[:, np.isin(rates_hz, (2.5, 7.5, 10.0))] = -20.0
     envelope = replace(overview(spectrum, rates_hz), reference=MODULATION)
     heard = make_presence(
-        {"h1": [Stretch("rates", 4.0, 56.0, rates_hz=[2.5, 7.5, 10.0])]}, {}, "1 uPa"
+        {"h1": [Segment("rates", 4.0, 56.0, rates_hz=[2.5, 7.5, 10.0])]}, {}, "1 uPa"
     )
     (page,) = pages_of([sound, envelope, heard])
     figure = page.draw(View())
@@ -675,7 +678,7 @@ def test_a_comb_is_drawn_by_its_multiples():
     level = rng.normal(60, 1, (60, 400))
     level[:, (frequency % 25) == 0] += 20.0
     heard = make_presence(
-        {"h1": [Stretch("vessel", 4.0, 56.0, spacing_hz=25.0)]}, {}, "1 uPa"
+        {"h1": [Segment("vessel", 4.0, 56.0, spacing_hz=25.0)]}, {}, "1 uPa"
     )
     heard = replace(heard, n_lines=np.array([3]))
     (page,) = pages_of([overview(level, frequency), heard])
@@ -700,9 +703,9 @@ def test_a_demon_page_marks_shaft_and_blades():
     spectrum = rng.normal(-40, 1, (60, rates_hz.size))
     spectrum[:, np.isin(rates_hz, (2.5, 10.0))] = -20.0
     envelope = replace(overview(spectrum, rates_hz), reference=MODULATION)
-    stretch = Stretch("rates", 4.0, 56.0, spacing_hz=2.5, blade_rate_hz=10.0,
+    segment = Segment("rates", 4.0, 56.0, spacing_hz=2.5, blade_rate_hz=10.0,
                       rates_hz=[2.5, 10.0])  # fmt: skip
-    heard = make_presence({"h1": [stretch]}, {}, "1 uPa")
+    heard = make_presence({"h1": [segment]}, {}, "1 uPa")
     (page,) = pages_of([envelope, heard], is_demon=True)
     figure = page.draw(View())
     assert "shaft 2.50 Hz (150 rpm), blades 10.00 Hz (4 to a shaft)" in words(figure)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from uwtrack_cli.presence.line_summary import LineSummary
-from uwtrack_cli.presence.tonal_stretches import LineComb, fit_comb, is_mains_comb
+from uwtrack_cli.presence.tonal_segments import LineComb, fit_comb, is_mains_comb
 
 
 def lines_at(frequency_hz, std_hz):
-    """Steady lines of one stretch."""
+    """Steady lines of one segment."""
     n = len(frequency_hz)
     unknown = np.full(n, np.nan)
     return LineSummary(

@@ -21,8 +21,8 @@ from uwtrack_cli.flow.next_looks import next_looks
 from uwtrack_cli.flow.shipped_recipes import load_recipe
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.presence import find_presence, rate_families
-from uwtrack_cli.presence.stretch import MISSING, Stretch, make_presence
-from uwtrack_cli.presence.tonal_stretches import chance_together
+from uwtrack_cli.presence.segment import MISSING, Segment, make_presence
+from uwtrack_cli.presence.tonal_segments import chance_together
 from uwtrack_cli.spectra.levels import measure_levels
 from uwtrack_cli.spectra.spectrogram import compute_spectrogram
 
@@ -79,7 +79,7 @@ def test_a_ship_that_does_not_pass_is_told_with_its_spacing(steady_ship):
     assert presence.spacing_hz[row] == pytest.approx(6.25, abs=0.01)
     off = presence.spacing_hz[row] - 6.25
     assert abs(off) < 4 * presence.spacing_std_hz[row]
-    found = presence.frequency_hz[presence.owned_rows("frequency_stretch", row)]
+    found = presence.frequency_hz[presence.owned_rows("frequency_segment", row)]
     for tooth in (3, 4, 6, 8, 10, 12, 20):
         assert np.abs(found - 6.25 * tooth).min() < 0.1
     assert presence.probability_of_chance[row] < 1e-3
@@ -107,7 +107,7 @@ def test_rates_of_the_same_shaft_join_the_lines_to_one_contact(steady_ship):
     presence, _ = steady_ship
     assert "rates" not in presence.kind
     row = row_of(presence, "vessel")
-    rates = presence.rate_hz[presence.owned_rows("rate_stretch", row)]
+    rates = presence.rate_hz[presence.owned_rows("rate_segment", row)]
     assert np.abs(rates - 12.5).min() < 0.05
 
 
@@ -144,7 +144,7 @@ def test_mains_in_the_envelope_are_hum():
     made = run_recipe(recording_of(sound, RATE_HZ), recipe)
     (presence,) = [c for c in made if isinstance(c, Presence)]
     row = row_of(presence, "hum")
-    rates = presence.rate_hz[presence.owned_rows("rate_stretch", row)]
+    rates = presence.rate_hz[presence.owned_rows("rate_segment", row)]
     assert rates == pytest.approx([50.0], abs=0.1)
 
 
@@ -208,13 +208,13 @@ def test_what_cpa_refuses_is_in_presence_with_its_reason():
 
 
 def test_every_missing_value_has_its_reason():
-    rows = [Stretch("unknown", 1.0, 2.0, reason="a test")]
+    rows = [Segment("unknown", 1.0, 2.0, reason="a test")]
     presence = make_presence({"h1": rows}, {"h1": None}, "full scale")
     assert set(presence.reasons(0)) == {
         "encounter",
         "motion_model",
         "motion_model_probability",
-        *(MISSING.keys() - {"reading_weight"}),
+        *(MISSING.keys() - {"motion_model_probability"}),
     }
 
 
@@ -376,7 +376,7 @@ def test_a_vector_sensor_gives_the_bearing_of_the_blades():
     gains = np.array([1, np.sin(bearing), np.cos(bearing)])
     presence, _ = heard(noise + vessel[:, None] * gains, DIFAR)
     rows = np.flatnonzero([
-        presence.owned_rows("rate_stretch", i).size > 1
+        presence.owned_rows("rate_segment", i).size > 1
         for i in range(presence.from_s.size)
     ])  # fmt: skip
     assert rows.size
@@ -400,7 +400,7 @@ def test_few_of_many_lines_are_joined_by_chance():
     assert chance_together(6, 6) < 1e-3
 
 
-def test_a_stretch_lies_within_the_sound():
+def test_a_segment_lies_within_the_sound():
     """A passage near the end would be heard for longer than there is sound."""
     levels = levels_of(white_noise(clock(240.0).size, 10))
     passed = {"time_s": 200.0, "arrival_time_s": 200.0, "range_over_speed_s": 40.0,

@@ -94,7 +94,11 @@ _MADE: dict[str, Schema] = {
 }
 """Keys of objects that `json_rows` makes of several columns, or in words of its own."""
 
-_ALWAYS = {"ambiguity_weight", "evidence_nepers", "rival_weight"}
+_ALWAYS = {
+    "ambiguity_weight",
+    "evidence_nepers",
+    "alternative_motion_model_probability",
+}
 """Columns of numbers that are known wherever the object that they are in is."""
 
 _NUISANCES = (
@@ -131,7 +135,7 @@ _OF_LINES_AND_GAPS: dict[str, Schema] = {
 def _events() -> Schema:
     """Return the schema of one line of `run - --json`.
 
-    An encounter and a stretch of presence have the keys of their containers, too.
+    An encounter and a segment of presence have the keys of their containers, too.
     """
     encounter, presence = (
         _container(CONTAINERS[name])["items"]["properties"]

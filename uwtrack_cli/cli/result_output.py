@@ -135,7 +135,7 @@ def _spoken(container: Container, rows: Sequence[dict[str, Any]]) -> Iterator[st
 def _why(
     container: Container, rows: Sequence[dict[str, Any]], spoken: Sequence[str]
 ) -> Iterable[str]:
-    """Return why stretches are no passages, or why values are missing, if not said yet."""
+    """Return why segments are no passages, or why values are missing, if not said yet."""
     from uwtrack_cli.files.tables.presence_words import why_no_passage
 
     if isinstance(container, Presence):

@@ -23,7 +23,7 @@ class Decision(HasReasons):
     """One row per pair of contacts, and one row per scan of a pair.
 
     Log odds are positive for "the second contact moves". An undecided pair is a result
-    of its own: its odds are those of the last scan. "both move" and "neither reading"
+    of its own: its odds are those of the last scan. "both move" and "neither fits"
     say that the measurements reject both hypotheses.
     """
 
@@ -34,7 +34,7 @@ class Decision(HasReasons):
     first_contact: IntArray = column("First contact.")
     second_contact: IntArray = column("Second contact.")
     verdict: TextArray = column(
-        "'first moves', 'second moves', 'undecided', 'both move' or 'neither reading'."
+        "'first moves', 'second moves', 'undecided', 'both move' or 'neither fits'."
     )
     probability: FloatArray = column(
         "Probability of the likelier hypothesis, both alike at first; nan where both "
@@ -98,9 +98,9 @@ class Decision(HasReasons):
         verdict = str(self.verdict[pair])
         if verdict == "both move":
             return f"both contacts move: {first} and {second}."
-        if verdict == "neither reading":
+        if verdict == "neither fits":
             return (
-                f"neither reading fits: neither contact {first} nor contact {second} can "
+                f"neither hypothesis fits: neither contact {first} nor contact {second} can "
                 "be the moving one with the other a stationary repeater."
             )
         odds = f"probability {self.probability[pair]:.4g}"

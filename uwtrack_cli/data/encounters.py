@@ -209,20 +209,19 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "Log evidence of the passage over that explanation, as it is weighed.",
         "evidence", unit="neper", key="evidence.nepers",
     )  # fmt: skip
-    reading: TextArray | None = column(
+    motion_model: TextArray | None = column(
         "Motion model of the row: 'straight', 'frequency-step', "
         "'frequency-ramp', 'manoeuvre' or 'two-targets' (its contact was divided).",
-        unknown="", choices=READINGS, key="motion_model",
+        unknown="", choices=READINGS,
     )  # fmt: skip
-    reading_weight: FloatArray | None = column(
+    motion_model_probability: FloatArray | None = column(
         "Probability of that motion model, among those in which nothing passes, too.",
-        key="motion_model_probability",
     )
-    rival: TextArray | None = column(
+    alternative_motion_model: TextArray | None = column(
         "Next motion model, also 'constant', 'machinery' or 'joined', in which nothing "
         "passes; empty if it has less than 5 %.", key="alternative_motion_model.motion_model",
     )  # fmt: skip
-    rival_weight: FloatArray | None = column(
+    alternative_motion_model_probability: FloatArray | None = column(
         "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
     change_time_s: FloatArray | None = column(
@@ -287,18 +286,18 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         "Probability that a vessel passes all the same; nan where it was not weighed.",
         "refusal",
     )  # fmt: skip
-    refused_reading: TextArray | None = column(
-        "What it is read as where nothing passes: 'constant', 'machinery' or 'joined', "
+    refused_motion_model: TextArray | None = column(
+        "Motion model where nothing passes: 'constant', 'machinery' or 'joined', "
         "or a passage that noise alone gives, too; empty for one that was refused.",
         "refusal",
     )  # fmt: skip
-    refused_reading_weight: FloatArray | None = column(
-        "Probability of that reading.", "refusal"
+    refused_motion_model_probability: FloatArray | None = column(
+        "Probability of that motion model.", "refusal"
     )
-    refused_rival: TextArray | None = column(
-        "Next reading; empty if it has less than 5 %.", "refusal"
+    refused_alternative_motion_model: TextArray | None = column(
+        "Next motion model; empty if it has less than 5 %.", "refusal"
     )
-    refused_rival_weight: FloatArray | None = column(
+    refused_alternative_motion_model_probability: FloatArray | None = column(
         "Its probability; 0 without one.", "refusal"
     )
     reference: str = scalar(
@@ -328,11 +327,11 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
         if len(known) != len(columns):
             return []
         every = [RefusedContact(*one) for one in zip(*known, strict=True)]
-        if self.refused_reading is None:
+        if self.refused_motion_model is None:
             return every
         return [
             one
-            for one, name in zip(every, self.refused_reading, strict=True)
+            for one, name in zip(every, self.refused_motion_model, strict=True)
             if not name
         ]
 
@@ -345,18 +344,19 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     def still(self) -> list[StillContact]:
         """Return the contacts that are not told to pass, with what they are read as."""
         columns = (
-            self.refused_contact, self.refused_reason, self.refused_reading,
-            self.refused_reading_weight, self.refused_rival, self.refused_rival_weight,
+            self.refused_contact, self.refused_reason, self.refused_motion_model,
+            self.refused_motion_model_probability, self.refused_alternative_motion_model,
+            self.refused_alternative_motion_model_probability,
         )  # fmt: skip
         known = [values.tolist() for values in columns if values is not None]
         every = zip(*known, strict=True) if len(known) == len(columns) else ()
         return [StillContact(*one) for one in every if one[2]]
 
     def reading_of(self, row: int) -> tuple[str, float, str, float]:
-        """Return reading, its weight, the rival and its weight of a closest approach."""
+        """Return motion model, its probability, and the same of the next one, of a row."""
         names, weights = (
-            (self.reading, self.rival),
-            (self.reading_weight, self.rival_weight),
+            (self.motion_model, self.alternative_motion_model),
+            (self.motion_model_probability, self.alternative_motion_model_probability),
         )
         name, rival = ("" if one is None else str(one[row]) for one in names)
         weight, other = (np.nan if one is None else float(one[row]) for one in weights)
@@ -400,23 +400,22 @@ class Fixes(Container):
     speed_mps: FloatArray = column("Speed.")
     speed_std_mps: FloatArray = deviation(key="")
     course_deg: FloatArray = column(
-        "Compass course; nan where the source is read as still."
+        "Compass course; nan where the source is stationary."
     )
     course_std_deg: FloatArray = deviation(key="")
     sensors: TextArray = column("Sensors that contributed, comma separated.")
-    reading: TextArray | None = column(
-        "Motion model of bearings that cross: 'still' or 'moving'; empty where the two "
-        "did not compete.", unknown="", choices=("still", "moving"), key="motion_model",
+    motion_model: TextArray | None = column(
+        "Motion model of bearings that cross: 'stationary' or 'moving'; empty where the "
+        "two did not compete.", unknown="", choices=("stationary", "moving"),
     )  # fmt: skip
-    reading_weight: FloatArray | None = column(
+    motion_model_probability: FloatArray | None = column(
         "Probability of that motion model; position and ellipse are those of both.",
-        key="motion_model_probability",
     )
-    rival: TextArray | None = column(
+    alternative_motion_model: TextArray | None = column(
         "The other motion model; empty if it has less than 5 %.",
         key="alternative_motion_model.motion_model",
     )
-    rival_weight: FloatArray | None = column(
+    alternative_motion_model_probability: FloatArray | None = column(
         "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
     origin: str = scalar("What the grid is relative to: a sensor or 'grid'.")

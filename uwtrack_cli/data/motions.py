@@ -95,9 +95,8 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     manoeuvre_needed: BoolArray = column(
         "Whether own ship must manoeuvre to learn the range.", key=""
     )
-    reading: TextArray | None = column(
+    motion_model: TextArray | None = column(
         "'straight', or 'manoeuvre' where the target changed its velocity.",
-        key="motion_model",
     )
     manoeuvre_time_s: FloatArray | None = column(
         "When the target changed its velocity, if it did; nan if not."

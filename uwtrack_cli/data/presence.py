@@ -1,4 +1,4 @@
-"""What was heard, and when: stretches of sound of one kind each."""
+"""What was detected, and when: segments of sound of one kind each."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -20,10 +20,10 @@ VESSEL, RATES, LINES, HUM, BROADBAND, RAIN, UNKNOWN = (
 )  # fmt: skip
 
 KINDS = (VESSEL, RATES, LINES, HUM, BROADBAND, RAIN, UNKNOWN)
-"""Kinds of stretches, what tells most of a vessel first."""
+"""Kinds of segments, most likely a vessel first."""
 
 OF_VESSELS = frozenset({VESSEL, RATES, LINES, BROADBAND})
-"""Kinds that may be a vessel: where one is heard, "no vessel" is not said."""
+"""Kinds that may be a vessel: where one is detected, "no vessel" is not reported."""
 
 CONSTANT, MACHINERY, JOINED = "constant", "machinery", "joined"
 
@@ -38,17 +38,17 @@ READINGS = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Presence(HasReasons):
-    """One row per stretch in which something was heard, in the order of time.
+    """One row per segment in which something was detected, in the order of time.
 
     Kinds: 'vessel' (a harmonic family, lines that move together, or a passage),
     'rates' (shaft and blades in the envelope alone), 'lines' (no family), 'hum' (mains),
     'broadband' (a rise of the level with the shape of a passage), 'rain' (a rise above
-    the middle of the band alone) and 'unknown'. Why a stretch is no closest approach
+    the middle of the band alone) and 'unknown'. Why a segment is no closest approach
     stands under the reason's key ``encounter``.
     """
 
     NAME: ClassVar[str] = "presence"
-    ROW: ClassVar[str] = "stretch"
+    ROW: ClassVar[str] = "segment"
     OBJECTS: ClassVar[dict[str, str]] = {
         "alternative_motion_model": (
             "Next motion model with its probability; null if none has 5 %."
@@ -88,40 +88,39 @@ class Presence(HasReasons):
     probability_of_chance: FloatArray = column(
         "Probability that noise alone gives as much."
     )
-    reading: TextArray | None = column(
+    motion_model: TextArray | None = column(
         "Motion model of its contacts: that of its closest approach; else 'constant', "
         "'machinery' or 'joined' where nothing passes, or a passage that noise alone "
         "gives, too; empty if they have none in common.", unknown="", choices=READINGS,
-        key="motion_model",
+       
     )  # fmt: skip
-    reading_weight: FloatArray | None = column(
+    motion_model_probability: FloatArray | None = column(
         "Probability of that motion model, of the least certain contact.",
-        key="motion_model_probability",
     )
-    rival: TextArray | None = column(
+    alternative_motion_model: TextArray | None = column(
         "Next motion model of that contact; empty if it has less than 5 %.",
         key="alternative_motion_model.motion_model",
     )  # fmt: skip
-    rival_weight: FloatArray | None = column(
+    alternative_motion_model_probability: FloatArray | None = column(
         "Its probability; 0 without one.", key="alternative_motion_model.probability"
     )
-    frequency_stretch: IntArray = column(
-        "Row of the stretch that a line belongs to.", "frequency", owner="stretch"
+    frequency_segment: IntArray = column(
+        "Row of the segment that a line belongs to.", "frequency", owner="segment"
     )
     frequency_hz: FloatArray = column(
         "Mean frequency of a line.", "frequency", key="frequencies_hz"
     )
-    rate_stretch: IntArray = column(
-        "Row of the stretch that a modulation rate belongs to.", "rate", owner="stretch"
+    rate_segment: IntArray = column(
+        "Row of the segment that a modulation rate belongs to.", "rate", owner="segment"
     )
     rate_hz: FloatArray = column("Modulation rate.", "rate", key="rates_hz")
-    reason_stretch: IntArray = column(
-        "Row of the stretch that a reason belongs to.", "reason", owner="stretch"
+    reason_segment: IntArray = column(
+        "Row of the segment that a reason belongs to.", "reason", owner="segment"
     )
     reference: str = scalar(
         "Level reference: '1 uPa' or 'full scale'.", key="level_reference"
     )
 
     def of_sensor(self, sensor: str) -> Self:
-        """Return the stretches of one sensor."""
-        return self.take("stretch", np.flatnonzero(self.sensor == sensor))
+        """Return the segments of one sensor."""
+        return self.take("segment", np.flatnonzero(self.sensor == sensor))

@@ -28,7 +28,7 @@ GUARD_S = 60.0
 Reader = Callable[[int], Iterator[Samples]]
 """Opens the recording and yields consecutive blocks of at most so many samples.
 
-One that can go back has a method ``stretch(first_sample, n_samples)``, too, and one that
+One that can go back has a method ``segment(first_sample, n_samples)``, too, and one that
 shares its sound with others a method ``decimated(factor)``: the reader of a lower rate.
 """
 
@@ -95,7 +95,7 @@ class Recording(Container):
     @property
     def can_be_read_again(self) -> bool:
         """Whether the reader can go back: of live sound, as far as it is still held."""
-        return hasattr(self.reader, "stretch")
+        return hasattr(self.reader, "segment")
 
     def ended(self) -> "Recording":
         """Return the recording as it is when its sound has been read.
@@ -137,8 +137,8 @@ class Recording(Container):
             reader=own,
         )
 
-    def stretch(self, start_s: float, stop_s: float) -> Samples:
-        """Read a stretch of the sound again.
+    def segment(self, start_s: float, stop_s: float) -> Samples:
+        """Read a segment of the sound again.
 
         ``start_s``, ``stop_s``: where it begins and ends, s from the first sample; what
         lies outside the recording is left out.
@@ -149,11 +149,11 @@ class Recording(Container):
         ------
         DataError
             The sound is not at hand: the recording was read from a product, or a live
-            source has passed the stretch and no longer holds it.
+            source has passed the segment and no longer holds it.
         """
         first = max(0, round(start_s * self.sample_rate_hz))
         last = min(self.n_samples, round(stop_s * self.sample_rate_hz))
-        return read_stretch(self.reader, first, max(0, last - first))
+        return read_segment(self.reader, first, max(0, last - first))
 
     @property
     def first_s(self) -> float:
@@ -161,7 +161,7 @@ class Recording(Container):
         return self.first_sample / self.sample_rate_hz
 
 
-def read_stretch(reader: Reader | None, first_sample: int, n_samples: int) -> Samples:
+def read_segment(reader: Reader | None, first_sample: int, n_samples: int) -> Samples:
     """Read so many samples from one on with a reader that can go back.
 
     Raises
@@ -169,7 +169,7 @@ def read_stretch(reader: Reader | None, first_sample: int, n_samples: int) -> Sa
     DataError
         The reader cannot, or no longer has them.
     """
-    read = getattr(reader, "stretch", None)
+    read = getattr(reader, "segment", None)
     if read is None:
         msg = "the sound is not at hand to be read again; open the recording's file."
         raise DataError(msg)
@@ -189,7 +189,7 @@ class HeldSamples:
         for first in range(0, self.samples.shape[0], block_samples):
             yield self.samples[first : first + block_samples]
 
-    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+    def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Return so many samples from one on."""
         return self.samples[first_sample : first_sample + n_samples]
 
@@ -209,9 +209,9 @@ class PartReader:
         """Yield consecutive blocks of so many samples, the last one shorter."""
         for first in range(0, self.n_samples, block_samples):
             count = min(block_samples, self.n_samples - first)
-            yield self.stretch(first, count)
+            yield self.segment(first, count)
 
-    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+    def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples from one on.
 
         Raises
@@ -219,7 +219,7 @@ class PartReader:
         DataError
             The sound is no longer at hand.
         """
-        return read_stretch(self.whole, self.first_sample + first_sample, n_samples)
+        return read_segment(self.whole, self.first_sample + first_sample, n_samples)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

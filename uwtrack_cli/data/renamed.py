@@ -25,6 +25,9 @@ FLAGS = {
 }
 """Options on the command line."""
 
+PYTHON = {"Rises": "Transients", "find_rises": "find_transients"}
+"""Names of the package."""
+
 KEYS = {
     "reading": "motion_model",
     "reading_weight": "motion_model_probability",

@@ -6,10 +6,10 @@ from typing import ClassVar
 from uwtrack_cli.data.base import Container, FloatArray, TextArray, column, scalar
 
 LEVEL = "level"
-"""A rise of the broadband level."""
+"""A transient of the broadband level."""
 
 LINES = "lines"
-"""A rise of what stands above the noise in narrow cells, and keeps its frequency."""
+"""A transient of what stands above the noise in narrow cells, and keeps its frequency."""
 
 FALL = "fall"
 """The same, where all frequencies fall together as those of a passage do."""
@@ -20,10 +20,10 @@ CLIMB = "climb"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Transients(Container):
-    """One row for each rise of a length, in the order in which they were found."""
+    """One row for each transient of a length, in the order in which they were found."""
 
     NAME: ClassVar[str] = "transients"
-    ROW: ClassVar[str] = "rise"
+    ROW: ClassVar[str] = "transient"
     STREAMS: ClassVar[bool] = True
 
     time_s: FloatArray = column("Middle, from the first sample.")
@@ -35,5 +35,5 @@ class Transients(Container):
     spreads: FloatArray = column(
         "Height in spreads of what the recording does all the time."
     )
-    least_spreads: float = scalar("Height from which a rise is told.")
+    least_spreads: float = scalar("Height from which a transient is reported.")
     sensor: str = scalar("Identifier of the sensor.")

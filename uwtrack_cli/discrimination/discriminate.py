@@ -202,7 +202,7 @@ _IMPROBABLE = 0.05
 _UNOBSERVED = 0.9
 """Share of the first deviation of 1/range above which bearings do not determine it."""
 _VERDICTS = {-1: "first moves", 0: "undecided", 1: "second moves"}
-_BOTH_MOVE, _NEITHER = "both move", "neither reading"
+_BOTH_MOVE, _NEITHER = "both move", "neither fits"
 _REJECTION_SHARE = 0.1
 """Share of the accepted error at which a filter is rejected. The right reading has two
 filters, so that it is overruled in less than a fifth of the accepted error."""
@@ -268,7 +268,7 @@ def discriminate_contacts(
     repeater whose range and range rate are false. Scan by scan the
     likelihoods of both readings are compared until one is likely enough, or the scans
     end undecided. When the innovations of all scans reject both readings, the verdict
-    says so: "neither reading". It is "both move" where both contacts fit a vessel and
+    says so: "neither fits". It is "both move" where both contacts fit a vessel and
     either is a far worse repeater. Far contacts fit both, since bearings alone tell a
     repeater from a vessel: the test then stays undecided, or takes one of two vessels
     for the repeater.
@@ -458,7 +458,7 @@ def _caution(pair: ContactPair, decision: int, found: PairTest) -> str:
     if all(readings):
         names = [name for name, bad in zip(FILTERS, wrong, strict=True) if bad]
         return (
-            f"neither reading fits the measurements ({', '.join(names)}): a contact may "
+            f"neither hypothesis fits the measurements ({', '.join(names)}): a contact may "
             "have manoeuvred; compare with filters.manoeuvre_std_mps2"
         )
     if decision and readings[0 if decision < 0 else 1]:

@@ -256,7 +256,7 @@ def _stretch_blocks(
     decimator, offset = Decimator(factor), None
     for begin in range(first, last, step):
         stop = min(begin + step, last)
-        sound = recording.stretch(begin / rate_hz, stop / rate_hz)[:, :1]
+        sound = recording.segment(begin / rate_hz, stop / rate_hz)[:, :1]
         if offset is None:
             known = sound[np.isfinite(sound)]
             offset = np.float32(known.mean(dtype=np.float64) if known.size else 0.0)

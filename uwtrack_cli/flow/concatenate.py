@@ -25,7 +25,7 @@ from uwtrack_cli.data.recording import (
     RecordedFiles,
     Recording,
     Samples,
-    read_stretch,
+    read_segment,
 )
 from uwtrack_cli.errors import DataError, UwtrackWarning
 from uwtrack_cli.files.audio.reader import AudioReader
@@ -58,14 +58,14 @@ class JoinedReader:
         if count:
             yield np.concatenate(held)
 
-    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+    def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples from one on, nan where there is no file."""
         found = np.full((n_samples, self.n_channels), np.nan, np.float32)
         last = first_sample + n_samples
         for start, count, reader in self.parts:
             low, high = max(start, first_sample), min(start + count, last)
             if low < high:
-                part = read_stretch(reader, low - start, high - low)
+                part = read_segment(reader, low - start, high - low)
                 found[low - first_sample : high - first_sample] = part
         return found
 

@@ -38,7 +38,7 @@ class Listened:
     span_ns: Span | None
     """Begin and end; None where the start is not known."""
     heard_ns: tuple[Span, ...] = ()
-    """Begins and ends of the stretches in which a vessel may have been heard."""
+    """Begins and ends of the segments in which a vessel may have been heard."""
     hours: tuple[HourLevel, ...] = ()
     """Its levels by the hour."""
 
@@ -103,10 +103,10 @@ def _listened(
         sensor, start = recording.sensor.id, recording.start_utc_ns
         heard = {
             (int(begin), int(end))
-            for stretches in presence
+            for segments in presence
             for begin, end, kind, owner in zip(
-                stretches.from_utc_ns, stretches.to_utc_ns, stretches.kind,
-                stretches.sensor, strict=True,
+                segments.from_utc_ns, segments.to_utc_ns, segments.kind,
+                segments.sensor, strict=True,
             )
             if owner == sensor and kind in OF_VESSELS and begin >= 0
         }  # fmt: skip

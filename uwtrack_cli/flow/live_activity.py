@@ -11,10 +11,10 @@ are no further apart than the longer one lasts are one span. Noise of independen
 has few such runs in an hour; where the level wanders there are many, and nothing is
 saved.
 
-A look at a stretch is worth its cost when such a span has not ended long before the last
-look at it, and is longer, and reaches further, than what a shorter stretch shows as well.
+A look at a segment is worth its cost when such a span has not ended long before the last
+look at it, and is longer, and reaches further, than what a shorter segment shows as well.
 Lines of a passage that was told, and the level beside it, are looked at once in its d/v,
-by the shortest stretch that holds it: what the same vessel does next lasts as long. They
+by the shortest segment that holds it: what the same vessel does next lasts as long. They
 are not looked at when it is final, unless they go on.
 
 **Conventions.** Lines of no contact, such as hum, pass nothing: their beginning alone
@@ -41,13 +41,13 @@ FEWEST_FRAMES = 4
 """Frames of the shortest run."""
 
 AFTER_SHARE = 0.1
-"""Share of a stretch for which sound after a span still tells more of it."""
+"""Share of a segment for which sound after a span still tells more of it."""
 
 BEYOND_SHARE = 0.8
-"""Share of the next shorter stretch beyond which a longer one shows more."""
+"""Share of the next shorter segment beyond which a longer one shows more."""
 
 LONG_SHARE = 0.125
-"""Share of the next shorter stretch that a span must last to be looked at in a longer
+"""Share of the next shorter segment that a span must last to be looked at in a longer
 one: what is briefer has its flanks, of three times its length, in the shorter one."""
 
 LINE_SHARE = 0.5
@@ -70,7 +70,7 @@ class HeardSpan(NamedTuple):
 
     @property
     def long_share(self) -> float:
-        """Share of the next shorter stretch that it must last to need a longer one."""
+        """Share of the next shorter segment that it must last to need a longer one."""
         return LONG_SHARE if self.frequency_hz is None else LINE_SHARE
 
     def is_explained(self, told: "ToldPassage") -> bool:
@@ -95,7 +95,7 @@ class ToldPassage(NamedTuple):
     every_s: float
     """Time after which what it explains is worth another look, s."""
     needed_s: float = np.inf
-    """From where on a stretch must hold the sound to show it, s."""
+    """From where on a segment must hold the sound to show it, s."""
     looked_s: float = -np.inf
     """Where the sound ended when a look showed it last, s."""
     is_final: bool = False
@@ -106,8 +106,8 @@ class ToldPassage(NamedTuple):
     ) -> bool:
         """Tell whether a span that it explains is not worth a look now.
 
-        ``now_s``: where the sound ends, s. ``last_s``: where it ended when this stretch
-        was looked at last, s. ``from_s``: where the stretch begins, s.
+        ``now_s``: where the sound ends, s. ``last_s``: where it ended when this segment
+        was looked at last, s. ``from_s``: where the segment begins, s.
         """
         if not span.is_explained(self):
             return False
@@ -123,7 +123,7 @@ ALWAYS = HeardSpan(-np.inf, np.inf)
 def spans_of(known: Iterable[Container]) -> list[HeardSpan]:
     """Return where something may be found.
 
-    ``known``: what the steps before the fits have made of a stretch of sound.
+    ``known``: what the steps before the fits have made of a segment of sound.
     """
     found: list[HeardSpan] = []
     for one in known:
@@ -144,11 +144,11 @@ def is_worth_a_look(
     spans: Iterable[HeardSpan],
     now_s: float,
     last_s: float,
-    stretch_s: float,
+    segment_s: float,
     shorter_s: float,
     told: Sequence[ToldPassage] = (),
 ) -> bool:
-    """Tell whether a look at the last stretch of sound may find what is not known.
+    """Tell whether a look at the last segment of sound may find what is not known.
 
     Parameters
     ----------
@@ -157,17 +157,17 @@ def is_worth_a_look(
     now_s
         Where the sound ends, s.
     last_s
-        Where it ended when this stretch was looked at last, s.
-    stretch_s
-        Length of the stretch, s.
+        Where it ended when this segment was looked at last, s.
+    segment_s
+        Length of the segment, s.
     shorter_s
-        Length of the next shorter stretch, s; 0 for the shortest.
+        Length of the next shorter segment, s; 0 for the shortest.
     told
         Passages that were told.
     """
-    since_s = last_s - AFTER_SHARE * stretch_s
+    since_s = last_s - AFTER_SHARE * segment_s
     until_s = now_s - BEYOND_SHARE * shorter_s
-    from_s = now_s - stretch_s
+    from_s = now_s - segment_s
     return any(
         span.end_s >= since_s
         and span.begin_s <= until_s

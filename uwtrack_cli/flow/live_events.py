@@ -2,11 +2,11 @@
 
 **Method.** At fixed times of the sound the scans of a recipe are asked what they would
 have found if it ended now, and the whole stages are run over the last of it: often over
-short stretches, which hold the passages of small ``range_over_speed_s`` (d/v), and seldom
+short segments, which hold the passages of small ``range_over_speed_s`` (d/v), and seldom
 over long ones; not at all where nothing can be found (`live_activity`). A scan that cannot
 tell is run anew over the blocks that it took, which are kept for ``RING_S`` seconds. What
-a stretch shows is told as provisional as soon as the closest approach lies d/v behind.
-When 4 d/v and a minute have passed, the longest stretch decides, and what is told is
+a segment shows is told as provisional as soon as the closest approach lies d/v behind.
+When 4 d/v and a minute have passed, the longest segment decides, and what is told is
 final. The product is made from the whole sound, whatever was told.
 
 **Conventions.** Everything depends on the sound alone, never on the clock: the same
@@ -52,13 +52,13 @@ Tell = Callable[[Event], None]
 """Takes an event as soon as it is decided."""
 
 STRETCHES_S = {160.0: 20.0, 400.0: 60.0, 1000.0: 140.0, 2500.0: 300.0}
-"""Stretches of sound that are looked at, and how often at most: 2500 s hold 4 times the
-longest d/v, 600 s. A stretch S shows passages up to d/v = (S - 30 s) / 3 in time; so the
+"""Segments of sound that are looked at, and how often at most: 2500 s hold 4 times the
+longest d/v, 600 s. A segment S shows passages up to d/v = (S - 30 s) / 3 in time; so the
 next one is due within 30 s and that d/v, less the 12 s by which blocks are late."""
 
 RING_S = max(STRETCHES_S)
 RING_BYTES = 1 << 28
-"""Most bytes of blocks that are kept for one scan; stretches are shorter then."""
+"""Most bytes of blocks that are kept for one scan; segments are shorter then."""
 
 FINAL_WIDTHS, FINAL_S = 4.0, 60.0
 """A passage is final when so many d/v and seconds have passed since."""
@@ -141,12 +141,12 @@ class LiveWatch:
         ):
             self._decide()
         before = 0.0
-        for stretch_s, due_s in self._due_s.items():
+        for segment_s, due_s in self._due_s.items():
             if now_s >= due_s:
-                self._due_s[stretch_s] = now_s + STRETCHES_S[stretch_s]
-                if now_s > before:  # a shorter stretch does not hold it all
-                    self._look(stretch_s, before)
-            before = stretch_s
+                self._due_s[segment_s] = now_s + STRETCHES_S[segment_s]
+                if now_s > before:  # a shorter segment does not hold it all
+                    self._look(segment_s, before)
+            before = segment_s
 
     def finish(self, found: Sequence[Container]) -> None:
         """Tell what the whole sound has decided.
@@ -170,27 +170,27 @@ class LiveWatch:
         self._see(found, RING_S)
         self._presence.decide(self._with_told_encounters(found), self._now_s)
 
-    def _look(self, stretch_s: float, shorter_s: float) -> None:
-        known = self._known_so_far(stretch_s)
+    def _look(self, segment_s: float, shorter_s: float) -> None:
+        known = self._known_so_far(segment_s)
         if known is None:
             return
-        last_s = self._looked_s[stretch_s]
+        last_s = self._looked_s[segment_s]
         spans = [ALWAYS] if self._rings or self._results else spans_of(known.values())
         told = self._passages.explaining()
-        if not is_worth_a_look(spans, self._now_s, last_s, stretch_s, shorter_s, told):
+        if not is_worth_a_look(spans, self._now_s, last_s, segment_s, shorter_s, told):
             return
-        self._see(self._found(stretch_s, known), stretch_s)
+        self._see(self._found(segment_s, known), segment_s)
 
-    def _see(self, found: "_Found", stretch_s: float) -> None:
+    def _see(self, found: "_Found", segment_s: float) -> None:
         """Tell what a look shows that was not known."""
-        self._looked_s[stretch_s] = self._now_s
+        self._looked_s[segment_s] = self._now_s
         for row in found.passages:
             is_inside = found.start_s <= max(0.0, _needed_from_s(row))
             if is_inside and row["time_s"] + _width_s(row) <= self._now_s:
-                self._passages.see(row, stretch_s)
-        self._passages.looked(max(0.0, self._now_s - stretch_s), self._now_s)
+                self._passages.see(row, segment_s)
+        self._passages.looked(max(0.0, self._now_s - segment_s), self._now_s)
         heard = self._with_told_encounters(found)
-        self._presence.see(heard, (found.start_s, self._now_s), stretch_s)
+        self._presence.see(heard, (found.start_s, self._now_s), segment_s)
 
     def _with_told_encounters(self, found: "_Found") -> list[Event]:
         """Return what was heard, its closest approaches named as they were told."""
@@ -198,17 +198,17 @@ class LiveWatch:
         known = {own: told for own, told in contacts.items() if told is not None}
         return [with_told_encounter(row, known) for row in found.presence]
 
-    def _known_so_far(self, stretch_s: float) -> dict[str, Container] | None:
-        """Return what the scans know of the last stretch; None if none knows any."""
+    def _known_so_far(self, segment_s: float) -> dict[str, Container] | None:
+        """Return what the scans know of the last segment; None if none knows any."""
         made = {
-            name: scan.so_far(self._now_s - stretch_s)
+            name: scan.so_far(self._now_s - segment_s)
             for name, (_, scan) in self._open.items()
         }
         known = {name: one for name, one in made.items() if one is not None}
         return known or ({} if self._rings or self._results else None)
 
-    def _found(self, stretch_s: float, known: Mapping[str, Container]) -> "_Found":
-        """Run the last stretch of the sound on from its scans; return what it shows."""
+    def _found(self, segment_s: float, known: Mapping[str, Container]) -> "_Found":
+        """Run the last segment of the sound on from its scans; return what it shows."""
         sink = MemorySink()
         rings = [*self._rings.values(), *self._results.values()]
         late = [name for name in self._open if name not in known]
@@ -225,11 +225,11 @@ class LiveWatch:
                 for name, one in known.items():
                     engine.push(name, one, self._open[name][0])
                 for name, ring in self._rings.items():
-                    for block in ring.since(self._now_s - stretch_s):
+                    for block in ring.since(self._now_s - segment_s):
                         start_s = min(start_s, _span(block)[0])
                         engine.feed(name, block)
                 for ring in self._results.values():
-                    for block in ring.since(self._now_s - stretch_s):
+                    for block in ring.since(self._now_s - segment_s):
                         sink.append(ring.step, block)
                 engine.finish()
         except DataError:  # too little sound for one of the stages
@@ -286,7 +286,7 @@ class _Passage:
     """Number of its contact."""
     revision: int
     """How often they were told anew."""
-    stretch_s: float
+    segment_s: float
     """Length of the look that found it, s."""
     is_final: bool = False
     """Whether later sound cannot change it."""
@@ -306,15 +306,15 @@ class _Passages:
         self._say = say
         self._known: list[_Passage] = []
 
-    def see(self, row: Event, stretch_s: float) -> None:
-        """Take a passage that a stretch shows."""
+    def see(self, row: Event, segment_s: float) -> None:
+        """Take a passage that a segment shows."""
         known = _nearest(row, self._known)
         if known is None:
-            known = _Passage(row, 1 + len(self._known), 0, stretch_s)
+            known = _Passage(row, 1 + len(self._known), 0, segment_s)
             self._known.append(known)
             self._tell(known)
-        elif not known.is_final and _is_news(row, known, stretch_s):
-            known.stretch_s = max(stretch_s, known.stretch_s)
+        elif not known.is_final and _is_news(row, known, segment_s):
+            known.segment_s = max(segment_s, known.segment_s)
             self._revise(known, row)
 
     def told(self, row: Event) -> int | None:
@@ -349,7 +349,7 @@ class _Passages:
         return any(not p.is_final and p.due_s <= now_s for p in self._known)
 
     def decide(self, rows: Sequence[Event], now_s: float) -> None:
-        """Decide what is due by what the longest stretch shows."""
+        """Decide what is due by what the longest segment shows."""
         due = [p for p in self._known if not p.is_final and p.due_s <= now_s]
         found = _paired(rows, due)
         for k, passage in enumerate(due):
@@ -462,13 +462,13 @@ def _agrees(row: Event, told: Event) -> bool:
     return True
 
 
-def _is_news(row: Event, known: _Passage, stretch_s: float) -> bool:
+def _is_news(row: Event, known: _Passage, segment_s: float) -> bool:
     """Tell whether a look is worth a revision: it knows more, and something new."""
     sharper = []
     for name in TOLD:
         new, old = _std(row, name), _std(known.row, name)
         sharper.append(new is not None and (old is None or new < 0.67 * old))
-    longer = stretch_s >= known.stretch_s
+    longer = segment_s >= known.segment_s
     return any(sharper) or (longer and not _agrees(row, known.row))
 
 

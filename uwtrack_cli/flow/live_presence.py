@@ -1,18 +1,18 @@
-"""What is heard while live sound comes: stretches, told as they begin and as they end.
+"""What is heard while live sound comes: segments, told as they begin and as they end.
 
 **Method.** Every look at the last of the sound gives a table of presence of its own. A
-row of it is the same stretch as one that was told when both share time and a spacing,
+row of it is the same segment as one that was told when both share time and a spacing,
 half of the lines or half of the rates; a rise without any is known by its time alone. A
-stretch is told when it is first seen, again when something new is known of it, and as
+segment is told when it is first seen, again when something new is known of it, and as
 final when it has been over for some minutes and the longest look has decided.
 
 **Conventions.** What noise alone may give (`unknown`, or a probability of chance above
 ``GREATEST_CHANCE``) is not told before the end: there are hundreds of looks in an hour.
 A rise of the level is told when the look holds as much sound on either side of it as it
-is long. Lines break off where they fall fast: such as begin beside those of a stretch that
+is long. Lines break off where they fall fast: such as begin beside those of a segment that
 goes on or has just ended, and no further from them than a vessel's speed shifts them, may be
 its own after the closest approach, and are told by themselves when they have lasted
-``HELD_S`` without having been joined to it. ``stretch`` numbers what was told in its order; ``encounter`` is the contact of
+``HELD_S`` without having been joined to it. ``segment`` numbers what was told in its order; ``encounter`` is the contact of
 the closest approach as it was told.
 """
 
@@ -27,25 +27,25 @@ from uwtrack_cli.data.presence import UNKNOWN
 Event = dict[str, Any]
 
 GREATEST_CHANCE = 1e-3
-"""Probability in noise alone above which a stretch is told at the end alone."""
+"""Probability in noise alone above which a segment is told at the end alone."""
 
 OVER_S = 300.0
-"""A stretch that was not heard for so long is over, s."""
+"""A segment that was not heard for so long is over, s."""
 
 GAP_S = 60.0
-"""Two rows with more time than this between them are two stretches, s."""
+"""Two rows with more time than this between them are two segments, s."""
 
 SAME_SPACING = 0.01
 """Relative difference of two spacings that are one."""
 
 SAME_SHARE = 0.5
-"""Share of the lines of the shorter list that two rows of one stretch share."""
+"""Share of the lines of the shorter list that two rows of one segment share."""
 
 LINE_REACH = {"frequencies_hz": (5e-3, 0.5), "rates_hz": (4e-3, 0.05)}
 """Relative and absolute distance, Hz, of two lines or rates that are one."""
 
 HELD_S = 60.0
-"""Time for which lines that may be those of a stretch that was told are held back, s."""
+"""Time for which lines that may be those of a segment that was told are held back, s."""
 
 FALL = 0.02
 """Relative fall of lines at a passage of 15 m/s."""
@@ -56,7 +56,7 @@ NOT_DECIDED = "its closest approach is not decided yet"
 
 @dataclass
 class _Told:
-    """A stretch that was told."""
+    """A segment that was told."""
 
     row: Event
     """What is known of it now."""
@@ -64,7 +64,7 @@ class _Told:
     """What was said of it last."""
     number: int
     """Its number."""
-    stretch_s: float
+    segment_s: float
     """Length of the look that knows it, s."""
     revision: int = 0
     """How often it was told anew."""
@@ -83,7 +83,7 @@ class _Told:
 
 
 class LivePresence:
-    """The stretches that were told, each with its last values.
+    """The segments that were told, each with its last values.
 
     ``say``: takes the kind of an event, its time, its facts, its revision, and whether
     it is final.
@@ -94,22 +94,22 @@ class LivePresence:
         self._known: list[_Told] = []
 
     def see(
-        self, rows: Sequence[Event], span_s: tuple[float, float], stretch_s: float
+        self, rows: Sequence[Event], span_s: tuple[float, float], segment_s: float
     ) -> None:
         """Take the rows of a look.
 
         ``rows``: rows of its presence, their closest approaches named as they were
         told. ``span_s``: where its sound begins and ends, s from the first sample.
-        ``stretch_s``: how long it is at most, s: longer looks know more.
+        ``segment_s``: how long it is at most, s: longer looks know more.
         """
         wanted = [row for row in rows if _is_certain(row) and _is_inside(row, span_s)]
         found = _paired(wanted, self._open())
         for told, row in found:
             known = told.row
             both = _lasting(known, row)
-            longer = stretch_s >= told.stretch_s or row["n_lines"] > known["n_lines"]
+            longer = segment_s >= told.segment_s or row["n_lines"] > known["n_lines"]
             told.row = both(row if longer else known)
-            told.stretch_s = max(told.stretch_s, stretch_s)
+            told.segment_s = max(told.segment_s, segment_s)
             if _is_news(told.row, told.said):
                 self._revise(told)
         paired = [id(row) for _, row in found]
@@ -119,11 +119,11 @@ class LivePresence:
             is_new = span_s[1] - row["from_s"] < HELD_S
             if is_new and any(_may_go_on(t.row, row) for t in self._open()):
                 continue
-            self._known.append(_Told(row, row, 1 + len(self._known), stretch_s))
+            self._known.append(_Told(row, row, 1 + len(self._known), segment_s))
             self._tell(self._known[-1])
 
     def some_are_due(self, now_s: float) -> bool:
-        """Tell whether a stretch is over and waits to be decided."""
+        """Tell whether a segment is over and waits to be decided."""
         return any(now_s - told.row["to_s"] >= OVER_S for told in self._open())
 
     def decide(self, rows: Sequence[Event], now_s: float) -> None:
@@ -234,7 +234,7 @@ def _is_news(row: Event, said: Event) -> bool:
 
 
 def _are_one(row: Event, other: Event) -> bool:
-    """Tell whether two rows are of one stretch."""
+    """Tell whether two rows are of one segment."""
     if _between_s(row, other) > GAP_S:
         return False
     if _has_lines(row) != _has_lines(other):
@@ -276,7 +276,7 @@ def _shared(
 
 
 def _paired(rows: Sequence[Event], known: Sequence[_Told]) -> list[tuple[_Told, Event]]:
-    """Pair rows with stretches one to one, those that share the most time first."""
+    """Pair rows with segments one to one, those that share the most time first."""
     near = sorted(
         (_between_s(row, told.row), k, n)
         for n, row in enumerate(rows)

@@ -2,7 +2,7 @@
 
 **Method.** Seconds are counted from the first sample of the file, or of the stream, and
 each is made of the audio of itself and its neighbours alone (`spectra.demultiplex`). So
-blocks of any size, parts, stretches that are read again and live sound are the same to the
+blocks of any size, parts, segments that are read again and live sound are the same to the
 bit. Where lock is lost all three channels are nan, which frames count as a gap.
 """
 
@@ -22,7 +22,7 @@ from uwtrack_cli.data.recording import (
     Reader,
     Recording,
     Samples,
-    read_stretch,
+    read_segment,
 )
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
@@ -126,7 +126,7 @@ class DifarReader:
             sensor=sensor,
         )
 
-    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+    def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples again, counted from the first that is yielded.
 
         Raises
@@ -142,7 +142,7 @@ class DifarReader:
             stop = min(stop, self.audio.last)
         elif isinstance(self.audio, LiveSource):
             stop = min(stop, self.audio.n_samples)
-        audio = read_stretch(self.audio, start, stop - start)[:, 0]
+        audio = read_segment(self.audio, start, stop - start)[:, 0]
         parts = [audio[n : n + rate] for n in range(0, audio.size, rate)]
         made = self._seconds(iter(parts), start // rate)
         samples = [s.samples for k, s in made if k in seconds]

@@ -5,13 +5,13 @@ ones are blind to weak lines and cost ten times as much. So the sound is looked 
 where lines or the level rise for seconds (`spectra/transients.py`), and where the long frames
 show a closest approach that lasts only a few of their lengths. Lines that keep their
 frequencies, and a level that rises for longer, do not need the shortest frames, and
-lines that climb none. These stretches of the sound are read again, and recipes of
+lines that climb none. These segments of the sound are read again, and recipes of
 shorter frames run over them, up to their closest approaches, which are held against the
-sound as all are; where the sound cannot be read again, a warning says which stretches
+sound as all are; where the sound cannot be read again, a warning says which segments
 were left out. What long or longer frames tell of a piece of a line that a better passage
 explains is left out before (`motion/explained_lines.py`), and so is what longer frames
 tell by levels alone where the parts of the band do not (`checks/sub_bands.py`). A
-stretch is too short to tell swell from a passage by the level alone: there the level,
+segment is too short to tell swell from a passage by the level alone: there the level,
 and the parts of its band by themselves, must rise by more than the recording does all
 the time (`motion/passage/checks/usual_rises.py`). In the end all
 answers, those of several lengths of long frames among them, compete for one row per
@@ -31,7 +31,7 @@ from uwtrack_cli.data.base import BoolArray
 from uwtrack_cli.data.encounters import TOO_FAST, Encounters
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.options import checked
-from uwtrack_cli.data.recording import PartReader, Recording, read_stretch
+from uwtrack_cli.data.recording import PartReader, Recording, read_segment
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.data.transients import CLIMB, FALL, LEVEL, Transients
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
@@ -55,10 +55,10 @@ QUICK_WINDOWS = 8.0
 """d/v, in lengths of the long frames, up to which a passage is looked at again."""
 
 LEAST_S, WIDTHS = 10.0, 5.0
-"""A stretch reaches so many seconds, and so many d/v, to either side."""
+"""A segment reaches so many seconds, and so many d/v, to either side."""
 
 LONGEST_S = 60.0
-"""Stretches are joined up to this length, s."""
+"""Segments are joined up to this length, s."""
 
 
 @checked
@@ -88,7 +88,7 @@ def zoom_in(
     recording
         The recording, whose sound is read again.
     levels
-        Levels of the recording, above whose usual rises the level of a stretch must
+        Levels of the recording, above whose usual rises the level of a segment must
         rise. None leaves that out.
     recipes
         Recipes with shorter frames that are run over what is looked at; small-craft
@@ -127,7 +127,7 @@ def zoom_in(
     missed_s: list[float] = []
     for number, graph in enumerate(graphs):
         looked = rises if rises is None else _seen(rises, is_first=number == 0)
-        for start_s, stop_s in _stretches(own, looked, tracked):
+        for start_s, stop_s in _segments(own, looked, tracked):
             part = _part(recording, start_s, stop_s)
             if part is None:
                 missed_s.append(max(0.0, start_s))
@@ -147,13 +147,13 @@ def zoom_in(
 
 
 def _warn_of_missed(from_s: list[float], recording: Recording) -> None:
-    """Say that stretches are not looked at again, since their sound is not at hand."""
+    """Say that segments are not looked at again, since their sound is not at hand."""
     places = sorted(set(from_s))
-    stretches = f"{len(places)} stretch" + ("es" if len(places) > 1 else "")
+    segments = f"{len(places)} segment" + ("s" if len(places) > 1 else "")
     msg = (
-        f"{stretches} of {recording.name}, from {places[0]:.0f} s on, where something may "
-        f"pass within seconds, cannot be looked at again: the sound is not at hand. Keep "
-        f"it in a file, and run that."
+        f"{segments} of {recording.name}, from {places[0]:.0f} s on, where something may "
+        f"pass within seconds, cannot be analysed again: the sound is gone. Record it "
+        f"in a file, and run that."
     )
     warnings.warn(msg, UwtrackWarning, stacklevel=3)
 
@@ -185,12 +185,12 @@ def _confirmed(table: Encounters, levels: Levels | None) -> Encounters:
 def _seen(rises: Transients, *, is_first: bool) -> Transients:
     """Return the rises that the first of the recipes, or the others, look at."""
     if is_first:
-        return rises.take("rise", np.flatnonzero(rises.kind != CLIMB))
+        return rises.take("transient", np.flatnonzero(rises.kind != CLIMB))
     brief = (rises.kind == LEVEL) & (rises.half_length_s < 1.01 * BRIEF_S)
-    return rises.take("rise", np.flatnonzero(brief | (rises.kind == FALL)))
+    return rises.take("transient", np.flatnonzero(brief | (rises.kind == FALL)))
 
 
-def _stretches(
+def _segments(
     known: Encounters, rises: Transients | None, lines: Lines | None
 ) -> list[tuple[float, float]]:
     """Return where to look, in the order of time, s."""
@@ -215,14 +215,14 @@ def _stretches(
 
 
 def _part(recording: Recording, start_s: float, stop_s: float) -> Recording | None:
-    """Return a stretch of a recording as a recording; None if it has passed."""
+    """Return a segment of a recording as a recording; None if it has passed."""
     assert recording.reader is not None  # noqa: S101 - checked before
     rate_hz = recording.sample_rate_hz
     first = round(max(0.0, start_s) * rate_hz)
     last = min(round(stop_s * rate_hz), recording.n_samples)
     try:
         for end in (first, last - 1):
-            read_stretch(recording.reader, end, 1)
+            read_segment(recording.reader, end, 1)
     except DataError:
         return None
     start_ns = recording.start_utc_ns
@@ -250,7 +250,7 @@ def _up_to_passages(recipe: str, probability: float) -> Graph:
 
 
 def _passages(part: Recording, graph: Graph) -> Encounters | None:
-    """Run the steps of a graph over a stretch; None if it is too short for them."""
+    """Run the steps of a graph over a segment; None if it is too short for them."""
     sink = MemorySink()
     try:
         with warnings.catch_warnings():  # of frames that nobody has chosen
@@ -270,7 +270,7 @@ def _risen(
     rises: Transients | None,
     levels: Levels | None,
 ) -> Encounters:
-    """Return the passages of a stretch; by the level alone, where the recording rises."""
+    """Return the passages of a segment; by the level alone, where the recording rises."""
     time_s, reach_s = known.time_s, known.range_over_speed_s
     if rises is not None:
         is_level = rises.kind == LEVEL
@@ -290,7 +290,7 @@ def _risen(
 def _placed(
     table: Encounters, start_s: float, stop_s: float, recording: Recording
 ) -> Encounters:
-    """Return the passages that lie well inside a stretch, in the recording's time."""
+    """Return the passages that lie well inside a segment, in the recording's time."""
     shift_s = max(0.0, start_s)
     time_s = table.time_s + shift_s
     width_s = np.nan_to_num(table.range_over_speed_s)

@@ -203,9 +203,9 @@ def _exchanged(
         refused_probability=None
         if kept.probability is None
         else kept.probability[told],
-        refused_reading=np.full(len(told), ""),
-        refused_reading_weight=np.full(len(told), np.nan),
-        refused_rival=np.full(len(told), ""),
-        refused_rival_weight=np.full(len(told), np.nan),
+        refused_motion_model=np.full(len(told), ""),
+        refused_motion_model_probability=np.full(len(told), np.nan),
+        refused_alternative_motion_model=np.full(len(told), ""),
+        refused_alternative_motion_model_probability=np.full(len(told), np.nan),
     )
     return Encounters.join([winners, kept.take("encounter", stay)])

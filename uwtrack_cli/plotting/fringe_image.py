@@ -44,7 +44,7 @@ USUAL_MACH = 0.0037
 
 
 class FringeImage(NamedTuple):
-    """The image of a stretch, each cell in its own noise."""
+    """The image of a segment, each cell in its own noise."""
 
     time_s: FloatArray
     """Times of its rows, s."""
@@ -55,7 +55,7 @@ class FringeImage(NamedTuple):
 
     @classmethod
     def of(cls, fringes: Fringes, span_s: Span) -> "FringeImage | None":
-        """Return the image of a stretch, s; None where there is none."""
+        """Return the image of a segment, s; None where there is none."""
         inside = style.within(fringes.time_s, span_s)
         rows = np.flatnonzero(inside & (fringes.shade[:, :1] > 0).any(axis=1))
         if rows.size < 2 or not fringes.frequency_hz.size:

@@ -122,7 +122,7 @@ def sound_of(
         low, high = float(lines.min()) / REACH, float(lines.max()) * REACH
     high = min(high, 0.5 * recording.sample_rate_hz)
     try:
-        samples = recording.stretch(float(begin), float(end))[:, 0]
+        samples = recording.segment(float(begin), float(end))[:, 0]
     except DataError:  # the sound has gone since it was found
         return None
     sound, rate_hz = in_band(samples, recording.sample_rate_hz, (low, high))

@@ -269,7 +269,7 @@ def _outline(
 
 def comb_part(scene: Scene) -> list[PagePart]:
     """Return the harmonics of the longest family over time, by their number."""
-    presence, rows = scene.presence, scene.stretches
+    presence, rows = scene.presence, scene.segments
     if presence is None:
         return []
     is_vessel = np.isin(presence.kind[rows], list(OF_VESSELS))
@@ -280,7 +280,7 @@ def comb_part(scene: Scene) -> list[PagePart]:
     seen = np.clip([presence.from_s[rows], presence.to_s[rows]], *scene.span_s)
     row = int(rows[np.argmax(np.ptp(seen, axis=0))])
     spacing = float(presence.spacing_hz[row])
-    own = presence.frequency_hz[presence.frequency_stretch == row] / spacing
+    own = presence.frequency_hz[presence.frequency_segment == row] / spacing
     highest = min(HARMONICS, round(float(own.max(initial=4.0))) + 2)
     window_s = min(CELLS_PER_TOOTH / spacing, 0.125 * float(np.ptp(scene.span_s)))
     axis = FrequencyAxis(0.5 * spacing, (highest + 0.5) * spacing, is_log=False)
@@ -315,12 +315,12 @@ def presence_part(scene: Scene) -> list[PagePart]:
     if (presence := scene.presence) is None:
         return []
     rows = defaultdict[tuple[int, int, int], list[int]](list)
-    for stretch in scene.stretches.tolist():
-        number = scene.owner(stretch)
-        is_vessel = presence.kind[stretch] in OF_VESSELS
-        contact = int(presence.contact[stretch]) if is_vessel else 0
-        kind = KINDS.index(presence.kind[stretch])
-        rows[(-1, number, 0) if number else (kind, 0, contact)].append(stretch)
+    for segment in scene.segments.tolist():
+        number = scene.owner(segment)
+        is_vessel = presence.kind[segment] in OF_VESSELS
+        contact = int(presence.contact[segment]) if is_vessel else 0
+        kind = KINDS.index(presence.kind[segment])
+        rows[(-1, number, 0) if number else (kind, 0, contact)].append(segment)
     order = sorted(rows, reverse=True)
 
     def draw(ax: Axes) -> None:
@@ -337,7 +337,7 @@ def presence_part(scene: Scene) -> list[PagePart]:
 def _draw_bars(
     presence: Presence, rows: list[int], number: int, place: int, ax: Axes
 ) -> None:
-    """Draw stretches in a row, those that overlap as one, with the longest's spacing."""
+    """Draw segments in a row, those that overlap as one, with the longest's spacing."""
     color, span_s = style.contact_color(number), ax.get_xlim()
     length_s, bars = float(np.ptp(span_s)), list[tuple[float, float, list[int]]]()
     for row in sorted(rows, key=lambda row: float(presence.from_s[row])):
@@ -367,7 +367,7 @@ def rates_part(scene: Scene) -> list[PagePart]:
     presence, envelope = scene.presence, scene.envelope
     if presence is None:
         return []
-    near = np.isin(presence.rate_stretch, scene.stretches)
+    near = np.isin(presence.rate_segment, scene.segments)
     if not near.any():
         return []
     axis = FrequencyAxis(0.0, 1.25 * float(presence.rate_hz[near].max()), is_log=False)
@@ -384,10 +384,10 @@ def rates_part(scene: Scene) -> list[PagePart]:
         rows = rows[np.argsort(presence.rate_hz[rows], kind="stable")]
         below, place, is_over = -np.inf, 0, picture is not None
         for row in rows:
-            stretch, rate = int(presence.rate_stretch[row]), presence.rate_hz[row]
-            ends = presence.from_s[stretch], presence.to_s[stretch]
+            segment, rate = int(presence.rate_segment[row]), presence.rate_hz[row]
+            ends = presence.from_s[segment], presence.to_s[segment]
             ends = np.clip(ends, *scene.span_s)
-            line = Outlined(ends, np.full(2, rate), scene.owner(stretch))
+            line = Outlined(ends, np.full(2, rate), scene.owner(segment))
             _outline(line, axis, ax, is_over=is_over)
             share = float(axis.share(rate))  # a value that covers one is put beside it
             place = (place + 1) % LABEL_PLACES if share - below < LABEL_SHARE else 0

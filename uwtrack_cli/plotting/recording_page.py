@@ -41,7 +41,7 @@ MAP_IN = 4.6
 """Height of the map of several sensors, inches."""
 
 NO_PASSAGE = "no closest approach; "
-"""What is said before each stretch where nothing passes, and once on a page."""
+"""What is said before each segment where nothing passes, and once on a page."""
 
 MOST_NAMED = 8
 """Passages that are said in words above the panels."""
@@ -143,7 +143,7 @@ def _counts(scene: Scene, n: int) -> list[str]:
     if scene.encounters is not None and (n or presence is None):
         facts.append(f"{n or 'no'} passage{'' if n == 1 else 's'}")
     if presence is not None:
-        heard = json_rows(presence.take("stretch", scene.stretches))
+        heard = json_rows(presence.take("segment", scene.segments))
         for text in presence_sentences(heard, is_passed=n > 0):
             facts.append(text.removeprefix(NO_PASSAGE) if facts else text)
     return facts

@@ -19,7 +19,7 @@ from uwtrack_cli.data.recording import RecordedFiles, Recording
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.product import Product
 from uwtrack_cli.files.tables.json_rows import Row, json_rows
-from uwtrack_cli.files.tables.presence_words import presence_sentences, stretch_words
+from uwtrack_cli.files.tables.presence_words import presence_sentences, segment_words
 from uwtrack_cli.files.tables.summaries import numbered, summary_of
 from uwtrack_cli.flow.next_looks import next_looks
 from uwtrack_cli.plotting import html_page, passage
@@ -153,6 +153,6 @@ def _detected(report: Report) -> dict[str, Any]:
     for row in rows:
         row["passage"] = numbers.get((row["sensor"], row["encounter"]))
         if row["encounter"] is None:
-            text, why = stretch_words(row), row["reasons"].get("encounter")
+            text, why = segment_words(row), row["reasons"].get("encounter")
             notes.append(f"{text[0].upper()}{text[1:]}{f': {why}' if why else ''}.")
     return {"detected": report.table("presence", rows), "notes": notes}

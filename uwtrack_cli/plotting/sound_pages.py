@@ -134,7 +134,7 @@ def _limits(known_db: FloatArray, range_db: float | None) -> tuple[float, float]
 
 
 class Shaft(NamedTuple):
-    """A stretch in which a shaft was heard."""
+    """A segment in which a shaft was heard."""
 
     number: int
     """Passage that it belongs to; 0 for none."""
@@ -226,8 +226,8 @@ def _shafts(scene: Scene) -> Iterator[Shaft]:
     found = scene.presence
     if found is None:
         return
-    for row in scene.stretches.tolist():
-        rates = np.sort(found.rate_hz[found.rate_stretch == row])
+    for row in scene.segments.tolist():
+        rates = np.sort(found.rate_hz[found.rate_segment == row])
         if rates.size:
             spacing = float(found.spacing_hz[row])
             is_of_rates = spacing <= rates[0] * 1.02  # not of its lines

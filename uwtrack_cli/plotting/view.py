@@ -253,18 +253,18 @@ class Scene:
         return self._own(Presence)
 
     @property
-    def stretches(self) -> IntArray:
+    def segments(self) -> IntArray:
         """Rows of what was detected within the span."""
         found, (low, high) = self.presence, self.span_s
         is_near = found is not None and (found.to_s >= low) & (found.from_s <= high)
         return np.flatnonzero(is_near)
 
-    def owner(self, stretch: int) -> int:
-        """Return the number of the passage that a stretch belongs to; 0 for none."""
+    def owner(self, segment: int) -> int:
+        """Return the number of the passage that a segment belongs to; 0 for none."""
         found = self.presence
         if found is None or self.encounters is None:
             return 0
-        return self.number(found.encounter[stretch] or found.contact[stretch])
+        return self.number(found.encounter[segment] or found.contact[segment])
 
     @property
     def clock(self) -> Clock:

@@ -1,1 +1,1 @@
-"""What was heard: lines, rates, levels and passages -> stretches of one kind each."""
+"""What was heard: lines, rates, levels and passages -> segments of one kind each."""

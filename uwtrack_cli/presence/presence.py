@@ -1,7 +1,7 @@
 """Was there a vessel: what was heard, when, and why it is no closest approach.
 
 **Method.** Lines of the sound tell of families, common motion and hum
-(`tonal_stretches`), lines of the envelope of shafts and blades, levels of
+(`tonal_segments`), lines of the envelope of shafts and blades, levels of
 rises (`level_humps`). Rates of the shaft of a family join it as one contact. What passed
 is marked with its closest approach, and what was taken for a passage and refused has
 that reason.
@@ -38,13 +38,13 @@ from uwtrack_cli.errors import DataError
 from uwtrack_cli.estimation.angles import wrap_deg
 from uwtrack_cli.presence.level_humps import level_humps
 from uwtrack_cli.presence.line_summary import LineSummary, common_bearing, summarise
-from uwtrack_cli.presence.passage_stretches import (
+from uwtrack_cli.presence.passage_segments import (
     add_readings,
     add_refusals,
     mark_passages,
 )
-from uwtrack_cli.presence.stretch import Stretch, make_presence
-from uwtrack_cli.presence.tonal_stretches import tonal_stretches
+from uwtrack_cli.presence.segment import Segment, make_presence
+from uwtrack_cli.presence.tonal_segments import tonal_segments
 
 LOWEST_RATE_HZ = 0.5
 """Lowest rate that is called one."""
@@ -198,7 +198,7 @@ def find_presence(
     Returns
     -------
     Presence
-        One row per stretch, in the order of time.
+        One row per segment, in the order of time.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def find_presence(
             begin = time_ns - round(float(np.nan_to_num(table.time_s[row])) * 1e9)
             known = None if time_ns < 0 else begin
             starts.setdefault(str(table.sensor[row]), known)
-    stretches = {
+    segments = {
         sensor: _of_sensor(
             [one for one in lines if one.frames.sensor == sensor],
             [one for one in levels if one.frames.sensor == sensor],
@@ -231,15 +231,15 @@ def find_presence(
     }
     references = [one.reference for one in lines if one.reference != MODULATION]
     references += [one.reference for one in levels]
-    return make_presence(stretches, starts, references[0] if references else FULL_SCALE)
+    return make_presence(segments, starts, references[0] if references else FULL_SCALE)
 
 
 def _of_sensor(
     lines: Sequence[Lines], levels: Sequence[Levels], encounters: Sequence[Encounters]
-) -> list[Stretch]:
+) -> list[Segment]:
     sound = [one for one in lines if one.reference != MODULATION]
     envelope = [one for one in lines if one.reference == MODULATION]
-    found = tonal_stretches(sound) if sound else []
+    found = tonal_segments(sound) if sound else []
     for one in envelope:
         _add_rates(one, found)
     for own in levels:
@@ -249,9 +249,9 @@ def _of_sensor(
         mark_passages(table, found)
         add_refusals(table, found)
         add_readings(table, found)
-    for stretch in found:  # a passage is longer than what was heard of it
-        stretch.from_s = float(np.clip(stretch.from_s, begins, ends))
-        stretch.to_s = float(np.clip(stretch.to_s, begins, ends))
+    for segment in found:  # a passage is longer than what was heard of it
+        segment.from_s = float(np.clip(segment.from_s, begins, ends))
+        segment.to_s = float(np.clip(segment.to_s, begins, ends))
     return found
 
 
@@ -267,7 +267,7 @@ def _span(lines: Sequence[Lines], levels: Sequence[Levels]) -> tuple[float, floa
     return min(begins), max(ends)
 
 
-def _add_rates(envelope: Lines, found: list[Stretch]) -> None:
+def _add_rates(envelope: Lines, found: list[Segment]) -> None:
     """Join the rates of each shaft to the vessel of its lines, or add them."""
     if not envelope.line_id.size:
         return
@@ -280,7 +280,7 @@ def _add_rates(envelope: Lines, found: list[Stretch]) -> None:
         rest[family.rows] = False
         rows = family.rows
         bearing, spread = common_bearing(lines, rows)
-        made = Stretch(
+        made = Segment(
             kind=RATES,
             from_s=float(lines.from_s[rows].min()),
             to_s=float(lines.to_s[rows].max()),
@@ -303,7 +303,7 @@ def _add_rates(envelope: Lines, found: list[Stretch]) -> None:
     found += [_single_rate(lines, int(row)) for row in np.flatnonzero(rest)]
 
 
-def _single_rate(lines: LineSummary, row: int) -> Stretch:
+def _single_rate(lines: LineSummary, row: int) -> Segment:
     """Return a line of the envelope that has no others of its shaft."""
     rate = float(lines.frequency_hz[row])
     kind, reason = UNKNOWN, SINGLE_RATE
@@ -312,7 +312,7 @@ def _single_rate(lines: LineSummary, row: int) -> Stretch:
     elif _is_mains(rate):
         kind, reason = HUM, MAINS_RATE
     bearing, spread = common_bearing(lines, np.array([row]))
-    return Stretch(
+    return Segment(
         kind=kind,
         from_s=float(lines.from_s[row]),
         to_s=float(lines.to_s[row]),
@@ -332,7 +332,7 @@ def _is_mains(rate_hz: float) -> bool:
     )
 
 
-def _is_of_shaft(rates: Stretch, vessel: Stretch) -> bool:
+def _is_of_shaft(rates: Segment, vessel: Segment) -> bool:
     """Tell whether rates are of the shaft that a family's spacing is a multiple of."""
     if vessel.kind != VESSEL or not np.isfinite(vessel.spacing_hz):
         return False
@@ -349,13 +349,13 @@ def _is_of_shaft(rates: Stretch, vessel: Stretch) -> bool:
     return False
 
 
-def _is_one_bearing(rates: Stretch, vessel: Stretch) -> bool:
+def _is_one_bearing(rates: Segment, vessel: Segment) -> bool:
     off = abs(float(wrap_deg(np.array(vessel.bearing_deg - rates.bearing_deg))))
     spread = float(np.hypot(vessel.bearing_std_deg, rates.bearing_std_deg))
     return not off > SAME_BEARING_DEG + 3.0 * spread  # also where one is not known
 
 
-def _join(vessel: Stretch, rates: Stretch) -> None:
+def _join(vessel: Segment, rates: Segment) -> None:
     """Give a vessel the rates of its shaft."""
     vessel.rates_hz += rates.rates_hz
     vessel.from_s = min(vessel.from_s, rates.from_s)

@@ -212,7 +212,7 @@ def test_what_a_recorder_has_lost_is_a_gap_however_it_is_read(value, tmp_path):
         found = np.isnan(np.concatenate(blocks)).all(axis=1)
         np.testing.assert_array_equal(found, is_lost)
     for start_s, stop_s in ((0.0, 3.0), (0.9, 1.1), (1.4, 1.6), (1.9, 2.5)):
-        found = np.isnan(recording.stretch(start_s, stop_s)).all(axis=1)
+        found = np.isnan(recording.segment(start_s, stop_s)).all(axis=1)
         span = slice(round(start_s * RATE), round(stop_s * RATE))
         np.testing.assert_array_equal(found, is_lost[span])
     before = open_recording(path, sensor=DIFAR, stop_s=0.9)
@@ -381,7 +381,7 @@ def test_a_streamed_flac_file_is_read_to_its_end(
     np.testing.assert_array_equal(samples(streamed), samples(whole))
     last_s = max(0.0, streamed.duration_s - 0.2)
     np.testing.assert_array_equal(
-        streamed.stretch(last_s, 1e6), whole.stretch(last_s, 1e6)
+        streamed.segment(last_s, 1e6), whole.segment(last_s, 1e6)
     )
 
 

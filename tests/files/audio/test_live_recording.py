@@ -345,7 +345,7 @@ def test_odd_sound_is_treated_as_in_the_file(tmp_path, odd):
     for one in found[1:]:
         np.testing.assert_array_equal(one, found[0])
     assert said[2] == said[0]
-    again = [one.stretch(1.2, 3.4) for one in (recording, live)]
+    again = [one.segment(1.2, 3.4) for one in (recording, live)]
     np.testing.assert_array_equal(again[0], found[0][1200:3400])
     np.testing.assert_array_equal(again[1], again[0])
 
@@ -442,12 +442,12 @@ def test_what_came_can_be_read_again_as_from_the_file(tmp_path):
         blocks = live.reader(RATE)
         next(blocks)
         with pytest.raises(DataError, match="not at hand"):
-            live.stretch(0.5, 1.5)  # it has not come
+            live.segment(0.5, 1.5)  # it has not come
         for _ in blocks:
             pass
         for span in ((0.0, 0.3), (1.7, 4.5), (-1.0, 9.0)):
-            again = live.ended().stretch(*span)
-            np.testing.assert_array_equal(again, from_file.stretch(*span))
+            again = live.ended().segment(*span)
+            np.testing.assert_array_equal(again, from_file.segment(*span))
 
 
 def test_the_last_bytes_are_kept_on_disk_and_no_more():

@@ -10,16 +10,19 @@ again.
 import gzip
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+from tests.files.synthetic_containers import synthetic
 from uwtrack_cli.data.decisions import Decision
-from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.encounters import Encounters, Fixes
 from uwtrack_cli.data.lines import Lines
 from uwtrack_cli.data.motions import Motions
+from uwtrack_cli.data.presence import Presence
 from uwtrack_cli.data.spectra import Levels
 from uwtrack_cli.errors import DataError
 from uwtrack_cli.files.hdf5.checksum import append_checksum
@@ -129,6 +132,31 @@ def test_renamed_columns_are_columns_of_today():
             columns = CONTAINERS[container].columns()
             assert now in columns
             assert before not in columns
+
+
+@pytest.mark.parametrize("kind", [Encounters, Presence, Fixes, Motions])
+def test_a_file_of_version_4_has_the_columns_of_today(kind, tmp_path):
+    path = tmp_path / "old.h5"
+    table = synthetic(kind, 3)
+    if kind is Fixes:
+        names = np.array(["stationary", "moving", ""])
+        table = replace(table, motion_model=names, alternative_motion_model=names[::-1])
+    write_product(path, [table])
+    with h5py.File(path, "r+") as file:
+        (own,) = (g[kind.NAME] for g in (file, *file.values()) if kind.NAME in g)
+        for (container, now), before in RENAMED_IN[5].items():
+            if container == kind.NAME:
+                own.move(now, before)
+        if kind is Fixes:
+            for name in ("reading", "rival"):
+                words = [b"still" if one == b"stationary" else one for one in own[name]]
+                own[name][:] = words
+        file.attrs["schema_version"] = 4
+    with path.open("r+b") as file:
+        append_checksum(file)
+    with read_product(path) as product:
+        assert product.read(kind).equals(table)
+    assert verify_product(path) == []
 
 
 def test_lines_of_version_1_are_read_in_single_precision(old):

@@ -73,7 +73,7 @@ def _table(rows):
     return [summary.titles, *summary.rows]
 
 
-def test_a_stretch_within_one_day_names_it_once():
+def test_a_segment_within_one_day_names_it_once():
     row = {"kind": "rates", "from_s": 4.0, "from_utc": "2024-05-01T12:00:04Z",
            "to_s": 114.0, "to_utc": "2024-05-01T12:01:54Z",
            "rates_hz": [2.4, 7.2, 9.6, 12.0], "n_lines": 0}  # fmt: skip

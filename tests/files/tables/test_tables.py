@@ -295,8 +295,11 @@ def test_encounter_has_the_documented_keys_types_and_order():
              "change_time_std_s": change.pop("time_std_s"),
              "change_follows": change.pop("follows")}  # fmt: skip
     known = {k: [np.nan if v is None else v] for k, v in (times | change).items()}
-    direct |= known | {"rival": ["frequency-step"], "rival_weight": [0.1]}
-    direct |= {"reading": ["manoeuvre"], "reading_weight": [0.9]}
+    direct |= known | {
+        "alternative_motion_model": ["frequency-step"],
+        "alternative_motion_model_probability": [0.1],
+    }
+    direct |= {"motion_model": ["manoeuvre"], "motion_model_probability": [0.9]}
     documented = json.loads(ENCOUNTER)
     container = synthetic(
         Encounters, 1, **direct, time_utc_ns=[1_577_836_800_123_456_789],
@@ -373,7 +376,7 @@ def test_motion_has_the_documented_keys_and_order():
     documented = json.loads(MOTION)
     direct = {k: [v] for k, v in documented.items() if k in Motions.columns()}
     direct |= {
-        "reading": ["straight"],
+        "motion_model": ["straight"],
         "time_utc_ns": [1_577_836_800_000_000_000],
         **reason_columns("reason_motion", [{}]),
     }

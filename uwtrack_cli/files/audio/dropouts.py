@@ -1,4 +1,4 @@
-"""Stretches of sound in which no sample changes: dropouts of a recorder.
+"""Segments of sound in which no sample changes: dropouts of a recorder.
 
 **Method.** Noise of a sensor changes with every sample; a run of one value in all channels at
 once, of zeros as a rule, is sound that a recorder has lost. Frames are told of it as of any
@@ -146,20 +146,20 @@ def without_dropouts(
             yield sound[first : first + block_samples]
 
 
-def stretch_without_dropouts(
+def segment_without_dropouts(
     read: Callable[[int, int], Samples],
     span: tuple[int, int],
     bounds: tuple[int, int],
     sample_rate_hz: float,
 ) -> Samples:
-    """Return a stretch of sound as `without_dropouts` yields it.
+    """Return a segment of sound as `without_dropouts` yields it.
 
     Parameters
     ----------
     read
         Returns so many samples from one on.
     span
-        First sample of the stretch, and the one after its last.
+        First sample of the segment, and the one after its last.
     bounds
         The same of all that can be read.
     sample_rate_hz

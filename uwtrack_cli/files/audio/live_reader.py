@@ -23,7 +23,7 @@ from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.byte_stream import ByteStream
 from uwtrack_cli.files.audio.dropouts import (
     Dropouts,
-    stretch_without_dropouts,
+    segment_without_dropouts,
     without_dropouts,
 )
 from uwtrack_cli.files.audio.reader import Tally
@@ -151,7 +151,7 @@ class LiveReader:
             raise OptionError(msg)
         return self._blocks(block_samples)
 
-    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+    def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples again, counted from the first that was yielded.
 
         Raises
@@ -163,7 +163,7 @@ class LiveReader:
         span = first_sample, first_sample + n_samples
         for begin in sorted({0, first_sample}):  # what is beside it may have gone
             try:
-                return stretch_without_dropouts(
+                return segment_without_dropouts(
                     self._again, span, (begin, max(self.n_samples, span[1])), rate_hz
                 )
             except DataError as error:

@@ -18,7 +18,7 @@ from uwtrack_cli.data.recording import Samples
 from uwtrack_cli.errors import DataError, OptionError, UwtrackWarning
 from uwtrack_cli.files.audio.dropouts import (
     Dropouts,
-    stretch_without_dropouts,
+    segment_without_dropouts,
     without_dropouts,
 )
 from uwtrack_cli.files.audio.opening import open_sound
@@ -82,7 +82,7 @@ class AudioReader:
             raise OptionError(msg)
         return self._blocks(block_samples)
 
-    def stretch(self, first_sample: int, n_samples: int) -> Samples:
+    def segment(self, first_sample: int, n_samples: int) -> Samples:
         """Read so many samples from one on, counted from the first that is yielded.
 
         Raises
@@ -102,7 +102,7 @@ class AudioReader:
                     (first, first + n_samples),
                     (self.first, max(self.last, first + n_samples)),
                 )
-                return stretch_without_dropouts(read, span, bounds, file.samplerate)
+                return segment_without_dropouts(read, span, bounds, file.samplerate)
         except (soundfile.SoundFileError, RuntimeError, OSError) as error:
             msg = f"{self.path} cannot be read again: {error}."
             raise DataError(msg) from error

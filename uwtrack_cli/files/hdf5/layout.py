@@ -31,7 +31,7 @@ from uwtrack_cli.errors import DataError
 FORMAT = "uwtrack product"
 """Value of the root attribute ``format``."""
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 """Version of the layout that this program writes; `migration` reads the older ones."""
 
 STEPS = "steps"

@@ -8,7 +8,8 @@ entry: an optional column that a file lacks is None, and so is a single value it
 where that says nothing (see `reader`).
 
 Version 1 kept every column of lines in double precision. Versions 1 and 2 kept reasons
-and ambiguities as JSON texts, one per row.
+and ambiguities as JSON texts, one per row. Version 5 has the columns of the motion model and
+of segments under the names that JSON has.
 """
 
 import json
@@ -24,13 +25,43 @@ from uwtrack_cli.errors import DataError
 
 Columns = dict[str, NDArray[Any]]
 
+_MOTION_MODEL = {
+    "motion_model": "reading",
+    "motion_model_probability": "reading_weight",
+    "alternative_motion_model": "rival",
+    "alternative_motion_model_probability": "rival_weight",
+}
+
 RENAMED_IN: Mapping[int, Mapping[tuple[str, str], str]] = {
+    5: {
+        **{
+            (kind, now): before
+            for now, before in _MOTION_MODEL.items()
+            for kind in ("encounters", "presence", "fixes")
+        },
+        **{
+            ("encounters", f"refused_{now}"): f"refused_{before}"
+            for now, before in _MOTION_MODEL.items()
+        },
+        **{
+            ("presence", f"{owner}_segment"): f"{owner}_stretch"
+            for owner in ("frequency", "rate", "reason")
+        },
+        ("motions", "motion_model"): "reading",
+    },
     3: {
         ("frames", "valid_fraction"): "effort",
         ("target", "loss_cusum"): "loss_evidence",
     },
 }
 """By version: container and new name of a column, and the name it had before."""
+
+WORDS_IN_5: Mapping[tuple[str, str], Mapping[bytes, bytes]] = {
+    ("fixes", "motion_model"): {b"still": b"stationary"},
+    ("fixes", "alternative_motion_model"): {b"still": b"stationary"},
+    ("decision", "verdict"): {b"neither reading": b"neither fits"},
+}
+"""By container and column: texts that have another name since version 5."""
 
 
 def stored_name(version: int, container: str, column: str) -> str:
@@ -49,6 +80,9 @@ def migrate(
     ``version``: version of the layout of the file that was read. ``column``: name of
     the column today. ``values``: elements as they are stored.
     """
+    words = WORDS_IN_5.get((container, column), {}) if version < 5 else {}
+    if words and values.size:
+        return np.array([words.get(one, one) for one in values.tolist()], np.bytes_)
     if version > 1 or container != Lines.NAME or column not in Lines.columns():
         return values
     now = Lines.columns()[column].dtype

@@ -34,7 +34,7 @@ HEARD = {
 """What is said of each kind."""
 
 MOST_SENTENCES = 3
-"""Stretches that are told one by one."""
+"""Segments that are told one by one."""
 
 NOBODY = "no vessel was found"
 NO_PASSAGE = "no closest approach"
@@ -59,7 +59,7 @@ def presence_sentences(
         told, start = vessels or others, f"{NO_PASSAGE}; "
     else:
         return ["; ".join([NOBODY, *known]), *next_looks]
-    sentences = [f"{start}{stretch_words(row)}" for row in told[:MOST_SENTENCES]]
+    sentences = [f"{start}{segment_words(row)}" for row in told[:MOST_SENTENCES]]
     if len(told) > MOST_SENTENCES:
         more = len(told) - MOST_SENTENCES
         sentences.append(f"{more} more: uwtrack show FILE presence")
@@ -67,7 +67,7 @@ def presence_sentences(
 
 
 def why_no_passage(rows: Sequence[Row]) -> list[str]:
-    """Say of each stretch that is no closest approach why it is none.
+    """Say of each segment that is no closest approach why it is none.
 
     Examples
     --------
@@ -82,15 +82,15 @@ def why_no_passage(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def stretch_words(row: Row) -> str:
-    """Say what was detected in a stretch, and when.
+def segment_words(row: Row) -> str:
+    """Say what was detected in a segment, and when.
 
     Examples
     --------
     >>> row = {"kind": "vessel", "from_s": 12.0, "to_s": 80.4, "from_utc": None,
     ...        "spacing_hz": 6.268, "blade_rate_hz": None, "n_lines": 29,
     ...        "rates_hz": [], "to_utc": None}
-    >>> stretch_words(row)
+    >>> segment_words(row)
     'a vessel is detected from 12 s to 80 s (spacing 6.27 Hz, 29 lines)'
     """
     known = []

@@ -212,7 +212,7 @@ def _number(
 def summary_of(name: str, rows: Sequence[Row], units: str = "m/s") -> Summary:
     """Return the summary of a container.
 
-    ``name``: name of the container, a key of ``SUMMARIES``. ``rows``: its rows; stretches
+    ``name``: name of the container, a key of ``SUMMARIES``. ``rows``: its rows; segments
     whose passages have numbers have them as ``passage``. ``units``: of speeds, m/s or kn.
     """
     if name == "encounters":

@@ -375,12 +375,15 @@ def _identity(
     ranked = sorted(chance.items(), key=lambda item: -item[1])
     best = dict(matching.pairs).get(k)
     model: tuple[str, float, str] = ("", float("nan"), "")
-    if encounters.reading is not None and encounters.rival is not None:
-        weight = encounters.reading_weight
+    if (
+        encounters.motion_model is not None
+        and encounters.alternative_motion_model is not None
+    ):
+        weight = encounters.motion_model_probability
         model = (
-            str(encounters.reading[row]),
+            str(encounters.motion_model[row]),
             float("nan") if weight is None else float(weight[row]),
-            str(encounters.rival[row]),
+            str(encounters.alternative_motion_model[row]),
         )
     return Identity(
         int(encounters.contact[row]),

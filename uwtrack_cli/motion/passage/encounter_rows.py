@@ -98,7 +98,7 @@ VALUES = (
     "bearing_std_deg", "received_level_db", "received_level_std_db",
     "source_level_db", "source_level_std_db", "source_depth_m", "source_depth_std_m",
     "rest_frame_evidence", "misfit",
-    "reading_weight", "rival_weight", "change_time_s", "change_time_std_s",
+    "motion_model_probability", "alternative_motion_model_probability", "change_time_s", "change_time_std_s",
     "frequency_change", "frequency_change_std", "frequency_slope_per_s",
     "frequency_slope_std_per_s", "other_leg_speed_mps", "other_leg_speed_std_mps",
     "other_leg_course_deg", "other_leg_course_std_deg", "turn_away_deg",
@@ -479,8 +479,8 @@ def add_checks(row: Row, candidate: CandidatePassage, *, has_sound: bool) -> Non
     """
     reading = candidate.reading
     row.reading, row.rival = reading.name, reading.rival
-    row.values["reading_weight"] = reading.weight
-    row.values["rival_weight"] = reading.rival_weight
+    row.values["motion_model_probability"] = reading.weight
+    row.values["alternative_motion_model_probability"] = reading.rival_weight
     if np.isfinite(row.values["change_time_s"]):
         row.values["change_time_std_s"] = reading.change_time_std_s
     row.values["rest_frame_evidence"] = candidate.rest_frame_evidence
@@ -565,8 +565,8 @@ def make_encounters(
         evidence_encounter=weighed,
         evidence_alternative=np.array([code for code, _ in nepers], np.str_),
         evidence_nepers=np.array([value for _, value in nepers], float),
-        reading=np.array([row.reading for row in rows], dtype=np.str_),
-        rival=np.array([row.rival for row in rows], dtype=np.str_),
+        motion_model=np.array([row.reading for row in rows], dtype=np.str_),
+        alternative_motion_model=np.array([row.rival for row in rows], dtype=np.str_),
         change_follows=np.array([row.change_follows for row in rows], np.bool_),
         sound_speed_mps=np.full(len(rows), context.sound_speed_mps),
         extrapolated=np.array([row.extrapolated for row in rows], np.bool_),
@@ -597,10 +597,16 @@ def make_encounters(
         refused_reason=np.array([one.reason.sentence for one in refusals], np.str_),
         refused_code=np.array([one.reason.code for one in refusals], np.str_),
         refused_probability=np.array([one.probability for one in refusals], float),
-        refused_reading=np.array([one.reading for one in refusals], dtype=np.str_),
-        refused_reading_weight=np.array([one.weight for one in refusals], float),
-        refused_rival=np.array([one.rival for one in refusals], dtype=np.str_),
-        refused_rival_weight=np.array([one.rival_weight for one in refusals], float),
+        refused_motion_model=np.array([one.reading for one in refusals], dtype=np.str_),
+        refused_motion_model_probability=np.array(
+            [one.weight for one in refusals], float
+        ),
+        refused_alternative_motion_model=np.array(
+            [one.rival for one in refusals], dtype=np.str_
+        ),
+        refused_alternative_motion_model_probability=np.array(
+            [one.rival_weight for one in refusals], float
+        ),
         reference=context.reference,
         band_low_hz=low,
         band_high_hz=high,

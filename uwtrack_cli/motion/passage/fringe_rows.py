@@ -169,8 +169,8 @@ def _row(
     why = "no bearing channel" if is_omni else "fringes tell no bearing"
     row.explain(why, "bearing_deg", "course_deg", "side")
     row.explain(NO_LINE, *KEYS)
-    row.values["reading_weight"] = one.probability
-    row.values["rival_weight"] = 0.0
+    row.values["motion_model_probability"] = one.probability
+    row.values["alternative_motion_model_probability"] = 0.0
     time_s = row.values["time_s"]
     row.extrapolated = not fringes.time_s[0] <= time_s <= fringes.time_s[-1]
     return row

@@ -152,10 +152,10 @@ def _at_times(
         mode=number,
         weight=mode.weight,
         sensors=",".join(platforms.name),
-        reading=reading.name,
-        reading_weight=reading.weight,
-        rival=reading.rival,
-        rival_weight=reading.rival_weight,
+        motion_model=reading.name,
+        motion_model_probability=reading.weight,
+        alternative_motion_model=reading.rival,
+        alternative_motion_model_probability=reading.rival_weight,
     )
     rows["course_std_deg"] = np.minimum(rows["course_std_deg"], 180.0)
     if reading.name == STILL:

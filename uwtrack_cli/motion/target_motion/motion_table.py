@@ -373,7 +373,7 @@ def _observability(
     change = answer.target_manoeuvre
     needed = not (observable or answer.manoeuvring or change.is_certain)
     return {
-        "reading": "manoeuvre" if change.is_certain else "straight",
+        "motion_model": "manoeuvre" if change.is_certain else "straight",
         "manoeuvre_time_s": (
             float(answer.data.time_s[0]) + change.time_s
             if change.is_certain
@@ -422,7 +422,7 @@ def _blank(values: dict[str, Any], reasons: dict[str, str]) -> None:
             covariance[place, :] = covariance[:, place] = np.nan
     if "course_deg" in reasons:
         values["course_low_deg"] = values["course_high_deg"] = np.nan
-    if values["reading"] == "manoeuvre":
+    if values["motion_model"] == "manoeuvre":
         for name in ("range_low_m", "range_high_m", "speed_low_mps", "speed_high_mps"):
             values[name] = np.nan
     values["covariance"] = covariance

@@ -33,7 +33,7 @@ from uwtrack_cli.motion.target_motion.objective import misfit_value
 from uwtrack_cli.motion.target_motion.problem import Problem
 from uwtrack_cli.motion.target_motion.row_mixture import RowMixture
 
-STILL, MOVING = "still", "moving"
+STILL, MOVING = "stationary", "moving"
 
 VESSEL_VELOCITY_STD_MPS = 10.0
 """Deviation of each component of a vessel's velocity of which nothing is known."""
@@ -76,7 +76,7 @@ class PlaceReading:
     """The likelier reading, and the other one."""
 
     name: str
-    """'still' or 'moving'; empty where the readings did not compete."""
+    """'stationary' or 'moving'; empty where the readings did not compete."""
     weight: float
     """Its probability."""
 
@@ -203,7 +203,7 @@ def compete(still: Region, moving: Region) -> PlaceReading:
     >>> nowhere = np.zeros(2), np.eye(2)
     >>> found = compete(Region(*nowhere, 3.0), Region(*nowhere, 0.0))
     >>> found.name, round(found.weight, 3), found.rival
-    ('still', 0.953, '')
+    ('stationary', 0.953, '')
     """
     ratio = still.log_evidence - moving.log_evidence
     chance = float(1.0 / (1.0 + np.exp(-np.clip(ratio, -700.0, 700.0))))

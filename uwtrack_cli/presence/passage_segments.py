@@ -24,7 +24,7 @@ from uwtrack_cli.data.encounters import Encounters
 from uwtrack_cli.data.presence import BROADBAND, HUM, LINES, UNKNOWN, VESSEL
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE
 from uwtrack_cli.presence.line_summary import LineSummary
-from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
+from uwtrack_cli.presence.segment import Segment, segment_of_lines
 
 PASSAGE_WIDTHS = 2.0
 """Ranges over speed on either side of a closest approach for which it is heard, where no
@@ -91,7 +91,7 @@ class _Passage(NamedTuple):
         return matched
 
 
-def mark_passages(table: Encounters, found: list[Stretch]) -> None:
+def mark_passages(table: Encounters, found: list[Segment]) -> None:
     """Mark what passed; a passage that nothing else tells of gets a row."""
     for row in range(table.n_encounters):
         passage = _Passage.of_row(table, row)
@@ -111,11 +111,11 @@ def mark_passages(table: Encounters, found: list[Stretch]) -> None:
         if loose and heard:
             heard[0].hold(LineSummary.join([*_tones(heard[:1]), *loose]))
         elif loose:
-            own.append(stretch_of_lines(VESSEL, LineSummary.join(loose), chance, ""))
+            own.append(segment_of_lines(VESSEL, LineSummary.join(loose), chance, ""))
             found.append(own[-1])
         if not own:
             own = [
-                Stretch(
+                Segment(
                     kind=VESSEL,
                     from_s=from_s,
                     to_s=to_s,
@@ -130,30 +130,30 @@ def mark_passages(table: Encounters, found: list[Stretch]) -> None:
             one.read_as(*table.reading_of(row))
 
 
-def _is_free_rise(stretch: Stretch) -> bool:
+def _is_free_rise(segment: Segment) -> bool:
     """Tell whether a rise of the level alone is no passage's yet."""
-    return stretch.tones is None and not stretch.rates_hz and not stretch.encounter
+    return segment.tones is None and not segment.rates_hz and not segment.encounter
 
 
-def _has_lines(stretch: Stretch, passage: _Passage) -> bool:
+def _has_lines(segment: Segment, passage: _Passage) -> bool:
     """Tell whether a family, or lines that move together, are a passage's."""
-    if stretch.tones is None or stretch.kind != VESSEL:
+    if segment.tones is None or segment.kind != VESSEL:
         return False
-    if passage.contact in stretch.contacts:
+    if passage.contact in segment.contacts:
         return True
-    if stretch.encounter or not passage.rest_hz.size:
+    if segment.encounter or not passage.rest_hz.size:
         return False
-    match = passage.match(stretch.tones)
+    match = passage.match(segment.tones)
     share = max(match.any(axis=0).mean(), match.any(axis=1).mean())
     return bool(share > 0.5)
 
 
-def _tones(stretches: Sequence[Stretch]) -> list[LineSummary]:
-    return [one.tones for one in stretches if one.tones is not None]
+def _tones(segments: Sequence[Segment]) -> list[LineSummary]:
+    return [one.tones for one in segments if one.tones is not None]
 
 
 def _loose_lines(
-    found: list[Stretch], passage: _Passage
+    found: list[Segment], passage: _Passage
 ) -> tuple[list[LineSummary], float]:
     """Take the passage's lines out of those that nothing joins, with their chance."""
     taken: list[LineSummary] = []
@@ -174,8 +174,8 @@ def _loose_lines(
     return taken, chance
 
 
-def add_refusals(table: Encounters, found: list[Stretch]) -> None:
-    """Give every refused candidate's reason to its stretch, or a row of its own.
+def add_refusals(table: Encounters, found: list[Segment]) -> None:
+    """Give every refused candidate's reason to its segment, or a row of its own.
 
     A candidate whose lines, or whose time without any, a passage explains has none:
     passages are marked before.
@@ -195,21 +195,21 @@ def add_refusals(table: Encounters, found: list[Stretch]) -> None:
             one.reason = reason
         is_explained = bool(lines) or _passes(table, from_s, to_s)
         if not own and not is_explained:
-            found.append(Stretch(kind=UNKNOWN, from_s=from_s, to_s=to_s, reason=reason))
+            found.append(Segment(kind=UNKNOWN, from_s=from_s, to_s=to_s, reason=reason))
 
 
-def add_readings(table: Encounters, found: list[Stretch]) -> None:
-    """Give the stretches without a passage what all of their contacts are read as."""
+def add_readings(table: Encounters, found: list[Segment]) -> None:
+    """Give the segments without a passage what all of their contacts are read as."""
     read = {one.contact: one for one in table.still()}
-    for stretch in found:
-        own = [read[contact] for contact in stretch.contacts if contact in read]
+    for segment in found:
+        own = [read[contact] for contact in segment.contacts if contact in read]
         is_whole = (
-            len(own) == len(stretch.contacts) and len({o.reading for o in own}) == 1
+            len(own) == len(segment.contacts) and len({o.reading for o in own}) == 1
         )
-        if stretch.encounter or not is_whole:
+        if segment.encounter or not is_whole:
             continue
         least = min(own, key=lambda one: one.weight)
-        stretch.read_as(least.reading, least.weight, least.rival, least.rival_weight)
+        segment.read_as(least.reading, least.weight, least.rival, least.rival_weight)
 
 
 def _passes(table: Encounters, from_s: float, to_s: float) -> bool:

@@ -7,12 +7,12 @@ import pytest
 
 from tests.flow.made_encounters import encounters_of
 from uwtrack_cli.presence.line_summary import LineSummary
-from uwtrack_cli.presence.passage_stretches import (
+from uwtrack_cli.presence.passage_segments import (
     add_readings,
     add_refusals,
     mark_passages,
 )
-from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
+from uwtrack_cli.presence.segment import Segment, segment_of_lines
 
 SOUND_MPS = 343.0
 REST_HZ = (100.0, 147.0, 231.0)
@@ -67,10 +67,12 @@ def passage(*refused):
         refused_reason=np.array(reason, np.str_),
         refused_code=np.full(len(refused), ""),
         refused_probability=np.full(len(refused), np.nan),
-        refused_reading=np.array([STILL.get(one, "") for one in reason], np.str_),
-        refused_reading_weight=np.array([WEIGHT.get(one, np.nan) for one in contact]),
-        refused_rival=np.full(len(refused), "constant"),
-        refused_rival_weight=np.full(len(refused), 0.1),
+        refused_motion_model=np.array([STILL.get(one, "") for one in reason], np.str_),
+        refused_motion_model_probability=np.array(
+            [WEIGHT.get(one, np.nan) for one in contact]
+        ),
+        refused_alternative_motion_model=np.full(len(refused), "constant"),
+        refused_alternative_motion_model_probability=np.full(len(refused), 0.1),
     )
 
 
@@ -83,7 +85,7 @@ def pieces(from_s, to_s, rest_hz=REST_HZ):
 
 
 def told(kind, rows, contact=2):
-    return stretch_of_lines(kind, lines_of(rows, contact), 1e-9, "a test")
+    return segment_of_lines(kind, lines_of(rows, contact), 1e-9, "a test")
 
 
 @pytest.mark.parametrize("kind", ["vessel", "lines", "unknown"])
@@ -157,7 +159,7 @@ def test_what_no_passage_explains_is_told_with_its_reason():
 
 def test_a_rise_that_was_refused_keeps_its_row_and_gets_the_reason():
     table = passage((5, 200.0, 260.0, LEVELS_REFUSED))
-    found = [Stretch("broadband", 210.0, 250.0, reason="a rise")]
+    found = [Segment("broadband", 210.0, 250.0, reason="a rise")]
     add_refusals(table, found)
     assert [(one.kind, one.reason) for one in found] == [("broadband", LEVELS_REFUSED)]
 
@@ -167,19 +169,22 @@ def test_a_rise_that_was_refused_keeps_its_row_and_gets_the_reason():
     [(("a machine", "a machine"), ("machinery", 0.7)), (("a machine", "a pair"), ("", None)),
      (("a machine",), ("", None))],
 )  # fmt: skip
-def test_a_stretch_is_read_as_all_of_its_contacts_are(reasons, read):
+def test_a_segment_is_read_as_all_of_its_contacts_are(reasons, read):
     """By the least certain; what stays neither refuses a rise nor gets a row."""
     table = passage(*((k + 2, 200.0, 260.0, one) for k, one in enumerate(reasons)))
     found = [
         told("lines", [(80.0, 200.0, 260.0), (90.0, 200.0, 260.0)]),
-        Stretch("broadband", 210.0, 250.0, reason="a rise"),
+        Segment("broadband", 210.0, 250.0, reason="a rise"),
     ]
     found[0].tones.contact[:] = [2, 3]
     add_refusals(table, found)
     add_readings(table, found)
     assert [one.reason for one in found] == ["a test", "a rise"]
-    assert (found[0].reading, found[1].reading) == (read[0], "")
+    assert (found[0].motion_model, found[1].motion_model) == (read[0], "")
     if read[1] is None:
         assert "motion_model" in found[0].reasons()
     else:
-        assert (found[0].reading_weight, found[0].rival) == (read[1], "constant")
+        assert (
+            found[0].motion_model_probability,
+            found[0].alternative_motion_model,
+        ) == (read[1], "constant")

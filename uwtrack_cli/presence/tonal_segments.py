@@ -1,4 +1,4 @@
-"""Lines of the sound to stretches: vessels by their families, hum, and other lines.
+"""Lines of the sound to segments: vessels by their families, hum, and other lines.
 
 **Method.** The lines of all trackers are put together; one that another tracker has
 found, too, counts once. Families that share lines, and whose spacings are small whole
@@ -36,7 +36,7 @@ from uwtrack_cli.data.presence import HUM, LINES, UNKNOWN, VESSEL
 from uwtrack_cli.lines.contacts import LEAST_EVIDENCE
 from uwtrack_cli.lines.rungs.same_line import SAME_LINE, is_one_family, line_evidence
 from uwtrack_cli.presence.line_summary import LineSummary, summarise
-from uwtrack_cli.presence.stretch import Stretch, stretch_of_lines
+from uwtrack_cli.presence.segment import Segment, segment_of_lines
 
 TOOTH = 0.1
 """Least distance from a tooth, in resolutions, up to which a line is on it."""
@@ -279,7 +279,7 @@ class _Family:
     """Its lines among those of the pool."""
 
 
-def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
+def tonal_segments(trackers: Sequence[Lines]) -> list[Segment]:
     """Return what the lines of one sensor tell; contacts are the first tracker's."""
     used = [lines for lines in trackers if lines.line_id.size]
     if not used:
@@ -288,7 +288,7 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
     free = np.ones(pool.lines.frequency_hz.size, np.bool_)
     told_hum = pool.lines.status == "hum"
     made = [
-        _family_stretch(family, pool, free, told_hum)
+        _family_segment(family, pool, free, told_hum)
         for family in _joined_families(pool, used)
     ]
     found = [one for one in made if one is not None]
@@ -304,10 +304,10 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
         if n_moving >= FEWEST_TOGETHER and joined <= VESSEL_CHANCE:
             free[rows] = False
             chance = max(joined, float(pool.chance[rows].min()))
-            found.append(stretch_of_lines(VESSEL, lines.take(rows), chance, MOVING))
+            found.append(segment_of_lines(VESSEL, lines.take(rows), chance, MOVING))
     hum = np.flatnonzero(free & mains)
     if hum.size:
-        found.append(_hum_stretch(lines.take(hum), float(pool.chance[hum].min())))
+        found.append(_hum_segment(lines.take(hum), float(pool.chance[hum].min())))
         free[hum] = False
     certain = free & (pool.chance <= GREATEST_CHANCE)
     for kind, chosen, reason in (
@@ -316,7 +316,7 @@ def tonal_stretches(trackers: Sequence[Lines]) -> list[Stretch]:
     ):
         for rows in _at_one_time(lines, np.flatnonzero(chosen)):
             chance = float(pool.chance[rows].min())
-            found.append(stretch_of_lines(kind, lines.take(rows), chance, reason))
+            found.append(segment_of_lines(kind, lines.take(rows), chance, reason))
     return found
 
 
@@ -361,9 +361,9 @@ def _mains_frequency(hum: LineSummary, nominal: float) -> tuple[float, float] | 
     return exact, float(1.0 / np.sqrt(weight.sum()))
 
 
-def _hum_stretch(hum: LineSummary, chance: float) -> Stretch:
+def _hum_segment(hum: LineSummary, chance: float) -> Segment:
     """Return mains hum, with the frequency of the mains if all lines are of one."""
-    made = stretch_of_lines(HUM, hum, chance, MAINS)
+    made = segment_of_lines(HUM, hum, chance, MAINS)
     for nominal in MAINS_HZ:
         if _on_mains(hum.frequency_hz, hum.frequency_std_hz, nominal).all():
             exact = _mains_frequency(hum, nominal)
@@ -508,9 +508,9 @@ def _joined_families(pool: _Pool, trackers: Sequence[Lines]) -> list[_Family]:
     return joined
 
 
-def _family_stretch(
+def _family_segment(
     family: _Family, pool: _Pool, free: BoolArray, told_hum: BoolArray
-) -> Stretch | None:
+) -> Segment | None:
     """Return a family with what lies on its teeth; None if others have its lines.
 
     Nor is a family returned that noise or mains give; lines of mains are marked.
@@ -530,7 +530,7 @@ def _family_stretch(
     moves = np.count_nonzero(lines.status[rows] == "moving") > 0.5 * rows.size
     chance = min(1.0, 10.0 ** max(family.log10_chance, -300.0))
     reason = MOVING if moves else STEADY
-    made = stretch_of_lines(VESSEL, lines.take(rows), chance, reason)
+    made = segment_of_lines(VESSEL, lines.take(rows), chance, reason)
     made.spacing_hz, made.spacing_std_hz = comb.spacing_hz, comb.spacing_std_hz
     if comb.offset_hz == 0.0:
         blades = standing_multiple(comb.tooth, lines.level_db[rows])

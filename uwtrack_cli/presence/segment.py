@@ -1,4 +1,4 @@
-"""A stretch while it is being filled in, and the table of all of them."""
+"""A segment while it is being filled in, and the table of all of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,10 +12,10 @@ from uwtrack_cli.presence.line_summary import LineSummary, common_bearing
 
 NUMBERS = (
     "from_s", "to_s", "spacing_hz", "spacing_std_hz", "blade_rate_hz", "level_db",
-    "bearing_deg", "bearing_std_deg", "probability_of_chance", "reading_weight",
-    "rival_weight",
+    "bearing_deg", "bearing_std_deg", "probability_of_chance", "motion_model_probability",
+    "alternative_motion_model_probability",
 )  # fmt: skip
-"""Columns of `Presence` that are numbers of a stretch."""
+"""Columns of `Presence` that are numbers of a segment."""
 
 MISSING: Mapping[str, str] = {
     "spacing_hz": "no harmonic family",
@@ -23,14 +23,14 @@ MISSING: Mapping[str, str] = {
     "level_db": "the rates of an envelope have no level",
     "bearing_deg": "no bearing channel, or no bearing that stands out",
     "probability_of_chance": "it was not tested against noise",
-    "reading_weight": "its lines have no motion model in common",
+    "motion_model_probability": "its lines have no motion model in common",
 }
 """Why a number is missing where nothing more is known."""
 
 
 @dataclass
-class Stretch:
-    """What was heard between two times."""
+class Segment:
+    """What was detected between two times."""
 
     kind: str
     """One of the kinds of `Presence`."""
@@ -60,13 +60,13 @@ class Stretch:
     """Its lines; None where no line tells of it."""
     rates_hz: list[float] = field(default_factory=list)
     """Modulation rates, Hz."""
-    reading: str = ""
-    """What its contacts are read as; empty if they are not read as one."""
-    reading_weight: float = np.nan
-    """Probability of that reading."""
-    rival: str = ""
-    """The next reading; empty if it has less than 5 %."""
-    rival_weight: float = np.nan
+    motion_model: str = ""
+    """Motion model of its contacts; empty if they have none in common."""
+    motion_model_probability: float = np.nan
+    """Probability of that motion model."""
+    alternative_motion_model: str = ""
+    """The next motion model; empty if it has less than 5 %."""
+    alternative_motion_model_probability: float = np.nan
     """Probability of that one."""
     reason: str = ""
     """Why it is no closest approach; empty where it is one."""
@@ -92,15 +92,14 @@ class Stretch:
         given = tones.contact[tones.contact > 0].tolist()
         self.contact = max(set(given), key=given.count) if given else 0
 
-    def read_as(
-        self, reading: str, weight: float, rival: str, rival_weight: float
-    ) -> None:
-        """Take a reading, its probability, and the same of its rival."""
-        self.reading, self.reading_weight = reading, weight
-        self.rival, self.rival_weight = rival, rival_weight
+    def read_as(self, name: str, probability: float, other: str, rest: float) -> None:
+        """Take a motion model and its probability, and the same of the next one."""
+        self.motion_model, self.motion_model_probability = name, probability
+        self.alternative_motion_model = other
+        self.alternative_motion_model_probability = rest
 
     def overlaps(self, from_s: float, to_s: float) -> bool:
-        """Tell whether it shares time with another stretch."""
+        """Tell whether it shares time with another segment."""
         return self.from_s <= to_s and from_s <= self.to_s
 
     def reasons(self) -> dict[str, str]:
@@ -111,31 +110,30 @@ class Stretch:
             for name, text in MISSING.items()
             if not np.isfinite(getattr(self, name))
         }
-        if "reading_weight" in found:  # under the keys of the object of a row
-            why = found.pop("reading_weight")
-            found |= {"motion_model": why, "motion_model_probability": why}
+        if why := found.get("motion_model_probability"):
+            found["motion_model"] = why
         return found
 
 
-def stretch_of_lines(
+def segment_of_lines(
     kind: str, tones: LineSummary, chance: float, reason: str
-) -> Stretch:
-    """Return the stretch of lines, its chance in noise and why it is no passage."""
-    made = Stretch(kind, np.nan, np.nan, probability_of_chance=chance, reason=reason)
+) -> Segment:
+    """Return the segment of lines, its chance in noise and why it is no passage."""
+    made = Segment(kind, np.nan, np.nan, probability_of_chance=chance, reason=reason)
     made.hold(tones)
     return made
 
 
 def make_presence(
-    stretches: Mapping[str, Sequence[Stretch]],
+    segments: Mapping[str, Sequence[Segment]],
     start_utc_ns: Mapping[str, int | None],
     reference: str,
 ) -> Presence:
-    """Gather the stretches of every sensor into the container, in the order of time.
+    """Gather the segments of every sensor into the container, in the order of time.
 
     The first sample of a sensor may have an UTC epoch, ns.
     """
-    pairs = [(sensor, one) for sensor, own in stretches.items() for one in own]
+    pairs = [(sensor, one) for sensor, own in segments.items() for one in own]
     pairs.sort(key=lambda pair: (pair[1].from_s, pair[1].to_s))
     rows = [one for _, one in pairs]
     starts = [start_utc_ns.get(sensor) for sensor, _ in pairs]
@@ -154,15 +152,17 @@ def make_presence(
         encounter=np.array([one.encounter for one in rows], np.int64),
         sensor=np.array([sensor for sensor, _ in pairs], np.str_),
         kind=np.array([one.kind for one in rows], np.str_),
-        reading=np.array([one.reading for one in rows], np.str_),
-        rival=np.array([one.rival for one in rows], np.str_),
+        motion_model=np.array([one.motion_model for one in rows], np.str_),
+        alternative_motion_model=np.array(
+            [one.alternative_motion_model for one in rows], np.str_
+        ),
         from_utc_ns=np.array(utc([one.from_s for one in rows]), np.int64),
         to_utc_ns=np.array(utc([one.to_s for one in rows]), np.int64),
         n_lines=np.array([len(one.frequencies_hz) for one in rows], np.int64),
-        frequency_stretch=line_owner,
+        frequency_segment=line_owner,
         frequency_hz=np.array(frequencies, float),
-        rate_stretch=rate_owner,
+        rate_segment=rate_owner,
         rate_hz=np.array(rates, float),
-        **reason_columns("reason_stretch", [one.reasons() for one in rows]),
+        **reason_columns("reason_segment", [one.reasons() for one in rows]),
         reference=reference,
     )
