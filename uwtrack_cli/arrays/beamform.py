@@ -143,11 +143,10 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
 ) -> Iterator[BearingTime]:
     """Form beams of an array, and find peaks in frequency and direction.
 
-    A line of hydrophones hears from which angle a sound comes, counted from the head
-    of the array, and hears lines weaker than one hydrophone can. It cannot tell port
-    from starboard: bearings are written for one side, and tma settles it when own ship
-    turns. An array of another shape hears bearing and elevation, of lines and of
-    broadband sound.
+    A line array measures the angle between its head and the source, and detects weaker
+    lines than one hydrophone. It does not separate port from starboard: bearings are
+    written for one side, and tma determines the side when own ship turns. An array of
+    another shape measures bearing and elevation, of lines and of broadband sound.
 
     Parameters
     ----------
@@ -169,9 +168,9 @@ def form_beams(  # noqa: PLR0913 (frames, beams and peaks are one pass over the 
         Beams of a line array from astern to ahead; 4 for each hydrophone and one more
         unless given.
     shading
-        Weights of the hydrophones: uniform hears weakest lines, chebyshev and hann
-        keep strong ones out of other beams. Chebyshev unless given; arrays that are no
-        line are uniform.
+        Weights of the hydrophones: uniform detects the weakest lines, chebyshev and
+        hann keep strong ones out of other beams. By default chebyshev; arrays that are
+        no line are uniform.
     sidelobe_db
         Sidelobes of chebyshev below the main lobe.
     beamformer

@@ -94,8 +94,8 @@ def track_bearings(
     lines
         Lines that it heard; contacts with the same bearings keep their numbers.
     average_s
-        Time over which the record is averaged: longer hears weaker contacts, as long
-        as none moves by half a beam within it.
+        Time over which the record is averaged: a longer time detects weaker contacts,
+        as long as none moves by half a beam within it.
 
     Returns
     -------

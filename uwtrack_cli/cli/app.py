@@ -273,12 +273,12 @@ def explain(
     command: Annotated[
         str | None,
         typer.Argument(
-            help="Command to explain; without it, all are listed.",
+            help="Command to explain; by default all are listed.",
             autocompletion=lambda incomplete: [
                 name for name in COMMANDS if name.startswith(incomplete)
             ],
         ),
     ] = None,
 ) -> None:
-    """Explain a command, or list all."""
+    """Explain a command, or list all commands."""
     app([*([] if command is None else [command]), "--help"], prog_name="uwtrack")

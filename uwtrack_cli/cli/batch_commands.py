@@ -43,22 +43,25 @@ PER_FILE = ("start_utc", "start_s", "stop_s")
 """Options of one recording, which mean nothing for many."""
 
 OWN_PARAMETERS = parameters_of({
-    "jobs": (int | None, None, "Processes; as many as processors if not given."),
+    "jobs": (int | None, None, "Number of processes; by default one for each "
+    "processor."),
     "scheduler": (str | None, None, "Dask scheduler to run on: tcp://HOST:PORT."),
     "join": (bool, False, "Join consecutive files of a recorder by their UTC times."),
     "join_gap_s": (
-        float | None, None, "Longest gap in s within a joined recording; 600 if unset."
+        float | None, None, "Longest gap in s within a joined recording; by default "
+        "600."
     ),
     "join_slack_s": (
-        float | None, None, "How exact the start times are, in s; 1 if unset."
+        float | None, None, "Accuracy of the start times in s; by default 1."
     ),
     "per": (
         Literal["day", "file"] | None, None,
-        "Cut what is joined: one product per UTC day, or per file.",
+        "Write one result file for each UTC day, or for each file, of a joined "
+        "recording.",
     ),
     "overlap_s": (
         float | None, None,
-        "Sound in s that a part reads beside its own span; 900 if unset.",
+        "Sound in s that is read before and after each part; by default 900.",
     ),
 }, panel="Many recordings")  # fmt: skip
 """Options of running many: where, and what belongs together."""
@@ -79,13 +82,15 @@ def batch(
     folder: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Folder of the result files, as the sources lie."
+            "--output",
+            "-o",
+            help="Folder for the result files; it gets the subfolders of the sources.",
         ),
     ],
     recipe: RecipeName = DEFAULT_RECIPE,
     settings: Settings = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep what is complete and up to date.")
+        bool, typer.Option("--resume", help="Run only what is missing or out of date.")
     ] = False,
     overwrite: Overwrite = False,
     json_output: AsJson = False,
@@ -93,13 +98,13 @@ def batch(
     within_m: WithinM = 2000.0,
     **options: Any,
 ) -> None:
-    """Run a recipe over many recordings; a bad file is a row of the report.
+    """Run a recipe over many recordings; a bad file does not stop the rest.
 
-    Writes the products, batch.csv and batch.jsonl into the folder. Exit code 3 when
-    some failed; after an interrupt, --resume goes on where it ended. What was made of
-    other recordings or by another recipe stays, unless --overwrite is given, and files
-    that are not of uwtrack always do. Sensors are not fused: uwtrack locate takes the
-    products of the sensors that detected the same vessel.
+    Writes the result files, batch.csv and batch.jsonl into the folder. The exit code is
+    3 if some recordings failed. After an interrupt, --resume continues. Results of
+    other recordings or of another recipe are replaced only with --overwrite; files that
+    uwtrack did not write are never replaced. Positions from several sensors: give their
+    result files to uwtrack locate.
     """
     from uwtrack_cli.flow.batch_report import check_report
     from uwtrack_cli.flow.batch_sources import (
@@ -274,18 +279,20 @@ def _repeated(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 def rerun(
     *,
-    file: Annotated[Path, typer.Argument(help="Result file to make once more.")],
+    file: Annotated[Path, typer.Argument(help="Result file to repeat.")],
     source: Annotated[
         list[Path] | None,
-        typer.Option("--source", help="What it was made of, if not beside it."),
+        typer.Option(
+            "--source", help="Source file, if it is not beside the result file."
+        ),
     ] = None,
     output: Output = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Make a result file again from its own history.
+    """Repeat the computation of a result file from its own history.
 
-    The sources are looked for beside the product and must be the same to the bit.
-    Without --output, pass.run.h5 becomes pass.rerun.run.h5.
+    The sources must lie beside the result file, and must not have changed. Without
+    --output, pass.run.h5 becomes pass.rerun.run.h5.
     """
     from uwtrack_cli.flow.rerun import rerun_product
 

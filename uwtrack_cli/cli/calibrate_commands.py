@@ -42,7 +42,7 @@ def calibrate(
     vessel: Annotated[
         str | None,
         typer.Option(
-            help="Name or MMSI of the vessel; unless given, the one that comes nearest."
+            help="Name or MMSI of the vessel; by default the one that comes nearest."
         ),
     ] = None,
     band_hz: Annotated[
@@ -67,8 +67,9 @@ def calibrate(
 ) -> None:  # fmt: skip
     """Calibrate the dipoles of a DIFAR sensor by a vessel whose track is known.
 
-    Measures gains, crosstalk and orientation, and writes a new sensor file with them,
-    never over an existing one. The deviation of the compass is what the passage leaves.
+    Measures gains, crosstalk and orientation, and writes a new sensor file with them.
+    It never replaces a file. The standard deviation of the compass is the one that
+    remains after the calibration.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
     from uwtrack_cli.flow.calibration import calibrate_sensor

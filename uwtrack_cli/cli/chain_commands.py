@@ -61,14 +61,16 @@ SIDE_TABLES: dict[str, tuple[str, Any]] = {
 """Tables that have an option of their own, by the container they hold."""
 Sensors = Annotated[
     Path | None,
-    typer.Option("--sensors", help="Sensor file of a table that names its sensors."),
+    typer.Option(
+        "--sensors", help="Sensor file for a table whose rows name their sensors."
+    ),
 ]
 
 SENSOR_FILE: tuple[str, Any] = (
     "sensor",
     Annotated[
         Path | None,
-        typer.Option("--sensor", help="Sensor file of what a table was measured with."),
+        typer.Option("--sensor", help="Sensor file for a table of measurements."),
     ],
 )
 """Option for the sensor of a stage that reads tables of one sensor, which do not hold it."""

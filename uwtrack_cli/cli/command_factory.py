@@ -63,7 +63,7 @@ Branch = Annotated[
     str | None,
     typer.Option(
         "--step",
-        help="Step whose results are read, where several steps made one kind.",
+        help="Step whose results are used, if several steps made the same table.",
     ),
 ]
 
@@ -79,14 +79,14 @@ Ais = Annotated[
     Path | None,
     typer.Option(
         "--ais",
-        help="AIS table or log that gives passages names of vessels.",
+        help="AIS table or log with the names of the vessels.",
         rich_help_panel=NAMES,
     ),
 ]
 WithinM = Annotated[
     float,
     typer.Option(
-        help="Range in m within which AIS vessels must be found.",
+        help="Range in m within which AIS vessels are compared.",
         rich_help_panel=NAMES,
     ),
 ]

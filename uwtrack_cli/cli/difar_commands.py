@@ -46,7 +46,7 @@ def difar(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Recording to write; BUOY.difar.wav unless given."
+            "--output", "-o", help="Recording to write; by default BUOY.difar.wav."
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -54,10 +54,9 @@ def difar(
 ) -> None:
     """Extract omni, east and north from the audio of a DIFAR sonobuoy.
 
-    Writes a recording of three channels at 6 kHz that every stage reads, its sensor file
-    and the level of lock (buoy.lock.csv). What has no lock is no number, and a gap.
-    `run` and all other commands read the audio itself, where its sensor file says
-    kind = "difar-multiplexed".
+    Writes a recording of three channels at 6 kHz, its sensor file and the level of the
+    pilots (buoy.lock.csv). Times without lock are gaps. `run` and all other commands
+    can also read the audio itself, if its sensor file has kind = "difar-multiplexed".
     """
     from uwtrack_cli.files.atomic import check_target, write_text
     from uwtrack_cli.files.audio.recording_file import write_wav

@@ -38,7 +38,7 @@ def export(
 ) -> None:
     """Write results as CSV, GeoJSON, KML, Raven selection table, NetCDF, REP or DSF.
 
-    GeoJSON and KML need sensors with latitude and longitude, and draw positions and
+    GeoJSON and KML need sensors with latitude and longitude. They hold positions and
     motions with their 95 % regions.
     """
     from uwtrack_cli.flow.exports.export import FORMATS, export_product

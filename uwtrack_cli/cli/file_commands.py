@@ -26,15 +26,14 @@ def info(
     file: Annotated[
         Path,
         typer.Argument(
-            help="Result file, recording, or folder of recordings; - is a file on "
-            "standard input."
+            help="Result file, recording, or folder of recordings; - is standard input."
         ),
     ],
     json_output: AsJson = False,
 ) -> None:
-    """Describe a file in ten lines; with -v every column and option.
+    """Describe a file in ten lines; with -v in full.
 
-    Of a folder, tell which recordings follow each other.
+    For a folder, list which recordings follow each other.
     """
     from uwtrack_cli.files.audio.opening import SUFFIXES
     from uwtrack_cli.flow.information import (
@@ -116,14 +115,11 @@ def show(
     ] = None,
     container: Annotated[
         str | None,
-        typer.Argument(
-            help="Name of the table: encounters, lines, peaks ...; without it the "
-            "result that the command printed."
-        ),
+        typer.Argument(help="Name of the table: encounters, lines, peaks ..."),
     ] = None,
     form: Annotated[
         Literal["table", "csv", "json", "jsonl"],
-        typer.Option("--format", help="How it is written."),
+        typer.Option("--format", help="Format to print."),
     ] = "table",
     sensor: Annotated[
         str | None, typer.Option("--sensor", help="Sensor, where there are several.")
@@ -134,15 +130,16 @@ def show(
         str | None,
         typer.Option(
             "--schema",
-            help="Print the JSON Schema of an output instead: of a table, or of "
-            "info, batch, passages, diff, score, study.",
+            help="Print the JSON Schema of a table instead, or that of info, batch, "
+            "passages, diff, score, study.",
         ),
     ] = None,
 ) -> None:
     """Print a table of a result file on standard output.
 
-    Without the name of a table, that which the command printed that made the file. It has
-    the columns that fit a screen; --format csv or json has all.
+    Without the name of a table, prints the table that the command printed when it made
+    the file. Columns that do not fit the screen are left out; --format csv or json
+    prints all.
     """
     from uwtrack_cli.cli.result_output import print_container
     from uwtrack_cli.files.hdf5.layout import CONTAINERS
@@ -244,9 +241,10 @@ def verify(
 ) -> None:
     """Check result files for damage: checksum, completeness, schema, history.
 
-    A checksum shows damage, not forgery: it has no key, and whoever changes a product
-    can write it anew. Such a file is refused where it could do harm (it is read in a
-    process of its own, with limits on time and memory), but its numbers are not proved.
+    A checksum shows damage, not forgery: it has no key, and whoever changes a result
+    file can write a new one. A file that was changed on purpose cannot do harm, because
+    it is read in a process of its own with limits on time and memory. Its numbers may
+    still be false.
     """
     from uwtrack_cli.files.hdf5.product import verify_product
 

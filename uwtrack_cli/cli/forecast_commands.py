@@ -15,7 +15,7 @@ from uwtrack_cli.errors import OptionError
 def forecast(
     *,
     own: Annotated[
-        Path, typer.Argument(help="Way of the platform that hears: CSV table or REP.")
+        Path, typer.Argument(help="Track of own ship: CSV table or REP.")
     ],
     target: Annotated[
         Path, typer.Argument(help="Way of the target; may be the same REP file.")

@@ -89,9 +89,10 @@ def init_sensor(
 ) -> None:
     """Write a commented sensor file, from options or by asking.
 
-    Without options it asks on a terminal; an empty answer is not known. What is not known
-    stays in the file as a comment. A file is never replaced. With --files it is a
-    deployment file, to which further sensors can be appended.
+    Without options it asks for each value on a terminal; leave the answer empty if you
+    do not know it. Unknown values stay in the file as comments. A file is never
+    replaced. With --files it writes an entry of a deployment file, which can be
+    appended to one.
     """
     from uwtrack_cli.files.atomic import write_text
 

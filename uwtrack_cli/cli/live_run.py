@@ -44,11 +44,11 @@ LIVE_PARAMETERS = parameters_of({
         "Sample format of sound without a header: s16le, s24le, f32le, ... (as ffmpeg).",
     ),
     "rate_hz": (float | None, None, "Sample rate of --raw, Hz."),
-    "channels": (int | None, None, "Number of channels of --raw; 1."),
-    "follow": (bool, False, "The file is still being written."),
+    "channels": (int | None, None, "Number of channels of --raw; by default 1."),
+    "follow": (bool, False, "Read a file that is still being written."),
     "idle_s": (
         float | None, None,
-        "End when no sound came for so long, s; 60 with --follow, else never.",
+        "End after so many s without sound; by default 60 with --follow, else never.",
     ),
 }, panel="Live sound")  # fmt: skip
 """Options of `run` for sound that is still coming."""

@@ -72,13 +72,13 @@ def passages(  # noqa: PLR0913 - three views of one table
     overwrite: Overwrite = False,
     fresh: Annotated[
         bool,
-        typer.Option("--fresh", help="Read every file again, and remember nothing."),
+        typer.Option("--fresh", help="Read every file again."),
     ] = False,
 ) -> None:
     """List every passage of results and folders in one table.
 
-    Of several products of one recording the last one counts. What was read before is
-    remembered, so that a folder costs its new products alone.
+    If a recording has several result files, the newest is used. Result files that were
+    read before are remembered, so that only new ones are read.
     """
     from uwtrack_cli.files.atomic import check_target
     from uwtrack_cli.flow.exports.passage_tables import load_duckdb

@@ -39,9 +39,11 @@ WITHIN_M = 2000.0
 
 Begin = Annotated[
     str | None,
-    typer.Option("--from", help="Begin: UTC, time of day, or s from the first sample."),
+    typer.Option(
+        "--from", help="Begin: UTC, time of day, or seconds from the first sample."
+    ),
 ]
-End = Annotated[str | None, typer.Option("--to", help="End, likewise.")]
+End = Annotated[str | None, typer.Option("--to", help="End, in the same form.")]
 Band = Annotated[
     tuple[float, float] | None,
     typer.Option("--band-hz", help="Lowest and highest frequency. (Hz)"),
@@ -50,15 +52,15 @@ IsLog = Annotated[
     bool | None,
     typer.Option(
         "--log/--linear",
-        help="Frequency axis; logarithmic by itself where most lines are low, or the "
-        "band of a recording spans more than a factor of 20.",
+        help="Frequency axis; by default logarithmic if most lines are low, or if the "
+        "band spans more than a factor of 20.",
     ),
 ]
 HasLines = Annotated[
     bool | None,
     typer.Option(
         "--lines/--no-lines",
-        help="Whether all tracked lines are outlined, or none; by itself those that last.",
+        help="Outline all tracked lines, or none; by default those that last.",
     ),
 ]
 UnitsOption = Annotated[
@@ -81,7 +83,7 @@ Picture = Annotated[
     typer.Option(
         "--output",
         "-o",
-        help="Picture: PNG, SVG, or PDF with all pages; else named after the file.",
+        help="PNG, SVG, or PDF with all pages; by default a PNG named after the file.",
     ),
 ]
 
@@ -93,19 +95,19 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="Result files of one recording, in any order; or one recording: WAV, RF64, "
+            help="Result files of one recording, or the recording itself: WAV, RF64, "
             "W64, FLAC or AIFF."
         ),
     ],
     output: Picture = None,
     contact: Annotated[
         int | None,
-        typer.Option("--contact", help="Draw the page of this contact."),
+        typer.Option("--contact", help="Draw this contact."),
     ] = None,
     passage: Annotated[
         int | None,
         typer.Option(
-            "--passage", help="Draw the page of this passage, as numbered by time."
+            "--passage", help="Draw this passage, by its number in the table."
         ),
     ] = None,
     is_demon: Annotated[
@@ -116,7 +118,7 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
         str | None,
         typer.Option(
             "--sensor",
-            help="Sensor, where several detected it; of a recording, its sensor file.",
+            help="Sensor, if there are several; for a recording, its sensor file.",
         ),
     ] = None,
     begin: Begin = None,
@@ -131,19 +133,21 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     window_s: Annotated[
         float | None,
         typer.Option(
-            help="Of a recording: length of the analysis window; else by its length. (s)"
+            help="For a recording: length of the analysis window; by default by its "
+            "length. (s)"
         ),
     ] = None,
     db_range: Annotated[
         float | None,
         typer.Option(
-            help="Of a recording: levels below the brightest that are told apart. (dB)"
+            help="For a recording: range of levels that the colours show. (dB)"
         ),
     ] = None,
     colormap: Annotated[
         str | None,
         typer.Option(
-            help="Of a recording: colours by matplotlib's name; else viridis."
+            help="For a recording: name of a colour map of matplotlib; by default "
+            "viridis."
         ),
     ] = None,
     size: Annotated[
@@ -154,22 +158,23 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
         bool,
         typer.Option(
             "--title/--no-title",
-            help="Whether the page has its title, or a caption does.",
+            help="Draw the title, or leave it to a caption.",
         ),
     ] = True,
     dpi: Annotated[
-        float | None, typer.Option(help="Dots per inch; else 110, in a PDF 220.")
+        float | None, typer.Option(help="Dots per inch; by default 110, in a PDF 220.")
     ] = None,
     overwrite: Overwrite = False,
     **source: Any,
 ) -> None:
-    """Draw a recording on a page, or with --passage one passage on a page of its own.
+    """Draw a recording, or with --passage one passage.
 
-    A passage's page, and a part of a day, show the sound finely resolved if the recording
-    still lies beside the product, else what the product carries of it.
+    Passages and parts of a recording are drawn from the sound itself if the recording
+    is still beside the result file, and otherwise from what the result file holds of
+    it.
 
-    Of a sound file, draw its spectrogram at once: density in dB re 1 uPa^2/Hz where its
-    sensor file calibrates it, else re full scale.
+    For a recording, the spectrogram is drawn at once, as density in dB re 1 uPa^2/Hz if
+    its sensor file has a calibration, else re full scale.
     """
     try:
         from uwtrack_cli.plotting.page import (
@@ -412,12 +417,15 @@ Sound = Annotated[
     bool,
     typer.Option(
         "--sound",
-        help="Whether the page carries the sound of every passage, its band alone.",
+        help="Include the sound of every passage, in its band.",
     ),
 ]
 SpeedUp = Annotated[
     float | None,
-    typer.Option(help="How many times faster the sound is played: 4 for low lines."),
+    typer.Option(
+        help="Factor by which the sound is played faster, such as "
+        "4 for low frequencies."
+    ),
 ]
 
 
@@ -428,7 +436,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
         Path,
         typer.Argument(
             metavar="{file}",
-            help="Result file, or folder of them; - is standard input.",
+            help="Result file, or folder of result files; - is standard input.",
         ),
     ],
     step: Branch = None,
@@ -440,23 +448,23 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     pages: Annotated[
         bool,
         typer.Option(
-            "--pages", help="Of a folder: write the page of every file in it, too."
+            "--pages", help="For a folder: write the page of every file in it, too."
         ),
     ] = False,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="HTML file; else named after the result file."
+            "--output", "-o", help="HTML file; by default named after the result file."
         ),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page about a recording, or about a folder: results, pictures, history.
 
-    Everything is in one file: a card for every passage, with its page. Of a folder, the
-    deployment at a glance: when there was sound, when vessels were heard and passed, its
-    levels by the hour, and a small picture of every passage, which leads to the page of
-    its product where that lies beside it.
+    The page is one HTML file with a card and a picture for every passage. The page of a
+    folder shows when there was sound, when vessels were detected and when they passed,
+    the levels by the hour, and a small picture of every passage. That picture links to
+    the page of its recording, if it exists.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
 

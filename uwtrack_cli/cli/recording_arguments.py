@@ -40,22 +40,26 @@ def parameters_of(
 
 SOURCE_PARAMETERS = parameters_of({
     "sensor": (
-        Path | None, None, "Sensor or deployment file; pass.sensor.toml is found."
+        Path | None, None, "Sensor or deployment file; by default pass.sensor.toml "
+        "beside pass.wav."
     ),
     "sensor_sound_speed_mps": (
-        float | None, None, "Sound speed in m/s, instead of the sensor's."
+        float | None, None, "Sound speed in m/s, instead of that in the sensor file."
     ),
     "own_ship": (
-        Path | None, None, "CSV table of the platform's track, instead of the sensor's."
+        Path | None, None, "CSV table of own ship's track, instead of that in the sensor "
+        "file."
     ),
     "start_utc": (str | None, None, "Time of the first sample, ISO 8601."),
-    "time_zone": (str, "UTC", "Zone of times that name none: UTC, Asia/Seoul, +09:00."),
-    "time_pattern": (str | None, None, "How the file name tells the start."),
-    "channel": (int | None, None, "Channel to take, counted from 1."),
-    "start_s": (float | None, None, "Begin here, s from the first sample."),
-    "stop_s": (float | None, None, "End here, s from the first sample."),
+    "time_zone": (str, "UTC", "Zone of times that are given without one: UTC, "
+    "Asia/Seoul, +09:00."),
+    "time_pattern": (str | None, None, "Where the start time is in the file name, such "
+    "as %Y%m%d_%H%M%S."),
+    "channel": (int | None, None, "Channel to use, counted from 1."),
+    "start_s": (float | None, None, "Begin here, in s from the first sample."),
+    "stop_s": (float | None, None, "End here, in s from the first sample."),
     "allow_truncated": (
-        bool, False, "Take what is there of a file that ends too early."
+        bool, False, "Use a file that ends too early as far as it goes."
     ),
 }, {"sensor_sound_speed_mps": "--sound-speed-mps"}, panel="Recording")  # fmt: skip
 """Options of every command that reads sound."""

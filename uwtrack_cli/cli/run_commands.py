@@ -67,7 +67,8 @@ SENSOR_EACH = Annotated[
     list[Path] | None,
     typer.Option(
         "--sensor",
-        help="Sensor file of each recording, in their order, or one deployment file.",
+        help="Sensor file of each recording, in the same order, or one deployment "
+        "file.",
         rich_help_panel="Recording",
     ),
 ]
@@ -88,15 +89,16 @@ def run(
     sources: Annotated[
         list[Path],
         typer.Argument(
-            help="Recordings: WAV, RF64, W64, FLAC or AIFF; - or a named pipe is live."
+            help="Recordings: WAV, RF64, W64, FLAC or AIFF. Live sound: - or a named "
+            "pipe."
         ),
     ],
     recipe: Annotated[
         str | None,
         typer.Option(
             "--recipe",
-            help="Name of a shipped recipe, or a TOML file; unless given, towed-array "
-            "for line arrays and auto for other sensors.",
+            help="Name of a shipped recipe, or a TOML file; by default towed-array for "
+            "line arrays, and auto for other sensors.",
             autocompletion=_recipes,
         ),
     ] = None,
@@ -113,12 +115,13 @@ def run(
 ) -> None:
     """Run the whole chain over recordings, each read once.
 
-    Writes pass.run.h5 with everything but the spectrogram and prints the encounters.
-    Recordings of different sensors that overlap in time are fused into one more file.
+    Writes pass.run.h5 with all results but the spectrogram, and prints the passages. If
+    recordings of different sensors overlap in time, one more file has the positions
+    from all of them.
 
-    Sound that is still coming is taken from a pipe (uwtrack run - -o pass.run.h5), from
-    a named pipe, or with --follow from a file that is being written. Ctrl-C finishes
-    what is open and writes the file.
+    Live sound is read from a pipe (uwtrack run - -o pass.run.h5), from a named pipe, or
+    with --follow from a file that is being written. Ctrl-C finishes the open passages
+    and writes the file.
     """
     from uwtrack_cli.cli.targets import product_name, write_containers
     from uwtrack_cli.files.atomic import check_target

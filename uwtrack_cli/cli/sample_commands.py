@@ -38,7 +38,7 @@ def sample(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Name of a sample; all names are listed.", autocompletion=_samples
+            help="Name of a sample; by default all are listed.", autocompletion=_samples
         ),
     ] = None,
     folder: Annotated[

@@ -89,7 +89,7 @@ def score(
     ],
     tolerance: Tolerance = None,
     within_m: Annotated[
-        float, typer.Option(help="Range in m within which AIS vessels must be found.")
+        float, typer.Option(help="Range in m within which AIS vessels are compared.")
     ] = 2000.0,
     cutoff_m: Annotated[
         float, typer.Option(help="Cut-off of GOSPA and OSPA in m.")
@@ -97,7 +97,7 @@ def score(
     step: Branch = None,
     json_output: AsJson = False,
 ) -> None:
-    """Compare a result with truth: errors in units, percent and deviations.
+    """Compare a result with the truth: errors in units, percent, standard deviations.
 
     Tells which vessel each encounter was, with probabilities. With a tolerance file,
     exit code 4 when an error is outside its limit, such as

@@ -38,7 +38,7 @@ def study(
     seed: Annotated[int, typer.Option("--seed", help="Seed of the simulation.")] = 1,
     json_output: AsJson = False,
 ) -> None:
-    """Repeat a published experiment; print its figures beside ours with intervals.
+    """Repeat a published experiment, and compare the published figures with ours.
 
     The experiments come with a clone of the project, not with the installed program.
     Intervals shrink with the root of the number of runs. Every random number comes from

@@ -30,7 +30,7 @@ def watch(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="Folder of the result files and of the journal."
+            "--output", "-o", help="Folder for the result files and the journal."
         ),
     ],
     recipe: RecipeName = DEFAULT_RECIPE,
@@ -38,19 +38,21 @@ def watch(
     settle_s: Annotated[
         float,
         typer.Option(
-            "--settle-s", help="A recording is complete when unchanged for so long, s."
+            "--settle-s",
+            help="A recording is complete after so many s without a change.",
         ),
     ] = 5.0,
     idle_s: Annotated[
         float | None,
         typer.Option(
-            "--idle-s", help="End when nothing has arrived for so long, s; else never."
+            "--idle-s",
+            help="End after so many s without a new recording; by default never.",
         ),
     ] = None,
     overwrite: Annotated[
         bool,
         typer.Option(
-            "--overwrite", help="Go on in the output of another folder or recipe."
+            "--overwrite", help="Continue in the output of another folder or recipe."
         ),
     ] = False,
     json_output: AsJson = False,
@@ -58,10 +60,10 @@ def watch(
 ) -> None:
     """Run a recipe over the recordings of a folder as they arrive.
 
-    Files that are still being written are awaited. watch.jsonl beside the products
-    notes what is done; started again, after a kill too, it goes on from there. What
-    fails for want of disk, memory or another file is tried again. Ctrl-C ends after the
-    recording that is being run. Exit code 3 when some failed.
+    A recording is run when it is complete. The journal watch.jsonl in the output folder
+    lists what is done, so that watch continues from there when it is started again.
+    What failed for lack of disk space, memory or another file is tried again. Ctrl-C
+    ends after the running recording. The exit code is 3 if some recordings failed.
     """
     from uwtrack_cli.flow.shipped_recipes import load_recipe
     from uwtrack_cli.flow.watch import WatchTimes, watch_folder

@@ -103,8 +103,8 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
         Own ship's position where bearings, alone or with ranges, are measured from her
         under way: places are then east and north of the navigation's origin.
     targets
-        Which targets there are: "told" (one, or one for each position of the start) or
-        "auto" (tracks begin at measurements and end by their score; targets of told
+        Which targets there are: "given" (one, or one for each position of the start) or
+        "auto" (tracks begin at measurements and end by their score; targets of given
         positions are there from the start).
     false_tracks_per_hour
         Bound on the tracks that clutter begins per hour, with targets "auto".

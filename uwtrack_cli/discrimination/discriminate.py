@@ -265,13 +265,12 @@ def discriminate_contacts(
     """Decide which of two contacts moves and which is a stationary repeater.
 
     Two echoes look alike: one is a vessel under way, the other a moored or drifting
-    repeater whose range and range rate are false. Scan by scan the
-    likelihoods of both readings are compared until one is likely enough, or the scans
-    end undecided. When the innovations of all scans reject both readings, the verdict
-    says so: "neither fits". It is "both move" where both contacts fit a vessel and
-    either is a far worse repeater. Far contacts fit both, since bearings alone tell a
-    repeater from a vessel: the test then stays undecided, or takes one of two vessels
-    for the repeater.
+    repeater whose range and range rate are false. Scan by scan the likelihoods of both
+    hypotheses are compared until one is likely enough, or the scans end undecided. When
+    the innovations of all scans reject both hypotheses, the verdict says so: "neither
+    fits". It is "both move" where both contacts fit a vessel and either is a far worse
+    repeater. Far contacts fit both, since bearings alone tell a repeater from a vessel:
+    the test then stays undecided, or takes one of two vessels for the repeater.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Make a result file again from its own history.
+"""Repeat the computation of a result file from its own history.
 
 **Method.** The steps of the history are a recipe. Its first step names what it read:
 recordings are opened as the product says they were (sensor, span, channels, start

@@ -61,9 +61,9 @@ class SourceOptions(TypedDict, total=False):
     time_zone: str
     """Zone of times that name none."""
     time_pattern: str | None
-    """How the file name tells the start."""
+    """Where the start time is in the file name, such as %Y%m%d_%H%M%S."""
     channel: int | None
-    """Channel to take, counted from 1."""
+    """Channel to use, counted from 1."""
     start_s: float | None
     """Where to begin, s from the first sample."""
     stop_s: float | None

@@ -91,11 +91,10 @@ def zoom_in(
         Levels of the recording, above whose usual rises the level of a segment must
         rise. None leaves that out.
     recipes
-        Recipes with shorter frames that are run over what is looked at; small-craft
-        and vehicle unless given. Only the first is run where lines keep their
-        frequencies or the level rises for longer.
+        Recipes with shorter frames; by default small-craft and vehicle. Only the first
+        is run where lines keep their frequencies or the level rises for longer.
     probability
-        Least probability that a vessel passes as a row of shorter frames has it.
+        Least probability of a passage from shorter frames that is reported.
 
     Returns
     -------

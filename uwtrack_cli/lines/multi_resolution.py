@@ -47,8 +47,8 @@ SAME_OVERLAP = 0.05
 def join_rungs(lines: list[Lines]) -> Lines:
     """Join the lines that were tracked in frames of several lengths.
 
-    Every stretch is told once, by the frames that hear it best, and every line has one
-    number.
+    Every part of a line is taken from the frames that detect it best, and every line
+    has one number.
 
     Parameters
     ----------

@@ -66,8 +66,9 @@ def track_lines_pda(
 ) -> Iterator[Lines]:
     """Track frequency lines by probabilistic data association.
 
-    An alternative to `track` for lines that coast through clutter: a line takes the mean
-    of what may be its own, and its deviation says how doubtful that was.
+    An alternative to `track` for lines in clutter. A line takes the weighted mean of
+    all peaks that may belong to it, and its standard deviation includes the uncertainty
+    of the association.
 
     Parameters
     ----------

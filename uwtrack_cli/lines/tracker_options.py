@@ -149,11 +149,11 @@ class Gates(OptionGroup):
     merge_deg
         Difference of bearings below which two lines may be one, in degrees.
     merge_rate_sigmas
-        Difference of rates below which two lines may be one, in deviations.
+        Difference of rates below which two lines may be one, in standard deviations.
     merge_frames
         Frames that two confirmed lines must be one for the younger to end.
     silence_s
-        Silence after which a line that is heard again has another number; 0: any.
+        Gap after which a line that is detected again has another number; 0: any gap.
     """
 
     sigmas: Annotated[float, AtLeast(0.1), AtMost(100)] = 4.0

@@ -114,9 +114,9 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
 ) -> Encounters:
     """Find the closest point of approach (CPA) of every contact.
 
-    Each passing vessel gives one row: when it was nearest, how fast, how far, on
-    which course and side, with deviations that hold. A steady hum, a ship that
-    only comes or goes, and noise give none.
+    Each passing vessel gives one row: the time of its closest approach, its speed,
+    range, course and side, each with a standard deviation. A steady hum, a ship that
+    only approaches or only leaves, and noise give no row.
 
     Parameters
     ----------
@@ -149,15 +149,15 @@ def find_encounters(  # noqa: PLR0913 (five inputs that may be absent)
     source_depth_std_m
         Standard deviation of that depth, 0 for exactly known.
     probability
-        Least probability that a vessel passes as a row has it; what is below stands
-        among the refused contacts, with its probability and the explanation against it.
+        Least probability of a passage that is reported; contacts below it are listed as
+        rejected, with their probability and the alternative.
     false_alarm_probability
         Replaced by ``probability``, and taken out in the next version: the probability
         that noise alone is examined at all.
     spreading_db
         Spreading loss per decade of range, for the source level.
     rest_frame_test
-        Whether a passage is held against the sound itself, where it is at hand.
+        Whether a passage is checked against the sound itself, if the sound can be read.
 
     Returns
     -------

@@ -63,9 +63,9 @@ def locate_vessels(
 ) -> Fixes:
     """Locate vessels from closest approaches, or from the bearings of several sensors.
 
-    With one sensor the speed must be known from the lines; with several it need
-    not. Without times, the positions at the closest approaches are given; of a table of
-    bearings, those at its first and its last row.
+    With a single sensor the lines must determine the speed; with several sensors they
+    need not. Without --at or --every-s, the positions are those at the closest
+    approaches, or for a table of bearings those at its first and last row.
 
     Parameters
     ----------

@@ -36,10 +36,10 @@ class MotionModel(OptionGroup):
         Whether sound takes its time or arrives at once; auto is delayed for lines
         made from sound and instant for tables.
     tow_length_m
-        Way from own ship back to the end of a towed array whose heading was taken from
-        own ship: bearings weigh less until all of it has passed a turn. By default
-        300 m where array_heading is course, and in tables of sensors whose arrays
-        have their ship's heading; else 0.
+        Distance from own ship back to the end of a towed array whose heading was taken
+        from own ship: bearings weigh less until all of it has passed a turn. By default
+        300 m where array_heading is course, and in tables of sensors whose arrays have
+        their ship's heading; else 0.
     """
 
     doppler: Literal["instantaneous", "interval"] = "instantaneous"
@@ -55,17 +55,17 @@ class Nuisances(OptionGroup):
     Parameters
     ----------
     sound_speed_std_mps
-        Deviation of the sound speed; by default that of the sensor, else 0.5 % of a
-        speed that is given and 1 % of the nominal one.
+        Standard deviation of the sound speed; by default that of the sensor, else 0.5 %
+        of a speed that is given and 1 % of the nominal one.
     compass_std_deg
-        Deviation of the compass, one error for all bearings; by default that of the
-        sensor, else 1 degree for own ship.
+        Standard deviation of the compass, one error for all bearings; by default that
+        of the sensor, else 1 degree for own ship.
     position_std_m
-        Deviation of each coordinate of own position; by default that of the sensor
-        file, else 10 m for a platform with navigation.
+        Standard deviation of each coordinate of own position; by default that of the
+        sensor file, else 10 m for a platform with navigation.
     velocity_std_mps
-        Deviation of each component of own velocity; by default that of the sensor
-        file, else 0.1 m/s for a platform with navigation.
+        Standard deviation of each component of own velocity; by default that of the
+        sensor file, else 0.1 m/s for a platform with navigation.
     correlation_time_s
         Correlation time of own position and velocity.
     """
@@ -112,17 +112,17 @@ class Misfit(OptionGroup):
     ----------
     loss
         Loss of a residual: squares is efficient for clean data; huber bounds the
-        pull of outliers; student (four degrees of freedom) and tukey nearly remove
+        influence of outliers; student (four degrees of freedom) and tukey nearly remove
         them and cost 3 to 8 % of precision on clean data. auto is squares for stated
-        deviations and student for others, and tells bearings of other sources apart
-        where the misfit asks for it.
+        deviations and student for others, and separates bearings of other sources if
+        the misfit is large.
     line_weighting
         Whether every line counts by its deviation, or the lines together count as
         one, as in the paper; the mean loses 1 to 11 % of precision.
     bearing_std_deg
-        Deviation of bearings that state none; by default from their scatter.
+        Standard deviation of bearings that have none; by default from their scatter.
     frequency_std_hz
-        Deviation of frequencies that state none; by default from their scatter.
+        Standard deviation of frequencies that have none; by default from their scatter.
     """
 
     loss: Literal["auto", "squares", "huber", "student", "tukey"] = "auto"

@@ -66,8 +66,8 @@ def estimate_radiated_levels(
 ) -> RadiatedLevels:
     """Estimate the radiated noise level of each passage in decidecade bands.
 
-    Only calibrated recordings have any. A single passage past a single hydrophone: not
-    ISO 17208.
+    Only calibrated recordings have such levels. They come from one passage past one
+    hydrophone, and do not conform to ISO 17208.
 
     Parameters
     ----------

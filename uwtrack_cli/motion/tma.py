@@ -70,10 +70,9 @@ def estimate_motion(  # noqa: PLR0913 (four inputs that may be absent)
 ) -> Motions:
     """Estimate range, course and speed of contacts from bearings and Doppler.
 
-    A passive sonar measures where a contact is and how its tones shift, not how far
-    it is. Over time, and best with a manoeuvre of own ship, both together fix the
-    range. The answer lists every motion that fits about equally well, and says
-    what cannot be observable from the data.
+    A passive sonar measures bearings and frequencies, not ranges. Over time they
+    determine the range, best with a manoeuvre of own ship. The result lists every
+    motion that fits about equally well, and says which quantities are not observable.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class View:
     begin: str | None = None
     """Begin: UTC, time of day or seconds; None is that of what is drawn."""
     end: str | None = None
-    """End, likewise."""
+    """End, in the same form."""
     band_hz: tuple[float, float] | None = None
     """Band, Hz; None is everything."""
     is_log: bool | None = None

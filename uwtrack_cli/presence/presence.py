@@ -183,8 +183,8 @@ def find_presence(
 ) -> Presence:
     """Report what was detected, and when: vessels, lines, hum, rain and others.
 
-    Everything that was found is here, closest approaches as well as what is none, with
-    the reason.
+    Lists everything that was detected. If there is no closest approach, the reason is
+    given.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ def measure_fringes(
     average_s: Annotated[float, Unit("s"), Above(0), AtMost(60)] = 0.5,
     least_highest_hz: Annotated[float, Unit("Hz"), AtLeast(0), AtMost(1e6)] = 0.0,
 ) -> Iterator[Fringes]:
-    """Draw the image in which a passing vessel's interference pattern is seen.
+    """Compute the image that shows the interference fringes of a passing vessel.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ def compute_spectrogram(
     zero_padding
         Spectral cells per natural bin; 2 loses less between the bins.
     band_hz
-        Lowest and highest frequency kept, Hz; everything unless given.
+        Lowest and highest frequency kept, Hz; by default all.
     decimation
         Reduce the sample rate by this factor first, as far as the band allows and to
         10 kHz or more unless given; 1 leaves it. What is left ends at 0.4 of the new rate.

@@ -153,8 +153,8 @@ def find_transients(
     blocks
         Blocks of a spectrogram with frames of a tenth of a second or so.
     least_spreads
-        Height of a rise from which it is told, in spreads of the recording's own rises.
-        With the default an hour of noise alone has fewer than one.
+        Height from which a transient is reported, in spreads of the fluctuations of the
+        recording. With the default, an hour of noise alone has fewer than one.
 
     Returns
     -------
