@@ -269,16 +269,20 @@ def program(
 
 
 def explain(
-    *,
     command: Annotated[
         str | None,
         typer.Argument(
-            help="Command to explain; by default all are listed.",
             autocompletion=lambda incomplete: [
                 name for name in COMMANDS if name.startswith(incomplete)
-            ],
+            ]
         ),
     ] = None,
 ) -> None:
-    """Explain a command, or list all commands."""
+    """Explain a command, or list all commands.
+
+    Parameters
+    ----------
+    command
+        Command to explain; by default all are listed.
+    """
     app([*([] if command is None else [command]), "--help"], prog_name="uwtrack")

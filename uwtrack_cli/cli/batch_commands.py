@@ -4,6 +4,7 @@ import json
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,6 +16,8 @@ from uwtrack_cli.cli.command_factory import (
     Output,
     Overwrite,
     WithinM,
+    documented,
+    with_parameters,
 )
 from uwtrack_cli.cli.console import (
     SOME_FAILED,
@@ -27,8 +30,6 @@ from uwtrack_cli.cli.console import (
 )
 from uwtrack_cli.cli.recording_arguments import (
     SOURCE_PARAMETERS,
-    parameters_of,
-    with_parameters,
 )
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
 from uwtrack_cli.errors import OptionError, OutputError
@@ -42,28 +43,39 @@ if TYPE_CHECKING:
 PER_FILE = ("start_utc", "start_s", "stop_s")
 """Options of one recording, which mean nothing for many."""
 
-OWN_PARAMETERS = parameters_of({
-    "jobs": (int | None, None, "Number of processes; by default one for each "
-    "processor."),
-    "scheduler": (str | None, None, "Dask scheduler to run on: tcp://HOST:PORT."),
-    "join": (bool, False, "Join consecutive files of a recorder by their UTC times."),
-    "join_gap_s": (
-        float | None, None, "Longest gap in s within a joined recording; by default "
-        "600."
-    ),
-    "join_slack_s": (
-        float | None, None, "Accuracy of the start times in s; by default 1."
-    ),
-    "per": (
-        Literal["day", "file"] | None, None,
-        "Write one result file for each UTC day, or for each file, of a joined "
-        "recording.",
-    ),
-    "overlap_s": (
-        float | None, None,
-        "Sound in s that is read before and after each part; by default 900.",
-    ),
-}, panel="Many recordings")  # fmt: skip
+
+@dataclass(frozen=True)
+class ManyOptions:
+    """How many recordings are run.
+
+    Parameters
+    ----------
+    jobs
+        Number of processes; by default one for each processor.
+    scheduler
+        Dask scheduler to run on: tcp://HOST:PORT.
+    join
+        Join consecutive files of a recorder by their UTC times.
+    join_gap_s
+        Longest gap in s within a joined recording; by default 600.
+    join_slack_s
+        Accuracy of the start times in s; by default 1.
+    per
+        Write one result file for each UTC day, or for each file, of a joined recording.
+    overlap_s
+        Sound in s that is read before and after each part; by default 900.
+    """
+
+    jobs: int | None = None
+    scheduler: str | None = None
+    join: bool = False
+    join_gap_s: float | None = None
+    join_slack_s: float | None = None
+    per: Literal["day", "file"] | None = None
+    overlap_s: float | None = None
+
+
+OWN_PARAMETERS = documented(ManyOptions, "Many recordings")
 """Options of running many: where, and what belongs together."""
 
 BATCH_PARAMETERS = [
@@ -74,24 +86,12 @@ BATCH_PARAMETERS = [
 
 @with_parameters(BATCH_PARAMETERS)
 def batch(
+    sources: list[Path],
     *,
-    sources: Annotated[
-        list[Path],
-        typer.Argument(help="Recordings, folders with them, or patterns in quotes."),
-    ],
-    folder: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            help="Folder for the result files; it gets the subfolders of the sources.",
-        ),
-    ],
+    folder: Annotated[Path, typer.Option("--output", "-o")],
     recipe: RecipeName = DEFAULT_RECIPE,
     settings: Settings = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Run only what is missing or out of date.")
-    ] = False,
+    resume: bool = False,
     overwrite: Overwrite = False,
     json_output: AsJson = False,
     ais: Ais = None,
@@ -105,6 +105,15 @@ def batch(
     other recordings or of another recipe are replaced only with --overwrite; files that
     uwtrack did not write are never replaced. Positions from several sensors: give their
     result files to uwtrack locate.
+
+    Parameters
+    ----------
+    sources
+        Recordings, folders with them, or patterns in quotes.
+    folder
+        Folder for the result files; it gets the subfolders of the sources.
+    resume
+        Run only what is missing or out of date.
     """
     from uwtrack_cli.flow.batch_report import check_report
     from uwtrack_cli.flow.batch_sources import (
@@ -114,7 +123,7 @@ def batch(
     )
     from uwtrack_cli.flow.shipped_recipes import load_recipe
 
-    own = {parameter.name: options.pop(parameter.name) for parameter in OWN_PARAMETERS}
+    own = ManyOptions(**{p.name: options.pop(p.name) for p in OWN_PARAMETERS})
     joining = _joining(own)
     found = find_recordings(sources)
     made = make_jobs(
@@ -134,23 +143,23 @@ def batch(
     check_report(folder, found, overwrite=overwrite)
     for text in describe_recorders(found, options, joining):
         say(text)
-    outcomes = _run(made, folder, own["jobs"], own["scheduler"])
+    outcomes = _run(made, folder, own.jobs, own.scheduler)
     rows = _tell(outcomes, folder, as_json=json_output)
     if any(row["status"] in {"failed", "truncated"} for row in rows):
         raise typer.Exit(SOME_FAILED)
 
 
-def _joining(own: Mapping[str, Any]) -> "Joining | None":
+def _joining(own: ManyOptions) -> "Joining | None":
     from uwtrack_cli.flow.recorder_folder import Joining
 
-    given = {
-        "max_gap_s": own["join_gap_s"],
-        "slack_s": own["join_slack_s"],
-        "per": own["per"],
-        "overlap_s": own["overlap_s"],
+    given: dict[str, Any] = {
+        "max_gap_s": own.join_gap_s,
+        "slack_s": own.join_slack_s,
+        "per": own.per,
+        "overlap_s": own.overlap_s,
     }
     known = {k: v for k, v in given.items() if v is not None}
-    if not own["join"]:
+    if not own.join:
         if known:
             msg = "--join-gap-s, --join-slack-s, --per and --overlap-s go with --join."
             raise OptionError(msg)
@@ -278,14 +287,9 @@ def _repeated(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def rerun(
+    file: Path,
     *,
-    file: Annotated[Path, typer.Argument(help="Result file to repeat.")],
-    source: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--source", help="Source file, if it is not beside the result file."
-        ),
-    ] = None,
+    source: list[Path] | None = None,
     output: Output = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -293,6 +297,13 @@ def rerun(
 
     The sources must lie beside the result file, and must not have changed. Without
     --output, pass.run.h5 becomes pass.rerun.run.h5.
+
+    Parameters
+    ----------
+    file
+        Result file to repeat.
+    source
+        Source file, if it is not beside the result file.
     """
     from uwtrack_cli.flow.rerun import rerun_product
 

@@ -4,16 +4,13 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from uwtrack_cli.cli.command_factory import AsJson
+from uwtrack_cli.cli.command_factory import AsJson, Output, with_parameters
 from uwtrack_cli.cli.console import put, say, say_wrote, show_table
 from uwtrack_cli.cli.recording_arguments import (
     SOURCE_PARAMETERS,
     open_source,
-    with_parameters,
 )
 from uwtrack_cli.errors import OptionError, OutputError
 
@@ -29,47 +26,39 @@ UNUSED = ("own_ship", "channel")
 
 @with_parameters([p for p in SOURCE_PARAMETERS if p.name not in UNUSED])
 def calibrate(
+    source: Path,
     *,
-    source: Annotated[
-        Path, typer.Argument(help="Recording of a DIFAR sensor that a vessel passes.")
-    ],
-    truth: Annotated[
-        Path,
-        typer.Option(
-            "--truth", help="Track of the vessel: NAME.truth.json, or an AIS table."
-        ),
-    ],
-    vessel: Annotated[
-        str | None,
-        typer.Option(
-            help="Name or MMSI of the vessel; by default the one that comes nearest."
-        ),
-    ] = None,
-    band_hz: Annotated[
-        tuple[float, float],
-        typer.Option(help="Band in Hz between whose lines the vessel is detected."),
-    ] = (100.0, 1500.0),
-    window_s: Annotated[
-        float, typer.Option(help="Length of a frame in s.")
-    ] = 1.0,
-    within_m: Annotated[
-        float, typer.Option(help="Largest range in m at which frames are used.")
-    ] = 2000.0,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o",
-            help="New sensor file; pass.calibrated.sensor.toml unless given.",
-        ),
-    ] = None,
+    truth: Path,
+    vessel: str | None = None,
+    band_hz: tuple[float, float] = (100.0, 1500.0),
+    window_s: float = 1.0,
+    within_m: float = 2000.0,
+    output: Output = None,
     json_output: AsJson = False,
     **source_options: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Calibrate the dipoles of a DIFAR sensor by a vessel whose track is known.
 
     Measures gains, crosstalk and orientation, and writes a new sensor file with them.
     It never replaces a file. The standard deviation of the compass is the one that
     remains after the calibration.
+
+    Parameters
+    ----------
+    source
+        Recording of a DIFAR sensor that a vessel passes.
+    truth
+        Track of the vessel: NAME.truth.json, or an AIS table.
+    vessel
+        Name or MMSI of the vessel; by default the one that comes nearest.
+    band_hz
+        Band in Hz between whose lines the vessel is detected.
+    window_s
+        Length of a frame in s.
+    within_m
+        Largest range in m at which frames are used.
+    output
+        New sensor file; pass.calibrated.sensor.toml unless given.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
     from uwtrack_cli.flow.calibration import calibrate_sensor

@@ -4,15 +4,14 @@ import inspect
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from uwtrack_cli.cli.command_factory import (
     AsJson,
     Branch,
     Output,
     Overwrite,
+    parameter,
     stage_function,
 )
 from uwtrack_cli.cli.console import progress_bar, say_wrote
@@ -33,45 +32,44 @@ from uwtrack_cli.flow.step import Step
 if TYPE_CHECKING:
     from uwtrack_cli.cli.targets import Inputs
 
-Sound = Annotated[Path, typer.Argument(help="Recording: WAV, RF64, W64, FLAC or AIFF.")]
-OneFile = Annotated[Path, typer.Argument(help="Result file; - is standard input.")]
-Files = Annotated[
-    list[Path],
-    typer.Argument(help="Result files in any order, or a CSV table; - is standard input."),
-]  # fmt: skip
+
+def _argument(name: str, hint: Any, text: str) -> inspect.Parameter:
+    return parameter(name, hint, inspect.Parameter.empty, text, is_argument=True)
+
+
+def _shared(name: str, hint: Any, default: Any = None) -> inspect.Parameter:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, default=default, annotation=hint)
+
+
+SOUND = _argument("source", Path, "Recording: WAV, RF64, W64, FLAC or AIFF.")
+ONE_FILE = _argument("source", Path, "Result file; - is standard input.")
+FILES = _argument(
+    "sources", list[Path], "Result files in any order, or a CSV table; - is standard input."
+)  # fmt: skip
+BRANCH = _shared("branch", Branch)
+ENDING = [_shared("output", Output), _shared("overwrite", Overwrite, default=False)]
+"""What the commands of stages have in common."""
+
 REPLAYS = (".rep", ".dsf")
 """Endings of files of tracks and cuts."""
 
-SIDE_TABLES: dict[str, tuple[str, Any]] = {
-    "navigation": (
-        "own_ship",
-        Annotated[
-            Path | None,
-            typer.Option("--own-ship", help="CSV table of own ship's navigation."),
-        ],
+SIDE_TABLES = {
+    "navigation": parameter(
+        "own_ship", Path | None, None, "CSV table of own ship's navigation."
     ),
-    "roc": (
-        "roc",
-        Annotated[
-            Path | None,
-            typer.Option("--roc", help="CSV table of a measured operating curve."),
-        ],
+    "roc": parameter(
+        "roc", Path | None, None, "CSV table of a measured operating curve."
     ),
 }
 """Tables that have an option of their own, by the container they hold."""
-Sensors = Annotated[
-    Path | None,
-    typer.Option(
-        "--sensors", help="Sensor file for a table whose rows name their sensors."
-    ),
-]
 
-SENSOR_FILE: tuple[str, Any] = (
-    "sensor",
-    Annotated[
-        Path | None,
-        typer.Option("--sensor", help="Sensor file for a table of measurements."),
-    ],
+SENSORS = parameter(
+    "sensors", Path | None, None, "Sensor file for a table whose rows name their sensors."
+)  # fmt: skip
+
+SENSOR_FILE = parameter(
+    "sensor", Path | None, None, "Sensor file for a table of measurements."
 )
 """Option for the sensor of a stage that reads tables of one sensor, which do not hold it."""
 
@@ -80,43 +78,23 @@ def stage_command(name: str) -> Callable[..., None]:
     """Return the function that is the command of a stage."""
     stage = find_stage(name)
     if stage.kind == "source":
-        return stage_function(stage, _source_body(stage), _source_parameters())
+        return stage_function(
+            stage, _source_body(stage), [SOUND, *SOURCE_PARAMETERS, *ENDING]
+        )
     if stage.kind == "whole":
         return stage_function(stage, _whole_body(stage), _whole_parameters(stage))
-    return stage_function(stage, _stream_body(stage), _stream_parameters())
-
-
-def _parameter(name: str, hint: Any, default: Any = inspect.Parameter.empty) -> Any:
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(name, kind, default=default, annotation=hint)
-
-
-def _ending_parameters() -> list[inspect.Parameter]:
-    return [
-        _parameter("output", Output, None),
-        _parameter("overwrite", Overwrite, default=False),
-    ]
-
-
-def _source_parameters() -> list[inspect.Parameter]:
-    return [_parameter("source", Sound), *SOURCE_PARAMETERS, *_ending_parameters()]
-
-
-def _stream_parameters() -> list[inspect.Parameter]:
-    reading = [_parameter("source", OneFile), _parameter("branch", Branch, None)]
-    return [*reading, *_ending_parameters()]
+    return stage_function(stage, _stream_body(stage), [ONE_FILE, BRANCH, *ENDING])
 
 
 def _whole_parameters(stage: Stage) -> list[inspect.Parameter]:
-    parameters = [_parameter("sources", Files), _parameter("branch", Branch, None)]
-    names = {kind.NAME for kind in _wanted(stage)}
-    parameters += [_parameter(*SIDE_TABLES[n], None) for n in SIDE_TABLES if n in names]
+    wanted = _wanted(stage)
+    names = {kind.NAME for kind in wanted}
+    parameters = [FILES, BRANCH, *(SIDE_TABLES[n] for n in SIDE_TABLES if n in names)]
     if _takes_sensors(stage):
-        parameters.append(_parameter("sensors", Sensors, None))
-    if Delays in _wanted(stage) or stage.output is Encounters:
-        parameters.append(_parameter(*SENSOR_FILE, None))
-    parameters += _ending_parameters()
-    return [*parameters, _parameter("json_output", AsJson, default=False)]
+        parameters.append(SENSORS)
+    if Delays in wanted or stage.output is Encounters:
+        parameters.append(SENSOR_FILE)
+    return [*parameters, *ENDING, _shared("json_output", AsJson, default=False)]
 
 
 def _source_body(stage: Stage) -> Any:
@@ -231,7 +209,7 @@ def _read_sources(stage: Stage, own: Mapping[str, Any], stack: ExitStack) -> "In
         msg = f"--sensor {own['sensor']} belongs to a table; products carry theirs."
         raise DataError(msg)
     for kind in _wanted(stage):
-        name, _ = {**SIDE_TABLES, "sensor": SENSOR_FILE}.get(kind.NAME, ("", None))
-        if own.get(name) is not None:
-            read.add_table(own[name], kind)
+        asked = {**SIDE_TABLES, "sensor": SENSOR_FILE}.get(kind.NAME)
+        if asked is not None and own.get(asked.name) is not None:
+            read.add_table(own[asked.name], kind)
     return read

@@ -7,16 +7,24 @@ builds the rest, so a command can have no default of its own.
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand
+from typer.models import ParameterInfo
 
 from uwtrack_cli.cli.console import guard, set_verbosity
-from uwtrack_cli.data.options import is_union, makes_rungs
+from uwtrack_cli.data.options import (
+    convert,
+    is_union,
+    makes_rungs,
+    plain_type,
+    range_of,
+)
 from uwtrack_cli.files.input_ledger import input_ledger
-from uwtrack_cli.flow.stage import Option, Stage
+from uwtrack_cli.flow.stage import Option, Stage, parameter_texts
 
 GENERAL, EXPERT = "General options", "Expert options"
 """Titles of the panels that come last."""
@@ -127,22 +135,119 @@ def _rank(panel: str) -> int:
 
 def register(app: typer.Typer, name: str, function: Callable[..., None]) -> None:
     """Make a function a command with the shared options and error handling."""
-    signature = inspect.signature(function)
-    parameters = [*signature.parameters.values(), *map(_flag, SHARED)]
+    parameters = [*documented(function), *map(_flag, SHARED)]
 
     def run(**values: Any) -> None:
         quiet, verbose, debug = (bool(values.pop(shared)) for shared in SHARED)
         if quiet or verbose:
             set_verbosity(-1 if quiet else 1)
         with guard(debug=debug), input_ledger():
-            function(**values)
+            function(**checked_values(function, values))
 
-    run.__doc__ = flowing(function.__doc__ or "")
-    run.__signature__ = signature.replace(  # type: ignore[attr-defined]
-        parameters=parameters
-    )
+    run.__doc__ = flowing(_help(function))
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in parameters}
     app.command(name, cls=PlainCommand)(run)
+
+
+def documented(
+    function: Callable[..., Any],
+    panel: str | None = None,
+    flags: Mapping[str, str] | None = None,
+) -> list[inspect.Parameter]:
+    """Return the parameters of a command with what its docstring says of each.
+
+    Positional parameters are arguments, and keyword-only ones are options.
+
+    ``function``: a command; or a dataclass of options that several commands share.
+    ``panel``: title under which the help lists them. ``flags``: flags that are not called
+    like their options.
+    """
+    texts, named = parameter_texts(function), flags or {}
+    is_set = isinstance(function, type)
+    return [
+        parameter(
+            one.name, one.annotation, one.default, texts[one.name], panel=panel,
+            flag=named.get(one.name),
+            is_argument=not is_set and one.kind is one.POSITIONAL_OR_KEYWORD,
+        )
+        if one.name in texts else one
+        for one in inspect.signature(function).parameters.values()
+    ]  # fmt: skip
+
+
+def parameter(
+    name: str,
+    hint: Any,
+    default: Any,
+    text: str,
+    *,
+    panel: str | None = None,
+    flag: str | None = None,
+    is_argument: bool = False,
+) -> inspect.Parameter:
+    """Return a parameter of a command: an option, or an argument.
+
+    ``hint``: its type, with unit, range and Typer's own facts, if any. ``text``: what the
+    help says. ``panel``: title under which it stands. ``flag``: its flag, if that is not
+    its name.
+    """
+    given = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+    kind = plain_type(hint)
+    named = [flag or flag_of(name)] if flag or kind is bool else []
+    (info,) = [copy(one) for one in given if isinstance(one, ParameterInfo)] or [
+        typer.Argument() if is_argument else typer.Option(*named)
+    ]
+    info.help = Option(name, hint, default, text).help
+    if panel is not None:
+        info.rich_help_panel = panel
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=Annotated[kind, info],
+    )
+
+
+def flag_of(name: str) -> str:
+    """Return the flag of an option: ``--every-s`` of ``every_s``."""
+    return f"--{name.replace('_', '-')}"
+
+
+def checked_values(
+    function: Callable[..., Any], values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the values of a command, those with a range held to it.
+
+    Raises
+    ------
+    OptionError
+        A value is out of range.
+    """
+    hints = inspect.signature(function).parameters
+    return {
+        name: convert(flag_of(name), hints[name].annotation, value)
+        if name in hints and range_of(hints[name].annotation)
+        else value
+        for name, value in values.items()
+    }
+
+
+def with_parameters(
+    extra: Sequence[inspect.Parameter],
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a function that takes ``**options`` named parameters instead."""
+
+    def named(function: Callable[..., None]) -> Callable[..., None]:
+        own = [
+            p
+            for p in inspect.signature(function).parameters.values()
+            if p.kind is not inspect.Parameter.VAR_KEYWORD
+        ]
+        function.__signature__ = inspect.Signature([*own, *extra])  # type: ignore[attr-defined]
+        return function
+
+    return named
 
 
 def flowing(text: str) -> str:
@@ -175,7 +280,7 @@ def stage_function(
         given = {n: values.pop(n) for n in [p.name for p in flat]}
         body(values, nest_rungs(stage, given))
 
-    run.__doc__ = _help(stage)
+    run.__doc__ = _help(stage.function)
     run.__signature__ = inspect.Signature([*own, *flat])  # type: ignore[attr-defined]
     return run
 
@@ -208,16 +313,14 @@ def _parameter(option: Option) -> inspect.Parameter:
     panel = EXPERT if option.name in RARE else None
     if option.group is not None:
         panel = f"{EXPERT}: {option.group}"
-    several = makes_rungs(option.hint)
+    kind, default = option.type, option.default
+    if makes_rungs(option.hint):
+        kind, default = list[kind], [default]  # type: ignore[valid-type]
+    info = typer.Option(help=option.help, rich_help_panel=panel)
     return inspect.Parameter(
-        option.flat_name,
-        inspect.Parameter.KEYWORD_ONLY,
-        default=[option.default] if several else option.default,
-        annotation=Annotated[
-            list[option.type] if several else option.type,  # type: ignore[name-defined]
-            typer.Option(help=option.help, rich_help_panel=panel),
-        ],
-    )
+        option.flat_name, inspect.Parameter.KEYWORD_ONLY, default=default,
+        annotation=Annotated[kind, info],
+    )  # fmt: skip
 
 
 def spread_values(stage: Stage, words: Sequence[str]) -> list[str]:
@@ -259,7 +362,7 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _help(stage: Stage) -> str:
+def _help(function: Callable[..., Any]) -> str:
     """Summary and meaning, up to the parameters, as paragraphs."""
-    text = inspect.getdoc(stage.function) or ""
+    text = inspect.getdoc(function) or ""
     return text.split("\nParameters\n---", 1)[0].strip()

@@ -4,11 +4,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from uwtrack_cli.cli.command_factory import Overwrite
+from uwtrack_cli.cli.command_factory import Output, Overwrite, with_parameters
 from uwtrack_cli.cli.console import progress_bar, say_wrote, signals_end
 from uwtrack_cli.cli.live_run import (
     IDLE_S,
@@ -16,7 +14,7 @@ from uwtrack_cli.cli.live_run import (
     LiveOptions,
     say_disturbances,
 )
-from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, with_parameters
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS
 from uwtrack_cli.data.recording import LiveSource, Recording, Samples
 from uwtrack_cli.data.sensor import Sensor
 from uwtrack_cli.errors import DataError, OptionError
@@ -27,28 +25,11 @@ RATE_HZ = 6000
 
 @with_parameters([*SOURCE_PARAMETERS, *LIVE_PARAMETERS])
 def difar(
+    source: Path,
     *,
-    source: Annotated[
-        Path,
-        typer.Argument(help="Audio of a DIFAR sonobuoy; - is standard input."),
-    ],
-    multiplex: Annotated[
-        tuple[str, str] | None,
-        typer.Option(
-            help="Dipole in phase with the 15 kHz pilot and the one ahead of it, - "
-            "inverts one; -east north, unless the sensor file says otherwise."
-        ),
-    ] = None,
-    declination_deg: Annotated[
-        float | None,
-        typer.Option(help="Declination in degrees, east positive, for true bearings."),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Recording to write; by default BUOY.difar.wav."
-        ),
-    ] = None,
+    multiplex: tuple[str, str] | None = None,
+    declination_deg: float | None = None,
+    output: Output = None,
     overwrite: Overwrite = False,
     **options: Any,
 ) -> None:
@@ -57,6 +38,18 @@ def difar(
     Writes a recording of three channels at 6 kHz, its sensor file and the level of the
     pilots (buoy.lock.csv). Times without lock are gaps. `run` and all other commands
     can also read the audio itself, if its sensor file has kind = "difar-multiplexed".
+
+    Parameters
+    ----------
+    source
+        Audio of a DIFAR sonobuoy; - is standard input.
+    multiplex
+        Dipole in phase with the 15 kHz pilot and the one ahead of it, - inverts
+        one; -east north, unless the sensor file says otherwise.
+    declination_deg
+        Declination in degrees, east positive, for true bearings.
+    output
+        Recording to write; by default BUOY.difar.wav.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
     from uwtrack_cli.files.audio.recording_file import write_wav

@@ -18,19 +18,14 @@ from uwtrack_cli.errors import OptionError
 
 
 def export(
-    *,
     file: ProductFile,
+    *,
     form: Annotated[
         Literal["csv", "geojson", "kml", "raven", "netcdf", "rep", "dsf"],
-        typer.Option("--to", help="Format to write."),
+        typer.Option("--to"),
     ],
-    container: Annotated[
-        str | None,
-        typer.Option("--table", help="Table that a CSV holds: fixes, lines."),
-    ] = None,
-    sensor: Annotated[
-        str | None, typer.Option("--sensor", help="Sensor, where there are several.")
-    ] = None,
+    container: Annotated[str | None, typer.Option("--table")] = None,
+    sensor: str | None = None,
     step: Branch = None,
     axis: Axis = None,
     output: Output = None,
@@ -40,6 +35,15 @@ def export(
 
     GeoJSON and KML need sensors with latitude and longitude. They hold positions and
     motions with their 95 % regions.
+
+    Parameters
+    ----------
+    form
+        Format to write.
+    container
+        Table that a CSV holds: fixes, lines.
+    sensor
+        Sensor, where there are several.
     """
     from uwtrack_cli.flow.exports.export import FORMATS, export_product
 

@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 
 def info(
+    file: Path,
     *,
-    file: Annotated[
-        Path,
-        typer.Argument(
-            help="Result file, recording, or folder of recordings; - is standard input."
-        ),
-    ],
     json_output: AsJson = False,
 ) -> None:
     """Describe a file in ten lines; with -v in full.
 
     For a folder, list which recordings follow each other.
+
+    Parameters
+    ----------
+    file
+        Result file, recording, or folder of recordings; - is standard input.
     """
     from uwtrack_cli.files.audio.opening import SUFFIXES
     from uwtrack_cli.flow.information import (
@@ -109,37 +109,36 @@ def _lines(facts: dict[str, Any]) -> list[str]:
 
 
 def show(
+    file: Path | None = None,
+    container: str | None = None,
     *,
-    file: Annotated[
-        Path | None, typer.Argument(help="Result file; - is standard input.")
-    ] = None,
-    container: Annotated[
-        str | None,
-        typer.Argument(help="Name of the table: encounters, lines, peaks ..."),
-    ] = None,
     form: Annotated[
-        Literal["table", "csv", "json", "jsonl"],
-        typer.Option("--format", help="Format to print."),
+        Literal["table", "csv", "json", "jsonl"], typer.Option("--format")
     ] = "table",
-    sensor: Annotated[
-        str | None, typer.Option("--sensor", help="Sensor, where there are several.")
-    ] = None,
+    sensor: str | None = None,
     step: Branch = None,
     axis: Axis = None,
-    schema: Annotated[
-        str | None,
-        typer.Option(
-            "--schema",
-            help="Print the JSON Schema of a table instead, or that of info, batch, "
-            "passages, diff, score, study.",
-        ),
-    ] = None,
+    schema: str | None = None,
 ) -> None:
     """Print a table of a result file on standard output.
 
     Without the name of a table, prints the table that the command printed when it made
     the file. Columns that do not fit the screen are left out; --format csv or json
     prints all.
+
+    Parameters
+    ----------
+    file
+        Result file; - is standard input.
+    container
+        Name of the table: encounters, lines, peaks ...
+    form
+        Format to print.
+    sensor
+        Sensor, where there are several.
+    schema
+        Print the JSON Schema of a table instead, or that of info, batch, passages,
+        diff, score, study.
     """
     from uwtrack_cli.cli.result_output import print_container
     from uwtrack_cli.files.hdf5.layout import CONTAINERS
@@ -236,8 +235,7 @@ def _results(product: "Product") -> tuple[str, ...]:
 
 
 def verify(
-    *,
-    files: Annotated[list[Path], typer.Argument(help="Result files to check.")],
+    files: list[Path],
 ) -> None:
     """Check result files for damage: checksum, completeness, schema, history.
 
@@ -245,6 +243,11 @@ def verify(
     file can write a new one. A file that was changed on purpose cannot do harm, because
     it is read in a process of its own with limits on time and memory. Its numbers may
     still be false.
+
+    Parameters
+    ----------
+    files
+        Result files to check.
     """
     from uwtrack_cli.files.hdf5.product import verify_product
 

@@ -3,45 +3,44 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from uwtrack_cli.cli.command_factory import AsJson, Overwrite
+from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite
 from uwtrack_cli.cli.console import put, say_wrote
 from uwtrack_cli.errors import OptionError
 
 
 def forecast(
+    own: Path,
+    target: Path,
     *,
-    own: Annotated[
-        Path, typer.Argument(help="Track of own ship: CSV table or REP.")
-    ],
-    target: Annotated[
-        Path, typer.Argument(help="Way of the target; may be the same REP file.")
-    ],
-    names: Annotated[
-        tuple[str, str] | None,
-        typer.Option(help="Names of own track and the target's in REP files of several."),
-    ] = None,
-    rest_frequency_hz: Annotated[
-        list[float] | None,
-        typer.Option(help="Tone of the target at rest in Hz; may repeat."),
-    ] = None,
-    every_s: Annotated[float, typer.Option(help="Interval of the rows in s.")] = 10.0,
-    sound_speed_mps: Annotated[
-        float, typer.Option(help="Sound speed in m/s.")
-    ] = 1500.0,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="CSV table to write, as tma reads it."),
-    ] = None,
+    names: tuple[str, str] | None = None,
+    rest_frequency_hz: list[float] | None = None,
+    every_s: float = 10.0,
+    sound_speed_mps: float = 1500.0,
+    output: Output = None,
     overwrite: Overwrite = False,
     json_output: AsJson = False,
-) -> None:  # fmt: skip
+) -> None:
     """Forecast bearing and Doppler of a target along two known tracks.
 
     Prints a table of bearings and frequencies over time; --json adds ranges.
+
+    Parameters
+    ----------
+    own
+        Track of own ship: CSV table or REP.
+    target
+        Way of the target; may be the same REP file.
+    names
+        Names of own track and the target's in REP files of several.
+    rest_frequency_hz
+        Tone of the target at rest in Hz; may repeat.
+    every_s
+        Interval of the rows in s.
+    sound_speed_mps
+        Sound speed in m/s.
+    output
+        CSV table to write, as tma reads it.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
     from uwtrack_cli.flow.forecast import forecast_tracks, table_lines

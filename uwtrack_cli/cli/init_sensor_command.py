@@ -8,9 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from uwtrack_cli.cli.command_factory import Output
+from uwtrack_cli.cli.command_factory import Output, parameter, with_parameters
 from uwtrack_cli.cli.console import put, say, say_wrote
-from uwtrack_cli.cli.recording_arguments import parameters_of, with_parameters
 from uwtrack_cli.cli.targets import PIPE
 from uwtrack_cli.errors import OptionError, OutputError
 
@@ -70,20 +69,20 @@ STANDARD_INPUT = 0
 VECTOR = ["omni", "east", "north"]
 """Channels of a vector sensor whose file does not say otherwise."""
 
-PARAMETERS = parameters_of({
-    name: (float | None if isinstance(key.example, float) else str | None, None,
-           f"{key.comment[0].upper()}{key.comment[1:]}.")
+PARAMETERS = [
+    parameter(
+        name, float | None if isinstance(key.example, float) else str | None, None,
+        f"{key.comment[0].upper()}{key.comment[1:]}.", panel="What is known of the sensor",
+    )
     for name, key in KEYS.items()
-}, panel="What is known of the sensor")  # fmt: skip
+]  # fmt: skip
 """An option for every key; lists have commas, positions semicolons between them."""
 
 
 @with_parameters(PARAMETERS)
 def init_sensor(
+    identifier: Annotated[str, typer.Argument(metavar="ID")],
     *,
-    identifier: Annotated[
-        str, typer.Argument(metavar="ID", help="Identifier of the sensor, such as h1.")
-    ],
     output: Output = None,
     **given: Any,
 ) -> None:
@@ -93,6 +92,11 @@ def init_sensor(
     do not know it. Unknown values stay in the file as comments. A file is never
     replaced. With --files it writes an entry of a deployment file, which can be
     appended to one.
+
+    Parameters
+    ----------
+    identifier
+        Identifier of the sensor, such as h1.
     """
     from uwtrack_cli.files.atomic import write_text
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from warnings import warn
 
+from uwtrack_cli.cli.command_factory import documented
 from uwtrack_cli.cli.console import put, say, say_wrote, signals_end
-from uwtrack_cli.cli.recording_arguments import parameters_of
 from uwtrack_cli.cli.sensitivity import say_sensitivity
 from uwtrack_cli.cli.targets import (
     PIPE,
@@ -38,36 +38,30 @@ if TYPE_CHECKING:
 IDLE_S = 60.0
 """A file that did not grow for so long is complete, unless --idle-s says otherwise."""
 
-LIVE_PARAMETERS = parameters_of({
-    "raw": (
-        str | None, None,
-        "Sample format of sound without a header: s16le, s24le, f32le, ... (as ffmpeg).",
-    ),
-    "rate_hz": (float | None, None, "Sample rate of --raw, Hz."),
-    "channels": (int | None, None, "Number of channels of --raw; by default 1."),
-    "follow": (bool, False, "Read a file that is still being written."),
-    "idle_s": (
-        float | None, None,
-        "End after so many s without sound; by default 60 with --follow, else never.",
-    ),
-}, panel="Live sound")  # fmt: skip
-"""Options of `run` for sound that is still coming."""
-
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """Options of `run` that only live sound has."""
+    """Options of `run` that only live sound has.
+
+    Parameters
+    ----------
+    raw
+        Sample format of sound without a header: s16le, s24le, f32le, ... (as ffmpeg).
+    rate_hz
+        Sample rate of --raw, Hz.
+    channels
+        Number of channels of --raw; by default 1.
+    follow
+        Read a file that is still being written.
+    idle_s
+        End after so many s without sound; by default 60 with --follow, else never.
+    """
 
     raw: str | None = None
-    """Sample format of sound without a header."""
     rate_hz: float | None = None
-    """Its sample rate, Hz."""
     channels: int | None = None
-    """Its number of channels."""
     follow: bool = False
-    """Whether a file is still being written."""
     idle_s: float | None = None
-    """When the sound has ended, s without any."""
 
     def is_live(self, sources: Sequence[Path]) -> bool:
         """Tell whether sound is still coming.
@@ -123,6 +117,10 @@ class LiveOptions:
             msg = f"--raw {self.raw} needs --rate-hz: nothing else tells the rate."
             raise OptionError(msg)
         return RawSound(self.raw, self.rate_hz, self.channels or 1)
+
+
+LIVE_PARAMETERS = documented(LiveOptions, "Live sound")
+"""Options of `run` for sound that is still coming."""
 
 
 def live_target(source: Path, output: Path | None, *, as_json: bool) -> Path:

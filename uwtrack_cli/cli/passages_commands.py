@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import Ais, Overwrite, WithinM
+from uwtrack_cli.cli.command_factory import Ais, Output, Overwrite, WithinM
 from uwtrack_cli.cli.console import put, say, show_table
 from uwtrack_cli.cli.targets import PIPE
 from uwtrack_cli.errors import DataError, OptionError
@@ -36,49 +36,40 @@ SPARE = ("level dB", "status", "course deg", "sensor", "contact", "recording")
 
 
 def passages(  # noqa: PLR0913 - three views of one table
+    sources: list[Path],
     *,
-    sources: Annotated[
-        list[Path], typer.Argument(help="Result files, or folders with them.")
-    ],
-    per: Annotated[
-        Literal["day", "month", "vessel", "sensor"] | None,
-        typer.Option(
-            "--per", help="Count passages and hours of sound instead of listing them."
-        ),
-    ] = None,
-    sql: Annotated[
-        str | None,
-        typer.Option(
-            "--sql", help="SELECT over the tables `passages` and `levels`, by DuckDB."
-        ),
-    ] = None,
-    bands: Annotated[
-        bool,
-        typer.Option(
-            "--bands",
-            help="List radiated noise levels in decidecade bands, of calibrated "
-            "recordings; not ISO 17208.",
-        ),
-    ] = False,
+    per: Literal["day", "month", "vessel", "sensor"] | None = None,
+    sql: str | None = None,
+    bands: bool = False,
     ais: Ais = None,
     within_m: WithinM = 2000.0,
-    form: Annotated[Form, typer.Option("--to", help="Format to write.")] = "table",
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Output file; standard output if not given."
-        ),
-    ] = None,
+    form: Annotated[Form, typer.Option("--to")] = "table",
+    output: Output = None,
     overwrite: Overwrite = False,
-    fresh: Annotated[
-        bool,
-        typer.Option("--fresh", help="Read every file again."),
-    ] = False,
+    fresh: bool = False,
 ) -> None:
     """List every passage of results and folders in one table.
 
     If a recording has several result files, the newest is used. Result files that were
     read before are remembered, so that only new ones are read.
+
+    Parameters
+    ----------
+    sources
+        Result files, or folders with them.
+    per
+        Count passages and hours of sound instead of listing them.
+    sql
+        SELECT over the tables `passages` and `levels`, by DuckDB.
+    bands
+        List radiated noise levels in decidecade bands, of calibrated recordings;
+        not ISO 17208.
+    form
+        Format to write.
+    output
+        Output file; standard output if not given.
+    fresh
+        Read every file again.
     """
     from uwtrack_cli.files.atomic import check_target
     from uwtrack_cli.flow.exports.passage_tables import load_duckdb

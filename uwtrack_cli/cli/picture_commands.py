@@ -7,12 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwtrack_cli.cli.command_factory import Ais, Branch, Overwrite, WithinM
+from uwtrack_cli.cli.command_factory import (
+    Ais,
+    Branch,
+    Output,
+    Overwrite,
+    WithinM,
+    with_parameters,
+)
 from uwtrack_cli.cli.console import progress_bar, say
 from uwtrack_cli.cli.recording_arguments import (
     SOURCE_PARAMETERS,
     open_source,
-    with_parameters,
 )
 from uwtrack_cli.cli.targets import PIPE, Inputs, open_product, product_name
 from uwtrack_cli.data.base import Container
@@ -37,32 +43,6 @@ DRAWN = frozenset({"overview", "levels", "lines", "encounters", "fixes", "presen
 WITHIN_M = 2000.0
 """Range within which AIS vessels are expected unless told, m."""
 
-Begin = Annotated[
-    str | None,
-    typer.Option(
-        "--from", help="Begin: UTC, time of day, or seconds from the first sample."
-    ),
-]
-End = Annotated[str | None, typer.Option("--to", help="End, in the same form.")]
-Band = Annotated[
-    tuple[float, float] | None,
-    typer.Option("--band-hz", help="Lowest and highest frequency. (Hz)"),
-]
-IsLog = Annotated[
-    bool | None,
-    typer.Option(
-        "--log/--linear",
-        help="Frequency axis; by default logarithmic if most lines are low, or if the "
-        "band spans more than a factor of 20.",
-    ),
-]
-HasLines = Annotated[
-    bool | None,
-    typer.Option(
-        "--lines/--no-lines",
-        help="Outline all tracked lines, or none; by default those that last.",
-    ),
-]
 UnitsOption = Annotated[
     Literal["kn", "mps"], typer.Option("--units", help="Unit of every speed.")
 ]
@@ -78,92 +58,32 @@ OF_PRODUCTS = {
 }  # fmt: skip
 """Options that have a meaning for products alone."""
 
-Picture = Annotated[
-    Path | None,
-    typer.Option(
-        "--output",
-        "-o",
-        help="PNG, SVG, or PDF with all pages; by default a PNG named after the file.",
-    ),
-]
-
 
 @with_parameters(SOUND_PARAMETERS)
 def plot(  # noqa: PLR0913 (one parameter for each option)
+    files: list[Path],
     *,
     context: typer.Context,
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Result files of one recording, or the recording itself: WAV, RF64, "
-            "W64, FLAC or AIFF."
-        ),
-    ],
-    output: Picture = None,
-    contact: Annotated[
-        int | None,
-        typer.Option("--contact", help="Draw this contact."),
-    ] = None,
-    passage: Annotated[
-        int | None,
-        typer.Option(
-            "--passage", help="Draw this passage, by its number in the table."
-        ),
-    ] = None,
-    is_demon: Annotated[
-        bool,
-        typer.Option("--demon", help="Draw the averaged spectrum of the envelope."),
-    ] = False,
-    sensor: Annotated[
-        str | None,
-        typer.Option(
-            "--sensor",
-            help="Sensor, if there are several; for a recording, its sensor file.",
-        ),
-    ] = None,
-    begin: Begin = None,
-    end: End = None,
-    band_hz: Band = None,
-    is_log: IsLog = None,
-    has_lines: HasLines = None,
+    output: Output = None,
+    contact: int | None = None,
+    passage: int | None = None,
+    is_demon: Annotated[bool, typer.Option("--demon")] = False,
+    sensor: str | None = None,
+    begin: Annotated[str | None, typer.Option("--from")] = None,
+    end: Annotated[str | None, typer.Option("--to")] = None,
+    band_hz: tuple[float, float] | None = None,
+    is_log: Annotated[bool | None, typer.Option("--log/--linear")] = None,
+    has_lines: Annotated[bool | None, typer.Option("--lines/--no-lines")] = None,
     units: UnitsOption = "kn",
     ais: Ais = None,
     within_m: WithinM = WITHIN_M,
     step: Branch = None,
-    window_s: Annotated[
-        float | None,
-        typer.Option(
-            help="For a recording: length of the analysis window; by default by its "
-            "length. (s)"
-        ),
-    ] = None,
-    db_range: Annotated[
-        float | None,
-        typer.Option(
-            help="For a recording: range of levels that the colours show. (dB)"
-        ),
-    ] = None,
-    colormap: Annotated[
-        str | None,
-        typer.Option(
-            help="For a recording: name of a colour map of matplotlib; by default "
-            "viridis."
-        ),
-    ] = None,
-    size: Annotated[
-        tuple[float, float] | None,
-        typer.Option(help="Width and height of the page. (inches)"),
-    ] = None,
-    has_title: Annotated[
-        bool,
-        typer.Option(
-            "--title/--no-title",
-            help="Draw the title, or leave it to a caption.",
-        ),
-    ] = True,
-    dpi: Annotated[
-        float | None, typer.Option(help="Dots per inch; by default 110, in a PDF 220.")
-    ] = None,
+    window_s: float | None = None,
+    db_range: float | None = None,
+    colormap: str | None = None,
+    size: tuple[float, float] | None = None,
+    has_title: Annotated[bool, typer.Option("--title/--no-title")] = True,
+    dpi: float | None = None,
     overwrite: Overwrite = False,
     **source: Any,
 ) -> None:
@@ -175,6 +95,46 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
 
     For a recording, the spectrogram is drawn at once, as density in dB re 1 uPa^2/Hz if
     its sensor file has a calibration, else re full scale.
+
+    Parameters
+    ----------
+    files
+        Result files of one recording, or the recording itself: WAV, RF64, W64, FLAC
+        or AIFF.
+    output
+        PNG, SVG, or PDF with all pages; by default a PNG named after the file.
+    contact
+        Draw this contact.
+    passage
+        Draw this passage, by its number in the table.
+    is_demon
+        Draw the averaged spectrum of the envelope.
+    sensor
+        Sensor, if there are several; for a recording, its sensor file.
+    begin
+        Begin: UTC, time of day, or seconds from the first sample.
+    end
+        End, in the same form.
+    band_hz
+        Lowest and highest frequency. (Hz)
+    is_log
+        Frequency axis; by default logarithmic if most lines are low, or if the band
+        spans more than a factor of 20.
+    has_lines
+        Outline all tracked lines, or none; by default those that last.
+    window_s
+        For a recording: length of the analysis window; by default by its length.
+        (s)
+    db_range
+        For a recording: range of levels that the colours show. (dB)
+    colormap
+        For a recording: name of a colour map of matplotlib; by default viridis.
+    size
+        Width and height of the page. (inches)
+    has_title
+        Draw the title, or leave it to a caption.
+    dpi
+        Dots per inch; by default 110, in a PDF 220.
     """
     try:
         from uwtrack_cli.plotting.page import (
@@ -413,50 +373,18 @@ def _refuse_second(
             raise DataError(msg)
 
 
-Sound = Annotated[
-    bool,
-    typer.Option(
-        "--sound",
-        help="Include the sound of every passage, in its band.",
-    ),
-]
-SpeedUp = Annotated[
-    float | None,
-    typer.Option(
-        help="Factor by which the sound is played faster, such as "
-        "4 for low frequencies."
-    ),
-]
-
-
 def report(  # noqa: PLR0913 (one parameter for each option)
+    file: Path,
     *,
     context: typer.Context,
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="{file}",
-            help="Result file, or folder of result files; - is standard input.",
-        ),
-    ],
     step: Branch = None,
     units: UnitsOption = "kn",
     ais: Ais = None,
     within_m: WithinM = WITHIN_M,
-    sound: Sound = False,
-    speed_up: SpeedUp = None,
-    pages: Annotated[
-        bool,
-        typer.Option(
-            "--pages", help="For a folder: write the page of every file in it, too."
-        ),
-    ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="HTML file; by default named after the result file."
-        ),
-    ] = None,
+    sound: bool = False,
+    speed_up: float | None = None,
+    pages: bool = False,
+    output: Output = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page about a recording, or about a folder: results, pictures, history.
@@ -465,6 +393,19 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     folder shows when there was sound, when vessels were detected and when they passed,
     the levels by the hour, and a small picture of every passage. That picture links to
     the page of its recording, if it exists.
+
+    Parameters
+    ----------
+    file
+        Result file, or folder of result files; - is standard input.
+    sound
+        Include the sound of every passage, in its band.
+    speed_up
+        Factor by which the sound is played faster, such as 4 for low frequencies.
+    pages
+        For a folder: write the page of every file in it, too.
+    output
+        HTML file; by default named after the result file.
     """
     from uwtrack_cli.files.atomic import check_target, write_text
 
@@ -478,12 +419,12 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     if speed_up is not None and not sound:
         msg = "--speed-up is how fast the sound is played: give it with --sound."
         raise OptionError(msg)
-    target = _report_name(output, source)
-    is_folder = source.is_dir()
+    target = _report_name(output, file)
+    is_folder = file.is_dir()
     if pages and not is_folder:
         msg = "--pages writes the pages of a folder's products; this is one product."
         raise OptionError(msg)
-    inputs = () if is_folder or source == PIPE else (source,)
+    inputs = () if is_folder or file == PIPE else (file,)
     check_target(target, overwrite=overwrite, inputs=inputs)
     made: dict[str, Any] = {
         "units": "kn" if units == "kn" else "m/s",
@@ -496,14 +437,14 @@ def report(  # noqa: PLR0913 (one parameter for each option)
             return report_html(product, Report(found, None, tracks, **made))
 
     if not is_folder:
-        text = text_of(source)
+        text = text_of(file)
     elif step is not None:
         msg = "--step chooses within one product, and a folder holds many."
         raise OptionError(msg)
     else:
         if pages:
-            _write_pages_of(source, text_of, overwrite=overwrite)
-        text = _of_folder(source, target.parent, ais, within_m, made)
+            _write_pages_of(file, text_of, overwrite=overwrite)
+        text = _of_folder(file, target.parent, ais, within_m, made)
     write_text(target, text, overwrite=overwrite, inputs=inputs)
     say(f"wrote {target}")
 

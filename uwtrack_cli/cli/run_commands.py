@@ -12,6 +12,8 @@ from uwtrack_cli.cli.command_factory import (
     Output,
     Overwrite,
     WithinM,
+    parameter,
+    with_parameters,
 )
 from uwtrack_cli.cli.console import progress_bar, put, say, say_wrote
 from uwtrack_cli.cli.live_run import (
@@ -23,7 +25,6 @@ from uwtrack_cli.cli.live_run import (
 from uwtrack_cli.cli.recording_arguments import (
     SOURCE_PARAMETERS,
     open_source,
-    with_parameters,
 )
 from uwtrack_cli.cli.result_output import print_result
 from uwtrack_cli.cli.sensitivity import say_sensitivity
@@ -57,55 +58,32 @@ RecipeName = Annotated[
         autocompletion=_recipes,
     ),
 ]
+
+
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", help="Override an option: STEP.OPTION=VALUE; may repeat."),
 ]
 
-
-SENSOR_EACH = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--sensor",
-        help="Sensor file of each recording, in the same order, or one deployment "
-        "file.",
-        rich_help_panel="Recording",
-    ),
-]
+SENSOR_EACH = parameter(
+    "sensor", list[Path] | None, None, "Sensor file of each recording, in the same "
+    "order, or one deployment file.", panel="Recording",
+)  # fmt: skip
 """How `run` takes sensors: one for each recording."""
 
 RUN_PARAMETERS = [
     *LIVE_PARAMETERS,
-    *(
-        p.replace(annotation=SENSOR_EACH) if p.name == "sensor" else p
-        for p in SOURCE_PARAMETERS
-    ),
+    *(SENSOR_EACH if p.name == "sensor" else p for p in SOURCE_PARAMETERS),
 ]
 
 
 @with_parameters(RUN_PARAMETERS)
 def run(
+    sources: list[Path],
     *,
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Recordings: WAV, RF64, W64, FLAC or AIFF. Live sound: - or a named "
-            "pipe."
-        ),
-    ],
-    recipe: Annotated[
-        str | None,
-        typer.Option(
-            "--recipe",
-            help="Name of a shipped recipe, or a TOML file; by default towed-array for "
-            "line arrays, and auto for other sensors.",
-            autocompletion=_recipes,
-        ),
-    ] = None,
+    recipe: Annotated[str | None, typer.Option(autocompletion=_recipes)] = None,
     settings: Settings = None,
-    keep_peaks: Annotated[
-        bool, typer.Option("--keep-peaks", help="Store the spectral peaks, too.")
-    ] = False,
+    keep_peaks: bool = False,
     output: Output = None,
     overwrite: Overwrite = False,
     json_output: AsJson = False,
@@ -122,6 +100,16 @@ def run(
     Live sound is read from a pipe (uwtrack run - -o pass.run.h5), from a named pipe, or
     with --follow from a file that is being written. Ctrl-C finishes the open passages
     and writes the file.
+
+    Parameters
+    ----------
+    sources
+        Recordings: WAV, RF64, W64, FLAC or AIFF. Live sound: - or a named pipe.
+    recipe
+        Name of a shipped recipe, or a TOML file; by default towed-array for line
+        arrays, and auto for other sensors.
+    keep_peaks
+        Store the spectral peaks, too.
     """
     from uwtrack_cli.cli.targets import product_name, write_containers
     from uwtrack_cli.files.atomic import check_target
@@ -325,29 +313,22 @@ def _print_all(
 
 def recipes(
     *,
-    show: Annotated[
-        str | None,
-        typer.Option(
-            "--show",
-            help="Print a recipe as TOML with every default.",
-            autocompletion=_recipes,
-        ),
-    ] = None,
-    graph: Annotated[
-        str | None,
-        typer.Option(
-            "--graph",
-            help="Print which step reads which, or draw it with -o.",
-            autocompletion=_recipes,
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Picture of --graph: PNG, PDF or SVG."),
-    ] = None,
+    show: Annotated[str | None, typer.Option(autocompletion=_recipes)] = None,
+    graph: Annotated[str | None, typer.Option(autocompletion=_recipes)] = None,
+    output: Output = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """List the shipped recipes, print one with every value, or draw its graph."""
+    """List the shipped recipes, print one with every value, or draw its graph.
+
+    Parameters
+    ----------
+    show
+        Print a recipe as TOML with every default.
+    graph
+        Print which step reads which, or draw it with -o.
+    output
+        Picture of --graph: PNG, PDF or SVG.
+    """
     from uwtrack_cli.flow.shipped_recipes import load_recipe, shipped_recipes
 
     if output is not None and graph is None:

@@ -16,16 +16,21 @@ def _samples(incomplete: str) -> list[str]:
 
 
 def simulate(
+    scenario: Path,
     *,
-    scenario: Annotated[Path, typer.Argument(help="Scenario: a TOML file.")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Recording to write: a WAV file.")
-    ],
+    output: Annotated[Path, typer.Option("--output", "-o")],
     overwrite: Overwrite = False,
 ) -> None:
     """Simulate recordings with known truth: moving vessels, moving receivers, noise.
 
     Writes pass.wav, pass.sensor.toml and pass.truth.json.
+
+    Parameters
+    ----------
+    scenario
+        Scenario: a TOML file.
+    output
+        Recording to write: a WAV file.
     """
     from uwtrack_cli.flow.sample_recordings import read_scenario, write_simulation
 
@@ -34,19 +39,20 @@ def simulate(
 
 
 def sample(
+    name: Annotated[str | None, typer.Argument(autocompletion=_samples)] = None,
     *,
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            help="Name of a sample; by default all are listed.", autocompletion=_samples
-        ),
-    ] = None,
-    folder: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder to copy it to.")
-    ] = Path(),
+    folder: Annotated[Path, typer.Option("--output", "-o")] = Path(),
     overwrite: Overwrite = False,
 ) -> None:
-    """Copy a sample recording with its sensor file and truth, or list the samples."""
+    """Copy a sample recording with its sensor file and truth, or list the samples.
+
+    Parameters
+    ----------
+    name
+        Name of a sample; by default all are listed.
+    folder
+        Folder to copy it to.
+    """
     from uwtrack_cli.flow.shipped_recipes import copy_sample, sample_texts
 
     if name is None:

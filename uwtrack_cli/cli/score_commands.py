@@ -31,15 +31,11 @@ Tolerance = Annotated[
 
 
 def diff(
-    *,
     first: ProductFile,
     second: ProductFile,
-    rtol: Annotated[
-        float, typer.Option(help="Allowed difference relative to the larger value.")
-    ] = 0.0,
-    atol: Annotated[
-        float, typer.Option(help="Allowed difference in the unit of the quantity.")
-    ] = 0.0,
+    *,
+    rtol: float = 0.0,
+    atol: float = 0.0,
     tolerance: Tolerance = None,
     json_output: AsJson = False,
 ) -> None:
@@ -47,6 +43,13 @@ def diff(
 
     What made them, and when, does not count. A tolerance file overrides --rtol and
     --atol per quantity: [encounters] speed_mps = { rtol = 1e-3, atol = 0.01 }.
+
+    Parameters
+    ----------
+    rtol
+        Allowed difference relative to the larger value.
+    atol
+        Allowed difference in the unit of the quantity.
     """
     from uwtrack_cli.flow.comparison import compare_products
     from uwtrack_cli.flow.scoring.tolerances import read_closeness
@@ -82,18 +85,12 @@ def _difference_line(item: "Difference") -> str:
 
 
 def score(
-    *,
     file: ProductFile,
-    truth: Annotated[
-        Path, typer.Option("--truth", help="Truth: NAME.truth.json, or an AIS table.")
-    ],
+    *,
+    truth: Path,
     tolerance: Tolerance = None,
-    within_m: Annotated[
-        float, typer.Option(help="Range in m within which AIS vessels are compared.")
-    ] = 2000.0,
-    cutoff_m: Annotated[
-        float, typer.Option(help="Cut-off of GOSPA and OSPA in m.")
-    ] = 500.0,
+    within_m: float = 2000.0,
+    cutoff_m: float = 500.0,
     step: Branch = None,
     json_output: AsJson = False,
 ) -> None:
@@ -102,6 +99,15 @@ def score(
     Tells which vessel each encounter was, with probabilities. With a tolerance file,
     exit code 4 when an error is outside its limit, such as
     [encounters] speed_mps = { percent = 2.0, sigmas = 4.0 }.
+
+    Parameters
+    ----------
+    truth
+        Truth: NAME.truth.json, or an AIS table.
+    within_m
+        Range in m within which AIS vessels are compared.
+    cutoff_m
+        Cut-off of GOSPA and OSPA in m.
     """
     from uwtrack_cli.flow.scoring.score_product import read_any_truth, score_product
     from uwtrack_cli.flow.scoring.tolerances import read_requirements

@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import uwtrack_cli
 from uwtrack_cli.cli.command_factory import AsJson
@@ -23,19 +20,10 @@ MAX_RUNS = 1_000_000
 
 
 def study(
+    name: str | None = None,
     *,
-    name: Annotated[
-        str | None,
-        typer.Argument(help="The study to repeat; without it, all are listed."),
-    ] = None,
-    runs: Annotated[
-        int | None,
-        typer.Option(
-            "--runs",
-            help="Simulated runs per case; unless given, as many as take minutes.",
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the simulation.")] = 1,
+    runs: int | None = None,
+    seed: int = 1,
     json_output: AsJson = False,
 ) -> None:
     """Repeat a published experiment, and compare the published figures with ours.
@@ -43,6 +31,15 @@ def study(
     The experiments come with a clone of the project, not with the installed program.
     Intervals shrink with the root of the number of runs. Every random number comes from
     the seed.
+
+    Parameters
+    ----------
+    name
+        The study to repeat; without it, all are listed.
+    runs
+        Simulated runs per case; unless given, as many as take minutes.
+    seed
+        Seed of the simulation.
     """
     studies = _catalogue()
     if name is None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from uwtrack_cli.cli.batch_commands import PER_FILE
-from uwtrack_cli.cli.command_factory import AsJson
+from uwtrack_cli.cli.command_factory import AsJson, with_parameters
 from uwtrack_cli.cli.console import SOME_FAILED, put, say, signals_end
-from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS, with_parameters
+from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
 from uwtrack_cli.errors import OptionError
 from uwtrack_cli.flow.shipped_recipes import DEFAULT_RECIPE
@@ -25,36 +25,14 @@ WATCH_PARAMETERS = [p for p in SOURCE_PARAMETERS if p.name not in PER_FILE]
 
 @with_parameters(WATCH_PARAMETERS)
 def watch(
+    folder: Path,
     *,
-    folder: Annotated[Path, typer.Argument(help="Folder in which recordings arrive.")],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output", "-o", help="Folder for the result files and the journal."
-        ),
-    ],
+    output: Annotated[Path, typer.Option("--output", "-o")],
     recipe: RecipeName = DEFAULT_RECIPE,
     settings: Settings = None,
-    settle_s: Annotated[
-        float,
-        typer.Option(
-            "--settle-s",
-            help="A recording is complete after so many s without a change.",
-        ),
-    ] = 5.0,
-    idle_s: Annotated[
-        float | None,
-        typer.Option(
-            "--idle-s",
-            help="End after so many s without a new recording; by default never.",
-        ),
-    ] = None,
-    overwrite: Annotated[
-        bool,
-        typer.Option(
-            "--overwrite", help="Continue in the output of another folder or recipe."
-        ),
-    ] = False,
+    settle_s: float = 5.0,
+    idle_s: float | None = None,
+    overwrite: bool = False,
     json_output: AsJson = False,
     **options: Any,
 ) -> None:
@@ -64,6 +42,19 @@ def watch(
     lists what is done, so that watch continues from there when it is started again.
     What failed for lack of disk space, memory or another file is tried again. Ctrl-C
     ends after the running recording. The exit code is 3 if some recordings failed.
+
+    Parameters
+    ----------
+    folder
+        Folder in which recordings arrive.
+    output
+        Folder for the result files and the journal.
+    settle_s
+        A recording is complete after so many s without a change.
+    idle_s
+        End after so many s without a new recording; by default never.
+    overwrite
+        Continue in the output of another folder or recipe.
     """
     from uwtrack_cli.flow.shipped_recipes import load_recipe
     from uwtrack_cli.flow.watch import WatchTimes, watch_folder
