@@ -246,7 +246,7 @@ def _tell_too_few(array: SpatialArray, delays: Delays, n_frames: int) -> None:
         f"none of {n_frames} frames has a direction: each needs delays of {needed} pairs "
         f"that do not lie in one {'line' if array.is_planar else 'plane'}, and "
         f"{delays.time_s.size} delays are there. Is a hydrophone dead or inverted, or the "
-        f"sound too weak? 'uwtrack beamform' hears weaker sound."
+        f"sound too weak? 'uwtrack beamform' detects weaker sound."
     )
     warn(msg, UwtrackWarning, stacklevel=3)
 

@@ -66,7 +66,7 @@ class ElementCheck:
             msg = (
                 f"{np.count_nonzero(alive)} of {alive.size} hydrophones have a level "
                 f"within {DEAD_DB:g} dB of the median at {time_s:.1f} s; beams need "
-                f"{FEWEST_ALIVE}: check the recording, or leave this stretch out with "
+                f"{FEWEST_ALIVE}: check the recording, or leave this part out with "
                 f"--start-s and --stop-s."
             )
             raise DataError(msg)

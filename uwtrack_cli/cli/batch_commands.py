@@ -138,7 +138,7 @@ def batch(
         within_m=within_m,
     )
     if folder.is_file():
-        msg = f"{folder} is a file; --output names the folder of the products."
+        msg = f"{folder} is a file; --output names the folder of the result files."
         raise OutputError(msg)
     check_report(folder, found, overwrite=overwrite)
     for text in describe_recorders(found, options, joining):
@@ -310,7 +310,7 @@ def rerun(
     target = output or file.parent / _again(file.name)
     rerun_product(file, target, sources=source or [], overwrite=overwrite)
     both = f"{shell_word(file)} {shell_word(target)}"
-    say(f"wrote {target}; uwtrack diff {both} tells whether it is the same")
+    say(f"wrote {target}; uwtrack diff {both} compares them")
 
 
 def _again(name: str) -> str:

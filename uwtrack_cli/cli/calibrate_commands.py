@@ -130,5 +130,5 @@ def _show(found: "Calibration") -> None:
 
 
 def _row(item: Any) -> Sequence[str]:
-    remark = "" if item.is_told else "not told by this passage"
+    remark = "" if item.is_told else "not determined by this passage"
     return item.quantity, f"{item.value:.4g}", f"{item.std:.2g}", remark

@@ -44,7 +44,7 @@ def info(
 
     if file.is_dir() or file.suffix.lower() in SUFFIXES:
         if json_output:
-            msg = f"--json tells of products; {file} is none."
+            msg = f"--json describes result files; {file} is none."
             raise OptionError(msg)
         put(folder_lines(file) if file.is_dir() else recording_lines(file))
         return

@@ -111,9 +111,9 @@ _EVENT: dict[str, Schema] = {
     "sensor": _TEXT,
     "time_s": _told(_NUMBER, "Where it begins, or the approach. [s]"),
     "time_utc": _TIME,
-    "revision": _told(_INTEGER, "How often it was told before."),
+    "revision": _told(_INTEGER, "Number of earlier reports of it."),
     "final": {"type": "boolean", "description": "Whether it is decided."},
-    "decided_s": _told(_NUMBER, "Sound that had come when told. [s]"),
+    "decided_s": _told(_NUMBER, "Length of the sound that had arrived. [s]"),
 }
 """Keys of every event of live sound."""
 
@@ -306,7 +306,7 @@ _PLAIN: dict[Any, Callable[[], Schema]] = {
 }
 
 _COLUMN = _object({"name": _TEXT, "shape": _list(_INTEGER), "units": _TEXT})
-_INFO: Schema = {"title": "What is inside a product."} | _object({
+_INFO: Schema = {"title": "What a result file holds."} | _object({
     "file": _TEXT,
     "schema_version": _INTEGER,
     "program_version": _TEXT,

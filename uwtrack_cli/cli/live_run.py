@@ -114,7 +114,8 @@ class LiveOptions:
                 raise OptionError(msg)
             return None
         if self.rate_hz is None:
-            msg = f"--raw {self.raw} needs --rate-hz: nothing else tells the rate."
+            msg = f"--raw {self.raw} needs --rate-hz: the sample rate is not known "
+                  f"otherwise."
             raise OptionError(msg)
         return RawSound(self.raw, self.rate_hz, self.channels or 1)
 

@@ -214,10 +214,10 @@ def _refuse_foreign(context: typer.Context, file: Path, *, is_sound: bool) -> No
         if param.name in foreign and source is not None and source.name != "DEFAULT":
             flag = "/".join([*param.opts, *param.secondary_opts])
             why = (
-                f"belongs to a product, and {file} is a recording: draw the file that "
-                f"'uwtrack run' makes of it"
-                if is_sound
-                else f"belongs to a recording, and {file} is a product: give the sound file"
+                f"belongs to a result file, and {file} is a recording: draw the file "
+                f"that 'uwtrack run' makes of it" if is_sound else f"belongs to a "
+                f"recording,
+                and {file} is a result file: give the sound file"
             )
             msg = f"{flag} {why}, or leave it out."
             raise OptionError(msg)
@@ -422,7 +422,8 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     target = _report_name(output, file)
     is_folder = file.is_dir()
     if pages and not is_folder:
-        msg = "--pages writes the pages of a folder's products; this is one product."
+        msg = "--pages writes the pages of the result files in a folder; this is one "
+              "result file."
         raise OptionError(msg)
     inputs = () if is_folder or file == PIPE else (file,)
     check_target(target, overwrite=overwrite, inputs=inputs)
@@ -439,7 +440,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     if not is_folder:
         text = text_of(file)
     elif step is not None:
-        msg = "--step chooses within one product, and a folder holds many."
+        msg = "--step chooses within one result file, and a folder holds many."
         raise OptionError(msg)
     else:
         if pages:

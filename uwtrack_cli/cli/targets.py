@@ -26,8 +26,8 @@ if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
 PIPE = Path("-")
 """Standard input or output."""
 
-WANTED_TWICE = "--json and the product both want standard output; give -o FILE."
-"""Why a command does not print JSON beside a product on standard output."""
+WANTED_TWICE = "--json and the result file would both go to standard output; give -o
+FILE." """Why a command does not print JSON beside a product on standard output."""
 
 
 def product_name(source: Path, suffix: str) -> Path:
@@ -109,10 +109,10 @@ def refuse_no_pipe() -> None:
         It is.
     """
     if sys.__stdout__ is None:
-        msg = "standard output is closed and takes no product; give -o FILE."
+        msg = "standard output is closed; give -o FILE."
         raise OptionError(msg)
     if sys.stdout.isatty():
-        msg = "a product is binary and does not belong on a terminal; give -o FILE."
+        msg = "a result file is binary and is not printed on a terminal; give -o FILE."
         raise OptionError(msg)
 
 
@@ -201,7 +201,7 @@ class Inputs:
         if self._sensor_file is not None and self.products:
             msg = (
                 f"--sensors {self._sensor_file} belongs to a table that names its "
-                f"sensors; products carry theirs."
+                f"sensors; result files hold their own."
             )
             raise DataError(msg)
 
@@ -277,5 +277,5 @@ def _read_table(
         if name in {kind.NAME for kind in wanted}:
             return reader(path)
     names = " or ".join(kind.NAME for kind in wanted)
-    msg = f"{path} is a table; what is wanted is a product file with {names}."
+    msg = f"{path} is a table; expected is a result file with {names}."
     raise DataError(msg)

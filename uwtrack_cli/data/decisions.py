@@ -61,7 +61,8 @@ class Decision(HasReasons):
         "pair", "filter",
     )  # fmt: skip
     inverse_range_std: FloatArray = column(
-        "Relative deviation of the drifting filter's range: second, first contact.",
+        "Relative standard deviation of the drifting filter's range: second, first "
+        "contact.",
         "pair", "hypothesis",
     )  # fmt: skip
     observable: BoolArray = column(

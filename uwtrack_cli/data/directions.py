@@ -40,7 +40,7 @@ class Directions(Container):
     )
     elevation_std_deg: FloatArray = deviation()
     slowness_ratio: FloatArray = column(
-        "Slowness as heard times the sound speed: of a level plane that along the "
+        "Slowness as measured times the sound speed: of a level plane that along the "
         "ground; of a volume array 1."
     )
     slowness_ratio_std: FloatArray = column(
@@ -54,7 +54,7 @@ class Directions(Container):
     )
     range_m: FloatArray = column(
         "Horizontal range of a source near the surface, from elevation and depth; nan "
-        "if they do not tell."
+        "if they do not determine it."
     )
     range_std_m: FloatArray = deviation()
     east_m: FloatArray | None = column(
@@ -118,7 +118,7 @@ class Delays(Container):
         cells=Cells(1e-12, 1e6, needed=True, every=True)
     )
     coherence: FloatArray | None = column(
-        "Coherence (not squared) of the pair in the band; None where it is not told.",
+        "Coherence (not squared) of the pair in the band; None where it is not given.",
         cells=Cells(0.0, 1.0, every=True),
     )
     sensor: str | None = scalar("Identifier of the sensor; None if not known.", None)

@@ -70,7 +70,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     FIXED_AXES: ClassVar[tuple[str, ...]] = ("parameter", "parameter_too")
     OBJECTS: ClassVar[dict[str, str]] = {
         "ambiguities": "Other solutions with their weights.",
-        "change": "What changed beside a passage, and when; null if nothing.",
+        "change": "What changed during a passage, and when; null if nothing did.",
         "evidence": "Log evidence of the passage over each explanation, as it is weighed.",
         "alternative_motion_model": (
             "Next motion model with its probability; null if none has 5 %."
@@ -81,8 +81,8 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     contact: IntArray = column("Contact, from 1.")
     sensor: TextArray = column("Identifier of the sensor.")
     status: TextArray = column(
-        "'ok', 'extrapolated', 'level-only' (told by the level alone) or 'no-speed' "
-        "(time and range over speed are told by fringes)."
+        "'ok', 'extrapolated', 'level-only' (from the level alone) or 'no-speed' (time "
+        "and range over speed from fringes)."
     )
     time_s: FloatArray = column(
         "Geometric closest approach, counted from the first sample."
@@ -275,7 +275,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     refused_contact: IntArray | None = column(
         "Contact of what was examined and is no passage.", "refusal"
     )
-    refused_sensor: TextArray | None = column("Sensor that heard it.", "refusal")
+    refused_sensor: TextArray | None = column("Sensor that received it.", "refusal")
     refused_from_s: FloatArray | None = column("First measurement of it.", "refusal")
     refused_to_s: FloatArray | None = column("Last measurement of it.", "refusal")
     refused_reason: TextArray | None = column("Why it is no passage.", "refusal")
@@ -288,7 +288,7 @@ class Encounters(HasReasons, HasNuisances, HasRestFrequencies):
     )  # fmt: skip
     refused_motion_model: TextArray | None = column(
         "Motion model where nothing passes: 'constant', 'machinery' or 'joined', "
-        "or a passage that noise alone gives, too; empty for one that was refused.",
+        "or a passage that noise alone gives, too; empty for one that was rejected.",
         "refusal",
     )  # fmt: skip
     refused_motion_model_probability: FloatArray | None = column(

@@ -40,7 +40,8 @@ class Frames(Container):
         dtype=np.float32,
     )  # fmt: skip
     array_heading_deg: FloatArray | None = column(
-        "Heading of a line array that cannot tell port from starboard; nan where its "
+        "Heading of a line array that does not separate port from starboard; nan where "
+        "its "
         "bearings are not given. None: bearings are of one side."
     )
     sensor: str = scalar("Identifier of the sensor.")

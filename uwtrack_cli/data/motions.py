@@ -74,7 +74,7 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
     now_course_std_deg: FloatArray | None = deviation()
     observable: BoolArray = column("Whether the range is observable.")
     ellipse_trusted: BoolArray = column(
-        "Whether the deviations agree with the intervals."
+        "Whether the standard deviations agree with the intervals."
     )
     misfit: FloatArray = column("Sum of the losses (chi-square).")
     n_values: IntArray = column("Number of measured values.")
@@ -134,7 +134,7 @@ class Motions(HasReasons, HasNuisances, HasRestFrequencies):
         "What its bearings must be turned by.", "offset", key="offsets_deg"
     )
     weakest_direction: TextArray = column(
-        "Worst observed combination, with its deviation.", key=""
+        "Worst observed combination, with its standard deviation.", key=""
     )
     report: TextArray = column("What is observable and what is not, in words.", key="")
     rest_motion: IntArray = column(

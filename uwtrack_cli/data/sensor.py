@@ -91,12 +91,10 @@ class Sensor(Container):
         "Output of the first and of the second dipole for sound along its axis, over "
         "that of the omni channel, comma separated; None: both are 1.", None, unit="1",
     )  # fmt: skip
-    dipole_crosstalk: float = scalar(
-        "Share of the other dipole that each dipole hears.", 0.0
-    )
+    dipole_crosstalk: float = scalar("Share of the other dipole in each dipole.", 0.0)
     omni_crosstalk: str | None = scalar(
         "Share of the omni channel in the first and in the second dipole, comma "
-        "separated; None: neither hears it.", None, unit="1",
+        "separated; None: in neither.", None, unit="1",
     )  # fmt: skip
     element_along_m: str | None = scalar(
         "Places of the hydrophones of a line array from its middle, positive to its "
@@ -111,7 +109,7 @@ class Sensor(Container):
         "Way from the place that the navigation gives to the array's middle.", None
     )
     heading_source: str | None = scalar(
-        "What tells an array's heading: 'track', 'compass' or 'fixed'; None: nothing.",
+        "Source of an array's heading: 'track', 'compass' or 'fixed'; None: unknown.",
         None,
     )  # fmt: skip
     navigation_position_std_m: float | None = scalar(

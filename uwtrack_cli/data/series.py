@@ -46,10 +46,10 @@ class Series(Container):
     level_db: FloatArray = column("Level.", cells=Cells(-1e3, 1e3))
     level_std_db: FloatArray = deviation(cells=DEVIATION)
     mirrored_bearing_deg: FloatArray | None = column(
-        "Other bearing that a line array cannot tell from the first; nan where the "
-        "side is resolved.", cells=BEARING,
+        "Other bearing that fits a line array as well; nan where the side is "
+        "resolved.", cells=BEARING,
     )  # fmt: skip
-    sensor: TextArray | None = column("Sensor that heard the row.", cells=Cells())
+    sensor: TextArray | None = column("Sensor that measured the row.", cells=Cells())
     sensor_east_m: FloatArray | None = column(
         "Where the sensor was, east of the origin."
     )
@@ -60,7 +60,7 @@ class Series(Container):
         "Identifier of every sensor of the table.", "platform"
     )
     sensor_compass_std_deg: FloatArray | None = column(
-        "Deviation of its compass; nan where it is not told.", "platform"
+        "Standard deviation of its compass; nan where it is not given.", "platform"
     )
     sensor_position_std_m: FloatArray | None = column(
         "Deviation of each coordinate of its place.", "platform"

@@ -97,7 +97,8 @@ class Target(Container):
     )
     threshold_rule: str = scalar("How the threshold was chosen.")
     false_tracks_per_hour: float | None = scalar(
-        "Bound on the rate of tracks that clutter begins; none where targets were told.",
+        "Bound on the rate of tracks that clutter begins; none where targets were "
+        "given.",
         None,
         unit="1/h",
     )
@@ -114,7 +115,7 @@ class Target(Container):
         None,
     )
     clutter_ratio: float | None = scalar(
-        "Density of false measurements about the targets over the one told.", None
+        "Density of false measurements about the targets over the one given.", None
     )
     clutter_ratio_std: float | None = scalar("Its standard deviation.", None)
     start_utc_ns: int | None = scalar("UTC epoch of time zero.", None)
@@ -201,7 +202,8 @@ class Target(Container):
         end = "probability" if self.threshold_rule == "fixed" else "range"
         text = (
             f"about the targets there are {ratio:.2f} ± {std:.2f} times as many false "
-            "measurements as told: correct the cell volume (--detector-cell-volume) or "
+            f"measurements as given: correct the cell volume (--detector-cell-volume) "
+            f"or "
             f"the false alarms (--detector-false-alarm-{end})."
         )
         return (text,)

@@ -245,7 +245,7 @@ class Graph:
             kept = " *" if step.name in self.outputs else ""
             made = step.stage.output.NAME
             rows.append(f"{step.name:{width}}{stage}  <- {of}  -> {made}{kept}")
-        return [*rows, "* kept in the product"]
+        return [*rows, "* kept in the result file"]
 
     def steps(self) -> Iterator[Step]:
         """Return the steps in the order in which they run."""

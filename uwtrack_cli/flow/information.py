@@ -82,7 +82,8 @@ def folder_lines(folder: Path) -> Iterator[str]:
     inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES)
     if not inside and any(folder.glob("*.h5")):
         msg = (
-            f"{folder} is a folder of products; uwtrack passages {shell_word(folder)} "
+            f"{folder} is a folder of result files; uwtrack passages "
+            f"{shell_word(folder)} "
             f"lists them."
         )
         raise DataError(msg)
@@ -114,7 +115,7 @@ def _sound_lines(
         f"sound: {recording.name}, {_duration(recording.duration_s)} at "
         f"{rate_hz:.8g} Hz, {channels}"
     )
-    start = "not known; --start-utc or --time-pattern tells it"
+    start = "not known; give it with --start-utc or --time-pattern"
     if recording.start_utc_ns is not None:
         start = f"{format_utc(recording.start_utc_ns)[:-1].replace('T', ' ')} UTC"
     yield f"start: {start}"

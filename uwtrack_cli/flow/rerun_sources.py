@@ -57,7 +57,7 @@ class SourceFinder:
                 return place
         if there:
             msg = (
-                f"{there[-1]} is not the file that the product was made of: its "
+                f"{there[-1]} is not the file that the result file was made from: its "
                 f"digest differs; give the right one with --source."
             )
             raise DataError(msg)
@@ -215,7 +215,7 @@ def _sensor_of_file(path: Path, stored: Recording) -> Sensor:
     sensor = stored.sensor
     kept = ("multiplex",) if sensor.is_multiplexed else sensor.channel_names
     if len(columns) != len(kept) or not all(1 <= c <= len(names) for c in columns):
-        msg = f"the product does not say which channels of {path} it was made of."
+        msg = f"the result file does not say which channels of {path} it was made of."
         raise DataError(msg)
     for name, column in zip(kept, columns, strict=True):
         names[column - 1] = name

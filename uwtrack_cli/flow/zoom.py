@@ -110,8 +110,8 @@ def zoom_in(
     """
     if recording is None or recording.reader is None:
         msg = (
-            "the sound is looked at again, and is not at hand: run the recording "
-            "itself, or keep it beside its product."
+            "zoom needs the sound, which cannot be read: run the recording itself, or "
+            "keep it beside its result file."
         )
         raise DataError(msg)
     graphs = [_up_to_passages(name, probability) for name in recipes or RECIPES]

@@ -258,8 +258,8 @@ def _not_fitted(failed: list[FailedFit]) -> list[Refusal]:
     """Refuse what could not be fitted, and say so: nobody looks for what is not there."""
     for one in failed:
         msg = (
-            f"contact {one.contact} ({one.from_s:.0f} to {one.to_s:.0f} s) is told as no "
-            f"passage: {one.reason.sentence}."
+            f"contact {one.contact} ({one.from_s:.0f} to {one.to_s:.0f} s) is reported "
+            f"as no passage: {one.reason.sentence}."
         )
         warnings.warn(msg, UwtrackWarning, stacklevel=4)
     return [Refusal(*one) for one in failed]
@@ -281,11 +281,11 @@ def _check_array(sensor: Sensor | None) -> None:
         return
     if sensor.element_positions_m is None or sensor.navigation is not None:
         kind = "moves" if sensor.element_positions_m else (
-            "is a line array, which may move and cannot tell port from starboard"
+            "is a line array, which may move and does not separate port from starboard"
         )  # fmt: skip
         msg = (
-            f"sensor {sensor.id!r} {kind}; a closest approach needs a fixed sensor that "
-            f"hears bearings: take 'uwtrack tma' for range, course and speed (recipe "
+            f"sensor {sensor.id!r} {kind}; a closest approach needs a fixed sensor "
+            f"with bearings: take 'uwtrack tma' for range, course and speed (recipe "
             f"towed-array), or --channel."
         )
         raise DataError(msg)

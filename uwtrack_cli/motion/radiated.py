@@ -259,7 +259,7 @@ def _unfit(
     if near:
         return f"contact {near[0].contact} passes at the same time"
     if far.sum() < FEWEST_BACKGROUND:
-        return "there is no sound without a vessel nearby to tell the background"
+        return "there is no sound without a vessel nearby for the background"
     return ""
 
 

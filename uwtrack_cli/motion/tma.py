@@ -225,8 +225,8 @@ def _array_navigation(
     own = None if sensor is None else sensor.navigation
     if given is not None and (own is None or not given.equals(own)):
         msg = (
-            "these lines were heard by an array whose own way is in the file; the "
-            "ship's would be wrong by the length of the tow. Leave out --own-ship here, "
+            "these lines are of an array whose own track is in the file; the ship's "
+            "would be wrong by the length of the tow. Leave out --own-ship here, "
             "or give it to 'uwtrack beamform'."
         )
         raise DataError(msg)

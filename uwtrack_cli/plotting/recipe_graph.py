@@ -41,7 +41,7 @@ def draw_recipe_graph(
     ax.set(xlim=(-0.2, width - 0.2), ylim=(height - 0.6, -0.6))
     ax.set_axis_off()
     ax.text(0.0, -0.3, figure_text(title), fontweight="bold", fontsize=11)
-    ax.text(0.0, height - 0.75, "filled: kept in the product", fontsize=8)
+    ax.text(0.0, height - 0.75, "filled: kept in the result file", fontsize=8)
     arrow = {"arrowstyle": "-|>", "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
     for source, reader, container in edges:
         if reader == "product":

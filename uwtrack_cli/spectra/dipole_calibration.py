@@ -133,7 +133,7 @@ def fit_dipoles(known: KnownPassage) -> DipoleFit:
     span_deg = float(np.degrees(np.ptp(angle))) if angle.size else 0.0
     if angle.size < FEWEST_FRAMES or span_deg < LEAST_SPAN_DEG:
         msg = (
-            f"the vessel is heard above the quiet time in {angle.size} frames over "
+            f"the vessel is above the quiet time in {angle.size} frames over "
             f"{span_deg:.0f} degrees of bearing; a calibration needs {FEWEST_FRAMES} "
             f"frames and {LEAST_SPAN_DEG:g} degrees. Take a nearer passage, or the band "
             f"in which it is loud (--band-hz)."

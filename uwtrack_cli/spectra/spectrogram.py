@@ -134,7 +134,7 @@ def compute_spectrogram(
     if recording.sensor.element_along_m is not None:
         msg = (
             f"the spectrogram is that of hydrophone {recording.sensor.channel_names[0]} "
-            f"of array {recording.sensor.id!r} alone; 'uwtrack beamform' hears all."
+            f"of array {recording.sensor.id!r} alone; 'uwtrack beamform' uses all."
         )
         warn(msg, UwtrackWarning, stacklevel=3)
     return _blocks(recording, layout)

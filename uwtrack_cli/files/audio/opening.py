@@ -141,8 +141,8 @@ def why_no_recording(path: Path, error: Exception) -> str:
         is_hdf5 = file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
     if is_hdf5:
         return (
-            f"{path} is a product (HDF5), no recording that can be read; "
-            f"uwtrack info {shell_word(path)} tells what it holds."
+            f"{path} is a result file (HDF5), not a recording; "
+            f"uwtrack info {shell_word(path)} describes it."
         )
     told = str(getattr(error, "error_string", error)).rstrip(".")
     return (

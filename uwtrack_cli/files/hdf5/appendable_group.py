@@ -45,7 +45,7 @@ class AppendableGroup:
     ) -> None:
         kind = CONTAINERS.get(block.NAME)
         if kind is not type(block):
-            msg = f"{type(block).__name__} is not a container that files can hold."
+            msg = f"{type(block).__name__} is not a table that files can hold."
             raise DataError(msg)
         self.kind = kind
         self.group = file.create_group(path)

@@ -102,7 +102,7 @@ def check_bytes(source: Path | bytes, name: str) -> Checksum:
     if found is not None:
         return found
     if head != SIGNATURE:
-        msg = f"{name} is not an HDF5 file, so it is no uwtrack product."
+        msg = f"{name} is not an HDF5 file, so it is no result file of uwtrack."
         if Path(name).suffix.lower() in SUFFIXES:
             msg += f" uwtrack run {shell_word(name)} makes one of a recording."
         raise DataError(msg)
@@ -175,7 +175,8 @@ def check_facts(facts: Mapping[str, Any], name: str) -> None:
     """
     version = facts.get("schema_version")
     if facts.get("format") != FORMAT or not isinstance(version, int):
-        msg = f"{name} is an HDF5 file of another program, not a uwtrack product."
+        msg = f"{name} is an HDF5 file of another program, not a result file of "
+              f"uwtrack."
         raise DataError(msg)
     if version > SCHEMA_VERSION:
         msg = (
@@ -241,11 +242,11 @@ def check_stored(dataset: h5py.Dataset) -> None:
         raise DataError(msg)
     filters = {plist.get_filter(i)[0] for i in range(plist.get_nfilters())}
     if filters - {h5py.h5z.FILTER_FLETCHER32}:
-        msg = f"{dataset.name} uses a filter that products do not have"
+        msg = f"{dataset.name} uses a filter that result files do not have"
         raise DataError(msg)
     dtype = dataset.id.dtype
     if dtype.kind not in "iufS":
-        msg = f"{dataset.name} has elements of a type that products do not have"
+        msg = f"{dataset.name} has elements of a type that result files do not have"
         raise DataError(msg)
     chunks = plist.get_chunk() if layout == h5py.h5d.CHUNKED else ()
     claimed = math.prod(dataset.id.shape) * dtype.itemsize
@@ -317,7 +318,7 @@ def check_structure(file: h5py.File) -> None:
         group, depth = todo.pop()
         _check_attributes(group)
         if len(seen) + len(group) > MAX_OBJECTS or depth > MAX_DEPTH:
-            msg = "it has more objects, or deeper groups, than products have"
+            msg = "it has more objects, or deeper groups, than result files have"
             raise DataError(msg)
         for name in group:
             item = _object(group, name)
@@ -334,7 +335,7 @@ def check_structure(file: h5py.File) -> None:
 
 def _check_attributes(group: h5py.Group) -> None:
     if h5py.h5a.get_num_attrs(group.id) > MAX_ATTRIBUTES:
-        msg = f"{group.name} has more attributes than products have"
+        msg = f"{group.name} has more attributes than result files have"
         raise DataError(msg)
     for name in group.attrs:
         with contextlib.suppress(DataError):  # read only where a container has it
@@ -361,7 +362,8 @@ def _check_chunks(dataset: h5py.Dataset) -> None:
 
 def _object(group: h5py.Group, name: str) -> Any:
     if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
-        msg = f"{group.name}/{name} is a link to elsewhere, which products do not have"
+        msg = f"{group.name}/{name} is a link to elsewhere, which result files do not "
+              f"have"
         raise DataError(msg)
     item = h5py.h5o.open(group.id, name.encode())
     if isinstance(item, h5py.h5g.GroupID):

@@ -277,8 +277,8 @@ class SensorTable:
             raise OptionError(msg)
         if spans.size > 1 and spans[1] < STRAIGHT_SHARE * spans[0]:
             msg = (
-                "element_positions_m lie on one line, which hears a cone and no "
-                "bearing: give element_along_m, the places along that line."
+                "element_positions_m lie on one line, which measures an angle and no "
+                "bearing: give element_along_m, the positions along that line."
             )
             raise OptionError(msg)
         self._check_tow()

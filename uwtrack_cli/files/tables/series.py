@@ -70,8 +70,8 @@ def read_series(path: Path | str, *, sensors: Sequence[Sensor] | None = None) ->
         check_increasing(table, values["time_s"], values["contact"])
         if sensors:
             msg = (
-                f"{table.path} has no column sensor: the sensor file cannot say where "
-                f"its rows were heard."
+                f"{table.path} has no column sensor: its rows cannot be assigned to "
+                f"the sensors of the file."
             )
             raise DataError(msg)
     _remark_on_radians(table, values["bearing_deg"])
@@ -229,7 +229,7 @@ def _placed(series: Series, table: Table, sensors: Sequence[Sensor] | None) -> S
 def _check_names(table: Table, known: Mapping[str, Sensor]) -> None:
     for row, name in enumerate(table.cells["sensor"]):
         if not name:
-            table.fail(row, "the sensor that heard it is not named.")
+            table.fail(row, "the sensor that received it is not named.")
         if known and name not in known:
             has = ", ".join(known)
             table.fail(

@@ -123,7 +123,7 @@ def _tables(path: Path) -> dict[str, dict[str, Any]]:
     content = read_toml(path)
     for name, table in content.items():
         if not isinstance(table, dict):
-            msg = f"{path}: give one table per container, such as [encounters], "
+            msg = f"{path}: give one section per table, such as [encounters], "
             msg += f"not {name} = {table!r}."
             raise DataError(msg)
     return content

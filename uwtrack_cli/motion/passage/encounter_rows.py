@@ -365,7 +365,7 @@ def _add_speed(
     range_std = float(np.sqrt(gradient @ covariance[1:3, 1:3] @ gradient))
     slant = width * speed
     if range_std > LARGEST_RELATIVE_DEVIATION * slant:
-        row.explain("its deviation is more than half its value", *keys[1:])
+        row.explain("its standard deviation is more than half its value", *keys[1:])
         return
     row.values["slant_range_m"], row.values["slant_range_std_m"] = slant, range_std
     if context.sensor.depth_m is None:

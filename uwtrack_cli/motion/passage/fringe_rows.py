@@ -62,7 +62,7 @@ UNKNOWN_SPEED = (
     "horizontal_range_over_speed_s", "rest_frequencies_hz", "rest_frame_evidence",
     "misfit",
 )  # fmt: skip
-NO_LINE = "no line: fringes tell time and range over speed"
+NO_LINE = "no line: fringes give time and range over speed"
 
 
 def add_fringes(
@@ -166,7 +166,7 @@ def _row(
     row = Row(number, NO_SPEED)
     _take(row, one, mach)
     is_omni = len(context.sensor.channel_names) == 1
-    why = "no bearing channel" if is_omni else "fringes tell no bearing"
+    why = "no bearing channel" if is_omni else "fringes give no bearing"
     row.explain(why, "bearing_deg", "course_deg", "side")
     row.explain(NO_LINE, *KEYS)
     row.values["motion_model_probability"] = one.probability

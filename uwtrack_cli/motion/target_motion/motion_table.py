@@ -180,7 +180,7 @@ def report_of(
         return "; ".join(parts) + "."
     parts += _sound_speed_effect(mode)
     if not ellipse_agrees(mode):
-        parts.append("the deviations mislead here: use the intervals")
+        parts.append("the standard deviations are misleading here: use the intervals")
     return "; ".join(parts) + "."
 
 
@@ -216,8 +216,9 @@ def _complaints(mode: ModeAnswer, answer: ContactAnswer) -> list[str]:
     if ratio < 1.0 + 5.0 * np.sqrt(2.0 / freedom):
         return []
     words = (
-        f"the misfit is {ratio:.3g} times what the deviations explain: outliers (try a "
-        f"robust loss), a manoeuvre of the target, or deviations that are too small"
+        f"the misfit is {ratio:.3g} times what the standard deviations explain: "
+        f"outliers (try a robust loss), a manoeuvre of the target, or standard "
+        f"deviations that are too small"
     )
     return [words]
 
@@ -231,14 +232,14 @@ STATEMENT = (
     "an echo double the range."
 )
 NAVIGATION_STATEMENT = (
-    "Own navigation is taken to be right within {position:g} m and {velocity:g} m/s, as "
-    "it usually is, for nobody told it: deviations are too wide where it is better, and "
-    "too small where it is worse (--nuisances-position-std-m, "
+    "Own navigation is assumed to be accurate to {position:g} m and {velocity:g} m/s, "
+    "because its accuracy is not given: standard deviations are too large if it is "
+    "better, and too small if it is worse (--nuisances-position-std-m, "
     "--nuisances-velocity-std-mps, or navigation_position_std_m and "
     "navigation_velocity_std_mps of the sensor file; 0 is exact)."
 )
 SENSORS_STATEMENT = (
-    "Places rest on those of the sensors and on their compasses: an error of all "
+    "Positions depend on those of the sensors and on their compasses: an error of all "
     "compasses alike turns the motion about the sensors, and leaves little trace."
 )
 
