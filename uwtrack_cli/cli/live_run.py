@@ -114,8 +114,7 @@ class LiveOptions:
                 raise OptionError(msg)
             return None
         if self.rate_hz is None:
-            msg = f"--raw {self.raw} needs --rate-hz: the sample rate is not known "
-                  f"otherwise."
+            msg = f"--raw {self.raw} needs --rate-hz: there is no header with the rate."
             raise OptionError(msg)
         return RawSound(self.raw, self.rate_hz, self.channels or 1)
 

@@ -215,9 +215,10 @@ def _refuse_foreign(context: typer.Context, file: Path, *, is_sound: bool) -> No
             flag = "/".join([*param.opts, *param.secondary_opts])
             why = (
                 f"belongs to a result file, and {file} is a recording: draw the file "
-                f"that 'uwtrack run' makes of it" if is_sound else f"belongs to a "
-                f"recording,
-                and {file} is a result file: give the sound file"
+                f"that 'uwtrack run' makes of it"
+                if is_sound
+                else f"belongs to a recording, and {file} is a result file: give the "
+                f"sound file"
             )
             msg = f"{flag} {why}, or leave it out."
             raise OptionError(msg)
@@ -422,8 +423,10 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     target = _report_name(output, file)
     is_folder = file.is_dir()
     if pages and not is_folder:
-        msg = "--pages writes the pages of the result files in a folder; this is one "
-              "result file."
+        msg = (
+            "--pages writes the pages of the result files in a folder; this is one "
+            "result file."
+        )
         raise OptionError(msg)
     inputs = () if is_folder or file == PIPE else (file,)
     check_target(target, overwrite=overwrite, inputs=inputs)

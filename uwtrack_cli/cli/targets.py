@@ -26,8 +26,10 @@ if TYPE_CHECKING:  # h5py is slow to import, and --help does not need it
 PIPE = Path("-")
 """Standard input or output."""
 
-WANTED_TWICE = "--json and the result file would both go to standard output; give -o
-FILE." """Why a command does not print JSON beside a product on standard output."""
+WANTED_TWICE = (
+    "--json and the result file would both go to standard output; give -o FILE."
+)
+"""Why a command does not print JSON beside a product on standard output."""
 
 
 def product_name(source: Path, suffix: str) -> Path:

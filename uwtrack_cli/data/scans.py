@@ -40,8 +40,8 @@ class Scans(Container):
         "row", "dimension", unit="",
     )  # fmt: skip
     amplitude: FloatArray = column(
-        "Amplitude over the standard deviation of the noise; nan if not given.", "
-        "cells=Cells()
+        "Amplitude over the standard deviation of the noise; nan if not given.",
+        cells=Cells(),
     )
     component: TextArray = column("Name of each component.", "dimension")
     component_unit: TextArray = column(

@@ -184,8 +184,7 @@ def find_results(sources: Sequence[Path]) -> list[Path]:
         if source.is_dir():
             inside = sorted(p for p in source.rglob("*.h5") if p.is_file())
             if not inside:
-                msg = f"{source} holds no result file (*.h5); `uwtrack batch` makes "
-                      f"them."
+                msg = f"{source} holds no result file (*.h5): run uwtrack batch."
                 raise DataError(msg)
             found |= dict.fromkeys(inside)
         elif source.exists():

@@ -175,8 +175,7 @@ def check_facts(facts: Mapping[str, Any], name: str) -> None:
     """
     version = facts.get("schema_version")
     if facts.get("format") != FORMAT or not isinstance(version, int):
-        msg = f"{name} is an HDF5 file of another program, not a result file of "
-              f"uwtrack."
+        msg = f"{name} is an HDF5 file of another program, not of uwtrack."
         raise DataError(msg)
     if version > SCHEMA_VERSION:
         msg = (
@@ -362,8 +361,10 @@ def _check_chunks(dataset: h5py.Dataset) -> None:
 
 def _object(group: h5py.Group, name: str) -> Any:
     if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
-        msg = f"{group.name}/{name} is a link to elsewhere, which result files do not "
-              f"have"
+        msg = (
+            f"{group.name}/{name} is a link to elsewhere, which result files do not "
+            f"have"
+        )
         raise DataError(msg)
     item = h5py.h5o.open(group.id, name.encode())
     if isinstance(item, h5py.h5g.GroupID):
