@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from uwtrack_cli.cli.command_factory import AsJson, Output, with_parameters
 from uwtrack_cli.cli.console import put, say, say_wrote, show_table
@@ -12,7 +12,8 @@ from uwtrack_cli.cli.recording_arguments import (
     SOURCE_PARAMETERS,
     open_source,
 )
-from uwtrack_cli.errors import OptionError, OutputError
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit
+from uwtrack_cli.errors import OutputError
 
 if TYPE_CHECKING:
     from uwtrack_cli.flow.calibration import Calibration
@@ -30,9 +31,11 @@ def calibrate(
     *,
     truth: Path,
     vessel: str | None = None,
-    band_hz: tuple[float, float] = (100.0, 1500.0),
-    window_s: float = 1.0,
-    within_m: float = 2000.0,
+    band_hz: Annotated[
+        tuple[float, float], Unit("Hz"), AtLeast(0), AtMost(1e6), Increasing()
+    ] = (100.0, 1500.0),
+    window_s: Annotated[float, Unit("s"), AtLeast(0.01), AtMost(60)] = 1.0,
+    within_m: Annotated[float, Unit("m"), AtLeast(1), AtMost(1e5)] = 2000.0,
     output: Output = None,
     json_output: AsJson = False,
     **source_options: Any,
@@ -65,7 +68,6 @@ def calibrate(
     from uwtrack_cli.flow.sample_recordings import sensor_text
     from uwtrack_cli.flow.scoring.score_product import read_any_truth
 
-    _check(band_hz, window_s, within_m)
     target = source.with_name(source.stem + BESIDE) if output is None else output
     if target.exists():
         msg = (
@@ -90,28 +92,6 @@ def calibrate(
     else:
         _show(found)
     say_wrote(target)
-
-
-def _check(band_hz: tuple[float, float], window_s: float, within_m: float) -> None:
-    """Refuse what no calibration can use.
-
-    Raises
-    ------
-    OptionError
-        An option is out of range.
-    """
-    if not 0.0 <= band_hz[0] < band_hz[1] <= 1e6:
-        msg = (
-            f"--band-hz must be two increasing frequencies from 0 to 1e6 Hz, got "
-            f"{band_hz[0]:g} {band_hz[1]:g}."
-        )
-        raise OptionError(msg)
-    if not 0.01 <= window_s <= 60.0:
-        msg = f"--window-s must be 0.01 to 60 s, got {window_s:g}."
-        raise OptionError(msg)
-    if not 1.0 <= within_m <= 1e5:
-        msg = f"--within-m must be 1 to 100000 m, got {within_m:g}."
-        raise OptionError(msg)
 
 
 def _show(found: "Calibration") -> None:

@@ -1,6 +1,5 @@
 """`export`: results for other programs."""
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -13,7 +12,7 @@ from uwtrack_cli.cli.command_factory import (
     ProductFile,
 )
 from uwtrack_cli.cli.console import say
-from uwtrack_cli.cli.targets import PIPE, open_product, product_name
+from uwtrack_cli.cli.targets import PIPE, named_target, open_product
 from uwtrack_cli.errors import OptionError
 
 
@@ -53,7 +52,7 @@ def export(
     if axis is not None and container is None:
         msg = f"--axis {axis} needs --table, and --to csv."
         raise OptionError(msg)
-    target = _target(output, file, FORMATS[form].ending)
+    target = named_target(output, file, FORMATS[form].ending)
     inputs = () if file == PIPE else (file,)
     with open_product(file) as product:
         export_product(
@@ -61,10 +60,3 @@ def export(
             step=step, axis=axis, overwrite=overwrite, inputs=inputs,
         )  # fmt: skip
     say(f"wrote {target}")
-
-
-def _target(output: Path | None, file: Path, ending: str) -> Path:
-    if output == PIPE or (output is None and file == PIPE):
-        msg = "this is written to a file of its own: name it with -o FILE."
-        raise OptionError(msg)
-    return output or product_name(file, ending)

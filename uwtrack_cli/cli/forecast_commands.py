@@ -3,10 +3,15 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
 from uwtrack_cli.cli.command_factory import AsJson, Output, Overwrite
 from uwtrack_cli.cli.console import put, say_wrote
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.data.options import AtLeast, AtMost, Unit
+from uwtrack_cli.data.sensor import SoundSpeed
+
+Tone = Annotated[float, Unit("Hz"), AtLeast(1e-3), AtMost(1e9)]
+"""Rest frequency of a tone."""
 
 
 def forecast(
@@ -14,9 +19,9 @@ def forecast(
     target: Path,
     *,
     names: tuple[str, str] | None = None,
-    rest_frequency_hz: list[float] | None = None,
-    every_s: float = 10.0,
-    sound_speed_mps: float = 1500.0,
+    rest_frequency_hz: list[Tone] | None = None,
+    every_s: Annotated[float, Unit("s"), AtLeast(1e-3), AtMost(1e6)] = 10.0,
+    sound_speed_mps: SoundSpeed = 1500.0,
     output: Output = None,
     overwrite: Overwrite = False,
     json_output: AsJson = False,
@@ -46,7 +51,6 @@ def forecast(
     from uwtrack_cli.flow.forecast import forecast_tracks, table_lines
 
     tones = rest_frequency_hz or []
-    _check(tones, every_s, sound_speed_mps)
     if output is not None:
         check_target(output, overwrite=overwrite)
     rows = forecast_tracks(
@@ -61,22 +65,3 @@ def forecast(
         put(table_lines(rows))
     if output is not None:
         say_wrote(output)
-
-
-def _check(tones: list[float], every_s: float, sound_speed_mps: float) -> None:
-    """Refuse numbers that no forecast can use.
-
-    Raises
-    ------
-    OptionError
-        An option is out of range.
-    """
-    limits = [
-        ("--every-s", every_s, 1e-3, 1e6),
-        ("--sound-speed-mps", sound_speed_mps, 100.0, 299_792_458.0),
-        *(("--rest-frequency-hz", tone, 1e-3, 1e9) for tone in tones),
-    ]
-    for flag, value, low, high in limits:
-        if not low <= value <= high:
-            msg = f"{flag} must be {low:g} to {high:g}, got {value:g}."
-            raise OptionError(msg)

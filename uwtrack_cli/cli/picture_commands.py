@@ -20,10 +20,11 @@ from uwtrack_cli.cli.recording_arguments import (
     SOURCE_PARAMETERS,
     open_source,
 )
-from uwtrack_cli.cli.targets import PIPE, Inputs, open_product, product_name
+from uwtrack_cli.cli.targets import PIPE, Inputs, named_target, open_product
 from uwtrack_cli.data.base import Container
 from uwtrack_cli.data.bearing_time import BearingTime
 from uwtrack_cli.data.encounters import Encounters
+from uwtrack_cli.data.options import AtLeast, AtMost, Increasing, Unit
 from uwtrack_cli.data.peaks import Peaks
 from uwtrack_cli.data.recording import Recording
 from uwtrack_cli.data.sensor import Navigation, Sensor
@@ -71,7 +72,9 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     sensor: str | None = None,
     begin: Annotated[str | None, typer.Option("--from")] = None,
     end: Annotated[str | None, typer.Option("--to")] = None,
-    band_hz: tuple[float, float] | None = None,
+    band_hz: Annotated[
+        tuple[float, float] | None, Unit("Hz"), AtLeast(0), Increasing()
+    ] = None,
     is_log: Annotated[bool | None, typer.Option("--log/--linear")] = None,
     has_lines: Annotated[bool | None, typer.Option("--lines/--no-lines")] = None,
     units: UnitsOption = "kn",
@@ -116,7 +119,7 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     end
         End, in the same form.
     band_hz
-        Lowest and highest frequency. (Hz)
+        Lowest and highest frequency.
     is_log
         Frequency axis; by default logarithmic if most lines are low, or if the band
         spans more than a factor of 20.
@@ -155,7 +158,7 @@ def plot(  # noqa: PLR0913 (one parameter for each option)
     check_picture(target, overwrite=overwrite)
     width_in, height_in = size or (WIDE_IN, None)
     view = View(
-        begin=begin, end=end, band_hz=_checked_band(band_hz), is_log=is_log,
+        begin=begin, end=end, band_hz=band_hz, is_log=is_log,
         has_lines=has_lines, units="kn" if units == "kn" else "m/s",
         stands_alone=has_title, width_in=width_in, height_in=height_in, dpi=dpi,
     )  # fmt: skip
@@ -263,28 +266,13 @@ def _picture_name(
     output: Path | None, files: Sequence[Path], contact: int | None,
     passage: int | None, *, is_demon: bool,
 ) -> Path:  # fmt: skip
-    if output == PIPE or (output is None and files[0] == PIPE):
-        msg = "a picture is written to a file of its own: name it with -o FILE."
-        raise OptionError(msg)
     if is_demon and not contact is passage is None:
         msg = "--demon is a page of the recording: leave --passage and --contact out."
         raise OptionError(msg)
-    if output is not None:
-        return output
     words = [".demon"] if is_demon else []
     words += [f".{name}-{number}" for name, number in
               (("contact", contact), ("passage", passage)) if number is not None]  # fmt: skip
-    return product_name(files[0], f"{''.join(words)}.png")
-
-
-def _checked_band(band_hz: tuple[float, float] | None) -> tuple[float, float] | None:
-    if band_hz is not None and not 0 <= band_hz[0] < band_hz[1] < float("inf"):
-        msg = (
-            f"--band-hz takes a lower and a higher frequency in Hz, got "
-            f"{band_hz[0]:g} {band_hz[1]:g}."
-        )
-        raise OptionError(msg)
-    return band_hz
+    return named_target(output, files[0], f"{''.join(words)}.png")
 
 
 def _read(
@@ -383,7 +371,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     ais: Ais = None,
     within_m: WithinM = WITHIN_M,
     sound: bool = False,
-    speed_up: float | None = None,
+    speed_up: Annotated[float | None, AtLeast(0.1), AtMost(32)] = None,
     pages: bool = False,
     output: Output = None,
     overwrite: Overwrite = False,
@@ -416,12 +404,11 @@ def report(  # noqa: PLR0913 (one parameter for each option)
         msg = f"reports need matplotlib and jinja2 ({error}); pip install 'uwtrack[plot]'."
         raise DataError(msg) from error
     refuse_without_ais(context, ais)
-    faster = None if not sound else _checked_speed_up(speed_up)
     if speed_up is not None and not sound:
         msg = "--speed-up is how fast the sound is played: give it with --sound."
         raise OptionError(msg)
-    target = _report_name(output, file)
     is_folder = file.is_dir()
+    target = named_target(output, file / "report" if is_folder else file, ".html")
     if pages and not is_folder:
         msg = (
             "--pages writes the pages of the result files in a folder; this is one "
@@ -432,7 +419,7 @@ def report(  # noqa: PLR0913 (one parameter for each option)
     check_target(target, overwrite=overwrite, inputs=inputs)
     made: dict[str, Any] = {
         "units": "kn" if units == "kn" else "m/s",
-        "speed_up": faster,
+        "speed_up": (speed_up or 1.0) if sound else None,
     }
 
     def text_of(path: Path) -> str:
@@ -451,24 +438,6 @@ def report(  # noqa: PLR0913 (one parameter for each option)
         text = _of_folder(file, target.parent, ais, within_m, made)
     write_text(target, text, overwrite=overwrite, inputs=inputs)
     say(f"wrote {target}")
-
-
-def _checked_speed_up(speed_up: float | None) -> float:
-    if speed_up is None:
-        return 1.0
-    if not 0.1 <= speed_up <= 32:
-        msg = f"--speed-up takes 0.1 to 32, got {speed_up:g}."
-        raise OptionError(msg)
-    return speed_up
-
-
-def _report_name(output: Path | None, source: Path) -> Path:
-    if output == PIPE or (output is None and source == PIPE):
-        msg = "this is written to a file of its own: name it with -o FILE."
-        raise OptionError(msg)
-    if output is not None:
-        return output
-    return source / "report.html" if source.is_dir() else product_name(source, ".html")
 
 
 def _write_pages_of(

@@ -12,8 +12,8 @@ import typer
 from uwtrack_cli.cli.command_factory import AsJson, Branch, ProductFile
 from uwtrack_cli.cli.console import OUTSIDE, put, say, show_table, unread_too
 from uwtrack_cli.cli.targets import open_product
+from uwtrack_cli.data.options import AtLeast
 from uwtrack_cli.data.renamed import with_old_keys
-from uwtrack_cli.errors import OptionError
 from uwtrack_cli.files.tables.json_rows import plain
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ def diff(
     first: ProductFile,
     second: ProductFile,
     *,
-    rtol: float = 0.0,
-    atol: float = 0.0,
+    rtol: Annotated[float, AtLeast(0)] = 0.0,
+    atol: Annotated[float, AtLeast(0)] = 0.0,
     tolerance: Tolerance = None,
     json_output: AsJson = False,
 ) -> None:
@@ -54,9 +54,6 @@ def diff(
     from uwtrack_cli.flow.comparison import compare_products
     from uwtrack_cli.flow.scoring.tolerances import read_closeness
 
-    if not (rtol >= 0.0 and atol >= 0.0):
-        msg = f"--rtol and --atol must be 0 or more, got {rtol} and {atol}."
-        raise OptionError(msg)
     tolerances = read_closeness(tolerance) if tolerance else {}
     with open_product(first) as one, open_product(second) as other:
         found = compare_products(

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
+from typing import Annotated
 
 import uwtrack_cli
 from uwtrack_cli.cli.command_factory import AsJson
 from uwtrack_cli.cli.console import put, say
-from uwtrack_cli.data.options import nearest, shown
+from uwtrack_cli.data.options import AtLeast, AtMost, nearest
 from uwtrack_cli.data.study import Study
 from uwtrack_cli.errors import DataError, OptionError
 from uwtrack_cli.flow.catalogue import summary_of
@@ -22,7 +23,7 @@ MAX_RUNS = 1_000_000
 def study(
     name: str | None = None,
     *,
-    runs: int | None = None,
+    runs: Annotated[int | None, AtLeast(1), AtMost(MAX_RUNS)] = None,
     seed: int = 1,
     json_output: AsJson = False,
 ) -> None:
@@ -52,9 +53,6 @@ def study(
     if name not in studies:
         near = nearest(name, studies)
         msg = f"there is no study {name!r}.{near} There are {', '.join(studies)}."
-        raise OptionError(msg)
-    if runs is not None and not 1 <= runs <= MAX_RUNS:
-        msg = f"--runs must be at least 1 and at most {MAX_RUNS}, got {shown(runs)}."
         raise OptionError(msg)
     module, _, function = studies[name].partition(":")
     chosen = {} if runs is None else {"runs": runs}

@@ -63,6 +63,20 @@ def target_for(output: Path | None, source: Path, suffix: str) -> Path:
     return PIPE if source == PIPE else product_name(source, suffix)
 
 
+def named_target(output: Path | None, source: Path, suffix: str) -> Path:
+    """Return the output of a command that writes no product, and never to a pipe.
+
+    Raises
+    ------
+    OptionError
+        It would go to standard output.
+    """
+    if output == PIPE or (output is None and source == PIPE):
+        msg = "this is written to a file of its own: name it with -o FILE."
+        raise OptionError(msg)
+    return output or product_name(source, suffix)
+
+
 def open_product(source: Path) -> "Product":
     """Open a product file, or one that comes through standard input."""
     from uwtrack_cli.files.hdf5.product import read_product, read_product_bytes

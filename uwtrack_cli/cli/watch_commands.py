@@ -13,7 +13,7 @@ from uwtrack_cli.cli.command_factory import AsJson, with_parameters
 from uwtrack_cli.cli.console import SOME_FAILED, put, say, signals_end
 from uwtrack_cli.cli.recording_arguments import SOURCE_PARAMETERS
 from uwtrack_cli.cli.run_commands import RecipeName, Settings
-from uwtrack_cli.errors import OptionError
+from uwtrack_cli.data.options import Above, Unit
 from uwtrack_cli.flow.shipped_recipes import DEFAULT_RECIPE
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ def watch(
     output: Annotated[Path, typer.Option("--output", "-o")],
     recipe: RecipeName = DEFAULT_RECIPE,
     settings: Settings = None,
-    settle_s: float = 5.0,
-    idle_s: float | None = None,
+    settle_s: Annotated[float, Unit("s"), Above(0)] = 5.0,
+    idle_s: Annotated[float | None, Unit("s"), Above(0)] = None,
     overwrite: bool = False,
     json_output: AsJson = False,
     **options: Any,
@@ -50,7 +50,7 @@ def watch(
     output
         Folder for the result files and the journal.
     settle_s
-        A recording is complete after so many s without a change.
+        A recording is complete after this time without a change.
     idle_s
         End after so many s without a new recording; by default never.
     overwrite
@@ -59,10 +59,6 @@ def watch(
     from uwtrack_cli.flow.shipped_recipes import load_recipe
     from uwtrack_cli.flow.watch import WatchTimes, watch_folder
 
-    for flag, value in (("--settle-s", settle_s), ("--idle-s", idle_s)):
-        if value is not None and not value > 0.0:
-            msg = f"{flag} must be more than 0 s, got {value:g}."
-            raise OptionError(msg)
     chosen = load_recipe(recipe).with_settings(settings or [])
     failed: dict[str, bool] = {}
     with _ending() as asked:
