@@ -6,6 +6,7 @@ DEMO := demo
 # One thread per process: the suite runs its processes side by side.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+export PIP_DISABLE_PIP_VERSION_CHECK ?= 1
 # Processes that tests start find the package compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -14,9 +15,10 @@ unexport PYTHONDONTWRITEBYTECODE
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
 
+# Not compiled: the demo imports a tenth of what is installed, and Python compiles that.
 $(BIN)/uwtrack: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[plot]'
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[plot]'
 	@touch $@
 
 $(VENV)/.development: pyproject.toml constraints.txt

@@ -53,6 +53,9 @@ def test_every_name_leads_to_one_that_exists():
     assert set(renamed.STAGES.values()) <= set(STAGES)
     for (stage, _), now in renamed.OPTIONS.items():
         assert now in find_stage(stage).defaults
+    for (stage, name), words in renamed.VALUES.items():
+        for old, new in words.items():
+            assert find_stage(stage).bind({name: old}) == {name: new}
     step = {"stage": "ladder", "options": {}, "versions": {}, "sources": []}
     assert HistoryStep.from_json(json.dumps(step)).stage == "multi-resolution"
 
@@ -84,6 +87,8 @@ def test_old_words_of_the_command_line_say_what_they_are_now(uwtrack):
     for words, new in (
         (("ladder", "--help"), "multi-resolution"),
         (("export", "none.h5", "--to", "csv", "--container", "lines"), "--table"),
+        (("pdaf", "none.h5", "--targets", "told"), "given"),
+        (("pdaf", "none.h5", "--targets=told"), "--targets=given"),
     ):
         done = uwtrack(*words)
         assert f"is now called {new}; the old name goes in 0.4" in done.stderr

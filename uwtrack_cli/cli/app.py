@@ -136,9 +136,12 @@ def _with_new_names(words: Sequence[str]) -> list[str]:
     found = [command, *words[1:]]
     for place, word in enumerate(found[1:], 1):
         flag, sign, value = word.partition("=")
-        new = renamed.FLAGS.get((command, flag))
-        if new is not None:
-            found[place] = f"{new}{sign}{value}"
+        new = renamed.FLAGS.get((command, flag), flag)
+        words_now = renamed.WORDS.get((command, new), {})
+        found[place] = f"{new}{sign}{words_now.get(value, value)}"
+        if not sign:
+            words_now = renamed.WORDS.get((command, found[place - 1]), {})
+            found[place] = words_now.get(word, found[place])
     for old, new in zip(words, found, strict=False):
         if old != new:
             say(f"warning: {old} is now called {new}; the old name goes in 0.4.")

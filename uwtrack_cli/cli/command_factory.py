@@ -37,24 +37,6 @@ RARE = frozenset({
 })  # fmt: skip
 """Options of stages that few people need, beside those in groups of their own."""
 
-Quiet = Annotated[
-    bool,
-    typer.Option(
-        "--quiet", "-q", help="Say nothing but errors.", rich_help_panel=GENERAL
-    ),
-]
-Verbose = Annotated[
-    bool,
-    typer.Option(
-        "--verbose", "-v", help="Say more about what is done.", rich_help_panel=GENERAL
-    ),
-]
-Debug = Annotated[
-    bool,
-    typer.Option(
-        "--debug", help="Show the traceback of an error.", rich_help_panel=GENERAL
-    ),
-]
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace an existing output file.")
 ]
@@ -99,9 +81,6 @@ WithinM = Annotated[
     ),
 ]
 
-SHARED: dict[str, Any] = {"quiet": Quiet, "verbose": Verbose, "debug": Debug}
-"""Options of every command."""
-
 
 class PlainCommand(TyperCommand):
     """A command whose help has every name in full, however narrow the screen is.
@@ -131,23 +110,6 @@ def _rank(panel: str) -> int:
     if panel in first:
         return first.index(panel)
     return len(first) + (panel == GENERAL) + 2 * panel.startswith(EXPERT)
-
-
-def register(app: typer.Typer, name: str, function: Callable[..., None]) -> None:
-    """Make a function a command with the shared options and error handling."""
-    parameters = [*documented(function), *map(_flag, SHARED)]
-
-    def run(**values: Any) -> None:
-        quiet, verbose, debug = (bool(values.pop(shared)) for shared in SHARED)
-        if quiet or verbose:
-            set_verbosity(-1 if quiet else 1)
-        with guard(debug=debug), input_ledger():
-            function(**checked_values(function, values))
-
-    run.__doc__ = flowing(_help(function))
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {p.name: p.annotation for p in parameters}
-    app.command(name, cls=PlainCommand)(run)
 
 
 def documented(
@@ -233,6 +195,37 @@ def checked_values(
     }
 
 
+SHARED = [
+    parameter(
+        "quiet", Annotated[bool, typer.Option("--quiet", "-q")], False,
+        "Say nothing but errors.", panel=GENERAL,
+    ),
+    parameter(
+        "verbose", Annotated[bool, typer.Option("--verbose", "-v")], False,
+        "Say more about what is done.", panel=GENERAL,
+    ),
+    parameter("debug", bool, False, "Show the traceback of an error.", panel=GENERAL),
+]  # fmt: skip
+"""Options of every command."""
+
+
+def register(app: typer.Typer, name: str, function: Callable[..., None]) -> None:
+    """Make a function a command with the shared options and error handling."""
+    parameters = [*documented(function), *SHARED]
+
+    def run(**values: Any) -> None:
+        quiet, verbose, debug = (bool(values.pop(p.name)) for p in SHARED)
+        if quiet or verbose:
+            set_verbosity(-1 if quiet else 1)
+        with guard(debug=debug), input_ledger():
+            function(**checked_values(function, values))
+
+    run.__doc__ = flowing(_help(function))
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in parameters}
+    app.command(name, cls=PlainCommand)(run)
+
+
 def with_parameters(
     extra: Sequence[inspect.Parameter],
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -254,12 +247,6 @@ def flowing(text: str) -> str:
     """Return paragraphs without line breaks, for a screen of any width."""
     paragraphs = inspect.cleandoc(text).split("\n\n")
     return "\n\n".join(" ".join(part.split()) for part in paragraphs)
-
-
-def _flag(name: str) -> inspect.Parameter:
-    return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=SHARED[name]
-    )
 
 
 def stage_function(

@@ -110,7 +110,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
 
 def show(
     file: Path | None = None,
-    container: str | None = None,
+    table: str | None = None,
     *,
     form: Annotated[
         Literal["table", "csv", "json", "jsonl"], typer.Option("--format")
@@ -130,7 +130,7 @@ def show(
     ----------
     file
         Result file; - is standard input.
-    container
+    table
         Name of the table: encounters, lines, peaks ...
     form
         Format to print.
@@ -155,24 +155,24 @@ def show(
     if file is None:
         msg = "name the file to show, or an output with --schema."
         raise OptionError(msg)
-    if container is None:
+    if table is None:
         if axis is not None:
             msg = f"--axis {axis} needs the name of the table that has it."
             raise OptionError(msg)
         _show_result(file, form, sensor, step)
         return
-    container = TABLES.get(container, container)
-    if container not in CONTAINERS:
+    table = TABLES.get(table, table)
+    if table not in CONTAINERS:
         if str(file) in CONTAINERS:
-            msg = f"the file comes first: uwtrack show {shell_word(container)} {file}"
+            msg = f"the file comes first: uwtrack show {shell_word(table)} {file}"
             raise OptionError(msg)
-        hint = nearest(container, CONTAINERS)
+        hint = nearest(table, CONTAINERS)
         kinds = ", ".join(CONTAINERS)
-        msg = f"there is no table {container!r}.{hint} There are: {kinds}."
+        msg = f"there is no table {table!r}.{hint} There are: {kinds}."
         raise OptionError(msg)
     with open_product(file) as product:
         refuse_unknown_step([product], step)
-        found = read_of_branch(product, CONTAINERS[container], sensor, step)
+        found = read_of_branch(product, CONTAINERS[table], sensor, step)
         print_container(found, form, axis, _next_looks(product))
 
 

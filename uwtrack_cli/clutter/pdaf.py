@@ -68,7 +68,7 @@ def track_in_clutter(  # noqa: PLR0913 - three containers and eleven options
     roc: Roc | None = None,
     navigation: Navigation | None = None,
     *,
-    targets: Literal["told", "auto"] = "told",
+    targets: Literal["given", "auto"] = "given",
     false_tracks_per_hour: Annotated[
         float, Unit("1/h"), AtLeast(1e-9), AtMost(1e9)
     ] = 1.0,

@@ -18,12 +18,18 @@ TABLES = {"rises": "transients"}
 OPTIONS = {("cpa", "ask_sound"): "rest_frame_test"}
 """Options of a stage, in recipes and in the history of a file."""
 
+VALUES = {("pdaf", "targets"): {"told": "given"}}
+"""Values of an option of a stage, in recipes and in the history of a file."""
+
 FLAGS = {
     ("export", "--container"): "--table",
     ("cpa", "--ask-sound"): "--rest-frame-test",
     ("cpa", "--no-ask-sound"): "--no-rest-frame-test",
 }
 """Options on the command line."""
+
+WORDS = {("pdaf", "--targets"): {"told": "given"}}
+"""Values of an option on the command line."""
 
 PYTHON = {"Rises": "Transients", "find_rises": "find_transients"}
 """Names of the package."""
@@ -56,7 +62,8 @@ def with_old_options(stage: str, given: Mapping[str, Any]) -> dict[str, Any]:
         if new in found or (new != name and new in given):
             msg = f"{stage}.{name} is now called {new}, and both are given: give one."
             raise OptionError(msg)
-        found[new] = value
+        words = VALUES.get((stage, new), {}) if isinstance(value, str) else {}
+        found[new] = words.get(value, value) if words else value
     return found
 
 
