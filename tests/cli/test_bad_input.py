@@ -282,7 +282,7 @@ def container_before_file(_folder):
     return ["show", "lines", "s.spectrogram.h5"]
 
 
-@case(2, "--json and the product both want standard output")
+@case(2, "--json and the result file would both go to standard output")
 def json_and_a_product_on_standard_output(folder):
     _wav(folder)
     return ["run", "s.wav", "--json", "-o", "-"]
@@ -298,7 +298,7 @@ def a_sample_mistyped(_folder):
     return ["sample", "pas"]
 
 
-@case(1, "s.spectrogram.h5 is a product (HDF5), no recording that can be read")
+@case(1, "s.spectrogram.h5 is a result file (HDF5), not a recording")
 def a_product_given_as_a_recording(folder):
     _spectrogram(folder)
     return ["run", "s.spectrogram.h5"]
@@ -329,7 +329,7 @@ def a_table_that_is_not_ais(folder):
     return ["run", "s.wav", "--ais", "way.csv"]
 
 
-@case(1, "results is a folder of products; uwtrack passages")
+@case(1, "results is a folder of result files; uwtrack passages")
 def results_asked_as_a_folder_of_recordings(folder):
     _spectrogram(folder)
     (folder / "results").mkdir()

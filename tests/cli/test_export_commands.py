@@ -87,7 +87,7 @@ def test_what_lies_still_has_no_course_in_any_form(uwtrack, tmp_path):
     first = json.loads(export("geojson").read_text())["features"][0]["properties"]
     assert (first["course_deg"], first["motion_model"]) == (None, "stationary")
     page = export("kml").read_text()
-    assert "motion_model: still" in page
+    assert "motion_model: stationary" in page
     assert "course_deg" not in page
     # the region has its time, too, lest those of several times be taken for one
     assert page.count("<when>2024-05-01T00:10:00.000Z</when>") == 2

@@ -90,7 +90,7 @@ def test_info_fits_ten_lines(uwtrack, product, short_pass):
     sound = uwtrack("info", short_pass).stdout.splitlines()
     assert sound[1:4] == [lines[1], lines[2], lines[4]]
     refused = uwtrack("info", short_pass, "--json")
-    assert (refused.exit_code, "--json tells of products" in refused.stderr) == (
+    assert (refused.exit_code, "--json describes result files" in refused.stderr) == (
         2,
         True,
     )

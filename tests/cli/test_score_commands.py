@@ -153,4 +153,4 @@ def test_a_table_with_times_and_its_sensor_is_scored_against_ais(uwtrack, tmp_pa
     assert uwtrack("rerun", "p.h5", "-o", "p_again.h5").exit_code == 0
     assert uwtrack("diff", "p.h5", "p_again.h5").exit_code == 0
     refused = uwtrack("cpa", "e.h5", "--sensor", "m1.toml", "-o", "x.h5")
-    assert "belongs to a table; products carry theirs" in refused.stderr
+    assert "belongs to a table; result files have their own" in refused.stderr

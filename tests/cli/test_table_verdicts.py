@@ -122,7 +122,7 @@ def test_targets_that_nobody_told_are_numbered_in_every_form(
 def test_a_wrong_density_of_clutter_is_said(uwtrack, commands, tmp_path):
     """The sample was recorded at 0.03, not at 0.3 that the range ends with."""
     wrong = uwtrack(*commands["target"], "-o", tmp_path / "t.h5")
-    assert "0.10 ± 0.01 times as many false measurements as told" in wrong.stderr
+    assert "0.10 ± 0.01 times as many false measurements as given" in wrong.stderr
     right = uwtrack(
         *commands["target"], "--detector-false-alarm-range", 1e-4, 0.03,
         "-o", tmp_path / "u.h5",

@@ -234,7 +234,7 @@ def test_the_products_are_those_of_a_batch(folder, uwtrack):
     ("words", "code", "said"),
     [
         (("watch", "nowhere", "-o", "out"), 1, "is no folder that can be watched"),
-        ((*WORDS, "--idle-s", "0"), 2, "--idle-s must be more than 0"),
+        ((*WORDS, "--idle-s", "0"), 2, "--idle-s must be a number (s, above 0)"),
         ((*WORDS, "--settle-s", "-1"), 2, "given twice"),
     ],
 )

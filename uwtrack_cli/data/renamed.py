@@ -39,6 +39,7 @@ KEYS = {
     "reading_weight": "motion_model_probability",
     "rival": "alternative_motion_model",
     "stretch": "segment",
+    "rise": "transient",
     "container": "table",
     "containers": "tables",
 }
